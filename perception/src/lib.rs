@@ -1,0 +1,12 @@
+//! The algorithms of lookout: dense stereo, road model, obstacle regions, recognition and tracking.
+//!
+//! Nothing here reads a file, a clock or the environment, starts a thread or talks to another
+//! process. Every algorithm takes views of caller-owned images, writes into caller-owned outputs
+//! and keeps its scratch memory in a workspace that is allocated once.
+
+pub mod image;
+pub mod recognition;
+pub mod rig;
+pub mod road;
+pub mod stereo;
+pub mod tracking;

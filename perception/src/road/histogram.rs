@@ -1,0 +1,77 @@
+//! v-disparity: how often each disparity occurs in each row (paper, H_x).
+
+use crate::stereo::DisparityView;
+
+/// Bins per pixel of disparity.
+pub const BINS_PER_PX: usize = 4;
+
+/// 1/256 px in one bin.
+const BIN_STEP: u16 = (256 / BINS_PER_PX) as u16;
+
+/// The v-disparity histogram: `height` rows of bins of 1/4 px.
+#[derive(Clone, Debug)]
+pub struct VDisparity {
+    counts: Vec<u16>,
+    bins: usize,
+    height: usize,
+}
+
+impl VDisparity {
+    /// An empty histogram for maps of `height` rows and disparities below `disparities` px.
+    pub fn new(height: usize, disparities: usize) -> Self {
+        let bins = disparities * BINS_PER_PX;
+        Self { counts: vec![0; bins * height], bins, height }
+    }
+
+    /// Counts a map anew. Unknown disparities and those beyond the last bin are left out.
+    ///
+    /// # Panics
+    /// When the map has another height.
+    pub fn fill(&mut self, disparity: DisparityView<'_>) {
+        assert_eq!(disparity.height(), self.height, "the histogram was made for another height");
+        self.counts.fill(0);
+        for y in 0..self.height {
+            let counts = &mut self.counts[y * self.bins..(y + 1) * self.bins];
+            for &d in disparity.row(y) {
+                if d > 0
+                    && let Some(count) = counts.get_mut(usize::from(d / BIN_STEP))
+                {
+                    *count = count.saturating_add(1);
+                }
+            }
+        }
+    }
+
+    /// Counts of row `y`, one per bin.
+    pub fn row(&self, y: usize) -> &[u16] {
+        &self.counts[y * self.bins..(y + 1) * self.bins]
+    }
+
+    /// Bins of a row.
+    pub fn bins(&self) -> usize {
+        self.bins
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_known_pixel_is_counted_in_its_row() {
+        let map = [0, 256, 300, 320, 64 * 256, u16::MAX, 1, 63];
+        let mut histogram = VDisparity::new(2, 8);
+        histogram.fill(DisparityView::new(&map, 4, 2).unwrap());
+        assert_eq!(histogram.row(0)[4], 2);
+        assert_eq!(histogram.row(0)[5], 1);
+        assert_eq!(histogram.row(0).iter().map(|&c| u32::from(c)).sum::<u32>(), 3);
+        assert_eq!(histogram.row(1)[0], 2, "too large ones are left out");
+        histogram.fill(DisparityView::new(&[0; 8], 4, 2).unwrap());
+        assert!(histogram.row(1).iter().all(|&c| c == 0));
+    }
+}

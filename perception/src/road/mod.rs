@@ -1,0 +1,281 @@
+//! From disparity to the road, and to what stands on it (paper, section 3.5).
+
+pub mod histogram;
+pub mod occupancy;
+pub mod profile;
+pub mod radon;
+pub mod regions;
+
+use crate::rig::Rig;
+use crate::stereo::DisparityView;
+use histogram::VDisparity;
+use nalgebra::{Matrix2, Vector2};
+use occupancy::Occupancy;
+use profile::ProfileFinder;
+use radon::{Radon, RadonRange, RoadLine};
+use regions::RegionFinder;
+pub use regions::{PixelBox, Region, RegionParameters};
+
+/// What shapes the road model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoadParameters {
+    /// Least and greatest height of the camera above the road, in metres.
+    pub camera_height_m: (f64, f64),
+    /// How far the horizon may lie from the principal row, as a share of the image height.
+    pub horizon_share: f64,
+    /// A road with less support (0 to 1) is "no road seen".
+    pub least_support: f64,
+    /// What makes a region.
+    pub regions: RegionParameters,
+}
+
+impl Default for RoadParameters {
+    fn default() -> Self {
+        Self {
+            camera_height_m: (0.5, 3.0),
+            horizon_share: 0.2,
+            least_support: 0.25,
+            regions: RegionParameters::default(),
+        }
+    }
+}
+
+/// The road as it was seen in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoadModel {
+    /// Its straight start.
+    pub line: RoadLine,
+    /// Disparity that one column to the right adds: roll of the camera, in px per px.
+    pub roll: f64,
+    /// Share of rows in which the profile is supported, 0 to 1.
+    pub confidence: f64,
+    /// Height of the camera above the near road, in metres.
+    pub camera_height_m: f64,
+}
+
+/// What one disparity map shows.
+#[derive(Debug)]
+pub struct Scene<'a> {
+    /// The road; `None` when no road was seen (then there are no regions either).
+    pub road: Option<RoadModel>,
+    /// Disparity of the road in each row, in pixels, 0 above it.
+    pub profile_px: &'a [f32],
+    /// What stands on it, nearest first.
+    pub regions: &'a [Region],
+}
+
+/// Finds the road and the regions in disparity maps of one size, with memory allocated once.
+#[derive(Debug)]
+pub struct RoadDetector {
+    parameters: RoadParameters,
+    rig: Rig,
+    width: usize,
+    height: usize,
+    histogram: VDisparity,
+    radon: Radon,
+    profile: ProfileFinder,
+    grid: Occupancy,
+    finder: RegionFinder,
+}
+
+impl RoadDetector {
+    /// A detector for maps of `width` × `height` with disparities below `disparities` px.
+    pub fn new(
+        parameters: RoadParameters,
+        rig: Rig,
+        width: usize,
+        height: usize,
+        disparities: usize,
+    ) -> Self {
+        let histogram = VDisparity::new(height, disparities);
+        let grid = Occupancy::new(width, disparities);
+        Self {
+            radon: Radon::new(histogram.bins(), height),
+            profile: ProfileFinder::new(histogram.bins(), height),
+            finder: RegionFinder::new(parameters.regions, &grid),
+            histogram,
+            grid,
+            parameters,
+            rig,
+            width,
+            height,
+        }
+    }
+
+    /// The v-disparity histogram of the last map.
+    pub fn v_disparity(&self) -> &VDisparity {
+        &self.histogram
+    }
+
+    /// Finds the road in a map, then what stands on it.
+    ///
+    /// # Panics
+    /// When the map has another size than the detector was made for.
+    pub fn detect(&mut self, disparity: DisparityView<'_>) -> Scene<'_> {
+        assert_eq!((disparity.width(), disparity.height()), (self.width, self.height));
+        self.histogram.fill(disparity);
+        let cap = (self.width / 24).clamp(4, u16::MAX as usize) as u16;
+        let (lowest, highest) = self.parameters.camera_height_m;
+        let slack = self.parameters.horizon_share * self.height as f64;
+        let range = RadonRange {
+            slope: (self.rig.baseline_m / highest, self.rig.baseline_m / lowest),
+            horizon_px: (self.rig.cy_px - slack, self.rig.cy_px + slack),
+        };
+        let line = self.radon.strongest(&self.histogram, range, cap);
+        let support = line.map_or(0.0, |line| self.profile.find(&self.histogram, line, cap).support());
+        let Some(line) = line.filter(|_| support >= self.parameters.least_support) else {
+            self.profile.clear();
+            return Scene { road: None, profile_px: self.profile.profile().disparity_px(), regions: &[] };
+        };
+        let roll = self.roll(disparity);
+        self.mark(disparity, roll);
+        let profile = self.profile.profile();
+        let regions = self.finder.find(&self.grid, profile, &self.rig, self.width, self.height);
+        let road =
+            RoadModel { line, roll, confidence: support, camera_height_m: self.rig.baseline_m / line.slope };
+        Scene { road: Some(road), profile_px: profile.disparity_px(), regions }
+    }
+
+    /// Fits the sideways tilt of the road to what is left after the profile, on every fourth
+    /// pixel that lies near it.
+    fn roll(&self, disparity: DisparityView<'_>) -> f64 {
+        let profile = self.profile.profile();
+        let mut roll = 0.0;
+        for tolerance_px in [1.5, 0.6] {
+            let mut normal = Matrix2::<f64>::zeros();
+            let mut right = Vector2::<f64>::zeros();
+            for y in (profile.top()..self.height).step_by(4) {
+                let road = f64::from(profile.disparity_px()[y]);
+                for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
+                    let across = x as f64 - self.rig.cx_px;
+                    let residual = f64::from(d) / 256.0 - road;
+                    if d > 0 && (residual - roll * across).abs() < tolerance_px {
+                        normal += Matrix2::new(across * across, across, across, 1.0);
+                        right += Vector2::new(across * residual, residual);
+                    }
+                }
+            }
+            // Too little road to tell: level.
+            roll = match normal.cholesky() {
+                Some(solver) if normal[(1, 1)] > 50.0 => solver.solve(&right)[0],
+                _ => 0.0,
+            };
+        }
+        // More than this (about 10 degrees on a car) is a wall, not a roll.
+        if roll.abs() <= 0.06 { roll } else { 0.0 }
+    }
+
+    /// Marks obstacle pixels in the occupancy grid: those whose height above the road,
+    /// baseline·(row of the road at this disparity − row)/disparity, is in range.
+    fn mark(&mut self, disparity: DisparityView<'_>, roll: f64) {
+        self.grid.clear();
+        let p = &self.parameters.regions;
+        let profile = self.profile.profile();
+        let least = (self.rig.disparity_px(p.greatest_distance_m) * 256.0).max(1.0) as u16;
+        let (low, high) = (p.least_height_m as f32, p.greatest_height_m as f32);
+        let baseline = self.rig.baseline_m as f32;
+        for y in 0..self.height {
+            for (x, &d) in disparity.row(y).iter().enumerate() {
+                if d < least {
+                    continue;
+                }
+                let px = f32::from(d) / 256.0;
+                let levelled = px - (roll * (x as f64 - self.rig.cx_px)) as f32;
+                let Some(foot) = profile.row_at(levelled.max(0.0)) else { continue };
+                let height = baseline * (foot - y as f32) / px;
+                if height >= low && height <= high {
+                    self.grid.add(x, y, d);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 160.0, cy_px: 100.0 };
+    const CAMERA_HEIGHT_M: f64 = 1.5;
+
+    /// A map of a flat road with boxes: (left, right) and height in metres, at a distance.
+    fn map(boxes: &[(f64, f64, f64, f64)], roll: f64) -> Vec<u16> {
+        let (width, height) = (320, 240);
+        let mut random = fastrand::Rng::with_seed(8);
+        let mut out = vec![0_u16; width * height];
+        for y in 0..height {
+            for x in 0..width {
+                let road = RIG.baseline_m / CAMERA_HEIGHT_M * (y as f64 - RIG.cy_px);
+                let mut d = road + roll * (x as f64 - RIG.cx_px);
+                for &(left, right, tall, distance) in boxes {
+                    let across = RIG.lateral_m(x as f64, distance);
+                    let up = CAMERA_HEIGHT_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
+                    if across >= left && across <= right && (0.0..=tall).contains(&up) {
+                        d = d.max(RIG.disparity_px(distance));
+                    }
+                }
+                let noise = f64::from(random.f32()) * 0.3 - 0.15;
+                if d > 0.3 {
+                    out[y * width + x] = ((d + noise) * 256.0) as u16;
+                }
+            }
+        }
+        out
+    }
+
+    fn detector() -> RoadDetector {
+        RoadDetector::new(RoadParameters::default(), RIG, 320, 240, 64)
+    }
+
+    #[test]
+    fn a_car_and_a_post_are_found_at_their_distance() {
+        let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
+        let map = map(&boxes, 0.0);
+        let mut detector = detector();
+        let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
+        let road = scene.road.expect("the road is in plain sight");
+        assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
+        assert!(road.confidence > 0.8, "{road:?}");
+        assert_eq!(scene.regions.len(), 2, "{:?}", scene.regions);
+        // Nearest first.
+        for (region, (left, right, tall, distance)) in scene.regions.iter().zip([boxes[1], boxes[0]]) {
+            assert!((region.distance_m - distance).abs() < 0.03 * distance, "{region:?}");
+            assert!((region.lateral_m - (left + right) / 2.0).abs() < 0.2, "{region:?}");
+            assert!((region.width_m - (right - left)).abs() < 0.3, "{region:?}");
+            assert!((region.height_m - tall).abs() < 0.3, "{region:?}");
+        }
+    }
+
+    #[test]
+    fn an_empty_road_stays_empty_even_when_rolled() {
+        for roll in [0.0, 0.006, -0.006] {
+            let map = map(&[], roll);
+            let mut detector = detector();
+            let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
+            let road = scene.road.expect("the road is in plain sight");
+            assert!((road.roll - roll).abs() < 0.001, "{road:?}");
+            assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
+        }
+    }
+
+    #[test]
+    fn nothing_known_is_no_road() {
+        let mut detector = detector();
+        let scene = detector.detect(DisparityView::new(&[0; 320 * 240], 320, 240).unwrap());
+        assert!(scene.road.is_none() && scene.regions.is_empty());
+        // A wall that fills the view is no road either, and is no reason to panic.
+        let scene = detector.detect(DisparityView::new(&[10 * 256; 320 * 240], 320, 240).unwrap());
+        assert!(scene.road.is_none_or(|road| road.confidence < 0.6));
+        let scene = detector.detect(DisparityView::new(&[u16::MAX; 320 * 240], 320, 240).unwrap());
+        assert!(scene.regions.is_empty());
+    }
+
+    #[test]
+    fn boxes_overlap_by_their_shared_part() {
+        let a = PixelBox { x: 0, y: 0, width: 10, height: 10 };
+        let b = PixelBox { x: 5, y: 0, width: 10, height: 10 };
+        assert!((a.overlap(&b) - 50.0 / 150.0).abs() < 1e-12);
+        assert_eq!(a.overlap(&PixelBox { x: 20, ..a }), 0.0);
+        assert_eq!(PixelBox::default().overlap(&PixelBox::default()), 0.0);
+    }
+}

@@ -1,0 +1,137 @@
+//! The straight start of the road model: the Radon transform of v-disparity (paper, R{U}).
+
+use super::histogram::{BINS_PER_PX, VDisparity};
+
+/// A straight road in v-disparity: disparity = `slope`·(row − `horizon`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoadLine {
+    /// Pixels of disparity per row; baseline ÷ camera height.
+    pub slope: f64,
+    /// The row where the road reaches infinity.
+    pub horizon_px: f64,
+    /// Mean capped count per row below the horizon, as a share of the cap: 0 to 1.
+    pub support: f64,
+}
+
+impl RoadLine {
+    /// Disparity of the road in row `y`, in pixels; negative above the horizon.
+    pub fn at(&self, y: f64) -> f64 {
+        self.slope * (y - self.horizon_px)
+    }
+}
+
+/// Where lines are sought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RadonRange {
+    /// Least and greatest slope, in px per row.
+    pub slope: (f64, f64),
+    /// First and last row of the horizon.
+    pub horizon_px: (f64, f64),
+}
+
+const ANGLES: usize = 64;
+
+/// Sums v-disparity along lines, with memory allocated once.
+#[derive(Debug)]
+pub struct Radon {
+    /// Sum along each line of the current angle, by its offset.
+    sums: Vec<u32>,
+    /// Cells of the histogram that count: bin, row, capped count.
+    cells: Vec<(u16, u16, u16)>,
+}
+
+impl Radon {
+    /// A workspace for histograms of `bins` × `height` cells.
+    pub fn new(bins: usize, height: usize) -> Self {
+        Self { sums: vec![0; 2 * (bins + height) + 2], cells: Vec::with_capacity(bins * height) }
+    }
+
+    /// The line with the greatest integral. One cell counts at most `cap`, so that a near wall
+    /// (many pixels at one disparity) does not outweigh a road (some in every row).
+    /// `None` when no line in the range has any support.
+    pub fn strongest(&mut self, histogram: &VDisparity, range: RadonRange, cap: u16) -> Option<RoadLine> {
+        self.cells.clear();
+        let least = (cap / 8).max(1);
+        for y in 0..histogram.height() {
+            for (bin, &count) in histogram.row(y).iter().enumerate() {
+                if count >= least {
+                    self.cells.push((bin as u16, y as u16, count.min(cap)));
+                }
+            }
+        }
+        let mut best: Option<(u32, f64, f64)> = None;
+        let (low, high) = range.slope;
+        for angle in 0..ANGLES {
+            // Slopes in equal ratios; φ is the angle of the line's normal to the disparity axis.
+            let slope = low * (high / low).powf(angle as f64 / (ANGLES - 1) as f64);
+            let bins_per_row = slope * BINS_PER_PX as f64;
+            let phi = -bins_per_row.atan();
+            let (sin, cos) = phi.sin_cos();
+            // Offset d = i·cosφ + j·sinφ of each cell (i bin, j row); shifted to be positive.
+            let shift = histogram.height() as f64 + 1.0;
+            self.sums.fill(0);
+            for &(bin, row, count) in &self.cells {
+                // Half offsets: a line one bin wide catches what rounding spreads.
+                let offset = f64::from(bin) * cos + f64::from(row) * sin + shift;
+                self.sums[offset.round() as usize] += u32::from(count);
+            }
+            for (i, window) in self.sums.windows(2).enumerate() {
+                let sum = window[0] + window[1];
+                if best.is_some_and(|(greatest, ..)| sum <= greatest) || sum == 0 {
+                    continue;
+                }
+                // The line crosses bin 0 (disparity 1/8 px, the bin's centre) at the horizon.
+                let offset = i as f64 + 0.5 - shift;
+                let centre = -0.5 / bins_per_row;
+                let horizon_px = offset / sin + centre;
+                if horizon_px >= range.horizon_px.0 && horizon_px <= range.horizon_px.1 {
+                    best = Some((sum, slope, horizon_px));
+                }
+            }
+        }
+        best.map(|(sum, slope, horizon_px)| {
+            let rows = (histogram.height() as f64 - horizon_px).max(1.0);
+            let support = (f64::from(sum) / (rows * f64::from(cap.max(1)))).min(1.0);
+            RoadLine { slope, horizon_px, support }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stereo::DisparityView;
+
+    #[test]
+    fn a_tilted_plane_gives_its_line_beside_a_wall() {
+        let (width, height) = (200, 240);
+        for (slope, horizon) in [(0.1, 100.0), (0.33, 80.0), (0.2, 130.5)] {
+            let mut map = vec![0_u16; width * height];
+            for y in 0..height {
+                for x in 0..width {
+                    let road = slope * (y as f64 - horizon);
+                    // The right half is a wall at 12 px.
+                    let d = if x > width / 2 { road.max(12.0) } else { road };
+                    map[y * width + x] = (d.max(0.0) * 256.0) as u16;
+                }
+            }
+            let mut histogram = VDisparity::new(height, 64);
+            histogram.fill(DisparityView::new(&map, width, height).unwrap());
+            let range = RadonRange { slope: (0.04, 1.0), horizon_px: (60.0, 160.0) };
+            let line = Radon::new(histogram.bins(), height).strongest(&histogram, range, 20).unwrap();
+            for y in [150.0, 200.0, 239.0] {
+                let truth = slope * (y - horizon);
+                assert!((line.at(y) - truth).abs() < 0.6, "{line:?} at {y}, truth {truth}");
+            }
+            assert!(line.support > 0.5, "{line:?}");
+        }
+    }
+
+    #[test]
+    fn an_empty_map_has_no_line() {
+        let mut histogram = VDisparity::new(50, 16);
+        histogram.fill(DisparityView::new(&[0; 2500], 50, 50).unwrap());
+        let range = RadonRange { slope: (0.04, 1.0), horizon_px: (0.0, 40.0) };
+        assert_eq!(Radon::new(histogram.bins(), 50).strongest(&histogram, range, 5), None);
+    }
+}

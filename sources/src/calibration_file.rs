@@ -1,0 +1,114 @@
+//! Reads the rig of a source: KITTI `calib.txt` or a rig TOML.
+
+use crate::SourceError;
+use perception::rig::Rig;
+use serde::Deserialize;
+use std::path::Path;
+
+/// A rig TOML: the keys of [`Rig`].
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RigFile {
+    focal_px: f64,
+    baseline_m: f64,
+    cx_px: f64,
+    cy_px: f64,
+}
+
+/// Reads a rig from a TOML file (`focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, with any other
+/// ending, from a KITTI calibration (`P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each).
+/// `colour` prefers P2 and P3, the colour cameras of KITTI, when both are there.
+///
+/// # Errors
+/// Names the file, the line or key, and what is expected.
+pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
+    let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
+    let text =
+        std::fs::read_to_string(path).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
+    let rig = if path.extension().is_some_and(|e| e == "toml") {
+        let file: RigFile = toml::from_str(&text).map_err(|e| fail(e.to_string()))?;
+        Rig { focal_px: file.focal_px, baseline_m: file.baseline_m, cx_px: file.cx_px, cy_px: file.cy_px }
+    } else {
+        kitti(&text, colour).map_err(fail)?
+    };
+    rig.checked().map_err(|e| fail(e.to_string()))
+}
+
+fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
+    let matrix = |name: &str| -> Result<Option<Vec<f64>>, String> {
+        for (i, line) in text.lines().enumerate() {
+            let mut words = line.split_ascii_whitespace();
+            if words.next().map(|w| w.trim_end_matches(':')) != Some(name) {
+                continue;
+            }
+            let numbers = words
+                .map(|w| w.parse().map_err(|_| format!("line {}: \"{w}\" is not a number", i + 1)))
+                .collect::<Result<Vec<f64>, _>>()?;
+            if numbers.len() != 12 {
+                return Err(format!("line {}: {name} has {} numbers, not 12", i + 1, numbers.len()));
+            }
+            return Ok(Some(numbers));
+        }
+        Ok(None)
+    };
+    let order = if colour { [("P2", "P3"), ("P0", "P1")] } else { [("P0", "P1"), ("P2", "P3")] };
+    for (left, right) in order {
+        if let (Some(l), Some(r)) = (matrix(left)?, matrix(right)?) {
+            // P = [f 0 cx tx; 0 f cy ty; …], tx = −f·(camera position).
+            return Ok(Rig { focal_px: l[0], baseline_m: (l[3] - r[3]) / l[0], cx_px: l[2], cy_px: l[6] });
+        }
+    }
+    Err("neither P0: and P1: nor P2: and P3: are there; expected a KITTI calib.txt or a rig .toml".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KITTI: &str = "P0: 700 0 600 0 0 700 180 0 0 0 1 0\n\
+                         P1: 700 0 600 -378 0 700 180 0 0 0 1 0\n\
+                         P2: 710 0 601 45 0 710 181 0 0 0 1 0\n\
+                         P3: 710 0 601 -339 0 710 181 0 0 0 1 0\n";
+
+    fn read_text(name: &str, text: &str) -> Result<Rig, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        read(&path, name.contains("colour")).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn kitti_files_give_the_rig_of_the_camera_pair() {
+        let grey = read_text("calib.txt", KITTI).unwrap();
+        assert_eq!(grey, Rig { focal_px: 700.0, baseline_m: 0.54, cx_px: 600.0, cy_px: 180.0 });
+        let colour = read_text("colour.txt", KITTI).unwrap();
+        assert!((colour.baseline_m - 384.0 / 710.0).abs() < 1e-12 && colour.cx_px == 601.0);
+    }
+
+    #[test]
+    fn a_toml_file_gives_its_rig() {
+        let text = "focal_px = 879.0\nbaseline_m = 0.12\ncx_px = 320.0\ncy_px = 240.0\n";
+        assert_eq!(read_text("rig.toml", text).unwrap().baseline_m, 0.12);
+        for (from, to, expected) in [
+            ("0.12", "120", "metres"),
+            ("0.12", "nan", "metres"),
+            ("focal_px", "focal", "unknown field"),
+            ("cy_px = 240.0", "", "cy_px"),
+        ] {
+            let error = read_text("rig.toml", &text.replace(from, to)).unwrap_err();
+            assert!(error.contains(expected) && error.contains("rig.toml"), "{error}");
+        }
+    }
+
+    #[test]
+    fn faults_name_the_line() {
+        let error = read_text("calib.txt", &KITTI.replace("-378", "x")).unwrap_err();
+        assert!(error.contains("line 2: \"x\" is not a number"), "{error}");
+        let error = read_text("calib.txt", &KITTI.replace("-378", "")).unwrap_err();
+        assert!(error.contains("line 2: P1 has 11 numbers"), "{error}");
+        assert!(read_text("calib.txt", "").unwrap_err().contains("neither P0"));
+        // Swapped cameras have a negative baseline.
+        let error = read_text("calib.txt", &KITTI.replace("-378", "378")).unwrap_err();
+        assert!(error.contains("swapped"), "{error}");
+    }
+}

@@ -1,0 +1,270 @@
+//! Recorded pairs in folders: left/right folders and the layouts of KITTI.
+
+use crate::{PairSource, SourceError, calibration_file};
+use image::ImageReader;
+use perception::rig::Rig;
+use std::path::{Path, PathBuf};
+
+/// Folder names of the left and the right images, most specific first.
+pub const LAYOUTS: [(&str, &str); 6] = [
+    ("image_2", "image_3"),
+    ("image_0", "image_1"),
+    ("image_l", "image_r"),
+    ("left", "right"),
+    ("image_02/data", "image_03/data"),
+    ("image_00/data", "image_01/data"),
+];
+
+const ENDINGS: [&str; 4] = ["png", "pgm", "ppm", "pnm"];
+
+/// KITTI's 10 Hz: the period of a folder that does not say.
+const DEFAULT_PERIOD_NS: u64 = 100_000_000;
+
+/// Pairs in two folders, in the order of their names.
+#[derive(Debug)]
+pub struct FolderSource {
+    pairs: Vec<(PathBuf, PathBuf)>,
+    size: (usize, usize),
+    rig: Option<Rig>,
+}
+
+/// Decodes an image to grey: its pixels, width and height.
+///
+/// # Errors
+/// When the file cannot be read or decoded.
+pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
+    let io = |source| SourceError::Io { path: path.to_owned(), source };
+    let image = ImageReader::open(path)
+        .map_err(io)?
+        .with_guessed_format()
+        .map_err(io)?
+        .decode()
+        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?
+        .into_luma8();
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    Ok((image.into_raw(), width, height))
+}
+
+fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
+    let io = |source| SourceError::Io { path: path.to_owned(), source };
+    let (width, height) = ImageReader::open(path)
+        .map_err(io)?
+        .with_guessed_format()
+        .map_err(io)?
+        .into_dimensions()
+        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?;
+    Ok((width as usize, height as usize))
+}
+
+/// Image files of a folder, sorted by name.
+fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
+    let io = |source| SourceError::Io { path: folder.to_owned(), source };
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        if ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+impl FolderSource {
+    /// Opens a folder in one of the [`LAYOUTS`]. Every image's header is read, so that a missing
+    /// partner or another size is known before the first frame.
+    ///
+    /// The rig comes from `rig.toml`, `calib.txt` or `calib/<first name>.txt` in the folder, if
+    /// there is one.
+    ///
+    /// # Errors
+    /// Names the folder or file at fault.
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
+        if let Err(source) = std::fs::read_dir(path) {
+            return Err(SourceError::Io { path: path.to_owned(), source });
+        }
+        let Some((left, right)) =
+            LAYOUTS.iter().map(|(l, r)| (path.join(l), path.join(r))).find(|(l, r)| l.is_dir() && r.is_dir())
+        else {
+            return Err(SourceError::Layout { path: path.to_owned() });
+        };
+        let lefts = images(&left)?;
+        let Some(first) = lefts.first().cloned() else {
+            return Err(SourceError::Empty { path: left });
+        };
+        let partner = |image: &Path, folder: &Path| folder.join(image.file_name().unwrap_or_default());
+        for image in images(&right)? {
+            let path = partner(&image, &left);
+            if !path.is_file() {
+                return Err(SourceError::Unpaired { path, other: image });
+            }
+        }
+        let expected = size_of(&first)?;
+        let mut pairs = Vec::with_capacity(lefts.len());
+        for image in lefts {
+            let other = partner(&image, &right);
+            if !other.is_file() {
+                return Err(SourceError::Unpaired { path: other, other: image });
+            }
+            for path in [&image, &other] {
+                let size = size_of(path)?;
+                if size != expected {
+                    return Err(SourceError::Size { path: path.clone(), size, first, expected });
+                }
+            }
+            pairs.push((image, other));
+        }
+        let stem = first.file_stem().map(|s| Path::new("calib").join(s).with_extension("txt"));
+        let candidates = [Some("rig.toml".into()), Some("calib.txt".into()), stem];
+        let colour = left.ends_with("image_2") || left.ends_with("image_02/data") || left.ends_with("left");
+        let rig = candidates
+            .into_iter()
+            .flatten()
+            .map(|name| path.join(name))
+            .find(|file| file.is_file())
+            .map(|file| calibration_file::read(&file, colour))
+            .transpose()?;
+        Ok(Self { pairs, size: expected, rig })
+    }
+
+    /// Name of pair `index` without ending, for outputs.
+    pub fn name(&self, index: u64) -> Option<&str> {
+        self.pairs.get(usize::try_from(index).ok()?)?.0.file_stem()?.to_str()
+    }
+}
+
+impl PairSource for FolderSource {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn rig(&self) -> Option<Rig> {
+        self.rig
+    }
+
+    fn count(&self) -> Option<u64> {
+        Some(self.pairs.len() as u64)
+    }
+
+    fn period_ns(&self) -> u64 {
+        DEFAULT_PERIOD_NS
+    }
+
+    fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
+        let count = self.pairs.len() as u64;
+        let pair = usize::try_from(index).ok().and_then(|i| self.pairs.get(i));
+        let (left_path, right_path) = pair.ok_or(SourceError::End { index, count })?;
+        for (path, target) in [(left_path, left), (right_path, right)] {
+            let (pixels, width, height) = read_grey(path)?;
+            if (width, height) != self.size || pixels.len() != target.len() {
+                return Err(SourceError::Size {
+                    path: path.clone(),
+                    size: (width, height),
+                    first: self.pairs[0].0.clone(),
+                    expected: self.size,
+                });
+            }
+            target.copy_from_slice(&pixels);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::GrayImage;
+
+    struct Recording {
+        folder: tempfile::TempDir,
+    }
+
+    impl Recording {
+        fn new(left: &str, right: &str, names: &[&str]) -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            for side in [left, right] {
+                std::fs::create_dir_all(folder.path().join(side)).unwrap();
+                for (i, name) in names.iter().enumerate() {
+                    let image = GrayImage::from_fn(12, 9, |x, y| {
+                        [(x * 9 + y) as u8 + i as u8 + 10 * u8::from(side == right)].into()
+                    });
+                    image.save(folder.path().join(side).join(name)).unwrap();
+                }
+            }
+            Self { folder }
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.folder.path().join(name)
+        }
+
+        fn error(&self) -> String {
+            FolderSource::open(self.folder.path()).unwrap_err().to_string()
+        }
+    }
+
+    #[test]
+    fn all_layouts_are_read_in_the_order_of_names() {
+        for (left, right) in LAYOUTS {
+            let recording = Recording::new(left, right, &["a.png", "b.pgm"]);
+            let mut source = FolderSource::open(recording.folder.path()).unwrap();
+            assert_eq!((source.size(), source.count(), source.rig()), ((12, 9), Some(2), None));
+            assert_eq!(source.name(1), Some("b"));
+            let (mut l, mut r) = (vec![0; 108], vec![0; 108]);
+            source.read(1, &mut l, &mut r).unwrap();
+            assert_eq!((l[13], r[13]), (9 + 1 + 1, 9 + 1 + 11), "{left}");
+            assert!(matches!(source.read(2, &mut l, &mut r), Err(SourceError::End { index: 2, count: 2 })));
+        }
+    }
+
+    #[test]
+    fn the_calibration_beside_the_images_is_used() {
+        let recording = Recording::new("left", "right", &["7.png"]);
+        std::fs::create_dir(recording.path("calib")).unwrap();
+        let text = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nP3: 700 0 600 -378 0 700 180 0 0 0 1 0\n";
+        std::fs::write(recording.path("calib/7.txt"), text).unwrap();
+        let rig = FolderSource::open(recording.folder.path()).unwrap().rig().unwrap();
+        assert_eq!(rig.baseline_m, 0.54);
+        std::fs::write(recording.path("rig.toml"), "focal_px = 1").unwrap();
+        assert!(recording.error().contains("rig.toml"));
+    }
+
+    #[test]
+    fn faults_are_named_before_the_first_frame() {
+        let recording = Recording::new("left", "right", &["1.png", "2.png"]);
+        std::fs::remove_file(recording.path("right/2.png")).unwrap();
+        let error = recording.error();
+        assert!(error.contains("right/2.png: missing"), "{error}");
+        std::fs::rename(recording.path("left/2.png"), recording.path("right/2.png")).unwrap();
+        assert!(recording.error().contains("left/2.png: missing"));
+
+        GrayImage::new(13, 9).save(recording.path("left/2.png")).unwrap();
+        let error = recording.error();
+        assert!(error.contains("left/2.png: 13x9") && error.contains("12x9"), "{error}");
+
+        std::fs::write(recording.path("left/2.png"), b"not an image").unwrap();
+        assert!(recording.error().contains("left/2.png: cannot be decoded"));
+
+        let empty = Recording::new("left", "right", &[]);
+        assert!(empty.error().contains("is empty"), "{}", empty.error());
+        let nothing = Recording::new("one", "two", &["1.png"]);
+        assert!(nothing.error().contains("image_0 and image_1"), "{}", nothing.error());
+        let error = FolderSource::open(Path::new("/nowhere/at/all")).unwrap_err().to_string();
+        assert!(error.contains("/nowhere/at/all"), "{error}");
+    }
+
+    #[test]
+    fn a_truncated_image_is_an_error_of_its_frame() {
+        let recording = Recording::new("left", "right", &["1.png", "2.png"]);
+        let path = recording.path("right/2.png");
+        let bytes = std::fs::read(&path).unwrap();
+        // The header is whole, the pixels are not.
+        std::fs::write(&path, &bytes[..bytes.len() - 25]).unwrap();
+        let mut source = FolderSource::open(recording.folder.path()).unwrap();
+        let (mut l, mut r) = (vec![0; 108], vec![0; 108]);
+        source.read(0, &mut l, &mut r).unwrap();
+        let error = source.read(1, &mut l, &mut r).unwrap_err().to_string();
+        assert!(error.contains("right/2.png: cannot be decoded"), "{error}");
+    }
+}

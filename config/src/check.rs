@@ -1,0 +1,369 @@
+//! Reading and checking: every error at once, each with its line, key and remedy.
+
+use crate::keys::{KEYS, Key, Kind};
+use crate::model::Config;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// The profiles that come with the daemon; the first is the default and is complete.
+const PROFILES: [(&str, &str); 4] = [
+    ("replay", include_str!("../profiles/replay.toml")),
+    ("tk1", include_str!("../profiles/tk1.toml")),
+    ("orin-nano", include_str!("../profiles/orin-nano.toml")),
+    ("rpi5", include_str!("../profiles/rpi5.toml")),
+];
+
+/// Names of the built-in profiles.
+pub fn profile_names() -> impl Iterator<Item = &'static str> {
+    PROFILES.iter().map(|(name, _)| *name)
+}
+
+/// One fault of a configuration.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfigError {
+    /// The file, or the name of a profile.
+    pub file: PathBuf,
+    /// Its line, from 1; `None` when the file itself is at fault.
+    pub line: Option<usize>,
+    /// What is wrong and what to do.
+    pub text: String,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.file.display())?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        write!(f, ": {}", self.text)
+    }
+}
+
+/// All faults of a configuration, in the order of their lines.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfigErrors(pub Vec<ConfigError>);
+
+impl fmt::Display for ConfigErrors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, error) in self.0.iter().enumerate() {
+            write!(f, "{}{error}", if i > 0 { "\n" } else { "" })?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for ConfigErrors {}
+
+/// Loads the configuration that `-c` names: a file, or a built-in profile. `None` is `replay`.
+///
+/// # Errors
+/// All faults of the file, each with its line.
+pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
+    let Some(path) = name else { return parse("", Path::new("replay")) };
+    if let Some((_, text)) = PROFILES.iter().find(|(profile, _)| path == Path::new(profile)) {
+        return parse(text, path);
+    }
+    match std::fs::read_to_string(path) {
+        Ok(text) => parse(&text, path),
+        Err(error) => {
+            let names: Vec<&str> = profile_names().collect();
+            let text = format!("{error}; give a file, or one of the profiles {}", names.join(", "));
+            Err(ConfigErrors(vec![ConfigError { file: path.to_owned(), line: None, text }]))
+        }
+    }
+}
+
+/// Parses the text of a configuration; `file` is named in errors.
+///
+/// # Errors
+/// All faults of the text, each with its line.
+pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
+    let mut checker = Checker { text, file, errors: Vec::new() };
+    let table = match DeTable::parse(text) {
+        Ok(table) => table,
+        Err(error) => {
+            checker.add(error.span().map(|s| s.start), error.message().to_owned());
+            return Err(ConfigErrors(checker.errors));
+        }
+    };
+    let base = checker.profile(table.get_ref());
+    checker.table(table.get_ref());
+    if !checker.errors.is_empty() {
+        return Err(ConfigErrors(checker.errors));
+    }
+    // The faultless text over its profile over the default.
+    let mut merged = toml::Table::new();
+    for layer in [PROFILES[0].1, base, text] {
+        let layer: toml::Table = match toml::from_str(layer) {
+            Ok(layer) => layer,
+            Err(error) => {
+                checker.add(None, error.message().to_owned());
+                return Err(ConfigErrors(checker.errors));
+            }
+        };
+        for (name, value) in layer {
+            if let toml::Value::Table(keys) = value {
+                let target = merged.entry(name).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+                if let Some(target) = target.as_table_mut() {
+                    target.extend(keys);
+                }
+            }
+        }
+    }
+    let config: Config = merged.try_into().map_err(|error: toml::de::Error| {
+        checker.add(None, error.message().to_owned());
+        ConfigErrors(checker.errors.clone())
+    })?;
+    checker.relations(&config, table.get_ref());
+    if checker.errors.is_empty() { Ok(config) } else { Err(ConfigErrors(checker.errors)) }
+}
+
+struct Checker<'a> {
+    text: &'a str,
+    file: &'a Path,
+    errors: Vec<ConfigError>,
+}
+
+impl Checker<'_> {
+    fn add(&mut self, offset: Option<usize>, text: String) {
+        let line = offset.map(|at| self.text[..at.min(self.text.len())].matches('\n').count() + 1);
+        self.errors.push(ConfigError { file: self.file.to_owned(), line, text });
+    }
+
+    /// The text of the profile that `profile = "…"` names, or the default's.
+    fn profile(&mut self, table: &DeTable<'_>) -> &'static str {
+        let Some(value) = table.get("profile") else { return PROFILES[0].1 };
+        let named = value.get_ref().as_str().and_then(|n| PROFILES.iter().find(|(name, _)| *name == n));
+        if let Some((_, text)) = named {
+            return text;
+        }
+        let names: Vec<&str> = profile_names().collect();
+        self.add(Some(value.span().start), format!("profile: give one of \"{}\"", names.join("\", \"")));
+        PROFILES[0].1
+    }
+
+    fn table(&mut self, root: &DeTable<'_>) {
+        for (name, value) in root {
+            if name.get_ref() == "profile" {
+                continue;
+            }
+            let prefix = format!("{}.", name.get_ref());
+            if !KEYS.iter().any(|key| key.name.starts_with(&prefix)) {
+                let known = KEYS.iter().filter_map(|key| key.name.split_once('.')).map(|(table, _)| table);
+                let hint = nearest(name.get_ref(), known);
+                self.add(Some(name.span().start), format!("unknown table [{}]{hint}", name.get_ref()));
+                continue;
+            }
+            let Some(keys) = value.get_ref().as_table() else {
+                self.add(Some(value.span().start), format!("{} is a table: write [{0}]", name.get_ref()));
+                continue;
+            };
+            for (key_name, value) in keys {
+                let full = format!("{prefix}{}", key_name.get_ref());
+                if let Some(key) = KEYS.iter().find(|key| key.name == full) {
+                    self.value(key, value);
+                } else {
+                    let known = KEYS.iter().filter_map(|key| key.name.strip_prefix(&prefix));
+                    let hint = nearest(key_name.get_ref(), known);
+                    self.add(Some(key_name.span().start), format!("unknown key {full}{hint}"));
+                }
+            }
+        }
+    }
+
+    fn value(&mut self, key: &Key, value: &Spanned<DeValue<'_>>) {
+        let shown = self.text[value.span()].to_owned();
+        let whole = || {
+            let integer = value.get_ref().as_integer()?;
+            i64::from_str_radix(integer.as_str(), integer.radix()).ok()
+        };
+        let number = || match value.get_ref().as_float() {
+            Some(float) => float.as_str().parse::<f64>().ok(),
+            None => whole().map(|v| v as f64),
+        };
+        let fits = match key.kind {
+            Kind::Switch => value.get_ref().as_bool().is_some(),
+            Kind::Whole(low, high) => whole().is_some_and(|v| (low..=high).contains(&v)),
+            Kind::Number(low, high) => number().is_some_and(|v| (low..=high).contains(&v)),
+            Kind::Choice(words) => value.get_ref().as_str().is_some_and(|v| words.contains(&v)),
+            Kind::Name(most) => value.get_ref().as_str().is_some_and(|v| {
+                (1..=most).contains(&v.len())
+                    && v.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
+            }),
+            Kind::Path => value.get_ref().as_str().is_some_and(|v| !v.contains('\0')),
+        };
+        if !fits {
+            let remedy = key.kind.to_string();
+            self.add(Some(value.span().start), format!("{} = {shown}: give {remedy}", key.name));
+        }
+    }
+
+    /// What no single key can tell.
+    fn relations(&mut self, c: &Config, root: &DeTable<'_>) {
+        let place = |name: &str| {
+            let (table, key) = name.split_once('.')?;
+            Some(root.get(table)?.get_ref().as_table()?.get(key)?.span().start)
+        };
+        let mut ordered = |low: (&str, f64), high: (&str, f64)| {
+            if low.1 > high.1 {
+                let offset = place(low.0).or_else(|| place(high.0));
+                let text =
+                    format!("{} = {} is above {} = {}: swap or widen them", low.0, low.1, high.0, high.1);
+                self.add(offset, text);
+            }
+        };
+        ordered(
+            ("road.camera_height_min_m", c.road.camera_height_min_m),
+            ("road.camera_height_max_m", c.road.camera_height_max_m),
+        );
+        ordered(
+            ("regions.height_min_m", c.regions.height_min_m),
+            ("regions.height_max_m", c.regions.height_max_m),
+        );
+        ordered(
+            ("recognition.window_min_px", c.recognition.window_min_px as f64),
+            ("recognition.window_max_px", c.recognition.window_max_px as f64),
+        );
+        ordered(
+            ("supervision.restart_first_ms", c.supervision.restart_first_ms as f64),
+            ("supervision.restart_longest_ms", c.supervision.restart_longest_ms as f64),
+        );
+        ordered(
+            ("supervision.heartbeat_ms", 2.0 * c.supervision.heartbeat_ms as f64),
+            ("supervision.liveness_deadline_ms", c.supervision.liveness_deadline_ms as f64),
+        );
+        if c.source.kind == "folder" && c.source.path.as_os_str().is_empty() {
+            self.add(
+                place("source.kind"),
+                "source.kind = \"folder\" needs source.path: name the folder".into(),
+            );
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Kind::Switch => f.write_str("true or false"),
+            Kind::Whole(low, high) => write!(f, "a whole number from {low} to {high}"),
+            Kind::Number(low, high) => write!(f, "a number from {low} to {high}"),
+            Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),
+            Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
+            Kind::Path => f.write_str("a path in quotes"),
+        }
+    }
+}
+
+/// "; did you mean X?" for the known name that is most alike.
+fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let distance = |a: &str, b: &str| {
+        let b: Vec<char> = b.chars().collect();
+        let mut row: Vec<usize> = (0..=b.len()).collect();
+        for (i, x) in a.chars().enumerate() {
+            let mut diagonal = row[0];
+            row[0] = i + 1;
+            for (j, &y) in b.iter().enumerate() {
+                let cost = diagonal + usize::from(x != y);
+                diagonal = row[j + 1];
+                row[j + 1] = cost.min(diagonal + 1).min(row[j] + 1);
+            }
+        }
+        row[b.len()]
+    };
+    match known.map(|k| (distance(name, k), k)).min() {
+        Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {word}?"),
+        _ => "; docs/configuration.md lists all keys".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn errors(text: &str) -> Vec<String> {
+        parse(text, Path::new("car.toml")).unwrap_err().0.iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn the_table_of_keys_and_the_types_agree() {
+        let config = toml::Table::try_from(load(None).unwrap()).unwrap();
+        let mut typed: Vec<String> = Vec::new();
+        for (table, keys) in &config {
+            typed.extend(keys.as_table().unwrap().keys().map(|key| format!("{table}.{key}")));
+        }
+        let mut listed: Vec<String> = KEYS.iter().map(|key| key.name.to_owned()).collect();
+        typed.sort();
+        listed.sort();
+        assert_eq!(typed, listed);
+        // The default profile leaves nothing out.
+        let default: toml::Table = toml::from_str(PROFILES[0].1).unwrap();
+        assert_eq!(default, config);
+    }
+
+    #[test]
+    fn all_profiles_are_sound() {
+        for name in profile_names() {
+            load(Some(Path::new(name))).unwrap_or_else(|e| panic!("{e}"));
+        }
+        let tk1 = parse("profile = \"tk1\"\n[alarm]\ndistance_m = 7\n", Path::new("x")).unwrap();
+        assert_eq!(tk1.alarm.distance_m, 7.0);
+        assert_eq!(tk1.cores, load(Some(Path::new("tk1"))).unwrap().cores);
+    }
+
+    #[test]
+    fn every_fault_is_reported_at_once_with_its_line() {
+        let text = "profile = \"tk2\"
+[stereo]
+disparities = 1000
+lamda_other = 3
+ssim_k2 = nan
+[alarm]
+distance_m = \"10\"
+hold_ms = 1.5
+[ipc]
+[source]
+kind = \"camera\"
+repeat = 1
+[instance]
+name = \"a b\"
+";
+        let got = errors(text);
+        for (line, part) in [
+            (1, "profile: give one of \"replay\""),
+            (3, "stereo.disparities = 1000: give a whole number from 16 to 255"),
+            (4, "unknown key stereo.lamda_other; did you mean lambda_other?"),
+            (5, "stereo.ssim_k2 = nan: give a number"),
+            (7, "alarm.distance_m = \"10\": give a number from 0.5 to 200"),
+            (8, "alarm.hold_ms = 1.5: give a whole number"),
+            (9, "unknown table [ipc]"),
+            (11, "source.kind = \"camera\": give one of \"scene\""),
+            (12, "source.repeat = 1: give true or false"),
+            (14, "instance.name = \"a b\": give 1 to 24 letters"),
+        ] {
+            let expected = format!("car.toml:{line}: {part}");
+            assert!(got.iter().any(|e| e.starts_with(&expected)), "{expected}\nin {got:#?}");
+        }
+        assert_eq!(got.len(), 10, "{got:#?}");
+    }
+
+    #[test]
+    fn syntax_and_relations_have_lines_too() {
+        assert!(errors("[alarm\n")[0].starts_with("car.toml:1: "), "{:?}", errors("[alarm\n"));
+        assert!(errors("\n\nalarm = 3\n")[0].starts_with("car.toml:3: alarm is a table"));
+        let crossed = errors("[regions]\nheight_max_m = 1\nheight_min_m = 2.5\n");
+        assert!(crossed[0].starts_with("car.toml:3: regions.height_min_m = 2.5 is above"), "{crossed:?}");
+        let folder = errors("[source]\nkind = \"folder\"\n");
+        assert!(folder[0].contains("needs source.path"), "{folder:?}");
+        let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
+        assert!(missing.contains("/no/such.toml") && missing.contains("orin-nano"), "{missing}");
+    }
+
+    #[test]
+    fn a_value_from_a_profile_is_at_fault_without_a_line() {
+        // The file lowers the maximum below the default minimum: the line is that of the file.
+        let crossed = errors("[road]\ncamera_height_max_m = 0.2\n");
+        assert!(crossed[0].starts_with("car.toml:2: "), "{crossed:?}");
+    }
+}

@@ -1,0 +1,133 @@
+//! The typed configuration. What each key means, its unit and range stand in [`crate::keys`].
+
+#![allow(missing_docs, reason = "every key is described once, in the table of keys")]
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// The whole configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    pub instance: Instance,
+    pub log: Log,
+    pub source: Source,
+    pub stereo: Stereo,
+    pub road: Road,
+    pub regions: Regions,
+    pub recognition: Recognition,
+    pub tracking: Tracking,
+    pub alarm: Alarm,
+    pub cores: Cores,
+    pub supervision: Supervision,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Instance {
+    pub name: String,
+    pub directory: PathBuf,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Log {
+    pub level: String,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    pub kind: String,
+    pub path: PathBuf,
+    pub seed: i64,
+    pub fps: f64,
+    pub repeat: bool,
+    pub rig: PathBuf,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stereo {
+    pub disparities: i64,
+    pub ssim_radius_px: i64,
+    pub ssim_k2: f64,
+    pub gradient_share: f64,
+    pub lambda_horizontal: f64,
+    pub lambda_other: f64,
+    pub truncation: i64,
+    pub left_right_px: i64,
+    pub speckle_pixels: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Road {
+    pub camera_height_min_m: f64,
+    pub camera_height_max_m: f64,
+    pub horizon_share: f64,
+    pub least_support: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Regions {
+    pub height_min_m: f64,
+    pub height_max_m: f64,
+    pub distance_max_m: f64,
+    pub width_min_m: f64,
+    pub depth_span_m: f64,
+    pub pixels_min: i64,
+    pub count_max: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recognition {
+    pub cascade: PathBuf,
+    pub label: String,
+    pub window_min_px: i64,
+    pub window_max_px: i64,
+    pub growth: f64,
+    pub neighbours_min: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tracking {
+    pub confirm_frames: i64,
+    pub forget_frames: i64,
+    pub overlap_min: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Alarm {
+    pub distance_m: f64,
+    pub path_width_m: f64,
+    pub hold_ms: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cores {
+    pub pin: bool,
+    pub scheduler: i64,
+    pub capture: i64,
+    pub stereo: i64,
+    pub road: i64,
+    pub recognition: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Supervision {
+    pub heartbeat_ms: i64,
+    pub startup_deadline_ms: i64,
+    pub liveness_deadline_ms: i64,
+    pub restart_first_ms: i64,
+    pub restart_longest_ms: i64,
+    pub restart_count: i64,
+    pub restart_window_s: i64,
+    pub stop_grace_ms: i64,
+}

@@ -1,1 +1,25 @@
-//! x
+//! Every message that crosses a process boundary, and the services that carry them.
+//!
+//! All services share one form: a [`header::Header`] and a slice of bytes in shared memory. What
+//! the bytes mean is laid down by one module per message (`pair`, `depth`, `regions`, `obstacles`,
+//! `report`, `command`, `status`). A publisher loans a sample, writes it in place and sends it; a
+//! subscriber reads it in place. Nothing is copied, and nothing is trusted before it is checked.
+//!
+//! iceoryx2 is used in this crate only, in its non-generic ports, so that its generic code is
+//! compiled once.
+
+pub mod bus;
+pub mod clock;
+pub mod command;
+pub mod depth;
+pub mod header;
+pub mod instance;
+pub mod obstacles;
+pub mod pair;
+pub mod port;
+pub mod regions;
+pub mod report;
+pub mod role;
+pub mod service;
+pub mod status;
+pub mod wait;

@@ -1,0 +1,60 @@
+//! `depth`: stereo → road. Disparity (u16, 1/256 px, 0 = unknown), left image, confidence (u8),
+//! each width × height values.
+
+use crate::header::{Header, Kind, MessageError, check_length};
+
+/// Bytes of the payload for images of `width` × `height`.
+pub fn payload_bytes(width: usize, height: usize) -> usize {
+    4 * width * height
+}
+
+/// The maps of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct Depth<'a> {
+    /// Disparity in 1/256 px, 0 = unknown.
+    pub disparity: &'a [u16],
+    /// Left image.
+    pub left: &'a [u8],
+    /// Confidence, 0 to 255.
+    pub confidence: &'a [u8],
+}
+
+/// The maps of a message, to be written.
+#[derive(Debug)]
+pub struct DepthMut<'a> {
+    /// Disparity in 1/256 px, 0 = unknown.
+    pub disparity: &'a mut [u16],
+    /// Left image.
+    pub left: &'a mut [u8],
+    /// Confidence, 0 to 255.
+    pub confidence: &'a mut [u8],
+}
+
+/// Checks a message and sees its maps.
+///
+/// # Errors
+/// When the header or the length is wrong.
+pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, MessageError> {
+    header.check(Kind::Depth)?;
+    let pixels = header.pixels();
+    check_length(payload, 4 * pixels)?;
+    let (disparity, rest) = payload.split_at(2 * pixels);
+    let disparity = bytemuck::try_cast_slice(disparity)
+        .map_err(|_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 })?;
+    let (left, confidence) = rest.split_at(pixels);
+    Ok(Depth { disparity, left, confidence })
+}
+
+/// The maps of a payload for `pixels` pixels, to be written.
+///
+/// # Errors
+/// When the payload has another length or is not aligned to two bytes.
+pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, MessageError> {
+    check_length(payload, 4 * pixels)?;
+    let at = payload.as_ptr() as u64;
+    let (disparity, rest) = payload.split_at_mut(2 * pixels);
+    let disparity = bytemuck::try_cast_slice_mut(disparity)
+        .map_err(|_| MessageError::Value { what: "alignment", value: at })?;
+    let (left, confidence) = rest.split_at_mut(pixels);
+    Ok(DepthMut { disparity, left, confidence })
+}

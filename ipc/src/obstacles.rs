@@ -1,0 +1,150 @@
+//! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road in brief
+//! and up to [`GREATEST_COUNT`] tracked obstacles.
+
+use crate::header::{Header, Kind, MessageError};
+use bytemuck::{Pod, Zeroable};
+
+/// The most obstacles of a message.
+pub const GREATEST_COUNT: usize = 128;
+
+/// The alarm and the road of a frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct AlarmRecord {
+    /// 0 = off (cannot judge), 1 = clear, 2 = alarm.
+    pub level: u32,
+    /// The track that caused it; 0 = none.
+    pub track: u32,
+    /// Nearest obstacle in the path, in metres; infinite when there is none.
+    pub nearest_m: f64,
+    /// 1 when a road was seen.
+    pub road_seen: u32,
+    /// Obstacles that follow.
+    pub obstacles: u32,
+    /// Slope of the road in v-disparity, px per row.
+    pub slope: f64,
+    /// Row of the horizon, in px.
+    pub horizon_px: f64,
+    /// Share of rows in which the road is supported, 0 to 1.
+    pub confidence: f64,
+    /// Height of the camera above the road, in metres.
+    pub camera_height_m: f64,
+}
+
+/// One tracked obstacle. The box is in pixels of the left image.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ObstacleRecord {
+    /// Its track, from 1.
+    pub track: u32,
+    /// 1 when it was seen often enough to count.
+    pub confirmed: u32,
+    /// Frames in which it was seen.
+    pub seen: u32,
+    /// Frames in a row in which it was not.
+    pub missed: u32,
+    /// The box: left, top, width, height.
+    pub bounds: [u32; 4],
+    /// Distance along z, filtered, in metres.
+    pub distance_m: f64,
+    /// One standard deviation of that.
+    pub distance_sigma_m: f64,
+    /// Metres right of the camera axis.
+    pub lateral_m: f64,
+    /// Width in metres.
+    pub width_m: f64,
+    /// Height in metres.
+    pub height_m: f64,
+    /// Closing speed in m/s, above zero while it comes nearer.
+    pub closing_m_s: f64,
+    /// Time to collision in seconds; infinite when it does not close in.
+    pub time_to_collision_s: f64,
+    /// Score of the recognised class; 0 when none was.
+    pub score: f64,
+    /// Name of the class, padded with zeros.
+    pub class: [u8; 16],
+}
+
+/// The parts of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct Obstacles<'a> {
+    /// The alarm and the road.
+    pub alarm: AlarmRecord,
+    /// The obstacles, oldest track first.
+    pub obstacles: &'a [ObstacleRecord],
+}
+
+/// Bytes of the payload with `count` obstacles.
+pub fn payload_bytes(count: usize) -> usize {
+    size_of::<AlarmRecord>() + count * size_of::<ObstacleRecord>()
+}
+
+/// Writes a payload of [`payload_bytes`]`(obstacles.len())`.
+///
+/// # Errors
+/// When the payload has another length, or there are too many obstacles.
+pub fn write(
+    payload: &mut [u8],
+    alarm: AlarmRecord,
+    obstacles: &[ObstacleRecord],
+) -> Result<(), MessageError> {
+    let needed = payload_bytes(obstacles.len());
+    if payload.len() != needed || obstacles.len() > GREATEST_COUNT {
+        return Err(MessageError::Length { given: payload.len(), needed });
+    }
+    let alarm = AlarmRecord { obstacles: obstacles.len() as u32, ..alarm };
+    let (start, rest) = payload.split_at_mut(size_of::<AlarmRecord>());
+    start.copy_from_slice(bytemuck::bytes_of(&alarm));
+    rest.copy_from_slice(bytemuck::cast_slice(obstacles));
+    Ok(())
+}
+
+/// Checks a message and sees its parts.
+///
+/// # Errors
+/// When anything is out of range.
+pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, MessageError> {
+    header.check(Kind::Obstacles)?;
+    let short = MessageError::Length { given: payload.len(), needed: size_of::<AlarmRecord>() };
+    let (start, rest) = payload.split_at_checked(size_of::<AlarmRecord>()).ok_or(short)?;
+    let alarm: AlarmRecord = bytemuck::pod_read_unaligned(start);
+    let count = alarm.obstacles as usize;
+    if count > GREATEST_COUNT || alarm.level > 2 || alarm.road_seen > 1 {
+        return Err(MessageError::Value { what: "count of obstacles", value: count as u64 });
+    }
+    if rest.len() != count * size_of::<ObstacleRecord>() {
+        return Err(MessageError::Length { given: payload.len(), needed: payload_bytes(count) });
+    }
+    let obstacles: &[ObstacleRecord] = bytemuck::try_cast_slice(rest)
+        .map_err(|_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 })?;
+    for obstacle in obstacles {
+        let [x, y, width, height] = obstacle.bounds.map(u64::from);
+        if x + width > u64::from(header.width) || y + height > u64::from(header.height) {
+            return Err(MessageError::Value { what: "box of an obstacle", value: x });
+        }
+    }
+    Ok(Obstacles { alarm, obstacles })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_and_anything_else_refused() {
+        let header = Header { width: 100, height: 80, ..Header::new(Kind::Obstacles) };
+        let obstacle = ObstacleRecord { track: 3, bounds: [10, 10, 20, 20], ..ObstacleRecord::default() };
+        let mut memory = vec![0_u64; payload_bytes(2) / 8];
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        write(payload, AlarmRecord { level: 2, ..AlarmRecord::default() }, &[obstacle, obstacle]).unwrap();
+        let got = view(&header, payload).unwrap();
+        assert_eq!((got.alarm.level, got.obstacles), (2, &[obstacle, obstacle][..]));
+        assert!(view(&header, &payload[..payload.len() - 8]).is_err());
+        assert!(view(&header, &[]).is_err());
+        assert!(view(&Header { width: 25, ..header }, payload).is_err(), "box outside the image");
+        let mut wrong = payload.to_vec();
+        wrong[0] = 3;
+        assert!(view(&header, &wrong).is_err(), "unknown level");
+        assert!(write(&mut payload[8..], AlarmRecord::default(), &[obstacle]).is_err());
+    }
+}

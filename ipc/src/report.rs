@@ -1,0 +1,124 @@
+//! `report`: every stage → scheduler. One record per frame, and a heartbeat when idle.
+
+use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
+use crate::role::Role;
+use bytemuck::{Pod, Zeroable};
+
+/// How a stage is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Health {
+    /// Starting, not yet able to take frames.
+    Starting = 0,
+    /// Working, or ready to.
+    Ready = 1,
+    /// The source has no more pairs.
+    Finished = 2,
+    /// The input cannot be used; a restart would not help. The text says why.
+    Unusable = 3,
+}
+
+/// What a stage reports.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ReportRecord {
+    /// [`Role`] as a number.
+    pub role: u32,
+    /// [`Health`] as a number.
+    pub health: u32,
+    /// Its process id: reports of a process that was replaced are told apart.
+    pub pid: u32,
+    /// 1 when this reports a frame, 0 for a heartbeat.
+    pub is_frame: u32,
+    /// Frames finished since the stage started.
+    pub frames: u64,
+    /// Frames that newer ones overtook before the stage took them up.
+    pub skipped: u64,
+    /// Messages refused by their check.
+    pub refused: u64,
+    /// Processor time used so far, in nanoseconds.
+    pub cpu_ns: u64,
+    /// Resident memory of its own, in bytes.
+    pub private_bytes: u64,
+    /// Resident shared memory, in bytes.
+    pub shared_bytes: u64,
+    /// Age of the frame when the stage took it up, in nanoseconds.
+    pub age_ns: u64,
+    /// Time of the stage's own work on the frame, in nanoseconds.
+    pub work_ns: u64,
+    /// Why, in words, padded with zeros.
+    pub text: [u8; 256],
+}
+
+impl ReportRecord {
+    /// An empty report of a stage.
+    pub fn new(role: Role) -> Self {
+        Self { role: role as u32, pid: std::process::id(), ..Self::zeroed() }
+    }
+
+    /// Sets the health and the words that go with it.
+    pub fn set_health(&mut self, health: Health, text: &str) {
+        self.health = health as u32;
+        put_text(&mut self.text, text);
+    }
+
+    /// The words.
+    pub fn text(&self) -> String {
+        get_text(&self.text)
+    }
+
+    /// The role; `view` has made sure that there is one.
+    pub fn role(&self) -> Option<Role> {
+        u8::try_from(self.role).ok().and_then(Role::from_raw)
+    }
+
+    /// The health; `view` has made sure that it is one.
+    pub fn health(&self) -> Health {
+        match self.health {
+            1 => Health::Ready,
+            2 => Health::Finished,
+            3 => Health::Unusable,
+            _ => Health::Starting,
+        }
+    }
+}
+
+/// Bytes of the payload.
+pub const PAYLOAD_BYTES: usize = size_of::<ReportRecord>();
+
+/// Checks a message and copies its record.
+///
+/// # Errors
+/// When the header, the length, the role or the health is wrong.
+pub fn view(header: &Header, payload: &[u8]) -> Result<ReportRecord, MessageError> {
+    header.check(Kind::Report)?;
+    let report: ReportRecord = record(payload)?;
+    if report.role().is_none() {
+        return Err(MessageError::Value { what: "role", value: report.role.into() });
+    }
+    if report.health > Health::Unusable as u32 {
+        return Err(MessageError::Value { what: "health", value: report.health.into() });
+    }
+    Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reports_are_checked() {
+        let header = Header::new(Kind::Report);
+        let mut report = ReportRecord::new(Role::Road);
+        report.set_health(Health::Unusable, "left/7.png: cannot be decoded");
+        let got = view(&header, bytemuck::bytes_of(&report)).unwrap();
+        assert_eq!((got.role(), got.health()), (Some(Role::Road), Health::Unusable));
+        assert_eq!(got.text(), "left/7.png: cannot be decoded");
+        for (role, health) in [(99, 0), (1, 4), (u32::MAX, u32::MAX)] {
+            let wrong = ReportRecord { role, health, ..report };
+            assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err());
+        }
+        assert!(view(&header, &[0; 3]).is_err());
+        assert!(view(&Header::new(Kind::Command), bytemuck::bytes_of(&report)).is_err());
+    }
+}

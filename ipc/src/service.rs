@@ -1,0 +1,121 @@
+//! The table of services: who may publish and subscribe, and how much memory that takes.
+
+use crate::header::{Header, Kind};
+use crate::{command, depth, obstacles, pair, regions, report, status};
+
+/// One service. Newest wins everywhere: a full buffer drops its oldest message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ServiceSpec {
+    /// What it carries.
+    pub kind: Kind,
+    /// Its name.
+    pub name: &'static str,
+    /// Publishers at once; one more than there are, for the moment in which a dead one's place is
+    /// not yet cleaned up.
+    pub publishers: usize,
+    /// Subscribers at once: our own stages, and places for readers from outside.
+    pub subscribers: usize,
+    /// Messages that wait for one subscriber.
+    pub buffer: usize,
+    /// Messages that one subscriber may hold.
+    pub borrowed: usize,
+    /// Messages that a late subscriber still gets.
+    pub history: usize,
+}
+
+/// A publisher writes one message at a time.
+pub const LOANED: usize = 1;
+
+/// All services.
+pub const SERVICES: [ServiceSpec; 7] = [PAIR, DEPTH, REGIONS, OBSTACLES, REPORT, COMMAND, STATUS];
+
+/// capture → stereo.
+pub const PAIR: ServiceSpec = frames(Kind::Pair, "pair", 2);
+/// stereo → road, writer.
+pub const DEPTH: ServiceSpec = frames(Kind::Depth, "depth", 3);
+/// road → recognition, writer.
+pub const REGIONS: ServiceSpec = frames(Kind::Regions, "regions", 3);
+/// recognition → scheduler, writer, vehicle.
+pub const OBSTACLES: ServiceSpec = ServiceSpec { history: 1, ..frames(Kind::Obstacles, "obstacles", 8) };
+/// every stage → scheduler.
+pub const REPORT: ServiceSpec = ServiceSpec {
+    kind: Kind::Report,
+    name: "report",
+    publishers: 12,
+    subscribers: 2,
+    buffer: 64,
+    borrowed: 1,
+    history: 0,
+};
+/// scheduler → capture.
+pub const COMMAND: ServiceSpec = ServiceSpec { history: 1, ..frames(Kind::Command, "command", 2) };
+/// scheduler → anyone.
+pub const STATUS: ServiceSpec = ServiceSpec { history: 1, ..frames(Kind::Status, "status", 8) };
+
+const fn frames(kind: Kind, name: &'static str, subscribers: usize) -> ServiceSpec {
+    ServiceSpec { kind, name, publishers: 2, subscribers, buffer: 1, borrowed: 1, history: 0 }
+}
+
+impl ServiceSpec {
+    /// The longest payload for images of `width` × `height`, in bytes.
+    pub fn greatest_payload_bytes(&self, width: usize, height: usize) -> usize {
+        match self.kind {
+            Kind::Pair => pair::payload_bytes(width, height),
+            Kind::Depth => depth::payload_bytes(width, height),
+            Kind::Regions => regions::greatest_payload_bytes(width, height),
+            Kind::Obstacles => obstacles::payload_bytes(obstacles::GREATEST_COUNT),
+            Kind::Report => report::PAYLOAD_BYTES,
+            Kind::Command => command::PAYLOAD_BYTES,
+            Kind::Status => status::PAYLOAD_BYTES,
+        }
+    }
+
+    /// Samples in the pool of one publisher: subscribers × (buffer + borrowed) + history + loaned.
+    pub const fn pool_samples(&self) -> usize {
+        self.subscribers * (self.buffer + self.borrowed) + self.history + LOANED
+    }
+
+    /// Bytes of the pool of one publisher, with headers and alignment.
+    pub fn pool_bytes(&self, width: usize, height: usize) -> usize {
+        // The library's own header is below 128 bytes.
+        let sample =
+            self.greatest_payload_bytes(width, height) + size_of::<Header>() + 128 + PAYLOAD_ALIGNMENT;
+        self.pool_samples() * sample.next_multiple_of(PAYLOAD_ALIGNMENT)
+    }
+}
+
+/// Payloads start at multiples of this, in bytes: a cache line, and enough for every kernel.
+pub const PAYLOAD_ALIGNMENT: usize = 64;
+
+/// Bytes of all pools of a daemon with `stages` reporting processes, for images of
+/// `width` × `height`.
+pub fn total_pool_bytes(width: usize, height: usize, stages: usize) -> usize {
+    SERVICES
+        .iter()
+        .map(|s| s.pool_bytes(width, height) * if s.kind == Kind::Report { stages } else { 1 })
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pools_follow_the_formula() {
+        assert_eq!(PAIR.pool_samples(), 2 * (1 + 1) + 1);
+        assert_eq!(OBSTACLES.pool_samples(), 8 * 2 + 1 + 1);
+        assert_eq!(REPORT.pool_samples(), 2 * 65 + 1);
+        assert_eq!(PAIR.greatest_payload_bytes(640, 480), 614_400);
+        let total = total_pool_bytes(640, 480, 5);
+        assert!((12 << 20..16 << 20).contains(&total), "{total}");
+    }
+
+    #[test]
+    fn names_and_kinds_are_unique() {
+        for (i, a) in SERVICES.iter().enumerate() {
+            for b in &SERVICES[..i] {
+                assert!(a.name != b.name && a.kind != b.kind);
+            }
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! `status`: scheduler → anyone. How the daemon is doing, once a second and for late comers.
+
+use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
+use crate::role::Role;
+use bytemuck::{Pod, Zeroable};
+
+/// One process.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ProcessRecord {
+    /// [`Role`] as a number.
+    pub role: u32,
+    /// Process id; 0 when it is not running.
+    pub pid: u32,
+    /// Core that it is pinned to, or −1.
+    pub core: i32,
+    /// How often it was restarted.
+    pub restarts: u32,
+    /// Frames finished since it was last started.
+    pub frames: u64,
+    /// Frames overtaken by newer ones, since the daemon started.
+    pub skipped: u64,
+    /// Messages refused, since the daemon started.
+    pub refused: u64,
+    /// Share of one core, in percent, over the last second.
+    pub cpu_percent: f32,
+    /// Frames per second over the last second.
+    pub rate_hz: f32,
+    /// Median time per frame, in milliseconds.
+    pub p50_ms: f32,
+    /// 99th percentile of that.
+    pub p99_ms: f32,
+    /// Resident memory of its own, in bytes.
+    pub private_bytes: u64,
+    /// Resident shared memory, in bytes.
+    pub shared_bytes: u64,
+    /// In words: running, starting, waiting to restart, given up.
+    pub state: [u8; 24],
+}
+
+/// The daemon.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct StatusRecord {
+    /// Process id of the scheduler.
+    pub pid: u32,
+    /// Processes that follow.
+    pub processes: u32,
+    /// 0 = starting, 1 = running, 2 = degraded, 3 = stopping.
+    pub state: u32,
+    /// Alarm level of the last frame: 0 = off, 1 = clear, 2 = alarm.
+    pub alarm: u32,
+    /// Alarms that were raised so far.
+    pub alarms: u32,
+    /// Obstacles confirmed in the last frame.
+    pub obstacles: u32,
+    /// Nanoseconds since the daemon started.
+    pub uptime_ns: u64,
+    /// Frames that came out at the end.
+    pub frames: u64,
+    /// Nearest obstacle in the path, in metres; infinite when there is none.
+    pub nearest_m: f64,
+    /// Capture to obstacles: median, in milliseconds.
+    pub latency_p50_ms: f32,
+    /// 99th percentile of that.
+    pub latency_p99_ms: f32,
+    /// Why the daemon is in its state, in words.
+    pub reason: [u8; 192],
+    /// One entry per process, in the order of [`Role::ALL`].
+    pub process: [ProcessRecord; 6],
+}
+
+impl StatusRecord {
+    /// Sets the words for the state.
+    pub fn set_reason(&mut self, text: &str) {
+        put_text(&mut self.reason, text);
+    }
+
+    /// The words for the state.
+    pub fn reason(&self) -> String {
+        get_text(&self.reason)
+    }
+
+    /// The word for the state.
+    pub fn state_name(&self) -> &'static str {
+        ["starting", "running", "degraded", "stopping"][self.state.min(3) as usize]
+    }
+
+    /// The processes with their roles.
+    pub fn processes(&self) -> impl Iterator<Item = (Role, &ProcessRecord)> {
+        let count = (self.processes as usize).min(self.process.len());
+        self.process[..count].iter().filter_map(|p| Some((Role::from_raw(u8::try_from(p.role).ok()?)?, p)))
+    }
+}
+
+impl ProcessRecord {
+    /// The word for its state.
+    pub fn state(&self) -> String {
+        get_text(&self.state)
+    }
+}
+
+/// Bytes of the payload.
+pub const PAYLOAD_BYTES: usize = size_of::<StatusRecord>();
+
+/// Checks a message and copies its record.
+///
+/// # Errors
+/// When the header or the length is wrong.
+pub fn view(header: &Header, payload: &[u8]) -> Result<StatusRecord, MessageError> {
+    header.check(Kind::Status)?;
+    record(payload)
+}

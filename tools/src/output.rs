@@ -1,0 +1,130 @@
+//! Results of a run as files: overlays, disparity maps, `obstacles.jsonl` and `summary.json`.
+
+use crate::overlay::{self, OverlayInput};
+use crate::picture::{PictureError, save_disparity};
+use crate::record::FrameRecord;
+use crate::summary::RunSummary;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Results cannot be written.
+#[derive(Debug, Error)]
+pub enum OutputError {
+    /// A folder or file.
+    #[error("{}: {source}: give a folder that can be written with --out", path.display())]
+    Io {
+        /// What was written.
+        path: PathBuf,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// A picture.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+}
+
+/// Writes frames into a folder, in the order in which they come.
+#[derive(Debug)]
+pub struct FrameWriter {
+    folder: PathBuf,
+    lines: File,
+    lines_path: PathBuf,
+}
+
+/// Makes the folder and its parts.
+///
+/// # Errors
+/// When they cannot be made.
+pub fn prepare(folder: &Path) -> Result<(), OutputError> {
+    for part in ["overlay", "disparity"] {
+        let path = folder.join(part);
+        std::fs::create_dir_all(&path).map_err(|source| OutputError::Io { path, source })?;
+    }
+    Ok(())
+}
+
+impl FrameWriter {
+    /// Opens the folder. With `resume` lines are added to those that are there, else the file
+    /// starts anew.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn open(folder: &Path, resume: bool) -> Result<Self, OutputError> {
+        prepare(folder)?;
+        let lines_path = folder.join("obstacles.jsonl");
+        let lines = File::options()
+            .create(true)
+            .write(true)
+            .append(resume)
+            .truncate(!resume)
+            .open(&lines_path)
+            .map_err(|source| OutputError::Io { path: lines_path.clone(), source })?;
+        Ok(Self { folder: folder.to_owned(), lines, lines_path })
+    }
+
+    /// Writes the line of a frame; with images also its overlay and its disparity map.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn write(
+        &mut self,
+        record: &FrameRecord,
+        images: Option<OverlayInput<'_>>,
+    ) -> Result<(), OutputError> {
+        let io = |source| OutputError::Io { path: self.lines_path.clone(), source };
+        let mut line = serde_json::to_vec(record).map_err(|e| io(e.into()))?;
+        line.push(b'\n');
+        // One write per line: a killed writer leaves no half line.
+        self.lines.write_all(&line).map_err(io)?;
+        if let Some(input) = images {
+            let name = format!("{:06}.png", record.sequence);
+            overlay::draw(input, record).save(&self.folder.join("overlay").join(&name))?;
+            let path = self.folder.join("disparity").join(&name);
+            save_disparity(&path, input.disparity, input.width, input.height)?;
+        }
+        Ok(())
+    }
+}
+
+/// Writes `summary.json`.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_summary(folder: &Path, summary: &RunSummary) -> Result<(), OutputError> {
+    let path = folder.join("summary.json");
+    let mut text = serde_json::to_vec_pretty(summary)
+        .map_err(|e| OutputError::Io { path: path.clone(), source: e.into() })?;
+    text.push(b'\n');
+    std::fs::write(&path, text).map_err(|source| OutputError::Io { path, source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_become_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("a/b");
+        let mut writer = FrameWriter::open(&out, false).unwrap();
+        let (left, disparity, profile) = (vec![5; 600], vec![256; 600], vec![0.0; 20]);
+        let images =
+            OverlayInput { left: &left, disparity: &disparity, profile_px: &profile, width: 30, height: 20 };
+        writer.write(&FrameRecord { sequence: 7, ..Default::default() }, Some(images)).unwrap();
+        drop(writer);
+        let mut writer = FrameWriter::open(&out, true).unwrap();
+        writer.write(&FrameRecord { sequence: 8, ..Default::default() }, None).unwrap();
+        let lines = std::fs::read_to_string(out.join("obstacles.jsonl")).unwrap();
+        let sequences: Vec<u64> =
+            lines.lines().map(|l| serde_json::from_str::<FrameRecord>(l).unwrap().sequence).collect();
+        assert_eq!(sequences, [7, 8]);
+        assert!(out.join("overlay/000007.png").is_file() && out.join("disparity/000007.png").is_file());
+        write_summary(&out, &RunSummary::default()).unwrap();
+        FrameWriter::open(&out, false).unwrap();
+        assert_eq!(std::fs::read(out.join("obstacles.jsonl")).unwrap(), b"");
+        let error = FrameWriter::open(&out.join("summary.json"), false).unwrap_err().to_string();
+        assert!(error.contains("--out"), "{error}");
+    }
+}

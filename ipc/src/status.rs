@@ -71,6 +71,11 @@ pub struct StatusRecord {
 }
 
 impl StatusRecord {
+    /// A status without processes; all else zero.
+    pub fn empty() -> Self {
+        Self::zeroed()
+    }
+
     /// Sets the words for the state.
     pub fn set_reason(&mut self, text: &str) {
         put_text(&mut self.reason, text);

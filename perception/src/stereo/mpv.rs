@@ -92,6 +92,20 @@ pub struct FullMpv {
 }
 
 impl FullMpv {
+    /// Checks whether a matcher can be made, without allocating its workspace.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn check(width: usize, height: usize, disparities: usize) -> Result<(), MatcherError> {
+        if width < LEAST_SIZE || height < LEAST_SIZE {
+            return Err(MatcherError::TooSmall { width, height, least: LEAST_SIZE });
+        }
+        if !(2..=255).contains(&disparities) {
+            return Err(MatcherError::Disparities(disparities));
+        }
+        Ok(())
+    }
+
     /// A matcher for pairs of `width` × `height` pixels and disparities 0 to `disparities` − 1.
     ///
     /// # Errors
@@ -102,12 +116,7 @@ impl FullMpv {
         height: usize,
         disparities: usize,
     ) -> Result<Self, MatcherError> {
-        if width < LEAST_SIZE || height < LEAST_SIZE {
-            return Err(MatcherError::TooSmall { width, height, least: LEAST_SIZE });
-        }
-        if !(2..=255).contains(&disparities) {
-            return Err(MatcherError::Disparities(disparities));
-        }
+        Self::check(width, height, disparities)?;
         let parameters = MpvParameters {
             truncation: parameters.truncation.min((u8::MAX - MAX_COST) / LAYERS),
             ..parameters

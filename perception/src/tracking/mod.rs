@@ -101,6 +101,11 @@ impl Tracker {
         }
     }
 
+    /// All tracks, oldest first.
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
     /// Whether a track counts as an obstacle.
     pub fn is_confirmed(&self, track: &Track) -> bool {
         track.seen >= self.parameters.confirm_frames

@@ -1,0 +1,126 @@
+//! `lookout demo`: the whole daemon on the built-in drive, and pictures of what it saw.
+
+use super::{CommandError, load, status};
+use crate::cli::Demo;
+use crate::rooms::road_parameters;
+use crate::scheduler::collector::FrameTrace;
+use crate::scheduler::{self, Ends, RunOptions};
+use crate::{input, scheduler::RunOutcome};
+use config::Config;
+use ipc::role::Role;
+use perception::road::RoadDetector;
+use perception::stereo::DisparityView;
+use std::io::IsTerminal;
+use std::path::Path;
+use std::time::Duration;
+use tools::output::write_summary;
+use tools::plot::{self, Series};
+use tools::record::FrameRecord;
+use tools::{colour, v_disparity};
+
+/// The drive needs no more: nearest distance 1.65 m with the paper's rig.
+const DISPARITIES: i64 = 64;
+
+pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
+    let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
+    config.source.kind = "scene".into();
+    if args.config.config.is_none() {
+        config.stereo.disparities = DISPARITIES;
+    }
+    // Pictures of an earlier run would be mistaken for this one's.
+    for part in ["overlay", "disparity"] {
+        let path = args.out.join(part);
+        if path.is_dir() {
+            std::fs::remove_dir_all(&path)
+                .map_err(|e| CommandError::Other(format!("{}: {e}", path.display())))?;
+        }
+    }
+    let options = RunOptions {
+        lockstep: false,
+        limit: None,
+        out: Some(args.out.clone()),
+        ends: Ends::After(Duration::from_secs_f64(args.seconds)),
+    };
+    let live = std::io::stdout().is_terminal();
+    println!("A drive of {:.0} s through a built-in street; Ctrl-C ends it sooner.", args.seconds);
+    let name = config.instance.name.clone();
+    let outcome = scheduler::run(&config, &options, &mut |record| {
+        if live {
+            print!("\x1b[H\x1b[2J{}", status::table(&name, record));
+        } else if record.frames > 0 {
+            println!(
+                "{:>3} frames, alarm {}, {} obstacles",
+                record.frames,
+                crate::frame_record::ALARM_LEVELS[record.alarm.min(2) as usize],
+                record.obstacles
+            );
+        }
+    })?;
+    if let Some(failure) = outcome.failure {
+        return Err(CommandError::Other(failure));
+    }
+    println!("\n{}\n", outcome.summary);
+    write_summary(&args.out, &outcome.summary)?;
+    pictures(&config, &args.out, &outcome)
+}
+
+/// Pictures of the frame that tells most, and a plot of the times of all.
+fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), CommandError> {
+    let other =
+        |path: &Path, e: &dyn std::fmt::Display| CommandError::Other(format!("{}: {e}", path.display()));
+    let lines_path = out.join("obstacles.jsonl");
+    let text = std::fs::read_to_string(&lines_path).map_err(|e| other(&lines_path, &e))?;
+    let records: Vec<FrameRecord> = text
+        .lines()
+        .map(serde_json::from_str)
+        .collect::<Result<_, _>>()
+        .map_err(|e| other(&lines_path, &e))?;
+    latency_plot(&outcome.traces).save(&out.join("latency.png"))?;
+    let drawn = records.iter().filter(|r| out.join(format!("overlay/{:06}.png", r.sequence)).is_file());
+    // The first alarm, with as many obstacles around as possible.
+    let Some(best) = drawn.max_by_key(|r| {
+        let confirmed = r.obstacles.iter().filter(|o| o.confirmed).count();
+        (r.alarm.level == "alarm" && r.alarm.nearest_m.is_some(), confirmed)
+    }) else {
+        return Err(CommandError::Other("no frame came out with its pictures: try --seconds 30".into()));
+    };
+    let name = format!("{:06}.png", best.sequence);
+    let (from, to) = (out.join("overlay").join(&name), out.join("left.png"));
+    std::fs::copy(&from, &to).map_err(|e| other(&to, &e))?;
+    let path = out.join("disparity").join(&name);
+    let map = image::open(&path).map_err(|e| other(&path, &e))?.into_luma16();
+    let (width, height) = (map.width() as usize, map.height() as usize);
+    let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
+    colour::disparity(&map, width, height, disparities as f32).save(&out.join("disparity.png"))?;
+    let source = input::open(config).map_err(scheduler::RunError::from)?;
+    let rig = input::rig(config, source.as_ref()).map_err(scheduler::RunError::from)?;
+    let mut detector = RoadDetector::new(road_parameters(config), rig, width, height, disparities);
+    if let Some(view) = DisparityView::new(&map, width, height) {
+        let profile = detector.detect(view).profile_px.to_vec();
+        v_disparity::draw(detector.v_disparity(), &profile).save(&out.join("v-disparity.png"))?;
+    }
+    println!("In {}:", out.display());
+    for (file, what) in [
+        ("left.png", format!("frame {}: road in green, obstacles in red, alarm on top", best.sequence)),
+        ("disparity.png", "its disparity: red is near, blue is far, black is unknown".into()),
+        ("v-disparity.png", "its v-disparity with the road's path".into()),
+        ("latency.png", "time of each stage, frame by frame".into()),
+        ("overlay/, disparity/", format!("all {} frames", records.len())),
+        ("obstacles.jsonl", "a line per frame, for machines".into()),
+        ("summary.json", "the table above, for machines".into()),
+    ] {
+        println!("  {file:<22} {what}");
+    }
+    Ok(())
+}
+
+fn latency_plot(traces: &[FrameTrace]) -> tools::picture::Picture {
+    let points = |value: &dyn Fn(&FrameTrace) -> f64| -> Vec<(f64, f64)> {
+        traces.iter().map(|t| (t.sequence as f64, value(t))).collect()
+    };
+    let mut series = vec![Series { name: "end to end".into(), points: points(&|t| t.latency_ms) }];
+    for (i, role) in Role::STAGES.iter().enumerate() {
+        series.push(Series { name: role.name().into(), points: points(&|t| t.work_ms[i]) });
+    }
+    plot::lines("Time per frame", "frame", "ms", &series)
+}

@@ -1,0 +1,93 @@
+//! `lookout disparity`.
+
+use super::{CommandError, load};
+use crate::cli::Disparity;
+use crate::rooms::mpv_parameters;
+use perception::image::GreyView;
+use perception::stereo::{DisparityView, FullMpv, MatchOutput, Matcher};
+use serde::Serialize;
+use sources::folder::read_grey;
+use std::path::Path;
+use std::time::Instant;
+
+#[derive(Serialize)]
+struct Figures<'a> {
+    method: &'a str,
+    width: usize,
+    height: usize,
+    disparities: usize,
+    density: f64,
+    cpu_ms_median: f64,
+    cpu_ms_min: f64,
+    wall_ms_median: f64,
+    workspace_bytes: usize,
+}
+
+/// Reads a pair of images and makes sure that they have one size.
+pub fn read_pair(left: &Path, right: &Path) -> Result<(Vec<u8>, Vec<u8>, usize, usize), CommandError> {
+    let (left_pixels, width, height) = read_grey(left)?;
+    let (right_pixels, right_width, right_height) = read_grey(right)?;
+    if (right_width, right_height) != (width, height) {
+        return Err(CommandError::Other(format!(
+            "{} is {width}x{height}, but {} is {right_width}x{right_height}: give two images of one rectified pair",
+            left.display(),
+            right.display()
+        )));
+    }
+    Ok((left_pixels, right_pixels, width, height))
+}
+
+pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "disparity", None)?;
+    let disparities =
+        args.max_disparity.map_or(usize::try_from(config.stereo.disparities).unwrap_or(0), usize::from);
+    let (left, right, width, height) = read_pair(&args.left, &args.right)?;
+    let left = GreyView::new(&left, width, height, width)?;
+    let right = GreyView::new(&right, width, height, width)?;
+    let mut matcher = FullMpv::new(mpv_parameters(&config), width, height, disparities)
+        .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
+    let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+    let (mut cpu_ms, mut wall_ms) = (Vec::new(), Vec::new());
+    for _ in 0..args.repeat {
+        let (cpu, wall) = (ipc::clock::process_cpu_ns(), Instant::now());
+        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+        matcher.compute(left, right, output)?;
+        cpu_ms.push((ipc::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
+        wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
+    }
+    tools::picture::save_disparity(&args.out, &disparity, width, height)?;
+    if let Some(path) = &args.color {
+        tools::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
+    }
+    let median = |values: &mut Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let view = DisparityView::new(&disparity, width, height)
+        .ok_or_else(|| CommandError::Other("the disparity map has another size than the image".into()))?;
+    let figures = Figures {
+        method: &args.method,
+        width,
+        height,
+        disparities,
+        density: view.density(),
+        cpu_ms_median: median(&mut cpu_ms),
+        cpu_ms_min: cpu_ms[0],
+        wall_ms_median: median(&mut wall_ms),
+        workspace_bytes: matcher.workspace_bytes(),
+    };
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&figures)?);
+    } else {
+        println!(
+            "{width}x{height}, {disparities} disparities: {:.1} % known, {:.0} ms of processor time \
+             (median of {}), workspace {:.1} MiB; {}",
+            figures.density * 100.0,
+            figures.cpu_ms_median,
+            args.repeat,
+            figures.workspace_bytes as f64 / (1 << 20) as f64,
+            args.out.display()
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,117 @@
+//! What the words of the command line do.
+
+mod check_config;
+mod demo;
+mod disparity;
+mod obstacles;
+mod replay;
+mod run;
+mod status;
+
+use crate::cli::{Cli, Command, ConfigArgs};
+use crate::launch::Launch;
+use crate::stage::StageError;
+use config::Config;
+use ipc::role::Role;
+use std::io::Read;
+use thiserror::Error;
+
+/// Why a command failed; one line (or one per fault) for the user.
+#[derive(Debug, Error)]
+pub enum CommandError {
+    /// The configuration.
+    #[error("the configuration cannot be used\n{0}")]
+    Config(#[from] config::ConfigErrors),
+    /// The daemon.
+    #[error(transparent)]
+    Run(#[from] crate::scheduler::RunError),
+    /// The rooms in one process.
+    #[error(transparent)]
+    Pipeline(#[from] crate::in_process::PipelineError),
+    /// A stage.
+    #[error(transparent)]
+    Stage(#[from] StageError),
+    /// An image.
+    #[error(transparent)]
+    Source(#[from] sources::SourceError),
+    /// A matcher.
+    #[error("{0}")]
+    Matcher(#[from] perception::stereo::MatcherError),
+    /// Matching.
+    #[error(transparent)]
+    Match(#[from] perception::stereo::MatchError),
+    /// Pixels.
+    #[error(transparent)]
+    Image(#[from] perception::image::ImageError),
+    /// A picture.
+    #[error(transparent)]
+    Picture(#[from] tools::picture::PictureError),
+    /// Results.
+    #[error(transparent)]
+    Output(#[from] tools::output::OutputError),
+    /// Shared memory.
+    #[error(transparent)]
+    Ipc(#[from] ipc::bus::IpcError),
+    /// JSON.
+    #[error("the result cannot be written as JSON: {0}")]
+    Json(#[from] serde_json::Error),
+    /// Anything else, in words.
+    #[error("{0}")]
+    Other(String),
+}
+
+/// Runs a command.
+///
+/// # Errors
+/// What the user should read.
+pub fn run(cli: Cli) -> Result<(), CommandError> {
+    let log = cli.log.as_deref();
+    match cli.command {
+        Command::Demo(args) => demo::run(&args, log),
+        Command::Run(args) => run::run(&args, log),
+        Command::Replay(args) => replay::run(&args, log),
+        Command::Status(args) => status::run(&args, log),
+        Command::Disparity(args) => disparity::run(&args, log),
+        Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::CheckConfig(args) => check_config::run(&args),
+        Command::Stage { role } => stage(&role),
+    }
+}
+
+/// Loads the configuration that the arguments name, and starts logging. `default_level` replaces
+/// the configuration's level when no file was named.
+fn load(
+    args: &ConfigArgs,
+    log: Option<&str>,
+    process: &'static str,
+    default_level: Option<&str>,
+) -> Result<Config, CommandError> {
+    let mut config = config::load(args.config.as_deref())?;
+    if let Some(name) = &args.instance {
+        // The same check as for instance.name.
+        let text = format!("[instance]\nname = {}", toml::Value::String(name.clone()));
+        config::parse(&text, std::path::Path::new("--instance"))?;
+        config.instance.name.clone_from(name);
+    }
+    let level = match (log, default_level, &args.config) {
+        (Some(level), ..) => level,
+        (None, Some(level), None) => level,
+        _ => &config.log.level,
+    };
+    config.log.level = level.to_owned();
+    crate::logging::start(process, &config.log.level);
+    Ok(config)
+}
+
+fn stage(role: &str) -> Result<(), CommandError> {
+    let role: Role = role.parse().map_err(CommandError::Other)?;
+    let mut document = Vec::new();
+    let launch = |error: String| CommandError::Stage(StageError::Launch(error));
+    std::io::stdin().read_to_end(&mut document).map_err(|e| launch(e.to_string()))?;
+    let document: Launch = serde_json::from_slice(&document).map_err(|e| launch(e.to_string()))?;
+    crate::logging::start(role.name(), &document.config.log.level);
+    crate::stage::run(role, document).map_err(|error| {
+        tracing::error!(%error, "stage failed");
+        error.into()
+    })
+}

@@ -1,0 +1,103 @@
+//! `lookout replay`.
+
+use super::{CommandError, load};
+use crate::cli::Replay;
+use crate::in_process::Pipeline;
+use crate::scheduler::{self, Ends, RunOptions};
+use config::Config;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use tools::output::{FrameWriter, write_summary};
+use tools::summary::RunSummary;
+
+pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
+    let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
+    config.source.kind = "folder".into();
+    config.source.path.clone_from(&args.path);
+    config.source.repeat = args.repeat;
+    if let Some(fps) = args.fps {
+        config.source.fps = fps;
+    }
+    if let Some(rig) = &args.rig {
+        config.source.rig.clone_from(rig);
+    }
+    if args.in_process {
+        return in_process(args, &config);
+    }
+    let options = RunOptions {
+        lockstep: args.lockstep,
+        limit: args.limit,
+        out: args.out.clone(),
+        ends: Ends::WithSource,
+    };
+    let bar = progress(args.limit);
+    let outcome = scheduler::run(&config, &options, &mut |status| {
+        bar.set_position(status.frames);
+        bar.set_message(format!("{:.0} ms end to end", status.latency_p50_ms));
+    })?;
+    bar.finish_and_clear();
+    finish(args, &outcome.summary)?;
+    match outcome.failure {
+        Some(failure) => Err(CommandError::Other(failure)),
+        None => Ok(()),
+    }
+}
+
+fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
+    if let Some(out) = &args.out {
+        write_summary(out, summary)?;
+    }
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(summary)?);
+    } else {
+        println!("{summary}");
+        if let Some(out) = &args.out {
+            println!("results in {}", out.display());
+        }
+    }
+    Ok(())
+}
+
+/// A bar on a terminal, nothing elsewhere.
+pub fn progress(frames: Option<u64>) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let (bar, template) = match frames {
+        Some(frames) => (ProgressBar::new(frames), "{wide_bar} {pos}/{len} frames, {msg}"),
+        None => (ProgressBar::no_length(), "{spinner} {pos} frames, {msg}"),
+    };
+    match ProgressStyle::with_template(template) {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+/// The same frames through the same rooms, one after the other.
+fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
+    let mut pipeline = Pipeline::open(config)?;
+    let count = pipeline.count().unwrap_or(u64::MAX);
+    let frames = match args.limit {
+        Some(limit) if args.repeat => limit,
+        Some(limit) => limit.min(count),
+        None => count,
+    };
+    let mut writer = args.out.as_deref().map(|out| FrameWriter::open(out, false)).transpose()?;
+    let bar = progress(Some(frames));
+    for sequence in 0..frames {
+        let result = pipeline.frame(sequence, sequence % count.max(1))?;
+        if let Some(writer) = &mut writer {
+            writer.write(&result.record, Some(result.images))?;
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let summary = RunSummary { offered: frames, frames, ..RunSummary::default() };
+    if let Some(out) = &args.out {
+        write_summary(out, &summary)?;
+        println!("{frames} frames, results in {}", out.display());
+    } else {
+        println!("{frames} frames");
+    }
+    Ok(())
+}

@@ -1,0 +1,23 @@
+//! `lookout run`.
+
+use super::{CommandError, load};
+use crate::cli::Run;
+use crate::scheduler::{self, Ends, RunOptions};
+
+pub fn run(args: &Run, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "scheduler", None)?;
+    let options = RunOptions { lockstep: false, limit: None, out: None, ends: Ends::Never };
+    let mut last = String::new();
+    let outcome = scheduler::run(&config, &options, &mut |status| {
+        // Each change of state is said once.
+        let state = format!("{} {}", status.state_name(), status.reason());
+        if state != last {
+            tracing::info!(state = status.state_name(), reason = status.reason(), "state");
+            last = state;
+        }
+    })?;
+    match outcome.failure {
+        Some(failure) => Err(CommandError::Other(failure)),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,199 @@
+//! `lookout status`.
+
+use super::{CommandError, load};
+use crate::cli::Status;
+use crate::frame_record::ALARM_LEVELS;
+use ipc::bus::Bus;
+use ipc::instance::Instance;
+use ipc::service;
+use ipc::status::{self, StatusRecord};
+use ipc::wait::{self, Next};
+use serde::Serialize;
+use std::fmt::Write;
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+/// How long a daemon may take to answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "status", Some("error"))?;
+    let instance = Instance::new(&config.instance.name, &config.instance.directory);
+    let absent = || {
+        CommandError::Other(format!(
+            "no daemon named \"{}\" is running: start one with lookout run, or name another with --instance",
+            instance.name()
+        ))
+    };
+    if !instance.is_running() {
+        return Err(absent());
+    }
+    let bus = Bus::join(&instance)?;
+    let statuses = bus.subscriber(&service::STATUS)?;
+    let mut heard = Instant::now();
+    let mut shown = false;
+    let mut ended = false;
+    wait::run::<CommandError>(&[&statuses], || {
+        while let Some(sample) = statuses.receive()? {
+            let Ok(status) = status::view(sample.header(), sample.payload()) else { continue };
+            heard = Instant::now();
+            if args.json && args.watch {
+                println!("{}", serde_json::to_string(&StatusJson::new(&status))?);
+            } else if args.json {
+                println!("{}", serde_json::to_string_pretty(&StatusJson::new(&status))?);
+            } else {
+                if args.watch && std::io::stdout().is_terminal() {
+                    print!("\x1b[H\x1b[2J");
+                }
+                println!("{}", table(instance.name(), &status));
+            }
+            shown = true;
+            if !args.watch {
+                return Ok(Next::Stop);
+            }
+        }
+        if heard.elapsed() > PATIENCE || (shown && !instance.is_running()) {
+            ended = true;
+            return Ok(Next::Stop);
+        }
+        Ok(Next::Wait(Duration::from_millis(200)))
+    })?;
+    match (shown, ended) {
+        (true, true) => {
+            eprintln!("lookout: the daemon has ended");
+            Ok(())
+        }
+        (true, false) => Ok(()),
+        (false, _) => Err(absent()),
+    }
+}
+
+#[derive(Serialize)]
+struct StatusJson {
+    pid: u32,
+    state: &'static str,
+    reason: String,
+    uptime_s: f64,
+    frames: u64,
+    latency_p50_ms: f32,
+    latency_p99_ms: f32,
+    alarm: &'static str,
+    alarms: u32,
+    obstacles: u32,
+    nearest_m: Option<f64>,
+    processes: Vec<ProcessJson>,
+}
+
+#[derive(Serialize)]
+struct ProcessJson {
+    role: &'static str,
+    state: String,
+    pid: u32,
+    core: Option<u32>,
+    restarts: u32,
+    frames: u64,
+    skipped: u64,
+    refused: u64,
+    rate_hz: f32,
+    p50_ms: f32,
+    p99_ms: f32,
+    cpu_percent: f32,
+    private_bytes: u64,
+    shared_bytes: u64,
+}
+
+impl StatusJson {
+    fn new(status: &StatusRecord) -> Self {
+        Self {
+            pid: status.pid,
+            state: status.state_name(),
+            reason: status.reason(),
+            uptime_s: status.uptime_ns as f64 * 1e-9,
+            frames: status.frames,
+            latency_p50_ms: status.latency_p50_ms,
+            latency_p99_ms: status.latency_p99_ms,
+            alarm: ALARM_LEVELS[status.alarm.min(2) as usize],
+            alarms: status.alarms,
+            obstacles: status.obstacles,
+            nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
+            processes: status
+                .processes()
+                .map(|(role, p)| ProcessJson {
+                    role: role.name(),
+                    state: p.state(),
+                    pid: p.pid,
+                    core: u32::try_from(p.core).ok(),
+                    restarts: p.restarts,
+                    frames: p.frames,
+                    skipped: p.skipped,
+                    refused: p.refused,
+                    rate_hz: p.rate_hz,
+                    p50_ms: p.p50_ms,
+                    p99_ms: p.p99_ms,
+                    cpu_percent: p.cpu_percent,
+                    private_bytes: p.private_bytes,
+                    shared_bytes: p.shared_bytes,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// The status as a person reads it.
+pub fn table(name: &str, status: &StatusRecord) -> String {
+    let mut out = String::new();
+    let reason = status.reason();
+    let because = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
+    let nearest = if status.nearest_m.is_finite() {
+        format!(", nearest in the path {:.1} m", status.nearest_m)
+    } else {
+        String::new()
+    };
+    let _ = writeln!(
+        out,
+        "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
+         alarm {}{nearest}; {} obstacles, {} alarms so far\n",
+        status.state_name(),
+        status.uptime_ns as f64 * 1e-9,
+        status.frames,
+        status.latency_p50_ms,
+        status.latency_p99_ms,
+        ALARM_LEVELS[status.alarm.min(2) as usize],
+        status.obstacles,
+        status.alarms,
+    );
+    let _ = writeln!(
+        out,
+        "{:<12} {:<16} {:>8} {:>4} {:>6} {:>8} {:>8} {:>8} {:>7} {:>8} {:>8}",
+        "process",
+        "state",
+        "pid",
+        "core",
+        "fps",
+        "p50 ms",
+        "p99 ms",
+        "skipped",
+        "CPU %",
+        "RSS MiB",
+        "restarts"
+    );
+    for (role, p) in status.processes() {
+        let core = if p.core >= 0 { p.core.to_string() } else { "-".into() };
+        let _ = writeln!(
+            out,
+            "{:<12} {:<16} {:>8} {:>4} {:>6.1} {:>8.1} {:>8.1} {:>8} {:>7.1} {:>8.1} {:>8}",
+            role.name(),
+            p.state(),
+            p.pid,
+            core,
+            p.rate_hz,
+            p.p50_ms,
+            p.p99_ms,
+            p.skipped,
+            p.cpu_percent,
+            p.private_bytes as f64 / (1 << 20) as f64,
+            p.restarts
+        );
+    }
+    out
+}

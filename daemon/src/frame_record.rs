@@ -1,0 +1,48 @@
+//! From a message to the record that people read.
+
+use ipc::header::{Header, get_text};
+use ipc::obstacles::Obstacles;
+use tools::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
+
+/// Names of the alarm levels, by their number in messages.
+pub const ALARM_LEVELS: [&str; 3] = ["off", "clear", "alarm"];
+
+/// The record of a frame.
+pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
+    let alarm = &message.alarm;
+    FrameRecord {
+        sequence: header.sequence,
+        time_s: tidy(header.source_ns as f64 * 1e-9),
+        road: (alarm.road_seen == 1).then(|| RoadLine {
+            camera_height_m: tidy(alarm.camera_height_m),
+            horizon_px: tidy(alarm.horizon_px),
+            confidence: tidy(alarm.confidence),
+        }),
+        alarm: AlarmLine {
+            level: ALARM_LEVELS[alarm.level.min(2) as usize].into(),
+            track: (alarm.track > 0).then_some(alarm.track),
+            nearest_m: tidy_finite(alarm.nearest_m),
+        },
+        obstacles: message
+            .obstacles
+            .iter()
+            .map(|o| ObstacleLine {
+                track: o.track,
+                class: get_text(&o.class),
+                score: (o.score > 0.0).then(|| tidy(o.score)),
+                confirmed: o.confirmed == 1,
+                x_px: o.bounds[0],
+                y_px: o.bounds[1],
+                width_px: o.bounds[2],
+                height_px: o.bounds[3],
+                distance_m: tidy(o.distance_m),
+                distance_sigma_m: tidy(o.distance_sigma_m),
+                lateral_m: tidy(o.lateral_m),
+                width_m: tidy(o.width_m),
+                height_m: tidy(o.height_m),
+                closing_m_s: (o.seen > 1).then(|| tidy(o.closing_m_s)),
+                time_to_collision_s: tidy_finite(o.time_to_collision_s),
+            })
+            .collect(),
+    }
+}

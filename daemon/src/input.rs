@@ -1,0 +1,49 @@
+//! Opens the source that the configuration names.
+
+use config::Config;
+use perception::rig::Rig;
+use sources::folder::FolderSource;
+use sources::scene::Drive;
+use sources::{PairSource, SourceError, calibration_file};
+use thiserror::Error;
+
+/// Why there is no input.
+#[derive(Debug, Error)]
+pub enum InputError {
+    /// The source.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// Nothing tells what a disparity means in metres.
+    #[error(
+        "{0}: no calibration: put calib.txt or rig.toml beside the images, or name one with --rig or source.rig"
+    )]
+    NoRig(String),
+}
+
+/// Opens the source.
+///
+/// # Errors
+/// When it cannot be opened.
+pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
+    let source = &config.source;
+    Ok(match source.kind.as_str() {
+        "folder" => Box::new(FolderSource::open(&source.path)?),
+        _ => Box::new(Drive::paper(source.seed.unsigned_abs())),
+    })
+}
+
+/// The rig of the run: that of the configuration, else the source's own.
+///
+/// # Errors
+/// When there is none, or its file cannot be read.
+pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> {
+    if !config.source.rig.as_os_str().is_empty() {
+        return Ok(calibration_file::read(&config.source.rig, true)?);
+    }
+    source.rig().ok_or_else(|| InputError::NoRig(config.source.path.display().to_string()))
+}
+
+/// Time between pairs, in nanoseconds: as configured, else the source's own.
+pub fn period_ns(config: &Config, source: &dyn PairSource) -> u64 {
+    if config.source.fps > 0.0 { (1e9 / config.source.fps) as u64 } else { source.period_ns() }.max(1)
+}

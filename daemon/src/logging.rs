@@ -1,0 +1,76 @@
+//! Log lines: readable on a terminal, with priorities under systemd.
+
+use std::fmt;
+use std::io::IsTerminal;
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::fmt::FmtContext;
+use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
+use tracing_subscriber::registry::LookupSpan;
+
+/// One line per event: `<6>stereo: message key=value` under systemd, which adds the time itself;
+/// `INFO stereo: message key=value` elsewhere.
+struct Lines {
+    process: &'static str,
+    journal: bool,
+    colour: bool,
+}
+
+/// Starts logging to standard error. `process` leads every line; `level` is one of `error`, `warn`,
+/// `info`, `debug` and `trace`.
+pub fn start(process: &'static str, level: &str) {
+    let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
+    let journal = std::env::var_os("JOURNAL_STREAM").is_some();
+    let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let subscriber = tracing_subscriber::fmt()
+        .with_max_level(filter)
+        .with_writer(std::io::stderr)
+        .event_format(Lines { process, journal, colour })
+        .finish();
+    // Fails only when logging was started before.
+    let _ = tracing::subscriber::set_global_default(subscriber);
+    ipc::bus::set_library_log_level();
+}
+
+impl<S, N> FormatEvent<S, N> for Lines
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+    N: for<'a> FormatFields<'a> + 'static,
+{
+    fn format_event(
+        &self,
+        context: &FmtContext<'_, S, N>,
+        mut writer: Writer<'_>,
+        event: &Event<'_>,
+    ) -> fmt::Result {
+        let level = *event.metadata().level();
+        if self.journal {
+            write!(writer, "<{}>{}: ", priority(level), self.process)?;
+        } else if self.colour {
+            write!(writer, "\x1b[{}m{level:>5}\x1b[0m {}: ", colour(level), self.process)?;
+        } else {
+            write!(writer, "{level:>5} {}: ", self.process)?;
+        }
+        context.field_format().format_fields(writer.by_ref(), event)?;
+        writeln!(writer)
+    }
+}
+
+/// The priority of sd-daemon(3).
+fn priority(level: Level) -> u8 {
+    match level {
+        Level::ERROR => 3,
+        Level::WARN => 4,
+        Level::INFO => 6,
+        Level::DEBUG | Level::TRACE => 7,
+    }
+}
+
+fn colour(level: Level) -> u8 {
+    match level {
+        Level::ERROR => 31,
+        Level::WARN => 33,
+        Level::INFO => 32,
+        Level::DEBUG | Level::TRACE => 36,
+    }
+}

@@ -1,0 +1,59 @@
+//! Resident memory of this process.
+
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+
+/// Resident memory, in bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Its own: anonymous and file pages.
+    pub private_bytes: u64,
+    /// Shared memory that it has touched; other processes may have too.
+    pub shared_bytes: u64,
+}
+
+/// Reads /proc/self/status through a file that stays open, without allocating.
+#[derive(Debug)]
+pub struct MemoryProbe {
+    file: File,
+}
+
+impl MemoryProbe {
+    /// Opens the probe.
+    ///
+    /// # Errors
+    /// When /proc is not there.
+    pub fn open() -> io::Result<Self> {
+        Ok(Self { file: File::open("/proc/self/status")? })
+    }
+
+    /// The memory now; `None` when the kernel does not tell.
+    pub fn read(&self) -> Option<Memory> {
+        let mut buffer = [0; 4096];
+        let length = self.file.read_at(&mut buffer, 0).ok()?;
+        parse(std::str::from_utf8(&buffer[..length]).ok()?)
+    }
+}
+
+fn parse(status: &str) -> Option<Memory> {
+    let bytes = |name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+        Some(line.split_ascii_whitespace().next()?.parse::<u64>().ok()? * 1024)
+    };
+    Some(Memory { private_bytes: bytes("RssAnon:")? + bytes("RssFile:")?, shared_bytes: bytes("RssShmem:")? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lines_of_the_kernel_are_read() {
+        let text = "Name:\tx\nVmRSS:\t 30 kB\nRssAnon:\t    12 kB\nRssFile:\t 8 kB\nRssShmem:\t 10 kB\n";
+        assert_eq!(parse(text), Some(Memory { private_bytes: 20 * 1024, shared_bytes: 10 * 1024 }));
+        assert_eq!(parse("RssAnon: x kB"), None);
+        let own = MemoryProbe::open().unwrap().read().unwrap();
+        assert!(own.private_bytes > 100_000, "{own:?}");
+    }
+}

@@ -1,0 +1,175 @@
+//! The work of each stage, from message to message: the same code in the daemon's processes and
+//! in one process.
+
+pub mod recognition;
+pub mod road;
+pub mod stereo;
+
+use config::Config;
+use ipc::header::MessageError;
+use perception::recognition::xml::CascadeError;
+use perception::recognition::{CascadeRecogniser, ScanParameters};
+use perception::road::{RegionParameters, RoadParameters};
+use perception::stereo::speckle::SpeckleParameters;
+use perception::stereo::ssim::CostParameters;
+use perception::stereo::winner::WinnerParameters;
+use perception::stereo::{MatchError, MatcherError, MpvParameters};
+use perception::tracking::TrackerParameters;
+use perception::tracking::alarm::AlarmParameters;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why a room cannot be furnished. The text names the key or file and the remedy.
+#[derive(Debug, Error)]
+pub enum RoomError {
+    /// The matcher refuses the size or the disparities.
+    #[error(transparent)]
+    Matcher(#[from] MatcherError),
+    /// The cascade cannot be read.
+    #[error("recognition.cascade: {}: {source}", path.display())]
+    CascadeFile {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The cascade cannot be used.
+    #[error("recognition.cascade: {}: {source}", path.display())]
+    Cascade {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: CascadeError,
+    },
+}
+
+/// Why a frame cannot be worked on. The frame is skipped and counted.
+#[derive(Debug, Error)]
+pub enum FrameError {
+    /// The message is not sound.
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    /// The frame has another size than the run.
+    #[error("the frame is {width}x{height}, this run has {expected_width}x{expected_height}")]
+    Size {
+        /// Width of the frame.
+        width: u32,
+        /// Height of the frame.
+        height: u32,
+        /// Width of the run.
+        expected_width: usize,
+        /// Height of the run.
+        expected_height: usize,
+    },
+    /// The matcher refuses the images.
+    #[error(transparent)]
+    Match(#[from] MatchError),
+    /// The bytes are no image.
+    #[error(transparent)]
+    Image(#[from] perception::image::ImageError),
+}
+
+/// Whole numbers of the configuration are checked to fit when it is read.
+fn whole<T: TryFrom<i64> + Default>(value: i64) -> T {
+    T::try_from(value).unwrap_or_default()
+}
+
+/// The matcher's parameters.
+pub fn mpv_parameters(config: &Config) -> MpvParameters {
+    let c = &config.stereo;
+    let default = MpvParameters::default();
+    MpvParameters {
+        cost: CostParameters {
+            radius: whole(c.ssim_radius_px),
+            k2: c.ssim_k2 as f32,
+            gradient_share: c.gradient_share as f32,
+            ..default.cost
+        },
+        lambda_horizontal: c.lambda_horizontal as f32,
+        lambda_other: c.lambda_other as f32,
+        truncation: whole(c.truncation),
+        winner: WinnerParameters { left_right_px: whole(c.left_right_px), ..default.winner },
+        speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
+        ..default
+    }
+}
+
+/// The road's parameters.
+pub fn road_parameters(config: &Config) -> RoadParameters {
+    let (c, r) = (&config.road, &config.regions);
+    RoadParameters {
+        camera_height_m: (c.camera_height_min_m, c.camera_height_max_m),
+        horizon_share: c.horizon_share,
+        least_support: c.least_support,
+        regions: RegionParameters {
+            least_height_m: r.height_min_m,
+            greatest_height_m: r.height_max_m,
+            greatest_distance_m: r.distance_max_m,
+            least_width_m: r.width_min_m,
+            depth_span_m: r.depth_span_m,
+            least_pixels: whole(r.pixels_min),
+            greatest_count: whole(r.count_max),
+        },
+    }
+}
+
+/// The tracker's parameters.
+pub fn tracker_parameters(config: &Config) -> TrackerParameters {
+    let c = &config.tracking;
+    TrackerParameters {
+        confirm_frames: whole(c.confirm_frames),
+        forget_frames: whole(c.forget_frames),
+        least_overlap: c.overlap_min,
+        greatest_count: ipc::obstacles::GREATEST_COUNT,
+    }
+}
+
+/// The alarm's parameters.
+pub fn alarm_parameters(config: &Config) -> AlarmParameters {
+    let c = &config.alarm;
+    AlarmParameters {
+        distance_m: c.distance_m,
+        path_width_m: c.path_width_m,
+        hold_ns: whole::<u64>(c.hold_ms) * 1_000_000,
+    }
+}
+
+/// The recogniser that the configuration names, for crops of up to `width` × `height`; `None`
+/// when it names none.
+///
+/// # Errors
+/// When the cascade cannot be read.
+pub fn recogniser(
+    config: &Config,
+    width: usize,
+    height: usize,
+) -> Result<Option<CascadeRecogniser>, RoomError> {
+    let c = &config.recognition;
+    if c.cascade.as_os_str().is_empty() {
+        return Ok(None);
+    }
+    let path = || c.cascade.clone();
+    let text = std::fs::read_to_string(&c.cascade)
+        .map_err(|source| RoomError::CascadeFile { path: path(), source })?;
+    let cascade = perception::recognition::xml::read(&text)
+        .map_err(|source| RoomError::Cascade { path: path(), source })?;
+    let scan = ScanParameters {
+        least_px: whole(c.window_min_px),
+        greatest_px: whole(c.window_max_px),
+        growth: c.growth,
+    };
+    Ok(Some(CascadeRecogniser::new(cascade, scan, whole(c.neighbours_min), width, height)))
+}
+
+/// Refuses a frame of another size than the run's.
+fn check_size(header: &ipc::header::Header, width: usize, height: usize) -> Result<(), FrameError> {
+    if (header.width as usize, header.height as usize) == (width, height) {
+        return Ok(());
+    }
+    Err(FrameError::Size {
+        width: header.width,
+        height: header.height,
+        expected_width: width,
+        expected_height: height,
+    })
+}

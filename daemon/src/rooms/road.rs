@@ -1,0 +1,97 @@
+//! Depth to regions.
+
+use super::{FrameError, check_size, road_parameters};
+use crate::launch::FrameFormat;
+use config::Config;
+use ipc::header::{Header, MessageError};
+use ipc::regions::{RegionRecord, RoadRecord, Writer};
+use ipc::{depth, regions};
+use perception::image::GreyView;
+use perception::road::{Region, RoadDetector};
+use perception::stereo::DisparityView;
+
+/// Share of a region's size that its crop reaches beyond it on each side: a search window needs
+/// room.
+const CROP_MARGIN: f64 = 0.2;
+
+/// Least side of a crop, in pixels.
+const CROP_LEAST: u32 = 32;
+
+/// The road detector between its messages.
+pub struct RoadRoom {
+    detector: RoadDetector,
+    width: usize,
+    height: usize,
+}
+
+impl RoadRoom {
+    /// A detector for the run's frames.
+    pub fn new(config: &Config, format: &FrameFormat) -> Self {
+        let (width, height) = (format.width, format.height);
+        let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
+        let detector = RoadDetector::new(road_parameters(config), format.rig(), width, height, disparities);
+        Self { detector, width, height }
+    }
+
+    /// Bytes of the payload that [`Self::process`] fills.
+    pub fn output_bytes(&self) -> usize {
+        regions::greatest_payload_bytes(self.width, self.height)
+    }
+
+    /// Finds road and regions in the depth of a message, into the payload of the next.
+    ///
+    /// # Errors
+    /// When the message is not sound.
+    pub fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<(), FrameError> {
+        let depth = depth::view(header, payload)?;
+        check_size(header, self.width, self.height)?;
+        let left = GreyView::new(depth.left, self.width, self.height, self.width)?;
+        let disparity = DisparityView::new(depth.disparity, self.width, self.height)
+            .ok_or(MessageError::Length { given: depth.disparity.len(), needed: header.pixels() })?;
+        let scene = self.detector.detect(disparity);
+        let road = scene.road.map_or_else(RoadRecord::default, |road| RoadRecord {
+            seen: 1,
+            regions: 0,
+            slope: road.line.slope,
+            horizon_px: road.line.horizon_px,
+            roll: road.roll,
+            confidence: road.confidence,
+            camera_height_m: road.camera_height_m,
+        });
+        let mut writer = Writer::new(output, road, scene.profile_px, scene.regions.len())?;
+        for region in scene.regions {
+            let record = record(region, self.width as u32, self.height as u32);
+            let [x, y, width, height] = record.crop.map(|v| v as usize);
+            let crop = left.crop(x, y, width, height);
+            let rows = (0..height).filter_map(|row| crop.map(|c| c.row(row)));
+            writer.push(record, rows);
+        }
+        Ok(())
+    }
+}
+
+/// The region as a message holds it, with the box of its crop.
+fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
+    let b = region.bounds;
+    let grow = |start: u32, side: u32, limit: u32| {
+        let margin =
+            ((f64::from(side) * CROP_MARGIN) as u32).max(CROP_LEAST.saturating_sub(side).div_ceil(2));
+        let from = start.saturating_sub(margin);
+        let to = (start + side + margin).min(limit);
+        (from, to - from)
+    };
+    let (crop_x, crop_width) = grow(b.x, b.width, width);
+    let (crop_y, crop_height) = grow(b.y, b.height, height);
+    RegionRecord {
+        disparity_px: region.disparity_px,
+        disparity_sigma_px: region.disparity_sigma_px,
+        distance_m: region.distance_m,
+        lateral_m: region.lateral_m,
+        width_m: region.width_m,
+        height_m: region.height_m,
+        bounds: [b.x, b.y, b.width, b.height],
+        crop: [crop_x, crop_y, crop_width, crop_height],
+        crop_offset: 0,
+        pixels: region.pixels,
+    }
+}

@@ -1,0 +1,99 @@
+//! The stage processes as children of the scheduler.
+
+use crate::launch::Launch;
+use ipc::role::Role;
+use rustix::process::{Pid, Signal, kill_process};
+use std::io::{self, Write};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+/// All stage processes that were started and not yet reaped.
+#[derive(Debug, Default)]
+pub struct Children {
+    running: Vec<(Role, Child)>,
+}
+
+impl Children {
+    /// Starts a stage and tells it what it needs to know.
+    ///
+    /// # Errors
+    /// When the process cannot be started.
+    pub fn spawn(&mut self, role: Role, launch: &Launch) -> io::Result<u32> {
+        let document = serde_json::to_vec(launch)?;
+        let mut child = Command::new(std::env::current_exe()?)
+            .args(["stage", role.name()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            // A group of its own: Ctrl-C in a terminal reaches the scheduler alone.
+            .process_group(0)
+            .spawn()?;
+        let pid = child.id();
+        if let Some(mut stdin) = child.stdin.take()
+            && let Err(error) = stdin.write_all(&document)
+        {
+            // It died at once; its exit tells why.
+            tracing::debug!(%role, %error, "the launch document was not read");
+        }
+        self.running.push((role, child));
+        Ok(pid)
+    }
+
+    /// Process id of a role, while it is not reaped.
+    pub fn pid(&self, role: Role) -> Option<u32> {
+        self.running.iter().find(|(r, _)| *r == role).map(|(_, child)| child.id())
+    }
+
+    /// Asks a stage to stop.
+    pub fn terminate(&self, role: Role) {
+        self.signal(role, Signal::TERM);
+    }
+
+    /// Kills a stage.
+    pub fn kill(&self, role: Role) {
+        self.signal(role, Signal::KILL);
+    }
+
+    fn signal(&self, role: Role, signal: Signal) {
+        // An unreaped child keeps its process id, so the signal cannot reach another process.
+        if let Some(pid) = self.pid(role).and_then(|pid| Pid::from_raw(pid as i32))
+            && let Err(error) = kill_process(pid, signal)
+        {
+            tracing::debug!(%role, %error, "the signal was not delivered");
+        }
+    }
+
+    /// Reaps the children that have ended, each with how it did.
+    pub fn reap(&mut self) -> Vec<(Role, String)> {
+        let mut ended = Vec::new();
+        self.running.retain_mut(|(role, child)| match child.try_wait() {
+            Ok(None) => true,
+            Ok(Some(status)) => {
+                ended.push((*role, describe(status)));
+                false
+            }
+            Err(error) => {
+                ended.push((*role, format!("cannot be waited for: {error}")));
+                false
+            }
+        });
+        ended
+    }
+}
+
+impl Drop for Children {
+    /// No stage outlives the scheduler.
+    fn drop(&mut self) {
+        for (_, child) in &mut self.running {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn describe(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exited with code {code}"),
+        (None, Some(signal)) => format!("was killed by signal {signal}"),
+        (None, None) => "ended".into(),
+    }
+}

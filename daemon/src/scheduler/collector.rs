@@ -1,0 +1,294 @@
+//! Figures of a run, from the reports of the stages.
+
+use super::cores::CorePlan;
+use super::supervisor::Supervisor;
+use ipc::header::{Header, put_text};
+use ipc::report::ReportRecord;
+use ipc::role::Role;
+use ipc::status::ProcessRecord;
+use tools::summary::{Latency, Percentiles, ProcessSummary, RunSummary};
+
+/// Frames whose times are kept one by one, for plots.
+const KEPT_TRACES: usize = 20_000;
+
+/// Times of one frame, in milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameTrace {
+    /// Its number.
+    pub sequence: u64,
+    /// Work of each stage, in the order of [`Role::STAGES`].
+    pub work_ms: [f64; 4],
+    /// Capture to obstacles.
+    pub latency_ms: f64,
+}
+
+/// What is known of one role, over all processes that had it.
+#[derive(Clone, Debug)]
+struct RoleFigures {
+    role: Role,
+    last: ReportRecord,
+    /// Totals of processes that are gone.
+    before: Totals,
+    work: Latency,
+    age: Latency,
+    private_bytes: u64,
+    /// Totals at the last status, for rates.
+    at_status: Totals,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Totals {
+    frames: u64,
+    skipped: u64,
+    refused: u64,
+    cpu_ns: u64,
+}
+
+impl RoleFigures {
+    fn totals(&self) -> Totals {
+        Totals {
+            frames: self.before.frames + self.last.frames,
+            skipped: self.before.skipped + self.last.skipped,
+            refused: self.before.refused + self.last.refused,
+            cpu_ns: self.before.cpu_ns + self.last.cpu_ns,
+        }
+    }
+}
+
+/// Gathers the figures.
+#[derive(Clone, Debug)]
+pub struct Collector {
+    roles: Vec<RoleFigures>,
+    latency: Latency,
+    traces: Vec<FrameTrace>,
+    started_ns: u64,
+    first_result_ns: Option<u64>,
+    last_result_ns: u64,
+    results: u64,
+    /// How often the alarm was raised.
+    pub alarms: u32,
+    alarm_on: bool,
+    status_ns: u64,
+}
+
+impl Collector {
+    /// An empty collection for a run that starts now.
+    pub fn new(roles: &[Role], now_ns: u64) -> Self {
+        let figures = |&role| RoleFigures {
+            role,
+            last: ReportRecord { pid: 0, ..ReportRecord::new(role) },
+            before: Totals::default(),
+            work: Latency::new(),
+            age: Latency::new(),
+            private_bytes: 0,
+            at_status: Totals::default(),
+        };
+        Self {
+            roles: roles.iter().map(figures).collect(),
+            latency: Latency::new(),
+            traces: Vec::with_capacity(1024),
+            started_ns: now_ns,
+            first_result_ns: None,
+            last_result_ns: now_ns,
+            results: 0,
+            alarms: 0,
+            alarm_on: false,
+            status_ns: now_ns,
+        }
+    }
+
+    /// Takes in a report. Gives whether it is the first of its process.
+    pub fn report(&mut self, header: &Header, report: &ReportRecord, now_ns: u64) -> bool {
+        let Some(role) = report.role() else { return false };
+        let Some(figures) = self.roles.iter_mut().find(|f| f.role == role) else { return false };
+        let is_new = figures.last.pid != report.pid;
+        if is_new {
+            figures.before = figures.totals();
+        }
+        figures.last = *report;
+        figures.private_bytes = figures.private_bytes.max(report.private_bytes);
+        if report.is_frame == 1 {
+            figures.work.add_ns(report.work_ns);
+            if role != Role::Capture {
+                figures.age.add_ns(report.age_ns);
+            }
+            if role == Role::Recognition {
+                self.result(header, now_ns);
+            }
+        }
+        is_new
+    }
+
+    fn result(&mut self, header: &Header, now_ns: u64) {
+        let latency_ns = header.stamps[3].end_ns.saturating_sub(header.capture_ns);
+        self.latency.add_ns(latency_ns);
+        self.results += 1;
+        self.first_result_ns.get_or_insert(now_ns);
+        self.last_result_ns = now_ns;
+        if self.traces.len() < KEPT_TRACES {
+            self.traces.push(FrameTrace {
+                sequence: header.sequence,
+                work_ms: header.stamps.map(|s| s.end_ns.saturating_sub(s.begin_ns) as f64 * 1e-6),
+                latency_ms: latency_ns as f64 * 1e-6,
+            });
+        }
+    }
+
+    /// Takes in the alarm level of a frame (2 = on).
+    pub fn alarm(&mut self, level: u32) {
+        let on = level == 2;
+        if on && !self.alarm_on {
+            self.alarms += 1;
+        }
+        self.alarm_on = on;
+    }
+
+    /// When the first result came, if one did.
+    pub fn first_result_ns(&self) -> Option<u64> {
+        self.first_result_ns
+    }
+
+    /// Results so far.
+    pub fn results(&self) -> u64 {
+        self.results
+    }
+
+    /// Capture to obstacles.
+    pub fn latency(&self) -> Percentiles {
+        self.latency.percentiles()
+    }
+
+    /// Times frame by frame.
+    pub fn traces(&self) -> &[FrameTrace] {
+        &self.traces
+    }
+
+    /// The processes as a status message shows them. Rates are since the last call.
+    pub fn processes(
+        &mut self,
+        supervisor: &Supervisor,
+        plan: &CorePlan,
+        now_ns: u64,
+    ) -> impl Iterator<Item = ProcessRecord> {
+        let seconds = now_ns.saturating_sub(self.status_ns).max(1) as f64 * 1e-9;
+        self.status_ns = now_ns;
+        self.roles.iter_mut().map(move |figures| {
+            let totals = figures.totals();
+            let before = std::mem::replace(&mut figures.at_status, totals);
+            let work = figures.work.percentiles();
+            let mut state = [0; 24];
+            let word = match supervisor.state(figures.role) {
+                Some(state) => state.word(),
+                None => "running",
+            };
+            put_text(&mut state, word);
+            ProcessRecord {
+                role: figures.role as u32,
+                pid: figures.last.pid,
+                core: plan.core(figures.role).map_or(-1, |c| c as i32),
+                restarts: supervisor.restarts(figures.role),
+                frames: totals.frames,
+                skipped: totals.skipped,
+                refused: totals.refused,
+                cpu_percent: (totals.cpu_ns.saturating_sub(before.cpu_ns) as f64 * 1e-7 / seconds) as f32,
+                rate_hz: (totals.frames.saturating_sub(before.frames) as f64 / seconds) as f32,
+                p50_ms: work.p50_ms as f32,
+                p99_ms: work.p99_ms as f32,
+                private_bytes: figures.last.private_bytes,
+                shared_bytes: figures.last.shared_bytes,
+                state,
+            }
+        })
+    }
+
+    /// The summary of the run.
+    pub fn summary(
+        &self,
+        supervisor: &Supervisor,
+        plan: &CorePlan,
+        shared_bytes: u64,
+        now_ns: u64,
+    ) -> RunSummary {
+        let wall_ns = now_ns.saturating_sub(self.started_ns).max(1);
+        let first = self.first_result_ns.unwrap_or(self.last_result_ns);
+        let seconds = self.last_result_ns.saturating_sub(first) as f64 * 1e-9;
+        let processes: Vec<ProcessSummary> = self
+            .roles
+            .iter()
+            .map(|figures| {
+                let totals = figures.totals();
+                ProcessSummary {
+                    role: figures.role.name().into(),
+                    core: plan.core(figures.role).map(|c| c as u32),
+                    frames: totals.frames,
+                    skipped: totals.skipped,
+                    refused: totals.refused,
+                    work: figures.work.percentiles(),
+                    age: figures.age.percentiles(),
+                    cpu_percent: totals.cpu_ns as f64 / wall_ns as f64 * 100.0,
+                    private_bytes: figures.private_bytes,
+                    restarts: supervisor.restarts(figures.role),
+                }
+            })
+            .collect();
+        let offered = self.roles.iter().find(|f| f.role == Role::Capture).map_or(0, |f| f.totals().frames);
+        RunSummary {
+            seconds,
+            first_result_s: self.first_result_ns.map_or(0.0, |at| (at - self.started_ns) as f64 * 1e-9),
+            offered,
+            frames: self.results,
+            // The writer keeps up or not; that is no frame lost to the vehicle.
+            dropped: processes.iter().filter(|p| p.role != "writer").map(|p| p.skipped).sum(),
+            rate_hz: if seconds > 0.0 { self.results.saturating_sub(1) as f64 / seconds } else { 0.0 },
+            latency: self.latency.percentiles(),
+            restarts: processes.iter().map(|p| p.restarts).sum(),
+            processes,
+            shared_bytes,
+            alarms: self.alarms,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scheduler::supervisor::tests::PARAMETERS;
+    use ipc::header::{Kind, Stamp};
+
+    fn report(role: Role, pid: u32, frames: u64) -> ReportRecord {
+        ReportRecord {
+            pid,
+            frames,
+            is_frame: 1,
+            work_ns: 4_000_000,
+            cpu_ns: frames * 1_000,
+            ..ReportRecord::new(role)
+        }
+    }
+
+    #[test]
+    fn totals_go_on_over_restarts() {
+        let roles = [Role::Capture, Role::Recognition];
+        let mut collector = Collector::new(&roles, 0);
+        let mut header = Header::new(Kind::Report);
+        header.capture_ns = 1_000_000;
+        header.stamps[3] = Stamp { begin_ns: 20_000_000, end_ns: 41_000_000 };
+        assert!(collector.report(&header, &report(Role::Recognition, 10, 3), 1_000_000_000));
+        assert!(!collector.report(&header, &report(Role::Recognition, 10, 4), 2_000_000_000));
+        assert!(collector.report(&header, &report(Role::Recognition, 11, 1), 3_000_000_000));
+        collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
+        for level in [1, 2, 2, 0, 2] {
+            collector.alarm(level);
+        }
+        let supervisor = Supervisor::new(PARAMETERS, &roles, 0);
+        let cores = config::Cores { pin: true, scheduler: 0, capture: 0, stereo: 0, road: 0, recognition: 0 };
+        let plan = CorePlan::new(&cores, &[0]);
+        let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
+        assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
+        let recognition = &summary.processes[1];
+        assert_eq!(recognition.frames, 5);
+        assert!((recognition.work.p50_ms - 4.0).abs() < 0.01);
+        assert!((summary.latency.p50_ms - 40.0).abs() < 0.1);
+        assert!((summary.rate_hz - 1.0).abs() < 1e-9 && (summary.first_result_s - 1.0).abs() < 1e-9);
+    }
+}

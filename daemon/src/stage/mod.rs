@@ -1,0 +1,210 @@
+//! The stage processes: what they share.
+
+pub mod capture;
+pub mod transform;
+pub mod writer;
+
+use crate::launch::Launch;
+use crate::memory::MemoryProbe;
+use crate::rooms::RoomError;
+use ipc::bus::{Bus, IpcError};
+use ipc::clock::{monotonic_ns, process_cpu_ns};
+use ipc::header::{Header, Kind};
+use ipc::instance::Instance;
+use ipc::port::Publisher;
+use ipc::report::{Health, ReportRecord};
+use ipc::role::Role;
+use ipc::service;
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use thiserror::Error;
+
+/// Why a stage ends before it is asked to.
+#[derive(Debug, Error)]
+pub enum StageError {
+    /// Standard input held no launch document.
+    #[error("a stage is started by the scheduler, not by hand: {0}")]
+    Launch(String),
+    /// The operating system refused something.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// Shared memory cannot be used.
+    #[error(transparent)]
+    Ipc(#[from] IpcError),
+    /// The stage cannot be furnished.
+    #[error(transparent)]
+    Room(#[from] RoomError),
+    /// Results cannot be written.
+    #[error(transparent)]
+    Output(#[from] tools::output::OutputError),
+}
+
+/// Runs a stage until it is asked to stop.
+///
+/// # Errors
+/// When it cannot work at all; the scheduler then restarts it.
+pub fn run(role: Role, launch: Launch) -> Result<(), StageError> {
+    let stage = Stage::new(role, launch)?;
+    match role {
+        Role::Capture => capture::run(stage),
+        Role::Stereo => transform::stereo(stage),
+        Role::Road => transform::road(stage),
+        Role::Recognition => transform::recognition(stage),
+        Role::Writer => writer::run(stage),
+        Role::Scheduler => Err(StageError::Launch("the scheduler is no stage".into())),
+    }
+}
+
+/// The place of a stage in the daemon: its bus, its reports, its signals.
+pub struct Stage {
+    /// What it was told.
+    pub launch: Launch,
+    /// Its way into shared memory.
+    pub bus: Bus,
+    reports: Publisher,
+    report: ReportRecord,
+    stop: Arc<AtomicBool>,
+    memory: MemoryProbe,
+    next_beat_ns: u64,
+    heartbeat: Duration,
+    warned_ns: Option<u64>,
+    /// Frame that is reported on; heartbeats carry the last one.
+    header: Header,
+}
+
+impl Stage {
+    fn new(role: Role, launch: Launch) -> Result<Self, StageError> {
+        let system = |what, source: io::Error| StageError::System { what, source };
+        // A stage without its scheduler would hold shared memory for nobody.
+        set_parent_process_death_signal(Some(Signal::KILL))
+            .map_err(|e| system("asking to end with the scheduler", e.into()))?;
+        if getppid().map(|p| p.as_raw_nonzero().get() as u32) != Some(launch.scheduler_pid) {
+            return Err(StageError::Launch("its scheduler is gone".into()));
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))
+                .map_err(|e| system("installing a signal handler", e))?;
+        }
+        if let Some(core) = launch.core {
+            pin(core);
+        }
+        if role == Role::Writer {
+            // It may be late; the stages may not.
+            let _ = rustix::process::nice(10);
+        }
+        let instance = Instance::new(&launch.config.instance.name, &launch.config.instance.directory);
+        let bus = Bus::join(&instance)?;
+        let reports = bus.publisher(&service::REPORT, 0, 0)?;
+        let mut stage = Self {
+            heartbeat: Duration::from_millis(launch.config.supervision.heartbeat_ms.unsigned_abs()),
+            launch,
+            bus,
+            reports,
+            report: ReportRecord::new(role),
+            stop,
+            memory: MemoryProbe::open().map_err(|e| system("opening /proc/self", e))?,
+            next_beat_ns: 0,
+            warned_ns: None,
+            header: Header::new(Kind::Report),
+        };
+        stage.report.set_health(Health::Starting, "");
+        stage.send_report(false)?;
+        Ok(stage)
+    }
+
+    /// Whether the stage was asked to stop.
+    pub fn should_stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The stage can take frames.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn ready(&mut self) -> Result<(), StageError> {
+        self.report.set_health(Health::Ready, "");
+        self.send_report(false)
+    }
+
+    /// The stage has nothing more to do, or cannot do anything; the text says why.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn set_health(&mut self, health: Health, text: &str) -> Result<(), StageError> {
+        self.report.set_health(health, text);
+        self.send_report(false)
+    }
+
+    /// A frame is done: how old it was when it was taken up, and how long the work took.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn frame_done(&mut self, header: &Header, age_ns: u64, work_ns: u64) -> Result<(), StageError> {
+        self.report.frames += 1;
+        self.report.age_ns = age_ns;
+        self.report.work_ns = work_ns;
+        self.header = header.forward(Kind::Report);
+        self.send_report(true)
+    }
+
+    /// Counts frames that newer ones overtook.
+    pub fn skipped(&mut self, count: u64) {
+        self.report.skipped += count;
+    }
+
+    /// Counts a message that was refused, and logs the first of each second.
+    pub fn refused(&mut self, service: &str, reason: &dyn std::fmt::Display) {
+        self.report.refused += 1;
+        let now = monotonic_ns();
+        if self.warned_ns.is_none_or(|at| now - at > 1_000_000_000) {
+            self.warned_ns = Some(now);
+            tracing::warn!(service, %reason, total = self.report.refused, "message refused");
+        }
+    }
+
+    /// Sends a heartbeat when one is due; gives the time until the next.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn heartbeat(&mut self) -> Result<Duration, StageError> {
+        let now = monotonic_ns();
+        if now >= self.next_beat_ns {
+            self.send_report(false)?;
+        }
+        Ok(Duration::from_nanos(self.next_beat_ns.saturating_sub(now)).max(Duration::from_millis(1)))
+    }
+
+    fn send_report(&mut self, is_frame: bool) -> Result<(), StageError> {
+        self.report.is_frame = u32::from(is_frame);
+        self.report.cpu_ns = process_cpu_ns();
+        if !is_frame {
+            // Reading it costs more than the rest of a report.
+            if let Some(memory) = self.memory.read() {
+                (self.report.private_bytes, self.report.shared_bytes) =
+                    (memory.private_bytes, memory.shared_bytes);
+            }
+        }
+        self.next_beat_ns = monotonic_ns() + self.heartbeat.as_nanos() as u64;
+        self.reports.send_record(self.header, &self.report)?;
+        Ok(())
+    }
+}
+
+/// Pins this process to a core; a refusal is logged and the process runs on unpinned.
+pub fn pin(core: usize) {
+    if core_affinity::set_for_current(core_affinity::CoreId { id: core }) {
+        tracing::debug!(core, "pinned");
+    } else {
+        tracing::warn!(core, "cannot be pinned to its core: runs where the system puts it");
+    }
+}

@@ -24,6 +24,7 @@ pub fn start(process: &'static str, level: &str) {
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let subscriber = tracing_subscriber::fmt()
         .with_max_level(filter)
+        .with_ansi(colour)
         .with_writer(std::io::stderr)
         .event_format(Lines { process, journal, colour })
         .finish();

@@ -1,11 +1,12 @@
 //! The way into shared memory: one node per process, and the ports of the table of services.
 
-use crate::header::Header;
+use crate::header::{Header, LINE_BYTES, Line};
 use crate::instance::Instance;
 use crate::port::{Publisher, Subscriber};
-use crate::service::{LOANED, PAYLOAD_ALIGNMENT, ServiceSpec};
+use crate::service::{LOANED, ServiceSpec};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
+use std::cell::Cell;
 use std::fmt;
 use thiserror::Error;
 
@@ -88,7 +89,7 @@ impl Bus {
             let factory = self.data(spec)?;
             let port = factory
                 .publisher_builder()
-                .initial_max_slice_len(spec.greatest_payload_bytes(width, height))
+                .initial_max_slice_len(spec.greatest_payload_bytes(width, height).div_ceil(LINE_BYTES))
                 .max_loaned_samples(LOANED)
                 // With overflow on, a full buffer never blocks; this is for the unforeseen.
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
@@ -99,7 +100,7 @@ impl Bus {
                 .notifier_builder()
                 .create()
                 .map_err(|e| IpcError::new("notify", spec.name, e))?;
-            Ok(Publisher { port, notifier, name: spec.name })
+            Ok(Publisher { port, notifier, name: spec.name, serial: Cell::new(0) })
         })
     }
 
@@ -120,7 +121,7 @@ impl Bus {
                 .listener_builder()
                 .create()
                 .map_err(|e| IpcError::new("listen to", spec.name, e))?;
-            Ok(Subscriber { port, listener, name: spec.name })
+            Ok(Subscriber { port, listener, name: spec.name, last: Cell::new(None), missed: Cell::new(0) })
         })
     }
 
@@ -128,17 +129,14 @@ impl Bus {
         &self,
         spec: &ServiceSpec,
     ) -> Result<
-        iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, [u8], Header>,
+        iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, [Line], Header>,
         IpcError,
     > {
         let name = service_name(spec)?;
-        let alignment = Alignment::new(PAYLOAD_ALIGNMENT)
-            .ok_or_else(|| IpcError::new("align", spec.name, PAYLOAD_ALIGNMENT))?;
         self.node
             .service_builder(&name)
-            .publish_subscribe::<[u8]>()
+            .publish_subscribe::<[Line]>()
             .user_header::<Header>()
-            .payload_alignment(alignment)
             .enable_safe_overflow(true)
             .max_publishers(spec.publishers)
             .max_subscribers(spec.subscribers)
@@ -212,6 +210,8 @@ mod tests {
         }
         let sample = subscriber.receive().unwrap().unwrap();
         assert_eq!(sample.header().sequence, 9);
+        // The first message that was seen is where counting starts.
+        assert_eq!(subscriber.take_missed(), 0);
         let images = pair::view(sample.header(), sample.payload()).unwrap();
         assert_eq!((images.left, images.right), (&[9_u8; 8][..], &[9_u8; 8][..]));
         // What is being read does not change while newer ones are sent.
@@ -221,6 +221,10 @@ mod tests {
         assert_eq!(sample.payload()[0], 9);
         drop(sample);
         assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 19);
+        assert_eq!((subscriber.take_missed(), subscriber.take_missed()), (9, 0));
+        // The pool is as large as the table says, and no larger.
+        let pools = PAIR.pool_bytes(4, 2) as u64;
+        assert!(instance.shared_bytes() < pools + 100_000, "{} for {pools}", instance.shared_bytes());
         assert!(subscriber.receive().unwrap().is_none());
         assert!(!instance.shared_memory().is_empty());
         drop((publisher, subscriber, bus, lock));
@@ -240,7 +244,7 @@ mod tests {
         publisher.refresh().unwrap();
         let sample = late.receive().unwrap().unwrap();
         assert_eq!(command::view(sample.header(), sample.payload()), Ok(record));
-        assert!(publisher.loan(command::PAYLOAD_BYTES + 1).is_err());
+        assert!(publisher.loan(command::PAYLOAD_BYTES + LINE_BYTES).is_err());
     }
 
     #[test]

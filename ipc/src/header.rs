@@ -9,6 +9,18 @@ const MAGIC: u32 = 0x4c4b_5431;
 /// Changes whenever the layout of any message does.
 pub const VERSION: u16 = 1;
 
+/// A cache line: what payloads are made of, so that they are aligned for every kernel.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Line(pub(crate) [u8; LINE_BYTES]);
+
+// SAFETY: the layout is fixed by repr(C), there are no pointers, nothing to drop, and every bit
+// pattern is valid. (The derive does not accept an alignment.)
+unsafe impl ZeroCopySend for Line {}
+
+/// Bytes of a [`Line`].
+pub const LINE_BYTES: usize = 64;
+
 /// The greatest width and height of an image, in pixels.
 pub const GREATEST_SIDE: u32 = 8192;
 
@@ -55,9 +67,12 @@ pub struct Header {
     pub source_ns: u64,
     /// When the pair was captured, on the monotonic clock. Ages and latencies are measured from it.
     pub capture_ns: u64,
+    /// Number of the message among those of its publisher, from 0: tells readers what they missed.
+    pub(crate) serial: u64,
     /// Which attempt at this frame it is; above 0 only after a stage died in lock-step.
     pub attempt: u32,
-    pub(crate) reserved: u32,
+    /// Bytes of the payload; shared memory holds whole lines.
+    pub(crate) payload_bytes: u32,
     /// Width of the frame's images in pixels; 0 where there are none.
     pub width: u32,
     /// Height of the frame's images in pixels; 0 where there are none.

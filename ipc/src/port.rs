@@ -1,7 +1,8 @@
 //! Publishing and subscribing without copies.
 
 use crate::bus::IpcError;
-use crate::header::Header;
+use crate::header::{Header, LINE_BYTES, Line};
+use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
@@ -10,19 +11,22 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample::Sample as IoxSample;
 use iceoryx2::sample_mut::SampleMut;
+use std::cell::Cell;
 
 /// Writes messages in place and wakes their readers.
 #[derive(Debug)]
 pub struct Publisher {
-    pub(crate) port: IoxPublisher<ipc::Service, [u8], Header>,
+    pub(crate) port: IoxPublisher<ipc::Service, [Line], Header>,
     pub(crate) notifier: Notifier<ipc::Service>,
     pub(crate) name: &'static str,
+    pub(crate) serial: Cell<u64>,
 }
 
 /// A message that is being written.
 #[derive(Debug)]
 pub struct Loan {
-    sample: SampleMut<ipc::Service, [u8], Header>,
+    sample: SampleMut<ipc::Service, [Line], Header>,
+    bytes: usize,
 }
 
 impl Publisher {
@@ -32,18 +36,23 @@ impl Publisher {
     /// # Errors
     /// When the message is longer than the service allows, or the last one was not yet sent.
     pub fn loan(&self, bytes: usize) -> Result<Loan, IpcError> {
-        let sample = self.port.loan_slice_uninit(bytes).map_err(|e| IpcError::new("loan", self.name, e))?;
+        let lines = bytes.div_ceil(LINE_BYTES);
+        let sample = self.port.loan_slice_uninit(lines).map_err(|e| IpcError::new("loan", self.name, e))?;
         // SAFETY: the payload lies in a memory-mapped file, whose bytes the kernel has initialised
-        // (to zero, or by an earlier message), and every bit pattern is a valid u8.
+        // (to zero, or by an earlier message), and every bit pattern is a valid Line.
         let sample = unsafe { sample.assume_init() };
-        Ok(Loan { sample })
+        Ok(Loan { sample, bytes })
     }
 
     /// Hands a message over and wakes the readers.
     ///
     /// # Errors
     /// When it cannot be delivered. That a reader has died is no error.
-    pub fn send(&self, loan: Loan) -> Result<(), IpcError> {
+    pub fn send(&self, mut loan: Loan) -> Result<(), IpcError> {
+        let bytes = loan.bytes as u32;
+        let header = loan.header_mut();
+        header.payload_bytes = bytes;
+        header.serial = self.serial.replace(self.serial.get() + 1);
         loan.sample.send().map_err(|e| IpcError::new("send", self.name, e))?;
         self.notify()
     }
@@ -78,24 +87,27 @@ impl Loan {
         self.sample.user_header_mut()
     }
 
-    /// The payload, to be written. Eight-byte aligned, and more.
+    /// The payload, to be written; it starts at a multiple of 64 bytes.
     pub fn payload_mut(&mut self) -> &mut [u8] {
-        self.sample.payload_mut()
+        &mut bytemuck::cast_slice_mut(self.sample.payload_mut())[..self.bytes]
     }
 }
 
 /// Reads messages in place.
 #[derive(Debug)]
 pub struct Subscriber {
-    pub(crate) port: IoxSubscriber<ipc::Service, [u8], Header>,
+    pub(crate) port: IoxSubscriber<ipc::Service, [Line], Header>,
     pub(crate) listener: Listener<ipc::Service>,
     pub(crate) name: &'static str,
+    /// Publisher and serial number of the last message.
+    pub(crate) last: Cell<Option<(UniquePublisherId, u64)>>,
+    pub(crate) missed: Cell<u64>,
 }
 
 /// A message that is being read; it stays as it is until it is dropped.
 #[derive(Debug)]
 pub struct Sample {
-    sample: IoxSample<ipc::Service, [u8], Header>,
+    sample: IoxSample<ipc::Service, [Line], Header>,
 }
 
 impl Subscriber {
@@ -106,7 +118,21 @@ impl Subscriber {
     /// When more messages are held than the service allows, or the connection is broken.
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
         let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
+        if let Some(sample) = &sample {
+            let (origin, serial) = (sample.origin(), sample.user_header().serial);
+            if let Some((publisher, before)) = self.last.replace(Some((origin, serial)))
+                && publisher == origin
+            {
+                let gap = serial.saturating_sub(before).saturating_sub(1);
+                self.missed.set(self.missed.get().saturating_add(gap));
+            }
+        }
         Ok(sample.map(|sample| Sample { sample }))
+    }
+
+    /// Messages that newer ones overtook before they were received, since the last call.
+    pub fn take_missed(&self) -> u64 {
+        self.missed.take()
     }
 }
 
@@ -116,8 +142,9 @@ impl Sample {
         self.sample.user_header()
     }
 
-    /// The payload.
+    /// The payload, as long as its header says, but never longer than what is there.
     pub fn payload(&self) -> &[u8] {
-        self.sample.payload()
+        let bytes: &[u8] = bytemuck::cast_slice(self.sample.payload());
+        &bytes[..bytes.len().min(self.header().payload_bytes as usize)]
     }
 }

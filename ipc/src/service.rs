@@ -1,6 +1,6 @@
 //! The table of services: who may publish and subscribe, and how much memory that takes.
 
-use crate::header::{Header, Kind};
+use crate::header::{Header, Kind, LINE_BYTES};
 use crate::{command, depth, obstacles, pair, regions, report, status};
 
 /// One service. Newest wins everywhere: a full buffer drops its oldest message.
@@ -78,14 +78,10 @@ impl ServiceSpec {
     /// Bytes of the pool of one publisher, with headers and alignment.
     pub fn pool_bytes(&self, width: usize, height: usize) -> usize {
         // The library's own header is below 128 bytes.
-        let sample =
-            self.greatest_payload_bytes(width, height) + size_of::<Header>() + 128 + PAYLOAD_ALIGNMENT;
-        self.pool_samples() * sample.next_multiple_of(PAYLOAD_ALIGNMENT)
+        let sample = self.greatest_payload_bytes(width, height) + size_of::<Header>() + 128 + LINE_BYTES;
+        self.pool_samples() * sample.next_multiple_of(LINE_BYTES)
     }
 }
-
-/// Payloads start at multiples of this, in bytes: a cache line, and enough for every kernel.
-pub const PAYLOAD_ALIGNMENT: usize = 64;
 
 /// Bytes of all pools of a daemon with `stages` reporting processes, for images of
 /// `width` × `height`.

@@ -21,7 +21,7 @@ pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
             }
         }
     }
-    picture.text("v-disparity: rows down, disparity right; red = road", 4, 4, [240, 240, 240]);
+    picture.text("disparity ->, red = road", 70, 4, [240, 240, 240]);
     picture
 }
 

@@ -6,7 +6,7 @@ use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::road::RoadRoom;
 use crate::rooms::stereo::StereoRoom;
 use ipc::clock::monotonic_ns;
-use ipc::header::{Header, Kind, Stamp};
+use ipc::header::{Header, Stamp};
 use ipc::obstacles;
 use ipc::port::{Publisher, Sample};
 use ipc::service::{self, ServiceSpec};
@@ -87,7 +87,6 @@ fn run(
     let format = stage.launch.frames;
     let messages = stage.bus.subscriber(input)?;
     let publisher = stage.bus.publisher(output, format.width, format.height)?;
-    let mut last: Option<(u64, u32)> = None;
     stage.ready()?;
     wait::run(&[&messages], || {
         // One frame at a time, so that a request to stop is heard between two.
@@ -96,19 +95,13 @@ fn run(
         }
         while let Some(sample) = messages.receive()? {
             let begin_ns = monotonic_ns();
+            stage.skipped(messages.take_missed());
             let mut header = sample.header().forward(output.kind);
             header.stamps[place] = Stamp { begin_ns, end_ns: 0 };
-            let sequence = header.sequence;
             // The capture time comes from another process: it may be anything.
             let age_ns = begin_ns.saturating_sub(header.capture_ns);
             match work(&sample, &mut header, &publisher)? {
                 Done::Sent => {
-                    if let Some((before, attempt)) = last
-                        && header.attempt == attempt
-                    {
-                        stage.skipped(sequence.saturating_sub(before).saturating_sub(1));
-                    }
-                    last = Some((sequence, header.attempt));
                     let end_ns = header.stamps[place].end_ns;
                     stage.frame_done(&header, age_ns, end_ns.saturating_sub(begin_ns))?;
                 }
@@ -118,7 +111,6 @@ fn run(
                 return Ok(Next::Stop);
             }
         }
-        debug_assert!(output.kind != Kind::Pair);
         Ok(Next::Wait(stage.heartbeat()?))
     })
 }

@@ -47,6 +47,7 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
         let result = results.receive()?;
         keep_depth(&mut stage, &depths, &mut kept)?;
         keep_profile(&mut stage, &roads, &mut kept)?;
+        stage.skipped(results.take_missed());
         if let Some(sample) = result {
             let begin_ns = monotonic_ns();
             let header = *sample.header();

@@ -16,7 +16,7 @@ struct RigFile {
 }
 
 /// Reads a rig from a TOML file (`focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, with any other
-/// ending, from a KITTI calibration (`P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each).
+/// ending, from a KITTI calibration (`P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each; without names, line n is Pn).
 /// `colour` prefers P2 and P3, the colour cameras of KITTI, when both are there.
 ///
 /// # Errors
@@ -37,11 +37,15 @@ pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
 fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
     let matrix = |name: &str| -> Result<Option<Vec<f64>>, String> {
         for (i, line) in text.lines().enumerate() {
-            let mut words = line.split_ascii_whitespace();
-            if words.next().map(|w| w.trim_end_matches(':')) != Some(name) {
+            let mut words = line.split_ascii_whitespace().peekable();
+            let first = words.peek().copied().unwrap_or("");
+            // Some copies of the odometry set leave the names out: line n is Pn.
+            let is_bare = first.parse::<f64>().is_ok() && name[1..] == i.to_string();
+            if !is_bare && first.trim_end_matches(':') != name {
                 continue;
             }
             let numbers = words
+                .skip(usize::from(!is_bare))
                 .map(|w| w.parse().map_err(|_| format!("line {}: \"{w}\" is not a number", i + 1)))
                 .collect::<Result<Vec<f64>, _>>()?;
             if numbers.len() != 12 {
@@ -81,6 +85,8 @@ mod tests {
     fn kitti_files_give_the_rig_of_the_camera_pair() {
         let grey = read_text("calib.txt", KITTI).unwrap();
         assert_eq!(grey, Rig { focal_px: 700.0, baseline_m: 0.54, cx_px: 600.0, cy_px: 180.0 });
+        let bare: String = KITTI.lines().take(2).map(|l| format!("{}\n", &l[4..])).collect();
+        assert_eq!(read_text("calib.txt", &bare).unwrap(), grey);
         let colour = read_text("colour.txt", KITTI).unwrap();
         assert!((colour.baseline_m - 384.0 / 710.0).abs() < 1e-12 && colour.cx_px == 601.0);
     }

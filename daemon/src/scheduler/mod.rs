@@ -154,6 +154,8 @@ struct Scheduler {
     command: CommandRecord,
     /// The frame in lock-step, and the last ones that were seen.
     flow: Flow,
+    /// A stage has died since all were last running.
+    stage_died: bool,
     memory: MemoryProbe,
     started_ns: u64,
     status_due_ns: u64,
@@ -278,6 +280,7 @@ impl Scheduler {
             stop,
             command: CommandRecord { lockstep: u32::from(options.lockstep), period_ns, ..Default::default() },
             flow: Flow { moved_ns: now, ..Flow::default() },
+            stage_died: false,
             memory: MemoryProbe::open()?,
             started_ns,
             status_due_ns: now,
@@ -355,7 +358,8 @@ impl Scheduler {
             return Ok(());
         }
         self.supervisor.reported(role, now);
-        if role == Role::Capture && report.is_frame == 0 && report.frames == 0 {
+        let may_flow = self.supervisor.all_running() || self.supervisor.given_up().is_some();
+        if role == Role::Capture && report.is_frame == 0 && report.frames == 0 && may_flow {
             // It has just come up, and knows nothing yet.
             self.send_command()?;
         }
@@ -375,7 +379,7 @@ impl Scheduler {
         }
         if !was_running && self.supervisor.all_running() {
             tracing::info!("all stages are running");
-            self.repeat_lost_frame()?;
+            self.let_flow()?;
         }
         Ok(())
     }
@@ -390,14 +394,13 @@ impl Scheduler {
         Ok(())
     }
 
-    /// In lock-step, sends the frame once more that a stage may have taken to its grave.
-    fn repeat_lost_frame(&mut self) -> Result<(), IpcError> {
-        let waits = self.flow.published == Some(self.command.credit);
-        if self.options.lockstep && waits {
+    /// All stages are there: nothing that is published now is lost. In lock-step, the frame that a
+    /// dead stage may have taken to its grave is asked for once more.
+    fn let_flow(&mut self) -> Result<(), IpcError> {
+        if std::mem::take(&mut self.stage_died) && self.flow.published == Some(self.command.credit) {
             self.command.attempt += 1;
-            self.send_command()?;
         }
-        Ok(())
+        self.send_command()
     }
 
     fn send_command(&self) -> Result<(), IpcError> {
@@ -417,6 +420,7 @@ impl Scheduler {
         } else {
             tracing::warn!(%role, how, "stage ended unasked");
         }
+        self.stage_died = true;
         // Only reaped children count as dead; now their places can be freed.
         let sweep = self.bus.sweep();
         if sweep.failed > 0 {

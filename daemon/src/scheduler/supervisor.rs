@@ -267,8 +267,8 @@ pub mod tests {
         let mut supervisor = started();
         let mut now = 2 * S;
         for wait in [1, 2, 4, 8, 16] {
-            supervisor.reported(Role::Road, now);
             assert_eq!(supervisor.exited(Role::Stereo, "was killed", now), None);
+            supervisor.reported(Role::Road, now + wait * S - 1);
             assert_eq!(supervisor.tick(now + wait * S - 1), [], "{wait}");
             now += wait * S;
             supervisor.reported(Role::Road, now);
@@ -284,6 +284,7 @@ pub mod tests {
         };
         assert!(reason.contains("stereo failed 6 times in 300 s"), "{reason}");
         assert_eq!(supervisor.given_up(), Some(Role::Stereo));
+        supervisor.reported(Role::Road, now + 3 * S);
         assert_eq!(supervisor.tick(now + 3 * S), []);
     }
 

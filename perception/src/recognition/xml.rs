@@ -45,7 +45,8 @@ const LARGEST_WINDOW: u16 = 512;
 /// # Errors
 /// Names the line and the element at fault.
 pub fn read(text: &str) -> Result<Cascade, CascadeError> {
-    let document = Document::parse(text).map_err(|e| CascadeError::Xml(e.to_string()))?;
+    let text = without_comments(text);
+    let document = Document::parse(&text).map_err(|e| CascadeError::Xml(e.to_string()))?;
     let root = document.root_element();
     let cascade = child(root, "cascade")?;
     expect_text(cascade, "stageType", "BOOST", "only boosted cascades can be read")?;
@@ -68,6 +69,22 @@ pub fn read(text: &str) -> Result<Cascade, CascadeError> {
         return Err(value_error(stages_element, "a cascade has at least one stage".into()));
     }
     Ok(Cascade { width, height, features, stages })
+}
+
+/// The text with comments blanked out, lines kept. OpenCV's own files have comments with `--`
+/// inside, which XML forbids.
+fn without_comments(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(start) = rest.find("<!--") {
+        let (before, comment) = rest.split_at(start);
+        out.push_str(before);
+        let end = comment.find("-->").map_or(comment.len(), |at| at + 3);
+        out.extend(comment[..end].chars().filter(|&c| c == '\n'));
+        rest = &comment[end..];
+    }
+    out.push_str(rest);
+    out
 }
 
 fn feature(element: XmlNode<'_, '_>, width: u16, height: u16) -> Result<LbpFeature, CascadeError> {
@@ -240,6 +257,16 @@ mod tests {
         assert_eq!(tree[0].subset[..3], [u32::MAX, u32::MAX - 1, 3]);
         assert_eq!((tree[1].left, tree[1].right), (Branch::Leaf(0.5), Branch::Leaf(1.0)));
         // Leaf 1 is written as −1, leaf 2 as −2.
+    }
+
+    #[test]
+    fn comments_that_xml_forbids_are_passed_over_and_lines_still_count() {
+        let comment = "<cascade>\n<!-- by\n--==-- someone -->\n<!-- unfinished";
+        let commented = GOOD.replace("<cascade>", &comment[..comment.len() - 16]);
+        assert_eq!(read(&commented).unwrap(), read(GOOD).unwrap());
+        let error = read(&commented.replace("<height>24", "<height>2")).unwrap_err().to_string();
+        assert!(error.contains("line 8"), "{error}");
+        assert!(read(&GOOD.replace("<cascade>", comment)).is_err());
     }
 
     #[test]

@@ -1,0 +1,133 @@
+//! The words of the command line on good input: demo, status, disparity, obstacles.
+
+mod support;
+
+use support::{Bench, json, lines, shared_data};
+
+#[test]
+fn the_demo_writes_its_pictures_and_summary() {
+    let bench = Bench::new();
+    let out = bench.ok(&["demo", "--seconds", "4", "--out", "demo"]);
+    bench.assert_clean();
+    for file in ["left.png", "disparity.png", "v-disparity.png", "latency.png"] {
+        let image = image::open(bench.path("demo").join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+        assert!(image.width() > 100 && out.contains(file), "{file}");
+    }
+    let summary = json(&bench.path("demo/summary.json"));
+    assert!(summary["frames"].as_u64().unwrap() > 0, "{summary}");
+    let roles: Vec<&str> =
+        summary["processes"].as_array().unwrap().iter().map(|p| p["role"].as_str().unwrap()).collect();
+    assert_eq!(roles, ["scheduler", "capture", "stereo", "road", "recognition", "writer"]);
+    for process in summary["processes"].as_array().unwrap() {
+        assert!(process["private_bytes"].as_u64().unwrap() > 1 << 20, "{process}");
+        assert!(process["cpu_percent"].as_f64().unwrap() > 0.0, "{process}");
+    }
+    assert!(!lines(&bench.path("demo")).is_empty());
+}
+
+#[test]
+fn the_status_shows_every_process() {
+    let bench = Bench::new();
+    bench.configure("[source]\nkind = \"scene\"\n");
+    let daemon = bench.start(&["run"]);
+    let status = bench.status_when(|s| s["state"] == "running");
+    assert_eq!(status["pid"], daemon.pid());
+    let processes = status["processes"].as_array().unwrap();
+    assert_eq!(processes.len(), 5);
+    for process in processes {
+        assert_eq!(process["state"], "running", "{process}");
+        assert!(process["pid"].as_u64().unwrap() > 0, "{process}");
+        // Pinned, as the profile says, to a core that is there.
+        let allowed = std::fs::read_to_string(format!("/proc/{}/status", process["pid"])).unwrap();
+        let list = allowed.lines().find_map(|l| l.strip_prefix("Cpus_allowed_list:")).unwrap();
+        assert_eq!(list.trim(), process["core"].to_string(), "{process}");
+    }
+    let table = bench.ok(&["status"]);
+    for word in ["scheduler", "capture", "stereo", "road", "recognition", "alarm"] {
+        assert!(table.contains(word), "{table}");
+    }
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+}
+
+#[test]
+fn one_pair_gives_disparity_and_obstacles() {
+    let bench = Bench::new();
+    bench.record("drive", 1);
+    let pair = ["drive/left/000000.png", "drive/right/000000.png"];
+    let out = bench.ok(&[
+        "disparity",
+        pair[0],
+        pair[1],
+        "-o",
+        "d.png",
+        "--color",
+        "c.png",
+        "--repeat",
+        "3",
+        "--json",
+    ]);
+    let figures: serde_json::Value = serde_json::from_str(&out).unwrap();
+    for key in [
+        "method",
+        "width",
+        "height",
+        "disparities",
+        "density",
+        "cpu_ms_median",
+        "cpu_ms_min",
+        "wall_ms_median",
+        "workspace_bytes",
+    ] {
+        assert!(!figures[key].is_null(), "{key} is missing in {figures}");
+    }
+    assert_eq!((&figures["width"], &figures["disparities"]), (&320.into(), &32.into()));
+    let map = image::open(bench.path("d.png")).unwrap().into_luma16();
+    // The car ahead fills the middle: 16 m away, 440 px × 0.12 m ÷ 16 m = 3.3 px.
+    let middle = f32::from(map.get_pixel(160, 115)[0]) / 256.0;
+    assert!((middle - 3.3).abs() < 0.4, "{middle}");
+    assert_eq!(image::open(bench.path("c.png")).unwrap().color(), image::ColorType::Rgb8);
+
+    let out =
+        bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml", "--json", "--overlay", "o.png"]);
+    let record: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert!((record["road"]["camera_height_m"].as_f64().unwrap() - 1.25).abs() < 0.1, "{record}");
+    let car = record["obstacles"].as_array().unwrap().iter().find(|o| {
+        o["lateral_m"].as_f64().unwrap().abs() < 0.5 && (o["distance_m"].as_f64().unwrap() - 16.0).abs() < 1.3
+    });
+    assert!(car.is_some_and(|c| c["class"] == "obstacle"), "{record}");
+    assert!(image::open(bench.path("o.png")).is_ok());
+    assert!(bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml"]).contains("alarm: clear"));
+}
+
+#[test]
+fn a_cascade_labels_what_it_recognises() {
+    let Some(cascades) = shared_data("cascades") else { return };
+    let Some(kitti) = shared_data("kitti_sequence_1") else { return };
+    let bench = Bench::new();
+    // Any published LBP cascade will do: this one fires on many textures.
+    let cascade = cascades.join("lbpcascades/lbpcascade_frontalcatface.xml");
+    bench.configure(&format!(
+        "[recognition]\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\n",
+        cascade.display()
+    ));
+    let path = kitti.display().to_string();
+    bench.ok(&["replay", &path, "--in-process", "--limit", "3", "--out", "a"]);
+    let lines = lines(&bench.path("a"));
+    let obstacles: Vec<_> = lines.iter().flat_map(|l| l["obstacles"].as_array().unwrap()).collect();
+    let cats = obstacles.iter().filter(|o| o["class"] == "cat" && o["score"].as_f64() > Some(1.0)).count();
+    assert!(cats > 0 && cats < obstacles.len(), "{cats} of {}", obstacles.len());
+    assert!(
+        obstacles.iter().all(|o| o["class"] == "cat" || (o["class"] == "obstacle" && o["score"].is_null()))
+    );
+}
+
+#[test]
+fn help_has_examples() {
+    let bench = Bench::new();
+    for word in ["demo", "run", "replay", "status", "disparity", "obstacles", "check-config"] {
+        let output = bench.command(&["--log", "warn", word, "--help"]).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success() && text.contains("Examples:"), "{word}: {text}");
+    }
+}

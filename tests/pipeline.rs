@@ -1,0 +1,124 @@
+//! The whole daemon on recorded pairs: lock-step, live rate, overload.
+
+mod support;
+
+use support::{Bench, files, json, lines, shared_data};
+
+/// The only reason to call two runs equal: every file has the same bytes.
+fn assert_same(a: &std::path::Path, b: &std::path::Path) {
+    let (a, b) = (files(a), files(b));
+    let names = |f: &[(std::path::PathBuf, Vec<u8>)]| f.iter().map(|(n, _)| n.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&a), names(&b));
+    for ((name, a), (_, b)) in a.iter().zip(&b) {
+        assert!(a == b, "{} differs", name.display());
+    }
+}
+
+#[test]
+fn lockstep_gives_the_same_bytes_twice_and_in_one_process() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 12);
+    bench.ok(&["replay", &recording, "--lockstep", "--out", "a"]);
+    bench.ok(&["replay", &recording, "--lockstep", "--out", "b"]);
+    bench.ok(&["replay", &recording, "--in-process", "--out", "c"]);
+    bench.assert_clean();
+    let [a, b, c] = ["a", "b", "c"].map(|name| bench.path(name));
+    assert_same(&a, &b);
+    assert_same(&a, &c);
+    let lines = lines(&a);
+    let sequences: Vec<u64> = lines.iter().map(|l| l["sequence"].as_u64().unwrap()).collect();
+    assert_eq!(sequences, (0..12).collect::<Vec<_>>());
+    assert_eq!(files(&a).len(), 12 + 12 + 1, "overlays, disparity maps and lines");
+    let summary = json(&a.join("summary.json"));
+    assert_eq!(
+        (&summary["frames"], &summary["dropped"], &summary["offered"]),
+        (&12.into(), &0.into(), &12.into())
+    );
+    // The comparison can fail: another parameter gives other bytes.
+    bench.configure("[alarm]\ndistance_m = 50\n");
+    bench.ok(&["replay", &recording, "--in-process", "--out", "d"]);
+    assert!(files(&a) != files(&bench.path("d")));
+}
+
+#[test]
+fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 30);
+    bench.ok(&["replay", &recording, "--in-process", "--out", "a"]);
+    let lines = lines(&bench.path("a"));
+    let mut found = 0;
+    for line in &lines {
+        let t = (line["sequence"].as_u64().unwrap() + 40) as f64 * 0.1;
+        let truth = sources::scene::Drive::lead_distance_m(t);
+        let near = line["obstacles"].as_array().unwrap().iter().any(|o| {
+            let (distance, lateral) = (o["distance_m"].as_f64().unwrap(), o["lateral_m"].as_f64().unwrap());
+            lateral.abs() < 0.5 && (distance - truth).abs() < 0.08 * truth
+        });
+        found += usize::from(near);
+    }
+    assert!(found >= 27, "the car ahead was found in {found} of 30 frames");
+    // It comes from 16 m to 6 m; the alarm is set to 10 m.
+    let level = |i: usize| lines[i]["alarm"]["level"].as_str().unwrap();
+    assert_eq!(level(3), "clear");
+    assert_eq!(level(29), "alarm");
+}
+
+#[test]
+fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 10);
+    let out = bench.ok(&["replay", &recording, "--fps", "1000", "--loop", "--limit", "400", "--json"]);
+    bench.assert_clean();
+    let summary: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let number = |v: &serde_json::Value| v.as_u64().unwrap();
+    assert_eq!(number(&summary["offered"]), 400);
+    // What was offered came out or is accounted for; frames before a stage was connected are not
+    // offered, because nothing flows before all are there.
+    assert_eq!(number(&summary["frames"]) + number(&summary["dropped"]), 400, "{out}");
+    assert!(number(&summary["dropped"]) > 0, "this machine matches 1000 pairs a second: {out}");
+    // The age of what is taken up is bounded by the stage's own time, whatever was offered.
+    let stereo = summary["processes"].as_array().unwrap().iter().find(|p| p["role"] == "stereo").unwrap();
+    let (age, work) = (&stereo["age"]["p50_ms"], &stereo["work"]["p99_ms"]);
+    assert!(age.as_f64().unwrap() <= 2.0 * work.as_f64().unwrap() + 20.0, "{stereo}");
+}
+
+#[test]
+fn at_a_rate_that_is_kept_every_frame_comes_out() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 6);
+    bench.ok(&["replay", &recording, "--fps", "2", "--out", "a"]);
+    let summary = json(&bench.path("a/summary.json"));
+    assert_eq!((&summary["offered"], &summary["dropped"]), (&6.into(), &0.into()));
+    assert_eq!(lines(&bench.path("a")).len(), 6);
+    // Six pairs at two a second: five periods. A mean, so the machine's stalls do not matter.
+    assert!(summary["seconds"].as_f64().unwrap() > 2.0, "{summary}");
+}
+
+#[test]
+fn the_kitti_sequence_gives_24_of_24_frames() {
+    let Some(sequence) = shared_data("kitti_sequence_1") else { return };
+    let bench = Bench::new();
+    bench.configure("[road]\nleast_support = 0.25\n");
+    let text = std::fs::read_to_string(bench.path("car.toml")).unwrap();
+    std::fs::write(bench.path("car.toml"), text.replace("disparities = 32", "disparities = 128")).unwrap();
+    let path = sequence.display().to_string();
+    bench.ok(&["replay", &path, "--lockstep", "--out", "a"]);
+    bench.ok(&["replay", &path, "--in-process", "--out", "b"]);
+    bench.assert_clean();
+    assert_same(&bench.path("a"), &bench.path("b"));
+    let lines = lines(&bench.path("a"));
+    assert_eq!(lines.len(), 24);
+    for line in &lines {
+        let road = &line["road"];
+        // The camera of the KITTI car is 1.65 m above the road.
+        let height = road["camera_height_m"].as_f64().expect("the road is seen in every frame");
+        assert!((1.45..1.85).contains(&height), "{line}");
+        assert!(line["obstacles"].as_array().unwrap().len() > 5, "{line}");
+    }
+    // In frame 22 a parked car stands right of the lane, its rear at 9.6 m (seen in the picture).
+    let car = lines[22]["obstacles"].as_array().unwrap().iter().find(|o| {
+        let (x, d) = (o["x_px"].as_u64().unwrap(), o["distance_m"].as_f64().unwrap());
+        (700..800).contains(&x) && (9.0..10.2).contains(&d) && o["confirmed"] == true
+    });
+    assert!(car.is_some(), "{}", lines[22]);
+}

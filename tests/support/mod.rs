@@ -1,0 +1,246 @@
+//! What the process tests share: the binary, recordings of the synthetic drive, instances.
+
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use sources::PairSource;
+use sources::scene::Drive;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// A wait that has not ended by then never will; no test asserts that something is fast.
+pub const WATCHDOG: Duration = Duration::from_secs(120);
+
+/// A folder, an instance name and a configuration of its own for one test.
+pub struct Bench {
+    pub folder: tempfile::TempDir,
+    pub instance: String,
+}
+
+static COUNT: AtomicU32 = AtomicU32::new(0);
+
+impl Bench {
+    pub fn new() -> Self {
+        let n = COUNT.fetch_add(1, Ordering::Relaxed);
+        let bench = Self {
+            folder: tempfile::tempdir().expect("a temporary folder"),
+            instance: format!("t{}-{n}", std::process::id()),
+        };
+        bench.configure("");
+        bench
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes `car.toml`: small, quick to restart, in this folder alone, plus `more`.
+    pub fn configure(&self, more: &str) {
+        let text = format!(
+            "[instance]\nname = \"{}\"\ndirectory = \"{}\"\n[stereo]\ndisparities = 32\n\
+             [supervision]\nheartbeat_ms = 50\nrestart_first_ms = 50\nrestart_longest_ms = 200\n\
+             restart_count = 100\nstartup_deadline_ms = 60000\nliveness_deadline_ms = 60000\n{more}",
+            self.instance,
+            self.path("run").display()
+        );
+        std::fs::write(self.path("car.toml"), text).expect("the configuration is written");
+    }
+
+    /// `lookout` with arguments; those that take a configuration get this one.
+    pub fn command(&self, args: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lookout"));
+        command.args(args).current_dir(self.folder.path());
+        if matches!(args[0], "run" | "replay" | "demo" | "status" | "obstacles" | "disparity") {
+            command.arg("-c").arg(self.path("car.toml"));
+        }
+        command
+    }
+
+    pub fn run(&self, args: &[&str]) -> Output {
+        self.command(args).output().expect("the binary runs")
+    }
+
+    /// Runs and expects success; gives standard output.
+    pub fn ok(&self, args: &[&str]) -> String {
+        let output = self.run(args);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{args:?} failed:\n{errors}");
+        String::from_utf8(output.stdout).expect("output is text")
+    }
+
+    /// Runs and expects exit code 1; gives standard error.
+    pub fn fails(&self, args: &[&str]) -> String {
+        let output = self.run(args);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{args:?}:\n{errors}");
+        assert!(!errors.contains("panicked"), "{errors}");
+        errors
+    }
+
+    /// Starts `lookout` in the background.
+    pub fn start(&self, args: &[&str]) -> Daemon {
+        let child = self
+            .command(args)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the binary starts");
+        Daemon { child: Some(child) }
+    }
+
+    /// A recording of the synthetic drive: `frames` pairs of 320 × 240 with a rig.
+    pub fn record(&self, name: &str, frames: u64) -> String {
+        let rig = perception::rig::Rig { focal_px: 440.0, baseline_m: 0.12, cx_px: 160.0, cy_px: 110.0 };
+        let mut drive = Drive::new(1, rig, (320, 240), 10.0);
+        let (mut left, mut right) = (vec![0; 320 * 240], vec![0; 320 * 240]);
+        for side in ["left", "right"] {
+            std::fs::create_dir_all(self.path(name).join(side)).expect("folders");
+        }
+        for index in 0..frames {
+            // From where the car ahead comes near.
+            drive.read(index + 40, &mut left, &mut right).expect("the drive never ends");
+            for (side, pixels) in [("left", &left), ("right", &right)] {
+                save_grey(&self.path(name).join(side).join(format!("{index:06}.png")), pixels, 320, 240);
+            }
+        }
+        let rig = "focal_px = 440.0\nbaseline_m = 0.12\ncx_px = 160.0\ncy_px = 110.0\n";
+        std::fs::write(self.path(name).join("rig.toml"), rig).expect("the rig is written");
+        self.path(name).display().to_string()
+    }
+
+    /// What `lookout status --json` says, once there is a daemon and `wanted` is true of it.
+    pub fn status_when(&self, wanted: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
+        let start = Instant::now();
+        loop {
+            let output = self.run(&["status", "--json"]);
+            if output.status.success() {
+                let status = serde_json::from_slice(&output.stdout).expect("status is JSON");
+                if wanted(&status) {
+                    return status;
+                }
+            }
+            assert!(start.elapsed() < WATCHDOG, "the wanted status never came");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Asserts that this instance has left nothing.
+    pub fn assert_clean(&self) {
+        let prefix = format!("lookout_{}__", self.instance);
+        let left: Vec<_> = std::fs::read_dir("/dev/shm")
+            .expect("/dev/shm")
+            .flatten()
+            .map(|e| e.file_name())
+            .filter(|n| n.to_string_lossy().starts_with(&prefix))
+            .collect();
+        assert!(left.is_empty(), "left in /dev/shm: {left:?}");
+        assert!(!self.path("run").exists(), "left in the run folder");
+    }
+
+    /// Files of this instance in shared memory.
+    pub fn shared_files(&self) -> usize {
+        let prefix = format!("lookout_{}__", self.instance);
+        std::fs::read_dir("/dev/shm")
+            .expect("/dev/shm")
+            .flatten()
+            .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+            .count()
+    }
+}
+
+/// A process that is killed when its test ends early.
+pub struct Daemon {
+    child: Option<Child>,
+}
+
+impl Daemon {
+    pub fn pid(&self) -> u32 {
+        self.child.as_ref().expect("it runs").id()
+    }
+
+    pub fn signal(&self, signal: &str) {
+        send(self.pid(), signal);
+    }
+
+    /// Waits for it to end by itself.
+    pub fn wait(mut self) -> Output {
+        let mut child = self.child.take().expect("it runs");
+        let start = Instant::now();
+        while child.try_wait().expect("it can be waited for").is_none() {
+            if start.elapsed() > WATCHDOG {
+                let _ = child.kill();
+                panic!("the daemon never ended");
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        child.wait_with_output().expect("its output can be read")
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+pub fn send(pid: u32, signal: &str) {
+    let status = Command::new("kill").args([&format!("-{signal}"), &pid.to_string()]).status();
+    assert!(status.expect("kill runs").success(), "signal {signal} to {pid}");
+}
+
+/// Process id of a role in a status.
+pub fn pid_of(status: &serde_json::Value, role: &str) -> u32 {
+    let processes = status["processes"].as_array().expect("processes");
+    let process = processes.iter().find(|p| p["role"] == role).expect("the role");
+    process["pid"].as_u64().expect("a pid") as u32
+}
+
+pub fn save_grey(path: &Path, pixels: &[u8], width: u32, height: u32) {
+    image::GrayImage::from_raw(width, height, pixels.to_vec())
+        .expect("the pixels fit")
+        .save(path)
+        .expect("the image is written");
+}
+
+/// The shared test data; `None`, with a printed reason, where it is absent.
+pub fn shared_data(name: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(name);
+    if path.is_dir() {
+        return Some(path);
+    }
+    println!("skipped: {} is not there (the shared data sets are not part of the project)", path.display());
+    None
+}
+
+/// All files below a folder with their bytes, but those that hold times.
+pub fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(path) = open.pop() {
+        for entry in std::fs::read_dir(&path).expect("the folder is there").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                open.push(path);
+            } else if !path.ends_with("summary.json") {
+                let bytes = std::fs::read(&path).expect("the file can be read");
+                found.push((path.strip_prefix(folder).expect("it lies below").to_owned(), bytes));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+pub fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).expect("the file is there")).expect("it is JSON")
+}
+
+/// The lines of `obstacles.jsonl`.
+pub fn lines(folder: &Path) -> Vec<serde_json::Value> {
+    let text = std::fs::read_to_string(folder.join("obstacles.jsonl")).expect("obstacles.jsonl");
+    text.lines().map(|l| serde_json::from_str(l).expect("a line is JSON")).collect()
+}

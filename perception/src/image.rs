@@ -116,8 +116,9 @@ impl GreyImage {
     ///
     /// # Errors
     /// When the image is empty or `data` is too short.
-    pub fn from_vec(data: Vec<u8>, width: usize, height: usize) -> Result<Self, ImageError> {
+    pub fn from_vec(mut data: Vec<u8>, width: usize, height: usize) -> Result<Self, ImageError> {
         GreyView::new(&data, width, height, width)?;
+        data.truncate(width * height);
         Ok(Self { data, width, height })
     }
 

@@ -58,6 +58,13 @@ fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
     let order = if colour { [("P2", "P3"), ("P0", "P1")] } else { [("P0", "P1"), ("P2", "P3")] };
     for (left, right) in order {
         if let (Some(l), Some(r)) = (matrix(left)?, matrix(right)?) {
+            let apart = (l[2] - r[2]).abs().max((l[6] - r[6]).abs()).max((l[0] - r[0]).abs());
+            if apart > 0.5 {
+                return Err(format!(
+                    "{left} and {right} have focal lengths or principal points {apart:.2} px apart: \
+                     give the calibration of a rectified pair"
+                ));
+            }
             // P = [f 0 cx tx; 0 f cy ty; …], tx = −f·(camera position).
             return Ok(Rig { focal_px: l[0], baseline_m: (l[3] - r[3]) / l[0], cx_px: l[2], cy_px: l[6] });
         }
@@ -112,6 +119,8 @@ mod tests {
         assert!(error.contains("line 2: \"x\" is not a number"), "{error}");
         let error = read_text("calib.txt", &KITTI.replace("-378", "")).unwrap_err();
         assert!(error.contains("line 2: P1 has 11 numbers"), "{error}");
+        let error = read_text("calib.txt", &KITTI.replace("0 600 -378", "0 610 -378")).unwrap_err();
+        assert!(error.contains("P0 and P1") && error.contains("10.00 px apart"), "{error}");
         assert!(read_text("calib.txt", "").unwrap_err().contains("neither P0"));
         // Swapped cameras have a negative baseline.
         let error = read_text("calib.txt", &KITTI.replace("-378", "378")).unwrap_err();

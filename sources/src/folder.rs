@@ -115,7 +115,11 @@ impl FolderSource {
             }
             pairs.push((image, other));
         }
-        let stem = first.file_stem().map(|s| Path::new("calib").join(s).with_extension("txt"));
+        let stem = first.file_stem().map(|stem| {
+            let mut name = stem.to_owned();
+            name.push(".txt");
+            Path::new("calib").join(name)
+        });
         let candidates = [Some("rig.toml".into()), Some("calib.txt".into()), stem];
         let colour = left.ends_with("image_2") || left.ends_with("image_02/data") || left.ends_with("left");
         let rig = candidates

@@ -81,8 +81,9 @@ impl Integral {
             let mut sum = 0_u32;
             here[0] = 0;
             for ((target, &before), &v) in here[1..].iter_mut().zip(&above[1..]).zip(row) {
-                sum += u32::from(v);
-                *target = before + sum;
+                sum = sum.wrapping_add(u32::from(v));
+                // Wraps in huge images; differences of sums stay right.
+                *target = before.wrapping_add(sum);
             }
         }
     }

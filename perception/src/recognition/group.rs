@@ -1,6 +1,6 @@
 //! Groups overlapping hits into objects, as OpenCV's `groupRectangles` does with eps 0.2.
 
-use super::scan::Window;
+use super::scan::{MOST_HITS, Window};
 
 /// Overlapping hits, and their mean window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub struct Group {
 const EPS: f64 = 0.2;
 
 /// Groups hits, keeping its memory.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Grouper {
     parent: Vec<usize>,
     sums: Vec<([i64; 4], u32)>,
@@ -32,10 +32,22 @@ fn similar(a: &Window, b: &Window) -> bool {
         && near(a.y + a.height, b.y + b.height)
 }
 
+impl Default for Grouper {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Grouper {
-    /// An empty grouper.
+    /// A grouper with memory for all hits of a scan.
     pub fn new() -> Self {
-        Self::default()
+        Self {
+            parent: Vec::with_capacity(MOST_HITS),
+            sums: Vec::with_capacity(MOST_HITS),
+            class: Vec::with_capacity(MOST_HITS),
+            means: Vec::with_capacity(MOST_HITS),
+            groups: Vec::with_capacity(MOST_HITS),
+        }
     }
 
     fn root(&self, mut i: usize) -> usize {

@@ -47,11 +47,16 @@ pub struct Scanner {
 }
 
 /// Hits kept per scan: more than this in one crop is no find, and grouping is quadratic.
-const MOST_HITS: usize = 4096;
+pub const MOST_HITS: usize = 1024;
 
 /// Rounds like OpenCV: half to even.
 fn round(value: f64) -> i32 {
     value.round_ties_even() as i32
+}
+
+/// A length times a scale in single precision, as OpenCV computes it.
+fn scaled(length: i32, scale: f32) -> i32 {
+    round(f64::from(length as f32 * scale))
 }
 
 impl Scanner {
@@ -77,8 +82,8 @@ impl Scanner {
         let mut nearest: Option<(i64, f32)> = None;
         let mut factor = 1.0_f64;
         loop {
-            let w = round(f64::from(self.cascade.width) * factor);
-            let h = round(f64::from(self.cascade.height) * factor);
+            let w = scaled(i32::from(self.cascade.width), factor as f32);
+            let h = scaled(i32::from(self.cascade.height), factor as f32);
             if w > width || h > height {
                 break;
             }
@@ -107,7 +112,6 @@ impl Scanner {
         self.choose_scales(image.width() as i32, image.height() as i32);
         let window = (i32::from(self.cascade.width), i32::from(self.cascade.height));
         for &scale in &self.scales {
-            let scale_f64 = f64::from(scale);
             let width = round((image.width() as f32 / scale).into()).max(1);
             let height = round((image.height() as f32 / scale).into()).max(1);
             if width < window.0 || height < window.1 {
@@ -115,8 +119,8 @@ impl Scanner {
             }
             let pixels = self.resizer.scale(image, width as usize, height as usize);
             self.integral.fill(pixels, width as usize);
-            let step = if scale_f64 >= 2.0 { 1 } else { 2 };
-            let size = (round(f64::from(window.0) * scale_f64), round(f64::from(window.1) * scale_f64));
+            let step = if scale >= 2.0 { 1 } else { 2 };
+            let size = (scaled(window.0, scale), scaled(window.1, scale));
             for y in (0..height - window.1 + 1).step_by(step) {
                 let mut x = 0;
                 while x < width - window.0 + 1 {
@@ -126,8 +130,8 @@ impl Scanner {
                             return &self.hits;
                         }
                         self.hits.push(Window {
-                            x: round(f64::from(x) * scale_f64),
-                            y: round(f64::from(y) * scale_f64),
+                            x: scaled(x, scale),
+                            y: scaled(y, scale),
                             width: size.0,
                             height: size.1,
                         });

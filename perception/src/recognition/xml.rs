@@ -138,9 +138,9 @@ fn tree(element: XmlNode<'_, '_>, features: usize) -> Result<Vec<Node>, CascadeE
             if child > 0 {
                 // Behind its parent: a walk always ends.
                 let there = child > i as i64 && child < count as i64;
-                there.then(|| Branch::Node(child as u16))
+                u16::try_from(child).ok().filter(|_| there).map(Branch::Node)
             } else {
-                leaves.get(usize::try_from(-child).ok()?).map(|&v| Branch::Leaf(v))
+                leaves.get(usize::try_from(child.unsigned_abs()).ok()?).map(|&v| Branch::Leaf(v))
             }
         };
         let (Some(left), Some(right)) = (branch(row[0]), branch(row[1])) else {
@@ -284,6 +284,8 @@ mod tests {
             ("1 0 0 -1", "2 0 0 -1", "leads to 2 and 0"),
             ("8 -1 -2 0", "8 1 -2 0", "node 1 leads to 1 and -2"),
             ("8 -1 -2 0", "8 -9 -2 0", "node 1 leads to -9"),
+            ("8 -1 -2 0", "8 -9223372036854775808 -2 0", "node 1 leads to -9223372036854775808"),
+            ("8 -1 -2 0", "8 65536 -2 0", "node 1 leads to 65536"),
             ("4294967295", "4294967296", "32-bit word"),
             ("4294967295", "", "21 numbers"),
             ("-5.0e-1", "nan", "finite"),

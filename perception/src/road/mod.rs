@@ -53,6 +53,24 @@ pub struct RoadModel {
     pub camera_height_m: f64,
 }
 
+/// How the road lies across: what its disparity adds to the profile.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tilt {
+    /// Disparity that one column to the right adds, px per px.
+    pub roll: f64,
+    /// Disparity of the road at the principal column, less the profile's, in px.
+    pub offset_px: f64,
+    /// The principal column.
+    pub cx_px: f64,
+}
+
+impl Tilt {
+    /// The disparity in column `x` as it would be on a level road, where the profile holds.
+    pub fn level(&self, x_px: f64, disparity_px: f64) -> f64 {
+        disparity_px - self.roll * (x_px - self.cx_px) - self.offset_px
+    }
+}
+
 /// What one disparity map shows.
 #[derive(Debug)]
 pub struct Scene<'a> {
@@ -127,47 +145,55 @@ impl RoadDetector {
             self.profile.clear();
             return Scene { road: None, profile_px: self.profile.profile().disparity_px(), regions: &[] };
         };
-        let roll = self.roll(disparity);
-        self.mark(disparity, roll);
+        let tilt = self.tilt(disparity);
+        self.mark(disparity, tilt);
         let profile = self.profile.profile();
-        let regions = self.finder.find(&self.grid, profile, &self.rig, self.width, self.height);
-        let road =
-            RoadModel { line, roll, confidence: support, camera_height_m: self.rig.baseline_m / line.slope };
+        let regions = self.finder.find(&self.grid, profile, tilt, &self.rig, (self.width, self.height));
+        let road = RoadModel {
+            line,
+            roll: tilt.roll,
+            confidence: support,
+            camera_height_m: self.rig.baseline_m / line.slope,
+        };
         Scene { road: Some(road), profile_px: profile.disparity_px(), regions }
     }
 
     /// Fits the sideways tilt of the road to what is left after the profile, on every fourth
     /// pixel that lies near it.
-    fn roll(&self, disparity: DisparityView<'_>) -> f64 {
+    fn tilt(&self, disparity: DisparityView<'_>) -> Tilt {
         let profile = self.profile.profile();
-        let mut roll = 0.0;
-        for tolerance_px in [1.5, 0.6] {
+        let level = Tilt { cx_px: self.rig.cx_px, ..Tilt::default() };
+        let mut tilt = level;
+        for tolerance_px in [2.0, 1.0, 0.6] {
             let mut normal = Matrix2::<f64>::zeros();
             let mut right = Vector2::<f64>::zeros();
             for y in (profile.top()..self.height).step_by(4) {
                 let road = f64::from(profile.disparity_px()[y]);
                 for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
-                    let across = x as f64 - self.rig.cx_px;
-                    let residual = f64::from(d) / 256.0 - road;
-                    if d > 0 && (residual - roll * across).abs() < tolerance_px {
+                    let px = f64::from(d) / 256.0;
+                    if d > 0 && (tilt.level(x as f64, px) - road).abs() < tolerance_px {
+                        let (across, residual) = (x as f64 - self.rig.cx_px, px - road);
                         normal += Matrix2::new(across * across, across, across, 1.0);
                         right += Vector2::new(across * residual, residual);
                     }
                 }
             }
             // Too little road to tell: level.
-            roll = match normal.cholesky() {
-                Some(solver) if normal[(1, 1)] > 50.0 => solver.solve(&right)[0],
-                _ => 0.0,
+            tilt = match normal.cholesky() {
+                Some(solver) if normal[(1, 1)] > 50.0 => {
+                    let fit = solver.solve(&right);
+                    Tilt { roll: fit[0], offset_px: fit[1], ..level }
+                }
+                _ => level,
             };
         }
         // More than this (about 10 degrees on a car) is a wall, not a roll.
-        if roll.abs() <= 0.06 { roll } else { 0.0 }
+        if tilt.roll.abs() <= 0.06 && tilt.offset_px.abs() <= 3.0 { tilt } else { level }
     }
 
     /// Marks obstacle pixels in the occupancy grid: those whose height above the road,
     /// baseline·(row of the road at this disparity − row)/disparity, is in range.
-    fn mark(&mut self, disparity: DisparityView<'_>, roll: f64) {
+    fn mark(&mut self, disparity: DisparityView<'_>, tilt: Tilt) {
         self.grid.clear();
         let p = &self.parameters.regions;
         let profile = self.profile.profile();
@@ -180,7 +206,7 @@ impl RoadDetector {
                     continue;
                 }
                 let px = f32::from(d) / 256.0;
-                let levelled = px - (roll * (x as f64 - self.rig.cx_px)) as f32;
+                let levelled = tilt.level(x as f64, px.into()) as f32;
                 let Some(foot) = profile.row_at(levelled.max(0.0)) else { continue };
                 let height = baseline * (foot - y as f32) / px;
                 if height >= low && height <= high {
@@ -248,13 +274,28 @@ mod tests {
 
     #[test]
     fn an_empty_road_stays_empty_even_when_rolled() {
-        for roll in [0.0, 0.006, -0.006] {
+        for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
             let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
             let road = scene.road.expect("the road is in plain sight");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
+        }
+    }
+
+    #[test]
+    fn boxes_at_both_edges_of_a_rolled_road_keep_their_height() {
+        let boxes = [(-2.6, -1.6, 1.5, 10.0), (1.6, 2.6, 1.5, 10.0)];
+        for roll in [0.01, -0.01] {
+            let map = map(&boxes, roll);
+            let mut detector = detector();
+            let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
+            assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
+            for region in scene.regions {
+                assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");
+                assert!((region.distance_m - 10.0).abs() < 0.5, "roll {roll}: {region:?}");
+            }
         }
     }
 

@@ -17,7 +17,7 @@ pub struct RoadProfile {
     support: f64,
     /// Row of the road for each bin, the inverse of `disparity_px`.
     row_of_bin: Vec<f32>,
-    /// Slope at the lower end, for what is nearer than the lowest row.
+    /// Slope of the straight start, for what lies beyond either end.
     near_slope: f32,
 }
 
@@ -48,11 +48,15 @@ impl RoadProfile {
         self.support
     }
 
-    /// The row where the road has a disparity (in px); below the image it is extrapolated.
-    /// `None` beyond the far end of the road.
+    /// The row where the road has a disparity (in px), to a bin of 1/4 px; below the image and
+    /// beyond the far end it is extrapolated. `None` when there is no road.
     pub fn row_at(&self, disparity_px: f32) -> Option<f32> {
-        let bin = (disparity_px * BINS_PER_PX as f32) as usize;
-        let row = *self.row_of_bin.get(bin)?;
+        let last = self.row_of_bin.len().checked_sub(1)?;
+        let bin = disparity_px * BINS_PER_PX as f32;
+        let row = self.row_of_bin[(bin as usize).min(last)];
+        // Nearer than the last bin: on along the line.
+        let beyond = (bin - (last + 1) as f32).max(0.0) / BINS_PER_PX as f32;
+        let row = row + beyond / self.near_slope.max(1e-3);
         row.is_finite().then_some(row)
     }
 }
@@ -123,7 +127,7 @@ impl ProfileFinder {
     fn follow(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, top: usize) {
         let height = histogram.height();
         let per_px = BINS_PER_PX as f64;
-        let reach = (2.0 * line.slope * per_px).ceil() as usize + 1;
+        let reach = ((2.0 * line.slope * per_px).ceil() as usize + 1).min(usize::from(u8::MAX));
         // Where nothing was counted the path keeps to the line.
         let pull = f32::from(cap) * 0.004;
         let score = |row: &[u16], bin: usize, centre: f64| {

@@ -80,7 +80,7 @@ impl Radon {
                 if best.is_some_and(|(greatest, ..)| sum <= greatest) || sum == 0 {
                     continue;
                 }
-                // The line crosses bin 0 (disparity 1/8 px, the bin's centre) at the horizon.
+                // The line crosses the centre of bin 0 (1/8 px) half a bin below the horizon.
                 let offset = i as f64 + 0.5 - shift;
                 let centre = -0.5 / bins_per_row;
                 let horizon_px = offset / sin + centre;

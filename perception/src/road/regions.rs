@@ -1,5 +1,6 @@
 //! Obstacle regions: connected occupancy becomes boxes with a distance.
 
+use super::Tilt;
 use super::occupancy::{CELL_COLUMNS, Occupancy};
 use super::profile::RoadProfile;
 use crate::rig::Rig;
@@ -84,6 +85,9 @@ impl Default for RegionParameters {
     }
 }
 
+/// Regions that are measured before the nearest are chosen.
+const CAPACITY: usize = 512;
+
 /// Groups occupied cells, with memory allocated once.
 #[derive(Debug)]
 pub struct RegionFinder {
@@ -105,35 +109,40 @@ impl RegionFinder {
             stack: Vec::with_capacity(cells),
             members: Vec::with_capacity(cells),
             by_depth: vec![0; grid.depths()],
-            regions: Vec::with_capacity(parameters.greatest_count + 1),
+            regions: Vec::with_capacity(CAPACITY),
             parameters,
         }
     }
 
-    /// Groups the cells of `grid`, nearest first. `width` and `height` are the image's.
+    /// Groups the cells of `grid`; the regions are sorted, nearest first, and beyond the greatest
+    /// count the farthest are left out. `size` is the image's width and height.
     pub fn find(
         &mut self,
         grid: &Occupancy,
         road: &RoadProfile,
+        tilt: Tilt,
         rig: &Rig,
-        width: usize,
-        height: usize,
+        size: (usize, usize),
     ) -> &[Region] {
         self.visited.fill(false);
         self.regions.clear();
         for depth in (0..grid.depths()).rev() {
             for column in 0..grid.columns() {
-                if self.regions.len() == self.parameters.greatest_count {
-                    return &self.regions;
-                }
                 if !self.visited[column * grid.depths() + depth] && self.occupied(grid, rig, column, depth) {
                     self.gather(grid, rig, column, depth);
-                    if let Some(region) = self.measure(grid, road, rig, width, height) {
+                    if let Some(region) = self.measure(grid, road, tilt, rig, size)
+                        && self.regions.len() < CAPACITY
+                    {
                         self.regions.push(region);
                     }
                 }
             }
         }
+        // The seed is the nearest stray cell; what counts is where the region stands.
+        self.regions.sort_unstable_by(|a, b| {
+            b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
+        });
+        self.regions.truncate(self.parameters.greatest_count);
         &self.regions
     }
 
@@ -179,9 +188,9 @@ impl RegionFinder {
         &mut self,
         grid: &Occupancy,
         road: &RoadProfile,
+        tilt: Tilt,
         rig: &Rig,
-        width: usize,
-        height: usize,
+        (width, height): (usize, usize),
     ) -> Option<Region> {
         self.by_depth.fill(0);
         let (mut left, mut right) = (u32::MAX, 0);
@@ -207,7 +216,9 @@ impl RegionFinder {
         let x = left * CELL_COLUMNS as u32;
         let right = ((right + 1) * CELL_COLUMNS as u32).min(width as u32);
         // The mask leaves out what is low: the box goes down to the road.
-        let foot = road.row_at(disparity_px as f32).unwrap_or(f32::from(bottom)).round();
+        let middle = f64::from(x + right) / 2.0;
+        let levelled = tilt.level(middle, disparity_px).max(0.0) as f32;
+        let foot = road.row_at(levelled).unwrap_or(f32::from(bottom)).round();
         let foot = (foot.clamp(0.0, (height - 1) as f32) as u32).max(u32::from(bottom));
         let top = u32::from(top);
         let bounds = PixelBox { x, y: top, width: right - x, height: foot + 1 - top };

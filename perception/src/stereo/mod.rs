@@ -12,7 +12,7 @@ use thiserror::Error;
 
 pub use mpv::{FullMpv, MpvParameters};
 
-/// Steps of disparity per pixel in a [`DisparityMap`]: 1/256 px.
+/// Steps of disparity per pixel in a [`DisparityView`]: 1/256 px.
 pub const DISPARITY_SCALE: f32 = 256.0;
 
 /// A borrowed disparity map: `width` × `height`, in 1/256 px, 0 = unknown.
@@ -109,6 +109,18 @@ pub enum MatcherError {
         height: usize,
         /// Least width and height.
         least: usize,
+    },
+    /// More nodes than a matcher is meant to hold.
+    #[error(
+        "{width}x{height} pixels with {disparities} disparities are more than a matcher holds: scale the images down"
+    )]
+    TooLarge {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// Disparities.
+        disparities: usize,
     },
     /// Beyond what 16-bit disparities in 1/256 px hold.
     #[error("{0} disparities: give 2 to 255")]

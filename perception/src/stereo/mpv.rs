@@ -21,6 +21,10 @@ use crate::image::GreyView;
 /// The least width and height of a pair.
 pub const LEAST_SIZE: usize = 8;
 
+/// The most nodes of an image, two bytes of workspace each: 4096 × 2048 pixels with 128
+/// disparities.
+pub const MOST_NODES: usize = 1 << 30;
+
 /// Layers whose truncation adds up in the energies.
 const LAYERS: u8 = 4;
 
@@ -103,13 +107,19 @@ impl FullMpv {
         if !(2..=255).contains(&disparities) {
             return Err(MatcherError::Disparities(disparities));
         }
-        Ok(())
+        let padded = width.checked_next_multiple_of(LANES);
+        let nodes = padded.and_then(|w| w.checked_mul(height)).and_then(|p| p.checked_mul(disparities));
+        match nodes {
+            Some(nodes) if nodes <= MOST_NODES => Ok(()),
+            _ => Err(MatcherError::TooLarge { width, height, disparities }),
+        }
     }
 
     /// A matcher for pairs of `width` × `height` pixels and disparities 0 to `disparities` − 1.
     ///
     /// # Errors
-    /// When the image is smaller than [`LEAST_SIZE`] or `disparities` is not 2 to 255.
+    /// When the image is smaller than [`LEAST_SIZE`], `disparities` is not 2 to 255, or there are
+    /// more than [`MOST_NODES`] nodes.
     pub fn new(
         parameters: MpvParameters,
         width: usize,
@@ -432,7 +442,7 @@ mod tests {
             let (a, b) = (path(dx, dy), path(-dx, -dy));
             for (target, (a, b)) in energy.iter_mut().zip(a.iter().zip(&b)) {
                 for (t, (&a, &b)) in target.iter_mut().zip(a.iter().zip(b)) {
-                    let mean = (u16::from(a) + u16::from(b) + 1) / 2;
+                    let mean = (u16::from(a) + u16::from(b)).div_ceil(2);
                     *t = if layer == 0 { a.min(b) } else { mean as u8 };
                 }
             }
@@ -505,6 +515,8 @@ mod tests {
         let p = MpvParameters::default();
         assert!(matches!(FullMpv::new(p, 1, 1, 16), Err(MatcherError::TooSmall { .. })));
         assert_eq!(FullMpv::new(p, 64, 64, 256).unwrap_err(), MatcherError::Disparities(256));
+        assert!(matches!(FullMpv::new(p, 16_384, 16_384, 128), Err(MatcherError::TooLarge { .. })));
+        assert!(matches!(FullMpv::new(p, usize::MAX, 8, 2), Err(MatcherError::TooLarge { .. })));
         let mut matcher = FullMpv::new(p, 16, 16, 8).unwrap();
         assert!(matcher.workspace_bytes() > 16 * 16 * 8);
         let (small, right) = (noise(15, 16, 1), noise(16, 16, 1));

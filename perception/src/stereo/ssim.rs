@@ -27,7 +27,7 @@ pub struct CostParameters {
     pub k2: f32,
     /// Share of the gradient term, 0 to 1.
     pub gradient_share: f32,
-    /// Gradient differences above this (grey levels per pixel) all cost the same.
+    /// Gradient differences above this (Sobel/4: grey levels over two pixels) all cost the same.
     pub gradient_limit: u8,
 }
 

@@ -59,12 +59,13 @@ pub struct Alarm {
     parameters: AlarmParameters,
     /// Cause and end of the hold.
     on: Option<(u32, u64)>,
+    last_ns: u64,
 }
 
 impl Alarm {
     /// A silent alarm.
     pub fn new(parameters: AlarmParameters) -> Self {
-        Self { parameters, on: None }
+        Self { parameters, on: None, last_ns: 0 }
     }
 
     /// Whether any part of the candidate lies in the path.
@@ -72,13 +73,18 @@ impl Alarm {
         candidate.lateral_m.abs() - candidate.width_m / 2.0 < self.parameters.path_width_m / 2.0
     }
 
-    /// Judges one frame. With `able` false the alarm is off, whatever was seen.
+    /// Judges one frame. With `able` false the alarm is off, whatever was seen. A time that goes
+    /// back is a new recording: nothing is held over.
     pub fn update(
         &mut self,
         time_ns: u64,
         able: bool,
         candidates: impl IntoIterator<Item = Candidate>,
     ) -> AlarmState {
+        if time_ns < self.last_ns {
+            self.on = None;
+        }
+        self.last_ns = time_ns;
         if !able {
             self.on = None;
             return AlarmState { level: AlarmLevel::Off, track: None, nearest_m: None };
@@ -123,6 +129,9 @@ mod tests {
         // Gone, but held until 110.
         assert_eq!(alarm.update(109, true, []).level, AlarmLevel::Alarm);
         assert_eq!(alarm.update(110, true, []).level, AlarmLevel::Clear);
+        // A recording that starts anew holds nothing over.
+        alarm.update(5_000, true, [at(5.0, 0.0)]);
+        assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Clear);
     }
 
     #[test]

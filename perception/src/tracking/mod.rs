@@ -77,6 +77,9 @@ impl Default for TrackerParameters {
     }
 }
 
+/// Detections of a frame for which memory is set aside.
+const MOST_DETECTIONS: usize = 64;
+
 /// Follows obstacles, with memory allocated once.
 #[derive(Debug)]
 pub struct Tracker {
@@ -93,8 +96,8 @@ impl Tracker {
     pub fn new(parameters: TrackerParameters) -> Self {
         Self {
             tracks: Vec::with_capacity(parameters.greatest_count),
-            pairs: Vec::with_capacity(1024),
-            taken: Vec::with_capacity(256),
+            pairs: Vec::with_capacity(parameters.greatest_count * MOST_DETECTIONS),
+            taken: Vec::with_capacity(MOST_DETECTIONS),
             parameters,
             next_id: 1,
             last_ns: None,
@@ -133,7 +136,9 @@ impl Tracker {
             for (d, detection) in detections.iter().enumerate() {
                 let overlap = track.region.bounds.overlap(&detection.region.bounds);
                 let expected = track.filter.disparity_px();
-                let near = 1.5 + 0.15 * expected;
+                // What noise and a change of speed explain.
+                let spread = track.filter.sigma_px().hypot(detection.region.disparity_sigma_px);
+                let near = 1.5 + 0.15 * expected + 3.0 * spread;
                 if overlap >= self.parameters.least_overlap
                     && (detection.region.disparity_px - expected).abs() <= near
                 {
@@ -230,6 +235,26 @@ mod tests {
     }
 
     #[test]
+    fn a_car_that_closes_in_fast_is_not_lost() {
+        let mut tracker = Tracker::new(TrackerParameters::default());
+        let mut random = fastrand::Rng::with_seed(3);
+        let (mut distance, mut frame) = (45.0, 0);
+        while distance > 4.0 {
+            let mut car = detection(300, distance);
+            car.region.disparity_px += f64::from(random.f32()) * 0.5 - 0.25;
+            tracker.update(frame * PERIOD_NS, &[car]);
+            if distance < 15.0 {
+                let track = &tracker.tracks[0];
+                assert_eq!((tracker.tracks.len(), track.id, track.missed), (1, 1, 0), "at {distance} m");
+                let (ttc, truth) = (track.time_to_collision_s().unwrap(), distance / 15.0);
+                assert!((ttc - truth).abs() < 0.25 * truth, "{ttc} s for {truth} s at {distance} m");
+            }
+            distance -= 15.0 * 0.08;
+            frame += 1;
+        }
+    }
+
+    #[test]
     fn tracks_are_confirmed_bridged_and_forgotten() {
         let mut tracker = Tracker::new(TrackerParameters::default());
         let mut time = 0;
@@ -263,7 +288,7 @@ mod tests {
         let tracks = tracker.update(2, &[detection(302, 20.0)]).to_vec();
         assert_eq!(tracks.iter().filter(|t| t.missed == 0).count(), 1);
         // The same box at another depth is something else.
-        let tracks = tracker.update(3, &[detection(302, 8.0)]).to_vec();
+        let tracks = tracker.update(3, &[detection(302, 5.0)]).to_vec();
         assert!(tracks.iter().all(|t| t.seen == 1), "{tracks:?}");
     }
 

@@ -48,13 +48,14 @@ pub struct SceneFrame {
     pub right: Vec<u8>,
     /// Exact disparity of each left pixel, in px; 0 at infinity.
     pub disparity_px: Vec<f32>,
-    /// Objects in view with their near side within 60 m, nearest first; buildings left out.
+    /// Objects whose near side lies in the picture and within 60 m, nearest first, hidden ones too;
+    /// buildings left out.
     pub objects: Vec<ObjectTruth>,
 }
 
 /// The built-in drive: a street with houses, parked cars, posts and a small box, and a car ahead
-/// that is caught up with and then pulls away. It repeats every [`Drive::CYCLE_S`] seconds and is
-/// the same for the same seed.
+/// that is caught up with and then pulls away. Its objects repeat every [`Drive::CYCLE_S`] seconds;
+/// the same seed gives the same pictures.
 #[derive(Debug)]
 pub struct Drive {
     seed: u64,
@@ -108,13 +109,13 @@ impl Drive {
     fn place(&mut self, t: f64) {
         self.blocks.clear();
         let travelled = t * Self::SPEED_M_S;
-        let mut add = |class, x: (f64, f64), tall: f64, near: f64, long: f64, grey, look, origin: f64| {
-            let z_m = (near, near + long);
-            if z_m.1 > 0.5 && near < 150.0 {
-                let origin_z_m = near - origin;
-                self.blocks.push((Block { x_m: x, up_m: (0.0, tall), z_m, grey, look, origin_z_m }, class));
-            }
-        };
+        let mut add =
+            |class, x: (f64, f64), tall: f64, near: f64, long: f64, grey: f32, look, pattern: f32| {
+                let z_m = (near, near + long);
+                if z_m.1 > 0.5 && near < 150.0 {
+                    self.blocks.push((Block { x_m: x, up_m: (0.0, tall), z_m, grey, look, pattern }, class));
+                }
+            };
         // The street repeats with the cycle, so that the drive can.
         let length = Self::CYCLE_S * Self::SPEED_M_S;
         for repeat in -1..3 {
@@ -128,22 +129,31 @@ impl Drive {
                     let (a, b) = (sign * front, sign * (front + 8.0));
                     let grey = 95.0 + (key / 4096 % 70) as f32;
                     let x = (a.min(b), a.max(b));
-                    add(ObjectClass::Building, x, tall, near, 11.0, grey, Look::Building, 0.0);
+                    add(ObjectClass::Building, x, tall, near, 11.0, grey, Look::Building, (key % 251) as f32);
                 }
             }
             for (at, x, grey) in
                 [(14.0, 4.4, 150.0), (38.0, -4.4, 70.0), (61.0, 4.4, 105.0), (83.0, -4.4, 135.0)]
             {
                 let x = (x - 0.88, x + 0.88);
-                add(ObjectClass::Vehicle, x, 1.45, start + at, 4.2, grey, Look::Vehicle, 0.0);
+                add(ObjectClass::Vehicle, x, 1.45, start + at, 4.2, grey, Look::Vehicle, grey);
             }
             for (at, x) in [(26.0, 6.4), (50.0, -6.4), (74.0, 6.4)] {
-                add(ObjectClass::Post, (x - 0.15, x + 0.15), 2.6, start + at, 0.3, 60.0, Look::Plain, 0.0);
+                add(
+                    ObjectClass::Post,
+                    (x - 0.15, x + 0.15),
+                    2.6,
+                    start + at,
+                    0.3,
+                    60.0,
+                    Look::Plain,
+                    at as f32,
+                );
             }
-            add(ObjectClass::Box, (-3.2, -2.5), 0.6, start + 45.0, 0.5, 175.0, Look::Plain, 0.0);
+            add(ObjectClass::Box, (-3.2, -2.5), 0.6, start + 45.0, 0.5, 175.0, Look::Plain, 90.0);
         }
         let lead = Self::lead_distance_m(t);
-        add(ObjectClass::Vehicle, (-0.9, 0.9), 1.5, lead, 4.3, 85.0, Look::Vehicle, lead);
+        add(ObjectClass::Vehicle, (-0.9, 0.9), 1.5, lead, 4.3, 85.0, Look::Vehicle, 140.0);
     }
 
     /// Distance of the rear of the car ahead, `t` seconds into the drive.

@@ -16,8 +16,8 @@ pub struct Block {
     pub grey: f32,
     /// What its faces look like.
     pub look: Look,
-    /// Where its texture starts along z, so that it moves with the block.
-    pub origin_z_m: f64,
+    /// Which part of the pattern its faces show; one for each block, for ever.
+    pub pattern: f32,
 }
 
 /// What the faces of a block look like.
@@ -151,7 +151,8 @@ fn draw_block(camera: &Camera<'_>, texture: &Texture, block: &Block, grey: &mut 
             let across = camera.x_m + dx * z;
             let (u, light) = match face {
                 Face::Rear => (across - block.x_m.0, 0.0),
-                Face::Side => (z - block.origin_z_m, -22.0),
+                // From its near side, so that the texture moves with the block.
+                Face::Side => (z - block.z_m.0, -22.0),
                 Face::Top => (across - block.x_m.0, 25.0),
             };
             grey[i] = shade(block, face, u, up, light, z / rig.focal_px, texture);
@@ -198,8 +199,7 @@ fn shade(
     texture: &Texture,
 ) -> u8 {
     let per_m = 1.0 / 0.015;
-    // Each block shows its own part of the pattern.
-    let own = (block.origin_z_m * 13.0 + f64::from(block.grey)) as f32;
+    let own = block.pattern;
     let sample = texture.sample(
         (u * per_m) as f32 + own,
         (up * per_m) as f32 + 2.0 * own,
@@ -241,7 +241,7 @@ mod tests {
     const RIG: Rig = Rig { focal_px: 440.0, baseline_m: 0.12, cx_px: 160.0, cy_px: 110.0 };
 
     fn block(z: (f64, f64)) -> Block {
-        Block { x_m: (-1.0, 1.0), up_m: (0.0, 1.5), z_m: z, grey: 120.0, look: Look::Plain, origin_z_m: z.0 }
+        Block { x_m: (-1.0, 1.0), up_m: (0.0, 1.5), z_m: z, grey: 120.0, look: Look::Plain, pattern: 17.0 }
     }
 
     fn see(x_m: f64, blocks: &[Block]) -> (Vec<u8>, Vec<f32>) {

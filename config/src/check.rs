@@ -91,7 +91,7 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     let base = checker.profile(table.get_ref());
     checker.table(table.get_ref());
     if !checker.errors.is_empty() {
-        return Err(ConfigErrors(checker.errors));
+        return Err(checker.finish());
     }
     // The faultless text over its profile over the default.
     let mut merged = toml::Table::new();
@@ -117,7 +117,7 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
         ConfigErrors(checker.errors.clone())
     })?;
     checker.relations(&config, table.get_ref());
-    if checker.errors.is_empty() { Ok(config) } else { Err(ConfigErrors(checker.errors)) }
+    if checker.errors.is_empty() { Ok(config) } else { Err(checker.finish()) }
 }
 
 struct Checker<'a> {
@@ -127,6 +127,12 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
+    /// All faults, in the order of their lines.
+    fn finish(mut self) -> ConfigErrors {
+        self.errors.sort_by_key(|error| error.line);
+        ConfigErrors(self.errors)
+    }
+
     fn add(&mut self, offset: Option<usize>, text: String) {
         let line = offset.map(|at| self.text[..at.min(self.text.len())].matches('\n').count() + 1);
         self.errors.push(ConfigError { file: self.file.to_owned(), line, text });
@@ -210,7 +216,7 @@ impl Checker<'_> {
             if low.1 > high.1 {
                 let offset = place(low.0).or_else(|| place(high.0));
                 let text =
-                    format!("{} = {} is above {} = {}: swap or widen them", low.0, low.1, high.0, high.1);
+                    format!("{} = {} is too high: at most {}, because of {}", low.0, low.1, high.1, high.0);
                 self.add(offset, text);
             }
         };
@@ -230,15 +236,20 @@ impl Checker<'_> {
             ("supervision.restart_first_ms", c.supervision.restart_first_ms as f64),
             ("supervision.restart_longest_ms", c.supervision.restart_longest_ms as f64),
         );
+        let heartbeat = ("supervision.heartbeat_ms", c.supervision.heartbeat_ms as f64);
         ordered(
-            ("supervision.heartbeat_ms", 2.0 * c.supervision.heartbeat_ms as f64),
-            ("supervision.liveness_deadline_ms", c.supervision.liveness_deadline_ms as f64),
+            heartbeat,
+            ("supervision.liveness_deadline_ms", c.supervision.liveness_deadline_ms as f64 / 2.0),
         );
-        if c.source.kind == "folder" && c.source.path.as_os_str().is_empty() {
-            self.add(
-                place("source.kind"),
-                "source.kind = \"folder\" needs source.path: name the folder".into(),
-            );
+        // A stage hears of a request to stop at its next heartbeat at the latest.
+        ordered(heartbeat, ("supervision.stop_grace_ms", c.supervision.stop_grace_ms as f64 / 2.0));
+        ordered(
+            ("alarm.distance_m", c.alarm.distance_m),
+            ("regions.distance_max_m", c.regions.distance_max_m),
+        );
+        if c.source.fps > 0.0 && c.source.fps < 0.01 {
+            let text = format!("source.fps = {}: give 0, or at least 0.01", c.source.fps);
+            self.add(place("source.fps"), text);
         }
     }
 }
@@ -340,12 +351,14 @@ name = \"a b\"
             (9, "unknown table [ipc]"),
             (11, "source.kind = \"camera\": give one of \"scene\""),
             (12, "source.repeat = 1: give true or false"),
-            (14, "instance.name = \"a b\": give 1 to 24 letters"),
+            (14, "instance.name = \"a b\": give 1 to 16 letters"),
         ] {
             let expected = format!("car.toml:{line}: {part}");
             assert!(got.iter().any(|e| e.starts_with(&expected)), "{expected}\nin {got:#?}");
         }
         assert_eq!(got.len(), 10, "{got:#?}");
+        let line = |e: &String| e.split(':').nth(1).and_then(|l| l.parse::<u32>().ok());
+        assert!(got.windows(2).all(|w| line(&w[0]) <= line(&w[1])), "{got:#?}");
     }
 
     #[test]
@@ -353,15 +366,23 @@ name = \"a b\"
         assert!(errors("[alarm\n")[0].starts_with("car.toml:1: "), "{:?}", errors("[alarm\n"));
         assert!(errors("\n\nalarm = 3\n")[0].starts_with("car.toml:3: alarm is a table"));
         let crossed = errors("[regions]\nheight_max_m = 1\nheight_min_m = 2.5\n");
-        assert!(crossed[0].starts_with("car.toml:3: regions.height_min_m = 2.5 is above"), "{crossed:?}");
-        let folder = errors("[source]\nkind = \"folder\"\n");
-        assert!(folder[0].contains("needs source.path"), "{folder:?}");
+        assert!(
+            crossed[0].starts_with("car.toml:3: regions.height_min_m = 2.5 is too high: at most 1"),
+            "{crossed:?}"
+        );
+        for (text, expected) in [
+            ("[source]\nfps = 1e-300\n", "source.fps = "),
+            ("[alarm]\ndistance_m = 80\n", "alarm.distance_m = 80 is too high: at most 60"),
+            ("[supervision]\nheartbeat_ms = 3000\n", "because of supervision.liveness_deadline_ms"),
+        ] {
+            assert!(errors(text)[0].contains(expected), "{:?}", errors(text));
+        }
         let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
         assert!(missing.contains("/no/such.toml") && missing.contains("orin-nano"), "{missing}");
     }
 
     #[test]
-    fn a_value_from_a_profile_is_at_fault_without_a_line() {
+    fn a_fault_with_a_value_of_the_profile_has_the_line_of_the_file() {
         // The file lowers the maximum below the default minimum: the line is that of the file.
         let crossed = errors("[road]\ncamera_height_max_m = 0.2\n");
         assert!(crossed[0].starts_with("car.toml:2: "), "{crossed:?}");

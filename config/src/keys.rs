@@ -38,7 +38,7 @@ use Kind::{Choice, Name, Number, Path, Switch, Whole};
 pub const KEYS: &[Key] = &[
     key(
         "instance.name",
-        Name(24),
+        Name(16),
         "Tells daemons on one machine apart; `lookout status` finds a daemon by it.",
     ),
     key(
@@ -62,7 +62,11 @@ pub const KEYS: &[Key] = &[
         Whole(0, 1 << 53),
         "Seed of the synthetic drive; the same seed gives the same pictures.",
     ),
-    key("source.fps", Number(0.0, 1000.0), "Pairs per second; 0 takes the recording's own rate."),
+    key(
+        "source.fps",
+        Number(0.0, 1000.0),
+        "Pairs per second, at least 0.01; 0 takes the recording's own rate.",
+    ),
     key("source.repeat", Switch, "Starts a recording again when it ends."),
     key("source.rig", Path, "Rig TOML or KITTI calib.txt; empty takes the calibration beside the recording."),
     key(

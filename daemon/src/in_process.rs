@@ -60,7 +60,7 @@ impl Buffer {
 pub struct Pipeline {
     source: Box<dyn PairSource>,
     format: FrameFormat,
-    period_ns: u64,
+    source_period_ns: u64,
     stereo: StereoRoom,
     road: RoadRoom,
     recognition: RecognitionRoom,
@@ -102,7 +102,7 @@ impl Pipeline {
         let stereo = StereoRoom::new(config, &format)?;
         let road = RoadRoom::new(config, &format);
         Ok(Self {
-            period_ns: input::period_ns(config, source.as_ref()),
+            source_period_ns: source.period_ns(),
             pair: Buffer::new(pair::payload_bytes(format.width, format.height)),
             depth: Buffer::new(stereo.output_bytes()),
             regions: Buffer::new(road.output_bytes()),
@@ -127,7 +127,7 @@ impl Pipeline {
     pub fn frame(&mut self, sequence: u64, index: u64) -> Result<FrameResult<'_>, PipelineError> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
-        header.source_ns = sequence * self.period_ns;
+        header.source_ns = sequence.saturating_mul(self.source_period_ns);
         header.width = self.format.width as u32;
         header.height = self.format.height as u32;
         let (left, right) = pair::split_mut(self.pair.get_mut());

@@ -13,6 +13,9 @@ pub enum InputError {
     /// The source.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// A folder is wanted, but not named.
+    #[error("source.kind is \"folder\", but source.path is empty: name the folder")]
+    NoPath,
     /// Nothing tells what a disparity means in metres.
     #[error(
         "{0}: no calibration: put calib.txt or rig.toml beside the images, or name one with --rig or source.rig"
@@ -27,8 +30,13 @@ pub enum InputError {
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     let source = &config.source;
     Ok(match source.kind.as_str() {
+        "folder" if source.path.as_os_str().is_empty() => return Err(InputError::NoPath),
         "folder" => Box::new(FolderSource::open(&source.path)?),
-        _ => Box::new(Drive::paper(source.seed.unsigned_abs())),
+        _ => {
+            let drive = Drive::paper(source.seed.unsigned_abs());
+            // A scene can be seen at any rate; its time is that of the rate.
+            Box::new(if source.fps > 0.0 { drive.at_rate(source.fps) } else { drive })
+        }
     })
 }
 

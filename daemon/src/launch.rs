@@ -22,8 +22,8 @@ pub struct Launch {
     pub first_sequence: u64,
     /// One past the last pair; `None` = without end.
     pub end_sequence: Option<u64>,
-    /// Time between pairs, in nanoseconds.
-    pub period_ns: u64,
+    /// Time in the scene from one pair to the next, in nanoseconds.
+    pub source_period_ns: u64,
     /// Where the writer writes.
     pub out: Option<PathBuf>,
     /// Whether the stage takes over from one that died.
@@ -52,6 +52,11 @@ impl FrameFormat {
     pub fn new((width, height): (usize, usize), rig: Rig) -> Self {
         let Rig { focal_px, baseline_m, cx_px, cy_px } = rig;
         Self { width, height, focal_px, baseline_m, cx_px, cy_px }
+    }
+
+    /// Whether a frame has the run's size.
+    pub fn has_size(&self, header: &ipc::header::Header) -> bool {
+        (header.width as usize, header.height as usize) == (self.width, self.height)
     }
 
     /// The rig.

@@ -7,8 +7,10 @@ use std::os::unix::fs::FileExt;
 /// Resident memory, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Its own: anonymous and file pages.
+    /// Its own.
     pub private_bytes: u64,
+    /// Pages of files, most of all of the program; processes share them.
+    pub file_bytes: u64,
     /// Shared memory that it has touched; other processes may have too.
     pub shared_bytes: u64,
 }
@@ -41,7 +43,11 @@ fn parse(status: &str) -> Option<Memory> {
         let line = status.lines().find_map(|line| line.strip_prefix(name))?;
         Some(line.split_ascii_whitespace().next()?.parse::<u64>().ok()? * 1024)
     };
-    Some(Memory { private_bytes: bytes("RssAnon:")? + bytes("RssFile:")?, shared_bytes: bytes("RssShmem:")? })
+    Some(Memory {
+        private_bytes: bytes("RssAnon:")?,
+        file_bytes: bytes("RssFile:")?,
+        shared_bytes: bytes("RssShmem:")?,
+    })
 }
 
 #[cfg(test)]
@@ -51,7 +57,10 @@ mod tests {
     #[test]
     fn the_lines_of_the_kernel_are_read() {
         let text = "Name:\tx\nVmRSS:\t 30 kB\nRssAnon:\t    12 kB\nRssFile:\t 8 kB\nRssShmem:\t 10 kB\n";
-        assert_eq!(parse(text), Some(Memory { private_bytes: 20 * 1024, shared_bytes: 10 * 1024 }));
+        assert_eq!(
+            parse(text),
+            Some(Memory { private_bytes: 12 * 1024, file_bytes: 8 * 1024, shared_bytes: 10 * 1024 })
+        );
         assert_eq!(parse("RssAnon: x kB"), None);
         let own = MemoryProbe::open().unwrap().read().unwrap();
         assert!(own.private_bytes > 100_000, "{own:?}");

@@ -1,14 +1,40 @@
 //! One running daemon on this machine: its name, its folder, its lock and its shared memory.
+//!
+//! `<directory>/<name>/lock` is held by the scheduler while it lives and tells readers which run is
+//! on. The service registry is `<directory>/<name>/bus`. Everything in /dev/shm that a run makes
+//! starts with a prefix of its own, `lookout.<process>.<generation>.`, and `<prefix>run` there is
+//! held as long as the run lives: so what a dead run left is told from what a live one uses,
+//! whatever their names and folders, and nothing else is ever removed.
 
 use rustix::fs::{FlockOperation, flock, statvfs};
-use std::fs::{File, OpenOptions};
+use rustix::io::Errno;
+use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use thiserror::Error;
 
 /// Where shared memory lives on Linux.
 const SHM: &str = "/dev/shm";
+
+/// What all our shared memory starts with.
+const OWN: &str = "lookout.";
+
+/// Where systemd puts the folder of the service.
+const SERVICE_DIRECTORY: &str = "/run/lookout";
+
+/// The longest path of a socket on Linux, less its terminating zero.
+const LONGEST_SOCKET: usize = 107;
+
+/// What the library adds to prefix and folder in the name of a socket.
+const SOCKET_TAIL: usize = 46;
+
+/// Third line of the lock when its run made the base folder, and so has to remove it.
+const MADE: &str = "made its base folder";
+
+/// How long a reader that looks at the lock may be in the way of one that takes it.
+const LOCK_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Names an instance; owns nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,7 +43,7 @@ pub struct Instance {
     directory: PathBuf,
 }
 
-/// Why an instance cannot be started.
+/// Why an instance cannot be used.
 #[derive(Debug, Error)]
 pub enum InstanceError {
     /// Another daemon has it.
@@ -31,6 +57,11 @@ pub enum InstanceError {
         /// Its process id, as it wrote it; "unknown" when it did not yet.
         pid: String,
     },
+    /// There is no daemon.
+    #[error(
+        "no daemon named \"{0}\" is running: start one with lookout run, or name another with --instance"
+    )]
+    NotRunning(String),
     /// Its folder or shared memory cannot be used.
     #[error("{}: {source}: give a folder that this user may write with instance.directory", path.display())]
     Io {
@@ -39,10 +70,27 @@ pub enum InstanceError {
         /// Why it failed.
         source: io::Error,
     },
+    /// Its folder belongs to somebody else.
+    #[error("{}: belongs to another user, or is a link: give another folder with instance.directory", path.display())]
+    Foreign {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The path of a socket would be too long.
+    #[error(
+        "{} is {excess} characters too long for the sockets in it: shorten instance.directory or instance.name",
+        path.display()
+    )]
+    TooLong {
+        /// The folder.
+        path: PathBuf,
+        /// By how much.
+        excess: usize,
+    },
     /// Too little shared memory.
     #[error(
         "{SHM} has {free} bytes free, the message pools need {needed}: enlarge it \
-         (mount -o remount,size=…), or lower stereo.disparities or the image size"
+         (mount -o remount,size=…), or lower the image size"
     )]
     Memory {
         /// Bytes that are free.
@@ -50,6 +98,11 @@ pub enum InstanceError {
         /// Bytes that the pools need.
         needed: u64,
     },
+}
+
+fn io_error(path: &Path) -> impl FnOnce(io::Error) -> InstanceError {
+    let path = path.to_owned();
+    move |source| InstanceError::Io { path, source }
 }
 
 impl Instance {
@@ -66,6 +119,17 @@ impl Instance {
         Self { name: name.to_owned(), directory: base.join(name) }
     }
 
+    /// The instance as a reader finds it: where it would be started from here, else where the
+    /// service has it.
+    pub fn find(name: &str, directory: &Path) -> Self {
+        let here = Self::new(name, directory);
+        if here.is_running() || !directory.as_os_str().is_empty() {
+            return here;
+        }
+        let service = Self::new(name, Path::new(SERVICE_DIRECTORY));
+        if service.is_running() { service } else { here }
+    }
+
     /// Its name.
     pub fn name(&self) -> &str {
         &self.name
@@ -76,93 +140,172 @@ impl Instance {
         &self.directory
     }
 
-    /// What all its shared memory starts with. The double underscore keeps "a" apart from "a_b".
-    pub fn prefix(&self) -> String {
-        format!("lookout_{}__", self.name)
+    /// The folder of the service registry.
+    pub fn bus_directory(&self) -> PathBuf {
+        self.directory.join("bus")
     }
 
-    /// Files in shared memory that belong to it.
+    /// What the shared memory of the present run starts with; `None` when there is none.
+    pub fn prefix(&self) -> Option<String> {
+        let text = std::fs::read_to_string(self.lock_path()).ok()?;
+        let run = text.lines().nth(1)?;
+        run.starts_with(OWN).then(|| run.to_owned())
+    }
+
+    /// Files in shared memory that belong to the present run.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
-        let prefix = self.prefix();
-        let Ok(entries) = std::fs::read_dir(SHM) else { return Vec::new() };
-        entries
-            .flatten()
-            .map(|entry| entry.path())
-            .filter(|path| {
-                path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(prefix.as_bytes()))
-            })
-            .collect()
+        self.prefix().map_or_else(Vec::new, |prefix| shared_files(&prefix))
     }
 
-    /// Bytes of all of them.
+    /// Bytes of memory that they take: pages that were touched, not what is reserved.
     pub fn shared_bytes(&self) -> u64 {
-        self.shared_memory().iter().filter_map(|path| std::fs::metadata(path).ok()).map(|m| m.len()).sum()
+        self.shared_memory().iter().filter_map(|p| std::fs::metadata(p).ok()).map(|m| m.blocks() * 512).sum()
     }
 
     /// Whether a daemon holds this instance.
     pub fn is_running(&self) -> bool {
         let Ok(file) = File::open(self.lock_path()) else { return false };
-        flock(&file, FlockOperation::NonBlockingLockShared).is_err()
+        flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
     }
 
     fn lock_path(&self) -> PathBuf {
         self.directory.join("lock")
     }
+
+    /// Makes the folder, and makes sure that it is ours and short enough.
+    fn prepare(&self, prefix: &str) -> Result<bool, InstanceError> {
+        let length = self.bus_directory().as_os_str().len() + 1 + prefix.len() + SOCKET_TAIL;
+        if length > LONGEST_SOCKET {
+            let path = self.directory.clone();
+            return Err(InstanceError::TooLong { path, excess: length - LONGEST_SOCKET });
+        }
+        let base = self.directory.parent().unwrap_or(Path::new("/"));
+        let made_base = !base.exists();
+        let mut builder = DirBuilder::new();
+        builder.recursive(true).mode(0o750).create(&self.directory).map_err(io_error(&self.directory))?;
+        let metadata = std::fs::symlink_metadata(&self.directory).map_err(io_error(&self.directory))?;
+        if metadata.uid() != rustix::process::getuid().as_raw() || !metadata.is_dir() {
+            return Err(InstanceError::Foreign { path: self.directory.clone() });
+        }
+        Ok(made_base)
+    }
 }
 
-/// The right to run an instance: held by the scheduler while it lives. Taking it removes what an
-/// earlier run left behind, dropping it removes everything that is left.
+/// Files in shared memory whose names start with a prefix.
+fn shared_files(prefix: &str) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(SHM) else { return Vec::new() };
+    let ours = |path: &PathBuf| {
+        path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(prefix.as_bytes()))
+    };
+    entries.flatten().map(|entry| entry.path()).filter(ours).collect()
+}
+
+/// The mark of a run in shared memory.
+fn mark_path(prefix: &str) -> PathBuf {
+    Path::new(SHM).join(format!("{prefix}run"))
+}
+
+/// Removes what runs left that are dead: those whose mark nobody holds. Gives how many files.
+fn sweep_dead_runs() -> usize {
+    let mut removed = 0;
+    for path in shared_files(OWN) {
+        let Some(prefix) = path.file_name().and_then(|n| n.to_str()).and_then(|n| n.strip_suffix(".run"))
+        else {
+            continue;
+        };
+        let Ok(mark) = File::open(&path) else { continue };
+        if flock(&mark, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            // The mark goes last, so that a sweep that is cut short is taken up again.
+            let mut files = shared_files(&format!("{prefix}."));
+            files.sort_by_key(|file| *file == path);
+            removed += files.iter().filter(|file| std::fs::remove_file(file).is_ok()).count();
+        }
+    }
+    removed
+}
+
+/// The right to run an instance: held by the scheduler while it lives. Taking it removes what dead
+/// runs left behind, dropping it removes everything that this one made.
 #[derive(Debug)]
 pub struct InstanceLock {
     instance: Instance,
-    file: File,
-    /// Remains of an earlier run that were removed.
+    lock: File,
+    /// Held as long as the run lives.
+    _mark: File,
+    prefix: String,
+    made_base: bool,
+    /// Remains of dead runs that were removed.
     pub stale: usize,
 }
 
 impl InstanceLock {
-    /// Takes the instance over.
+    /// Takes the instance over. `generation` tells runs of one process apart.
     ///
     /// # Errors
-    /// When another daemon runs it, or its folder cannot be written.
-    pub fn take(instance: &Instance) -> Result<Self, InstanceError> {
-        let io = |path: &Path| {
-            let path = path.to_owned();
-            move |source| InstanceError::Io { path, source }
-        };
+    /// When another daemon runs it, or its folder cannot be used.
+    pub fn take(instance: &Instance, generation: u64) -> Result<Self, InstanceError> {
+        let prefix = format!("{OWN}{}.{:04x}.", std::process::id(), generation & 0xffff);
         let path = instance.lock_path();
+        let mut patience = LOCK_PATIENCE.as_millis() / 10;
         loop {
-            std::fs::DirBuilder::new()
-                .recursive(true)
-                .mode(0o750)
-                .create(&instance.directory)
-                .map_err(io(&instance.directory))?;
-            let mut file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .open(&path)
-                .map_err(io(&path))?;
-            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-                let mut pid = String::new();
-                let read = file.read_to_string(&mut pid);
-                let known = read.is_ok() && !pid.trim().is_empty();
-                return Err(InstanceError::Running {
-                    name: instance.name.clone(),
-                    pid: if known { pid.trim().to_owned() } else { "unknown".into() },
-                });
+            let made_base = instance.prepare(&prefix)?;
+            let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+            let mut lock = match opened {
+                Err(error) if error.kind() == io::ErrorKind::NotFound && patience > 0 => {
+                    // The holder before has just removed the folder.
+                    patience -= 1;
+                    continue;
+                }
+                opened => opened.map_err(io_error(&path))?,
+            };
+            match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) => {}
+                Err(Errno::WOULDBLOCK) if patience > 0 => {
+                    // Perhaps only a reader that looks whether a daemon is there.
+                    patience -= 1;
+                    std::thread::sleep(Duration::from_millis(10));
+                    continue;
+                }
+                Err(Errno::WOULDBLOCK) => {
+                    let mut text = String::new();
+                    let known = lock.read_to_string(&mut text).is_ok();
+                    let pid = text.lines().next().filter(|_| known).unwrap_or("unknown").to_owned();
+                    return Err(InstanceError::Running { name: instance.name.clone(), pid });
+                }
+                Err(error) => return Err(io_error(&path)(error.into())),
             }
             // The holder before may have removed the file while we waited for it.
-            let ours = file.metadata().map_err(io(&path))?.ino();
-            if std::fs::metadata(&path).is_ok_and(|there| there.ino() == ours) {
-                file.set_len(0).map_err(io(&path))?;
-                file.rewind().map_err(io(&path))?;
-                writeln!(file, "{}", std::process::id()).map_err(io(&path))?;
-                let stale = remove_all(instance);
-                return Ok(Self { instance: instance.clone(), file, stale });
+            let ours = lock.metadata().map_err(io_error(&path))?.ino();
+            if !std::fs::metadata(&path).is_ok_and(|there| there.ino() == ours) {
+                continue;
             }
+            let mut stale = sweep_dead_runs();
+            let bus = instance.bus_directory();
+            if std::fs::symlink_metadata(&bus).is_ok() {
+                std::fs::remove_dir_all(&bus).map_err(io_error(&bus))?;
+                stale += 1;
+            }
+            let mark_path = mark_path(&prefix);
+            let mut mark = File::create(&mark_path).map_err(io_error(&mark_path))?;
+            flock(&mark, FlockOperation::NonBlockingLockExclusive)
+                .map_err(|e| io_error(&mark_path)(e.into()))?;
+            writeln!(mark, "{}", instance.name).map_err(io_error(&mark_path))?;
+            // A run that was killed could not remove the folder that it had made.
+            let mut before = String::new();
+            let made_before = lock.read_to_string(&mut before).is_ok() && before.lines().nth(2) == Some(MADE);
+            let made_base = made_base || made_before;
+            lock.set_len(0).map_err(io_error(&path))?;
+            lock.rewind().map_err(io_error(&path))?;
+            let made = if made_base { MADE } else { "" };
+            lock.write_all(format!("{}\n{prefix}\n{made}\n", std::process::id()).as_bytes())
+                .map_err(io_error(&path))?;
+            return Ok(Self { instance: instance.clone(), lock, _mark: mark, prefix, made_base, stale });
         }
+    }
+
+    /// What the shared memory of this run starts with.
+    pub fn prefix(&self) -> &str {
+        &self.prefix
     }
 
     /// Checks that shared memory has room for `needed` bytes more.
@@ -170,83 +313,25 @@ impl InstanceLock {
     /// # Errors
     /// When it has not.
     pub fn check_memory(&self, needed: u64) -> Result<(), InstanceError> {
-        let stat =
-            statvfs(SHM).map_err(|e| InstanceError::Io { path: SHM.into(), source: io::Error::from(e) })?;
+        let stat = statvfs(SHM).map_err(|e| io_error(Path::new(SHM))(e.into()))?;
         let free = stat.f_bavail.saturating_mul(stat.f_frsize);
         if free < needed { Err(InstanceError::Memory { free, needed }) } else { Ok(()) }
     }
 }
 
-/// Removes shared memory and folder entries of an instance, all but the lock.
-fn remove_all(instance: &Instance) -> usize {
-    let mut removed = 0;
-    for path in instance.shared_memory() {
-        removed += usize::from(std::fs::remove_file(path).is_ok());
-    }
-    let Ok(entries) = std::fs::read_dir(&instance.directory) else { return removed };
-    for path in entries.flatten().map(|entry| entry.path()) {
-        if path == instance.lock_path() {
-            continue;
-        }
-        let gone = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
-        removed += usize::from(gone.is_ok());
-    }
-    removed
-}
-
 impl Drop for InstanceLock {
+    /// Best effort: what cannot be removed now is removed by the next run.
     fn drop(&mut self) {
-        remove_all(&self.instance);
-        // Best effort: what cannot be removed now is removed by the next run.
+        for path in shared_files(&self.prefix) {
+            let _ = std::fs::remove_file(path);
+        }
+        let _ = std::fs::remove_dir_all(self.instance.bus_directory());
         let _ = std::fs::remove_file(self.instance.lock_path());
         let _ = std::fs::remove_dir(&self.instance.directory);
-        if let Some(base) = self.instance.directory.parent() {
-            // Only when it is empty and ours.
+        if let (true, Some(base)) = (self.made_base, self.instance.directory.parent()) {
+            // Only when it is empty.
             let _ = std::fs::remove_dir(base);
         }
-        let _ = flock(&self.file, FlockOperation::Unlock);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_instance_is_held_once_and_leaves_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        let base = folder.path().join("run");
-        let instance = Instance::new("lock-test", &base);
-        assert!(!instance.is_running());
-        let lock = InstanceLock::take(&instance).unwrap();
-        assert_eq!(lock.stale, 0);
-        assert!(instance.is_running());
-        let error = InstanceLock::take(&instance).unwrap_err().to_string();
-        assert!(
-            error.contains("already running") && error.contains(&std::process::id().to_string()),
-            "{error}"
-        );
-        lock.check_memory(1).unwrap();
-        assert!(lock.check_memory(u64::MAX).unwrap_err().to_string().contains("/dev/shm"));
-        drop(lock);
-        assert!(!instance.is_running() && !base.exists());
-    }
-
-    #[test]
-    fn remains_of_a_killed_run_are_removed_and_others_are_not() {
-        let folder = tempfile::tempdir().unwrap();
-        let instance = Instance::new("stale-test", folder.path());
-        let other = Instance::new("stale-test-2", folder.path());
-        let stale = Path::new(SHM).join(format!("{}left.over", instance.prefix()));
-        let foreign = Path::new(SHM).join(format!("{}kept", other.prefix()));
-        std::fs::write(&stale, b"x").unwrap();
-        std::fs::write(&foreign, b"x").unwrap();
-        std::fs::create_dir_all(instance.directory().join("services/old")).unwrap();
-        let lock = InstanceLock::take(&instance).unwrap();
-        assert_eq!(lock.stale, 2);
-        assert!(!stale.exists() && foreign.exists());
-        drop(lock);
-        std::fs::remove_file(foreign).unwrap();
-        assert!(folder.path().exists() || !folder.path().join("stale-test").exists());
+        let _ = flock(&self.lock, FlockOperation::Unlock);
     }
 }

@@ -254,12 +254,18 @@ mod tests {
                 let at = random.usize(0..good.len().min(360));
                 bytes[at] = random.u8(..);
             }
+            let header = if round % 5 == 0 {
+                Header { width: random.u32(1..40), height: random.u32(1..40), ..header }
+            } else {
+                header
+            };
             let length = if round % 4 == 0 { random.usize(0..good.len()) } else { good.len() };
             if let Ok(regions) = view(&header, &bytes[..length]) {
                 for region in regions.regions {
                     let crop = regions.crop(region);
                     assert!(crop.is_none_or(|c| c.len() == (region.crop[2] * region.crop[3]) as usize));
-                    assert!(region.bounds[0] + region.bounds[2] <= 16);
+                    assert!(region.bounds[0] + region.bounds[2] <= header.width);
+                    assert_eq!(regions.profile_px.len(), header.height as usize);
                 }
             }
         }

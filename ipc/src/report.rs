@@ -40,6 +40,8 @@ pub struct ReportRecord {
     pub cpu_ns: u64,
     /// Resident memory of its own, in bytes.
     pub private_bytes: u64,
+    /// Resident pages of the program file, in bytes; all stages share them.
+    pub file_bytes: u64,
     /// Resident shared memory, in bytes.
     pub shared_bytes: u64,
     /// Age of the frame when the stage took it up, in nanoseconds.

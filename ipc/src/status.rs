@@ -16,7 +16,7 @@ pub struct ProcessRecord {
     pub core: i32,
     /// How often it was restarted.
     pub restarts: u32,
-    /// Frames finished since it was last started.
+    /// Frames finished, since the daemon started.
     pub frames: u64,
     /// Frames overtaken by newer ones, since the daemon started.
     pub skipped: u64,

@@ -125,28 +125,39 @@ impl Bench {
         }
     }
 
-    /// Asserts that this instance has left nothing.
+    /// Asserts that this instance has left nothing: no folder, no mark of a run of its name, and
+    /// nothing in shared memory without the mark of its run.
     pub fn assert_clean(&self) {
-        let prefix = format!("lookout_{}__", self.instance);
-        let left: Vec<_> = std::fs::read_dir("/dev/shm")
-            .expect("/dev/shm")
-            .flatten()
-            .map(|e| e.file_name())
-            .filter(|n| n.to_string_lossy().starts_with(&prefix))
-            .collect();
-        assert!(left.is_empty(), "left in /dev/shm: {left:?}");
+        assert_eq!(self.run_prefix(), None, "a run of this instance is still marked");
+        let names = shared_names();
+        for name in &names {
+            let run: String = name.splitn(4, '.').take(3).map(|part| format!("{part}.")).collect();
+            // Others come and go while this looks.
+            let marked = names.contains(&format!("{run}run"));
+            assert!(marked || !shared_names().contains(name), "{name} is left without its run");
+        }
         assert!(!self.path("run").exists(), "left in the run folder");
+    }
+
+    /// What the shared memory of this instance's run starts with.
+    fn run_prefix(&self) -> Option<String> {
+        let mark = shared_names().into_iter().find(|name| {
+            let text = std::fs::read_to_string(Path::new("/dev/shm").join(name));
+            name.ends_with(".run") && text.is_ok_and(|t| t.trim() == self.instance)
+        })?;
+        Some(mark.strip_suffix("run")?.to_owned())
     }
 
     /// Files of this instance in shared memory.
     pub fn shared_files(&self) -> usize {
-        let prefix = format!("lookout_{}__", self.instance);
-        std::fs::read_dir("/dev/shm")
-            .expect("/dev/shm")
-            .flatten()
-            .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
-            .count()
+        self.run_prefix().map_or(0, |prefix| shared_names().iter().filter(|n| n.starts_with(&prefix)).count())
     }
+}
+
+/// Names of all our files in shared memory.
+fn shared_names() -> Vec<String> {
+    let entries = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+    entries.filter_map(|e| e.file_name().into_string().ok()).filter(|n| n.starts_with("lookout.")).collect()
 }
 
 /// A process that is killed when its test ends early.

@@ -31,29 +31,39 @@ pub struct FrameWriter {
     folder: PathBuf,
     lines: File,
     lines_path: PathBuf,
+    last: Option<u64>,
 }
 
-/// Makes the folder and its parts.
+/// Makes the folder and its parts, and removes the pictures of an earlier run, which would be
+/// mistaken for this one's: files named by a frame number, nothing else.
 ///
 /// # Errors
-/// When they cannot be made.
+/// When that cannot be done.
 pub fn prepare(folder: &Path) -> Result<(), OutputError> {
     for part in ["overlay", "disparity"] {
         let path = folder.join(part);
-        std::fs::create_dir_all(&path).map_err(|source| OutputError::Io { path, source })?;
+        let io = |source| OutputError::Io { path: path.clone(), source };
+        std::fs::create_dir_all(&path).map_err(io)?;
+        for entry in std::fs::read_dir(&path).map_err(io)?.flatten() {
+            let name = entry.file_name();
+            let number = name.to_str().and_then(|n| n.strip_suffix(".png"));
+            if number.is_some_and(|n| n.len() == 6 && n.bytes().all(|b| b.is_ascii_digit())) {
+                std::fs::remove_file(entry.path()).map_err(io)?;
+            }
+        }
     }
     Ok(())
 }
 
 impl FrameWriter {
-    /// Opens the folder. With `resume` lines are added to those that are there, else the file
-    /// starts anew.
+    /// Opens the folder, which [`prepare`] has made. With `resume` lines are added to those that are
+    /// there, else the file starts anew.
     ///
     /// # Errors
     /// When it cannot be written.
     pub fn open(folder: &Path, resume: bool) -> Result<Self, OutputError> {
-        prepare(folder)?;
         let lines_path = folder.join("obstacles.jsonl");
+        let last = if resume { last_sequence(&lines_path) } else { None };
         let lines = File::options()
             .create(true)
             .write(true)
@@ -61,10 +71,16 @@ impl FrameWriter {
             .truncate(!resume)
             .open(&lines_path)
             .map_err(|source| OutputError::Io { path: lines_path.clone(), source })?;
-        Ok(Self { folder: folder.to_owned(), lines, lines_path })
+        Ok(Self { folder: folder.to_owned(), lines, lines_path, last })
     }
 
-    /// Writes the line of a frame; with images also its overlay and its disparity map.
+    /// Number of the last frame that was written, also by the writer before this one.
+    pub fn last(&self) -> Option<u64> {
+        self.last
+    }
+
+    /// Writes the line of a frame; with images also its overlay and its disparity map. The line
+    /// comes last: where it is, the pictures are whole.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -73,19 +89,27 @@ impl FrameWriter {
         record: &FrameRecord,
         images: Option<OverlayInput<'_>>,
     ) -> Result<(), OutputError> {
-        let io = |source| OutputError::Io { path: self.lines_path.clone(), source };
-        let mut line = serde_json::to_vec(record).map_err(|e| io(e.into()))?;
-        line.push(b'\n');
-        // One write per line: a killed writer leaves no half line.
-        self.lines.write_all(&line).map_err(io)?;
         if let Some(input) = images {
             let name = format!("{:06}.png", record.sequence);
             overlay::draw(input, record).save(&self.folder.join("overlay").join(&name))?;
             let path = self.folder.join("disparity").join(&name);
             save_disparity(&path, input.disparity, input.width, input.height)?;
         }
+        let io = |source| OutputError::Io { path: self.lines_path.clone(), source };
+        let mut line = serde_json::to_vec(record).map_err(|e| io(e.into()))?;
+        line.push(b'\n');
+        // One write per line: a killed writer leaves no half line.
+        self.lines.write_all(&line).map_err(io)?;
+        self.last = Some(record.sequence);
         Ok(())
     }
+}
+
+/// Number of the frame in the last line of a file; `None` when there is none.
+fn last_sequence(path: &Path) -> Option<u64> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let record: FrameRecord = serde_json::from_str(text.lines().last()?).ok()?;
+    Some(record.sequence)
 }
 
 /// Writes `summary.json`.
@@ -108,6 +132,7 @@ mod tests {
     fn frames_become_files() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
+        prepare(&out).unwrap();
         let mut writer = FrameWriter::open(&out, false).unwrap();
         let (left, disparity, profile) = (vec![5; 600], vec![256; 600], vec![0.0; 20]);
         let images =
@@ -115,6 +140,7 @@ mod tests {
         writer.write(&FrameRecord { sequence: 7, ..Default::default() }, Some(images)).unwrap();
         drop(writer);
         let mut writer = FrameWriter::open(&out, true).unwrap();
+        assert_eq!(writer.last(), Some(7));
         writer.write(&FrameRecord { sequence: 8, ..Default::default() }, None).unwrap();
         let lines = std::fs::read_to_string(out.join("obstacles.jsonl")).unwrap();
         let sequences: Vec<u64> =
@@ -124,7 +150,11 @@ mod tests {
         write_summary(&out, &RunSummary::default()).unwrap();
         FrameWriter::open(&out, false).unwrap();
         assert_eq!(std::fs::read(out.join("obstacles.jsonl")).unwrap(), b"");
-        let error = FrameWriter::open(&out.join("summary.json"), false).unwrap_err().to_string();
+        // A new run removes the pictures of the old one, and nothing else.
+        std::fs::write(out.join("overlay/mine.png"), b"x").unwrap();
+        prepare(&out).unwrap();
+        assert!(!out.join("overlay/000007.png").exists() && out.join("overlay/mine.png").exists());
+        let error = prepare(&out.join("summary.json")).unwrap_err().to_string();
         assert!(error.contains("--out"), "{error}");
     }
 }

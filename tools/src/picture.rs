@@ -135,10 +135,13 @@ fn save_png(
     colour: ExtendedColorType,
 ) -> Result<(), PictureError> {
     let fail = |reason: String| PictureError { path: path.to_owned(), reason };
-    let file = BufWriter::new(File::create(path).map_err(|e| fail(e.to_string()))?);
+    // Whole or not at all: a process may be killed while it writes.
+    let part = path.with_extension("part");
+    let file = BufWriter::new(File::create(&part).map_err(|e| fail(e.to_string()))?);
     PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Up)
         .write_image(data, width as u32, height as u32, colour)
-        .map_err(|e| fail(e.to_string()))
+        .map_err(|e| fail(e.to_string()))?;
+    std::fs::rename(&part, path).map_err(|e| fail(e.to_string()))
 }
 
 /// Saves a disparity map (1/256 px, 0 = unknown) as 16-bit PNG: the format of KITTI.

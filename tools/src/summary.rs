@@ -101,16 +101,20 @@ pub struct RunSummary {
     pub offered: u64,
     /// Frames that came out at the end.
     pub frames: u64,
-    /// Frames that were overtaken on the way, all stages together.
+    /// Frames that newer ones overtook on the way, all stages together.
     pub dropped: u64,
+    /// Frames that ended otherwise: with a stage that died, or with the run.
+    pub lost: u64,
     /// Frames a second.
     pub rate_hz: f64,
     /// Capture to obstacles.
     pub latency: Percentiles,
     /// The processes.
     pub processes: Vec<ProcessSummary>,
-    /// Shared memory of the daemon, counted once.
+    /// Shared memory of the daemon that was touched, counted once.
     pub shared_bytes: u64,
+    /// Resident pages of the program file, counted once.
+    pub file_bytes: u64,
     /// How often the alarm was raised.
     pub alarms: u32,
     /// Restarts of all stages together.
@@ -166,20 +170,22 @@ impl fmt::Display for RunSummary {
             "",
             "",
             cpu,
-            mebibytes(private + self.shared_bytes),
+            mebibytes(private + self.shared_bytes + self.file_bytes),
             self.restarts
         )?;
         write!(
             f,
             "{} of {} pairs in {:.1} s: {:.1} per second, first result after {:.2} s, {} alarms; \
-             times in ms; shared memory {:.1} MiB, counted once in the last line",
+             times in ms; the last line's memory counts {:.1} MiB of shared memory and {:.1} MiB of the \
+             program once",
             self.frames,
             self.offered,
             self.seconds,
             self.rate_hz,
             self.first_result_s,
             self.alarms,
-            mebibytes(self.shared_bytes)
+            mebibytes(self.shared_bytes),
+            mebibytes(self.file_bytes)
         )
     }
 }

@@ -11,7 +11,7 @@ use ipc::role::Role;
 use perception::road::RoadDetector;
 use perception::stereo::DisparityView;
 use std::io::IsTerminal;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tools::output::write_summary;
 use tools::plot::{self, Series};
@@ -24,16 +24,10 @@ const DISPARITIES: i64 = 64;
 pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
     config.source.kind = "scene".into();
+    // The scene has a rig of its own.
+    config.source.rig = PathBuf::new();
     if args.config.config.is_none() {
         config.stereo.disparities = DISPARITIES;
-    }
-    // Pictures of an earlier run would be mistaken for this one's.
-    for part in ["overlay", "disparity"] {
-        let path = args.out.join(part);
-        if path.is_dir() {
-            std::fs::remove_dir_all(&path)
-                .map_err(|e| CommandError::Other(format!("{}: {e}", path.display())))?;
-        }
     }
     let options = RunOptions {
         lockstep: false,

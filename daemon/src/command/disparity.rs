@@ -1,6 +1,6 @@
 //! `lookout disparity`.
 
-use super::{CommandError, load};
+use super::{CommandError, load, say};
 use crate::cli::Disparity;
 use crate::rooms::mpv_parameters;
 use perception::image::GreyView;
@@ -77,17 +77,15 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         workspace_bytes: matcher.workspace_bytes(),
     };
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&figures)?);
-    } else {
-        println!(
-            "{width}x{height}, {disparities} disparities: {:.1} % known, {:.0} ms of processor time \
-             (median of {}), workspace {:.1} MiB; {}",
-            figures.density * 100.0,
-            figures.cpu_ms_median,
-            args.repeat,
-            figures.workspace_bytes as f64 / (1 << 20) as f64,
-            args.out.display()
-        );
+        return say(serde_json::to_string_pretty(&figures)?);
     }
-    Ok(())
+    say(format_args!(
+        "{width}x{height}, {disparities} disparities: {:.1} % known, {:.0} ms of processor time \
+             (median of {}), workspace {:.1} MiB; {}",
+        figures.density * 100.0,
+        figures.cpu_ms_median,
+        args.repeat,
+        figures.workspace_bytes as f64 / (1 << 20) as f64,
+        args.out.display()
+    ))
 }

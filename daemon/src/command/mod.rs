@@ -13,7 +13,8 @@ use crate::launch::Launch;
 use crate::stage::StageError;
 use config::Config;
 use ipc::role::Role;
-use std::io::Read;
+use std::fmt;
+use std::io::{self, Read, Write};
 use thiserror::Error;
 
 /// Why a command failed; one line (or one per fault) for the user.
@@ -52,6 +53,12 @@ pub enum CommandError {
     /// Shared memory.
     #[error(transparent)]
     Ipc(#[from] ipc::bus::IpcError),
+    /// An instance.
+    #[error(transparent)]
+    Instance(#[from] ipc::instance::InstanceError),
+    /// A room.
+    #[error(transparent)]
+    Room(#[from] crate::rooms::RoomError),
     /// JSON.
     #[error("the result cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -75,6 +82,14 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Obstacles(args) => obstacles::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),
+    }
+}
+
+/// Prints a line to standard output. A reader that has seen enough (`| head`) is no error.
+fn say(text: impl fmt::Display) -> Result<(), CommandError> {
+    match writeln!(io::stdout().lock(), "{text}") {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        result => result.map_err(|e| CommandError::Other(format!("standard output: {e}"))),
     }
 }
 

@@ -1,7 +1,7 @@
 //! `lookout obstacles`.
 
 use super::disparity::read_pair;
-use super::{CommandError, load};
+use super::{CommandError, load, say};
 use crate::cli::Obstacles;
 use crate::in_process::Pipeline;
 use perception::rig::Rig;
@@ -62,33 +62,31 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     }
     let record = &result.record;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(record)?);
-        return Ok(());
+        return say(serde_json::to_string_pretty(record)?);
     }
     match &record.road {
-        Some(road) => println!(
+        Some(road) => say(format_args!(
             "road: camera {:.2} m above it, horizon in row {:.0}, seen in {:.0} % of its rows",
             road.camera_height_m,
             road.horizon_px,
             road.confidence * 100.0
-        ),
-        None => println!("no road seen: no obstacles can be told from it"),
+        ))?,
+        None => say("no road seen: no obstacles can be told from it")?,
     }
-    println!(
-        "{:<12} {:>14} {:>9} {:>15} {:>22}",
+    say(format_args!(
+        "{:<12} {:>16} {:>9} {:>15} {:>22}",
         "class", "distance", "lateral", "width x height", "box in px"
-    );
+    ))?;
     for o in &record.obstacles {
-        println!(
-            "{:<12} {:>14} {:>7.1} m {:>15} {:>22}",
+        say(format_args!(
+            "{:<12} {:>16} {:>7.1} m {:>15} {:>22}",
             o.class,
             format!("{:.2} ± {:.2} m", o.distance_m, o.distance_sigma_m),
             o.lateral_m,
             format!("{:.1} x {:.1} m", o.width_m, o.height_m),
             format!("{}x{} at {},{}", o.width_px, o.height_px, o.x_px, o.y_px)
-        );
+        ))?;
     }
     let nearest = record.alarm.nearest_m.map_or(String::new(), |m| format!(", nearest in the path {m:.1} m"));
-    println!("alarm: {}{nearest}", record.alarm.level);
-    Ok(())
+    say(format_args!("alarm: {}{nearest}", record.alarm.level))
 }

@@ -1,13 +1,13 @@
 //! `lookout replay`.
 
-use super::{CommandError, load};
+use super::{CommandError, load, say};
 use crate::cli::Replay;
 use crate::in_process::Pipeline;
 use crate::scheduler::{self, Ends, RunOptions};
 use config::Config;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
-use tools::output::{FrameWriter, write_summary};
+use tools::output::{FrameWriter, prepare, write_summary};
 use tools::summary::RunSummary;
 
 pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
@@ -39,6 +39,12 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     finish(args, &outcome.summary)?;
     match outcome.failure {
         Some(failure) => Err(CommandError::Other(failure)),
+        None if outcome.was_stopped => {
+            let frames = outcome.summary.frames;
+            Err(CommandError::Other(format!(
+                "stopped by a signal after {frames} frames: the results end there"
+            )))
+        }
         None => Ok(()),
     }
 }
@@ -48,14 +54,13 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
         write_summary(out, summary)?;
     }
     if args.json {
-        println!("{}", serde_json::to_string_pretty(summary)?);
-    } else {
-        println!("{summary}");
-        if let Some(out) = &args.out {
-            println!("results in {}", out.display());
-        }
+        return say(serde_json::to_string_pretty(summary)?);
     }
-    Ok(())
+    say(summary)?;
+    match &args.out {
+        Some(out) => say(format_args!("results in {}", out.display())),
+        None => Ok(()),
+    }
 }
 
 /// A bar on a terminal, nothing elsewhere.
@@ -82,6 +87,9 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         Some(limit) => limit.min(count),
         None => count,
     };
+    if let Some(out) = &args.out {
+        prepare(out)?;
+    }
     let mut writer = args.out.as_deref().map(|out| FrameWriter::open(out, false)).transpose()?;
     let bar = progress(Some(frames));
     for sequence in 0..frames {
@@ -95,9 +103,12 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     let summary = RunSummary { offered: frames, frames, ..RunSummary::default() };
     if let Some(out) = &args.out {
         write_summary(out, &summary)?;
-        println!("{frames} frames, results in {}", out.display());
-    } else {
-        println!("{frames} frames");
     }
-    Ok(())
+    if args.json {
+        return say(serde_json::to_string_pretty(&summary)?);
+    }
+    match &args.out {
+        Some(out) => say(format_args!("{frames} frames, results in {}", out.display())),
+        None => say(format_args!("{frames} frames")),
+    }
 }

@@ -6,6 +6,9 @@ use crate::scheduler::{self, Ends, RunOptions};
 
 pub fn run(args: &Run, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "scheduler", None)?;
+    if config.source.kind == "scene" {
+        tracing::warn!("source.kind is scene: this watches the built-in synthetic street, not a camera");
+    }
     let options = RunOptions { lockstep: false, limit: None, out: None, ends: Ends::Never };
     let mut last = String::new();
     let outcome = scheduler::run(&config, &options, &mut |status| {

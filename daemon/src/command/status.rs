@@ -1,16 +1,19 @@
 //! `lookout status`.
 
-use super::{CommandError, load};
+use super::{CommandError, load, say};
 use crate::cli::Status;
 use crate::frame_record::ALARM_LEVELS;
 use ipc::bus::Bus;
-use ipc::instance::Instance;
+use ipc::instance::{Instance, InstanceError};
 use ipc::service;
 use ipc::status::{self, StatusRecord};
 use ipc::wait::{self, Next};
 use serde::Serialize;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fmt::Write;
 use std::io::IsTerminal;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long a daemon may take to answer.
@@ -18,39 +21,40 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "status", Some("error"))?;
-    let instance = Instance::new(&config.instance.name, &config.instance.directory);
-    let absent = || {
-        CommandError::Other(format!(
-            "no daemon named \"{}\" is running: start one with lookout run, or name another with --instance",
-            instance.name()
-        ))
-    };
+    let instance = Instance::find(&config.instance.name, &config.instance.directory);
+    let absent = || CommandError::from(InstanceError::NotRunning(instance.name().to_owned()));
     if !instance.is_running() {
         return Err(absent());
+    }
+    // Leaves properly, so that nothing of it stays in the daemon's shared memory.
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| CommandError::Other(format!("cannot catch signals: {e}")))?;
     }
     let bus = Bus::join(&instance)?;
     let statuses = bus.subscriber(&service::STATUS)?;
     let mut heard = Instant::now();
-    let mut shown = false;
-    let mut ended = false;
+    let (mut shown, mut ended) = (false, false);
     wait::run::<CommandError>(&[&statuses], || {
         while let Some(sample) = statuses.receive()? {
             let Ok(status) = status::view(sample.header(), sample.payload()) else { continue };
             heard = Instant::now();
-            if args.json && args.watch {
-                println!("{}", serde_json::to_string(&StatusJson::new(&status))?);
-            } else if args.json {
-                println!("{}", serde_json::to_string_pretty(&StatusJson::new(&status))?);
-            } else {
-                if args.watch && std::io::stdout().is_terminal() {
-                    print!("\x1b[H\x1b[2J");
+            match (args.json, args.watch) {
+                (true, true) => say(serde_json::to_string(&StatusJson::new(&status))?)?,
+                (true, false) => say(serde_json::to_string_pretty(&StatusJson::new(&status))?)?,
+                (false, watch) => {
+                    let clear = if watch && std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
+                    say(format_args!("{clear}{}", table(instance.name(), &status)))?;
                 }
-                println!("{}", table(instance.name(), &status));
             }
             shown = true;
             if !args.watch {
                 return Ok(Next::Stop);
             }
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Ok(Next::Stop);
         }
         if heard.elapsed() > PATIENCE || (shown && !instance.is_running()) {
             ended = true;

@@ -20,7 +20,9 @@ impl Children {
     /// When the process cannot be started.
     pub fn spawn(&mut self, role: Role, launch: &Launch) -> io::Result<u32> {
         let document = serde_json::to_vec(launch)?;
-        let mut child = Command::new(std::env::current_exe()?)
+        // This very program, even when its file was replaced by an upgrade.
+        let mut child = Command::new("/proc/self/exe")
+            .arg0("lookout")
             .args(["stage", role.name()])
             .stdin(Stdio::piped())
             .stdout(Stdio::null())

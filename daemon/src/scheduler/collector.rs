@@ -27,6 +27,7 @@ pub struct FrameTrace {
 struct RoleFigures {
     role: Role,
     last: ReportRecord,
+    alive: bool,
     /// Totals of processes that are gone.
     before: Totals,
     work: Latency,
@@ -65,6 +66,7 @@ pub struct Collector {
     first_result_ns: Option<u64>,
     last_result_ns: u64,
     results: u64,
+    last_sequence: Option<u64>,
     /// How often the alarm was raised.
     pub alarms: u32,
     alarm_on: bool,
@@ -77,6 +79,7 @@ impl Collector {
         let figures = |&role| RoleFigures {
             role,
             last: ReportRecord { pid: 0, ..ReportRecord::new(role) },
+            alive: false,
             before: Totals::default(),
             work: Latency::new(),
             age: Latency::new(),
@@ -91,6 +94,7 @@ impl Collector {
             first_result_ns: None,
             last_result_ns: now_ns,
             results: 0,
+            last_sequence: None,
             alarms: 0,
             alarm_on: false,
             status_ns: now_ns,
@@ -106,6 +110,7 @@ impl Collector {
             figures.before = figures.totals();
         }
         figures.last = *report;
+        figures.alive = true;
         figures.private_bytes = figures.private_bytes.max(report.private_bytes);
         if report.is_frame == 1 {
             figures.work.add_ns(report.work_ns);
@@ -119,7 +124,19 @@ impl Collector {
         is_new
     }
 
+    /// The process of a role has ended; its totals stay.
+    pub fn ended(&mut self, role: Role) {
+        if let Some(figures) = self.roles.iter_mut().find(|f| f.role == role) {
+            figures.alive = false;
+        }
+    }
+
     fn result(&mut self, header: &Header, now_ns: u64) {
+        // A frame that came again after a stage died is one result.
+        if self.last_sequence == Some(header.sequence) {
+            return;
+        }
+        self.last_sequence = Some(header.sequence);
         let latency_ns = header.stamps[3].end_ns.saturating_sub(header.capture_ns);
         self.latency.add_ns(latency_ns);
         self.results += 1;
@@ -184,7 +201,7 @@ impl Collector {
             put_text(&mut state, word);
             ProcessRecord {
                 role: figures.role as u32,
-                pid: figures.last.pid,
+                pid: if figures.alive { figures.last.pid } else { 0 },
                 core: plan.core(figures.role).map_or(-1, |c| c as i32),
                 restarts: supervisor.restarts(figures.role),
                 frames: totals.frames,
@@ -194,8 +211,8 @@ impl Collector {
                 rate_hz: (totals.frames.saturating_sub(before.frames) as f64 / seconds) as f32,
                 p50_ms: work.p50_ms as f32,
                 p99_ms: work.p99_ms as f32,
-                private_bytes: figures.last.private_bytes,
-                shared_bytes: figures.last.shared_bytes,
+                private_bytes: if figures.alive { figures.last.private_bytes } else { 0 },
+                shared_bytes: if figures.alive { figures.last.shared_bytes } else { 0 },
                 state,
             }
         })
@@ -232,13 +249,16 @@ impl Collector {
             })
             .collect();
         let offered = self.roles.iter().find(|f| f.role == Role::Capture).map_or(0, |f| f.totals().frames);
+        // The writer keeps up or not; that is no frame lost to the vehicle.
+        let dropped = processes.iter().filter(|p| p.role != "writer").map(|p| p.skipped).sum();
         RunSummary {
             seconds,
             first_result_s: self.first_result_ns.map_or(0.0, |at| (at - self.started_ns) as f64 * 1e-9),
             offered,
             frames: self.results,
-            // The writer keeps up or not; that is no frame lost to the vehicle.
-            dropped: processes.iter().filter(|p| p.role != "writer").map(|p| p.skipped).sum(),
+            dropped,
+            lost: offered.saturating_sub(self.results).saturating_sub(dropped),
+            file_bytes: self.roles.iter().map(|f| f.last.file_bytes).max().unwrap_or(0),
             rate_hz: if seconds > 0.0 { self.results.saturating_sub(1) as f64 / seconds } else { 0.0 },
             latency: self.latency.percentiles(),
             restarts: processes.iter().map(|p| p.restarts).sum(),
@@ -273,8 +293,13 @@ mod tests {
         let mut header = Header::new(Kind::Report);
         header.capture_ns = 1_000_000;
         header.stamps[3] = Stamp { begin_ns: 20_000_000, end_ns: 41_000_000 };
+        header.sequence = 1;
         assert!(collector.report(&header, &report(Role::Recognition, 10, 3), 1_000_000_000));
+        header.sequence = 2;
         assert!(!collector.report(&header, &report(Role::Recognition, 10, 4), 2_000_000_000));
+        // The same frame once more is no new result.
+        collector.report(&header, &report(Role::Recognition, 10, 4), 2_500_000_000);
+        header.sequence = 4;
         assert!(collector.report(&header, &report(Role::Recognition, 11, 1), 3_000_000_000));
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
         for level in [1, 2, 2, 0, 2] {

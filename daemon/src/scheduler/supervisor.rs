@@ -99,6 +99,7 @@ pub struct Supervisor {
     parameters: SupervisorParameters,
     stages: Vec<Stage>,
     stopping: bool,
+    last_tick_ns: u64,
 }
 
 impl Supervisor {
@@ -110,7 +111,7 @@ impl Supervisor {
             recent: Vec::new(),
             restarts: 0,
         };
-        Self { parameters, stages: roles.iter().map(stage).collect(), stopping: false }
+        Self { parameters, stages: roles.iter().map(stage).collect(), stopping: false, last_tick_ns: now_ns }
     }
 
     fn stage_mut(&mut self, role: Role) -> Option<&mut Stage> {
@@ -209,11 +210,20 @@ impl Supervisor {
         actions
     }
 
-    /// What is due at `now_ns`.
+    /// What is due at `now_ns`; to be called often. After a long gap (the machine was suspended, or
+    /// the scheduler starved) the stages get the same time again: they could not report either.
     pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
         let mut actions = Vec::new();
+        let gap = now_ns.saturating_sub(self.last_tick_ns);
+        let pause = if gap > self.parameters.liveness_deadline_ns / 2 { gap } else { 0 };
+        self.last_tick_ns = now_ns;
         for stage in &mut self.stages {
             let role = stage.role;
+            if let StageState::Starting { deadline_ns } | StageState::Running { deadline_ns } =
+                &mut stage.state
+            {
+                *deadline_ns += pause;
+            }
             match stage.state {
                 StageState::Waiting { at_ns } if now_ns >= at_ns => actions.push(Action::Spawn(role)),
                 StageState::Starting { deadline_ns } if now_ns >= deadline_ns => {
@@ -251,6 +261,15 @@ pub mod tests {
         stop_grace_ns: 5 * S,
     };
 
+    /// Ticks every half second up to `to`; the last answer counts, the others must be empty.
+    fn tick_until(supervisor: &mut Supervisor, to: u64) -> Vec<Action> {
+        while supervisor.last_tick_ns + S / 2 < to {
+            let at = supervisor.last_tick_ns + S / 2;
+            assert_eq!(supervisor.tick(at), [], "at {at}");
+        }
+        supervisor.tick(to)
+    }
+
     fn started() -> Supervisor {
         let mut supervisor = Supervisor::new(PARAMETERS, &[Role::Stereo, Role::Road], 0);
         assert_eq!(supervisor.tick(0), [Action::Spawn(Role::Stereo), Action::Spawn(Role::Road)]);
@@ -269,10 +288,10 @@ pub mod tests {
         for wait in [1, 2, 4, 8, 16] {
             assert_eq!(supervisor.exited(Role::Stereo, "was killed", now), None);
             supervisor.reported(Role::Road, now + wait * S - 1);
-            assert_eq!(supervisor.tick(now + wait * S - 1), [], "{wait}");
+            assert_eq!(tick_until(&mut supervisor, now + wait * S - 1), [], "{wait}");
             now += wait * S;
             supervisor.reported(Role::Road, now);
-            assert_eq!(supervisor.tick(now), [Action::Spawn(Role::Stereo)]);
+            assert_eq!(tick_until(&mut supervisor, now), [Action::Spawn(Role::Stereo)]);
             supervisor.spawned(Role::Stereo, now);
             supervisor.reported(Role::Stereo, now);
         }
@@ -285,7 +304,7 @@ pub mod tests {
         assert!(reason.contains("stereo failed 6 times in 300 s"), "{reason}");
         assert_eq!(supervisor.given_up(), Some(Role::Stereo));
         supervisor.reported(Role::Road, now + 3 * S);
-        assert_eq!(supervisor.tick(now + 3 * S), []);
+        assert_eq!(tick_until(&mut supervisor, now + 3 * S), []);
     }
 
     #[test]
@@ -303,20 +322,32 @@ pub mod tests {
         let mut supervisor = started();
         supervisor.reported(Role::Road, 6 * S);
         let kill = Action::Kill(Role::Stereo, "it was silent beyond its liveness deadline");
-        assert_eq!(supervisor.tick(6 * S), [kill]);
-        assert_eq!(supervisor.tick(7 * S), []);
+        assert_eq!(tick_until(&mut supervisor, 6 * S), [kill]);
+        assert_eq!(tick_until(&mut supervisor, 7 * S), []);
         // A late report of the dying process does not bring it back.
         supervisor.reported(Role::Stereo, 7 * S);
         assert!(!supervisor.all_running());
         supervisor.exited(Role::Stereo, "was killed", 8 * S);
         supervisor.reported(Role::Road, 9 * S);
-        assert_eq!(supervisor.tick(9 * S), [Action::Spawn(Role::Stereo)]);
+        assert_eq!(tick_until(&mut supervisor, 9 * S), [Action::Spawn(Role::Stereo)]);
         // One that never reports has the longer start-up deadline.
         supervisor.spawned(Role::Stereo, 9 * S);
         supervisor.reported(Role::Road, 18 * S);
-        assert_eq!(supervisor.tick(18 * S), []);
+        assert_eq!(tick_until(&mut supervisor, 18 * S), []);
         let kill = Action::Kill(Role::Stereo, "it did not report within its start-up deadline");
-        assert_eq!(supervisor.tick(19 * S), [kill]);
+        assert_eq!(tick_until(&mut supervisor, 19 * S), [kill]);
+    }
+
+    #[test]
+    fn a_pause_of_the_whole_machine_is_no_fault_of_the_stages() {
+        let mut supervisor = started();
+        supervisor.tick(2 * S);
+        assert_eq!(supervisor.tick(500 * S), [], "nobody could report");
+        // From now on the deadlines hold again.
+        for now in 501..504 {
+            assert_eq!(supervisor.tick(now * S), []);
+        }
+        assert_eq!(supervisor.tick(504 * S).len(), 2);
     }
 
     #[test]
@@ -325,11 +356,18 @@ pub mod tests {
         supervisor.exited(Role::Road, "was killed", 2 * S);
         assert_eq!(supervisor.stop(2 * S), [Action::Terminate(Role::Stereo)]);
         assert_eq!(supervisor.stop(2 * S), []);
-        assert_eq!(supervisor.tick(6 * S), [], "the waiting one is not started, the other has time");
-        assert_eq!(supervisor.tick(7 * S), [Action::Kill(Role::Stereo, "it did not stop when asked")]);
+        assert_eq!(
+            tick_until(&mut supervisor, 6 * S),
+            [],
+            "the waiting one is not started, the other has time"
+        );
+        assert_eq!(
+            tick_until(&mut supervisor, 7 * S),
+            [Action::Kill(Role::Stereo, "it did not stop when asked")]
+        );
         assert!(!supervisor.all_ended());
         assert_eq!(supervisor.exited(Role::Stereo, "was killed", 8 * S), None);
         assert!(supervisor.all_ended());
-        assert_eq!(supervisor.tick(100 * S), []);
+        assert_eq!(tick_until(&mut supervisor, 100 * S), []);
     }
 }

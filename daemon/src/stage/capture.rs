@@ -116,7 +116,8 @@ impl Capture {
         self.publish(stage, self.next, 0)?;
         // A source that cannot keep up is not hurried afterwards.
         let after = monotonic_ns();
-        self.due_ns = (self.due_ns + command.period_ns).max(after.saturating_sub(command.period_ns));
+        self.due_ns =
+            self.due_ns.saturating_add(command.period_ns).max(after.saturating_sub(command.period_ns));
         Ok(Some(Duration::from_nanos(self.due_ns.saturating_sub(after)).max(Duration::from_micros(50))))
     }
 
@@ -155,7 +156,7 @@ impl Capture {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
         header.attempt = attempt;
-        header.source_ns = sequence * stage.launch.period_ns;
+        header.source_ns = sequence.saturating_mul(stage.launch.source_period_ns);
         // A recorded pair is "captured" when it is whole in shared memory.
         header.capture_ns = end_ns;
         header.width = format.width as u32;
@@ -164,7 +165,11 @@ impl Capture {
         *loan.header_mut() = header;
         self.pairs.send(loan)?;
         self.published = Some((sequence, attempt));
-        self.next = self.next.max(sequence + 1);
+        self.next = self.next.max(sequence.saturating_add(1));
+        if attempt > 0 {
+            // The same frame once more is no new one.
+            return Ok(());
+        }
         stage.frame_done(&header, 0, end_ns - begin_ns)
     }
 }

@@ -23,6 +23,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use thiserror::Error;
 
+/// How often a stage looks at its memory, in nanoseconds.
+const MEMORY_PERIOD_NS: u64 = 500_000_000;
+
 /// Why a stage ends before it is asked to.
 #[derive(Debug, Error)]
 pub enum StageError {
@@ -75,6 +78,7 @@ pub struct Stage {
     stop: Arc<AtomicBool>,
     memory: MemoryProbe,
     next_beat_ns: u64,
+    next_memory_ns: u64,
     heartbeat: Duration,
     warned_ns: Option<u64>,
     /// Frame that is reported on; heartbeats carry the last one.
@@ -114,6 +118,7 @@ impl Stage {
             stop,
             memory: MemoryProbe::open().map_err(|e| system("opening /proc/self", e))?,
             next_beat_ns: 0,
+            next_memory_ns: 0,
             warned_ns: None,
             header: Header::new(Kind::Report),
         };
@@ -159,12 +164,13 @@ impl Stage {
 
     /// Counts frames that newer ones overtook.
     pub fn skipped(&mut self, count: u64) {
-        self.report.skipped += count;
+        self.report.skipped = self.report.skipped.saturating_add(count);
     }
 
     /// Counts a message that was refused, and logs the first of each second.
     pub fn refused(&mut self, service: &str, reason: &dyn std::fmt::Display) {
         self.report.refused += 1;
+        self.report.set_health(self.report.health(), &format!("{service}: {reason}"));
         let now = monotonic_ns();
         if self.warned_ns.is_none_or(|at| now - at > 1_000_000_000) {
             self.warned_ns = Some(now);
@@ -187,14 +193,17 @@ impl Stage {
     fn send_report(&mut self, is_frame: bool) -> Result<(), StageError> {
         self.report.is_frame = u32::from(is_frame);
         self.report.cpu_ns = process_cpu_ns();
-        if !is_frame {
-            // Reading it costs more than the rest of a report.
-            if let Some(memory) = self.memory.read() {
-                (self.report.private_bytes, self.report.shared_bytes) =
-                    (memory.private_bytes, memory.shared_bytes);
-            }
+        let now = monotonic_ns();
+        // Reading it costs more than the rest of a report.
+        if now >= self.next_memory_ns
+            && let Some(memory) = self.memory.read()
+        {
+            self.next_memory_ns = now + MEMORY_PERIOD_NS;
+            self.report.private_bytes = memory.private_bytes;
+            self.report.file_bytes = memory.file_bytes;
+            self.report.shared_bytes = memory.shared_bytes;
         }
-        self.next_beat_ns = monotonic_ns() + self.heartbeat.as_nanos() as u64;
+        self.next_beat_ns = now + self.heartbeat.as_nanos() as u64;
         self.reports.send_record(self.header, &self.report)?;
         Ok(())
     }

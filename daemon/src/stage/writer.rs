@@ -37,7 +37,6 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
     let roads = stage.bus.subscriber(&service::REGIONS)?;
     let results = stage.bus.subscriber(&service::OBSTACLES)?;
     let mut kept: [Kept; KEPT] = std::array::from_fn(|_| Kept::default());
-    let mut last: Option<u64> = None;
     stage.ready()?;
     wait::run(&[&depths, &roads, &results], || {
         if stage.should_stop() {
@@ -53,8 +52,11 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
             let header = *sample.header();
             match obstacles::view(&header, sample.payload()) {
                 Err(error) => stage.refused("obstacles", &error),
+                Ok(_) if !format.has_size(&header) => {
+                    stage.refused("obstacles", &"another size than the run's");
+                }
                 // A frame that came again after a stage died is written once.
-                Ok(_) if last == Some(header.sequence) => {
+                Ok(_) if writer.last() == Some(header.sequence) => {
                     stage.frame_done(&header, 0, 0)?;
                 }
                 Ok(message) => {
@@ -72,7 +74,6 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                         stage.skipped(1);
                     }
                     writer.write(&frame_record(&header, &message), input)?;
-                    last = Some(header.sequence);
                     let age_ns = begin_ns.saturating_sub(header.capture_ns);
                     stage.frame_done(&header, age_ns, monotonic_ns() - begin_ns)?;
                 }
@@ -85,8 +86,10 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
 fn keep_depth(stage: &mut Stage, depths: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), StageError> {
     while let Some(sample) = depths.receive()? {
         let header = sample.header();
+        let format = stage.launch.frames;
         match depth::view(header, sample.payload()) {
             Err(error) => stage.refused("depth", &error),
+            Ok(_) if !format.has_size(header) => stage.refused("depth", &"another size than the run's"),
             Ok(message) => {
                 let slot = &mut kept[(header.sequence % KEPT as u64) as usize];
                 slot.depth_of = Some(header.sequence);
@@ -103,8 +106,10 @@ fn keep_depth(stage: &mut Stage, depths: &Subscriber, kept: &mut [Kept; KEPT]) -
 fn keep_profile(stage: &mut Stage, roads: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), StageError> {
     while let Some(sample) = roads.receive()? {
         let header = sample.header();
+        let format = stage.launch.frames;
         match regions::view(header, sample.payload()) {
             Err(error) => stage.refused("regions", &error),
+            Ok(_) if !format.has_size(header) => stage.refused("regions", &"another size than the run's"),
             Ok(message) => {
                 let slot = &mut kept[(header.sequence % KEPT as u64) as usize];
                 slot.profile_of = Some(header.sequence);

@@ -105,6 +105,15 @@ impl Drive {
         }
     }
 
+    /// The same drive, seen `fps` times a second.
+    ///
+    /// # Panics
+    /// When `fps` is not above zero.
+    pub fn at_rate(self, fps: f64) -> Self {
+        assert!(fps > 0.0);
+        Self { period_ns: (1e9 / fps) as u64, ..self }
+    }
+
     /// Places everything at time `t` seconds of the cycle.
     fn place(&mut self, t: f64) {
         self.blocks.clear();

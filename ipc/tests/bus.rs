@@ -1,0 +1,146 @@
+//! The bus: newest wins, history, checks, waiting; and nothing left behind.
+
+use lookout_ipc::bus::{Bus, IpcError};
+use lookout_ipc::header::{Header, Kind, LINE_BYTES, MessageError};
+use lookout_ipc::instance::{Instance, InstanceLock};
+use lookout_ipc::port::Publisher;
+use lookout_ipc::service::{COMMAND, OBSTACLES, PAIR, ServiceSpec};
+use lookout_ipc::wait::{self, Next};
+use lookout_ipc::{command, pair};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// Tells the runs of this process apart.
+static GENERATION: AtomicU64 = AtomicU64::new(100);
+
+/// An instance of its own for each test, and the folder that it lives in.
+fn instance(name: &str) -> (tempfile::TempDir, Instance) {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new(name, folder.path());
+    (folder, instance)
+}
+
+fn header(sequence: u64, width: u32, height: u32) -> Header {
+    let mut header = Header::new(Kind::Pair);
+    (header.sequence, header.width, header.height) = (sequence, width, height);
+    header
+}
+
+fn publish(publisher: &Publisher, sequence: u64) {
+    let mut loan = publisher.loan(pair::payload_bytes(4, 2)).unwrap();
+    *loan.header_mut() = header(sequence, 4, 2);
+    loan.payload_mut().fill(sequence as u8);
+    publisher.send(loan).unwrap();
+}
+
+#[test]
+fn the_newest_message_wins_and_nothing_is_left_behind() {
+    let (_folder, instance) = instance("newest");
+    let lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let bus = Bus::join(&instance).unwrap();
+    let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
+    let subscriber = bus.subscriber(&PAIR).unwrap();
+    assert!(subscriber.receive().unwrap().is_none());
+    for sequence in 0..10 {
+        publish(&publisher, sequence);
+    }
+    let sample = subscriber.receive().unwrap().unwrap();
+    assert_eq!(sample.header().sequence, 9);
+    // The first message that was seen is where counting starts.
+    assert_eq!(subscriber.take_missed(), 0);
+    let images = pair::view(sample.header(), sample.payload()).unwrap();
+    assert_eq!((images.left, images.right), (&[9_u8; 8][..], &[9_u8; 8][..]));
+    // What is being read does not change while newer ones are sent.
+    for sequence in 10..20 {
+        publish(&publisher, sequence);
+    }
+    assert_eq!(sample.payload()[0], 9);
+    drop(sample);
+    assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 19);
+    assert_eq!((subscriber.take_missed(), subscriber.take_missed()), (9, 0));
+    // The pool is as large as the table says, and no larger.
+    let pools = PAIR.pool_bytes(4, 2) as u64;
+    assert!(instance.shared_bytes() < pools + 100_000, "{} for {pools}", instance.shared_bytes());
+    assert!(subscriber.receive().unwrap().is_none());
+    assert!(!instance.shared_memory().is_empty());
+    let prefix = lock.prefix().to_owned();
+    drop((publisher, subscriber, bus, lock));
+    let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    assert_eq!(left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix)).count(), 0);
+    assert!(!instance.directory().exists());
+}
+
+#[test]
+fn late_readers_get_the_history_and_long_messages_are_refused() {
+    let (_folder, instance) = instance("history");
+    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let bus = Bus::join(&instance).unwrap();
+    let publisher = bus.publisher(&COMMAND, 0, 0).unwrap();
+    let record = command::CommandRecord { period_ns: 5, ..Default::default() };
+    publisher.send_record(Header::new(Kind::Command), &record).unwrap();
+    let late = bus.subscriber(&COMMAND).unwrap();
+    publisher.refresh().unwrap();
+    let sample = late.receive().unwrap().unwrap();
+    assert_eq!(command::view(sample.header(), sample.payload()), Ok(record));
+    assert!(publisher.loan(command::PAYLOAD_BYTES + LINE_BYTES).is_err());
+}
+
+#[test]
+fn a_message_that_lies_is_refused_by_its_check() {
+    let (_folder, instance) = instance("lies");
+    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let bus = Bus::join(&instance).unwrap();
+    let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
+    let subscriber = bus.subscriber(&PAIR).unwrap();
+    let mut loan = publisher.loan(16).unwrap();
+    *loan.header_mut() = header(0, 8000, 8000);
+    publisher.send(loan).unwrap();
+    let sample = subscriber.receive().unwrap().unwrap();
+    let error = pair::view(sample.header(), sample.payload()).unwrap_err();
+    assert!(matches!(error, MessageError::Length { given: 16, .. }));
+}
+
+#[test]
+fn waiting_ends_with_a_message_a_time_or_a_stop() {
+    let (_folder, instance) = instance("wait");
+    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let bus = Bus::join(&instance).unwrap();
+    let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
+    let subscriber = bus.subscriber(&PAIR).unwrap();
+    let (mut calls, mut seen) = (0, Vec::new());
+    // A lost wake-up would sleep for an hour: end the test instead.
+    let (done, watched) = std::sync::mpsc::channel::<()>();
+    std::thread::spawn(move || {
+        if watched.recv_timeout(Duration::from_secs(60)) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+            eprintln!("the wait never ended");
+            std::process::abort();
+        }
+    });
+    wait::run::<IpcError>(&[&subscriber], || {
+        calls += 1;
+        if let Some(sample) = subscriber.receive()? {
+            seen.push(sample.header().sequence);
+        }
+        match calls {
+            1 => publish(&publisher, 7),
+            2 => return Ok(Next::Wait(Duration::from_millis(1))),
+            3 => return Ok(Next::Stop),
+            _ => unreachable!("Stop was ignored"),
+        }
+        Ok(Next::Wait(Duration::from_secs(3600)))
+    })
+    .unwrap();
+    drop(done);
+    assert_eq!((calls, seen), (3, vec![7]));
+}
+
+#[test]
+fn a_service_with_other_settings_is_an_error() {
+    let (_folder, instance) = instance("settings");
+    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let bus = Bus::join(&instance).unwrap();
+    let _first = bus.publisher(&OBSTACLES, 4, 2).unwrap();
+    let other = ServiceSpec { buffer: 9, ..OBSTACLES };
+    let error = bus.subscriber(&other).unwrap_err().to_string();
+    assert!(error.contains("obstacles"), "{error}");
+}

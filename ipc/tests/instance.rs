@@ -1,0 +1,66 @@
+//! The lock of an instance, and what it removes and leaves alone.
+
+use lookout_ipc::instance::{Instance, InstanceError, InstanceLock};
+use std::path::{Path, PathBuf};
+
+#[test]
+fn an_instance_is_held_once_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let base = folder.path().join("run");
+    let instance = Instance::new("lock-test", &base);
+    assert!(!instance.is_running() && instance.prefix().is_none());
+    let lock = InstanceLock::take(&instance, 1).unwrap();
+    assert!(instance.is_running());
+    assert_eq!(instance.prefix().as_deref(), Some(lock.prefix()));
+    assert_eq!(instance.shared_memory().len(), 1, "the mark of the run");
+    let error = InstanceLock::take(&instance, 2).unwrap_err().to_string();
+    assert!(error.contains("already running") && error.contains(&std::process::id().to_string()), "{error}");
+    lock.check_memory(1).unwrap();
+    assert!(lock.check_memory(u64::MAX).unwrap_err().to_string().contains("/dev/shm"));
+    let prefix = lock.prefix().to_owned();
+    drop(lock);
+    assert!(!instance.is_running() && !base.exists());
+    assert!(!Path::new("/dev/shm").join(format!("{prefix}run")).exists());
+    // A base that was there before stays.
+    drop(InstanceLock::take(&Instance::new("lock-test", folder.path()), 3).unwrap());
+    assert!(folder.path().exists());
+}
+
+#[test]
+fn remains_of_a_dead_run_are_removed_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    // A run of another name and folder that lives, and one that is dead: nobody holds its mark.
+    let living = InstanceLock::take(&Instance::new("living", folder.path()), 10).unwrap();
+    let shm = |name: String| PathBuf::from("/dev/shm").join(name);
+    let (kept, dead) = (shm(format!("{}data", living.prefix())), "lookout.1.beef.");
+    let (gone, mark) = (shm(format!("{dead}data")), shm(format!("{dead}run")));
+    let foreign = shm(format!("lookout-foreign-{}", std::process::id()));
+    for path in [&kept, &gone, &mark, &foreign] {
+        std::fs::write(path, b"x").unwrap();
+    }
+    let instance = Instance::new("taker", folder.path());
+    std::fs::create_dir_all(instance.bus_directory().join("services/old")).unwrap();
+    std::fs::write(instance.directory().join("mine.txt"), b"a user's file").unwrap();
+    let lock = InstanceLock::take(&instance, 11).unwrap();
+    assert!(lock.stale >= 3, "{}", lock.stale);
+    assert!(!gone.exists() && !mark.exists() && kept.exists() && foreign.exists());
+    drop(lock);
+    assert!(instance.directory().join("mine.txt").exists(), "only what is ours is removed");
+    std::fs::remove_file(foreign).unwrap();
+    drop(living);
+    assert!(!kept.exists());
+}
+
+#[test]
+fn folders_that_cannot_serve_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let long = Instance::new("x", &folder.path().join("a".repeat(80)));
+    assert!(matches!(InstanceLock::take(&long, 1), Err(InstanceError::TooLong { .. })));
+    std::os::unix::fs::symlink("/tmp", folder.path().join("link")).unwrap();
+    let linked = Instance::new("link", folder.path());
+    assert!(matches!(InstanceLock::take(&linked, 1), Err(InstanceError::Foreign { .. })));
+    std::fs::write(folder.path().join("file"), b"x").unwrap();
+    let file = Instance::new("x", &folder.path().join("file"));
+    let error = InstanceLock::take(&file, 1).unwrap_err().to_string();
+    assert!(error.contains("instance.directory"), "{error}");
+}

@@ -7,7 +7,7 @@ use crate::launch::FrameFormat;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::road::RoadRoom;
 use crate::rooms::stereo::StereoRoom;
-use crate::rooms::{FrameError, RoomError};
+use crate::rooms::{FrameError, Room, RoomError};
 use config::Config;
 use ipc::header::{Header, Kind, MessageError};
 use ipc::{depth, obstacles, pair, regions};
@@ -101,13 +101,14 @@ impl Pipeline {
         let format = FrameFormat::new(source.size(), rig);
         let stereo = StereoRoom::new(config, &format)?;
         let road = RoadRoom::new(config, &format);
+        let recognition = RecognitionRoom::new(config, &format)?;
         Ok(Self {
             source_period_ns: source.period_ns(),
             pair: Buffer::new(pair::payload_bytes(format.width, format.height)),
             depth: Buffer::new(stereo.output_bytes()),
             regions: Buffer::new(road.output_bytes()),
-            obstacles: Buffer::new(obstacles::payload_bytes(obstacles::GREATEST_COUNT)),
-            recognition: RecognitionRoom::new(config, &format)?,
+            obstacles: Buffer::new(recognition.output_bytes()),
+            recognition,
             stereo,
             road,
             source,
@@ -136,11 +137,10 @@ impl Pipeline {
         let header = header.forward(Kind::Depth);
         self.road.process(&header, self.depth.get(), self.regions.get_mut())?;
         let header = header.forward(Kind::Regions);
-        let (alarm, records) = self.recognition.process(&header, self.regions.get())?;
-        let payload = &mut self.obstacles.get_mut()[..obstacles::payload_bytes(records.len())];
-        obstacles::write(payload, alarm, records)?;
+        let bytes = self.recognition.process(&header, self.regions.get(), self.obstacles.get_mut())?;
         let obstacles_header = header.forward(Kind::Obstacles);
-        let record = frame_record(&obstacles_header, &obstacles::view(&obstacles_header, payload)?);
+        let message = obstacles::view(&obstacles_header, &self.obstacles.get()[..bytes])?;
+        let record = frame_record(&obstacles_header, &message);
         let depth = depth::view(&header.forward(Kind::Depth), self.depth.get())?;
         let regions = regions::view(&header, self.regions.get())?;
         let images = OverlayInput {

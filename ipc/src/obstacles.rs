@@ -79,24 +79,25 @@ pub fn payload_bytes(count: usize) -> usize {
     size_of::<AlarmRecord>() + count * size_of::<ObstacleRecord>()
 }
 
-/// Writes a payload of [`payload_bytes`]`(obstacles.len())`.
+/// Writes the message to the start of a payload. Gives how many bytes it takes:
+/// [`payload_bytes`]`(obstacles.len())`.
 ///
 /// # Errors
-/// When the payload has another length, or there are too many obstacles.
+/// When the payload is too short, or there are too many obstacles.
 pub fn write(
     payload: &mut [u8],
     alarm: AlarmRecord,
     obstacles: &[ObstacleRecord],
-) -> Result<(), MessageError> {
+) -> Result<usize, MessageError> {
     let needed = payload_bytes(obstacles.len());
-    if payload.len() != needed || obstacles.len() > GREATEST_COUNT {
+    if payload.len() < needed || obstacles.len() > GREATEST_COUNT {
         return Err(MessageError::Length { given: payload.len(), needed });
     }
     let alarm = AlarmRecord { obstacles: obstacles.len() as u32, ..alarm };
-    let (start, rest) = payload.split_at_mut(size_of::<AlarmRecord>());
+    let (start, rest) = payload[..needed].split_at_mut(size_of::<AlarmRecord>());
     start.copy_from_slice(bytemuck::bytes_of(&alarm));
     rest.copy_from_slice(bytemuck::cast_slice(obstacles));
-    Ok(())
+    Ok(needed)
 }
 
 /// Checks a message and sees its parts.
@@ -145,6 +146,6 @@ mod tests {
         let mut wrong = payload.to_vec();
         wrong[0] = 3;
         assert!(view(&header, &wrong).is_err(), "unknown level");
-        assert!(write(&mut payload[8..], AlarmRecord::default(), &[obstacle]).is_err());
+        assert!(write(&mut payload[..64], AlarmRecord::default(), &[obstacle]).is_err());
     }
 }

@@ -87,6 +87,11 @@ impl Loan {
         self.sample.user_header_mut()
     }
 
+    /// Sends only the first `bytes` bytes of what was loaned.
+    pub fn truncate(&mut self, bytes: usize) {
+        self.bytes = self.bytes.min(bytes);
+    }
+
     /// The payload, to be written; it starts at a multiple of 64 bytes.
     pub fn payload_mut(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(self.sample.payload_mut())[..self.bytes]

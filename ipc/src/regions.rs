@@ -176,6 +176,11 @@ impl<'a> Writer<'a> {
         Ok(Self { payload, height, records, count: 0, crop_bytes: 0 })
     }
 
+    /// Bytes of the payload that were used.
+    pub fn bytes(&self) -> usize {
+        fixed_bytes(self.height) + self.records * size_of::<RegionRecord>() + self.crop_bytes
+    }
+
     /// Adds a region and the rows of its crop. Where the crop no longer fits, the region goes
     /// without. Returns whether it fitted.
     pub fn push<'r>(&mut self, region: RegionRecord, mut crop: impl Iterator<Item = &'r [u8]>) -> bool {
@@ -228,6 +233,7 @@ mod tests {
         // This crop is larger than what is left.
         assert!(!writer.push(region(2, [0, 0, 4096, 4096]), std::iter::empty()));
         assert!(!writer.push(region(3, [0; 4]), std::iter::empty()), "more than announced");
+        assert_eq!(writer.bytes(), fixed_bytes(9) + 2 * size_of::<RegionRecord>() + 20);
         (header, memory)
     }
 

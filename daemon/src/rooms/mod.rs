@@ -6,7 +6,7 @@ pub mod road;
 pub mod stereo;
 
 use config::Config;
-use ipc::header::MessageError;
+use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, ScanParameters};
 use perception::road::{RegionParameters, RoadParameters};
@@ -18,6 +18,19 @@ use perception::tracking::TrackerParameters;
 use perception::tracking::alarm::AlarmParameters;
 use std::path::PathBuf;
 use thiserror::Error;
+
+/// The work of one stage: a message in, a message out.
+pub trait Room {
+    /// The most bytes that [`Self::process`] writes.
+    fn output_bytes(&self) -> usize;
+
+    /// Works on one message and writes the payload of the next to the start of `output`. Gives how
+    /// many bytes it took.
+    ///
+    /// # Errors
+    /// When the message is not sound.
+    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError>;
+}
 
 /// Why a room cannot be furnished. The text names the key or file and the remedy.
 #[derive(Debug, Error)]
@@ -162,7 +175,7 @@ pub fn recogniser(
 }
 
 /// Refuses a frame of another size than the run's.
-fn check_size(header: &ipc::header::Header, width: usize, height: usize) -> Result<(), FrameError> {
+fn check_size(header: &Header, width: usize, height: usize) -> Result<(), FrameError> {
     if (header.width as usize, header.height as usize) == (width, height) {
         return Ok(());
     }

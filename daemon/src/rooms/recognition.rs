@@ -1,10 +1,10 @@
 //! Regions to tracked obstacles and the alarm.
 
-use super::{FrameError, RoomError, alarm_parameters, check_size, recogniser, tracker_parameters};
+use super::{FrameError, Room, RoomError, alarm_parameters, check_size, recogniser, tracker_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
 use ipc::header::{Header, put_text};
-use ipc::obstacles::{AlarmRecord, GREATEST_COUNT, ObstacleRecord};
+use ipc::obstacles::{self, AlarmRecord, GREATEST_COUNT, ObstacleRecord};
 use ipc::regions::{self, RegionRecord};
 use perception::image::GreyView;
 use perception::recognition::Recogniser;
@@ -52,21 +52,14 @@ impl RecognitionRoom {
         })
     }
 
-    /// Recognises and tracks the regions of a message: the alarm and the obstacles of the next.
-    ///
-    /// # Errors
-    /// When the message is not sound.
-    pub fn process(
-        &mut self,
-        header: &Header,
-        payload: &[u8],
-    ) -> Result<(AlarmRecord, &[ObstacleRecord]), FrameError> {
+    /// Recognises and tracks the regions of a message, to `records`; gives the alarm.
+    fn judge(&mut self, header: &Header, payload: &[u8]) -> Result<AlarmRecord, FrameError> {
         let message = regions::view(header, payload)?;
         check_size(header, self.width, self.height)?;
         if let Some((sequence, alarm)) = self.last
             && sequence == header.sequence
         {
-            return Ok((alarm, &self.records));
+            return Ok(alarm);
         }
         self.detections.clear();
         for record in message.regions {
@@ -111,7 +104,18 @@ impl RecognitionRoom {
             self.records.push(obstacle(track, confirmed, rig, &self.label));
         }
         self.last = Some((header.sequence, alarm));
-        Ok((alarm, &self.records))
+        Ok(alarm)
+    }
+}
+
+impl Room for RecognitionRoom {
+    fn output_bytes(&self) -> usize {
+        obstacles::payload_bytes(GREATEST_COUNT)
+    }
+
+    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
+        let alarm = self.judge(header, payload)?;
+        Ok(obstacles::write(output, alarm, &self.records)?)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Depth to regions.
 
-use super::{FrameError, check_size, road_parameters};
+use super::{FrameError, Room, check_size, road_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
 use ipc::header::{Header, MessageError};
@@ -32,17 +32,14 @@ impl RoadRoom {
         let detector = RoadDetector::new(road_parameters(config), format.rig(), width, height, disparities);
         Self { detector, width, height }
     }
+}
 
-    /// Bytes of the payload that [`Self::process`] fills.
-    pub fn output_bytes(&self) -> usize {
+impl Room for RoadRoom {
+    fn output_bytes(&self) -> usize {
         regions::greatest_payload_bytes(self.width, self.height)
     }
 
-    /// Finds road and regions in the depth of a message, into the payload of the next.
-    ///
-    /// # Errors
-    /// When the message is not sound.
-    pub fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<(), FrameError> {
+    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
         let depth = depth::view(header, payload)?;
         check_size(header, self.width, self.height)?;
         let left = GreyView::new(depth.left, self.width, self.height, self.width)?;
@@ -66,7 +63,7 @@ impl RoadRoom {
             let rows = (0..height).filter_map(|row| crop.map(|c| c.row(row)));
             writer.push(record, rows);
         }
-        Ok(())
+        Ok(writer.bytes())
     }
 }
 

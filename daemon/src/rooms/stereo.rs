@@ -1,6 +1,6 @@
 //! Pair to depth.
 
-use super::{FrameError, RoomError, check_size, mpv_parameters};
+use super::{FrameError, Room, RoomError, check_size, mpv_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
 use ipc::header::Header;
@@ -26,25 +26,23 @@ impl StereoRoom {
         let matcher = FullMpv::new(mpv_parameters(config), width, height, disparities)?;
         Ok(Self { matcher: Box::new(matcher), width, height })
     }
+}
 
-    /// Bytes of the payload that [`Self::process`] fills.
-    pub fn output_bytes(&self) -> usize {
+impl Room for StereoRoom {
+    fn output_bytes(&self) -> usize {
         depth::payload_bytes(self.width, self.height)
     }
 
-    /// Matches the pair of a message into the payload of the next.
-    ///
-    /// # Errors
-    /// When the message is not sound.
-    pub fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<(), FrameError> {
+    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
         let pair = pair::view(header, payload)?;
         check_size(header, self.width, self.height)?;
-        let out = depth::split_mut(output, header.pixels())?;
+        let bytes = self.output_bytes().min(output.len());
+        let out = depth::split_mut(&mut output[..bytes], header.pixels())?;
         out.left.copy_from_slice(pair.left);
         let view = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (view(pair.left)?, view(pair.right)?);
         let output = MatchOutput { disparity: out.disparity, confidence: out.confidence };
         self.matcher.compute(left, right, output)?;
-        Ok(())
+        Ok(self.output_bytes())
     }
 }

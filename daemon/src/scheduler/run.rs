@@ -133,6 +133,10 @@ impl Run {
         roles.extend(options.out.is_some().then_some(Role::Writer));
         let pool_bytes = service::total_pool_bytes(width, height, roles.len()) as u64;
         lock.check_memory(pool_bytes)?;
+        for spec in &service::SERVICES {
+            let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
+            tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
+        }
         tracing::info!(
             instance = instance.name(),
             width,

@@ -1,39 +1,22 @@
 //! The stages with one input and one output: stereo, road, recognition.
 
 use super::{Stage, StageError};
-use crate::rooms::FrameError;
+use crate::rooms::Room;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::road::RoadRoom;
 use crate::rooms::stereo::StereoRoom;
 use ipc::clock::monotonic_ns;
-use ipc::header::{Header, Stamp};
-use ipc::obstacles;
-use ipc::port::{Publisher, Sample};
+use ipc::header::Stamp;
 use ipc::service::{self, ServiceSpec};
 use ipc::wait::{self, Next};
-
-/// What the work on one frame came to.
-enum Done {
-    Sent,
-    Refused(FrameError),
-}
 
 /// Runs the stereo stage.
 ///
 /// # Errors
 /// When shared memory cannot be used, or the run's frames cannot be matched.
 pub fn stereo(stage: Stage) -> Result<(), StageError> {
-    let mut room = StereoRoom::new(&stage.launch.config, &stage.launch.frames)?;
-    run(stage, &service::PAIR, &service::DEPTH, 1, |sample, header, output| {
-        let mut loan = output.loan(room.output_bytes())?;
-        if let Err(error) = room.process(sample.header(), sample.payload(), loan.payload_mut()) {
-            return Ok(Done::Refused(error));
-        }
-        header.stamps[1].end_ns = monotonic_ns();
-        *loan.header_mut() = *header;
-        output.send(loan)?;
-        Ok(Done::Sent)
-    })
+    let room = StereoRoom::new(&stage.launch.config, &stage.launch.frames)?;
+    run(stage, &service::PAIR, &service::DEPTH, 1, room)
 }
 
 /// Runs the road stage.
@@ -41,17 +24,8 @@ pub fn stereo(stage: Stage) -> Result<(), StageError> {
 /// # Errors
 /// When shared memory cannot be used.
 pub fn road(stage: Stage) -> Result<(), StageError> {
-    let mut room = RoadRoom::new(&stage.launch.config, &stage.launch.frames);
-    run(stage, &service::DEPTH, &service::REGIONS, 2, |sample, header, output| {
-        let mut loan = output.loan(room.output_bytes())?;
-        if let Err(error) = room.process(sample.header(), sample.payload(), loan.payload_mut()) {
-            return Ok(Done::Refused(error));
-        }
-        header.stamps[2].end_ns = monotonic_ns();
-        *loan.header_mut() = *header;
-        output.send(loan)?;
-        Ok(Done::Sent)
-    })
+    let room = RoadRoom::new(&stage.launch.config, &stage.launch.frames);
+    run(stage, &service::DEPTH, &service::REGIONS, 2, room)
 }
 
 /// Runs the recognition stage.
@@ -59,30 +33,18 @@ pub fn road(stage: Stage) -> Result<(), StageError> {
 /// # Errors
 /// When shared memory or the cascade cannot be used.
 pub fn recognition(stage: Stage) -> Result<(), StageError> {
-    let mut room = RecognitionRoom::new(&stage.launch.config, &stage.launch.frames)?;
-    run(stage, &service::REGIONS, &service::OBSTACLES, 3, |sample, header, output| {
-        let (alarm, records) = match room.process(sample.header(), sample.payload()) {
-            Ok(result) => result,
-            Err(error) => return Ok(Done::Refused(error)),
-        };
-        let mut loan = output.loan(obstacles::payload_bytes(records.len()))?;
-        if let Err(error) = obstacles::write(loan.payload_mut(), alarm, records) {
-            return Ok(Done::Refused(error.into()));
-        }
-        header.stamps[3].end_ns = monotonic_ns();
-        *loan.header_mut() = *header;
-        output.send(loan)?;
-        Ok(Done::Sent)
-    })
+    let room = RecognitionRoom::new(&stage.launch.config, &stage.launch.frames)?;
+    run(stage, &service::REGIONS, &service::OBSTACLES, 3, room)
 }
 
-/// Takes the newest message of `input`, works on it, reports, and sleeps until the next.
+/// Takes the newest message of `input`, lets the room work on it in shared memory, sends the
+/// result, reports, and sleeps until the next. `place` is the stage's stamp in the header.
 fn run(
     mut stage: Stage,
     input: &ServiceSpec,
     output: &ServiceSpec,
     place: usize,
-    mut work: impl FnMut(&Sample, &mut Header, &Publisher) -> Result<Done, StageError>,
+    mut room: impl Room,
 ) -> Result<(), StageError> {
     let format = stage.launch.frames;
     let messages = stage.bus.subscriber(input)?;
@@ -90,26 +52,29 @@ fn run(
     stage.ready()?;
     wait::run(&[&messages], || {
         // One frame at a time, so that a request to stop is heard between two.
-        if stage.should_stop() {
-            return Ok(Next::Stop);
-        }
-        while let Some(sample) = messages.receive()? {
+        while !stage.should_stop()
+            && let Some(sample) = messages.receive()?
+        {
             let begin_ns = monotonic_ns();
             stage.skipped(messages.take_missed());
-            let mut header = sample.header().forward(output.kind);
-            header.stamps[place] = Stamp { begin_ns, end_ns: 0 };
             // The capture time comes from another process: it may be anything.
-            let age_ns = begin_ns.saturating_sub(header.capture_ns);
-            match work(&sample, &mut header, &publisher)? {
-                Done::Sent => {
-                    let end_ns = header.stamps[place].end_ns;
-                    stage.frame_done(&header, age_ns, end_ns.saturating_sub(begin_ns))?;
+            let age_ns = begin_ns.saturating_sub(sample.header().capture_ns);
+            let mut loan = publisher.loan(room.output_bytes())?;
+            match room.process(sample.header(), sample.payload(), loan.payload_mut()) {
+                Ok(bytes) => {
+                    let end_ns = monotonic_ns();
+                    let mut header = sample.header().forward(output.kind);
+                    header.stamps[place] = Stamp { begin_ns, end_ns };
+                    loan.truncate(bytes);
+                    *loan.header_mut() = header;
+                    publisher.send(loan)?;
+                    stage.frame_done(&header, age_ns, end_ns - begin_ns)?;
                 }
-                Done::Refused(error) => stage.refused(input.name, &error),
+                Err(error) => stage.refused(input.name, &error),
             }
-            if stage.should_stop() {
-                return Ok(Next::Stop);
-            }
+        }
+        if stage.should_stop() {
+            return Ok(Next::Stop);
         }
         Ok(Next::Wait(stage.heartbeat()?))
     })

@@ -1,7 +1,7 @@
 //! Recorded pairs in folders: left/right folders and the layouts of KITTI.
 
 use crate::{PairSource, SourceError, calibration_file};
-use image::ImageReader;
+use image::{DynamicImage, ImageReader};
 use perception::rig::Rig;
 use std::path::{Path, PathBuf};
 
@@ -39,10 +39,21 @@ pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
         .with_guessed_format()
         .map_err(io)?
         .decode()
-        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?
-        .into_luma8();
+        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?;
     let (width, height) = (image.width() as usize, image.height() as usize);
-    Ok((image.into_raw(), width, height))
+    let pixels = match image {
+        DynamicImage::ImageLuma8(grey) => grey.into_raw(),
+        other if !other.color().has_color() => other.into_luma8().into_raw(),
+        colour => colour.into_rgb8().as_raw().chunks_exact(3).map(luma).collect(),
+    };
+    Ok((pixels, width, height))
+}
+
+/// Grey of a colour by the weights of BT.601 in whole numbers: what OpenCV computes, and the same
+/// on every machine.
+fn luma(rgb: &[u8]) -> u8 {
+    let weighted: u32 = rgb.iter().zip([4899, 9617, 1868]).map(|(&v, weight)| u32::from(v) * weight).sum();
+    ((weighted + (1 << 13)) >> 14) as u8
 }
 
 fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
@@ -220,6 +231,16 @@ mod tests {
             assert_eq!((l[13], r[13]), (9 + 1 + 1, 9 + 1 + 11), "{left}");
             assert!(matches!(source.read(2, &mut l, &mut r), Err(SourceError::End { index: 2, count: 2 })));
         }
+    }
+
+    #[test]
+    fn colour_becomes_grey_by_the_usual_weights() {
+        assert_eq!(luma(&[255, 255, 255]), 255);
+        assert_eq!((luma(&[255, 0, 0]), luma(&[0, 255, 0]), luma(&[0, 0, 255])), (76, 150, 29));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.png");
+        image::RgbImage::from_pixel(3, 2, [10, 200, 30].into()).save(&path).unwrap();
+        assert_eq!(read_grey(&path).unwrap(), (vec![124; 6], 3, 2));
     }
 
     #[test]

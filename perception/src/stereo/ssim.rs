@@ -115,7 +115,8 @@ impl Plane {
                 // N²·variance, exact in integers.
                 let variance = (size * size) as u64 * u64::from(squares) - u64::from(total).pow(2);
                 self.sum[at + x] = total as f32;
-                self.norm[at + x] = 1.0 / (variance as f32 + n * n * constant).sqrt();
+                // In double precision, where the integer is exact: the same on every machine.
+                self.norm[at + x] = (1.0 / (variance as f64 + f64::from(n * n * constant)).sqrt()) as f32;
             }
             let removed = &self.grey[y * stride..(y + 1) * stride];
             for (sum, &v) in sums.iter_mut().zip(removed) {

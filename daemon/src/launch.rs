@@ -26,8 +26,6 @@ pub struct Launch {
     pub source_period_ns: u64,
     /// Where the writer writes.
     pub out: Option<PathBuf>,
-    /// Whether the stage takes over from one that died.
-    pub is_restart: bool,
 }
 
 /// Size and geometry of all frames of a run.

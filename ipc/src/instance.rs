@@ -41,6 +41,8 @@ const LOCK_PATIENCE: Duration = Duration::from_millis(200);
 pub struct Instance {
     name: String,
     directory: PathBuf,
+    /// The base folder is our own choice, of a name that anybody can guess.
+    is_default: bool,
 }
 
 /// Why an instance cannot be used.
@@ -71,7 +73,7 @@ pub enum InstanceError {
         source: io::Error,
     },
     /// Its folder belongs to somebody else.
-    #[error("{}: belongs to another user, or is a link: give another folder with instance.directory", path.display())]
+    #[error("{}: belongs to another user, may be changed by one, or is a link: give another folder with instance.directory", path.display())]
     Foreign {
         /// The folder.
         path: PathBuf,
@@ -109,25 +111,32 @@ impl Instance {
     /// The instance `name`. An empty `directory` takes `$RUNTIME_DIRECTORY` (set by systemd), else
     /// a folder of this user's under /tmp.
     pub fn new(name: &str, directory: &Path) -> Self {
+        let mut is_default = false;
         let base = if !directory.as_os_str().is_empty() {
             directory.to_owned()
         } else if let Some(runtime) = std::env::var_os("RUNTIME_DIRECTORY").filter(|d| !d.is_empty()) {
             PathBuf::from(runtime)
         } else {
+            is_default = true;
             std::env::temp_dir().join(format!("lookout-{}", rustix::process::getuid().as_raw()))
         };
-        Self { name: name.to_owned(), directory: base.join(name) }
+        Self { name: name.to_owned(), directory: base.join(name), is_default }
     }
 
     /// The instance as a reader finds it: where it would be started from here, else where the
     /// service has it.
     pub fn find(name: &str, directory: &Path) -> Self {
         let here = Self::new(name, directory);
-        if here.is_running() || !directory.as_os_str().is_empty() {
+        if here.owner().is_some() || !directory.as_os_str().is_empty() {
             return here;
         }
         let service = Self::new(name, Path::new(SERVICE_DIRECTORY));
-        if service.is_running() { service } else { here }
+        if service.owner().is_some() { service } else { here }
+    }
+
+    /// The user who runs it, or has run it last; `None` when its folder is not there.
+    pub fn owner(&self) -> Option<u32> {
+        std::fs::symlink_metadata(&self.directory).ok().map(|m| m.uid())
     }
 
     /// Its name.
@@ -181,10 +190,16 @@ impl Instance {
         }
         let base = self.directory.parent().unwrap_or(Path::new("/"));
         let made_base = !base.exists();
+        let uid = rustix::process::getuid().as_raw();
         let mut builder = DirBuilder::new();
         builder.recursive(true).mode(0o750).create(&self.directory).map_err(io_error(&self.directory))?;
+        // Where anybody may make folders, only one that nobody else can change will do.
+        let safe_base = |m: std::fs::Metadata| m.is_dir() && m.uid() == uid && m.mode() & 0o022 == 0;
+        if self.is_default && !std::fs::symlink_metadata(base).is_ok_and(safe_base) {
+            return Err(InstanceError::Foreign { path: base.to_owned() });
+        }
         let metadata = std::fs::symlink_metadata(&self.directory).map_err(io_error(&self.directory))?;
-        if metadata.uid() != rustix::process::getuid().as_raw() || !metadata.is_dir() {
+        if metadata.uid() != uid || !metadata.is_dir() {
             return Err(InstanceError::Foreign { path: self.directory.clone() });
         }
         Ok(made_base)
@@ -205,6 +220,15 @@ fn mark_path(prefix: &str) -> PathBuf {
     Path::new(SHM).join(format!("{prefix}run"))
 }
 
+/// Removes all shared memory of a run, its mark last, so that a removal that is cut short is taken
+/// up again. Gives how many files.
+fn remove_run(prefix: &str) -> usize {
+    let mark = mark_path(prefix);
+    let mut files = shared_files(prefix);
+    files.sort_by_key(|file| *file == mark);
+    files.iter().filter(|file| std::fs::remove_file(file).is_ok()).count()
+}
+
 /// Removes what runs left that are dead: those whose mark nobody holds. Gives how many files.
 fn sweep_dead_runs() -> usize {
     let mut removed = 0;
@@ -215,10 +239,7 @@ fn sweep_dead_runs() -> usize {
         };
         let Ok(mark) = File::open(&path) else { continue };
         if flock(&mark, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            // The mark goes last, so that a sweep that is cut short is taken up again.
-            let mut files = shared_files(&format!("{prefix}."));
-            files.sort_by_key(|file| *file == path);
-            removed += files.iter().filter(|file| std::fs::remove_file(file).is_ok()).count();
+            removed += remove_run(&format!("{prefix}."));
         }
     }
     removed
@@ -247,8 +268,9 @@ impl InstanceLock {
         let prefix = format!("{OWN}{}.{:04x}.", std::process::id(), generation & 0xffff);
         let path = instance.lock_path();
         let mut patience = LOCK_PATIENCE.as_millis() / 10;
+        let mut made_base = false;
         loop {
-            let made_base = instance.prepare(&prefix)?;
+            made_base |= instance.prepare(&prefix)?;
             let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
             let mut lock = match opened {
                 Err(error) if error.kind() == io::ErrorKind::NotFound && patience > 0 => {
@@ -279,23 +301,27 @@ impl InstanceLock {
             if !std::fs::metadata(&path).is_ok_and(|there| there.ino() == ours) {
                 continue;
             }
+            // A run that was killed could not remove the folder that it had made. Its prefix is
+            // forgotten before its memory goes, so that no reader joins it.
+            let mut before = String::new();
+            let known = lock.read_to_string(&mut before).is_ok();
+            made_base |= known && before.lines().nth(2) == Some(MADE);
+            lock.set_len(0).map_err(io_error(&path))?;
+            lock.rewind().map_err(io_error(&path))?;
             let mut stale = sweep_dead_runs();
             let bus = instance.bus_directory();
             if std::fs::symlink_metadata(&bus).is_ok() {
                 std::fs::remove_dir_all(&bus).map_err(io_error(&bus))?;
                 stale += 1;
             }
+            // Held before it bears its name: a sweep takes a mark that nobody holds for a dead run's.
+            let new_path = Path::new(SHM).join(format!("{prefix}new"));
             let mark_path = mark_path(&prefix);
-            let mut mark = File::create(&mark_path).map_err(io_error(&mark_path))?;
+            let mut mark = File::create(&new_path).map_err(io_error(&new_path))?;
             flock(&mark, FlockOperation::NonBlockingLockExclusive)
                 .map_err(|e| io_error(&mark_path)(e.into()))?;
-            writeln!(mark, "{}", instance.name).map_err(io_error(&mark_path))?;
-            // A run that was killed could not remove the folder that it had made.
-            let mut before = String::new();
-            let made_before = lock.read_to_string(&mut before).is_ok() && before.lines().nth(2) == Some(MADE);
-            let made_base = made_base || made_before;
-            lock.set_len(0).map_err(io_error(&path))?;
-            lock.rewind().map_err(io_error(&path))?;
+            writeln!(mark, "{}", instance.name).map_err(io_error(&new_path))?;
+            std::fs::rename(&new_path, &mark_path).map_err(io_error(&mark_path))?;
             let made = if made_base { MADE } else { "" };
             lock.write_all(format!("{}\n{prefix}\n{made}\n", std::process::id()).as_bytes())
                 .map_err(io_error(&path))?;
@@ -322,13 +348,13 @@ impl InstanceLock {
 impl Drop for InstanceLock {
     /// Best effort: what cannot be removed now is removed by the next run.
     fn drop(&mut self) {
-        for path in shared_files(&self.prefix) {
-            let _ = std::fs::remove_file(path);
-        }
+        remove_run(&self.prefix);
         let _ = std::fs::remove_dir_all(self.instance.bus_directory());
         let _ = std::fs::remove_file(self.instance.lock_path());
         let _ = std::fs::remove_dir(&self.instance.directory);
-        if let (true, Some(base)) = (self.made_base, self.instance.directory.parent()) {
+        if let (true, Some(base)) =
+            (self.made_base || self.instance.is_default, self.instance.directory.parent())
+        {
             // Only when it is empty.
             let _ = std::fs::remove_dir(base);
         }

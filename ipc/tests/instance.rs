@@ -10,7 +10,7 @@ fn an_instance_is_held_once_and_leaves_nothing() {
     let instance = Instance::new("lock-test", &base);
     assert!(!instance.is_running() && instance.prefix().is_none());
     let lock = InstanceLock::take(&instance, 1).unwrap();
-    assert!(instance.is_running());
+    assert!(instance.is_running() && instance.owner().is_some());
     assert_eq!(instance.prefix().as_deref(), Some(lock.prefix()));
     assert_eq!(instance.shared_memory().len(), 1, "the mark of the run");
     let error = InstanceLock::take(&instance, 2).unwrap_err().to_string();

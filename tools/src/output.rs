@@ -9,6 +9,12 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// A line per frame.
+const LINES: &str = "obstacles.jsonl";
+
+/// The figures of the run.
+const SUMMARY: &str = "summary.json";
+
 /// Results cannot be written.
 #[derive(Debug, Error)]
 pub enum OutputError {
@@ -34,12 +40,18 @@ pub struct FrameWriter {
     last: Option<u64>,
 }
 
-/// Makes the folder and its parts, and removes the pictures of an earlier run, which would be
-/// mistaken for this one's: files named by a frame number, nothing else.
+/// Makes the folder and its parts, and removes the results of an earlier run, which would be
+/// mistaken for this one's: pictures named by a frame number, lines and summary, nothing else.
 ///
 /// # Errors
 /// When that cannot be done.
 pub fn prepare(folder: &Path) -> Result<(), OutputError> {
+    for name in [LINES, SUMMARY] {
+        let path = folder.join(name);
+        if path.is_file() {
+            std::fs::remove_file(&path).map_err(|source| OutputError::Io { path, source })?;
+        }
+    }
     for part in ["overlay", "disparity"] {
         let path = folder.join(part);
         let io = |source| OutputError::Io { path: path.clone(), source };
@@ -47,7 +59,7 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
         for entry in std::fs::read_dir(&path).map_err(io)?.flatten() {
             let name = entry.file_name();
             let number = name.to_str().and_then(|n| n.strip_suffix(".png"));
-            if number.is_some_and(|n| n.len() == 6 && n.bytes().all(|b| b.is_ascii_digit())) {
+            if number.is_some_and(|n| n.len() >= 6 && n.bytes().all(|b| b.is_ascii_digit())) {
                 std::fs::remove_file(entry.path()).map_err(io)?;
             }
         }
@@ -56,19 +68,17 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
 }
 
 impl FrameWriter {
-    /// Opens the folder, which [`prepare`] has made. With `resume` lines are added to those that are
-    /// there, else the file starts anew.
+    /// Opens the folder, which [`prepare`] has made. A writer that takes over from another adds its
+    /// lines to those that are there.
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn open(folder: &Path, resume: bool) -> Result<Self, OutputError> {
-        let lines_path = folder.join("obstacles.jsonl");
-        let last = if resume { last_sequence(&lines_path) } else { None };
+    pub fn open(folder: &Path) -> Result<Self, OutputError> {
+        let lines_path = folder.join(LINES);
+        let last = last_sequence(&lines_path);
         let lines = File::options()
             .create(true)
-            .write(true)
-            .append(resume)
-            .truncate(!resume)
+            .append(true)
             .open(&lines_path)
             .map_err(|source| OutputError::Io { path: lines_path.clone(), source })?;
         Ok(Self { folder: folder.to_owned(), lines, lines_path, last })
@@ -117,7 +127,7 @@ fn last_sequence(path: &Path) -> Option<u64> {
 /// # Errors
 /// When it cannot be written.
 pub fn write_summary(folder: &Path, summary: &RunSummary) -> Result<(), OutputError> {
-    let path = folder.join("summary.json");
+    let path = folder.join(SUMMARY);
     let mut text = serde_json::to_vec_pretty(summary)
         .map_err(|e| OutputError::Io { path: path.clone(), source: e.into() })?;
     text.push(b'\n');
@@ -133,13 +143,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
         prepare(&out).unwrap();
-        let mut writer = FrameWriter::open(&out, false).unwrap();
+        let mut writer = FrameWriter::open(&out).unwrap();
         let (left, disparity, profile) = (vec![5; 600], vec![256; 600], vec![0.0; 20]);
         let images =
             OverlayInput { left: &left, disparity: &disparity, profile_px: &profile, width: 30, height: 20 };
         writer.write(&FrameRecord { sequence: 7, ..Default::default() }, Some(images)).unwrap();
         drop(writer);
-        let mut writer = FrameWriter::open(&out, true).unwrap();
+        let mut writer = FrameWriter::open(&out).unwrap();
         assert_eq!(writer.last(), Some(7));
         writer.write(&FrameRecord { sequence: 8, ..Default::default() }, None).unwrap();
         let lines = std::fs::read_to_string(out.join("obstacles.jsonl")).unwrap();
@@ -148,13 +158,13 @@ mod tests {
         assert_eq!(sequences, [7, 8]);
         assert!(out.join("overlay/000007.png").is_file() && out.join("disparity/000007.png").is_file());
         write_summary(&out, &RunSummary::default()).unwrap();
-        FrameWriter::open(&out, false).unwrap();
-        assert_eq!(std::fs::read(out.join("obstacles.jsonl")).unwrap(), b"");
         // A new run removes the pictures of the old one, and nothing else.
         std::fs::write(out.join("overlay/mine.png"), b"x").unwrap();
         prepare(&out).unwrap();
         assert!(!out.join("overlay/000007.png").exists() && out.join("overlay/mine.png").exists());
-        let error = prepare(&out.join("summary.json")).unwrap_err().to_string();
+        assert!(!out.join(LINES).exists() && !out.join(SUMMARY).exists());
+        std::fs::write(out.join("file"), b"x").unwrap();
+        let error = prepare(&out.join("file")).unwrap_err().to_string();
         assert!(error.contains("--out"), "{error}");
     }
 }

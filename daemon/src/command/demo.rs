@@ -1,6 +1,6 @@
 //! `lookout demo`: the whole daemon on the built-in drive, and pictures of what it saw.
 
-use super::{CommandError, load, status};
+use super::{CommandError, load, say, status};
 use crate::cli::Demo;
 use crate::rooms::road_parameters;
 use crate::scheduler::collector::FrameTrace;
@@ -36,24 +36,25 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
         ends: Ends::After(Duration::from_secs_f64(args.seconds)),
     };
     let live = std::io::stdout().is_terminal();
-    println!("A drive of {:.0} s through a built-in street; Ctrl-C ends it sooner.", args.seconds);
+    say(format_args!("A drive of {:.0} s through a built-in street; Ctrl-C ends it sooner.", args.seconds))?;
     let name = config.instance.name.clone();
     let outcome = scheduler::run(&config, &options, &mut |record| {
         if live {
-            print!("\x1b[H\x1b[2J{}", status::table(&name, record));
+            drop(say(format_args!("\x1b[H\x1b[2J{}", status::table(&name, record))));
         } else if record.frames > 0 {
-            println!(
+            // A reader that has gone does not end the drive.
+            drop(say(format_args!(
                 "{:>3} frames, alarm {}, {} obstacles",
                 record.frames,
                 crate::frame_record::ALARM_LEVELS[record.alarm.min(2) as usize],
                 record.obstacles
-            );
+            )));
         }
     })?;
     if let Some(failure) = outcome.failure {
         return Err(CommandError::Other(failure));
     }
-    println!("\n{}\n", outcome.summary);
+    say(format_args!("\n{}\n", outcome.summary))?;
     write_summary(&args.out, &outcome.summary)?;
     pictures(&config, &args.out, &outcome)
 }
@@ -93,7 +94,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
         let profile = detector.detect(view).profile_px.to_vec();
         v_disparity::draw(detector.v_disparity(), &profile).save(&out.join("v-disparity.png"))?;
     }
-    println!("In {}:", out.display());
+    say(format_args!("In {}:", out.display()))?;
     for (file, what) in [
         ("left.png", format!("frame {}: road in green, obstacles in red, alarm on top", best.sequence)),
         ("disparity.png", "its disparity: red is near, blue is far, black is unknown".into()),
@@ -103,7 +104,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
         ("obstacles.jsonl", "a line per frame, for machines".into()),
         ("summary.json", "the table above, for machines".into()),
     ] {
-        println!("  {file:<22} {what}");
+        say(format_args!("  {file:<22} {what}"))?;
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use crate::scheduler::{self, Ends, RunOptions};
 use config::Config;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::time::Instant;
 use tools::output::{FrameWriter, prepare, write_summary};
 use tools::summary::RunSummary;
 
@@ -90,8 +91,9 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     if let Some(out) = &args.out {
         prepare(out)?;
     }
-    let mut writer = args.out.as_deref().map(|out| FrameWriter::open(out, false)).transpose()?;
+    let mut writer = args.out.as_deref().map(FrameWriter::open).transpose()?;
     let bar = progress(Some(frames));
+    let start = Instant::now();
     for sequence in 0..frames {
         let result = pipeline.frame(sequence, sequence % count.max(1))?;
         if let Some(writer) = &mut writer {
@@ -100,7 +102,9 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let summary = RunSummary { offered: frames, frames, ..RunSummary::default() };
+    let seconds = start.elapsed().as_secs_f64();
+    let rate_hz = frames as f64 / seconds;
+    let summary = RunSummary { seconds, rate_hz, offered: frames, frames, ..RunSummary::default() };
     if let Some(out) = &args.out {
         write_summary(out, &summary)?;
     }

@@ -23,6 +23,14 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "status", Some("error"))?;
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
     let absent = || CommandError::from(InstanceError::NotRunning(instance.name().to_owned()));
+    let (owner, user) = (instance.owner(), rustix::process::geteuid().as_raw());
+    if let Some(owner) = owner.filter(|&owner| owner != user) {
+        return Err(CommandError::Other(format!(
+            "the daemon \"{}\" belongs to user {owner}, this is user {user}: shared memory is its own; \
+             try: sudo -u '#{owner}' lookout status",
+            instance.name()
+        )));
+    }
     if !instance.is_running() {
         return Err(absent());
     }

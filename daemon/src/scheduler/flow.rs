@@ -30,7 +30,7 @@ pub struct Flow {
     ask_again: bool,
     /// When any frame last moved.
     moved_ns: u64,
-    /// In lock-step, a frame that does not move for this long is asked for again.
+    /// A frame that no stage finishes for this long is lost; in lock-step it is asked for again.
     patience_ns: u64,
 }
 
@@ -70,6 +70,7 @@ impl Flow {
         if sequence > most && role != Role::Capture {
             return false;
         }
+        self.moved_ns = now_ns;
         let place = match role {
             Role::Capture => &mut self.published,
             Role::Recognition => &mut self.recognised,
@@ -77,7 +78,6 @@ impl Flow {
             Role::Scheduler | Role::Stereo | Role::Road => return false,
         };
         *place = (*place).max(Some(sequence));
-        self.moved_ns = now_ns;
         if !self.is_lockstep() {
             return false;
         }
@@ -156,7 +156,8 @@ impl Flow {
     /// newest frame is only lost when a stage dies with it, for it has no successor.
     pub fn is_empty(&self, all_running: bool, now_ns: u64) -> bool {
         let done = self.published.is_none_or(|last| self.is_done(last));
-        let lost = !self.is_lockstep() && all_running && now_ns.saturating_sub(self.moved_ns) > DRAIN_NS;
+        let patience_ns = DRAIN_NS.max(self.patience_ns);
+        let lost = !self.is_lockstep() && all_running && now_ns.saturating_sub(self.moved_ns) > patience_ns;
         done || lost
     }
 }
@@ -233,7 +234,7 @@ mod tests {
         flow.frame_done(Role::Recognition, 9, 2 * S);
         assert!(!flow.is_empty(true, 3 * S));
         assert!(!flow.is_empty(false, 60 * S), "a stage is coming back");
-        assert!(flow.is_empty(true, 6 * S), "the frame is lost");
+        assert!(!flow.is_empty(true, 7 * S) && flow.is_empty(true, 8 * S), "the frame is lost");
         flow.frame_done(Role::Writer, 9, 3 * S);
         assert!(flow.is_empty(true, 3 * S));
         assert_eq!(flow.resume_at(), 10);

@@ -116,7 +116,10 @@ impl Run {
         // Before anything is made that a signal would leave behind.
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGTERM, SIGINT, SIGHUP] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
+            // nohup means: go on when the terminal is gone.
+            if !(signal == SIGHUP && ignores_hangup()) {
+                signal_hook::flag::register(signal, Arc::clone(&stop))?;
+            }
         }
         // Only to be woken when a child ends.
         signal_hook::flag::register(SIGCHLD, Arc::new(AtomicBool::new(false)))?;
@@ -169,7 +172,6 @@ impl Run {
             },
             source_period_ns: source.period_ns(),
             out: options.out.clone(),
-            is_restart: false,
         };
         // Found now, not when the first stage is started.
         serde_json::to_vec(&launch)?;
@@ -348,7 +350,6 @@ impl Run {
 
     fn spawn(&mut self, role: Role, now: u64) {
         let mut launch = Launch { core: self.plan.core(role), ..self.launch.clone() };
-        launch.is_restart = self.supervisor.restarts(role) > 0;
         if role == Role::Capture {
             launch.first_sequence = self.flow.resume_at();
         }
@@ -468,6 +469,13 @@ impl Run {
         let traces = self.collector.traces().to_vec();
         RunOutcome { summary, traces, failure, was_stopped: self.was_stopped }
     }
+}
+
+/// Whether this process was started to ignore SIGHUP (signal 1, the lowest bit of the mask).
+fn ignores_hangup() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok()).is_some_and(|m| m & 1 == 1)
 }
 
 fn supervisor_parameters(config: &Config) -> SupervisorParameters {

@@ -70,7 +70,11 @@ fn run(
                     publisher.send(loan)?;
                     stage.frame_done(&header, age_ns, end_ns - begin_ns)?;
                 }
-                Err(error) => stage.refused(input.name, &error),
+                Err(error) => {
+                    stage.refused(input.name, &error);
+                    // However many of them come: the stage is alive.
+                    stage.heartbeat()?;
+                }
             }
         }
         if stage.should_stop() {

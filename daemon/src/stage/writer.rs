@@ -32,7 +32,7 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
     let Some(folder) = stage.launch.out.clone() else {
         return Err(StageError::Launch("the writer needs a folder".into()));
     };
-    let mut writer = FrameWriter::open(&folder, stage.launch.is_restart)?;
+    let mut writer = FrameWriter::open(&folder)?;
     let depths = stage.bus.subscriber(&service::DEPTH)?;
     let roads = stage.bus.subscriber(&service::REGIONS)?;
     let results = stage.bus.subscriber(&service::OBSTACLES)?;
@@ -70,7 +70,11 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                         height: format.height,
                     });
                     if input.is_none() {
-                        // The line is written all the same.
+                        if stage.launch.lockstep {
+                            // Its depth came before this writer did; the frame comes again.
+                            return Ok(Next::Wait(stage.heartbeat()?));
+                        }
+                        // At live rate the line is written all the same.
                         stage.skipped(1);
                     }
                     writer.write(&frame_record(&header, &message), input)?;
@@ -99,6 +103,7 @@ fn keep_depth(stage: &mut Stage, depths: &Subscriber, kept: &mut [Kept; KEPT]) -
                 slot.disparity.extend_from_slice(message.disparity);
             }
         }
+        stage.heartbeat()?;
     }
     Ok(())
 }
@@ -117,6 +122,7 @@ fn keep_profile(stage: &mut Stage, roads: &Subscriber, kept: &mut [Kept; KEPT]) 
                 slot.profile_px.extend_from_slice(message.profile_px);
             }
         }
+        stage.heartbeat()?;
     }
     Ok(())
 }

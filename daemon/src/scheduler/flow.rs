@@ -26,8 +26,10 @@ pub struct Flow {
     /// Last frame that the writer finished.
     written: Option<u64>,
     finished: bool,
-    /// A stage died; the frame in flight is to be asked for again.
+    /// A stage died; the frame in flight is to be asked for again once all are there.
     ask_again: bool,
+    /// No stage has died since all were last running.
+    all_there: bool,
     /// When any frame last moved.
     moved_ns: u64,
     /// A frame that no stage finishes for this long is lost; in lock-step it is asked for again.
@@ -45,6 +47,7 @@ impl Flow {
             written: None,
             finished: false,
             ask_again: false,
+            all_there: false,
             moved_ns: now_ns,
             patience_ns,
         }
@@ -84,11 +87,10 @@ impl Flow {
         if self.is_done(self.command.credit) {
             self.command.credit = self.command.credit.saturating_add(1);
             self.command.attempt = 0;
-            self.ask_again = false;
             return true;
         }
-        // A stage had died before this frame was published; it may have missed it.
-        role == Role::Capture && std::mem::take(&mut self.ask_again) && self.ask()
+        // A stage died and came back before this frame was published; it may have missed it.
+        role == Role::Capture && self.all_there && std::mem::take(&mut self.ask_again) && self.ask()
     }
 
     fn is_done(&self, sequence: u64) -> bool {
@@ -113,12 +115,14 @@ impl Flow {
     /// A stage died.
     pub fn stage_died(&mut self) {
         self.ask_again = true;
+        self.all_there = false;
     }
 
     /// All stages are there: the source is to be told what to do. In lock-step, a frame that a dead
     /// stage may have taken along is asked for again.
     pub fn all_running(&mut self, now_ns: u64) {
         self.moved_ns = now_ns;
+        self.all_there = true;
         if self.is_lockstep() && self.ask_again && self.published == Some(self.command.credit) {
             self.ask_again = false;
             self.ask();
@@ -210,6 +214,19 @@ mod tests {
         assert_eq!(flow.command().attempt, 1);
         assert!(!flow.frame_done(Role::Capture, 1, 6), "asked for once");
         assert_eq!(flow.resume_at(), 1);
+    }
+
+    #[test]
+    fn a_frame_that_was_published_while_a_stage_was_away_is_asked_for_when_it_is_back() {
+        let mut flow = flow(true, false);
+        flow.all_running(0);
+        flow.frame_done(Role::Capture, 0, 1);
+        flow.stage_died();
+        // The others finish frame 0, and the source goes on before the dead one is back.
+        assert!(flow.frame_done(Role::Recognition, 0, 2));
+        assert!(!flow.frame_done(Role::Capture, 1, 3), "asked for now it would be lost again");
+        flow.all_running(4);
+        assert_eq!((flow.command().credit, flow.command().attempt), (1, 1));
     }
 
     #[test]

@@ -58,6 +58,11 @@ impl Bus {
         let mut config = Config::default();
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|e| fail(&prefix, &e))?;
         config.global.set_root_path(&root);
+        // The scheduler sweeps, once it has reaped: processes that leave at the same time must not
+        // take each other for dead.
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)

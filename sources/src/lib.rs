@@ -1,8 +1,9 @@
-//! Where stereo pairs come from: recorded folders and synthetic scenes.
+//! Where stereo pairs come from: recorded folders, data sets with truth and synthetic scenes.
 
 pub mod calibration_file;
 pub mod folder;
 pub mod scene;
+pub mod truth;
 
 use perception::rig::Rig;
 use std::path::PathBuf;

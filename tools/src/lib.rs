@@ -1,6 +1,8 @@
-//! What people look at: pictures, plots, records of frames and summaries of runs.
+//! What people look at: pictures, plots, records of frames, summaries of runs and scores against
+//! truth.
 
 pub mod colour;
+pub mod evaluate;
 pub mod output;
 pub mod overlay;
 pub mod picture;

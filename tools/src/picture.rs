@@ -159,6 +159,14 @@ pub fn save_disparity(
     save_png(path, &bytes, width, height, ExtendedColorType::L16)
 }
 
+/// Saves an 8-bit grey image as PNG.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn save_grey(path: &Path, grey: &[u8], width: usize, height: usize) -> Result<(), PictureError> {
+    save_png(path, grey, width, height, ExtendedColorType::L8)
+}
+
 fn rgb([r, g, b]: Colour) -> Rgb888 {
     Rgb888::new(r, g, b)
 }

@@ -1,8 +1,9 @@
-//! Lines over frames: latency by stage.
+//! Plots with axes: lines over frames, bars of a histogram.
 
 use crate::picture::{Colour, Picture};
+use crate::record::tidy;
 
-/// One line of a plot.
+/// One line, or one colour of bars, of a plot.
 #[derive(Clone, Debug)]
 pub struct Series {
     /// What it shows.
@@ -28,47 +29,100 @@ fn step(range: f64) -> f64 {
     factor * power
 }
 
+/// An empty plot and where its points lie.
+struct Axes {
+    picture: Picture,
+    left: f64,
+    right: f64,
+    top: f64,
+}
+
+const GRID: Colour = [58, 62, 70];
+const INK: Colour = [190, 195, 205];
+
+impl Axes {
+    /// Axes from `left` to `right` and from 0 to a little above `top`, with their grid.
+    fn new(title: &str, (left, right): (f64, f64), top: f64) -> Self {
+        let picture = Picture::new(900, 420, [24, 26, 30]);
+        let mut axes = Self { picture, left, right, top: top * 1.08 };
+        let y_step = step(axes.top);
+        for i in 0..=(axes.top / y_step) as u32 {
+            let y = f64::from(i) * y_step;
+            let (from, to) = (axes.place(left, y), axes.place(right, y));
+            axes.picture.line(from, to, GRID, 1);
+            axes.picture.text(&format!("{:>6}", tidy(y)), 4, from.1 - 7, INK);
+        }
+        let x_step = step(right - left);
+        let (first, last) = ((left / x_step).ceil() as i32, (right / x_step).floor() as i32);
+        for i in first..=last {
+            let x = f64::from(i) * x_step;
+            let (from, to) = (axes.place(x, 0.0), axes.place(x, axes.top));
+            axes.picture.line(from, to, GRID, 1);
+            axes.picture.text(&format!("{}", tidy(x)), from.0 - 7, from.1 + 5, INK);
+        }
+        axes.picture.text(title, MARGIN, 6, [240, 240, 240]);
+        axes
+    }
+
+    fn place(&self, x: f64, y: f64) -> (i32, i32) {
+        let (width, height) = (self.picture.width() as i32, self.picture.height() as i32);
+        let share = (x - self.left) / (self.right - self.left);
+        let px = f64::from(MARGIN) + share * f64::from(width - MARGIN - 20);
+        let py = f64::from(height - 40) - y / self.top * f64::from(height - 90);
+        (px.round() as i32, py.round() as i32)
+    }
+
+    /// Names every series in its colour.
+    fn legend(mut self, series: &[Series]) -> Picture {
+        let mut x = MARGIN;
+        for (line, colour) in series.iter().zip(COLOURS.iter().cycle()) {
+            self.picture.text(&line.name, x, 24, *colour);
+            x += 7 * line.name.chars().count() as i32 + 20;
+        }
+        self.picture
+    }
+}
+
+fn finite(series: &[Series]) -> impl Iterator<Item = &(f64, f64)> {
+    series.iter().flat_map(|s| &s.points).filter(|(x, y)| x.is_finite() && y.is_finite())
+}
+
 /// Draws lines with axes that start at zero, `unit` on the upright one.
 pub fn lines(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
-    let (width, height) = (900, 420);
-    let mut picture = Picture::new(width as usize, height as usize, [24, 26, 30]);
-    let points = || series.iter().flat_map(|s| &s.points).filter(|(x, y)| x.is_finite() && y.is_finite());
-    let right = points().map(|p| p.0).fold(1.0, f64::max);
-    let top = points().map(|p| p.1).fold(1e-3, f64::max) * 1.08;
-    let place = |x: f64, y: f64| {
-        let px = f64::from(MARGIN) + x / right * f64::from(width - MARGIN - 20);
-        let py = f64::from(height - 40) - y / top * f64::from(height - 90);
-        (px.round() as i32, py.round() as i32)
-    };
-    let grid = [58, 62, 70];
-    let ink = [190, 195, 205];
-    let y_step = step(top);
-    let mut y = 0.0;
-    while y <= top {
-        picture.line(place(0.0, y), place(right, y), grid, 1);
-        picture.text(&format!("{y:>6}"), 4, place(0.0, y).1 - 7, ink);
-        y += y_step;
-    }
-    let x_step = step(right);
-    let mut x = 0.0;
-    while x <= right {
-        let at = place(x, 0.0);
-        picture.line(at, place(x, top), grid, 1);
-        picture.text(&format!("{x}"), at.0 - 7, at.1 + 5, ink);
-        x += x_step;
-    }
-    picture.text(&format!("{title} ({unit} over {x_name})"), MARGIN, 6, [240, 240, 240]);
-    let mut legend = MARGIN;
+    let right = finite(series).map(|p| p.0).fold(1.0, f64::max);
+    let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
+    let mut axes = Axes::new(&format!("{title} ({unit} over {x_name})"), (0.0, right), top);
     for (line, colour) in series.iter().zip(COLOURS.iter().cycle()) {
         for pair in line.points.windows(2) {
             if pair.iter().all(|(x, y)| x.is_finite() && y.is_finite()) {
-                picture.line(place(pair[0].0, pair[0].1), place(pair[1].0, pair[1].1), *colour, 1);
+                let (from, to) = (axes.place(pair[0].0, pair[0].1), axes.place(pair[1].0, pair[1].1));
+                axes.picture.line(from, to, *colour, 1);
             }
         }
-        picture.text(&line.name, legend, 24, *colour);
-        legend += 7 * line.name.chars().count() as i32 + 20;
     }
-    picture
+    axes.legend(series)
+}
+
+/// Draws bars that stand on zero, those of all series side by side around their x; `unit` on the
+/// upright axis. All series have the same evenly spaced x.
+pub fn bars(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
+    let low = finite(series).map(|p| p.0).fold(f64::INFINITY, f64::min);
+    let high = finite(series).map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+    let (low, high) = if low <= high { (low, high) } else { (0.0, 0.0) };
+    let count = series.iter().map(|s| s.points.len()).max().unwrap_or(0).max(2);
+    let space = if high > low { (high - low) / (count - 1) as f64 } else { 1.0 };
+    let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
+    let ends = (low - 0.6 * space, high + 0.6 * space);
+    let mut axes = Axes::new(&format!("{title} ({unit} over {x_name})"), ends, top);
+    let strength = 0.8 * space / series.len().max(1) as f64;
+    for (i, (bars, colour)) in series.iter().zip(COLOURS.iter().cycle()).enumerate() {
+        for &(x, y) in bars.points.iter().filter(|(x, y)| x.is_finite() && y.is_finite()) {
+            let start = x - 0.4 * space + i as f64 * strength;
+            let (from, to) = (axes.place(start, y.max(0.0)), axes.place(start + strength, 0.0));
+            axes.picture.fill([from.0, from.1, to.0 - from.0 - 1, to.1 - from.1], *colour);
+        }
+    }
+    axes.legend(series)
 }
 
 #[cfg(test)]
@@ -90,5 +144,20 @@ mod tests {
         assert!(coloured(700) && coloured(800));
         // Nothing to show is no reason to panic.
         lines("empty", "frame", "ms", &[]);
+    }
+    #[test]
+    fn bars_stand_side_by_side() {
+        let series = |name: &str, height: f64| Series {
+            name: name.into(),
+            points: (-2..=2).map(|x| (f64::from(x) / 4.0, height)).collect(),
+        };
+        let picture = bars("test", "px", "%", &[series("a", 10.0), series("b", 5.0)]);
+        let count =
+            |colour: Colour, y: usize| (0..picture.width()).filter(|&x| picture.at(x, y) == colour).count();
+        // Low down both colours are as broad; high up only the tall ones are there.
+        assert!(count(COLOURS[0], 370) > 200 && count(COLOURS[1], 370) > 200);
+        assert!(count(COLOURS[0], 120) > 200 && count(COLOURS[1], 120) == 0);
+        bars("empty", "px", "%", &[]);
+        bars("one", "px", "%", &[Series { name: "a".into(), points: vec![(3.0, f64::NAN)] }]);
     }
 }

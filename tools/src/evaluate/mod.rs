@@ -1,0 +1,21 @@
+//! Scores of disparity maps against truth, by the rules of the KITTI devkit, and what shows where
+//! a matcher fails: error pictures, the sub-pixel histogram, errors by confidence, disturbances.
+
+pub mod disturb;
+pub mod error_picture;
+pub mod files;
+pub mod fill;
+pub mod report;
+pub mod roc;
+pub mod score;
+pub mod subpixel;
+
+/// Disparities of a map (1/256 px, 0 = unknown) in px, −1 = unknown.
+pub fn pixels(disparity: &[u16]) -> Vec<f32> {
+    disparity.iter().map(|&d| if d > 0 { f32::from(d) / 256.0 } else { -1.0 }).collect()
+}
+
+/// A share in percent; not a number where there is nothing to share.
+fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole as f64
+}

@@ -1,7 +1,10 @@
 //! The command line. Its words are stable.
 
-use clap::{Args, Parser, Subcommand};
+use crate::rooms::matcher::Method;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use tools::evaluate::disturb::Disturbance;
 
 /// Watches the road ahead of a vehicle with two cameras.
 ///
@@ -15,6 +18,7 @@ use std::path::PathBuf;
   lookout demo                                    see it work, no hardware needed
   lookout replay RECORDING --out results          recorded pairs through the daemon
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
+  lookout evaluate stereo KITTI                   its errors against ground truth
   lookout status --watch                          what the running daemon is doing
 
 Exit code: 0 on success, 2 for bad usage, 1 for everything else."
@@ -74,6 +78,16 @@ image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.t
 
 A rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and cy_px.")]
     Obstacles(Obstacles),
+    /// Tables against ground truth
+    #[command(after_help = "Examples:
+  lookout evaluate stereo ../shared/data/kitti2015
+  lookout evaluate stereo KITTI MIDDLEBURY --out results --json
+  lookout evaluate stereo --help")]
+    Evaluate {
+        /// What is evaluated.
+        #[command(subcommand)]
+        what: Evaluate,
+    },
     /// Every error of a configuration with line and remedy; the effective configuration
     #[command(after_help = "Examples:
   lookout check-config car.toml
@@ -175,9 +189,9 @@ pub struct Disparity {
     /// Disparities searched, in px [default: stereo.disparities]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
     pub max_disparity: Option<u16>,
-    /// Matcher: full = full-range Multi-Path-Viterbi
-    #[arg(long, default_value = "full", value_parser = ["full"])]
-    pub method: String,
+    /// Matcher
+    #[arg(long, value_enum, default_value_t = Method::Full)]
+    pub method: Method,
     /// Times the matcher alone this often
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: u32,
@@ -206,6 +220,94 @@ pub struct Obstacles {
     /// Print as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Evaluate {
+    /// Disparity maps, scored as the KITTI devkit does
+    #[command(after_help = "Examples:
+  lookout evaluate stereo ../shared/data/kitti2015
+  lookout evaluate stereo KITTI --pairs odd        choose parameters on these, report --pairs even
+  lookout evaluate stereo KITTI --out results      error pictures, maps, plots
+  lookout evaluate stereo KITTI --maps results     score maps instead of matching
+  lookout evaluate stereo KITTI --disturb noise --save-pairs noisy
+
+DIR and what lies below it is searched for KITTI 2012 (image_0, image_1, disp_noc, disp_occ),
+KITTI 2015 (image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map,
+calib) and Middlebury scenes (a folder each, such as im0.png, im1.png, disp0GT.pfm).
+
+A line for each image and region: all pixels with truth, and noc, those that the right camera sees
+too. In percent: dens, pixels with an estimate; bad1, bad2, bad3, errors above 1, 2, 3 px; D1,
+above 3 px and 5 % of the truth; all of them and epe, the mean error in px, after holes are filled
+with the background of their row as KITTI does; hole3, a hole counts as wrong; val3, holes are
+left out. ms is processor time. mean is that of the images' figures.
+
+--out writes SET/errors/PAIR.png (blue is right, yellow to red is wrong by the rule of D1, occluded
+pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png, subpixel.png,
+roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and disp_occ_0; with
+several sets, below a folder for each.")]
+    Stereo(EvaluateStereo),
+}
+
+#[derive(Args, Debug)]
+pub struct EvaluateStereo {
+    /// Data sets with ground truth
+    #[arg(required = true, value_name = "DIR")]
+    pub sets: Vec<PathBuf>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Matcher
+    #[arg(long, value_enum, default_value_t = Method::Full, conflicts_with = "maps")]
+    pub method: Method,
+    /// Disparities searched, in px
+    #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255), conflicts_with = "maps")]
+    pub max_disparity: u16,
+    /// Which pairs of each set, by their position in the table, from 1
+    #[arg(long, value_enum, default_value_t = PairChoice::All)]
+    pub pairs: PairChoice,
+    /// Scores maps of this folder instead of matching: SET/PAIR.png, SET/disparity/PAIR.png or
+    /// PAIR.png, 16 bit, disparity x 256, 0 = unknown; pairs without one are left out
+    #[arg(long, value_name = "DIR")]
+    pub maps: Option<PathBuf>,
+    /// Disturbs the right image: values x 0.7, gamma of 0.6, noise of 5 grey levels, Gaussian blur of
+    /// 1 px, or half a row upwards
+    #[arg(long, value_name = "WHAT", conflicts_with = "maps",
+        value_parser = PossibleValuesParser::new(Disturbance::NAMES).try_map(|name| name.parse::<Disturbance>()))]
+    pub disturb: Option<Disturbance>,
+    /// Writes the grey pairs, as they are matched, and their truth in the layout of KITTI 2015
+    #[arg(long, value_name = "DIR")]
+    pub save_pairs: Option<PathBuf>,
+    /// Folder for error pictures, maps and plots
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Matches each pair this often; ms is the median
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "maps")]
+    pub repeat: u32,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Pairs of a set by position: parameters are chosen on one half, figures reported of the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PairChoice {
+    /// Every pair
+    All,
+    /// The first, third, …
+    Odd,
+    /// The second, fourth, …
+    Even,
+}
+
+impl PairChoice {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Odd => "odd",
+            Self::Even => "even",
+        }
+    }
 }
 
 #[derive(Args, Debug)]

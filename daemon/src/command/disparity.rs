@@ -2,17 +2,17 @@
 
 use super::{CommandError, load, say};
 use crate::cli::Disparity;
-use crate::rooms::mpv_parameters;
+use crate::rooms::matcher::Method;
 use perception::image::GreyView;
-use perception::stereo::{DisparityView, FullMpv, MatchOutput, Matcher};
+use perception::stereo::{DisparityView, MatchOutput};
 use serde::Serialize;
 use sources::folder::read_grey;
 use std::path::Path;
 use std::time::Instant;
 
 #[derive(Serialize)]
-struct Figures<'a> {
-    method: &'a str,
+struct Figures {
+    method: Method,
     width: usize,
     height: usize,
     disparities: usize,
@@ -37,6 +37,12 @@ pub fn read_pair(left: &Path, right: &Path) -> Result<(Vec<u8>, Vec<u8>, usize, 
     Ok((left_pixels, right_pixels, width, height))
 }
 
+/// The middle one of some times; sorts them.
+pub fn median(times: &mut [f64]) -> f64 {
+    times.sort_unstable_by(f64::total_cmp);
+    times.get(times.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
 pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "disparity", None)?;
     let disparities =
@@ -44,7 +50,9 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let (left, right, width, height) = read_pair(&args.left, &args.right)?;
     let left = GreyView::new(&left, width, height, width)?;
     let right = GreyView::new(&right, width, height, width)?;
-    let mut matcher = FullMpv::new(mpv_parameters(&config), width, height, disparities)
+    let mut matcher = args
+        .method
+        .matcher(&config, width, height, disparities)
         .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
     let (mut cpu_ms, mut wall_ms) = (Vec::new(), Vec::new());
@@ -59,14 +67,10 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     if let Some(path) = &args.color {
         tools::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
     }
-    let median = |values: &mut Vec<f64>| {
-        values.sort_unstable_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
     let view = DisparityView::new(&disparity, width, height)
         .ok_or_else(|| CommandError::Other("the disparity map has another size than the image".into()))?;
     let figures = Figures {
-        method: &args.method,
+        method: args.method,
         width,
         height,
         disparities,

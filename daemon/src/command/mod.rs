@@ -3,6 +3,7 @@
 mod check_config;
 mod demo;
 mod disparity;
+mod evaluate;
 mod obstacles;
 mod replay;
 mod run;
@@ -35,6 +36,9 @@ pub enum CommandError {
     /// An image.
     #[error(transparent)]
     Source(#[from] sources::SourceError),
+    /// A data set with truth.
+    #[error(transparent)]
+    Truth(#[from] sources::truth::TruthError),
     /// A matcher.
     #[error("{0}")]
     Matcher(#[from] perception::stereo::MatcherError),
@@ -80,6 +84,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::Evaluate { what } => evaluate::run(&what, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),
     }

@@ -31,7 +31,7 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
         out: args.out.clone(),
         ends: Ends::WithSource,
     };
-    let bar = progress(args.limit);
+    let bar = progress(args.limit, "frames");
     let outcome = scheduler::run(&config, &options, &mut |status| {
         bar.set_position(status.frames);
         bar.set_message(format!("{:.0} ms end to end", status.latency_p50_ms));
@@ -65,15 +65,15 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
 }
 
 /// A bar on a terminal, nothing elsewhere.
-pub fn progress(frames: Option<u64>) -> ProgressBar {
+pub fn progress(count: Option<u64>, what: &str) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let (bar, template) = match frames {
-        Some(frames) => (ProgressBar::new(frames), "{wide_bar} {pos}/{len} frames, {msg}"),
-        None => (ProgressBar::no_length(), "{spinner} {pos} frames, {msg}"),
+    let (bar, template) = match count {
+        Some(count) => (ProgressBar::new(count), format!("{{wide_bar}} {{pos}}/{{len}} {what}, {{msg}}")),
+        None => (ProgressBar::no_length(), format!("{{spinner}} {{pos}} {what}, {{msg}}")),
     };
-    match ProgressStyle::with_template(template) {
+    match ProgressStyle::with_template(&template) {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
     }
@@ -92,7 +92,7 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         prepare(out)?;
     }
     let mut writer = args.out.as_deref().map(FrameWriter::open).transpose()?;
-    let bar = progress(Some(frames));
+    let bar = progress(Some(frames), "frames");
     let start = Instant::now();
     for sequence in 0..frames {
         let result = pipeline.frame(sequence, sequence % count.max(1))?;

@@ -1,6 +1,7 @@
 //! The work of each stage, from message to message: the same code in the daemon's processes and
 //! in one process.
 
+pub mod matcher;
 pub mod recognition;
 pub mod road;
 pub mod stereo;

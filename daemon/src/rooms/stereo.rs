@@ -1,12 +1,13 @@
 //! Pair to depth.
 
-use super::{FrameError, Room, RoomError, check_size, mpv_parameters};
+use super::matcher::Method;
+use super::{FrameError, Room, RoomError, check_size};
 use crate::launch::FrameFormat;
 use config::Config;
 use ipc::header::Header;
 use ipc::{depth, pair};
 use perception::image::GreyView;
-use perception::stereo::{FullMpv, MatchOutput, Matcher};
+use perception::stereo::{MatchOutput, Matcher};
 
 /// The matcher between its messages.
 pub struct StereoRoom {
@@ -23,8 +24,8 @@ impl StereoRoom {
     pub fn new(config: &Config, format: &FrameFormat) -> Result<Self, RoomError> {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        let matcher = FullMpv::new(mpv_parameters(config), width, height, disparities)?;
-        Ok(Self { matcher: Box::new(matcher), width, height })
+        let matcher = Method::Full.matcher(config, width, height, disparities)?;
+        Ok(Self { matcher, width, height })
     }
 }
 

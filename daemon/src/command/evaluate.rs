@@ -1,0 +1,420 @@
+//! `lookout evaluate`.
+
+use super::disparity::{median, read_pair};
+use super::replay::progress;
+use super::{CommandError, load, say};
+use crate::cli::{Evaluate, EvaluateStereo, PairChoice};
+use config::Config;
+use perception::image::GreyView;
+use perception::stereo::{MatchOutput, Matcher};
+use sources::truth::{Region, Truth, TruthError, TruthPair, find, map_file};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use tools::evaluate::disturb::Disturbance;
+use tools::evaluate::error_picture::{self, ErrorInput};
+use tools::evaluate::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
+use tools::evaluate::fill::interpolate_background;
+use tools::evaluate::report::{Row, SetReport, StereoReport};
+use tools::evaluate::roc::Sparsification;
+use tools::evaluate::score::score;
+use tools::evaluate::subpixel::SubpixelHistogram;
+use tools::{colour, picture};
+
+pub fn run(what: &Evaluate, log: Option<&str>) -> Result<(), CommandError> {
+    match what {
+        Evaluate::Stereo(args) => stereo(args, log),
+    }
+}
+
+/// A data set of the command line.
+struct Set {
+    name: String,
+    root: PathBuf,
+    pairs: Vec<TruthPair>,
+}
+
+/// A pair in memory.
+struct Images {
+    left: Vec<u8>,
+    right: Vec<u8>,
+    width: usize,
+    height: usize,
+}
+
+/// What is scored.
+struct Estimate {
+    disparity: Vec<u16>,
+    /// Only a matcher tells it.
+    confidence: Option<Vec<u8>>,
+    cpu_ms: Option<f64>,
+}
+
+/// Where estimates come from.
+trait Estimator {
+    /// The estimate of a pair; `None` to leave it out.
+    fn estimate(
+        &mut self,
+        set: &str,
+        pair: &TruthPair,
+        images: &Images,
+    ) -> Result<Option<Estimate>, CommandError>;
+
+    /// Bytes of the largest matcher.
+    fn workspace_bytes(&self) -> Option<usize>;
+}
+
+fn stereo(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "evaluate", Some("warn"))?;
+    let sets = sets(args)?;
+    let mut estimator: Box<dyn Estimator> = match &args.maps {
+        Some(folder) => Box::new(Maps { folder }),
+        None => Box::new(Matchers { args, config: &config, of_size: HashMap::new() }),
+    };
+    keep_folders_apart(args)?;
+    if let Some(out) = &args.out {
+        prepare_pictures(out, &sets)?;
+    }
+    if let Some(folder) = &args.save_pairs {
+        prepare_pairs(folder, &sets)?;
+    }
+    let count = sets.iter().map(|set| set.pairs.len() as u64).sum();
+    let bar = progress(Some(count), "pairs");
+    let (mut roc, mut subpixel) = (Sparsification::default(), SubpixelHistogram::default());
+    let mut reports = Vec::new();
+    for set in &sets {
+        let (mut rows, mut left_out) = (Vec::new(), 0);
+        for pair in &set.pairs {
+            bar.set_message(pair.name.clone());
+            let (truth, images) = read(pair, args.disturb)?;
+            if let Some(folder) = &args.save_pairs {
+                save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
+            }
+            let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else {
+                left_out += 1;
+                bar.inc(1);
+                continue;
+            };
+            let px = tools::evaluate::pixels(&estimate.disparity);
+            let mut filled = px.clone();
+            interpolate_background(&mut filled, images.width, images.height);
+            for (region, mask) in &truth.regions {
+                rows.push(Row {
+                    name: pair.name.clone(),
+                    region: region.name(),
+                    scores: score(&truth.disparity_px, mask, &px, &filled),
+                    cpu_ms: estimate.cpu_ms,
+                });
+            }
+            subpixel.add(&truth.disparity_px, truth.visible(), &px);
+            if let Some(confidence) = &estimate.confidence {
+                roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
+            }
+            if let Some(out) = &args.out {
+                let greatest_px = f32::from(args.max_disparity);
+                save_pictures(
+                    &out.join(&set.name),
+                    &pair.name,
+                    &truth,
+                    &images,
+                    &estimate,
+                    &filled,
+                    greatest_px,
+                )?;
+            }
+            bar.inc(1);
+        }
+        reports.push(SetReport::new(set.name.clone(), rows, left_out));
+    }
+    bar.finish_and_clear();
+    if let Some(maps) = args.maps.as_ref().filter(|_| reports.iter().all(|set| set.rows.is_empty())) {
+        return Err(CommandError::Other(format!(
+            "{}: no map of any pair: expected SET/PAIR.png, SET/disparity/PAIR.png or PAIR.png, such as {}",
+            maps.display(),
+            map_paths(maps, &sets[0].name, &sets[0].pairs[0].name)[0].display()
+        )));
+    }
+    let matched = args.maps.is_none();
+    let report = StereoReport {
+        method: if matched { args.method.name() } else { "maps" }.to_owned(),
+        disparities: matched.then_some(usize::from(args.max_disparity)),
+        pairs: args.pairs.name().to_owned(),
+        disturb: args.disturb.map(Disturbance::name),
+        repeat: args.repeat,
+        workspace_bytes: estimator.workspace_bytes(),
+        sets: reports,
+        roc: roc.curve(),
+        subpixel: subpixel.shares(),
+    };
+    if let Some(out) = &args.out {
+        if let Some(shares) = &report.subpixel {
+            shares.plot().save(&out.join("subpixel.png"))?;
+        }
+        if let Some(curve) = &report.roc {
+            curve.plot().save(&out.join("roc.png"))?;
+        }
+        write_report(out, &report)?;
+    }
+    if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+/// The chosen pairs of every set, each set under a name of its own.
+fn sets(args: &EvaluateStereo) -> Result<Vec<Set>, CommandError> {
+    let mut sets: Vec<Set> = Vec::new();
+    for root in &args.sets {
+        let all = find(root)?;
+        let count = all.len();
+        let chosen = |position: usize| match args.pairs {
+            PairChoice::All => true,
+            PairChoice::Odd => position % 2 == 1,
+            PairChoice::Even => position.is_multiple_of(2),
+        };
+        let pairs: Vec<TruthPair> = all
+            .into_iter()
+            .zip(1..)
+            .filter(|(_, position)| chosen(*position))
+            .map(|(pair, _)| pair)
+            .collect();
+        if pairs.is_empty() {
+            let choice = args.pairs.name();
+            return Err(CommandError::Other(format!(
+                "{}: --pairs {choice} leaves none of its {count}: give --pairs all, or more pairs",
+                root.display()
+            )));
+        }
+        let own =
+            root.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+        let own = own.unwrap_or_else(|| "set".into());
+        let names = std::iter::once(own.clone()).chain((2..).map(|n| format!("{own}-{n}")));
+        let taken = |name: &String| sets.iter().any(|set| set.name == *name);
+        let name = names.into_iter().find(|name| !taken(name)).unwrap_or(own);
+        sets.push(Set { name, root: root.clone(), pairs });
+    }
+    Ok(sets)
+}
+
+/// The truth and the images of a pair, the right one disturbed.
+fn read(pair: &TruthPair, disturb: Option<Disturbance>) -> Result<(Truth, Images), CommandError> {
+    let truth = pair.truth()?;
+    let (left, mut right, width, height) = read_pair(&pair.left, &pair.right)?;
+    check_size(&pair.left, (width, height), pair.truth_file(), &truth)?;
+    if let Some(disturbance) = disturb {
+        right = disturbance.apply(&right, width, height);
+    }
+    Ok((truth, Images { left, right, width, height }))
+}
+
+fn check_size(path: &Path, size: (usize, usize), other: &Path, truth: &Truth) -> Result<(), TruthError> {
+    let expected = (truth.width, truth.height);
+    if size == expected {
+        return Ok(());
+    }
+    Err(TruthError::Size { path: path.to_owned(), size, other: other.to_owned(), expected })
+}
+
+/// Estimates by a matcher for each size of image.
+struct Matchers<'a> {
+    args: &'a EvaluateStereo,
+    config: &'a Config,
+    of_size: HashMap<(usize, usize), Box<dyn Matcher>>,
+}
+
+impl Estimator for Matchers<'_> {
+    fn estimate(
+        &mut self,
+        _set: &str,
+        pair: &TruthPair,
+        images: &Images,
+    ) -> Result<Option<Estimate>, CommandError> {
+        let (width, height) = (images.width, images.height);
+        let matcher = match self.of_size.entry((width, height)) {
+            std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
+            std::collections::hash_map::Entry::Vacant(entry) => {
+                let disparities = usize::from(self.args.max_disparity);
+                let matcher = self
+                    .args
+                    .method
+                    .matcher(self.config, width, height, disparities)
+                    .map_err(|error| CommandError::Other(format!("{}: {error}", pair.left.display())))?;
+                entry.insert(matcher)
+            }
+        };
+        let left = GreyView::new(&images.left, width, height, width)?;
+        let right = GreyView::new(&images.right, width, height, width)?;
+        let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+        let mut cpu_ms = Vec::new();
+        for _ in 0..self.args.repeat {
+            let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+            let start = ipc::clock::process_cpu_ns();
+            matcher.compute(left, right, output)?;
+            cpu_ms.push((ipc::clock::process_cpu_ns() - start) as f64 * 1e-6);
+        }
+        let cpu_ms = Some(tools::record::tidy(median(&mut cpu_ms)));
+        Ok(Some(Estimate { disparity, confidence: Some(confidence), cpu_ms }))
+    }
+
+    fn workspace_bytes(&self) -> Option<usize> {
+        self.of_size.values().map(|matcher| matcher.workspace_bytes()).max()
+    }
+}
+
+/// Estimates that are there already.
+struct Maps<'a> {
+    folder: &'a Path,
+}
+
+/// Where the map of a pair may lie; the second is where `--out` writes it.
+fn map_paths(folder: &Path, set: &str, pair: &str) -> [PathBuf; 3] {
+    let file = format!("{pair}.png");
+    [folder.join(set).join(&file), folder.join(set).join("disparity").join(&file), folder.join(&file)]
+}
+
+impl Estimator for Maps<'_> {
+    fn estimate(
+        &mut self,
+        set: &str,
+        pair: &TruthPair,
+        images: &Images,
+    ) -> Result<Option<Estimate>, CommandError> {
+        let Some(path) = map_paths(self.folder, set, &pair.name).into_iter().find(|path| path.is_file())
+        else {
+            return Ok(None);
+        };
+        let (disparity, width, height) = map_file::read_estimate(&path)?;
+        let expected = (images.width, images.height);
+        if (width, height) != expected {
+            let size = (width, height);
+            return Err(TruthError::Size { path, size, other: pair.left.clone(), expected }.into());
+        }
+        Ok(Some(Estimate { disparity, confidence: None, cpu_ms: None }))
+    }
+
+    fn workspace_bytes(&self) -> Option<usize> {
+        None
+    }
+}
+
+/// A path without links and dots, whether it exists or not.
+fn resolved(path: &Path) -> PathBuf {
+    for ancestor in path.ancestors() {
+        let start = if ancestor.as_os_str().is_empty() { Path::new(".") } else { ancestor };
+        if let Ok(real) = start.canonicalize() {
+            return path.strip_prefix(ancestor).map_or(real.clone(), |rest| real.join(rest));
+        }
+    }
+    path.to_owned()
+}
+
+/// Refuses folders of which one would be cleaned for the other.
+fn keep_folders_apart(args: &EvaluateStereo) -> Result<(), CommandError> {
+    let is_in = |inner: &Option<PathBuf>, outer: &Option<PathBuf>| match (inner, outer) {
+        (Some(inner), Some(outer)) => resolved(inner).starts_with(resolved(outer)),
+        _ => false,
+    };
+    let clash = if is_in(&args.maps, &args.out) || is_in(&args.maps, &args.save_pairs) {
+        "--maps lies in the folder that is written: give --out and --save-pairs other folders"
+    } else if is_in(&args.save_pairs, &args.out) || is_in(&args.out, &args.save_pairs) {
+        "--save-pairs and --out lie in each other: give each a folder of its own"
+    } else {
+        return Ok(());
+    };
+    Err(CommandError::Other(clash.into()))
+}
+
+/// Refuses to write into a data set: results would be taken for truth, or overwrite it.
+fn keep_out_of_sets(target: &Path, sets: &[Set], option: &str) -> Result<(), CommandError> {
+    let target_path = resolved(target);
+    match sets.iter().find(|set| target_path.starts_with(resolved(&set.root))) {
+        None => Ok(()),
+        Some(set) => Err(CommandError::Other(format!(
+            "{}: lies in the data set {}: give {option} another folder",
+            target.display(),
+            set.root.display()
+        ))),
+    }
+}
+
+const PICTURE_FOLDERS: [&str; 3] = ["errors", "disparity", "colour"];
+
+fn prepare_pictures(out: &Path, sets: &[Set]) -> Result<(), CommandError> {
+    let mut files = vec![PathBuf::from("subpixel.png"), PathBuf::from("roc.png")];
+    for set in sets {
+        keep_out_of_sets(&out.join(&set.name), sets, "--out")?;
+        for (pair, part) in set.pairs.iter().flat_map(|pair| PICTURE_FOLDERS.map(|part| (pair, part))) {
+            files.push(Path::new(&set.name).join(part).join(format!("{}.png", pair.name)));
+        }
+    }
+    Ok(prepare(out, &files)?)
+}
+
+/// Where the pairs of a set are saved: a single set needs no folder of its own.
+fn pair_folder(folder: &Path, sets: usize, name: &str) -> PathBuf {
+    if sets == 1 { folder.to_owned() } else { folder.join(name) }
+}
+
+fn prepare_pairs(folder: &Path, sets: &[Set]) -> Result<(), CommandError> {
+    let mut files = Vec::new();
+    for set in sets {
+        let below = pair_folder(Path::new(""), sets.len(), &set.name);
+        keep_out_of_sets(&folder.join(&below), sets, "--save-pairs")?;
+        // KITTI's folders are read by their maps of all pixels as soon as there are any.
+        let with_all = set.pairs.iter().filter(|pair| pair.regions().contains(&Region::All)).count();
+        if with_all != 0 && with_all != set.pairs.len() {
+            return Err(CommandError::Other(format!(
+                "{}: only {with_all} of its {} pairs have truth of occluded pixels, which one KITTI folder cannot \
+                 hold: give the folders below it one by one",
+                set.root.display(),
+                set.pairs.len()
+            )));
+        }
+        for pair in &set.pairs {
+            let [left, right, all, noc] = KITTI_FOLDERS;
+            let maps = pair.regions().into_iter().map(|region| if region == Region::All { all } else { noc });
+            files.extend(
+                [left, right]
+                    .into_iter()
+                    .chain(maps)
+                    .map(|part| below.join(part).join(format!("{}.png", pair.name))),
+            );
+        }
+    }
+    Ok(prepare(folder, &files)?)
+}
+
+fn save_pair(folder: &Path, name: &str, truth: &Truth, images: &Images) -> Result<(), CommandError> {
+    let pair = KittiPair {
+        left: &images.left,
+        right: &images.right,
+        truth: &truth.disparity_px,
+        all: truth.region(Region::All),
+        noc: truth.region(Region::Noc),
+        width: images.width,
+        height: images.height,
+    };
+    Ok(pair.save(folder, name)?)
+}
+
+fn save_pictures(
+    folder: &Path,
+    name: &str,
+    truth: &Truth,
+    images: &Images,
+    estimate: &Estimate,
+    filled: &[f32],
+    greatest_px: f32,
+) -> Result<(), CommandError> {
+    let [errors, disparity, colours] =
+        PICTURE_FOLDERS.map(|part| folder.join(part).join(format!("{name}.png")));
+    let (width, height) = (images.width, images.height);
+    let input = ErrorInput {
+        left: &images.left,
+        truth: &truth.disparity_px,
+        visible: truth.visible(),
+        filled,
+        width,
+        height,
+    };
+    error_picture::draw(input).save(&errors)?;
+    picture::save_disparity(&disparity, &estimate.disparity, width, height)?;
+    colour::disparity(&estimate.disparity, width, height, greatest_px).save(&colours)?;
+    Ok(())
+}

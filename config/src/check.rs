@@ -328,7 +328,7 @@ mod tests {
         let text = "profile = \"tk2\"
 [stereo]
 disparities = 1000
-lamda_other = 3
+lamda_vertical = 3
 ssim_k2 = nan
 [alarm]
 distance_m = \"10\"
@@ -344,7 +344,7 @@ name = \"a b\"
         for (line, part) in [
             (1, "profile: give one of \"replay\""),
             (3, "stereo.disparities = 1000: give a whole number from 16 to 255"),
-            (4, "unknown key stereo.lamda_other; did you mean lambda_other?"),
+            (4, "unknown key stereo.lamda_vertical; did you mean lambda_vertical?"),
             (5, "stereo.ssim_k2 = nan: give a number"),
             (7, "alarm.distance_m = \"10\": give a number from 0.5 to 200"),
             (8, "alarm.hold_ms = 1.5: give a whole number"),

@@ -49,13 +49,19 @@ pub struct Source {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stereo {
+    pub method: String,
     pub disparities: i64,
-    pub ssim_radius_px: i64,
+    pub budget_ms: f64,
     pub ssim_k2: f64,
-    pub gradient_share: f64,
-    pub lambda_horizontal: f64,
-    pub lambda_other: f64,
-    pub truncation: i64,
+    pub gradient_limit: i64,
+    pub lambda_horizontal: i64,
+    pub lambda_vertical: i64,
+    pub lambda_diagonal: i64,
+    pub truncation_horizontal: i64,
+    pub truncation_other: i64,
+    pub edge_levels: i64,
+    pub edge_percent: i64,
+    pub slopes: bool,
     pub left_right_px: i64,
     pub speckle_pixels: i64,
 }

@@ -8,5 +8,6 @@ pub mod image;
 pub mod recognition;
 pub mod rig;
 pub mod road;
+pub mod simd;
 pub mod stereo;
 pub mod tracking;

@@ -3,23 +3,31 @@
 use super::mpv_parameters;
 use clap::ValueEnum;
 use config::Config;
-use perception::stereo::{FullMpv, Matcher, MatcherError};
+use perception::stereo::{Matcher, MatcherError, Mpv, Search};
 use serde::Serialize;
 
 /// How a pair is matched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Full-range Multi-Path-Viterbi
+    /// Windows around a coarser map
+    Fast,
+    /// All disparities of every pixel
     Full,
 }
 
 impl Method {
-    /// Its name on the command line.
+    /// Its name on the command line and in the configuration.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Fast => "fast",
             Self::Full => "full",
         }
+    }
+
+    /// The configured method.
+    pub fn configured(config: &Config) -> Self {
+        if config.stereo.method == Self::Full.name() { Self::Full } else { Self::Fast }
     }
 
     /// A matcher for pairs of `width` × `height`.
@@ -33,8 +41,10 @@ impl Method {
         height: usize,
         disparities: usize,
     ) -> Result<Box<dyn Matcher>, MatcherError> {
-        Ok(match self {
-            Self::Full => Box::new(FullMpv::new(mpv_parameters(config), width, height, disparities)?),
-        })
+        let search = match self {
+            Self::Fast => Search::Windows,
+            Self::Full => Search::Full,
+        };
+        Ok(Box::new(Mpv::new(mpv_parameters(config), search, width, height, disparities)?))
     }
 }

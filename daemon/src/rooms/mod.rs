@@ -11,8 +11,9 @@ use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, ScanParameters};
 use perception::road::{RegionParameters, RoadParameters};
+use perception::stereo::cost::CostParameters;
+use perception::stereo::scale::PathParameters;
 use perception::stereo::speckle::SpeckleParameters;
-use perception::stereo::ssim::CostParameters;
 use perception::stereo::winner::WinnerParameters;
 use perception::stereo::{MatchError, MatcherError, MpvParameters};
 use perception::tracking::TrackerParameters;
@@ -93,18 +94,19 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
     let c = &config.stereo;
     let default = MpvParameters::default();
     MpvParameters {
-        cost: CostParameters {
-            radius: whole(c.ssim_radius_px),
-            k2: c.ssim_k2 as f32,
-            gradient_share: c.gradient_share as f32,
-            ..default.cost
+        cost: CostParameters { k2: c.ssim_k2 as f32, gradient_limit: whole(c.gradient_limit) },
+        paths: PathParameters {
+            lambda_horizontal: whole(c.lambda_horizontal),
+            lambda_vertical: whole(c.lambda_vertical),
+            lambda_diagonal: whole(c.lambda_diagonal),
+            truncation_horizontal: whole(c.truncation_horizontal),
+            truncation_other: whole(c.truncation_other),
+            edge_levels: whole(c.edge_levels),
+            edge_percent: whole(c.edge_percent),
         },
-        lambda_horizontal: c.lambda_horizontal as f32,
-        lambda_other: c.lambda_other as f32,
-        truncation: whole(c.truncation),
+        slopes: c.slopes,
         winner: WinnerParameters { left_right_px: whole(c.left_right_px), ..default.winner },
         speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
-        ..default
     }
 }
 

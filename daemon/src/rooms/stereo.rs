@@ -24,7 +24,7 @@ impl StereoRoom {
     pub fn new(config: &Config, format: &FrameFormat) -> Result<Self, RoomError> {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        let matcher = Method::Full.matcher(config, width, height, disparities)?;
+        let matcher = Method::configured(config).matcher(config, width, height, disparities)?;
         Ok(Self { matcher, width, height })
     }
 }

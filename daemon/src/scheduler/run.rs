@@ -23,7 +23,7 @@ use ipc::role::Role;
 use ipc::status::StatusRecord;
 use ipc::wait::Next;
 use ipc::{obstacles, report, service};
-use perception::stereo::FullMpv;
+use perception::stereo::Mpv;
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -100,7 +100,7 @@ impl Run {
             return Err(RunError::Side { source_name: source_name(), width, height, most: GREATEST_SIDE });
         }
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        FullMpv::check(width, height, disparities)
+        Mpv::check(width, height, disparities)
             .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
         let frames = FrameFormat::new((width, height), rig);
         RecognitionRoom::new(config, &frames)?;

@@ -1,16 +1,19 @@
 //! Dense stereo: from a rectified pair to a disparity map with confidence.
 
+pub mod blocks;
+pub mod cost;
+pub mod median;
 pub mod mpv;
+pub mod pyramid;
+pub mod scale;
 pub mod speckle;
-pub mod ssim;
 pub mod viterbi;
-pub mod volume;
 pub mod winner;
 
 use crate::image::GreyView;
 use thiserror::Error;
 
-pub use mpv::{FullMpv, MpvParameters};
+pub use mpv::{Mpv, MpvParameters, Search};
 
 /// Steps of disparity per pixel in a [`DisparityView`]: 1/256 px.
 pub const DISPARITY_SCALE: f32 = 256.0;
@@ -140,6 +143,20 @@ pub trait Matcher {
         right: GreyView<'_>,
         output: MatchOutput<'_>,
     ) -> Result<(), MatchError>;
+
+    /// As [`Self::compute`], but gives up the scale it works on once `go_on` says no (it is asked
+    /// every few rows) and returns the one before, enlarged. The coarsest scale is always finished.
+    /// Returns how often the result was halved: 0 is the full resolution.
+    ///
+    /// # Errors
+    /// As [`Self::compute`].
+    fn compute_within(
+        &mut self,
+        left: GreyView<'_>,
+        right: GreyView<'_>,
+        output: MatchOutput<'_>,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Result<u32, MatchError>;
 
     /// Bytes of scratch memory that the matcher holds.
     fn workspace_bytes(&self) -> usize;

@@ -11,35 +11,51 @@ pub struct SpeckleParameters {
 
 impl Default for SpeckleParameters {
     fn default() -> Self {
-        Self { least_pixels: 100, step: 256 }
+        Self { least_pixels: 200, step: 256 }
     }
 }
 
-/// Finds connected areas by union of row neighbours and column neighbours.
+/// Pixels of a row that belong together.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    start: u32,
+    end: u32,
+    parent: u32,
+    pixels: u32,
+}
+
+/// Finds connected areas by runs: rows are cut where neighbours differ, runs that touch in
+/// neighbouring rows are united.
 #[derive(Debug)]
 pub struct SpeckleFilter {
     parameters: SpeckleParameters,
     width: usize,
-    parent: Vec<u32>,
-    pixels: Vec<u32>,
+    runs: Vec<Run>,
+    /// Index of the first run of each row, and one after the last of all.
+    rows: Vec<u32>,
 }
 
 impl SpeckleFilter {
     /// A workspace for maps of `width` × `height`.
     pub fn new(parameters: SpeckleParameters, width: usize, height: usize) -> Self {
-        let n = width * height;
-        Self { parameters, width, parent: vec![0; n], pixels: vec![0; n] }
+        Self {
+            parameters,
+            width,
+            // As many as there can be, so that no map allocates; untouched pages cost nothing.
+            runs: Vec::with_capacity(width * height),
+            rows: Vec::with_capacity(height + 1),
+        }
     }
 
-    /// Bytes that the workspace holds.
+    /// Bytes that the workspace holds: what maps have used of it.
     pub fn bytes(&self) -> usize {
-        4 * (self.parent.len() + self.pixels.len())
+        self.runs.len() * size_of::<Run>() + 4 * self.rows.len()
     }
 
     fn root(&mut self, mut i: u32) -> u32 {
-        while self.parent[i as usize] != i {
-            let grandparent = self.parent[self.parent[i as usize] as usize];
-            self.parent[i as usize] = grandparent;
+        while self.runs[i as usize].parent != i {
+            let grandparent = self.runs[self.runs[i as usize].parent as usize].parent;
+            self.runs[i as usize].parent = grandparent;
             i = grandparent;
         }
         i
@@ -50,9 +66,37 @@ impl SpeckleFilter {
         if a != b {
             // The smaller index stays root, so the result does not depend on the order.
             let (low, high) = (a.min(b), a.max(b));
-            self.parent[high as usize] = low;
-            self.pixels[low as usize] += self.pixels[high as usize];
+            self.runs[high as usize].parent = low;
+            self.runs[low as usize].pixels += self.runs[high as usize].pixels;
         }
+    }
+
+    fn cut_rows(&mut self, disparity: &[u16]) {
+        let step = self.parameters.step;
+        self.runs.clear();
+        self.rows.clear();
+        for row in disparity.chunks_exact(self.width) {
+            self.rows.push(self.runs.len() as u32);
+            let mut x = 0;
+            while x < row.len() {
+                if row[x] == 0 {
+                    x += 1;
+                    continue;
+                }
+                let start = x;
+                x += 1;
+                while x < row.len() && row[x] > 0 && row[x].abs_diff(row[x - 1]) <= step {
+                    x += 1;
+                }
+                self.runs.push(Run {
+                    start: start as u32,
+                    end: x as u32,
+                    parent: self.runs.len() as u32,
+                    pixels: (x - start) as u32,
+                });
+            }
+        }
+        self.rows.push(self.runs.len() as u32);
     }
 
     /// Sets the pixels of small islands in `disparity` to 0 (unknown).
@@ -60,25 +104,40 @@ impl SpeckleFilter {
         if self.parameters.least_pixels == 0 {
             return;
         }
-        for (i, parent) in self.parent.iter_mut().enumerate() {
-            *parent = i as u32;
-        }
-        self.pixels.fill(1);
+        self.cut_rows(disparity);
         let step = self.parameters.step;
-        let alike = |a: u16, b: u16| a > 0 && b > 0 && a.abs_diff(b) <= step;
-        let width = self.width;
-        for i in 0..disparity.len() {
-            if i % width > 0 && alike(disparity[i], disparity[i - 1]) {
-                self.join(i as u32, i as u32 - 1);
-            }
-            if i >= width && alike(disparity[i], disparity[i - width]) {
-                self.join(i as u32, (i - width) as u32);
+        for y in 1..self.rows.len() - 1 {
+            let above = &disparity[(y - 1) * self.width..y * self.width];
+            let here = &disparity[y * self.width..(y + 1) * self.width];
+            let (mut a, mut b) = (self.rows[y - 1], self.rows[y]);
+            let (a_end, b_end) = (self.rows[y], self.rows[y + 1]);
+            while a < a_end && b < b_end {
+                let (up, down) = (self.runs[a as usize], self.runs[b as usize]);
+                let both = up.start.max(down.start) as usize..up.end.min(down.end) as usize;
+                if both.start < both.end {
+                    let alike = above[both.clone()]
+                        .iter()
+                        .zip(&here[both])
+                        .any(|(a, b)| a.abs_diff(*b) <= step);
+                    if alike {
+                        self.join(a, b);
+                    }
+                }
+                if up.end <= down.end {
+                    a += 1;
+                } else {
+                    b += 1;
+                }
             }
         }
-        for i in 0..disparity.len() {
-            let root = self.root(i as u32);
-            if self.pixels[root as usize] < self.parameters.least_pixels {
-                disparity[i] = 0;
+        for y in 0..self.rows.len() - 1 {
+            for i in self.rows[y]..self.rows[y + 1] {
+                let root = self.root(i);
+                if self.runs[root as usize].pixels < self.parameters.least_pixels {
+                    let run = self.runs[i as usize];
+                    let row = &mut disparity[y * self.width..(y + 1) * self.width];
+                    row[run.start as usize..run.end as usize].fill(0);
+                }
             }
         }
     }
@@ -109,5 +168,46 @@ mod tests {
         let parameters = SpeckleParameters { least_pixels: 4, step: 256 };
         SpeckleFilter::new(parameters, width, height).apply(&mut map);
         assert_eq!(map, before);
+    }
+
+    #[test]
+    fn runs_find_the_same_islands_as_a_flood() {
+        let mut random = fastrand::Rng::with_seed(11);
+        for _ in 0..50 {
+            let (width, height) = (random.usize(1..30), random.usize(1..20));
+            let map: Vec<u16> = (0..width * height).map(|_| random.u16(0..4) * 200).collect();
+            let parameters = SpeckleParameters { least_pixels: random.u32(1..12), step: 256 };
+            let mut flooded = map.clone();
+            let mut seen = vec![false; map.len()];
+            for start in 0..map.len() {
+                if map[start] == 0 || seen[start] {
+                    continue;
+                }
+                let (mut area, mut open) = (Vec::new(), vec![start]);
+                seen[start] = true;
+                while let Some(i) = open.pop() {
+                    area.push(i);
+                    let (x, y) = (i % width, i / width);
+                    let beside = [
+                        (x > 0).then(|| i - 1),
+                        (x + 1 < width).then_some(i + 1),
+                        (y > 0).then(|| i.wrapping_sub(width)),
+                        (y + 1 < height).then_some(i + width),
+                    ];
+                    for j in beside.into_iter().flatten() {
+                        if map[j] > 0 && !seen[j] && map[j].abs_diff(map[i]) <= 256 {
+                            seen[j] = true;
+                            open.push(j);
+                        }
+                    }
+                }
+                if area.len() < parameters.least_pixels as usize {
+                    area.iter().for_each(|&i| flooded[i] = 0);
+                }
+            }
+            let mut filtered = map.clone();
+            SpeckleFilter::new(parameters, width, height).apply(&mut filtered);
+            assert_eq!(filtered, flooded, "{width}x{height}");
+        }
     }
 }

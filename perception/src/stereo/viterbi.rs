@@ -1,132 +1,418 @@
-//! One step of a Viterbi path with the total-variation edge cost (paper, sections 3.2 and 3.3).
+//! One step of Viterbi paths with the total-variation edge cost (paper, sections 3.2 and 3.3).
 //!
 //! The energy of node `u` of pixel `p`, reached from the pixel before it on the path, is
 //!
 //! ```text
-//! e(p, u) = C(p, u) + min( min_v { e(p−1, v) + w·|u − v| }, m + T ) − m,   m = min_v e(p−1, v)
+//! e(p, u) = C(p, u) + min( min_v { e(p−1, v) + w·|u − v − s| }, m + T ) − m,   m = min_v e(p−1, v)
 //! ```
 //!
-//! with the data term C, the edge weight w ≥ 1 and the truncation T. The inner minimum over all v
-//! is found exactly by two sweeps over the disparities (the paper's O(2m) recursion, with the
-//! backward sweep that its printed form omits): F(u) = min(e(p−1, u), F(u−1) + w), then
-//! B(u) = min(F(u), B(u+1) + w). Subtracting m keeps energies within C + T.
+//! with the data term C, the edge weight w ≥ 1, the truncation T and the slope step s of the
+//! surface that is expected there (−1, 0 or 1). The inner minimum over all v is found exactly by
+//! two sweeps over the disparities (the paper's O(2m) recursion, with the backward sweep that its
+//! printed form omits): F(u) = min(e(p−1, u), F(u−1) + w), then B(u) = min(F(u), B(u+1) + w).
+//! Subtracting m keeps energies within C + T.
+//!
+//! Two neighbours on a path may have different search windows. Nodes of the one before that lie
+//! outside the window of the next are its *virtual nodes* (paper, section 3.4): both sweeps begin
+//! at them, so they reach every node of the window at the right price, but carry no cost of their
+//! own. Nodes that do not exist have the energy 255.
 
-use super::volume::Lanes;
+use crate::simd::{Lanes, Simd, kernel};
 
-/// Advances [`super::volume::LANES`] independent paths by one pixel.
-///
-/// `previous` and `data` hold one entry per disparity; `weight` is w of each lane; the result
-/// goes to `out`. A `previous` of zeros starts the paths afresh (`out` = `data`).
-/// Energies saturate at 255; they stay exact while `data` ≤ 255 − `truncation`.
-///
-/// # Panics
-/// When the slices differ in length or are empty.
-#[inline]
-pub fn step(previous: &[Lanes], data: &[Lanes], weight: Lanes, truncation: u8, out: &mut [Lanes]) {
-    let disparities = previous.len();
-    assert!(disparities > 0 && data.len() == disparities && out.len() == disparities);
+/// Nodes that do not exist on either side of a state, so that a slope step needs no test.
+pub const PAD: usize = 2;
 
-    // Forward sweep: F goes to `out`, m is collected on the way.
-    let mut forward = previous[0];
-    let mut least = forward;
-    out[0] = forward;
-    for (before, target) in previous[1..].iter().zip(&mut out[1..]) {
-        least = least.min(*before);
-        forward = before.min(forward.saturating_add(weight));
-        *target = forward;
+/// Nodes that a step visits, as places in a padded state: disparity + [`PAD`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// The first node that is read.
+    pub from: usize,
+    /// One after the last node that is read.
+    pub to: usize,
+    /// The window's first node.
+    pub low: usize,
+    /// One after the window's last node.
+    pub high: usize,
+}
+
+impl Span {
+    /// The span of a window of disparities [`low`, `high`) entered from `before`. With `slack` 1
+    /// all nodes are reached with a slope step, too; without one, 0 is enough.
+    pub fn new((low, high): (usize, usize), before: (usize, usize), slack: usize) -> Self {
+        Self {
+            from: PAD + low.min(before.0) - slack,
+            to: PAD + high.max(before.1) + slack,
+            low: PAD + low,
+            high: PAD + high,
+        }
     }
 
-    // Backward sweep: B, truncated, plus the data term.
-    let limit = Lanes::splat(truncation);
-    let mut backward = out[disparities - 1];
-    for (target, cost) in out.iter_mut().zip(data).rev() {
-        backward = target.min(backward.saturating_add(weight));
-        *target = cost.saturating_add(backward.saturating_sub(least).min(limit));
+    /// The part of a padded state that is read for a slope step.
+    #[inline(always)]
+    fn read<'a>(&self, state: &'a [Lanes], step: i8) -> &'a [Lanes] {
+        let start = self.from.wrapping_add_signed(-isize::from(step));
+        &state[start..start + self.to - self.from]
+    }
+
+    /// The window in a padded state.
+    #[inline(always)]
+    fn window<'a>(&self, state: &'a mut [Lanes]) -> &'a mut [Lanes] {
+        &mut state[self.low..self.high]
     }
 }
 
-/// The definition of [`step`] for one path, O(m²): the oracle of the tests.
-pub fn step_brute_force(previous: &[u8], data: &[u8], weight: u8, truncation: u8) -> Vec<u8> {
-    let least = i32::from(*previous.iter().min().expect("a path has nodes"));
-    (0..data.len())
-        .map(|u| {
-            let best = previous
+/// Advances [`crate::simd::LANES`] independent paths by one pixel: `state` (padded energies of the
+/// pixel before) becomes that of this pixel within the window, and `out` gets a copy of the window.
+/// `forward` is scratch of at least the window's length.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn single_step<S: Simd>(
+    s: S,
+    state: &mut [Lanes],
+    data: &[Lanes],
+    out: &mut [Lanes],
+    weight: &Lanes,
+    truncation: u8,
+    slope: i8,
+    span: Span,
+    merge: bool,
+    forward: &mut [Lanes],
+) {
+    let n = span.high - span.low;
+    let (data, out, forward) = (&data[..n], &mut out[..n], &mut forward[..n]);
+    let before = span.read(state, slope);
+    let (below, rest) = before.split_at(span.low - span.from);
+    let (inside, above) = rest.split_at(n);
+    let weight = s.load(weight);
+    let limit = s.splat(truncation);
+    let none = s.splat(u8::MAX);
+
+    let (mut least, mut energy) = (none, none);
+    for node in below {
+        let node = s.load(node);
+        least = s.min(least, node);
+        energy = s.min(node, s.add(energy, weight));
+    }
+    for (node, target) in inside.iter().zip(forward.iter_mut()) {
+        let node = s.load(node);
+        least = s.min(least, node);
+        energy = s.min(node, s.add(energy, weight));
+        s.store(energy, target);
+    }
+    energy = none;
+    for node in above.iter().rev() {
+        let node = s.load(node);
+        least = s.min(least, node);
+        energy = s.min(node, s.add(energy, weight));
+    }
+    let window = span.window(state);
+    for i in (0..n).rev() {
+        energy = s.min(s.load(&forward[i]), s.add(energy, weight));
+        let jump = s.min(s.sub(energy, least), limit);
+        let total = s.add(s.load(&data[i]), jump);
+        s.store(total, &mut window[i]);
+        let kept = if merge { s.min(total, s.load(&out[i])) } else { total };
+        s.store(kept, &mut out[i]);
+    }
+}
+
+/// The paths of one direction through a tile, for [`triple_step`].
+#[derive(Debug)]
+pub struct Paths<'a> {
+    /// Padded energies of the row before; becomes those of this row.
+    pub state: &'a mut [Lanes],
+    /// The padded energies, a row before, of the tile that the paths come from sideways.
+    pub beside: &'a [Lanes],
+    /// Edge weight of each lane.
+    pub weight: Lanes,
+    /// Slope step.
+    pub slope: i8,
+}
+
+/// Advances the vertical paths and both diagonal ones of a tile by one row, and sums up what their
+/// jumps cost. `paths` are: straight, coming from the left, coming from the right.
+///
+/// With `last` false, `out` gets the sum. With `last` true, `out` already holds the sum of the
+/// other sweep and becomes the final energy, `data` + both sums.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn triple_step<S: Simd>(
+    s: S,
+    paths: &mut [Paths<'_>; 3],
+    data: &[Lanes],
+    out: &mut [Lanes],
+    truncation: u8,
+    span: Span,
+    last: bool,
+    forward: &mut [Lanes],
+) {
+    let n = span.high - span.low;
+    let (data, out) = (&data[..n], &mut out[..n]);
+    let (forward_a, rest) = forward.split_at_mut(n);
+    let (forward_b, rest) = rest.split_at_mut(n);
+    let forward_c = &mut rest[..n];
+    let limit = s.splat(truncation);
+    let none = s.splat(u8::MAX);
+    let [straight, left, right] = paths;
+    let weight = [s.load(&straight.weight), s.load(&left.weight), s.load(&right.weight)];
+    let mut least = [none; 3];
+    let mut energy = [none; 3];
+    {
+        let all = span.to - span.from;
+        let a = &span.read(straight.state, straight.slope)[..all];
+        let b = &span.read(left.state, left.slope)[..all];
+        let b_beside = &span.read(left.beside, left.slope)[..all];
+        let c = &span.read(right.state, right.slope)[..all];
+        let c_beside = &span.read(right.beside, right.slope)[..all];
+        let read = |i: usize| {
+            [
+                s.load(&a[i]),
+                s.from_left(s.load(&b[i]), s.load(&b_beside[i])),
+                s.from_right(s.load(&c[i]), s.load(&c_beside[i])),
+            ]
+        };
+        let start = span.low - span.from;
+        for i in 0..start {
+            let node = read(i);
+            for p in 0..3 {
+                least[p] = s.min(least[p], node[p]);
+                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+            }
+        }
+        for i in 0..n {
+            let node = read(start + i);
+            for p in 0..3 {
+                least[p] = s.min(least[p], node[p]);
+                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+            }
+            s.store(energy[0], &mut forward_a[i]);
+            s.store(energy[1], &mut forward_b[i]);
+            s.store(energy[2], &mut forward_c[i]);
+        }
+        energy = [none; 3];
+        for i in (start + n..all).rev() {
+            let node = read(i);
+            for p in 0..3 {
+                least[p] = s.min(least[p], node[p]);
+                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+            }
+        }
+    }
+    let a = span.window(straight.state);
+    let b = span.window(left.state);
+    let c = span.window(right.state);
+    let (a, b, c) = (&mut a[..n], &mut b[..n], &mut c[..n]);
+    for i in (0..n).rev() {
+        let cost = s.load(&data[i]);
+        let node = [s.load(&forward_a[i]), s.load(&forward_b[i]), s.load(&forward_c[i])];
+        let mut jump = [none; 3];
+        for p in 0..3 {
+            energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+            jump[p] = s.min(s.sub(energy[p], least[p]), limit);
+        }
+        s.store(s.add(cost, jump[0]), &mut a[i]);
+        s.store(s.add(cost, jump[1]), &mut b[i]);
+        s.store(s.add(cost, jump[2]), &mut c[i]);
+        let mut sum = s.add(s.add(jump[0], jump[1]), jump[2]);
+        if last {
+            sum = s.add(s.add(sum, s.load(&out[i])), cost);
+        }
+        s.store(sum, &mut out[i]);
+    }
+}
+
+kernel! {
+    /// [`single_step`] at a level: advances horizontal paths of 32 rows by one column.
+    fn single(
+        state: &mut [Lanes],
+        data: &[Lanes],
+        out: &mut [Lanes],
+        weight: &Lanes,
+        truncation: u8,
+        slope: i8,
+        span: Span,
+        merge: bool,
+        forward: &mut [Lanes],
+    ) = single_step
+}
+
+kernel! {
+    /// [`triple_step`] at a level.
+    fn triple(
+        paths: &mut [Paths<'_>; 3],
+        data: &[Lanes],
+        out: &mut [Lanes],
+        truncation: u8,
+        span: Span,
+        last: bool,
+        forward: &mut [Lanes],
+    ) = triple_step
+}
+
+/// The definition of a step for one path, O(m²): the oracle of the tests. `before` and `data` are
+/// (disparity, energy) pairs of two windows.
+pub fn step_brute_force(
+    before: &[(usize, u8)],
+    data: &[(usize, u8)],
+    weight: u8,
+    truncation: u8,
+    slope: i8,
+) -> Vec<u8> {
+    let least = before.iter().map(|&(_, e)| i32::from(e)).min().unwrap_or(0);
+    data.iter()
+        .map(|&(u, cost)| {
+            let best = before
                 .iter()
-                .enumerate()
-                .map(|(v, &e)| i32::from(e) + i32::from(weight) * (u.abs_diff(v) as i32))
+                .map(|&(v, e)| {
+                    let way = (u as i32 - v as i32 - i32::from(slope)).abs();
+                    // Energies that reach 255 stay there.
+                    (i32::from(e) + i32::from(weight) * way).min(255)
+                })
                 .min()
-                .expect("a path has nodes");
-            let jump = best.min(least + i32::from(truncation)) - least;
-            (i32::from(data[u]) + jump).min(255) as u8
+                .unwrap_or(255);
+            let jump = (best - least).min(i32::from(truncation));
+            (i32::from(cost) + jump).min(255) as u8
         })
         .collect()
 }
 
-/// The edge weight of each step in grey value: λ·max(floor, e^(−|ΔI|/g)), at least 1, rounded.
-#[derive(Clone, Debug)]
-pub struct EdgeWeight {
-    table: [u8; 256],
-}
-
-impl EdgeWeight {
-    /// A table for `lambda` (in units of the cost), the scale `g` in grey levels and the share of
-    /// λ that stays at the strongest edge.
-    pub fn new(lambda: f32, gradient_scale: f32, floor: f32) -> Self {
-        let mut table = [1; 256];
-        for (step, weight) in table.iter_mut().enumerate() {
-            let kept = (-(step as f32) / gradient_scale).exp().max(floor);
-            *weight = (lambda * kept).round().clamp(1.0, 255.0) as u8;
-        }
-        Self { table }
-    }
-
-    /// The weight between two neighbours on a path.
-    #[inline(always)]
-    pub fn between(&self, a: u8, b: u8) -> u8 {
-        self.table[usize::from(a.abs_diff(b))]
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::volume::LANES;
     use super::*;
+    use crate::simd::{LANES, Level};
 
-    /// Runs a chain of pixels through `step` and compares each with the O(m²) definition.
-    fn compare(disparities: usize, pixels: usize, weight_max: u8, truncation: u8, seed: u64) {
-        let mut random = fastrand::Rng::with_seed(seed);
-        let mut lanes = |max: u8| {
-            let mut l = Lanes::ZERO;
-            l.0.iter_mut().for_each(|v| *v = random.u8(..=max));
-            l
-        };
-        let mut previous = vec![Lanes::ZERO; disparities];
-        for pixel in 0..pixels {
-            let data: Vec<Lanes> = (0..disparities).map(|_| lanes(217)).collect();
-            let weight = lanes(weight_max - 1).saturating_add(Lanes::splat(1));
-            let mut out = vec![Lanes::ZERO; disparities];
-            step(&previous, &data, weight, truncation, &mut out);
-            for lane in 0..LANES {
-                let column = |s: &[Lanes]| s.iter().map(|l| l.0[lane]).collect::<Vec<_>>();
-                let expected =
-                    step_brute_force(&column(&previous), &column(&data), weight.0[lane], truncation);
-                assert_eq!(
-                    column(&out),
-                    expected,
-                    "pixel {pixel}, lane {lane}, {disparities} disparities, T {truncation}, seed {seed}"
-                );
-            }
-            previous = out;
-        }
+    fn random_lanes(random: &mut fastrand::Rng, most: u8) -> Lanes {
+        Lanes(std::array::from_fn(|_| random.u8(..=most)))
+    }
+
+    /// A padded state with energies in a window and none elsewhere.
+    fn state(
+        random: &mut fastrand::Rng,
+        (low, high): (usize, usize),
+        disparities: usize,
+    ) -> Vec<Lanes> {
+        let mut state = vec![Lanes::FULL; disparities + 2 * PAD];
+        state[PAD + low..PAD + high].iter_mut().for_each(|l| *l = random_lanes(random, 180));
+        state
+    }
+
+    fn column(state: &[Lanes], (low, high): (usize, usize), lane: usize) -> Vec<(usize, u8)> {
+        (low..high).map(|d| (d, state[PAD + d].0[lane])).collect()
+    }
+
+    fn windows(random: &mut fastrand::Rng, disparities: usize) -> (usize, usize) {
+        let low = random.usize(0..disparities);
+        (low, random.usize(low + 1..=disparities))
     }
 
     #[test]
-    fn the_fast_recursion_equals_brute_force() {
-        for (disparities, weight, truncation) in
-            [(1, 1, 38), (2, 8, 38), (7, 3, 10), (16, 255, 38), (64, 8, 38), (128, 1, 255), (100, 40, 0)]
-        {
-            for seed in 0..3 {
-                compare(disparities, 12, weight, truncation, seed);
+    fn the_fast_recursion_equals_brute_force_at_every_level() {
+        let mut random = fastrand::Rng::with_seed(7);
+        for round in 0..300 {
+            let disparities = random.usize(1..70);
+            let full = round % 3 == 0;
+            let all = (0, disparities);
+            let window = if full { all } else { windows(&mut random, disparities) };
+            let before = if full { all } else { windows(&mut random, disparities) };
+            let beside = if full { all } else { windows(&mut random, disparities) };
+            let truncation = random.u8(..=75);
+            let slopes: [i8; 3] = std::array::from_fn(|_| random.i8(-1..=1));
+            let weights: [Lanes; 3] = std::array::from_fn(|_| {
+                Lanes(std::array::from_fn(|_| random.u8(1..30)))
+            });
+            let n = window.1 - window.0;
+            let data: Vec<Lanes> = (0..n).map(|_| random_lanes(&mut random, 112)).collect();
+            let states: [Vec<Lanes>; 3] =
+                std::array::from_fn(|_| state(&mut random, before, disparities));
+            let sides: [Vec<Lanes>; 3] =
+                std::array::from_fn(|_| state(&mut random, beside, disparities));
+            let other: Vec<Lanes> = (0..n).map(|_| random_lanes(&mut random, 100)).collect();
+            let both = (before.0.min(beside.0), before.1.max(beside.1));
+            let span = Span::new(window, both, 1);
+
+            // What each lane of each path must be, by the definition.
+            let node = |lane: usize| -> Vec<(usize, u8)> {
+                (0..n).map(|i| (window.0 + i, data[i].0[lane])).collect()
+            };
+            let expected: [Vec<Vec<u8>>; 3] = std::array::from_fn(|p| {
+                (0..LANES)
+                    .map(|lane| {
+                        let from = match (p, lane) {
+                            (1, 0) => column(&sides[p], beside, LANES - 1),
+                            (2, l) if l == LANES - 1 => column(&sides[p], beside, 0),
+                            (1, _) => column(&states[p], before, lane - 1),
+                            (2, _) => column(&states[p], before, lane + 1),
+                            _ => column(&states[p], before, lane),
+                        };
+                        step_brute_force(&from, &node(lane), weights[p].0[lane], truncation, slopes[p])
+                    })
+                    .collect()
+            });
+            for level in Level::available() {
+                let mut scratch = vec![Lanes::ZERO; 3 * n];
+                let mut copies = states.clone();
+                let mut out = vec![Lanes::ZERO; n];
+                single(
+                    level,
+                    &mut copies[0],
+                    &data,
+                    &mut out,
+                    &weights[0],
+                    truncation,
+                    slopes[0],
+                    Span::new(window, before, 1),
+                    false,
+                    &mut scratch,
+                );
+                for lane in 0..LANES {
+                    let got: Vec<u8> = out.iter().map(|l| l.0[lane]).collect();
+                    assert_eq!(got, expected[0][lane], "single, lane {lane}, {}", level.name());
+                }
+                assert_eq!(copies[0][PAD + window.0..PAD + window.1], out[..]);
+                let mut merged = other.clone();
+                let mut state = states[0].clone();
+                let span_0 = Span::new(window, before, 1);
+                let (weight, slope) = (&weights[0], slopes[0]);
+                single(level, &mut state, &data, &mut merged, weight, truncation, slope, span_0, true, &mut scratch);
+                for ((merged, out), other) in merged.iter().zip(&out).zip(&other) {
+                    for lane in 0..LANES {
+                        assert_eq!(merged.0[lane], out.0[lane].min(other.0[lane]));
+                    }
+                }
+
+                for last in [false, true] {
+                    let mut copies = states.clone();
+                    let mut out = other.clone();
+                    let [a, b, c] = &mut copies;
+                    let path = |state, p: usize| Paths {
+                        state,
+                        beside: &sides[p],
+                        weight: weights[p],
+                        slope: slopes[p],
+                    };
+                    let mut paths = [path(a, 0), path(b, 1), path(c, 2)];
+                    triple(level, &mut paths, &data, &mut out, truncation, span, last, &mut scratch);
+                    for (i, lanes) in out.iter().enumerate() {
+                        for lane in 0..LANES {
+                            let cost = i32::from(data[i].0[lane]);
+                            let mut sum = 0;
+                            for p in 0..3 {
+                                let e = i32::from(expected[p][lane][i]);
+                                sum += e - cost;
+                                assert_eq!(
+                                    copies[p][PAD + window.0 + i].0[lane],
+                                    expected[p][lane][i],
+                                    "path {p}, lane {lane}, {}",
+                                    level.name()
+                                );
+                            }
+                            if last {
+                                sum += cost + i32::from(other[i].0[lane]);
+                            }
+                            assert_eq!(i32::from(lanes.0[lane]), sum.min(255));
+                        }
+                    }
+                }
             }
         }
     }
@@ -135,16 +421,20 @@ mod tests {
     fn a_fresh_path_takes_the_data_term() {
         let data: Vec<Lanes> = (0..9).map(Lanes::splat).collect();
         let mut out = vec![Lanes::ZERO; 9];
-        step(&[Lanes::ZERO; 9], &data, Lanes::splat(4), 38, &mut out);
+        let mut state = vec![Lanes::ZERO; 9 + 2 * PAD];
+        let span = Span::new((0, 9), (0, 9), 0);
+        single(
+            Level::best(),
+            &mut state,
+            &data,
+            &mut out,
+            &Lanes::splat(4),
+            38,
+            0,
+            span,
+            false,
+            &mut vec![Lanes::ZERO; 9],
+        );
         assert_eq!(out, data);
-    }
-
-    #[test]
-    fn weights_fall_with_the_gradient_but_never_vanish() {
-        let weight = EdgeWeight::new(8.0, 40.0, 0.3);
-        assert_eq!(weight.between(10, 10), 8);
-        assert!(weight.between(0, 40) < weight.between(0, 10));
-        assert_eq!(weight.between(0, 255), 2);
-        assert_eq!(EdgeWeight::new(0.1, 40.0, 0.0).between(0, 255), 1);
     }
 }

@@ -1,12 +1,14 @@
 //! From energies to a disparity: the winner, its sub-pixel place, the left-right check and the
 //! confidence.
 
-use super::volume::{LANES, Lanes};
+use super::blocks::Block;
+use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// How the winner of a pixel is chosen and trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WinnerParameters {
-    /// Disparities of the left and the right view may differ by this many pixels.
+    /// Disparities of the left and the right view may differ by this many pixels; 255 leaves the
+    /// check out.
     pub left_right_px: u8,
     /// A winner whose energy lies this far below the best other node has confidence 255.
     pub clear_margin: u8,
@@ -14,116 +16,133 @@ pub struct WinnerParameters {
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 1, clear_margin: 40 }
+        Self { left_right_px: 2, clear_margin: 100 }
     }
 }
+
+/// The winners of a tile: where in the window (0 to `nodes.len()` − 1), their energies, and the
+/// least energy more than one disparity away. On a tie the smaller disparity wins.
+#[derive(Clone, Copy, Debug)]
+pub struct Winners {
+    place: Lanes,
+    best: Lanes,
+    second: Lanes,
+}
+
+#[inline(always)]
+fn pick<S: Simd>(s: S, nodes: &[Lanes], winners: &mut Winners) {
+    let mut best = s.splat(u8::MAX);
+    let mut place = s.splat(0);
+    for (k, node) in nodes.iter().enumerate() {
+        let node = s.load(node);
+        place = s.select_less(node, best, s.splat(k as u8), place);
+        best = s.min(node, best);
+    }
+    let mut second = s.splat(u8::MAX);
+    let one = s.splat(1);
+    for (k, node) in nodes.iter().enumerate() {
+        let here = s.splat(k as u8);
+        let away = s.max(s.sub(here, place), s.sub(place, here));
+        // Near the winner the node counts as 255.
+        let rival = s.select_less(one, away, s.load(node), s.splat(u8::MAX));
+        second = s.min(second, rival);
+    }
+    s.store(place, &mut winners.place);
+    s.store(best, &mut winners.best);
+    s.store(second, &mut winners.second);
+}
+
+kernel! { fn pick_winners(nodes: &[Lanes], winners: &mut Winners) = pick }
 
 /// Picks winners row by row, with memory allocated once.
 #[derive(Debug)]
 pub struct Winner {
     parameters: WinnerParameters,
+    level: Level,
     width: usize,
-    disparities: usize,
+    /// Whole disparity and energy of each pixel's winner.
+    place: Vec<u8>,
     best: Vec<u8>,
-    best_disparity: Vec<u8>,
-    second: Vec<u8>,
-    /// The right view; `disparities` unused entries lead, so that x − d needs no test.
-    right_best: Vec<u8>,
-    right_disparity: Vec<u8>,
+    /// The right view: energy and disparity of the winner that lands on a pixel.
+    right: Vec<(u8, u8)>,
 }
 
 impl Winner {
-    /// A workspace for rows of `width` pixels and `disparities` (at most 255) nodes.
-    pub fn new(parameters: WinnerParameters, width: usize, disparities: usize) -> Self {
-        let padded = width.div_ceil(LANES) * LANES;
+    /// A workspace for rows of `width` pixels.
+    pub fn new(parameters: WinnerParameters, level: Level, width: usize) -> Self {
         Self {
             parameters,
+            level,
             width,
-            disparities,
-            best: vec![0; padded],
-            best_disparity: vec![0; padded],
-            second: vec![0; padded],
-            right_best: vec![0; disparities + padded],
-            right_disparity: vec![0; disparities + padded],
+            place: vec![0; width],
+            best: vec![0; width],
+            right: vec![(0, 0); width],
         }
     }
 
     /// Bytes that the workspace holds.
     pub fn bytes(&self) -> usize {
-        3 * self.best.len() + 2 * self.right_best.len()
+        4 * self.place.len()
     }
 
-    /// Takes one row of energies (`[tile][disparity][lane]`) and writes its disparities in
-    /// 1/256 px (0 = unknown: left-right check failed, outside the right view, or at infinity)
-    /// and confidences.
-    pub fn row(&mut self, energy: &[Lanes], disparity: &mut [u16], confidence: &mut [u8]) {
-        let disparities = self.disparities;
-        self.right_best.fill(u8::MAX);
-        self.right_disparity.fill(0);
-        for (tile, nodes) in energy.chunks_exact(disparities).enumerate() {
+    /// Takes row `row` of the `blocks` and writes its disparities in 1/256 px (0 = unknown:
+    /// left-right check failed, outside the right view, or at infinity) and confidences.
+    pub fn row(
+        &mut self,
+        blocks: &[Block],
+        row: usize,
+        energies: &[Lanes],
+        disparity: &mut [u16],
+        confidence: &mut [u8],
+    ) {
+        self.right.fill((u8::MAX, 0));
+        let mut winners = Winners { place: Lanes::ZERO, best: Lanes::ZERO, second: Lanes::ZERO };
+        for (tile, block) in blocks.iter().enumerate() {
+            let at = block.at + row * block.span();
+            let nodes = &energies[at..at + block.span()];
+            pick_winners(self.level, nodes, &mut winners);
             let x = tile * LANES;
-            let mut best = nodes[0];
-            let mut place = Lanes::ZERO;
-            for (d, node) in nodes.iter().enumerate().skip(1) {
-                for i in 0..LANES {
-                    let better = node.0[i] < best.0[i];
-                    best.0[i] = if better { node.0[i] } else { best.0[i] };
-                    place.0[i] = if better { d as u8 } else { place.0[i] };
-                }
-            }
-            let mut second = Lanes::splat(u8::MAX);
-            for (d, node) in nodes.iter().enumerate() {
-                for i in 0..LANES {
-                    let rival = (d as u8).abs_diff(place.0[i]) > 1;
-                    let energy = if rival { node.0[i] } else { u8::MAX };
-                    second.0[i] = second.0[i].min(energy);
-                }
-            }
-            self.best[x..x + LANES].copy_from_slice(&best.0);
-            self.best_disparity[x..x + LANES].copy_from_slice(&place.0);
-            self.second[x..x + LANES].copy_from_slice(&second.0);
-
-            let inside = LANES.min(self.width - x);
-            for (d, node) in nodes.iter().enumerate() {
-                let at = x + disparities - d;
-                let right_best = &mut self.right_best[at..at + inside];
-                let right_place = &mut self.right_disparity[at..at + inside];
-                for ((energy, best), place) in node.0.iter().zip(right_best).zip(right_place) {
-                    // On a tie the nearer surface hides the farther one.
-                    let better = *energy <= *best;
-                    *best = if better { *energy } else { *best };
-                    *place = if better { d as u8 } else { *place };
+            for lane in 0..LANES.min(self.width - x) {
+                let k = usize::from(winners.place.0[lane]);
+                let best = winners.best.0[lane];
+                let whole = block.low + k;
+                let x = x + lane;
+                self.place[x] = whole as u8;
+                self.best[x] = best;
+                disparity[x] = sub_pixel(nodes, lane, k, whole);
+                let margin = u32::from(winners.second.0[lane].saturating_sub(best));
+                let clear = u32::from(self.parameters.clear_margin.max(1));
+                confidence[x] = (margin * 255 / clear).clamp(1, 255) as u8;
+                if let Some(seen) = x.checked_sub(whole) {
+                    // On a tie the nearer surface, that comes later, hides the farther one.
+                    if best <= self.right[seen].0 {
+                        self.right[seen] = (best, whole as u8);
+                    }
                 }
             }
         }
-
         for x in 0..self.width {
-            let d = self.best_disparity[x];
-            let seen = usize::from(d) <= x
-                && self.right_disparity[x + disparities - usize::from(d)].abs_diff(d)
-                    <= self.parameters.left_right_px;
-            if !seen {
+            let whole = self.place[x];
+            let kept = x.checked_sub(usize::from(whole)).is_some_and(|seen| {
+                self.right[seen].1.abs_diff(whole) <= self.parameters.left_right_px
+            });
+            if !kept {
                 (disparity[x], confidence[x]) = (0, 0);
-                continue;
             }
-            let nodes = &energy[x / LANES * disparities..][..disparities];
-            disparity[x] = sub_pixel(nodes, x % LANES, usize::from(d));
-            let margin = u32::from(self.second[x].saturating_sub(self.best[x]));
-            let clear = u32::from(self.parameters.clear_margin.max(1));
-            confidence[x] = (margin * 255 / clear).clamp(1, 255) as u8;
         }
     }
 }
 
-/// The disparity in 1/256 px: the winner `d`, moved by where two lines of equal slope through it
-/// and its neighbours meet (equiangular fit), at most half a pixel.
-fn sub_pixel(nodes: &[Lanes], lane: usize, d: usize) -> u16 {
-    let whole = (d * 256) as i32;
-    if d == 0 || d + 1 == nodes.len() {
+/// The disparity in 1/256 px: the winner, moved by where two lines of equal slope through it and
+/// its neighbours meet (equiangular fit), at most half a pixel.
+#[inline]
+fn sub_pixel(nodes: &[Lanes], lane: usize, k: usize, whole: usize) -> u16 {
+    let whole = (whole * 256) as i32;
+    if k == 0 || k + 1 == nodes.len() {
         return whole as u16;
     }
-    let at = |d: usize| i32::from(nodes[d].0[lane]);
-    let (before, here, after) = (at(d - 1), at(d), at(d + 1));
+    let at = |k: usize| i32::from(nodes[k].0[lane]);
+    let (before, here, after) = (at(k - 1), at(k), at(k + 1));
     let slope = (before - here).max(after - here);
     if slope <= 0 {
         return whole as u16;
@@ -135,26 +154,38 @@ fn sub_pixel(nodes: &[Lanes], lane: usize, d: usize) -> u16 {
 mod tests {
     use super::*;
 
-    /// A row whose pixel x has its least energy at `truth[x]`.
-    fn row_for(truth: &[usize], disparities: usize) -> Vec<Lanes> {
-        let mut row = vec![Lanes::splat(200); truth.len().div_ceil(LANES) * disparities];
+    /// A row whose pixel x has its least energy at `truth[x]`, in windows of `n` from `low` on.
+    fn row_for(truth: &[usize], low: usize, n: usize) -> (Vec<Block>, Vec<Lanes>) {
+        let tiles = truth.len().div_ceil(LANES);
+        let mut nodes = vec![Lanes::splat(200); tiles * n];
         for (x, &t) in truth.iter().enumerate() {
-            for d in 0..disparities {
-                row[x / LANES * disparities + d].0[x % LANES] = (20 * d.abs_diff(t)).min(100) as u8;
+            for k in 0..n {
+                nodes[x / LANES * n + k].0[x % LANES] = (20 * (low + k).abs_diff(t)).min(100) as u8;
             }
         }
-        row
+        let block = |tile| Block { low, high: low + n, at: tile * n, ..Block::default() };
+        ((0..tiles).map(block).collect(), nodes)
+    }
+
+    fn run(truth: &[usize], low: usize, n: usize) -> (Vec<u16>, Vec<u8>) {
+        let (blocks, nodes) = row_for(truth, low, n);
+        let mut results = Level::available().into_iter().map(|level| {
+            let mut winner = Winner::new(WinnerParameters::default(), level, truth.len());
+            let (mut disparity, mut confidence) = (vec![1; truth.len()], vec![1; truth.len()]);
+            winner.row(&blocks, 0, &nodes, &mut disparity, &mut confidence);
+            (disparity, confidence)
+        });
+        let plain = results.next().unwrap();
+        assert!(results.all(|r| r == plain), "all levels agree");
+        plain
     }
 
     #[test]
     fn a_constant_disparity_is_found_where_both_views_see_it() {
-        let truth = [7; 50];
-        let mut winner = Winner::new(WinnerParameters::default(), 50, 16);
-        let (mut disparity, mut confidence) = ([1; 50], [1; 50]);
-        winner.row(&row_for(&truth, 16), &mut disparity, &mut confidence);
+        let (disparity, confidence) = run(&[7; 50], 2, 14);
         assert!(disparity[..7].iter().all(|&d| d == 0), "outside the right view");
         assert!(disparity[7..].iter().all(|&d| d == 7 * 256));
-        assert!(confidence[7..].iter().all(|&c| c == 255));
+        assert!(confidence[7..].iter().all(|&c| c == (40 * 255 / 100) as u8));
         assert!(confidence[..7].iter().all(|&c| c == 0));
     }
 
@@ -162,9 +193,7 @@ mod tests {
     fn an_occluded_strip_fails_the_check() {
         // A near object from 30 on hides what lies right of its left edge in the right view.
         let truth: Vec<usize> = (0..64).map(|x| if x >= 30 { 12 } else { 2 }).collect();
-        let mut winner = Winner::new(WinnerParameters::default(), 64, 16);
-        let (mut disparity, mut confidence) = ([0; 64], [0; 64]);
-        winner.row(&row_for(&truth, 16), &mut disparity, &mut confidence);
+        let (disparity, _) = run(&truth, 0, 16);
         assert!(disparity[20..30].iter().all(|&d| d == 0), "{disparity:?}");
         assert_eq!(disparity[19], 2 * 256);
         assert_eq!(disparity[40], 12 * 256);
@@ -173,10 +202,10 @@ mod tests {
     #[test]
     fn the_sub_pixel_place_follows_the_lower_side() {
         let nodes = |e: [u8; 3]| e.map(Lanes::splat);
-        assert_eq!(sub_pixel(&nodes([20, 10, 20]), 0, 1), 256);
-        assert_eq!(sub_pixel(&nodes([30, 10, 10]), 0, 1), 256 + 128);
-        assert_eq!(sub_pixel(&nodes([15, 10, 20]), 0, 1), 256 - 64);
-        assert_eq!(sub_pixel(&nodes([10, 10, 10]), 0, 1), 256);
-        assert_eq!(sub_pixel(&nodes([5, 10, 20]), 0, 0), 0);
+        assert_eq!(sub_pixel(&nodes([20, 10, 20]), 0, 1, 1), 256);
+        assert_eq!(sub_pixel(&nodes([30, 10, 10]), 0, 1, 1), 256 + 128);
+        assert_eq!(sub_pixel(&nodes([15, 10, 20]), 0, 1, 1), 256 - 64);
+        assert_eq!(sub_pixel(&nodes([10, 10, 10]), 0, 1, 1), 256);
+        assert_eq!(sub_pixel(&nodes([5, 10, 20]), 0, 0, 9), 9 * 256);
     }
 }

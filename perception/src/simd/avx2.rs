@@ -1,0 +1,194 @@
+//! AVX2: one vector is one register of 256 bits.
+
+use super::{CostConstants, CostRow, LANES, Lanes, Packing, Simd};
+use std::arch::x86_64::*;
+
+/// The AVX2 level.
+#[derive(Clone, Copy, Debug)]
+pub struct Avx2(());
+
+impl Avx2 {
+    /// The token; callers are compiled for AVX2.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    pub fn new() -> Self {
+        Avx2(())
+    }
+}
+
+/// Sixteen rows of two 16-byte halves: turns both 16 × 16 blocks.
+#[inline(always)]
+fn transpose_halves(mut v: [__m256i; 16]) -> [__m256i; 16] {
+    for _ in 0..4 {
+        let mut o = v;
+        for i in 0..8 {
+            // SAFETY: an `Avx2` or `Avx512` token exists, so AVX2 is there.
+            unsafe {
+                o[2 * i] = _mm256_unpacklo_epi8(v[i], v[i + 8]);
+                o[2 * i + 1] = _mm256_unpackhi_epi8(v[i], v[i + 8]);
+            }
+        }
+        v = o;
+    }
+    v
+}
+
+impl Simd for Avx2 {
+    type Bytes = __m256i;
+    const PACKING: Packing = Packing::Pairs;
+
+    #[inline(always)]
+    fn splat(self, value: u8) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_set1_epi8(value as i8) }
+    }
+
+    #[inline(always)]
+    fn load(self, from: &Lanes) -> __m256i {
+        // SAFETY: the token exists; `Lanes` is 32 bytes aligned to 32.
+        unsafe { _mm256_load_si256(std::ptr::from_ref(from).cast()) }
+    }
+
+    #[inline(always)]
+    fn store(self, value: __m256i, to: &mut Lanes) {
+        // SAFETY: the token exists; `Lanes` is 32 bytes aligned to 32.
+        unsafe { _mm256_store_si256(std::ptr::from_mut(to).cast(), value) }
+    }
+
+    #[inline(always)]
+    fn min(self, a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_min_epu8(a, b) }
+    }
+
+    #[inline(always)]
+    fn max(self, a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_max_epu8(a, b) }
+    }
+
+    #[inline(always)]
+    fn add(self, a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_adds_epu8(a, b) }
+    }
+
+    #[inline(always)]
+    fn sub(self, a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_subs_epu8(a, b) }
+    }
+
+    #[inline(always)]
+    fn mean(self, a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_avg_epu8(a, b) }
+    }
+
+    #[inline(always)]
+    fn select_less(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe {
+            let not_less = _mm256_cmpeq_epi8(_mm256_max_epu8(a, b), a);
+            _mm256_blendv_epi8(yes, no, not_less)
+        }
+    }
+
+    #[inline(always)]
+    fn from_left(self, own: __m256i, left: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_alignr_epi8::<15>(own, _mm256_permute2x128_si256::<0x03>(own, left)) }
+    }
+
+    #[inline(always)]
+    fn from_right(self, own: __m256i, right: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_alignr_epi8::<1>(_mm256_permute2x128_si256::<0x21>(own, right), own) }
+    }
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Lanes], stride: usize) {
+        let upper: [__m256i; 16] = std::array::from_fn(|i| self.load(&block[i * stride]));
+        let upper = transpose_halves(upper);
+        let lower: [__m256i; 16] = std::array::from_fn(|i| self.load(&block[(i + 16) * stride]));
+        let lower = transpose_halves(lower);
+        for i in 0..16 {
+            // SAFETY: the token exists, so AVX2 is there.
+            let (first, second) = unsafe {
+                (
+                    _mm256_permute2x128_si256::<0x20>(upper[i], lower[i]),
+                    _mm256_permute2x128_si256::<0x31>(upper[i], lower[i]),
+                )
+            };
+            self.store(first, &mut block[i * stride]);
+            self.store(second, &mut block[(i + 16) * stride]);
+        }
+    }
+
+    #[inline(always)]
+    fn score(
+        self,
+        constants: &CostConstants,
+        left: &CostRow<'_>,
+        right: &CostRow<'_>,
+        at: usize,
+        low: usize,
+        out: &mut [Lanes],
+    ) {
+        // 36 columns are used, five vectors of eight cover them.
+        const COLUMNS: usize = LANES + 8;
+        let Some(high) = out.len().checked_sub(1).map(|last| low + last) else { return };
+        assert!(at >= high);
+        for (l, r) in left.words.iter().zip(right.words) {
+            assert!(l.len() >= COLUMNS && r.len() >= at - low + COLUMNS);
+        }
+        for (l, r) in [(left.scale, right.scale), (left.mean, right.mean)] {
+            assert!(l.len() >= LANES && r.len() >= at - low + LANES);
+        }
+        assert!(left.gradient.len() >= LANES && right.gradient.len() >= at - low + LANES);
+        let mut columns = [0_i32; COLUMNS];
+        for (k, cost) in out.iter_mut().enumerate() {
+            let x = at - low - k;
+            // SAFETY: the token exists, so AVX2 is there. All addresses lie inside the slices: x is
+            // at most `at - low` and at least 0, and the lengths were checked above for them;
+            // `columns` is read at most 24 + 4 + 8 = 36 values in.
+            unsafe {
+                for v in 0..COLUMNS / 8 {
+                    let word = |row: &[u32], i: usize| _mm256_loadu_si256(row.as_ptr().add(i).cast());
+                    let madd = |n: usize| {
+                        _mm256_madd_epi16(word(left.words[n], 8 * v), word(right.words[n], x + 8 * v))
+                    };
+                    let sum = _mm256_add_epi32(_mm256_add_epi32(madd(0), madd(1)), madd(2));
+                    _mm256_storeu_si256(columns.as_mut_ptr().add(8 * v).cast(), sum);
+                }
+                let bias = _mm256_set1_epi32(constants.bias);
+                let middle = _mm256_set1_ps(constants.middle);
+                let eight = |v: usize| {
+                    let column =
+                        |i: usize| _mm256_loadu_si256(columns.as_ptr().add(8 * v + i).cast::<__m256i>());
+                    let sum = _mm256_add_epi32(_mm256_add_epi32(column(0), column(1)), column(2));
+                    let sum = _mm256_add_epi32(sum, _mm256_add_epi32(column(3), column(4)));
+                    let sum = _mm256_cvtepi32_ps(_mm256_add_epi32(sum, bias));
+                    let float = |row: &[f32], i: usize| _mm256_loadu_ps(row.as_ptr().add(i));
+                    let product = _mm256_mul_ps(sum, float(left.scale, 8 * v));
+                    let product = _mm256_mul_ps(product, float(right.scale, x + 8 * v));
+                    let means = _mm256_mul_ps(float(left.mean, 8 * v), float(right.mean, x + 8 * v));
+                    let similarity = _mm256_sub_ps(product, means);
+                    _mm256_cvttps_epi32(_mm256_sub_ps(middle, similarity))
+                };
+                // Packing works within halves; the permutation puts the fours in order again.
+                let low_half = _mm256_packs_epi32(eight(0), eight(1));
+                let high_half = _mm256_packs_epi32(eight(2), eight(3));
+                let packed = _mm256_packus_epi16(low_half, high_half);
+                let order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
+                let structure = _mm256_permutevar8x32_epi32(packed, order);
+                let l = _mm256_loadu_si256(left.gradient.as_ptr().cast());
+                let r = _mm256_loadu_si256(right.gradient.as_ptr().add(x).cast());
+                let step = _mm256_or_si256(_mm256_subs_epu8(l, r), _mm256_subs_epu8(r, l));
+                let step = _mm256_min_epu8(step, _mm256_set1_epi8(constants.gradient_limit as i8));
+                let step = _mm256_adds_epu8(step, step);
+                self.store(_mm256_adds_epu8(structure, step), cost);
+            }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! AVX-512 with VBMI and VNNI: the bytes as with AVX2 (one instruction where that needs two), the
+//! costs in registers of 512 bits.
+
+use super::avx2::Avx2;
+use super::{CostConstants, CostRow, LANES, Lanes, Packing, Simd};
+use std::arch::x86_64::*;
+
+/// The AVX-512 level.
+#[derive(Clone, Copy, Debug)]
+pub struct Avx512(Avx2);
+
+impl Avx512 {
+    /// The token; callers are compiled for these features.
+    #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vbmi,avx512vnni")]
+    #[inline]
+    pub fn new() -> Self {
+        Avx512(Avx2::new())
+    }
+}
+
+impl Simd for Avx512 {
+    type Bytes = __m256i;
+    const PACKING: Packing = Packing::Quads;
+
+    #[inline(always)]
+    fn splat(self, value: u8) -> __m256i {
+        self.0.splat(value)
+    }
+
+    #[inline(always)]
+    fn load(self, from: &Lanes) -> __m256i {
+        self.0.load(from)
+    }
+
+    #[inline(always)]
+    fn store(self, value: __m256i, to: &mut Lanes) {
+        self.0.store(value, to);
+    }
+
+    #[inline(always)]
+    fn min(self, a: __m256i, b: __m256i) -> __m256i {
+        self.0.min(a, b)
+    }
+
+    #[inline(always)]
+    fn max(self, a: __m256i, b: __m256i) -> __m256i {
+        self.0.max(a, b)
+    }
+
+    #[inline(always)]
+    fn add(self, a: __m256i, b: __m256i) -> __m256i {
+        self.0.add(a, b)
+    }
+
+    #[inline(always)]
+    fn sub(self, a: __m256i, b: __m256i) -> __m256i {
+        self.0.sub(a, b)
+    }
+
+    #[inline(always)]
+    fn mean(self, a: __m256i, b: __m256i) -> __m256i {
+        self.0.mean(a, b)
+    }
+
+    #[inline(always)]
+    fn select_less(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX-512 BW and VL are there.
+        unsafe { _mm256_mask_blend_epi8(_mm256_cmplt_epu8_mask(a, b), no, yes) }
+    }
+
+    #[inline(always)]
+    fn from_left(self, own: __m256i, left: __m256i) -> __m256i {
+        self.0.from_left(own, left)
+    }
+
+    #[inline(always)]
+    fn from_right(self, own: __m256i, right: __m256i) -> __m256i {
+        self.0.from_right(own, right)
+    }
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Lanes], stride: usize) {
+        self.0.transpose(block, stride);
+    }
+
+    #[inline(always)]
+    fn score(
+        self,
+        constants: &CostConstants,
+        left: &CostRow<'_>,
+        right: &CostRow<'_>,
+        at: usize,
+        low: usize,
+        out: &mut [Lanes],
+    ) {
+        // 36 columns are used, three vectors of sixteen cover them.
+        const COLUMNS: usize = LANES + 16;
+        let Some(high) = out.len().checked_sub(1).map(|last| low + last) else { return };
+        assert!(at >= high);
+        for (l, r) in [(left.words[0], right.words[0]), (left.words[2], right.words[2])] {
+            assert!(l.len() >= COLUMNS && r.len() >= at - low + COLUMNS);
+        }
+        for (l, r) in [(left.scale, right.scale), (left.mean, right.mean)] {
+            assert!(l.len() >= LANES && r.len() >= at - low + LANES);
+        }
+        assert!(left.gradient.len() >= LANES && right.gradient.len() >= at - low + LANES);
+        // SAFETY: the token exists, so the features are there. All addresses lie inside the slices:
+        // x is at most `at - low` and at least 0, and the lengths were checked above for them.
+        unsafe {
+            let word = |row: &[u32], i: usize| _mm512_loadu_si512(row.as_ptr().add(i).cast());
+            let float = |row: &[f32], i: usize| _mm512_loadu_ps(row.as_ptr().add(i));
+            // The rows 0 to 3 of the window, and the fifth.
+            let first: [__m512i; 3] = std::array::from_fn(|v| word(left.words[0], 16 * v));
+            let second: [__m512i; 3] = std::array::from_fn(|v| word(left.words[2], 16 * v));
+            let left_scale: [__m512; 2] = std::array::from_fn(|v| float(left.scale, 16 * v));
+            let left_mean: [__m512; 2] = std::array::from_fn(|v| float(left.mean, 16 * v));
+            let left_gradient = _mm256_loadu_si256(left.gradient.as_ptr().cast());
+            let bias = _mm512_set1_epi32(constants.bias);
+            let middle = _mm512_set1_ps(constants.middle);
+            let limit = _mm256_set1_epi8(constants.gradient_limit as i8);
+            let none = _mm512_setzero_si512();
+            for (k, cost) in out.iter_mut().enumerate() {
+                let x = at - low - k;
+                let column: [__m512i; 3] = std::array::from_fn(|v| {
+                    let sum = _mm512_dpbusd_epi32(none, first[v], word(right.words[0], x + 16 * v));
+                    _mm512_dpbusd_epi32(sum, second[v], word(right.words[2], x + 16 * v))
+                });
+                // Sums of two, then four, then five columns.
+                let next = [column[1], column[2], none];
+                let two: [__m512i; 3] = std::array::from_fn(|v| {
+                    _mm512_add_epi32(column[v], _mm512_alignr_epi32::<1>(next[v], column[v]))
+                });
+                let scored: [__m128i; 2] = std::array::from_fn(|v| {
+                    let four = _mm512_add_epi32(two[v], _mm512_alignr_epi32::<2>(two[v + 1], two[v]));
+                    let five =
+                        _mm512_add_epi32(four, _mm512_alignr_epi32::<4>(column[v + 1], column[v]));
+                    let sum = _mm512_cvtepi32_ps(_mm512_add_epi32(five, bias));
+                    let product = _mm512_mul_ps(sum, left_scale[v]);
+                    let product = _mm512_mul_ps(product, float(right.scale, x + 16 * v));
+                    let means = _mm512_mul_ps(left_mean[v], float(right.mean, x + 16 * v));
+                    let cost = _mm512_sub_ps(middle, _mm512_sub_ps(product, means));
+                    _mm512_cvtepi32_epi8(_mm512_cvttps_epi32(cost))
+                });
+                let structure = _mm256_set_m128i(scored[1], scored[0]);
+                let r = _mm256_loadu_si256(right.gradient.as_ptr().add(x).cast());
+                let step = _mm256_or_si256(
+                    _mm256_subs_epu8(left_gradient, r),
+                    _mm256_subs_epu8(r, left_gradient),
+                );
+                let step = _mm256_min_epu8(step, limit);
+                let step = _mm256_adds_epu8(step, step);
+                self.store(_mm256_adds_epu8(structure, step), cost);
+            }
+        }
+    }
+}

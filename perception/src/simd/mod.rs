@@ -1,0 +1,224 @@
+//! Vectors of 32 bytes and the levels of hardware that carry them.
+//!
+//! Kernels are written once, generic over [`Simd`], and compiled once per level: plain Rust, NEON,
+//! AVX2, AVX-512. All levels do the same arithmetic on the same lanes, so their results agree bit
+//! for bit; [`Level::best`] picks one at run time.
+
+#[cfg(target_arch = "x86_64")]
+pub mod avx2;
+#[cfg(target_arch = "x86_64")]
+pub mod avx512;
+#[cfg(target_arch = "aarch64")]
+pub mod neon;
+pub mod plain;
+
+/// Pixels that one vector holds.
+pub const LANES: usize = 32;
+
+/// One byte for each of [`LANES`] neighbouring pixels or rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C, align(32))]
+pub struct Lanes(pub [u8; LANES]);
+
+impl Lanes {
+    /// Zero in every lane.
+    pub const ZERO: Lanes = Lanes([0; LANES]);
+    /// 255 in every lane: energies of nodes that do not exist.
+    pub const FULL: Lanes = Lanes([u8::MAX; LANES]);
+
+    /// `value` in every lane.
+    pub const fn splat(value: u8) -> Self {
+        Lanes([value; LANES])
+    }
+}
+
+/// The statistics of one image that the cost needs, pixel by pixel along a row: see
+/// [`crate::stereo::cost`].
+#[derive(Clone, Copy, Debug)]
+pub struct CostRow<'a> {
+    /// Window rows, packed as [`Packing`] says, one word per column: those from the first, the third
+    /// and the fifth row on.
+    pub words: [&'a [u32]; 3],
+    /// Scale of the covariance.
+    pub scale: &'a [f32],
+    /// Window mean times the square root of its scale.
+    pub mean: &'a [f32],
+    /// Horizontal gradient.
+    pub gradient: &'a [u8],
+}
+
+/// How the rows of a window are packed into words of 32 bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packing {
+    /// Two rows of 16 bits; the third word of the left image has one.
+    Pairs,
+    /// Four rows of 8 bits, the second word unused; the third word of the left image has one.
+    Quads,
+}
+
+/// What does not change within an image, for [`Simd::score`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CostConstants {
+    /// Added to each window's sum of products.
+    pub bias: i32,
+    /// The cost of no similarity, and half a unit to round.
+    pub middle: f32,
+    /// Gradient differences above this all cost the same; a grey level costs two.
+    pub gradient_limit: u8,
+}
+
+/// One level's way of doing the operations that the kernels are made of.
+///
+/// Implementations are zero-sized tokens. Those that need a CPU feature are created only inside
+/// functions compiled for it, which [`Level`] calls only after it was found at run time.
+pub trait Simd: Copy {
+    /// [`LANES`] bytes in registers.
+    type Bytes: Copy;
+
+    /// How this level wants window rows.
+    const PACKING: Packing;
+
+    /// `value` in every lane.
+    fn splat(self, value: u8) -> Self::Bytes;
+    /// Reads a vector.
+    fn load(self, from: &Lanes) -> Self::Bytes;
+    /// Writes a vector.
+    fn store(self, value: Self::Bytes, to: &mut Lanes);
+    /// The smaller of both, lane by lane.
+    fn min(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// The larger of both, lane by lane.
+    fn max(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// The sum, at most 255.
+    fn add(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// The difference, at least 0.
+    fn sub(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// The mean, a half rounded up.
+    fn mean(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// `yes` where `a` < `b`, `no` elsewhere.
+    fn select_less(
+        self,
+        a: Self::Bytes,
+        b: Self::Bytes,
+        yes: Self::Bytes,
+        no: Self::Bytes,
+    ) -> Self::Bytes;
+    /// Lane i is lane i − 1 of `own`, lane 0 the last of `left`.
+    fn from_left(self, own: Self::Bytes, left: Self::Bytes) -> Self::Bytes;
+    /// Lane i is lane i + 1 of `own`, the last lane the first of `right`.
+    fn from_right(self, own: Self::Bytes, right: Self::Bytes) -> Self::Bytes;
+    /// Turns the 32 × 32 block of the vectors 0, `stride`, 2·`stride`… of `block`, in place.
+    fn transpose(self, block: &mut [Lanes], stride: usize);
+
+    /// Matching costs of the [`LANES`] pixels of a tile for the disparities `out.len()` ones from
+    /// `low` on. `left` starts two columns before the tile (the statistics at the tile), `right`
+    /// is whole, `at` is the tile's first column in it (two columns later for the words).
+    fn score(
+        self,
+        constants: &CostConstants,
+        left: &CostRow<'_>,
+        right: &CostRow<'_>,
+        at: usize,
+        low: usize,
+        out: &mut [Lanes],
+    );
+}
+
+/// What the kernels run on. Every value names hardware that is present.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Level(pub(crate) Kind);
+
+/// The levels that this build knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Plain,
+    #[cfg(target_arch = "aarch64")]
+    Neon,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Level {
+    /// Plain Rust: the reference that every other level agrees with.
+    pub const PLAIN: Level = Level(Kind::Plain);
+
+    /// The fastest level that this machine has.
+    pub fn best() -> Self {
+        Self::available().last().copied().unwrap_or(Self::PLAIN)
+    }
+
+    /// All levels that this machine has, the slowest first.
+    pub fn available() -> Vec<Self> {
+        #[allow(unused_mut)]
+        let mut levels = vec![Self::PLAIN];
+        #[cfg(target_arch = "aarch64")]
+        levels.push(Level(Kind::Neon));
+        #[cfg(target_arch = "x86_64")]
+        {
+            let avx2 = is_x86_feature_detected!("avx2");
+            if avx2 {
+                levels.push(Level(Kind::Avx2));
+            }
+            let avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512vbmi")
+                && is_x86_feature_detected!("avx512vnni");
+            if avx2 && avx512 {
+                levels.push(Level(Kind::Avx512));
+            }
+        }
+        levels
+    }
+
+    /// Its name: `plain`, `neon`, `avx2` or `avx512`.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Kind::Plain => "plain",
+            #[cfg(target_arch = "aarch64")]
+            Kind::Neon => "neon",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 => "avx512",
+        }
+    }
+}
+
+/// Declares a kernel: a function that takes a [`Level`] and runs `generic` compiled for it.
+macro_rules! kernel {
+    ($(#[$doc:meta])* fn $name:ident($($arg:ident: $type:ty),* $(,)?) = $generic:path) => {
+        $(#[$doc])*
+        #[allow(clippy::too_many_arguments)]
+        pub(crate) fn $name(level: $crate::simd::Level, $($arg: $type),*) {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2")]
+            #[allow(clippy::too_many_arguments)]
+            fn avx2($($arg: $type),*) {
+                $generic($crate::simd::avx2::Avx2::new(), $($arg),*)
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vbmi,avx512vnni")]
+            #[allow(clippy::too_many_arguments)]
+            fn avx512($($arg: $type),*) {
+                $generic($crate::simd::avx512::Avx512::new(), $($arg),*)
+            }
+            match level.0 {
+                $crate::simd::Kind::Plain => $generic($crate::simd::plain::Plain, $($arg),*),
+                #[cfg(target_arch = "aarch64")]
+                $crate::simd::Kind::Neon => $generic($crate::simd::neon::Neon, $($arg),*),
+                // SAFETY: a `Level` of this kind is made only where the feature was found.
+                #[cfg(target_arch = "x86_64")]
+                $crate::simd::Kind::Avx2 => unsafe { avx2($($arg),*) },
+                // SAFETY: a `Level` of this kind is made only where the features were found.
+                #[cfg(target_arch = "x86_64")]
+                $crate::simd::Kind::Avx512 => unsafe { avx512($($arg),*) },
+            }
+        }
+    };
+}
+pub(crate) use kernel;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,133 @@
+//! NEON: one vector is two registers of 128 bits. Every 64-bit ARM has it.
+
+use super::plain::score_pairs;
+use super::{CostConstants, CostRow, Lanes, Packing, Simd};
+use std::arch::aarch64::*;
+
+/// The NEON level.
+#[derive(Clone, Copy, Debug)]
+pub struct Neon;
+
+type Halves = [uint8x16_t; 2];
+
+#[inline(always)]
+fn both(a: Halves, b: Halves, f: impl Fn(uint8x16_t, uint8x16_t) -> uint8x16_t) -> Halves {
+    [f(a[0], b[0]), f(a[1], b[1])]
+}
+
+/// Turns a 16 × 16 block.
+#[inline(always)]
+fn transpose_half(mut v: [uint8x16_t; 16]) -> [uint8x16_t; 16] {
+    for _ in 0..4 {
+        let mut o = v;
+        for i in 0..8 {
+            // SAFETY: every AArch64 processor that runs this has NEON.
+            unsafe {
+                o[2 * i] = vzip1q_u8(v[i], v[i + 8]);
+                o[2 * i + 1] = vzip2q_u8(v[i], v[i + 8]);
+            }
+        }
+        v = o;
+    }
+    v
+}
+
+impl Simd for Neon {
+    type Bytes = Halves;
+    const PACKING: Packing = Packing::Pairs;
+
+    #[inline(always)]
+    fn splat(self, value: u8) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        unsafe { [vdupq_n_u8(value); 2] }
+    }
+
+    #[inline(always)]
+    fn load(self, from: &Lanes) -> Halves {
+        // SAFETY: NEON is there; both halves lie inside the 32 bytes of `Lanes`.
+        unsafe { [vld1q_u8(from.0.as_ptr()), vld1q_u8(from.0.as_ptr().add(16))] }
+    }
+
+    #[inline(always)]
+    fn store(self, value: Halves, to: &mut Lanes) {
+        // SAFETY: NEON is there; both halves lie inside the 32 bytes of `Lanes`.
+        unsafe {
+            vst1q_u8(to.0.as_mut_ptr(), value[0]);
+            vst1q_u8(to.0.as_mut_ptr().add(16), value[1]);
+        }
+    }
+
+    #[inline(always)]
+    fn min(self, a: Halves, b: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        both(a, b, |a, b| unsafe { vminq_u8(a, b) })
+    }
+
+    #[inline(always)]
+    fn max(self, a: Halves, b: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        both(a, b, |a, b| unsafe { vmaxq_u8(a, b) })
+    }
+
+    #[inline(always)]
+    fn add(self, a: Halves, b: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        both(a, b, |a, b| unsafe { vqaddq_u8(a, b) })
+    }
+
+    #[inline(always)]
+    fn sub(self, a: Halves, b: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        both(a, b, |a, b| unsafe { vqsubq_u8(a, b) })
+    }
+
+    #[inline(always)]
+    fn mean(self, a: Halves, b: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        both(a, b, |a, b| unsafe { vrhaddq_u8(a, b) })
+    }
+
+    #[inline(always)]
+    fn select_less(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        std::array::from_fn(|i| unsafe { vbslq_u8(vcltq_u8(a[i], b[i]), yes[i], no[i]) })
+    }
+
+    #[inline(always)]
+    fn from_left(self, own: Halves, left: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        unsafe { [vextq_u8::<15>(left[1], own[0]), vextq_u8::<15>(own[0], own[1])] }
+    }
+
+    #[inline(always)]
+    fn from_right(self, own: Halves, right: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        unsafe { [vextq_u8::<1>(own[0], own[1]), vextq_u8::<1>(own[1], right[0])] }
+    }
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Lanes], stride: usize) {
+        let half = |block: &[Lanes], row: usize, side: usize| {
+            transpose_half(std::array::from_fn(|i| self.load(&block[(row + i) * stride])[side]))
+        };
+        let corners =
+            [half(block, 0, 0), half(block, 0, 1), half(block, 16, 0), half(block, 16, 1)];
+        for i in 0..16 {
+            self.store([corners[0][i], corners[2][i]], &mut block[i * stride]);
+            self.store([corners[1][i], corners[3][i]], &mut block[(i + 16) * stride]);
+        }
+    }
+
+    #[inline(always)]
+    fn score(
+        self,
+        constants: &CostConstants,
+        left: &CostRow<'_>,
+        right: &CostRow<'_>,
+        at: usize,
+        low: usize,
+        out: &mut [Lanes],
+    ) {
+        score_pairs(constants, left, right, at, low, out);
+    }
+}

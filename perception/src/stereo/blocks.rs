@@ -1,0 +1,384 @@
+//! Which disparities are searched where: one window for each block of 32 × 32 pixels, and the slope
+//! of the surface expected there (paper, section 3.4).
+//!
+//! At the coarsest scale, and for the full-range matcher, every window is the whole range. Below
+//! it the window of a block spans what the coarser map holds in and around the block, so a block
+//! that two surfaces share searches both, and one on a single surface little.
+
+use super::DisparityView;
+use crate::simd::LANES;
+
+/// Rows and columns of a block.
+pub const BLOCK: usize = LANES;
+/// Windows grow in steps of this many disparities.
+const GRAIN: usize = 8;
+/// Disparities that a window spans beyond what the coarser map holds.
+const MARGIN: i32 = 2;
+/// Pixels around a block that count for its window, at its own scale.
+const AROUND: usize = 4;
+/// Share of the coarser map's pixels that a window may leave out at either end.
+const OUTLIERS: f32 = 0.03;
+/// Distance over which slopes are measured, in pixels of the coarser map.
+const SLOPE_BASE: usize = 4;
+/// Steps above 0.6 px per pixel are edges, not slopes (1/256 px over [`SLOPE_BASE`]).
+const EDGE: i32 = 614;
+/// Edge of the cells whose slopes are summed first, in pixels of the coarser map.
+const CELL: usize = 8;
+/// Measurements that a slope needs.
+const LEAST_MEASURES: i32 = 32;
+
+/// One block's search.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Block {
+    /// The window's first disparity.
+    pub low: usize,
+    /// One after its last.
+    pub high: usize,
+    /// Where its nodes start in the volume, in vectors.
+    pub at: usize,
+    /// Expected change of disparity for a step right, in 1/256 px.
+    pub slope_x: i32,
+    /// Expected change of disparity for a step down, in 1/256 px.
+    pub slope_y: i32,
+}
+
+impl Block {
+    /// Disparities of the window.
+    pub fn span(&self) -> usize {
+        self.high - self.low
+    }
+
+    /// Both ends of the window.
+    pub fn window(&self) -> (usize, usize) {
+        (self.low, self.high)
+    }
+}
+
+/// Slope sums of a cell: (sum, count) rightwards and downwards.
+type Cell = [(i32, i32); 2];
+
+/// The blocks of an image.
+#[derive(Debug)]
+pub struct Blocks {
+    width: usize,
+    height: usize,
+    tiles: usize,
+    strips: usize,
+    disparities: usize,
+    list: Vec<Block>,
+    nodes: usize,
+    histogram: Vec<u32>,
+    /// The coarser map in whole disparities of this scale, holes filled from the farther side.
+    seeds: Vec<u8>,
+    cells: Vec<Cell>,
+}
+
+impl Blocks {
+    /// Blocks for `width` × `height` pixels that search all `disparities`.
+    pub fn new(width: usize, height: usize, disparities: usize) -> Self {
+        let (tiles, strips) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
+        let mut blocks = Self {
+            width,
+            height,
+            tiles,
+            strips,
+            disparities,
+            list: vec![Block::default(); tiles * strips],
+            nodes: 0,
+            histogram: vec![0; 256],
+            seeds: Vec::new(),
+            cells: Vec::new(),
+        };
+        blocks.list.iter_mut().for_each(|b| b.high = disparities);
+        blocks.lay_out();
+        blocks
+    }
+
+    /// Room for planning from coarser maps of `width` × `height`, so that planning allocates nothing.
+    pub fn reserve(&mut self, width: usize, height: usize) {
+        self.seeds = vec![0; width * height];
+        self.cells = vec![Cell::default(); width.div_ceil(CELL) * height.div_ceil(CELL)];
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.list.len() * size_of::<Block>() + self.seeds.len() + self.cells.len() * size_of::<Cell>() + 1024
+    }
+
+    /// Columns of blocks.
+    pub fn tiles(&self) -> usize {
+        self.tiles
+    }
+
+    /// Rows of blocks.
+    pub fn strips(&self) -> usize {
+        self.strips
+    }
+
+    /// Disparities of the scale, searched or not.
+    pub fn disparities(&self) -> usize {
+        self.disparities
+    }
+
+    /// The blocks of a strip, from left to right.
+    pub fn strip(&self, strip: usize) -> &[Block] {
+        &self.list[strip * self.tiles..(strip + 1) * self.tiles]
+    }
+
+    /// Vectors that the nodes of all blocks take.
+    pub fn vectors(&self) -> usize {
+        self.list.last().map_or(0, |b| b.at + b.span() * BLOCK)
+    }
+
+    /// Nodes searched, of the image's own pixels: what the paper counts as m·n·d.
+    pub fn nodes(&self) -> usize {
+        self.nodes
+    }
+
+    /// The least vectors that planned blocks need: with every window at its shortest.
+    pub fn least_vectors(&self) -> usize {
+        self.tiles * self.strips * BLOCK * GRAIN.min(self.disparities)
+    }
+
+    /// Gives the blocks their places in the volume.
+    fn lay_out(&mut self) {
+        let mut at = 0;
+        self.nodes = 0;
+        for (i, block) in self.list.iter_mut().enumerate() {
+            block.at = at;
+            at += block.span() * BLOCK;
+            let columns = BLOCK.min(self.width - i % self.tiles * BLOCK);
+            let rows = BLOCK.min(self.height - i / self.tiles * BLOCK);
+            self.nodes += columns * rows * block.span();
+        }
+    }
+
+    /// Sets slopes and windows from the map of the next coarser scale (half the size). `windows`
+    /// (None: they stay) gives how many disparities a window has at most, and how many vectors all
+    /// may take together, at least [`Self::least_vectors`].
+    pub fn plan(&mut self, coarse: DisparityView<'_>, slopes: bool, windows: Option<(usize, usize)>) {
+        if slopes {
+            self.measure_slopes(coarse);
+        }
+        if let Some((widest, vectors)) = windows {
+            self.seed(coarse);
+            let mut widest = widest.next_multiple_of(GRAIN);
+            loop {
+                self.set_windows(coarse.width(), coarse.height(), widest);
+                self.lay_out();
+                if self.vectors() <= vectors || widest <= GRAIN {
+                    break;
+                }
+                widest -= GRAIN;
+            }
+        }
+    }
+
+    /// The coarser map in whole disparities of this scale; holes get the smaller of their row's
+    /// neighbours, as what is hidden lies behind. 0 remains where a row knows nothing.
+    fn seed(&mut self, coarse: DisparityView<'_>) {
+        let width = coarse.width();
+        self.seeds.resize(width * coarse.height(), 0);
+        let most = self.disparities.saturating_sub(1).min(255) as u16;
+        for (y, seeds) in self.seeds.chunks_exact_mut(width).enumerate() {
+            let row = coarse.row(y);
+            let mut x = 0;
+            let mut before = 0_u8;
+            while x < width {
+                if row[x] > 0 {
+                    before = ((row[x] + 64) >> 7).min(most).max(1) as u8;
+                    seeds[x] = before;
+                    x += 1;
+                    continue;
+                }
+                let hole = x;
+                while x < width && row[x] == 0 {
+                    x += 1;
+                }
+                let after = if x < width { ((row[x] + 64) >> 7).min(most).max(1) as u8 } else { before };
+                let farther = if before == 0 { after } else { before.min(after) };
+                seeds[hole..x].fill(farther);
+            }
+        }
+    }
+
+    fn set_windows(&mut self, coarse_width: usize, coarse_height: usize, widest: usize) {
+        let disparities = self.disparities;
+        for strip in 0..self.strips {
+            let top = (strip * BLOCK).saturating_sub(AROUND) / 2;
+            let bottom = (((strip + 1) * BLOCK + AROUND) / 2).min(coarse_height);
+            for tile in 0..self.tiles {
+                let left = (tile * BLOCK).saturating_sub(AROUND) / 2;
+                let right = (((tile + 1) * BLOCK + AROUND) / 2).min(coarse_width);
+                let histogram = &mut self.histogram;
+                histogram.fill(0);
+                for y in top..bottom.max(top + 1).min(coarse_height) {
+                    for &seed in &self.seeds[y * coarse_width + left..y * coarse_width + right] {
+                        histogram[usize::from(seed)] += 1;
+                    }
+                }
+                histogram[0] = 0;
+                let block = &mut self.list[strip * self.tiles + tile];
+                (block.low, block.high) = window(histogram, widest, disparities);
+            }
+        }
+    }
+
+    fn measure_slopes(&mut self, coarse: DisparityView<'_>) {
+        let (width, height) = (coarse.width(), coarse.height());
+        let across = width.div_ceil(CELL);
+        self.cells.clear();
+        self.cells.resize(across * height.div_ceil(CELL), Cell::default());
+        let mut add = |x: usize, y: usize, way: usize, from: u16, to: u16| {
+            let step = i32::from(to) - i32::from(from);
+            if from > 0 && to > 0 && step.abs() < EDGE {
+                let cell = &mut self.cells[y / CELL * across + x / CELL][way];
+                *cell = (cell.0 + step, cell.1 + 1);
+            }
+        };
+        for y in 0..height {
+            let row = coarse.row(y);
+            for x in 0..width.saturating_sub(SLOPE_BASE) {
+                add(x, y, 0, row[x], row[x + SLOPE_BASE]);
+            }
+            if y + SLOPE_BASE < height {
+                let below = coarse.row(y + SLOPE_BASE);
+                for x in 0..width {
+                    add(x, y, 1, row[x], below[x]);
+                }
+            }
+        }
+        let cells = |first: usize, cells_there: usize| {
+            // The block's cells and one more on each side.
+            let start = (first * BLOCK / 2 / CELL).saturating_sub(1);
+            start..(((first + 1) * BLOCK / 2).div_ceil(CELL) + 1).min(cells_there)
+        };
+        for strip in 0..self.strips {
+            for tile in 0..self.tiles {
+                let mut total = Cell::default();
+                for y in cells(strip, height.div_ceil(CELL)) {
+                    for cell in &self.cells[y * across..][cells(tile, across)] {
+                        for way in 0..2 {
+                            total[way] = (total[way].0 + cell[way].0, total[way].1 + cell[way].1);
+                        }
+                    }
+                }
+                let slope = |(sum, count): (i32, i32)| {
+                    if count < LEAST_MEASURES {
+                        return 0;
+                    }
+                    (sum / (SLOPE_BASE as i32 * count)).clamp(-128, 128)
+                };
+                let block = &mut self.list[strip * self.tiles + tile];
+                (block.slope_x, block.slope_y) = (slope(total[0]), slope(total[1]));
+            }
+        }
+    }
+}
+
+/// The window that spans a histogram but for its outliers: at most `widest`, placed where most
+/// lies; the whole range when the histogram is empty.
+fn window(histogram: &[u32], widest: usize, disparities: usize) -> (usize, usize) {
+    let total: u32 = histogram.iter().sum();
+    if total == 0 {
+        return (0, disparities.min(widest));
+    }
+    let skipped = (total as f32 * OUTLIERS) as u32;
+    let bins = || histogram.iter().copied().enumerate();
+    let first = end(bins(), skipped) as i32;
+    let last = end(bins().rev(), skipped) as i32;
+    let need = ((last - first + 2 * MARGIN + 1) as usize).next_multiple_of(GRAIN);
+    let span = need.min(widest).min(disparities);
+    let inner = span as i32 - 2 * MARGIN;
+    let middle_twice = if last - first < inner {
+        first + last
+    } else {
+        // Too wide: the stretch with the most pixels.
+        let count = |from: i32| -> u32 {
+            let to = (from + inner).min(histogram.len() as i32);
+            histogram[from as usize..to.max(from) as usize].iter().sum()
+        };
+        let best = (first..=last).rev().max_by_key(|&from| count(from)).unwrap_or(first);
+        2 * best + inner - 1
+    };
+    let low = ((middle_twice + 1 - span as i32) / 2).clamp(0, (disparities - span) as i32) as usize;
+    (low, low + span)
+}
+
+/// The first bin after more than `skipped` were seen.
+fn end(bins: impl Iterator<Item = (usize, u32)>, skipped: u32) -> usize {
+    let mut seen = 0;
+    for (bin, n) in bins {
+        seen += n;
+        if seen > skipped {
+            return bin;
+        }
+    }
+    0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_spans_what_was_seen() {
+        let mut histogram = vec![0; 256];
+        histogram[40] = 100;
+        histogram[50] = 100;
+        histogram[90] = 2;
+        let (low, high) = window(&histogram, 64, 128);
+        assert!(low <= 38 && high > 52, "{low}..{high} leaves a surface out");
+        assert_eq!(high - low, 16);
+        assert_eq!(window(&histogram, 8, 128).1 - window(&histogram, 8, 128).0, 8);
+        assert_eq!(window(&[0; 256], 64, 32), (0, 32));
+        histogram[1] = 1000;
+        let (low, high) = window(&histogram, 16, 128);
+        assert!(low == 0 && high == 16, "{low}..{high}: most lies at 1");
+        for disparities in 2..20 {
+            let (low, high) = window(&histogram, 64, disparities);
+            assert!(low < high && high <= disparities);
+        }
+    }
+
+    #[test]
+    fn planned_blocks_follow_the_coarser_map_within_their_budget() {
+        let (width, height) = (150, 90);
+        let (w, h) = (75, 45);
+        // A slope of half a pixel rightwards and a quarter downwards, in 1/256 px.
+        let map: Vec<u16> =
+            (0..w * h).map(|i| (5 * 256 + (i % w) * 100 + (i / w) * 64) as u16).collect();
+        let coarse = DisparityView::new(&map, w, h).unwrap();
+        let mut blocks = Blocks::new(width, height, 128);
+        blocks.reserve(w, h);
+        assert_eq!(blocks.nodes(), width * height * 128);
+        blocks.plan(coarse, true, Some((64, usize::MAX)));
+        let mut next = 0;
+        for strip in 0..blocks.strips() {
+            for (tile, block) in blocks.strip(strip).iter().enumerate() {
+                assert_eq!(block.at, next);
+                next += block.span() * BLOCK;
+                let right = (tile * 32 + 31).min(width - 1);
+                let bottom = (strip * 32 + 31).min(height - 1);
+                for (x, y) in [(tile * 32, strip * 32), (right, bottom)] {
+                    let d = 2 * usize::from(map[y / 2 * w + x / 2]) / 256;
+                    assert!(block.low <= d && d < block.high, "{d} not in {block:?}");
+                }
+                assert!((block.slope_x - 100).abs() <= 1, "{block:?}");
+                assert!((block.slope_y - 64).abs() <= 1, "{block:?}");
+            }
+        }
+        assert_eq!(next, blocks.vectors());
+        let budget = blocks.least_vectors() * 2;
+        blocks.plan(coarse, true, Some((64, budget)));
+        assert!(blocks.vectors() <= budget);
+        // Slopes alone leave the windows.
+        let mut full = Blocks::new(width, height, 128);
+        full.plan(coarse, true, None);
+        assert!(full.strip(0).iter().all(|b| b.window() == (0, 128) && b.slope_x == 100));
+        // A map without any estimate: everything is searched that the budget allows.
+        let nothing = vec![0; w * h];
+        full.plan(DisparityView::new(&nothing, w, h).unwrap(), true, Some((64, usize::MAX)));
+        assert!(full.strip(0).iter().all(|b| b.window() == (0, 64) && b.slope_x == 0));
+    }
+}

@@ -1,0 +1,484 @@
+//! The Multi-Path-Viterbi of one scale: from a pair to the energies of all nodes of its windows
+//! (paper, section 3.2).
+//!
+//! Layer 1 is horizontal. Strips of 32 rows are turned so that one vector holds the same column of
+//! all rows; rightward and leftward paths meet in their minimum H, which keeps edges sharp. Layer 2
+//! takes H as its data term and runs the vertical and both diagonal paths together, downwards and
+//! then upwards, 32 columns to a vector. The final energy is H plus what the six paths' jumps cost:
+//! H counts once, not once per path, so that a path that agrees with H adds nothing.
+//! That is one horizontal and two vertical sweeps over two volumes of one byte a node.
+
+use super::blocks::{BLOCK, Block, Blocks};
+use super::cost::{CostParameters, CostStrip, STRIP};
+use super::viterbi::{PAD, Paths, Span, single, triple};
+use crate::image::GreyView;
+use crate::simd::{LANES, Lanes, Level, Simd, kernel};
+
+/// What shapes the paths.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathParameters {
+    /// λ of horizontal paths, in units of the cost (0 to 100).
+    pub lambda_horizontal: u8,
+    /// λ of vertical paths.
+    pub lambda_vertical: u8,
+    /// λ of diagonal paths.
+    pub lambda_diagonal: u8,
+    /// A jump of a horizontal path never costs more than this.
+    pub truncation_horizontal: u8,
+    /// A jump of another path never costs more than this; at most 75.
+    pub truncation_other: u8,
+    /// From this many grey levels on, a step on a path is an edge.
+    pub edge_levels: u8,
+    /// λ at an edge, in percent.
+    pub edge_percent: u8,
+}
+
+impl Default for PathParameters {
+    fn default() -> Self {
+        Self {
+            lambda_horizontal: 13,
+            lambda_vertical: 6,
+            lambda_diagonal: 20,
+            truncation_horizontal: 12,
+            truncation_other: 75,
+            edge_levels: 20,
+            edge_percent: 100,
+        }
+    }
+}
+
+/// The weight of a step by how much the grey value changes: λ·e^(−|G|) of the paper in two steps.
+#[derive(Clone, Copy, Debug)]
+pub struct EdgeWeight {
+    smooth: u8,
+    edge: u8,
+    levels: u8,
+}
+
+impl EdgeWeight {
+    fn new(lambda: u8, parameters: &PathParameters) -> Self {
+        let edge = (u32::from(lambda) * u32::from(parameters.edge_percent.min(100)) + 50) / 100;
+        Self { smooth: lambda.max(1), edge: (edge as u8).max(1), levels: parameters.edge_levels }
+    }
+}
+
+#[inline(always)]
+fn edge_row<S: Simd>(_: S, here: &[u8], there: &[u8], weight: EdgeWeight, out: &mut [Lanes]) {
+    for ((out, here), there) in
+        out.iter_mut().zip(here.chunks_exact(LANES)).zip(there.chunks_exact(LANES))
+    {
+        for i in 0..LANES {
+            let smooth = here[i].abs_diff(there[i]) < weight.levels;
+            out.0[i] = if smooth { weight.smooth } else { weight.edge };
+        }
+    }
+}
+
+#[inline(always)]
+fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize) {
+    for d in 0..disparities {
+        s.transpose(&mut block[d..], disparities);
+    }
+}
+
+kernel! { fn edge_weights(here: &[u8], there: &[u8], weight: EdgeWeight, out: &mut [Lanes]) = edge_row }
+kernel! { fn turn(block: &mut [Lanes], disparities: usize) = turn_blocks }
+
+/// The two volumes of an image, one byte a node each; shared by the scales of a pyramid.
+#[derive(Debug, Default)]
+pub struct Volumes {
+    /// H, the energies of the horizontal layer.
+    merged: Vec<Lanes>,
+    /// The costs, then the jumps of the downward paths, then the final energies.
+    energies: Vec<Lanes>,
+}
+
+impl Volumes {
+    /// Room for `vectors` vectors of nodes.
+    pub fn new(vectors: usize) -> Self {
+        Self { merged: vec![Lanes::ZERO; vectors], energies: vec![Lanes::ZERO; vectors] }
+    }
+
+    /// Vectors of nodes that there is room for.
+    pub fn vectors(&self) -> usize {
+        self.merged.len()
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        (self.merged.len() + self.energies.len()) * LANES
+    }
+}
+
+/// Change of a slope's whole disparities from position `from` to `to`.
+fn slope_step(slope: i32, from: usize, to: usize) -> i8 {
+    let at = |position: usize| (slope * position as i32 + 128) >> 8;
+    (at(to) - at(from)).clamp(-1, 1) as i8
+}
+
+/// Marks the nodes of an old window that the new one leaves as not there.
+fn leave(state: &mut [Lanes], old: (usize, usize), new: (usize, usize)) {
+    state[PAD + old.0..PAD + old.1.min(new.0).max(old.0)].fill(Lanes::FULL);
+    state[PAD + old.0.max(new.1).min(old.1)..PAD + old.1].fill(Lanes::FULL);
+}
+
+/// The solver of one scale with its workspace, the volumes apart.
+#[derive(Debug)]
+pub struct Scale {
+    parameters: PathParameters,
+    horizontal: EdgeWeight,
+    /// Of straight, rightward and leftward paths.
+    others: [EdgeWeight; 3],
+    level: Level,
+    width: usize,
+    height: usize,
+    /// Which disparities are searched where.
+    pub blocks: Blocks,
+    cost: CostStrip,
+    /// The left image with a vector of border on both sides.
+    guide: Vec<u8>,
+    /// Energies of the row before for each direction and tile, padded.
+    states: [Vec<Lanes>; 3],
+    /// The rightward diagonal's energies of a tile and the one before, before they are replaced.
+    carry: [Vec<Lanes>; 2],
+    /// Energies of the column before, padded.
+    column: Vec<Lanes>,
+    /// Zero: where a path starts.
+    fresh: Vec<Lanes>,
+    forward: Vec<Lanes>,
+    spans: Vec<Span>,
+    weights: [Vec<Lanes>; 3],
+    column_weights: Vec<Lanes>,
+}
+
+impl Scale {
+    /// A solver for `width` × `height` pixels and all disparities below `disparities`.
+    pub fn new(
+        cost: CostParameters,
+        parameters: PathParameters,
+        level: Level,
+        width: usize,
+        height: usize,
+        disparities: usize,
+    ) -> Self {
+        // Four sums of jumps beside the data term: what matters stays below 255.
+        let parameters = PathParameters {
+            truncation_horizontal: parameters.truncation_horizontal.min(75),
+            truncation_other: parameters.truncation_other.min(75),
+            ..parameters
+        };
+        let blocks = Blocks::new(width, height, disparities);
+        let tiles = blocks.tiles();
+        let padded = disparities + 2 * PAD;
+        Self {
+            horizontal: EdgeWeight::new(parameters.lambda_horizontal, &parameters),
+            others: [parameters.lambda_vertical, parameters.lambda_diagonal, parameters.lambda_diagonal]
+                .map(|lambda| EdgeWeight::new(lambda, &parameters)),
+            level,
+            width,
+            height,
+            cost: CostStrip::new(cost, level, width, disparities),
+            guide: vec![0; (tiles + 2) * LANES * height],
+            states: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
+            carry: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
+            column: vec![Lanes::FULL; padded],
+            fresh: vec![Lanes::ZERO; padded],
+            forward: vec![Lanes::ZERO; 3 * disparities],
+            spans: vec![Span { from: 0, to: 0, low: 0, high: 0 }; tiles],
+            weights: std::array::from_fn(|_| vec![Lanes::ZERO; tiles]),
+            column_weights: vec![Lanes::ZERO; tiles * LANES],
+            blocks,
+            parameters,
+        }
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Bytes that the workspace holds, the volumes apart.
+    pub fn bytes(&self) -> usize {
+        let vectors = self.states.iter().chain(&self.carry).chain(&self.weights).map(Vec::len).sum::<usize>()
+            + self.column.len()
+            + self.fresh.len()
+            + self.forward.len()
+            + self.column_weights.len();
+        vectors * LANES
+            + self.cost.bytes()
+            + self.guide.len()
+            + self.spans.len() * size_of::<Span>()
+            + self.blocks.bytes()
+    }
+
+    /// Computes the final energies; `row` gets them row by row, from the last to the first: the row,
+    /// the blocks it lies in, which of their rows it is, and all energies (of block b its row r
+    /// starts at `b.at + r·b.span()`). `go_on` is asked now and then; once it says no, the scale is
+    /// given up and false returned.
+    ///
+    /// # Panics
+    /// When the images have another size than the workspace, or the volumes are smaller than
+    /// [`Blocks::vectors`].
+    pub fn solve(
+        &mut self,
+        left: GreyView<'_>,
+        right: GreyView<'_>,
+        volumes: &mut Volumes,
+        go_on: &mut dyn FnMut() -> bool,
+        mut row: impl FnMut(usize, &[Block], usize, &[Lanes]),
+    ) -> bool {
+        for image in [&left, &right] {
+            assert_eq!((image.width(), image.height()), (self.width, self.height));
+        }
+        assert!(volumes.vectors() >= self.blocks.vectors());
+        self.take_guide(left);
+        self.start_paths();
+        for strip in 0..self.blocks.strips() {
+            if !go_on() {
+                return false;
+            }
+            self.cost.start(left, right, strip * STRIP);
+            self.horizontal_layer(strip, volumes);
+            for y in strip * STRIP..((strip + 1) * STRIP).min(self.height) {
+                self.advance_row(y.checked_sub(1), y, false, volumes);
+            }
+        }
+        self.start_paths();
+        for y in (0..self.height).rev() {
+            if y % STRIP == 0 && !go_on() {
+                return false;
+            }
+            let from = (y + 1 < self.height).then_some(y + 1);
+            self.advance_row(from, y, true, volumes);
+            row(y, self.blocks.strip(y / STRIP), y % STRIP, &volumes.energies);
+        }
+        true
+    }
+
+    /// Copies the left image, its border repeated sideways.
+    fn take_guide(&mut self, left: GreyView<'_>) {
+        let stride = self.guide.len() / self.height;
+        for (y, row) in self.guide.chunks_exact_mut(stride).enumerate() {
+            let source = left.row(y);
+            row[..LANES].fill(source[0]);
+            row[LANES..LANES + source.len()].copy_from_slice(source);
+            row[LANES + source.len()..].fill(source[source.len() - 1]);
+        }
+    }
+
+    /// A row of the guide, moved `sideways` pixels.
+    fn guide_row(&self, y: usize, sideways: isize) -> &[u8] {
+        let stride = self.guide.len() / self.height;
+        let start = (y * stride + LANES).wrapping_add_signed(sideways);
+        &self.guide[start..start + self.blocks.tiles() * LANES]
+    }
+
+    /// Layer 1 of a strip: costs, rightward and leftward paths, their minimum to `merged`.
+    fn horizontal_layer(&mut self, strip: usize, volumes: &mut Volumes) {
+        let tiles = self.blocks.tiles();
+        let top = strip * STRIP;
+        // Edge weights between column x − 1 and x, for all rows.
+        for row in 0..STRIP {
+            let y = (top + row).min(self.height - 1);
+            let mut weights = std::mem::take(&mut self.weights[0]);
+            let (here, there) = (self.guide_row(y, 0), self.guide_row(y, -1));
+            edge_weights(self.level, here, there, self.horizontal, &mut weights);
+            for (tile, weights) in weights.iter().enumerate() {
+                self.column_weights[tile * LANES + row] = *weights;
+            }
+            self.weights[0] = weights;
+        }
+        for block in self.column_weights.chunks_exact_mut(LANES) {
+            turn(self.level, block, 1);
+        }
+
+        let disparities = self.blocks.disparities();
+        let truncation = self.parameters.truncation_horizontal;
+        // Rightwards.
+        let mut before = (0, disparities);
+        self.column[PAD..PAD + disparities].fill(Lanes::ZERO);
+        for tile in 0..tiles {
+            let block = self.blocks.strip(strip)[tile];
+            let n = block.span();
+            let nodes = block.at..block.at + n * BLOCK;
+            let costs = &mut volumes.energies[nodes.clone()];
+            self.cost.tile(tile * LANES, block.low, n, costs);
+            turn(self.level, costs, n);
+            let merged = &mut volumes.merged[nodes];
+            for i in 0..LANES {
+                let x = tile * LANES + i;
+                let slope = if x == 0 { 0 } else { slope_step(block.slope_x, x - 1, x) };
+                single(
+                    self.level,
+                    &mut self.column,
+                    &costs[i * n..(i + 1) * n],
+                    &mut merged[i * n..(i + 1) * n],
+                    &self.column_weights[x],
+                    truncation,
+                    slope,
+                    Span::new(block.window(), before, usize::from(slope != 0)),
+                    false,
+                    &mut self.forward,
+                );
+                if i == 0 {
+                    leave(&mut self.column, before, block.window());
+                    before = block.window();
+                }
+            }
+        }
+        // Leftwards, from the last column of the image.
+        leave(&mut self.column, before, (0, 0));
+        before = (0, disparities);
+        self.column[PAD..PAD + disparities].fill(Lanes::ZERO);
+        for tile in (0..tiles).rev() {
+            let block = self.blocks.strip(strip)[tile];
+            let n = block.span();
+            let nodes = block.at..block.at + n * BLOCK;
+            let costs = &volumes.energies[nodes.clone()];
+            let merged = &mut volumes.merged[nodes];
+            let inside = LANES.min(self.width - tile * LANES);
+            for i in (0..inside).rev() {
+                let x = tile * LANES + i;
+                let first = x + 1 == self.width;
+                let slope = if first { 0 } else { slope_step(block.slope_x, x + 1, x) };
+                single(
+                    self.level,
+                    &mut self.column,
+                    &costs[i * n..(i + 1) * n],
+                    &mut merged[i * n..(i + 1) * n],
+                    &self.column_weights[if first { x } else { x + 1 }],
+                    truncation,
+                    slope,
+                    Span::new(block.window(), before, usize::from(slope != 0)),
+                    true,
+                    &mut self.forward,
+                );
+                if before != block.window() {
+                    leave(&mut self.column, before, block.window());
+                    before = block.window();
+                }
+            }
+            turn(self.level, merged, n);
+        }
+        leave(&mut self.column, before, (0, 0));
+    }
+
+    /// Makes every path of layer 2 start afresh.
+    fn start_paths(&mut self) {
+        let padded = self.fresh.len();
+        for state in &mut self.states {
+            for tile in state.chunks_exact_mut(padded) {
+                tile[..PAD].fill(Lanes::FULL);
+                tile[PAD..padded - PAD].fill(Lanes::ZERO);
+                tile[padded - PAD..].fill(Lanes::FULL);
+            }
+        }
+    }
+
+    /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
+    fn advance_row(&mut self, from: Option<usize>, y: usize, last: bool, volumes: &mut Volumes) {
+        let tiles = self.blocks.tiles();
+        let disparities = self.blocks.disparities();
+        let padded = self.fresh.len();
+        let mut weights = std::mem::take(&mut self.weights);
+        for ((weights, sideways), weight) in weights.iter_mut().zip([0, -1, 1]).zip(self.others) {
+            let there = self.guide_row(from.unwrap_or(y), sideways);
+            edge_weights(self.level, self.guide_row(y, 0), there, weight, weights);
+        }
+        self.weights = weights;
+
+        let strip = self.blocks.strip(y / STRIP);
+        let enters = from.is_none_or(|from| from / STRIP != y / STRIP);
+        let before = |tile: usize| match from {
+            None => (0, disparities),
+            Some(from) => self.blocks.strip(from / STRIP)[tile].window(),
+        };
+        // Slope steps of a tile's straight, rightward and leftward paths.
+        let steps = |block: &Block| {
+            [0, -1, 1].map(|sideways| match from {
+                None => 0,
+                // Down from the left a path goes right, up from the left as well.
+                Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
+                Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
+            })
+        };
+        for tile in 0..tiles {
+            let mut old = before(tile);
+            for beside in [tile.saturating_sub(1), (tile + 1).min(tiles - 1)] {
+                let beside = before(beside);
+                old = (old.0.min(beside.0), old.1.max(beside.1));
+            }
+            let slack = usize::from(steps(&strip[tile]) != [0; 3]);
+            self.spans[tile] = Span::new(strip[tile].window(), old, slack);
+        }
+
+        let [straight, left, right] = &mut self.states;
+        let [earlier, now] = &mut self.carry;
+        for tile in 0..tiles {
+            let block = &strip[tile];
+            let span = self.spans[tile];
+            let place = tile * padded..(tile + 1) * padded;
+            // What the next tile will read of this one's rightward paths.
+            if let Some(next) = self.spans.get(tile + 1) {
+                let read = next.from - 1..next.to + 1;
+                now[read.clone()].copy_from_slice(&left[place.clone()][read]);
+            }
+            let (right_here, right_next) = right[place.start..].split_at_mut(padded);
+            let slopes = steps(block);
+            let mut paths = [
+                Paths {
+                    state: &mut straight[place.clone()],
+                    beside: &self.fresh,
+                    weight: self.weights[0][tile],
+                    slope: slopes[0],
+                },
+                Paths {
+                    state: &mut left[place.clone()],
+                    beside: if tile == 0 { &self.fresh } else { earlier },
+                    weight: self.weights[1][tile],
+                    slope: slopes[1],
+                },
+                Paths {
+                    state: right_here,
+                    beside: if tile + 1 < tiles { &right_next[..padded] } else { &self.fresh },
+                    weight: self.weights[2][tile],
+                    slope: slopes[2],
+                },
+            ];
+            let at = block.at + y % STRIP * block.span();
+            let nodes = at..at + block.span();
+            triple(
+                self.level,
+                &mut paths,
+                &volumes.merged[nodes.clone()],
+                &mut volumes.energies[nodes],
+                self.parameters.truncation_other,
+                span,
+                last,
+                &mut self.forward,
+            );
+            let beyond = self.width - tile * LANES;
+            if beyond < LANES {
+                // Lanes beyond the image must not feed a leftward path.
+                let window = PAD + block.low..PAD + block.high;
+                paths[2].state[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
+            }
+            if enters {
+                let old = match from {
+                    None => (0, disparities),
+                    Some(from) => self.blocks.strip(from / STRIP)[tile].window(),
+                };
+                for path in &mut paths {
+                    leave(path.state, old, block.window());
+                }
+            }
+            std::mem::swap(earlier, now);
+        }
+    }
+}
+

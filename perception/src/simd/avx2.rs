@@ -108,10 +108,15 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn transpose(self, block: &mut [Lanes], stride: usize) {
-        let upper: [__m256i; 16] = std::array::from_fn(|i| self.load(&block[i * stride]));
-        let upper = transpose_halves(upper);
-        let lower: [__m256i; 16] = std::array::from_fn(|i| self.load(&block[(i + 16) * stride]));
-        let lower = transpose_halves(lower);
+        let (mut upper, mut lower) = ([self.splat(0); 16], [self.splat(0); 16]);
+        for i in 0..16 {
+            upper[i] = self.load(&block[i * stride]);
+        }
+        upper = transpose_halves(upper);
+        for i in 0..16 {
+            lower[i] = self.load(&block[(i + 16) * stride]);
+        }
+        lower = transpose_halves(lower);
         for i in 0..16 {
             // SAFETY: the token exists, so AVX2 is there.
             let (first, second) = unsafe {
@@ -154,31 +159,32 @@ impl Simd for Avx2 {
             // `columns` is read at most 24 + 4 + 8 = 36 values in.
             unsafe {
                 for v in 0..COLUMNS / 8 {
-                    let word = |row: &[u32], i: usize| _mm256_loadu_si256(row.as_ptr().add(i).cast());
-                    let madd = |n: usize| {
-                        _mm256_madd_epi16(word(left.words[n], 8 * v), word(right.words[n], x + 8 * v))
-                    };
-                    let sum = _mm256_add_epi32(_mm256_add_epi32(madd(0), madd(1)), madd(2));
+                    let mut sum = _mm256_setzero_si256();
+                    for n in 0..3 {
+                        let l = words(left.words[n], 8 * v);
+                        let r = words(right.words[n], x + 8 * v);
+                        sum = _mm256_add_epi32(sum, _mm256_madd_epi16(l, r));
+                    }
                     _mm256_storeu_si256(columns.as_mut_ptr().add(8 * v).cast(), sum);
                 }
                 let bias = _mm256_set1_epi32(constants.bias);
                 let middle = _mm256_set1_ps(constants.middle);
-                let eight = |v: usize| {
-                    let column =
-                        |i: usize| _mm256_loadu_si256(columns.as_ptr().add(8 * v + i).cast::<__m256i>());
-                    let sum = _mm256_add_epi32(_mm256_add_epi32(column(0), column(1)), column(2));
-                    let sum = _mm256_add_epi32(sum, _mm256_add_epi32(column(3), column(4)));
-                    let sum = _mm256_cvtepi32_ps(_mm256_add_epi32(sum, bias));
-                    let float = |row: &[f32], i: usize| _mm256_loadu_ps(row.as_ptr().add(i));
-                    let product = _mm256_mul_ps(sum, float(left.scale, 8 * v));
-                    let product = _mm256_mul_ps(product, float(right.scale, x + 8 * v));
-                    let means = _mm256_mul_ps(float(left.mean, 8 * v), float(right.mean, x + 8 * v));
+                let mut eights = [bias; 4];
+                for (v, eight) in eights.iter_mut().enumerate() {
+                    let mut sum = bias;
+                    for i in 0..5 {
+                        let column = columns.as_ptr().add(8 * v + i).cast();
+                        sum = _mm256_add_epi32(sum, _mm256_loadu_si256(column));
+                    }
+                    let product = _mm256_mul_ps(_mm256_cvtepi32_ps(sum), floats(left.scale, 8 * v));
+                    let product = _mm256_mul_ps(product, floats(right.scale, x + 8 * v));
+                    let means = _mm256_mul_ps(floats(left.mean, 8 * v), floats(right.mean, x + 8 * v));
                     let similarity = _mm256_sub_ps(product, means);
-                    _mm256_cvttps_epi32(_mm256_sub_ps(middle, similarity))
-                };
+                    *eight = _mm256_cvttps_epi32(_mm256_sub_ps(middle, similarity));
+                }
                 // Packing works within halves; the permutation puts the fours in order again.
-                let low_half = _mm256_packs_epi32(eight(0), eight(1));
-                let high_half = _mm256_packs_epi32(eight(2), eight(3));
+                let low_half = _mm256_packs_epi32(eights[0], eights[1]);
+                let high_half = _mm256_packs_epi32(eights[2], eights[3]);
                 let packed = _mm256_packus_epi16(low_half, high_half);
                 let order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
                 let structure = _mm256_permutevar8x32_epi32(packed, order);
@@ -191,4 +197,24 @@ impl Simd for Avx2 {
             }
         }
     }
+}
+
+/// Eight words from `at` on.
+///
+/// # Safety
+/// AVX2 is there and `row` has 8 values from `at` on.
+#[inline(always)]
+unsafe fn words(row: &[u32], at: usize) -> __m256i {
+    // SAFETY: as promised by the caller.
+    unsafe { _mm256_loadu_si256(row.as_ptr().add(at).cast()) }
+}
+
+/// Eight floats from `at` on.
+///
+/// # Safety
+/// AVX2 is there and `row` has 8 values from `at` on.
+#[inline(always)]
+unsafe fn floats(row: &[f32], at: usize) -> __m256 {
+    // SAFETY: as promised by the caller.
+    unsafe { _mm256_loadu_ps(row.as_ptr().add(at)) }
 }

@@ -107,13 +107,11 @@ impl Simd for Avx512 {
         // SAFETY: the token exists, so the features are there. All addresses lie inside the slices:
         // x is at most `at - low` and at least 0, and the lengths were checked above for them.
         unsafe {
-            let word = |row: &[u32], i: usize| _mm512_loadu_si512(row.as_ptr().add(i).cast());
-            let float = |row: &[f32], i: usize| _mm512_loadu_ps(row.as_ptr().add(i));
             // The rows 0 to 3 of the window, and the fifth.
-            let first: [__m512i; 3] = std::array::from_fn(|v| word(left.words[0], 16 * v));
-            let second: [__m512i; 3] = std::array::from_fn(|v| word(left.words[2], 16 * v));
-            let left_scale: [__m512; 2] = std::array::from_fn(|v| float(left.scale, 16 * v));
-            let left_mean: [__m512; 2] = std::array::from_fn(|v| float(left.mean, 16 * v));
+            let first = words(left.words[0], 0);
+            let second = words(left.words[2], 0);
+            let left_scale = floats(left.scale, 0);
+            let left_mean = floats(left.mean, 0);
             let left_gradient = _mm256_loadu_si256(left.gradient.as_ptr().cast());
             let bias = _mm512_set1_epi32(constants.bias);
             let middle = _mm512_set1_ps(constants.middle);
@@ -121,36 +119,70 @@ impl Simd for Avx512 {
             let none = _mm512_setzero_si512();
             for (k, cost) in out.iter_mut().enumerate() {
                 let x = at - low - k;
-                let column: [__m512i; 3] = std::array::from_fn(|v| {
-                    let sum = _mm512_dpbusd_epi32(none, first[v], word(right.words[0], x + 16 * v));
-                    _mm512_dpbusd_epi32(sum, second[v], word(right.words[2], x + 16 * v))
-                });
+                let (upper, fifth) = (words(right.words[0], x), words(right.words[2], x));
+                let mut column = [none; 4];
+                for v in 0..3 {
+                    let sum = _mm512_dpbusd_epi32(none, first[v], upper[v]);
+                    column[v] = _mm512_dpbusd_epi32(sum, second[v], fifth[v]);
+                }
                 // Sums of two, then four, then five columns.
-                let next = [column[1], column[2], none];
-                let two: [__m512i; 3] = std::array::from_fn(|v| {
-                    _mm512_add_epi32(column[v], _mm512_alignr_epi32::<1>(next[v], column[v]))
-                });
-                let scored: [__m128i; 2] = std::array::from_fn(|v| {
-                    let four = _mm512_add_epi32(two[v], _mm512_alignr_epi32::<2>(two[v + 1], two[v]));
-                    let five =
-                        _mm512_add_epi32(four, _mm512_alignr_epi32::<4>(column[v + 1], column[v]));
-                    let sum = _mm512_cvtepi32_ps(_mm512_add_epi32(five, bias));
-                    let product = _mm512_mul_ps(sum, left_scale[v]);
-                    let product = _mm512_mul_ps(product, float(right.scale, x + 16 * v));
-                    let means = _mm512_mul_ps(left_mean[v], float(right.mean, x + 16 * v));
+                let mut two = [none; 3];
+                for v in 0..3 {
+                    let next = _mm512_alignr_epi32::<1>(column[v + 1], column[v]);
+                    two[v] = _mm512_add_epi32(column[v], next);
+                }
+                let right_scale = floats(right.scale, x);
+                let right_mean = floats(right.mean, x);
+                let mut scored = [_mm_setzero_si128(); 2];
+                for v in 0..2 {
+                    let next = _mm512_alignr_epi32::<2>(two[v + 1], two[v]);
+                    let last = _mm512_alignr_epi32::<4>(column[v + 1], column[v]);
+                    let four = _mm512_add_epi32(two[v], next);
+                    let sum = _mm512_add_epi32(four, _mm512_add_epi32(last, bias));
+                    let product = _mm512_mul_ps(_mm512_cvtepi32_ps(sum), left_scale[v]);
+                    let product = _mm512_mul_ps(product, right_scale[v]);
+                    let means = _mm512_mul_ps(left_mean[v], right_mean[v]);
                     let cost = _mm512_sub_ps(middle, _mm512_sub_ps(product, means));
-                    _mm512_cvtepi32_epi8(_mm512_cvttps_epi32(cost))
-                });
+                    scored[v] = _mm512_cvtepi32_epi8(_mm512_cvttps_epi32(cost));
+                }
                 let structure = _mm256_set_m128i(scored[1], scored[0]);
                 let r = _mm256_loadu_si256(right.gradient.as_ptr().add(x).cast());
-                let step = _mm256_or_si256(
-                    _mm256_subs_epu8(left_gradient, r),
-                    _mm256_subs_epu8(r, left_gradient),
-                );
+                let step =
+                    _mm256_or_si256(_mm256_subs_epu8(left_gradient, r), _mm256_subs_epu8(r, left_gradient));
                 let step = _mm256_min_epu8(step, limit);
                 let step = _mm256_adds_epu8(step, step);
                 self.store(_mm256_adds_epu8(structure, step), cost);
             }
         }
+    }
+}
+
+/// Three vectors of words from `at` on.
+///
+/// # Safety
+/// AVX-512 is there and `row` has 48 values from `at` on.
+#[inline(always)]
+unsafe fn words(row: &[u32], at: usize) -> [__m512i; 3] {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        let row = row.as_ptr().add(at);
+        [
+            _mm512_loadu_si512(row.cast()),
+            _mm512_loadu_si512(row.add(16).cast()),
+            _mm512_loadu_si512(row.add(32).cast()),
+        ]
+    }
+}
+
+/// Two vectors of floats from `at` on.
+///
+/// # Safety
+/// AVX-512 is there and `row` has 32 values from `at` on.
+#[inline(always)]
+unsafe fn floats(row: &[f32], at: usize) -> [__m512; 2] {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        let row = row.as_ptr().add(at);
+        [_mm512_loadu_ps(row), _mm512_loadu_ps(row.add(16))]
     }
 }

@@ -10,11 +10,6 @@ pub struct Neon;
 
 type Halves = [uint8x16_t; 2];
 
-#[inline(always)]
-fn both(a: Halves, b: Halves, f: impl Fn(uint8x16_t, uint8x16_t) -> uint8x16_t) -> Halves {
-    [f(a[0], b[0]), f(a[1], b[1])]
-}
-
 /// Turns a 16 × 16 block.
 #[inline(always)]
 fn transpose_half(mut v: [uint8x16_t; 16]) -> [uint8x16_t; 16] {
@@ -60,37 +55,42 @@ impl Simd for Neon {
     #[inline(always)]
     fn min(self, a: Halves, b: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
-        both(a, b, |a, b| unsafe { vminq_u8(a, b) })
+        unsafe { [vminq_u8(a[0], b[0]), vminq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn max(self, a: Halves, b: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
-        both(a, b, |a, b| unsafe { vmaxq_u8(a, b) })
+        unsafe { [vmaxq_u8(a[0], b[0]), vmaxq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn add(self, a: Halves, b: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
-        both(a, b, |a, b| unsafe { vqaddq_u8(a, b) })
+        unsafe { [vqaddq_u8(a[0], b[0]), vqaddq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn sub(self, a: Halves, b: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
-        both(a, b, |a, b| unsafe { vqsubq_u8(a, b) })
+        unsafe { [vqsubq_u8(a[0], b[0]), vqsubq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn mean(self, a: Halves, b: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
-        both(a, b, |a, b| unsafe { vrhaddq_u8(a, b) })
+        unsafe { [vrhaddq_u8(a[0], b[0]), vrhaddq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn select_less(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
-        std::array::from_fn(|i| unsafe { vbslq_u8(vcltq_u8(a[i], b[i]), yes[i], no[i]) })
+        unsafe {
+            [
+                vbslq_u8(vcltq_u8(a[0], b[0]), yes[0], no[0]),
+                vbslq_u8(vcltq_u8(a[1], b[1]), yes[1], no[1]),
+            ]
+        }
     }
 
     #[inline(always)]
@@ -107,11 +107,16 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn transpose(self, block: &mut [Lanes], stride: usize) {
-        let half = |block: &[Lanes], row: usize, side: usize| {
-            transpose_half(std::array::from_fn(|i| self.load(&block[(row + i) * stride])[side]))
-        };
-        let corners =
-            [half(block, 0, 0), half(block, 0, 1), half(block, 16, 0), half(block, 16, 1)];
+        let zero = self.splat(0)[0];
+        // Upper left, upper right, lower left, lower right.
+        let mut corners = [[zero; 16]; 4];
+        for i in 0..16 {
+            [corners[0][i], corners[1][i]] = self.load(&block[i * stride]);
+            [corners[2][i], corners[3][i]] = self.load(&block[(i + 16) * stride]);
+        }
+        for corner in &mut corners {
+            *corner = transpose_half(*corner);
+        }
         for i in 0..16 {
             self.store([corners[0][i], corners[2][i]], &mut block[i * stride]);
             self.store([corners[1][i], corners[3][i]], &mut block[(i + 16) * stride]);

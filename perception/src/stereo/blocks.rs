@@ -34,7 +34,7 @@ pub struct Block {
     pub low: usize,
     /// One after its last.
     pub high: usize,
-    /// Where its nodes start in the volume, in vectors.
+    /// Where its nodes start in the volume, in vectors: row after row, see [`Self::pitch`].
     pub at: usize,
     /// Expected change of disparity for a step right, in 1/256 px.
     pub slope_x: i32,
@@ -48,10 +48,25 @@ impl Block {
         self.high - self.low
     }
 
+    /// Vectors from one row of the block to the next, in the volume. Rows a multiple of 1024 bytes
+    /// apart would fall on few sets of the cache.
+    pub fn pitch(&self) -> usize {
+        pitch(self.span())
+    }
+
+    /// Vectors that the block takes in the volume.
+    pub fn vectors(&self) -> usize {
+        self.pitch() * BLOCK
+    }
+
     /// Both ends of the window.
     pub fn window(&self) -> (usize, usize) {
         (self.low, self.high)
     }
+}
+
+fn pitch(span: usize) -> usize {
+    if span % 32 == 0 { span + 2 } else { span }
 }
 
 /// Slope sums of a cell: (sum, count) rightwards and downwards.
@@ -127,7 +142,7 @@ impl Blocks {
 
     /// Vectors that the nodes of all blocks take.
     pub fn vectors(&self) -> usize {
-        self.list.last().map_or(0, |b| b.at + b.span() * BLOCK)
+        self.list.last().map_or(0, |b| b.at + b.vectors())
     }
 
     /// Nodes searched, of the image's own pixels: what the paper counts as m·n·d.
@@ -137,7 +152,7 @@ impl Blocks {
 
     /// The least vectors that planned blocks need: with every window at its shortest.
     pub fn least_vectors(&self) -> usize {
-        self.tiles * self.strips * BLOCK * GRAIN.min(self.disparities)
+        self.tiles * self.strips * BLOCK * pitch(GRAIN.min(self.disparities))
     }
 
     /// Gives the blocks their places in the volume.
@@ -146,7 +161,7 @@ impl Blocks {
         self.nodes = 0;
         for (i, block) in self.list.iter_mut().enumerate() {
             block.at = at;
-            at += block.span() * BLOCK;
+            at += block.vectors();
             let columns = BLOCK.min(self.width - i % self.tiles * BLOCK);
             let rows = BLOCK.min(self.height - i / self.tiles * BLOCK);
             self.nodes += columns * rows * block.span();
@@ -357,7 +372,7 @@ mod tests {
         for strip in 0..blocks.strips() {
             for (tile, block) in blocks.strip(strip).iter().enumerate() {
                 assert_eq!(block.at, next);
-                next += block.span() * BLOCK;
+                next += block.vectors();
                 let right = (tile * 32 + 31).min(width - 1);
                 let bottom = (strip * 32 + 31).min(height - 1);
                 for (x, y) in [(tile * 32, strip * 32), (right, bottom)] {

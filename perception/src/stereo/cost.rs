@@ -231,9 +231,9 @@ fn prepare<S: Simd>(s: S, plane: &mut Plane, bias: i32) {
 }
 
 #[inline(always)]
-fn score_tile<S: Simd>(s: S, strip: &CostStrip, x: usize, low: usize, disparities: usize, out: &mut [Lanes]) {
+fn score_tile<S: Simd>(s: S, strip: &CostStrip, x: usize, low: usize, n: usize, pitch: usize, out: &mut [Lanes]) {
     let constants = strip.parameters.constants();
-    for (y, out) in out.chunks_exact_mut(disparities).enumerate() {
+    for (y, out) in out.chunks_exact_mut(pitch).enumerate() {
         let (left, right) = (strip.left.row(y), strip.right.row(y));
         let left = CostRow {
             words: left.words.map(|w| &w[x..]),
@@ -241,14 +241,14 @@ fn score_tile<S: Simd>(s: S, strip: &CostStrip, x: usize, low: usize, disparitie
             mean: &left.mean[x..],
             gradient: &left.gradient[x..],
         };
-        s.score(&constants, &left, &right, x + strip.right.lead, low, out);
+        s.score(&constants, &left, &right, x + strip.right.lead, low, &mut out[..n]);
     }
 }
 
 kernel! { fn prepare_plane(plane: &mut Plane, bias: i32) = prepare }
 kernel! {
     /// Scores one tile.
-    fn score_tile_at(strip: &CostStrip, x: usize, low: usize, disparities: usize, out: &mut [Lanes])
+    fn score_tile_at(strip: &CostStrip, x: usize, low: usize, n: usize, pitch: usize, out: &mut [Lanes])
         = score_tile
 }
 
@@ -293,15 +293,16 @@ impl CostStrip {
     }
 
     /// Writes the costs of the [`LANES`] columns from `x` on for `disparities` ones from `low` on:
-    /// row after row, a vector for each disparity. Pixels left of the right image (x < d) are
+    /// row after row (`pitch` vectors apart), a vector for each disparity. Pixels left of the right image (x < d) are
     /// compared with its border, repeated.
     ///
     /// # Panics
     /// When `out` is not [`STRIP`] rows, or a disparity is not one of the workspace's.
-    pub fn tile(&self, x: usize, low: usize, disparities: usize, out: &mut [Lanes]) {
-        assert_eq!(out.len(), STRIP * disparities);
+    pub fn tile(&self, x: usize, low: usize, disparities: usize, pitch: usize, out: &mut [Lanes]) {
+        assert!(disparities <= pitch);
+        assert_eq!(out.len(), STRIP * pitch);
         assert!(low + disparities <= self.right.lead + 1);
-        score_tile_at(self.level, self, x, low, disparities, out);
+        score_tile_at(self.level, self, x, low, disparities, pitch, out);
     }
 }
 
@@ -377,7 +378,7 @@ mod tests {
                         let low = disparities / 5;
                         let n = disparities - low;
                         let mut out = vec![Lanes::ZERO; STRIP * n];
-                        strip.tile(x, low, n, &mut out);
+                        strip.tile(x, low, n, n, &mut out);
                         for row in 0..STRIP.min(height - top) {
                             for lane in 0..LANES.min(width - x) {
                                 for d in 0..n {
@@ -424,7 +425,7 @@ mod tests {
         let mut strip = CostStrip::new(CostParameters::default(), Level::best(), 40, 8);
         strip.start(left.view(), right.view(), 0);
         let mut out = vec![Lanes::ZERO; STRIP * 8];
-        strip.tile(0, 0, 8, &mut out);
+        strip.tile(0, 0, 8, 8, &mut out);
         assert!(out.iter().flat_map(|l| l.0).all(|c| c <= 2), "flat windows look alike");
     }
 }

@@ -2,34 +2,49 @@
 
 use crate::simd::{Level, Simd, kernel};
 
-/// The median of nine by a network of exchanges.
+/// Pixels that are sorted side by side.
+const CHUNK: usize = 32;
+type Chunk = [u16; CHUNK];
+
+/// The median of nine by a network of exchanges, pixel by pixel of a chunk.
 #[inline(always)]
-fn median_of_nine(mut v: [u16; 9]) -> u16 {
+fn median_of_nine(v: &mut [Chunk; 9]) {
     const EXCHANGES: [(usize, usize); 19] = [
         (1, 2), (4, 5), (7, 8), (0, 1), (3, 4), (6, 7), (1, 2), (4, 5), (7, 8), (0, 3),
         (5, 8), (4, 7), (3, 6), (1, 4), (2, 5), (4, 7), (4, 2), (6, 4), (4, 2),
     ];
     for (a, b) in EXCHANGES {
-        (v[a], v[b]) = (v[a].min(v[b]), v[a].max(v[b]));
+        let (mut low, mut high) = ([0; CHUNK], [0; CHUNK]);
+        for i in 0..CHUNK {
+            low[i] = v[a][i].min(v[b][i]);
+            high[i] = v[a][i].max(v[b][i]);
+        }
+        (v[a], v[b]) = (low, high);
     }
-    v[4]
 }
 
+/// Filters a row; `rows` have a column of border before it and reach to the end of its last chunk
+/// and one column further, as `out` does to the end of its last chunk.
 #[inline(always)]
 fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
-    let n = out.len();
-    let rows = rows.map(|row| &row[..n + 2]);
-    for x in 0..n {
-        let centre = rows[1][x + 1];
-        let at = |row: usize, column: usize| {
-            let v = rows[row][x + column];
-            // An unknown neighbour votes as the pixel itself.
-            if v == 0 { centre } else { v }
-        };
-        let median = median_of_nine([
-            at(0, 0), at(0, 1), at(0, 2), at(1, 0), at(1, 1), at(1, 2), at(2, 0), at(2, 1), at(2, 2),
-        ]);
-        out[x] = if centre == 0 { 0 } else { median };
+    for (n, out) in out.chunks_exact_mut(CHUNK).enumerate() {
+        let at = n * CHUNK;
+        let mut values = [[0; CHUNK]; 9];
+        let mut centre = [0; CHUNK];
+        centre.copy_from_slice(&rows[1][at + 1..at + 1 + CHUNK]);
+        for (row, values) in rows.iter().zip(values.chunks_exact_mut(3)) {
+            for (column, values) in values.iter_mut().enumerate() {
+                let pixels = &row[at + column..at + column + CHUNK];
+                for i in 0..CHUNK {
+                    // An unknown neighbour votes as the pixel itself.
+                    values[i] = if pixels[i] == 0 { centre[i] } else { pixels[i] };
+                }
+            }
+        }
+        median_of_nine(&mut values);
+        for i in 0..CHUNK {
+            out[i] = if centre[i] == 0 { 0 } else { values[4][i] };
+        }
     }
 }
 
@@ -40,38 +55,38 @@ kernel! { fn filter_row(rows: [&[u16]; 3], out: &mut [u16]) = median_row }
 pub struct Median {
     level: Level,
     width: usize,
-    /// Three rows of the unfiltered map with a column of border on both sides.
+    /// Three rows of the unfiltered map with a column of border before and more behind.
     rows: [Vec<u16>; 3],
+    /// A filtered row, up to the end of its last chunk.
+    filtered: Vec<u16>,
 }
 
 impl Median {
     /// A filter for maps of `width` columns.
     pub fn new(level: Level, width: usize) -> Self {
-        Self { level, width, rows: std::array::from_fn(|_| vec![0; width + 2]) }
+        let padded = width.next_multiple_of(CHUNK);
+        Self { level, width, rows: std::array::from_fn(|_| vec![0; padded + 2]), filtered: vec![0; padded] }
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        6 * (self.width + 2)
+        8 * self.filtered.len() + 12
     }
 
     /// Replaces each known disparity by the median of its 3 × 3 pixels; 0 (unknown) stays.
     pub fn apply(&mut self, disparity: &mut [u16]) {
         let width = self.width;
         let height = disparity.len() / width;
-        let load = |target: &mut Vec<u16>, source: &[u16]| {
-            target[1..=width].copy_from_slice(source);
-            (target[0], target[width + 1]) = (0, 0);
-        };
         let [above, here, below] = &mut self.rows;
         above.fill(0);
-        load(here, &disparity[..width]);
+        here[1..=width].copy_from_slice(&disparity[..width]);
         for y in 0..height {
             match disparity.get((y + 1) * width..(y + 2) * width) {
-                Some(next) => load(below, next),
+                Some(next) => below[1..=width].copy_from_slice(next),
                 None => below.fill(0),
             }
-            filter_row(self.level, [above, here, below], &mut disparity[y * width..(y + 1) * width]);
+            filter_row(self.level, [above, here, below], &mut self.filtered);
+            disparity[y * width..(y + 1) * width].copy_from_slice(&self.filtered[..width]);
             std::mem::swap(above, here);
             std::mem::swap(here, below);
         }

@@ -163,10 +163,10 @@ impl Mpv {
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
             let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d);
             let everything = i == 0 || (i == finest && search == Search::Full);
-            let pixels = scale.blocks.tiles() * scale.blocks.strips() * BLOCK;
+            let rows = scale.blocks.tiles() * scale.blocks.strips() * BLOCK;
             // A quarter of the range, as the paper has it, and half of it one scale up.
             let share = (disparities / 4).max(BLOCK / 2).min(d);
-            let vectors = if everything { scale.blocks.vectors() } else { pixels * share };
+            let vectors = if everything { scale.blocks.vectors() } else { rows * share };
             if let Some(coarser) = stages.last() {
                 scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
             }

@@ -8,7 +8,7 @@
 //! H counts once, not once per path, so that a path that agrees with H adds nothing.
 //! That is one horizontal and two vertical sweeps over two volumes of one byte a node.
 
-use super::blocks::{BLOCK, Block, Blocks};
+use super::blocks::{Block, Blocks};
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::viterbi::{PAD, Paths, Span, single, triple};
 use crate::image::GreyView;
@@ -75,14 +75,14 @@ fn edge_row<S: Simd>(_: S, here: &[u8], there: &[u8], weight: EdgeWeight, out: &
 }
 
 #[inline(always)]
-fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize) {
+fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize, pitch: usize) {
     for d in 0..disparities {
-        s.transpose(&mut block[d..], disparities);
+        s.transpose(&mut block[d..], pitch);
     }
 }
 
 kernel! { fn edge_weights(here: &[u8], there: &[u8], weight: EdgeWeight, out: &mut [Lanes]) = edge_row }
-kernel! { fn turn(block: &mut [Lanes], disparities: usize) = turn_blocks }
+kernel! { fn turn(block: &mut [Lanes], disparities: usize, pitch: usize) = turn_blocks }
 
 /// The two volumes of an image, one byte a node each; shared by the scales of a pyramid.
 #[derive(Debug, Default)]
@@ -218,7 +218,7 @@ impl Scale {
 
     /// Computes the final energies; `row` gets them row by row, from the last to the first: the row,
     /// the blocks it lies in, which of their rows it is, and all energies (of block b its row r
-    /// starts at `b.at + r·b.span()`). `go_on` is asked now and then; once it says no, the scale is
+    /// starts at `b.at + r·b.pitch()`). `go_on` is asked now and then; once it says no, the scale is
     /// given up and false returned.
     ///
     /// # Panics
@@ -294,7 +294,7 @@ impl Scale {
             self.weights[0] = weights;
         }
         for block in self.column_weights.chunks_exact_mut(LANES) {
-            turn(self.level, block, 1);
+            turn(self.level, block, 1, 1);
         }
 
         let disparities = self.blocks.disparities();
@@ -304,11 +304,11 @@ impl Scale {
         self.column[PAD..PAD + disparities].fill(Lanes::ZERO);
         for tile in 0..tiles {
             let block = self.blocks.strip(strip)[tile];
-            let n = block.span();
-            let nodes = block.at..block.at + n * BLOCK;
+            let (n, pitch) = (block.span(), block.pitch());
+            let nodes = block.at..block.at + block.vectors();
             let costs = &mut volumes.energies[nodes.clone()];
-            self.cost.tile(tile * LANES, block.low, n, costs);
-            turn(self.level, costs, n);
+            self.cost.tile(tile * LANES, block.low, n, pitch, costs);
+            turn(self.level, costs, n, pitch);
             let merged = &mut volumes.merged[nodes];
             for i in 0..LANES {
                 let x = tile * LANES + i;
@@ -316,8 +316,8 @@ impl Scale {
                 single(
                     self.level,
                     &mut self.column,
-                    &costs[i * n..(i + 1) * n],
-                    &mut merged[i * n..(i + 1) * n],
+                    &costs[i * pitch..i * pitch + n],
+                    &mut merged[i * pitch..i * pitch + n],
                     &self.column_weights[x],
                     truncation,
                     slope,
@@ -337,8 +337,8 @@ impl Scale {
         self.column[PAD..PAD + disparities].fill(Lanes::ZERO);
         for tile in (0..tiles).rev() {
             let block = self.blocks.strip(strip)[tile];
-            let n = block.span();
-            let nodes = block.at..block.at + n * BLOCK;
+            let (n, pitch) = (block.span(), block.pitch());
+            let nodes = block.at..block.at + block.vectors();
             let costs = &volumes.energies[nodes.clone()];
             let merged = &mut volumes.merged[nodes];
             let inside = LANES.min(self.width - tile * LANES);
@@ -349,8 +349,8 @@ impl Scale {
                 single(
                     self.level,
                     &mut self.column,
-                    &costs[i * n..(i + 1) * n],
-                    &mut merged[i * n..(i + 1) * n],
+                    &costs[i * pitch..i * pitch + n],
+                    &mut merged[i * pitch..i * pitch + n],
                     &self.column_weights[if first { x } else { x + 1 }],
                     truncation,
                     slope,
@@ -363,7 +363,7 @@ impl Scale {
                     before = block.window();
                 }
             }
-            turn(self.level, merged, n);
+            turn(self.level, merged, n, pitch);
         }
         leave(&mut self.column, before, (0, 0));
     }
@@ -450,7 +450,7 @@ impl Scale {
                     slope: slopes[2],
                 },
             ];
-            let at = block.at + y % STRIP * block.span();
+            let at = block.at + y % STRIP * block.pitch();
             let nodes = at..at + block.span();
             triple(
                 self.level,

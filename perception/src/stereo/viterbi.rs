@@ -164,23 +164,26 @@ fn triple_step<S: Simd>(
         let b_beside = &span.read(left.beside, left.slope)[..all];
         let c = &span.read(right.state, right.slope)[..all];
         let c_beside = &span.read(right.beside, right.slope)[..all];
-        let read = |i: usize| {
-            [
-                s.load(&a[i]),
-                s.from_left(s.load(&b[i]), s.load(&b_beside[i])),
-                s.from_right(s.load(&c[i]), s.load(&c_beside[i])),
-            ]
-        };
+        // A macro, as vectors that pass through a closure leave their registers.
+        macro_rules! read {
+            ($i:expr) => {
+                [
+                    s.load(&a[$i]),
+                    s.from_left(s.load(&b[$i]), s.load(&b_beside[$i])),
+                    s.from_right(s.load(&c[$i]), s.load(&c_beside[$i])),
+                ]
+            };
+        }
         let start = span.low - span.from;
         for i in 0..start {
-            let node = read(i);
+            let node = read!(i);
             for p in 0..3 {
                 least[p] = s.min(least[p], node[p]);
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
             }
         }
         for i in 0..n {
-            let node = read(start + i);
+            let node = read!(start + i);
             for p in 0..3 {
                 least[p] = s.min(least[p], node[p]);
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
@@ -191,7 +194,7 @@ fn triple_step<S: Simd>(
         }
         energy = [none; 3];
         for i in (start + n..all).rev() {
-            let node = read(i);
+            let node = read!(i);
             for p in 0..3 {
                 least[p] = s.min(least[p], node[p]);
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));

@@ -65,12 +65,19 @@ pub struct Winner {
     best: Vec<u8>,
     /// The right view: energy and disparity of the winner that lands on a pixel.
     right: Vec<(u8, u8)>,
+    /// 128·2¹⁶ ÷ each slope, so that no pixel divides.
+    reciprocal: [i32; 256],
+    /// The confidence of each margin.
+    trust: [u8; 256],
 }
 
 impl Winner {
     /// A workspace for rows of `width` pixels.
     pub fn new(parameters: WinnerParameters, level: Level, width: usize) -> Self {
+        let clear = usize::from(parameters.clear_margin.max(1));
         Self {
+            reciprocal: std::array::from_fn(|slope| ((128 << 16) / slope.max(1)) as i32),
+            trust: std::array::from_fn(|margin| (margin * 255 / clear).clamp(1, 255) as u8),
             parameters,
             level,
             width,
@@ -98,7 +105,7 @@ impl Winner {
         self.right.fill((u8::MAX, 0));
         let mut winners = Winners { place: Lanes::ZERO, best: Lanes::ZERO, second: Lanes::ZERO };
         for (tile, block) in blocks.iter().enumerate() {
-            let at = block.at + row * block.span();
+            let at = block.at + row * block.pitch();
             let nodes = &energies[at..at + block.span()];
             pick_winners(self.level, nodes, &mut winners);
             let x = tile * LANES;
@@ -109,10 +116,9 @@ impl Winner {
                 let x = x + lane;
                 self.place[x] = whole as u8;
                 self.best[x] = best;
-                disparity[x] = sub_pixel(nodes, lane, k, whole);
-                let margin = u32::from(winners.second.0[lane].saturating_sub(best));
-                let clear = u32::from(self.parameters.clear_margin.max(1));
-                confidence[x] = (margin * 255 / clear).clamp(1, 255) as u8;
+                disparity[x] = sub_pixel(nodes, lane, k, whole, &self.reciprocal);
+                let margin = winners.second.0[lane].saturating_sub(best);
+                confidence[x] = self.trust[usize::from(margin)];
                 if let Some(seen) = x.checked_sub(whole) {
                     // On a tie the nearer surface, that comes later, hides the farther one.
                     if best <= self.right[seen].0 {
@@ -136,7 +142,7 @@ impl Winner {
 /// The disparity in 1/256 px: the winner, moved by where two lines of equal slope through it and
 /// its neighbours meet (equiangular fit), at most half a pixel.
 #[inline]
-fn sub_pixel(nodes: &[Lanes], lane: usize, k: usize, whole: usize) -> u16 {
+fn sub_pixel(nodes: &[Lanes], lane: usize, k: usize, whole: usize, reciprocal: &[i32; 256]) -> u16 {
     let whole = (whole * 256) as i32;
     if k == 0 || k + 1 == nodes.len() {
         return whole as u16;
@@ -147,7 +153,7 @@ fn sub_pixel(nodes: &[Lanes], lane: usize, k: usize, whole: usize) -> u16 {
     if slope <= 0 {
         return whole as u16;
     }
-    (whole + 128 * (before - after) / slope) as u16
+    (whole + (((before - after) * reciprocal[slope as usize] + (1 << 15)) >> 16)) as u16
 }
 
 #[cfg(test)]
@@ -202,6 +208,8 @@ mod tests {
     #[test]
     fn the_sub_pixel_place_follows_the_lower_side() {
         let nodes = |e: [u8; 3]| e.map(Lanes::splat);
+        let winner = Winner::new(WinnerParameters::default(), Level::PLAIN, 1);
+        let sub_pixel = |nodes: &[Lanes], lane, k, whole| sub_pixel(nodes, lane, k, whole, &winner.reciprocal);
         assert_eq!(sub_pixel(&nodes([20, 10, 20]), 0, 1, 1), 256);
         assert_eq!(sub_pixel(&nodes([30, 10, 10]), 0, 1, 1), 256 + 128);
         assert_eq!(sub_pixel(&nodes([15, 10, 20]), 0, 1, 1), 256 - 64);

@@ -1,0 +1,61 @@
+//! The matchers as a shared library with one C function, for programs that time or score matchers
+//! side by side. Build with `cargo build --release -p lookout-perception --example stereo_library`.
+
+use lookout_perception::image::GreyView;
+use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
+use std::sync::Mutex;
+
+/// The last matcher with what it was made for, as a program calls with the same size many times.
+type Kept = Option<((i32, i32, i32, i32), Mpv, Vec<u16>, Vec<u8>)>;
+static MATCHER: Mutex<Kept> = Mutex::new(None);
+
+/// Matches one pair of `width` × `height` grey images for disparities below `disparities` and
+/// writes disparities in px to `disparity`, −1 where there is none. Variant 0 is the fast search,
+/// 1 the full one. Returns 0 when done.
+///
+/// # Safety
+/// The images and the map must hold `width` × `height` values.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn peer_run(
+    left: *const u8,
+    right: *const u8,
+    width: i32,
+    height: i32,
+    disparities: i32,
+    variant: i32,
+    _threads: i32,
+    disparity: *mut f32,
+) -> i32 {
+    let (Ok(w), Ok(h), Ok(d)) =
+        (usize::try_from(width), usize::try_from(height), usize::try_from(disparities))
+    else {
+        return 1;
+    };
+    // SAFETY: the caller promises so many values.
+    let (left, right, out) = unsafe {
+        (
+            std::slice::from_raw_parts(left, w * h),
+            std::slice::from_raw_parts(right, w * h),
+            std::slice::from_raw_parts_mut(disparity, w * h),
+        )
+    };
+    let (Ok(left), Ok(right)) = (GreyView::new(left, w, h, w), GreyView::new(right, w, h, w)) else {
+        return 2;
+    };
+    let Ok(mut kept) = MATCHER.lock() else { return 3 };
+    let asked = (width, height, disparities, variant);
+    if kept.as_ref().is_none_or(|(made_for, ..)| *made_for != asked) {
+        let search = if variant == 1 { Search::Full } else { Search::Windows };
+        let Ok(matcher) = Mpv::new(MpvParameters::default(), search, w, h, d) else { return 4 };
+        *kept = Some((asked, matcher, vec![0; w * h], vec![0; w * h]));
+    }
+    let Some((_, matcher, map, confidence)) = kept.as_mut() else { return 5 };
+    let output = MatchOutput { disparity: map, confidence };
+    if matcher.compute(left, right, output).is_err() {
+        return 6;
+    }
+    for (out, &d) in out.iter_mut().zip(map.iter()) {
+        *out = if d == 0 { -1.0 } else { f32::from(d) / 256.0 };
+    }
+    0
+}

@@ -108,6 +108,9 @@ pub struct ConfigArgs {
     /// Configuration file, or one of the profiles replay, tk1, orin-nano, rpi5
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Sets one key of the configuration, as in stereo.lambda_vertical=8; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
     /// Name of this daemon among those on the machine [default: instance.name]
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,

@@ -106,7 +106,7 @@ fn load(
     process: &'static str,
     default_level: Option<&str>,
 ) -> Result<Config, CommandError> {
-    let mut config = config::load(args.config.as_deref())?;
+    let mut config = with_set(config::load(args.config.as_deref())?, &args.set)?;
     if let Some(name) = &args.instance {
         // The same check as for instance.name.
         let text = format!("[instance]\nname = {}", toml::Value::String(name.clone()));
@@ -121,6 +121,34 @@ fn load(
     config.log.level = level.to_owned();
     crate::logging::start(process, &config.log.level);
     Ok(config)
+}
+
+/// The configuration with each KEY=VALUE of `--set` put in.
+fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError> {
+    if settings.is_empty() {
+        return Ok(config);
+    }
+    let wrong = |setting: &str| {
+        CommandError::Other(format!("--set {setting}: give TABLE.KEY=VALUE, as in stereo.lambda_vertical=8"))
+    };
+    let mut text = String::new();
+    let mut document =
+        toml::Table::try_from(&config).map_err(|error| CommandError::Other(error.to_string()))?;
+    for setting in settings {
+        let (key, value) = setting.split_once('=').ok_or_else(|| wrong(setting))?;
+        let (table, key) = key.trim().split_once('.').ok_or_else(|| wrong(setting))?;
+        // What is no TOML value is a text without its quotes.
+        let value = format!("value = {value}")
+            .parse::<toml::Table>()
+            .ok()
+            .and_then(|mut t| t.remove("value"))
+            .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+        let entry = document.entry(table).or_insert_with(|| toml::Table::new().into());
+        let table = entry.as_table_mut().ok_or_else(|| wrong(setting))?;
+        table.insert(key.to_owned(), value);
+    }
+    text.push_str(&document.to_string());
+    Ok(config::parse(&text, std::path::Path::new("--set"))?)
 }
 
 fn stage(role: &str) -> Result<(), CommandError> {

@@ -11,7 +11,7 @@ impl Avx2 {
     /// The token; callers are compiled for AVX2.
     #[target_feature(enable = "avx2")]
     #[inline]
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Avx2(())
     }
 }
@@ -95,13 +95,13 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn from_left(self, own: __m256i, left: __m256i) -> __m256i {
+    fn shift_right(self, own: __m256i, left: __m256i) -> __m256i {
         // SAFETY: the token exists, so AVX2 is there.
         unsafe { _mm256_alignr_epi8::<15>(own, _mm256_permute2x128_si256::<0x03>(own, left)) }
     }
 
     #[inline(always)]
-    fn from_right(self, own: __m256i, right: __m256i) -> __m256i {
+    fn shift_left(self, own: __m256i, right: __m256i) -> __m256i {
         // SAFETY: the token exists, so AVX2 is there.
         unsafe { _mm256_alignr_epi8::<1>(_mm256_permute2x128_si256::<0x21>(own, right), own) }
     }

@@ -13,7 +13,7 @@ impl Avx512 {
     /// The token; callers are compiled for these features.
     #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vbmi,avx512vnni")]
     #[inline]
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Avx512(Avx2::new())
     }
 }
@@ -69,13 +69,13 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn from_left(self, own: __m256i, left: __m256i) -> __m256i {
-        self.0.from_left(own, left)
+    fn shift_right(self, own: __m256i, left: __m256i) -> __m256i {
+        self.0.shift_right(own, left)
     }
 
     #[inline(always)]
-    fn from_right(self, own: __m256i, right: __m256i) -> __m256i {
-        self.0.from_right(own, right)
+    fn shift_left(self, own: __m256i, right: __m256i) -> __m256i {
+        self.0.shift_left(own, right)
     }
 
     #[inline(always)]

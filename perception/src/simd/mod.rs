@@ -95,17 +95,11 @@ pub trait Simd: Copy {
     /// The mean, a half rounded up.
     fn mean(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
     /// `yes` where `a` < `b`, `no` elsewhere.
-    fn select_less(
-        self,
-        a: Self::Bytes,
-        b: Self::Bytes,
-        yes: Self::Bytes,
-        no: Self::Bytes,
-    ) -> Self::Bytes;
+    fn select_less(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
     /// Lane i is lane i − 1 of `own`, lane 0 the last of `left`.
-    fn from_left(self, own: Self::Bytes, left: Self::Bytes) -> Self::Bytes;
+    fn shift_right(self, own: Self::Bytes, left: Self::Bytes) -> Self::Bytes;
     /// Lane i is lane i + 1 of `own`, the last lane the first of `right`.
-    fn from_right(self, own: Self::Bytes, right: Self::Bytes) -> Self::Bytes;
+    fn shift_left(self, own: Self::Bytes, right: Self::Bytes) -> Self::Bytes;
     /// Turns the 32 × 32 block of the vectors 0, `stride`, 2·`stride`… of `block`, in place.
     fn transpose(self, block: &mut [Lanes], stride: usize);
 

@@ -86,21 +86,18 @@ impl Simd for Neon {
     fn select_less(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
         unsafe {
-            [
-                vbslq_u8(vcltq_u8(a[0], b[0]), yes[0], no[0]),
-                vbslq_u8(vcltq_u8(a[1], b[1]), yes[1], no[1]),
-            ]
+            [vbslq_u8(vcltq_u8(a[0], b[0]), yes[0], no[0]), vbslq_u8(vcltq_u8(a[1], b[1]), yes[1], no[1])]
         }
     }
 
     #[inline(always)]
-    fn from_left(self, own: Halves, left: Halves) -> Halves {
+    fn shift_right(self, own: Halves, left: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
         unsafe { [vextq_u8::<15>(left[1], own[0]), vextq_u8::<15>(own[0], own[1])] }
     }
 
     #[inline(always)]
-    fn from_right(self, own: Halves, right: Halves) -> Halves {
+    fn shift_left(self, own: Halves, right: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
         unsafe { [vextq_u8::<1>(own[0], own[1]), vextq_u8::<1>(own[1], right[0])] }
     }

@@ -61,12 +61,12 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
-    fn from_left(self, own: Lanes, left: Lanes) -> Lanes {
+    fn shift_right(self, own: Lanes, left: Lanes) -> Lanes {
         Lanes(std::array::from_fn(|i| if i == 0 { left.0[LANES - 1] } else { own.0[i - 1] }))
     }
 
     #[inline(always)]
-    fn from_right(self, own: Lanes, right: Lanes) -> Lanes {
+    fn shift_left(self, own: Lanes, right: Lanes) -> Lanes {
         Lanes(std::array::from_fn(|i| if i + 1 == LANES { right.0[0] } else { own.0[i + 1] }))
     }
 

@@ -15,8 +15,8 @@ fn operations<S: Simd>(s: S, a: &Lanes, b: &Lanes, block: &mut [Lanes], out: &mu
         s.mean(x, y),
         s.select_less(x, y, x, y),
         s.select_less(x, y, y, x),
-        s.from_left(x, y),
-        s.from_right(x, y),
+        s.shift_right(x, y),
+        s.shift_left(x, y),
     ];
     for result in results {
         let mut lanes = Lanes::ZERO;

@@ -66,7 +66,7 @@ impl Block {
 }
 
 fn pitch(span: usize) -> usize {
-    if span % 32 == 0 { span + 2 } else { span }
+    if span.is_multiple_of(32) { span + 2 } else { span }
 }
 
 /// Slope sums of a cell: (sum, count) rightwards and downwards.
@@ -361,8 +361,7 @@ mod tests {
         let (width, height) = (150, 90);
         let (w, h) = (75, 45);
         // A slope of half a pixel rightwards and a quarter downwards, in 1/256 px.
-        let map: Vec<u16> =
-            (0..w * h).map(|i| (5 * 256 + (i % w) * 100 + (i / w) * 64) as u16).collect();
+        let map: Vec<u16> = (0..w * h).map(|i| (5 * 256 + (i % w) * 100 + (i / w) * 64) as u16).collect();
         let coarse = DisparityView::new(&map, w, h).unwrap();
         let mut blocks = Blocks::new(width, height, 128);
         blocks.reserve(w, h);

@@ -231,7 +231,15 @@ fn prepare<S: Simd>(s: S, plane: &mut Plane, bias: i32) {
 }
 
 #[inline(always)]
-fn score_tile<S: Simd>(s: S, strip: &CostStrip, x: usize, low: usize, n: usize, pitch: usize, out: &mut [Lanes]) {
+fn score_tile<S: Simd>(
+    s: S,
+    strip: &CostStrip,
+    x: usize,
+    low: usize,
+    n: usize,
+    pitch: usize,
+    out: &mut [Lanes],
+) {
     let constants = strip.parameters.constants();
     for (y, out) in out.chunks_exact_mut(pitch).enumerate() {
         let (left, right) = (strip.left.row(y), strip.right.row(y));
@@ -365,8 +373,7 @@ mod tests {
             [(1, 1, 1, 0), (40, 7, 16, 1), (33, 40, 40, 2), (64, 5, 200, 3), (20, 20, 5, 4)]
         {
             let mut random = fastrand::Rng::with_seed(seed);
-            let (left, right) =
-                (ramps(width, height, &mut random), ramps(width, height, &mut random));
+            let (left, right) = (ramps(width, height, &mut random), ramps(width, height, &mut random));
             let parameters = CostParameters::default();
             let mut plain: Option<Vec<Lanes>> = None;
             for level in Level::available() {

@@ -269,12 +269,16 @@ impl Matcher for Mpv {
             let (coarser, rest) = self.stages.split_at_mut(i);
             let stage = &mut rest[0];
             let (width, height) = (stage.scale.width(), stage.scale.height());
-            let coarse = coarser.last().and_then(|c| {
-                DisparityView::new(&c.disparity, c.scale.width(), c.scale.height())
-            });
+            let coarse = coarser
+                .last()
+                .and_then(|c| DisparityView::new(&c.disparity, c.scale.width(), c.scale.height()));
             if let Some(coarse) = coarse {
                 let windows = i < finest || self.search == Search::Windows;
-                stage.scale.blocks.plan(coarse, self.slopes, windows.then_some((stage.widest, stage.vectors)));
+                stage.scale.blocks.plan(
+                    coarse,
+                    self.slopes,
+                    windows.then_some((stage.widest, stage.vectors)),
+                );
             }
             let (left, right, disparity, confidence) = if i == finest {
                 (left, right, &mut *output.disparity, &mut *output.confidence)
@@ -289,10 +293,17 @@ impl Matcher for Mpv {
             // The coarsest map is always finished.
             let mut unhurried = || true;
             let hurry: &mut dyn FnMut() -> bool = if i == 0 { &mut unhurried } else { &mut *go_on };
-            let done = stage.scale.solve(left, right, &mut self.volumes, hurry, |y, blocks, row, energies| {
-                let pixels = y * width..(y + 1) * width;
-                winner.row(blocks, row, energies, &mut disparity[pixels.clone()], &mut confidence[pixels]);
-            });
+            let done =
+                stage.scale.solve(left, right, &mut self.volumes, hurry, |y, blocks, row, energies| {
+                    let pixels = y * width..(y + 1) * width;
+                    winner.row(
+                        blocks,
+                        row,
+                        energies,
+                        &mut disparity[pixels.clone()],
+                        &mut confidence[pixels],
+                    );
+                });
             if !done {
                 let (coarse, times) = (&self.stages[i - 1], (finest + 1 - i) as u32);
                 double(

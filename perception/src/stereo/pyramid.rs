@@ -35,7 +35,14 @@ pub fn halve(level: Level, image: GreyView<'_>, out: &mut [u8]) {
 
 /// Writes a map of half the scale, `times` halved, to one of `width` columns: each value for all
 /// the pixels that it stands for, disparities doubled `times` times.
-pub fn double(coarse: &[u16], coarse_confidence: &[u8], times: u32, width: usize, disparity: &mut [u16], confidence: &mut [u8]) {
+pub fn double(
+    coarse: &[u16],
+    coarse_confidence: &[u8],
+    times: u32,
+    width: usize,
+    disparity: &mut [u16],
+    confidence: &mut [u8],
+) {
     let coarse_width = (0..times).fold(width, |w, _| w.div_ceil(2));
     for (y, (disparity, confidence)) in
         disparity.chunks_exact_mut(width).zip(confidence.chunks_exact_mut(width)).enumerate()

@@ -64,9 +64,7 @@ impl EdgeWeight {
 
 #[inline(always)]
 fn edge_row<S: Simd>(_: S, here: &[u8], there: &[u8], weight: EdgeWeight, out: &mut [Lanes]) {
-    for ((out, here), there) in
-        out.iter_mut().zip(here.chunks_exact(LANES)).zip(there.chunks_exact(LANES))
-    {
+    for ((out, here), there) in out.iter_mut().zip(here.chunks_exact(LANES)).zip(there.chunks_exact(LANES)) {
         for i in 0..LANES {
             let smooth = here[i].abs_diff(there[i]) < weight.levels;
             out.0[i] = if smooth { weight.smooth } else { weight.edge };
@@ -481,4 +479,3 @@ impl Scale {
         }
     }
 }
-

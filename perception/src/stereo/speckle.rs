@@ -115,10 +115,8 @@ impl SpeckleFilter {
                 let (up, down) = (self.runs[a as usize], self.runs[b as usize]);
                 let both = up.start.max(down.start) as usize..up.end.min(down.end) as usize;
                 if both.start < both.end {
-                    let alike = above[both.clone()]
-                        .iter()
-                        .zip(&here[both])
-                        .any(|(a, b)| a.abs_diff(*b) <= step);
+                    let alike =
+                        above[both.clone()].iter().zip(&here[both]).any(|(a, b)| a.abs_diff(*b) <= step);
                     if alike {
                         self.join(a, b);
                     }

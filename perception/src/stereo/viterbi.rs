@@ -169,8 +169,8 @@ fn triple_step<S: Simd>(
             ($i:expr) => {
                 [
                     s.load(&a[$i]),
-                    s.from_left(s.load(&b[$i]), s.load(&b_beside[$i])),
-                    s.from_right(s.load(&c[$i]), s.load(&c_beside[$i])),
+                    s.shift_right(s.load(&b[$i]), s.load(&b_beside[$i])),
+                    s.shift_left(s.load(&c[$i]), s.load(&c_beside[$i])),
                 ]
             };
         }
@@ -289,11 +289,7 @@ mod tests {
     }
 
     /// A padded state with energies in a window and none elsewhere.
-    fn state(
-        random: &mut fastrand::Rng,
-        (low, high): (usize, usize),
-        disparities: usize,
-    ) -> Vec<Lanes> {
+    fn state(random: &mut fastrand::Rng, (low, high): (usize, usize), disparities: usize) -> Vec<Lanes> {
         let mut state = vec![Lanes::FULL; disparities + 2 * PAD];
         state[PAD + low..PAD + high].iter_mut().for_each(|l| *l = random_lanes(random, 180));
         state
@@ -320,15 +316,12 @@ mod tests {
             let beside = if full { all } else { windows(&mut random, disparities) };
             let truncation = random.u8(..=75);
             let slopes: [i8; 3] = std::array::from_fn(|_| random.i8(-1..=1));
-            let weights: [Lanes; 3] = std::array::from_fn(|_| {
-                Lanes(std::array::from_fn(|_| random.u8(1..30)))
-            });
+            let weights: [Lanes; 3] =
+                std::array::from_fn(|_| Lanes(std::array::from_fn(|_| random.u8(1..30))));
             let n = window.1 - window.0;
             let data: Vec<Lanes> = (0..n).map(|_| random_lanes(&mut random, 112)).collect();
-            let states: [Vec<Lanes>; 3] =
-                std::array::from_fn(|_| state(&mut random, before, disparities));
-            let sides: [Vec<Lanes>; 3] =
-                std::array::from_fn(|_| state(&mut random, beside, disparities));
+            let states: [Vec<Lanes>; 3] = std::array::from_fn(|_| state(&mut random, before, disparities));
+            let sides: [Vec<Lanes>; 3] = std::array::from_fn(|_| state(&mut random, beside, disparities));
             let other: Vec<Lanes> = (0..n).map(|_| random_lanes(&mut random, 100)).collect();
             let both = (before.0.min(beside.0), before.1.max(beside.1));
             let span = Span::new(window, both, 1);
@@ -376,7 +369,18 @@ mod tests {
                 let mut state = states[0].clone();
                 let span_0 = Span::new(window, before, 1);
                 let (weight, slope) = (&weights[0], slopes[0]);
-                single(level, &mut state, &data, &mut merged, weight, truncation, slope, span_0, true, &mut scratch);
+                single(
+                    level,
+                    &mut state,
+                    &data,
+                    &mut merged,
+                    weight,
+                    truncation,
+                    slope,
+                    span_0,
+                    true,
+                    &mut scratch,
+                );
                 for ((merged, out), other) in merged.iter().zip(&out).zip(&other) {
                     for lane in 0..LANES {
                         assert_eq!(merged.0[lane], out.0[lane].min(other.0[lane]));

@@ -129,9 +129,9 @@ impl Winner {
         }
         for x in 0..self.width {
             let whole = self.place[x];
-            let kept = x.checked_sub(usize::from(whole)).is_some_and(|seen| {
-                self.right[seen].1.abs_diff(whole) <= self.parameters.left_right_px
-            });
+            let kept = x
+                .checked_sub(usize::from(whole))
+                .is_some_and(|seen| self.right[seen].1.abs_diff(whole) <= self.parameters.left_right_px);
             if !kept {
                 (disparity[x], confidence[x]) = (0, 0);
             }
@@ -209,7 +209,8 @@ mod tests {
     fn the_sub_pixel_place_follows_the_lower_side() {
         let nodes = |e: [u8; 3]| e.map(Lanes::splat);
         let winner = Winner::new(WinnerParameters::default(), Level::PLAIN, 1);
-        let sub_pixel = |nodes: &[Lanes], lane, k, whole| sub_pixel(nodes, lane, k, whole, &winner.reciprocal);
+        let sub_pixel =
+            |nodes: &[Lanes], lane, k, whole| sub_pixel(nodes, lane, k, whole, &winner.reciprocal);
         assert_eq!(sub_pixel(&nodes([20, 10, 20]), 0, 1, 1), 256);
         assert_eq!(sub_pixel(&nodes([30, 10, 10]), 0, 1, 1), 256 + 128);
         assert_eq!(sub_pixel(&nodes([15, 10, 20]), 0, 1, 1), 256 - 64);

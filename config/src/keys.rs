@@ -121,6 +121,21 @@ pub const KEYS: &[Key] = &[
     ),
     key("stereo.speckle_pixels", Whole(0, 100_000), "Islands of fewer pixels are removed; 0 keeps all."),
     key(
+        "stereo.confidence_min",
+        Whole(0, 255),
+        "Estimates of less confidence are unknown: more leaves fewer errors and more holes.",
+    ),
+    key(
+        "stereo.bridge_px",
+        Whole(0, 4096),
+        "Holes of at most this many px between two parts of one surface are bridged; 0 leaves them.",
+    ),
+    key(
+        "stereo.fill",
+        Switch,
+        "Fills all other holes, too, along the edges of the image: nice to look at, not to brake by.",
+    ),
+    key(
         "road.camera_height_min_m",
         Number(0.1, 10.0),
         "Least height of the camera above the road, in metres.",

@@ -64,6 +64,9 @@ pub struct Stereo {
     pub slopes: bool,
     pub left_right_px: i64,
     pub speckle_pixels: i64,
+    pub confidence_min: i64,
+    pub bridge_px: i64,
+    pub fill: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -12,6 +12,7 @@ use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, ScanParameters};
 use perception::road::{RegionParameters, RoadParameters};
 use perception::stereo::cost::CostParameters;
+use perception::stereo::fill::BridgeParameters;
 use perception::stereo::scale::PathParameters;
 use perception::stereo::speckle::SpeckleParameters;
 use perception::stereo::winner::WinnerParameters;
@@ -105,8 +106,14 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
             edge_percent: whole(c.edge_percent),
         },
         slopes: c.slopes,
-        winner: WinnerParameters { left_right_px: whole(c.left_right_px), ..default.winner },
+        winner: WinnerParameters {
+            left_right_px: whole(c.left_right_px),
+            least_confidence: whole(c.confidence_min),
+            ..default.winner
+        },
         speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
+        bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },
+        complete: c.fill,
     }
 }
 

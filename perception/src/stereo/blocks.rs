@@ -22,6 +22,8 @@ const OUTLIERS: f32 = 0.03;
 const SLOPE_BASE: usize = 4;
 /// Steps above 0.6 px per pixel are edges, not slopes (1/256 px over [`SLOPE_BASE`]).
 const EDGE: i32 = 614;
+/// Slopes measured on a map that smoothing has flattened are taken this much steeper, in tenths.
+const GAIN: i32 = 11;
 /// Edge of the cells whose slopes are summed first, in pixels of the coarser map.
 const CELL: usize = 8;
 /// Measurements that a slope needs.
@@ -282,7 +284,7 @@ impl Blocks {
                     if count < LEAST_MEASURES {
                         return 0;
                     }
-                    (sum / (SLOPE_BASE as i32 * count)).clamp(-128, 128)
+                    (sum * GAIN / (SLOPE_BASE as i32 * count * 10)).clamp(-128, 128)
                 };
                 let block = &mut self.list[strip * self.tiles + tile];
                 (block.slope_x, block.slope_y) = (slope(total[0]), slope(total[1]));
@@ -378,8 +380,8 @@ mod tests {
                     let d = 2 * usize::from(map[y / 2 * w + x / 2]) / 256;
                     assert!(block.low <= d && d < block.high, "{d} not in {block:?}");
                 }
-                assert!((block.slope_x - 100).abs() <= 1, "{block:?}");
-                assert!((block.slope_y - 64).abs() <= 1, "{block:?}");
+                assert!((block.slope_x - 110).abs() <= 1, "{block:?}");
+                assert!((block.slope_y - 70).abs() <= 1, "{block:?}");
             }
         }
         assert_eq!(next, blocks.vectors());
@@ -389,7 +391,7 @@ mod tests {
         // Slopes alone leave the windows.
         let mut full = Blocks::new(width, height, 128);
         full.plan(coarse, true, None);
-        assert!(full.strip(0).iter().all(|b| b.window() == (0, 128) && b.slope_x == 100));
+        assert!(full.strip(0).iter().all(|b| b.window() == (0, 128) && b.slope_x == 110));
         // A map without any estimate: everything is searched that the budget allows.
         let nothing = vec![0; w * h];
         full.plan(DisparityView::new(&nothing, w, h).unwrap(), true, Some((64, usize::MAX)));

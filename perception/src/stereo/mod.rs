@@ -2,6 +2,7 @@
 
 pub mod blocks;
 pub mod cost;
+pub mod fill;
 pub mod median;
 pub mod mpv;
 pub mod pyramid;

@@ -4,6 +4,7 @@
 
 use super::blocks::BLOCK;
 use super::cost::CostParameters;
+use super::fill::{BridgeParameters, Fill};
 use super::median::Median;
 use super::pyramid::{double, half_size, halve};
 use super::scale::{PathParameters, Scale, Volumes};
@@ -27,7 +28,7 @@ const LEAST_COARSE: usize = 16;
 /// A coarser scale must have at least this many disparities.
 const LEAST_DISPARITIES: usize = 8;
 /// The widest window at the finest scale and at the one before it.
-const WIDEST: [usize; 2] = [64, 32];
+const WIDEST: [usize; 2] = [96, 48];
 /// Islands of fewer pixels are removed at coarser scales.
 const COARSE_SPECKLE: u32 = 20;
 
@@ -53,6 +54,10 @@ pub struct MpvParameters {
     pub winner: WinnerParameters,
     /// Which small islands are removed.
     pub speckle: SpeckleParameters,
+    /// Which holes are bridged.
+    pub bridge: BridgeParameters,
+    /// Whether all holes that remain are filled, too.
+    pub complete: bool,
 }
 
 impl Default for MpvParameters {
@@ -63,6 +68,8 @@ impl Default for MpvParameters {
             slopes: true,
             winner: WinnerParameters::default(),
             speckle: SpeckleParameters::default(),
+            bridge: BridgeParameters::default(),
+            complete: false,
         }
     }
 }
@@ -95,6 +102,8 @@ pub struct Mpv {
     stages: Vec<Stage>,
     volumes: Volumes,
     median: Median,
+    fill: Fill,
+    complete: bool,
 }
 
 impl Mpv {
@@ -198,6 +207,8 @@ impl Mpv {
             stages,
             volumes: Volumes::new(vectors),
             median: Median::new(level, width),
+            fill: Fill::new(parameters.bridge, width),
+            complete: parameters.complete,
         })
     }
 
@@ -323,6 +334,12 @@ impl Matcher for Mpv {
             for (confidence, &disparity) in confidence.iter_mut().zip(disparity.iter()) {
                 *confidence = if disparity == 0 { 0 } else { *confidence };
             }
+            if i == finest {
+                self.fill.bridge(disparity, confidence);
+                if self.complete {
+                    self.fill.complete(left, disparity, confidence);
+                }
+            }
         }
         Ok(0)
     }
@@ -341,6 +358,6 @@ impl Matcher for Mpv {
                     + s.confidence.len()
             })
             .sum();
-        self.volumes.bytes() + self.median.bytes() + stages
+        self.volumes.bytes() + self.median.bytes() + self.fill.bytes() + stages
     }
 }

@@ -12,11 +12,13 @@ pub struct WinnerParameters {
     pub left_right_px: u8,
     /// A winner whose energy lies this far below the best other node has confidence 255.
     pub clear_margin: u8,
+    /// A winner of less confidence than this is unknown.
+    pub least_confidence: u8,
 }
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 2, clear_margin: 100 }
+        Self { left_right_px: 2, clear_margin: 100, least_confidence: 0 }
     }
 }
 
@@ -132,7 +134,7 @@ impl Winner {
             let kept = x
                 .checked_sub(usize::from(whole))
                 .is_some_and(|seen| self.right[seen].1.abs_diff(whole) <= self.parameters.left_right_px);
-            if !kept {
+            if !kept || confidence[x] < self.parameters.least_confidence {
                 (disparity[x], confidence[x]) = (0, 0);
             }
         }

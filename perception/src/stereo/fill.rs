@@ -1,0 +1,219 @@
+//! Fills holes: small ones where both sides are one surface, and where asked all of them, along
+//! the edges of the image.
+
+use crate::image::GreyView;
+
+/// Which holes are bridged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BridgeParameters {
+    /// Holes of at most this many pixels along a row or a column are bridged; 0 leaves all.
+    pub widest_px: u16,
+    /// The disparities on both sides differ by at most this, in 1/256 px.
+    pub step: u16,
+}
+
+impl Default for BridgeParameters {
+    fn default() -> Self {
+        Self { widest_px: 100, step: 5 * 256 }
+    }
+}
+
+/// The holes of a map, with the memory to fill them.
+#[derive(Debug)]
+pub struct Fill {
+    parameters: BridgeParameters,
+    width: usize,
+    /// Row of the last known pixel of each column, one-based; 0 before there is one.
+    known: Vec<u32>,
+}
+
+impl Fill {
+    /// A workspace for maps of `width` columns.
+    pub fn new(parameters: BridgeParameters, width: usize) -> Self {
+        Self { parameters, width, known: vec![0; width] }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        4 * self.known.len()
+    }
+
+    /// Bridges holes along rows, then along columns, by straight lines between both sides. Bridged
+    /// pixels get a quarter of the lesser confidence, at least 1.
+    pub fn bridge(&mut self, disparity: &mut [u16], confidence: &mut [u8]) {
+        let (widest, step) = (usize::from(self.parameters.widest_px), self.parameters.step);
+        if widest == 0 {
+            return;
+        }
+        let width = self.width;
+        for (disparity, confidence) in
+            disparity.chunks_exact_mut(width).zip(confidence.chunks_exact_mut(width))
+        {
+            for_holes(disparity, |disparity, start, end| {
+                if start == 0 || end == width || end - start > widest {
+                    return;
+                }
+                let (a, b) = (disparity[start - 1], disparity[end]);
+                if a.abs_diff(b) <= step {
+                    let trust = confidence[start - 1].min(confidence[end]) / 4;
+                    for x in start..end {
+                        disparity[x] = between(a, b, x + 1 - start, end + 1 - start);
+                        confidence[x] = trust.max(1);
+                    }
+                }
+            });
+        }
+        self.known.fill(0);
+        for y in 0..disparity.len() / width {
+            for x in 0..width {
+                let here = disparity[y * width + x];
+                if here == 0 {
+                    continue;
+                }
+                let start = self.known[x] as usize;
+                self.known[x] = y as u32 + 1;
+                if start == 0 || start == y || y - start > widest {
+                    continue;
+                }
+                let above = (start - 1) * width + x;
+                let a = disparity[above];
+                if a.abs_diff(here) <= step {
+                    let trust = confidence[above].min(confidence[y * width + x]) / 4;
+                    for row in start..y {
+                        disparity[row * width + x] = between(a, here, row + 1 - start, y + 1 - start);
+                        confidence[row * width + x] = trust.max(1);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Fills every hole, so that each pixel has a disparity wherever one is known at all. Between
+    /// two surfaces the seam follows the strongest edge of the image; at the border, and in rows
+    /// that know nothing, the nearest known value goes on. Filled pixels get the confidence 1.
+    pub fn complete(&mut self, image: GreyView<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
+        let width = self.width;
+        for (y, (disparity, confidence)) in
+            disparity.chunks_exact_mut(width).zip(confidence.chunks_exact_mut(width)).enumerate()
+        {
+            let grey = image.row(y);
+            for_holes(disparity, |disparity, start, end| {
+                confidence[start..end].fill(1);
+                match (start, end) {
+                    (0, end) if end == width => confidence.fill(0),
+                    (0, end) => {
+                        let nearest = disparity[end];
+                        disparity[..end].fill(nearest);
+                    }
+                    (start, end) if end == width => {
+                        let nearest = disparity[start - 1];
+                        disparity[start..].fill(nearest);
+                    }
+                    (start, end) => {
+                        // The seam lies before the pixel that differs most from the one before it;
+                        // of equals the one nearest the nearer surface, which hides what is behind.
+                        let step = |x: usize| grey[x].abs_diff(grey[x - 1]);
+                        let (a, b) = (disparity[start - 1], disparity[end]);
+                        let seam = if a > b {
+                            (start..=end).rev().max_by_key(|&x| step(x))
+                        } else {
+                            (start..=end).max_by_key(|&x| step(x))
+                        };
+                        let seam = seam.unwrap_or(end);
+                        disparity[start..seam].fill(a);
+                        disparity[seam..end].fill(b);
+                    }
+                }
+            });
+        }
+        // Rows that know nothing take the next that does: the one above, at the top the one below.
+        let rows = disparity.len() / width;
+        let empty = |disparity: &[u16], y: usize| disparity[y * width] == 0;
+        for y in 1..rows {
+            if empty(disparity, y) && !empty(disparity, y - 1) {
+                disparity.copy_within((y - 1) * width..y * width, y * width);
+                confidence[y * width..(y + 1) * width].fill(1);
+            }
+        }
+        for y in (0..rows.saturating_sub(1)).rev() {
+            if empty(disparity, y) && !empty(disparity, y + 1) {
+                disparity.copy_within((y + 1) * width..(y + 2) * width, y * width);
+                confidence[y * width..(y + 1) * width].fill(1);
+            }
+        }
+    }
+}
+
+/// The value `part` of `whole` steps from `a` to `b`, at least 1.
+fn between(a: u16, b: u16, part: usize, whole: usize) -> u16 {
+    let (a, b) = (i64::from(a), i64::from(b));
+    (a + (b - a) * part as i64 / whole as i64).max(1) as u16
+}
+
+/// Calls `hole` for each stretch of zeros in a row.
+fn for_holes(row: &mut [u16], mut hole: impl FnMut(&mut [u16], usize, usize)) {
+    let mut x = 0;
+    while let Some(start) = row[x..].iter().position(|&d| d == 0).map(|i| x + i) {
+        let end = row[start..].iter().position(|&d| d > 0).map_or(row.len(), |i| start + i);
+        hole(row, start, end);
+        x = end;
+        if x >= row.len() {
+            break;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn holes_within_a_surface_are_bridged_and_others_stay() {
+        let width = 9;
+        let mut fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, width);
+        // A slope with a hole, an edge with a hole, a hole too wide, one at the border.
+        let mut map = vec![
+            1000, 0, 0, 1300, 1300, 0, 9000, 0, 0, //
+            1000, 0, 0, 0, 0, 1300, 9000, 9000, 9000,
+        ];
+        let mut confidence: Vec<u8> = map.iter().map(|&d| if d > 0 { 200 } else { 0 }).collect();
+        fill.bridge(&mut map, &mut confidence);
+        assert_eq!(map[..9], [1000, 1100, 1200, 1300, 1300, 0, 9000, 0, 0]);
+        assert_eq!(map[9..14], [1000, 0, 0, 0, 0]);
+        assert_eq!(confidence[..6], [200, 50, 50, 200, 200, 0]);
+        // Along a column.
+        let mut fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, 1);
+        let mut map = vec![0, 400, 0, 0, 700, 0];
+        let mut confidence = vec![0, 8, 0, 0, 2, 0];
+        fill.bridge(&mut map, &mut confidence);
+        assert_eq!(map, [0, 400, 500, 600, 700, 0]);
+        assert_eq!(confidence, [0, 8, 1, 1, 2, 0]);
+    }
+
+    #[test]
+    fn a_completed_map_has_no_hole_and_its_seams_follow_edges() {
+        let grey = vec![
+            10, 10, 10, 10, 90, 90, //
+            10, 10, 10, 10, 10, 10, //
+            10, 10, 10, 10, 10, 10,
+        ];
+        let image = GreyView::new(&grey, 6, 3, 6).unwrap();
+        let mut map = vec![
+            0, 512, 0, 0, 0, 2560, //
+            0, 0, 0, 0, 0, 0, //
+            7, 0, 0, 0, 0, 0,
+        ];
+        let mut confidence: Vec<u8> = map.iter().map(|&d| if d > 0 { 200 } else { 0 }).collect();
+        Fill::new(BridgeParameters::default(), 6).complete(image, &mut map, &mut confidence);
+        assert_eq!(map[..6], [512, 512, 512, 512, 2560, 2560]);
+        assert_eq!(map[6..12], map[..6]);
+        assert_eq!(map[12..], [7; 6]);
+        assert_eq!(confidence[..6], [1, 200, 1, 1, 1, 200]);
+        assert!(confidence.iter().all(|&c| c > 0));
+        // Nothing known: nothing to fill with.
+        let mut nothing = vec![0; 18];
+        let mut confidence = vec![0; 18];
+        Fill::new(BridgeParameters::default(), 6).complete(image, &mut nothing, &mut confidence);
+        assert!(nothing.iter().all(|&d| d == 0) && confidence.iter().all(|&c| c == 0));
+    }
+}

@@ -86,7 +86,8 @@ pub(crate) struct Plane {
     scale: Vec<f32>,
     mean: Vec<f32>,
     gradient: Vec<u8>,
-    sums: Vec<[u32; 2]>,
+    /// Column sums of the window's rows, and of their squares.
+    sums: [Vec<i32>; 2],
 }
 
 impl Plane {
@@ -102,7 +103,7 @@ impl Plane {
             scale: vec![0.0; columns * STRIP],
             mean: vec![0.0; columns * STRIP],
             gradient: vec![0; columns * STRIP],
-            sums: vec![[0; 2]; columns],
+            sums: [vec![0; columns], vec![0; columns]],
         }
     }
 
@@ -110,7 +111,7 @@ impl Plane {
         self.grey.len()
             + self.gradient.len()
             + 4 * (self.words.len() + self.single.len() + self.scale.len() + self.mean.len())
-            + 8 * self.sums.len()
+            + 8 * self.columns
     }
 
     /// Copies the rows around the strip that starts at `top`, borders repeated.
@@ -174,26 +175,27 @@ fn pack<S: Simd>(_: S, plane: &mut Plane) {
 fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
     let columns = plane.columns;
     let used = columns - 2 * RADIUS - OVERRUN;
-    plane.sums.fill([0, 0]);
+    let [sums, squares] = &mut plane.sums;
+    sums.fill(0);
+    squares.fill(0);
     for row in plane.grey.chunks_exact(columns).take(SIZE - 1) {
-        add_row(&mut plane.sums, row);
+        add_row(sums, squares, row);
     }
     let constant = SIZE as i32 * SIZE as i32 * bias;
     let scale_factor = (AREA * STRUCTURE).sqrt();
     let mean_factor = STRUCTURE.sqrt();
     let shift = (SIZE * SIZE) as i32 * plane.offset;
     for y in 0..STRIP {
-        add_row(&mut plane.sums, &plane.grey[(y + SIZE - 1) * columns..(y + SIZE) * columns]);
+        add_row(sums, squares, &plane.grey[(y + SIZE - 1) * columns..(y + SIZE) * columns]);
         let scale = &mut plane.scale[y * columns..y * columns + used];
         let mean = &mut plane.mean[y * columns..y * columns + used];
-        let sums = &plane.sums[..used + SIZE - 1];
+        let (columns_1, columns_2) = (&sums[..used + SIZE - 1], &squares[..used + SIZE - 1]);
         for x in 0..used {
-            let [mut total, mut squares] = [0_u32; 2];
-            for sum in &sums[x..x + SIZE] {
-                total += sum[0];
-                squares += sum[1];
+            let [mut total, mut squares] = [0; 2];
+            for i in 0..SIZE {
+                total += columns_1[x + i];
+                squares += columns_2[x + i];
             }
-            let (total, squares) = (total as i32, squares as i32);
             // N²·variance, exact: at most 25²·255²/4.
             let variance = (SIZE * SIZE) as i32 * squares - total * total;
             let norm = 1.0 / ((variance + constant) as f32).sqrt();
@@ -201,9 +203,10 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
             mean[x] = (total - shift) as f32 * (norm * mean_factor);
         }
         let removed = &plane.grey[y * columns..(y + 1) * columns];
-        for (sum, &v) in plane.sums.iter_mut().zip(removed) {
-            let v = u32::from(v);
-            *sum = [sum[0] - v, sum[1] - v * v];
+        for ((sum, square), &v) in sums.iter_mut().zip(squares.iter_mut()).zip(removed) {
+            let v = i32::from(v);
+            *sum -= v;
+            *square -= v * v;
         }
         let row = |i: usize| &plane.grey[i * columns..(i + 1) * columns];
         let (above, here, below) = (row(y + RADIUS - 1), row(y + RADIUS), row(y + RADIUS + 1));
@@ -217,10 +220,11 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
 }
 
 #[inline(always)]
-fn add_row(sums: &mut [[u32; 2]], row: &[u8]) {
-    for (sum, &v) in sums.iter_mut().zip(row) {
-        let v = u32::from(v);
-        *sum = [sum[0] + v, sum[1] + v * v];
+fn add_row(sums: &mut [i32], squares: &mut [i32], row: &[u8]) {
+    for ((sum, square), &v) in sums.iter_mut().zip(squares).zip(row) {
+        let v = i32::from(v);
+        *sum += v;
+        *square += v * v;
     }
 }
 

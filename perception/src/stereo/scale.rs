@@ -10,7 +10,7 @@
 
 use super::blocks::{Block, Blocks};
 use super::cost::{CostParameters, CostStrip, STRIP};
-use super::viterbi::{PAD, Paths, Span, single, triple};
+use super::viterbi::{PAD, Paths, Span, single_step, triple_step};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
@@ -78,9 +78,6 @@ fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize, pitch: us
         s.transpose(&mut block[d..], pitch);
     }
 }
-
-kernel! { fn edge_weights(here: &[u8], there: &[u8], weight: EdgeWeight, out: &mut [Lanes]) = edge_row }
-kernel! { fn turn(block: &mut [Lanes], disparities: usize, pitch: usize) = turn_blocks }
 
 /// The two volumes of an image, one byte a node each; shared by the scales of a pyramid.
 #[derive(Debug, Default)]
@@ -241,9 +238,9 @@ impl Scale {
                 return false;
             }
             self.cost.start(left, right, strip * STRIP);
-            self.horizontal_layer(strip, volumes);
+            horizontal_layer_at(self.level, self, strip, volumes);
             for y in strip * STRIP..((strip + 1) * STRIP).min(self.height) {
-                self.advance_row(y.checked_sub(1), y, false, volumes);
+                advance_row_at(self.level, self, y.checked_sub(1), y, false, volumes);
             }
         }
         self.start_paths();
@@ -252,7 +249,7 @@ impl Scale {
                 return false;
             }
             let from = (y + 1 < self.height).then_some(y + 1);
-            self.advance_row(from, y, true, volumes);
+            advance_row_at(self.level, self, from, y, true, volumes);
             row(y, self.blocks.strip(y / STRIP), y % STRIP, &volumes.energies);
         }
         true
@@ -276,96 +273,6 @@ impl Scale {
         &self.guide[start..start + self.blocks.tiles() * LANES]
     }
 
-    /// Layer 1 of a strip: costs, rightward and leftward paths, their minimum to `merged`.
-    fn horizontal_layer(&mut self, strip: usize, volumes: &mut Volumes) {
-        let tiles = self.blocks.tiles();
-        let top = strip * STRIP;
-        // Edge weights between column x − 1 and x, for all rows.
-        for row in 0..STRIP {
-            let y = (top + row).min(self.height - 1);
-            let mut weights = std::mem::take(&mut self.weights[0]);
-            let (here, there) = (self.guide_row(y, 0), self.guide_row(y, -1));
-            edge_weights(self.level, here, there, self.horizontal, &mut weights);
-            for (tile, weights) in weights.iter().enumerate() {
-                self.column_weights[tile * LANES + row] = *weights;
-            }
-            self.weights[0] = weights;
-        }
-        for block in self.column_weights.chunks_exact_mut(LANES) {
-            turn(self.level, block, 1, 1);
-        }
-
-        let disparities = self.blocks.disparities();
-        let truncation = self.parameters.truncation_horizontal;
-        // Rightwards.
-        let mut before = (0, disparities);
-        self.column[PAD..PAD + disparities].fill(Lanes::ZERO);
-        for tile in 0..tiles {
-            let block = self.blocks.strip(strip)[tile];
-            let (n, pitch) = (block.span(), block.pitch());
-            let nodes = block.at..block.at + block.vectors();
-            let costs = &mut volumes.energies[nodes.clone()];
-            self.cost.tile(tile * LANES, block.low, n, pitch, costs);
-            turn(self.level, costs, n, pitch);
-            let merged = &mut volumes.merged[nodes];
-            for i in 0..LANES {
-                let x = tile * LANES + i;
-                let slope = if x == 0 { 0 } else { slope_step(block.slope_x, x - 1, x) };
-                single(
-                    self.level,
-                    &mut self.column,
-                    &costs[i * pitch..i * pitch + n],
-                    &mut merged[i * pitch..i * pitch + n],
-                    &self.column_weights[x],
-                    truncation,
-                    slope,
-                    Span::new(block.window(), before, usize::from(slope != 0)),
-                    false,
-                    &mut self.forward,
-                );
-                if i == 0 {
-                    leave(&mut self.column, before, block.window());
-                    before = block.window();
-                }
-            }
-        }
-        // Leftwards, from the last column of the image.
-        leave(&mut self.column, before, (0, 0));
-        before = (0, disparities);
-        self.column[PAD..PAD + disparities].fill(Lanes::ZERO);
-        for tile in (0..tiles).rev() {
-            let block = self.blocks.strip(strip)[tile];
-            let (n, pitch) = (block.span(), block.pitch());
-            let nodes = block.at..block.at + block.vectors();
-            let costs = &volumes.energies[nodes.clone()];
-            let merged = &mut volumes.merged[nodes];
-            let inside = LANES.min(self.width - tile * LANES);
-            for i in (0..inside).rev() {
-                let x = tile * LANES + i;
-                let first = x + 1 == self.width;
-                let slope = if first { 0 } else { slope_step(block.slope_x, x + 1, x) };
-                single(
-                    self.level,
-                    &mut self.column,
-                    &costs[i * pitch..i * pitch + n],
-                    &mut merged[i * pitch..i * pitch + n],
-                    &self.column_weights[if first { x } else { x + 1 }],
-                    truncation,
-                    slope,
-                    Span::new(block.window(), before, usize::from(slope != 0)),
-                    true,
-                    &mut self.forward,
-                );
-                if before != block.window() {
-                    leave(&mut self.column, before, block.window());
-                    before = block.window();
-                }
-            }
-            turn(self.level, merged, n, pitch);
-        }
-        leave(&mut self.column, before, (0, 0));
-    }
-
     /// Makes every path of layer 2 start afresh.
     fn start_paths(&mut self) {
         let padded = self.fresh.len();
@@ -377,105 +284,212 @@ impl Scale {
             }
         }
     }
+}
 
-    /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
-    fn advance_row(&mut self, from: Option<usize>, y: usize, last: bool, volumes: &mut Volumes) {
-        let tiles = self.blocks.tiles();
-        let disparities = self.blocks.disparities();
-        let padded = self.fresh.len();
-        let mut weights = std::mem::take(&mut self.weights);
-        for ((weights, sideways), weight) in weights.iter_mut().zip([0, -1, 1]).zip(self.others) {
-            let there = self.guide_row(from.unwrap_or(y), sideways);
-            edge_weights(self.level, self.guide_row(y, 0), there, weight, weights);
+/// Layer 1 of a strip: costs, rightward and leftward paths, their minimum to `merged`.
+#[inline(always)]
+fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mut Volumes) {
+    let tiles = scale.blocks.tiles();
+    let top = strip * STRIP;
+    // Edge weights between column x − 1 and x, for all rows.
+    for row in 0..STRIP {
+        let y = (top + row).min(scale.height - 1);
+        let mut weights = std::mem::take(&mut scale.weights[0]);
+        let (here, there) = (scale.guide_row(y, 0), scale.guide_row(y, -1));
+        edge_row(s, here, there, scale.horizontal, &mut weights);
+        for (tile, weights) in weights.iter().enumerate() {
+            scale.column_weights[tile * LANES + row] = *weights;
         }
-        self.weights = weights;
+        scale.weights[0] = weights;
+    }
+    for block in scale.column_weights.chunks_exact_mut(LANES) {
+        turn_blocks(s, block, 1, 1);
+    }
 
-        let strip = self.blocks.strip(y / STRIP);
-        let enters = from.is_none_or(|from| from / STRIP != y / STRIP);
-        let before = |tile: usize| match from {
-            None => (0, disparities),
-            Some(from) => self.blocks.strip(from / STRIP)[tile].window(),
-        };
-        // Slope steps of a tile's straight, rightward and leftward paths.
-        let steps = |block: &Block| {
-            [0, -1, 1].map(|sideways| match from {
-                None => 0,
-                // Down from the left a path goes right, up from the left as well.
-                Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
-                Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
-            })
-        };
-        for tile in 0..tiles {
-            let mut old = before(tile);
-            for beside in [tile.saturating_sub(1), (tile + 1).min(tiles - 1)] {
-                let beside = before(beside);
-                old = (old.0.min(beside.0), old.1.max(beside.1));
-            }
-            let slack = usize::from(steps(&strip[tile]) != [0; 3]);
-            self.spans[tile] = Span::new(strip[tile].window(), old, slack);
-        }
-
-        let [straight, left, right] = &mut self.states;
-        let [earlier, now] = &mut self.carry;
-        for tile in 0..tiles {
-            let block = &strip[tile];
-            let span = self.spans[tile];
-            let place = tile * padded..(tile + 1) * padded;
-            // What the next tile will read of this one's rightward paths.
-            if let Some(next) = self.spans.get(tile + 1) {
-                let read = next.from - 1..next.to + 1;
-                now[read.clone()].copy_from_slice(&left[place.clone()][read]);
-            }
-            let (right_here, right_next) = right[place.start..].split_at_mut(padded);
-            let slopes = steps(block);
-            let mut paths = [
-                Paths {
-                    state: &mut straight[place.clone()],
-                    beside: &self.fresh,
-                    weight: self.weights[0][tile],
-                    slope: slopes[0],
-                },
-                Paths {
-                    state: &mut left[place.clone()],
-                    beside: if tile == 0 { &self.fresh } else { earlier },
-                    weight: self.weights[1][tile],
-                    slope: slopes[1],
-                },
-                Paths {
-                    state: right_here,
-                    beside: if tile + 1 < tiles { &right_next[..padded] } else { &self.fresh },
-                    weight: self.weights[2][tile],
-                    slope: slopes[2],
-                },
-            ];
-            let at = block.at + y % STRIP * block.pitch();
-            let nodes = at..at + block.span();
-            triple(
-                self.level,
-                &mut paths,
-                &volumes.merged[nodes.clone()],
-                &mut volumes.energies[nodes],
-                self.parameters.truncation_other,
-                span,
-                last,
-                &mut self.forward,
+    let disparities = scale.blocks.disparities();
+    let truncation = scale.parameters.truncation_horizontal;
+    // Rightwards.
+    let mut before = (0, disparities);
+    scale.column[PAD..PAD + disparities].fill(Lanes::ZERO);
+    for tile in 0..tiles {
+        let block = scale.blocks.strip(strip)[tile];
+        let (n, pitch) = (block.span(), block.pitch());
+        let nodes = block.at..block.at + block.vectors();
+        let costs = &mut volumes.energies[nodes.clone()];
+        scale.cost.tile(tile * LANES, block.low, n, pitch, costs);
+        turn_blocks(s, costs, n, pitch);
+        let merged = &mut volumes.merged[nodes];
+        for i in 0..LANES {
+            let x = tile * LANES + i;
+            let slope = if x == 0 { 0 } else { slope_step(block.slope_x, x - 1, x) };
+            single_step(
+                s,
+                &mut scale.column,
+                &costs[i * pitch..i * pitch + n],
+                &mut merged[i * pitch..i * pitch + n],
+                &scale.column_weights[x],
+                truncation,
+                slope,
+                Span::new(block.window(), before, usize::from(slope != 0)),
+                false,
+                &mut scale.forward,
             );
-            let beyond = self.width - tile * LANES;
-            if beyond < LANES {
-                // Lanes beyond the image must not feed a leftward path.
-                let window = PAD + block.low..PAD + block.high;
-                paths[2].state[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
+            if i == 0 {
+                leave(&mut scale.column, before, block.window());
+                before = block.window();
             }
-            if enters {
-                let old = match from {
-                    None => (0, disparities),
-                    Some(from) => self.blocks.strip(from / STRIP)[tile].window(),
-                };
-                for path in &mut paths {
-                    leave(path.state, old, block.window());
-                }
-            }
-            std::mem::swap(earlier, now);
         }
     }
+    // Leftwards, from the last column of the image.
+    leave(&mut scale.column, before, (0, 0));
+    before = (0, disparities);
+    scale.column[PAD..PAD + disparities].fill(Lanes::ZERO);
+    for tile in (0..tiles).rev() {
+        let block = scale.blocks.strip(strip)[tile];
+        let (n, pitch) = (block.span(), block.pitch());
+        let nodes = block.at..block.at + block.vectors();
+        let costs = &volumes.energies[nodes.clone()];
+        let merged = &mut volumes.merged[nodes];
+        let inside = LANES.min(scale.width - tile * LANES);
+        for i in (0..inside).rev() {
+            let x = tile * LANES + i;
+            let first = x + 1 == scale.width;
+            let slope = if first { 0 } else { slope_step(block.slope_x, x + 1, x) };
+            single_step(
+                s,
+                &mut scale.column,
+                &costs[i * pitch..i * pitch + n],
+                &mut merged[i * pitch..i * pitch + n],
+                &scale.column_weights[if first { x } else { x + 1 }],
+                truncation,
+                slope,
+                Span::new(block.window(), before, usize::from(slope != 0)),
+                true,
+                &mut scale.forward,
+            );
+            if before != block.window() {
+                leave(&mut scale.column, before, block.window());
+                before = block.window();
+            }
+        }
+        turn_blocks(s, merged, n, pitch);
+    }
+    leave(&mut scale.column, before, (0, 0));
+}
+
+/// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
+#[inline(always)]
+fn advance_row<S: Simd>(
+    s: S,
+    scale: &mut Scale,
+    from: Option<usize>,
+    y: usize,
+    last: bool,
+    volumes: &mut Volumes,
+) {
+    let tiles = scale.blocks.tiles();
+    let disparities = scale.blocks.disparities();
+    let padded = scale.fresh.len();
+    let mut weights = std::mem::take(&mut scale.weights);
+    for ((weights, sideways), weight) in weights.iter_mut().zip([0, -1, 1]).zip(scale.others) {
+        let there = scale.guide_row(from.unwrap_or(y), sideways);
+        edge_row(s, scale.guide_row(y, 0), there, weight, weights);
+    }
+    scale.weights = weights;
+
+    let strip = scale.blocks.strip(y / STRIP);
+    let enters = from.is_none_or(|from| from / STRIP != y / STRIP);
+    let before = |tile: usize| match from {
+        None => (0, disparities),
+        Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
+    };
+    // Slope steps of a tile's straight, rightward and leftward paths.
+    let steps = |block: &Block| {
+        [0, -1, 1].map(|sideways| match from {
+            None => 0,
+            // Down from the left a path goes right, up from the left as well.
+            Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
+            Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
+        })
+    };
+    for tile in 0..tiles {
+        let mut old = before(tile);
+        for beside in [tile.saturating_sub(1), (tile + 1).min(tiles - 1)] {
+            let beside = before(beside);
+            old = (old.0.min(beside.0), old.1.max(beside.1));
+        }
+        let slack = usize::from(steps(&strip[tile]) != [0; 3]);
+        scale.spans[tile] = Span::new(strip[tile].window(), old, slack);
+    }
+
+    let [straight, left, right] = &mut scale.states;
+    let [earlier, now] = &mut scale.carry;
+    for tile in 0..tiles {
+        let block = &strip[tile];
+        let span = scale.spans[tile];
+        let place = tile * padded..(tile + 1) * padded;
+        // What the next tile will read of this one's rightward paths.
+        if let Some(next) = scale.spans.get(tile + 1) {
+            let read = next.from - 1..next.to + 1;
+            now[read.clone()].copy_from_slice(&left[place.clone()][read]);
+        }
+        let (right_here, right_next) = right[place.start..].split_at_mut(padded);
+        let slopes = steps(block);
+        let mut paths = [
+            Paths {
+                state: &mut straight[place.clone()],
+                beside: &scale.fresh,
+                weight: scale.weights[0][tile],
+                slope: slopes[0],
+            },
+            Paths {
+                state: &mut left[place.clone()],
+                beside: if tile == 0 { &scale.fresh } else { earlier },
+                weight: scale.weights[1][tile],
+                slope: slopes[1],
+            },
+            Paths {
+                state: right_here,
+                beside: if tile + 1 < tiles { &right_next[..padded] } else { &scale.fresh },
+                weight: scale.weights[2][tile],
+                slope: slopes[2],
+            },
+        ];
+        let at = block.at + y % STRIP * block.pitch();
+        let nodes = at..at + block.span();
+        triple_step(
+            s,
+            &mut paths,
+            &volumes.merged[nodes.clone()],
+            &mut volumes.energies[nodes],
+            scale.parameters.truncation_other,
+            span,
+            last,
+            &mut scale.forward,
+        );
+        let beyond = scale.width - tile * LANES;
+        if beyond < LANES {
+            // Lanes beyond the image must not feed a leftward path.
+            let window = PAD + block.low..PAD + block.high;
+            paths[2].state[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
+        }
+        if enters {
+            let old = match from {
+                None => (0, disparities),
+                Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
+            };
+            for path in &mut paths {
+                leave(path.state, old, block.window());
+            }
+        }
+        std::mem::swap(earlier, now);
+    }
+}
+
+kernel! {
+    fn horizontal_layer_at(scale: &mut Scale, strip: usize, volumes: &mut Volumes) = horizontal_layer
+}
+kernel! {
+    fn advance_row_at(scale: &mut Scale, from: Option<usize>, y: usize, last: bool, volumes: &mut Volumes)
+        = advance_row
 }

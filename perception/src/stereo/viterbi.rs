@@ -66,7 +66,7 @@ impl Span {
 /// `forward` is scratch of at least the window's length.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
-fn single_step<S: Simd>(
+pub(super) fn single_step<S: Simd>(
     s: S,
     state: &mut [Lanes],
     data: &[Lanes],
@@ -136,7 +136,7 @@ pub struct Paths<'a> {
 /// other sweep and becomes the final energy, `data` + both sums.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
-fn triple_step<S: Simd>(
+pub(super) fn triple_step<S: Simd>(
     s: S,
     paths: &mut [Paths<'_>; 3],
     data: &[Lanes],
@@ -226,7 +226,7 @@ fn triple_step<S: Simd>(
 
 kernel! {
     /// [`single_step`] at a level: advances horizontal paths of 32 rows by one column.
-    fn single(
+    pub fn single(
         state: &mut [Lanes],
         data: &[Lanes],
         out: &mut [Lanes],
@@ -241,7 +241,7 @@ kernel! {
 
 kernel! {
     /// [`triple_step`] at a level.
-    fn triple(
+    pub fn triple(
         paths: &mut [Paths<'_>; 3],
         data: &[Lanes],
         out: &mut [Lanes],

@@ -25,14 +25,16 @@ impl Default for WinnerParameters {
 /// The winners of a tile: where in the window (0 to `nodes.len()` − 1), their energies, and the
 /// least energy more than one disparity away. On a tie the smaller disparity wins.
 #[derive(Clone, Copy, Debug)]
-pub struct Winners {
+pub(crate) struct Winners {
     place: Lanes,
     best: Lanes,
     second: Lanes,
+    /// Disparities in 1/256 px.
+    disparity: [u16; LANES],
 }
 
 #[inline(always)]
-fn pick<S: Simd>(s: S, nodes: &[Lanes], winners: &mut Winners) {
+fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
     let mut best = s.splat(u8::MAX);
     let mut place = s.splat(0);
     for (k, node) in nodes.iter().enumerate() {
@@ -52,9 +54,36 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], winners: &mut Winners) {
     s.store(place, &mut winners.place);
     s.store(best, &mut winners.best);
     s.store(second, &mut winners.second);
+
+    let (mut before, mut after) = (Lanes::ZERO, Lanes::ZERO);
+    let last = nodes.len() - 1;
+    for lane in 0..LANES {
+        let k = usize::from(winners.place.0[lane]);
+        before.0[lane] = nodes[k.saturating_sub(1)].0[lane];
+        after.0[lane] = nodes[(k + 1).min(last)].0[lane];
+    }
+    for lane in 0..LANES {
+        let k = usize::from(winners.place.0[lane]);
+        let part = sub_pixel(before.0[lane], winners.best.0[lane], after.0[lane]);
+        let part = if k == 0 || k == last { 0 } else { part };
+        winners.disparity[lane] = (((low + k) * 256) as i32 + part) as u16;
+    }
 }
 
-kernel! { fn pick_winners(nodes: &[Lanes], winners: &mut Winners) = pick }
+/// Where the winner truly lies, in 1/256 px from its node: where two lines of equal slope through
+/// it and its neighbours meet (equiangular fit), at most half a pixel.
+#[inline(always)]
+fn sub_pixel(before: u8, here: u8, after: u8) -> i32 {
+    let (before, here, after) = (f32::from(before), f32::from(here), f32::from(after));
+    // At least 1, so that a flat energy gives no place of its own.
+    let slope = (before - here).max(after - here).max(1.0);
+    (128.0 * (before - after) / slope) as i32
+}
+
+kernel! { fn pick_winners(nodes: &[Lanes], low: usize, winners: &mut Winners) = pick }
+
+/// Columns left of the right view: x − d is never below them.
+const LEAD: usize = 256;
 
 /// Picks winners row by row, with memory allocated once.
 #[derive(Debug)]
@@ -62,13 +91,11 @@ pub struct Winner {
     parameters: WinnerParameters,
     level: Level,
     width: usize,
-    /// Whole disparity and energy of each pixel's winner.
+    /// Whole disparity of each pixel's winner.
     place: Vec<u8>,
-    best: Vec<u8>,
-    /// The right view: energy and disparity of the winner that lands on a pixel.
-    right: Vec<(u8, u8)>,
-    /// 128·2¹⁶ ÷ each slope, so that no pixel divides.
-    reciprocal: [i32; 256],
+    /// The right view, [`LEAD`] columns before it: of the winner that lands on a pixel, its energy
+    /// in the upper byte and 255 less its disparity in the lower.
+    right: Vec<u16>,
     /// The confidence of each margin.
     trust: [u8; 256],
 }
@@ -78,20 +105,18 @@ impl Winner {
     pub fn new(parameters: WinnerParameters, level: Level, width: usize) -> Self {
         let clear = usize::from(parameters.clear_margin.max(1));
         Self {
-            reciprocal: std::array::from_fn(|slope| ((128 << 16) / slope.max(1)) as i32),
             trust: std::array::from_fn(|margin| (margin * 255 / clear).clamp(1, 255) as u8),
             parameters,
             level,
             width,
             place: vec![0; width],
-            best: vec![0; width],
-            right: vec![(0, 0); width],
+            right: vec![0; LEAD + width],
         }
     }
 
     /// Bytes that the workspace holds.
     pub fn bytes(&self) -> usize {
-        4 * self.place.len()
+        self.place.len() + 2 * self.right.len()
     }
 
     /// Takes row `row` of the `blocks` and writes its disparities in 1/256 px (0 = unknown:
@@ -104,58 +129,38 @@ impl Winner {
         disparity: &mut [u16],
         confidence: &mut [u8],
     ) {
-        self.right.fill((u8::MAX, 0));
-        let mut winners = Winners { place: Lanes::ZERO, best: Lanes::ZERO, second: Lanes::ZERO };
+        let zero = Lanes::ZERO;
+        let mut winners = Winners { place: zero, best: zero, second: zero, disparity: [0; LANES] };
+        self.right.fill(u16::MAX);
         for (tile, block) in blocks.iter().enumerate() {
             let at = block.at + row * block.pitch();
             let nodes = &energies[at..at + block.span()];
-            pick_winners(self.level, nodes, &mut winners);
+            pick_winners(self.level, nodes, block.low, &mut winners);
             let x = tile * LANES;
-            for lane in 0..LANES.min(self.width - x) {
-                let k = usize::from(winners.place.0[lane]);
-                let best = winners.best.0[lane];
-                let whole = block.low + k;
-                let x = x + lane;
-                self.place[x] = whole as u8;
-                self.best[x] = best;
-                disparity[x] = sub_pixel(nodes, lane, k, whole, &self.reciprocal);
-                let margin = winners.second.0[lane].saturating_sub(best);
-                confidence[x] = self.trust[usize::from(margin)];
-                if let Some(seen) = x.checked_sub(whole) {
-                    // On a tie the nearer surface, that comes later, hides the farther one.
-                    if best <= self.right[seen].0 {
-                        self.right[seen] = (best, whole as u8);
-                    }
-                }
+            let inside = LANES.min(self.width - x);
+            disparity[x..x + inside].copy_from_slice(&winners.disparity[..inside]);
+            let places = &mut self.place[x..x + inside];
+            let confidences = &mut confidence[x..x + inside];
+            for (lane, (place, confidence)) in places.iter_mut().zip(confidences).enumerate() {
+                let (best, second) = (winners.best.0[lane], winners.second.0[lane]);
+                *confidence = self.trust[usize::from(second.saturating_sub(best))];
+                *place = winners.place.0[lane] + block.low as u8;
+                // Of equal energies the nearer surface hides the farther one.
+                let key = u16::from(best) << 8 | u16::from(u8::MAX - *place);
+                let seen = &mut self.right[LEAD + x + lane - usize::from(*place)];
+                *seen = key.min(*seen);
             }
         }
-        for x in 0..self.width {
-            let whole = self.place[x];
-            let kept = x
-                .checked_sub(usize::from(whole))
-                .is_some_and(|seen| self.right[seen].1.abs_diff(whole) <= self.parameters.left_right_px);
-            if !kept || confidence[x] < self.parameters.least_confidence {
-                (disparity[x], confidence[x]) = (0, 0);
-            }
+        let most = self.parameters.left_right_px;
+        let least = self.parameters.least_confidence;
+        let pixels = disparity.iter_mut().zip(confidence).zip(&self.place).enumerate();
+        for (x, ((disparity, confidence), &place)) in pixels {
+            let seen = u8::MAX - self.right[LEAD + x - usize::from(place)] as u8;
+            let kept = usize::from(place) <= x && seen.abs_diff(place) <= most && *confidence >= least;
+            *disparity = if kept { *disparity } else { 0 };
+            *confidence = if kept { *confidence } else { 0 };
         }
     }
-}
-
-/// The disparity in 1/256 px: the winner, moved by where two lines of equal slope through it and
-/// its neighbours meet (equiangular fit), at most half a pixel.
-#[inline]
-fn sub_pixel(nodes: &[Lanes], lane: usize, k: usize, whole: usize, reciprocal: &[i32; 256]) -> u16 {
-    let whole = (whole * 256) as i32;
-    if k == 0 || k + 1 == nodes.len() {
-        return whole as u16;
-    }
-    let at = |k: usize| i32::from(nodes[k].0[lane]);
-    let (before, here, after) = (at(k - 1), at(k), at(k + 1));
-    let slope = (before - here).max(after - here);
-    if slope <= 0 {
-        return whole as u16;
-    }
-    (whole + (((before - after) * reciprocal[slope as usize] + (1 << 15)) >> 16)) as u16
 }
 
 #[cfg(test)]
@@ -209,14 +214,12 @@ mod tests {
 
     #[test]
     fn the_sub_pixel_place_follows_the_lower_side() {
-        let nodes = |e: [u8; 3]| e.map(Lanes::splat);
-        let winner = Winner::new(WinnerParameters::default(), Level::PLAIN, 1);
-        let sub_pixel =
-            |nodes: &[Lanes], lane, k, whole| sub_pixel(nodes, lane, k, whole, &winner.reciprocal);
-        assert_eq!(sub_pixel(&nodes([20, 10, 20]), 0, 1, 1), 256);
-        assert_eq!(sub_pixel(&nodes([30, 10, 10]), 0, 1, 1), 256 + 128);
-        assert_eq!(sub_pixel(&nodes([15, 10, 20]), 0, 1, 1), 256 - 64);
-        assert_eq!(sub_pixel(&nodes([10, 10, 10]), 0, 1, 1), 256);
-        assert_eq!(sub_pixel(&nodes([5, 10, 20]), 0, 0, 9), 9 * 256);
+        assert_eq!(sub_pixel(20, 10, 20), 0);
+        assert_eq!(sub_pixel(30, 10, 10), 128);
+        assert_eq!(sub_pixel(15, 10, 20), -64);
+        assert_eq!(sub_pixel(10, 10, 10), 0);
+        // A window that starts or ends at the winner says nothing about either side.
+        let (disparity, _) = run(&[9; 40], 9, 4);
+        assert!(disparity[9..].iter().all(|&d| d == 9 * 256));
     }
 }

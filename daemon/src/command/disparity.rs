@@ -21,6 +21,8 @@ struct Figures {
     cpu_ms_min: f64,
     wall_ms_median: f64,
     workspace_bytes: usize,
+    /// Nodes visited over width × height × disparities.
+    nodes_share: f64,
 }
 
 /// Reads a pair of images and makes sure that they have one size.
@@ -79,16 +81,18 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         cpu_ms_min: cpu_ms[0],
         wall_ms_median: median(&mut wall_ms),
         workspace_bytes: matcher.workspace_bytes(),
+        nodes_share: matcher.nodes() as f64 / (width * height * disparities) as f64,
     };
     if args.json {
         return say(serde_json::to_string_pretty(&figures)?);
     }
     say(format_args!(
-        "{width}x{height}, {disparities} disparities: {:.1} % known, {:.0} ms of processor time \
-             (median of {}), workspace {:.1} MiB; {}",
+        "{width}x{height}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
+             (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}",
         figures.density * 100.0,
         figures.cpu_ms_median,
         args.repeat,
+        figures.nodes_share,
         figures.workspace_bytes as f64 / (1 << 20) as f64,
         args.out.display()
     ))

@@ -56,6 +56,15 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn expect(self, vectors: &[Lanes]) {
+        // One for each cache line of 64 bytes.
+        for vector in vectors.iter().step_by(2) {
+            // SAFETY: every x86-64 processor has SSE; a prefetch touches nothing.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(vector).cast()) }
+        }
+    }
+
+    #[inline(always)]
     fn min(self, a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: the token exists, so AVX2 is there.
         unsafe { _mm256_min_epu8(a, b) }

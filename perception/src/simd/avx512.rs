@@ -38,6 +38,11 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn expect(self, vectors: &[Lanes]) {
+        self.0.expect(vectors);
+    }
+
+    #[inline(always)]
     fn min(self, a: __m256i, b: __m256i) -> __m256i {
         self.0.min(a, b)
     }

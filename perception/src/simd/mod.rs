@@ -84,6 +84,8 @@ pub trait Simd: Copy {
     fn load(self, from: &Lanes) -> Self::Bytes;
     /// Writes a vector.
     fn store(self, value: Self::Bytes, to: &mut Lanes);
+    /// Says that `vectors` will be read soon.
+    fn expect(self, vectors: &[Lanes]);
     /// The smaller of both, lane by lane.
     fn min(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
     /// The larger of both, lane by lane.

@@ -53,6 +53,9 @@ impl Simd for Neon {
     }
 
     #[inline(always)]
+    fn expect(self, _: &[Lanes]) {}
+
+    #[inline(always)]
     fn min(self, a: Halves, b: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
         unsafe { [vminq_u8(a[0], b[0]), vminq_u8(a[1], b[1])] }

@@ -18,29 +18,22 @@ impl Default for BridgeParameters {
     }
 }
 
-/// The holes of a map, with the memory to fill them.
-#[derive(Debug)]
+/// Fills the holes of maps of one width.
+#[derive(Clone, Copy, Debug)]
 pub struct Fill {
     parameters: BridgeParameters,
     width: usize,
-    /// Row of the last known pixel of each column, one-based; 0 before there is one.
-    known: Vec<u32>,
 }
 
 impl Fill {
-    /// A workspace for maps of `width` columns.
+    /// A filler for maps of `width` columns.
     pub fn new(parameters: BridgeParameters, width: usize) -> Self {
-        Self { parameters, width, known: vec![0; width] }
-    }
-
-    /// Bytes held.
-    pub fn bytes(&self) -> usize {
-        4 * self.known.len()
+        Self { parameters, width }
     }
 
     /// Bridges holes along rows, then along columns, by straight lines between both sides. Bridged
     /// pixels get a quarter of the lesser confidence, at least 1.
-    pub fn bridge(&mut self, disparity: &mut [u16], confidence: &mut [u8]) {
+    pub fn bridge(&self, disparity: &mut [u16], confidence: &mut [u8]) {
         let (widest, step) = (usize::from(self.parameters.widest_px), self.parameters.step);
         if widest == 0 {
             return;
@@ -63,26 +56,28 @@ impl Fill {
                 }
             });
         }
-        self.known.fill(0);
-        for y in 0..disparity.len() / width {
-            for x in 0..width {
-                let here = disparity[y * width + x];
-                if here == 0 {
-                    continue;
-                }
-                let start = self.known[x] as usize;
-                self.known[x] = y as u32 + 1;
-                if start == 0 || start == y || y - start > widest {
-                    continue;
-                }
-                let above = (start - 1) * width + x;
+        let height = disparity.len() / width;
+        for y in 1..height {
+            let mut x = 0;
+            while let Some(hole) = disparity[y * width + x..(y + 1) * width].iter().position(|&d| d == 0) {
+                x += hole;
+                let above = (y - 1) * width + x;
                 let a = disparity[above];
-                if a.abs_diff(here) <= step {
-                    let trust = confidence[above].min(confidence[y * width + x]) / 4;
-                    for row in start..y {
-                        disparity[row * width + x] = between(a, here, row + 1 - start, y + 1 - start);
-                        confidence[row * width + x] = trust.max(1);
+                if a > 0 {
+                    let below =
+                        (y + 1..height.min(y + widest + 1)).find(|row| disparity[row * width + x] > 0);
+                    if let Some(below) = below.filter(|row| disparity[row * width + x].abs_diff(a) <= step) {
+                        let b = disparity[below * width + x];
+                        let trust = confidence[above].min(confidence[below * width + x]) / 4;
+                        for row in y..below {
+                            disparity[row * width + x] = between(a, b, row + 1 - y, below + 1 - y);
+                            confidence[row * width + x] = trust.max(1);
+                        }
                     }
+                }
+                x += 1;
+                if x == width {
+                    break;
                 }
             }
         }
@@ -91,7 +86,7 @@ impl Fill {
     /// Fills every hole, so that each pixel has a disparity wherever one is known at all. Between
     /// two surfaces the seam follows the strongest edge of the image; at the border, and in rows
     /// that know nothing, the nearest known value goes on. Filled pixels get the confidence 1.
-    pub fn complete(&mut self, image: GreyView<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
+    pub fn complete(&self, image: GreyView<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
         let width = self.width;
         for (y, (disparity, confidence)) in
             disparity.chunks_exact_mut(width).zip(confidence.chunks_exact_mut(width)).enumerate()
@@ -170,7 +165,7 @@ mod tests {
     #[test]
     fn holes_within_a_surface_are_bridged_and_others_stay() {
         let width = 9;
-        let mut fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, width);
+        let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, width);
         // A slope with a hole, an edge with a hole, a hole too wide, one at the border.
         let mut map = vec![
             1000, 0, 0, 1300, 1300, 0, 9000, 0, 0, //
@@ -182,7 +177,7 @@ mod tests {
         assert_eq!(map[9..14], [1000, 0, 0, 0, 0]);
         assert_eq!(confidence[..6], [200, 50, 50, 200, 200, 0]);
         // Along a column.
-        let mut fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, 1);
+        let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, 1);
         let mut map = vec![0, 400, 0, 0, 700, 0];
         let mut confidence = vec![0, 8, 0, 0, 2, 0];
         fill.bridge(&mut map, &mut confidence);

@@ -159,6 +159,10 @@ pub trait Matcher {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<u32, MatchError>;
 
+    /// Nodes that the last pair took, over all scales: the paper counts m·n·d for the full range and
+    /// at most 0.3281·m·n·d for three scales.
+    fn nodes(&self) -> usize;
+
     /// Bytes of scratch memory that the matcher holds.
     fn workspace_bytes(&self) -> usize;
 }

@@ -212,12 +212,6 @@ impl Mpv {
         })
     }
 
-    /// Nodes that the last pair took, over all scales: the paper counts m·n·d for the full range
-    /// and at most 0.3281·m·n·d for three scales.
-    pub fn nodes(&self) -> usize {
-        self.stages.iter().map(|s| s.scale.blocks.nodes()).sum()
-    }
-
     /// The hardware level that the kernels run on.
     pub fn level(&self) -> Level {
         self.level
@@ -344,6 +338,10 @@ impl Matcher for Mpv {
         Ok(0)
     }
 
+    fn nodes(&self) -> usize {
+        self.stages.iter().map(|s| s.scale.blocks.nodes()).sum()
+    }
+
     fn workspace_bytes(&self) -> usize {
         let stages: usize = self
             .stages
@@ -358,6 +356,6 @@ impl Matcher for Mpv {
                     + s.confidence.len()
             })
             .sum();
-        self.volumes.bytes() + self.median.bytes() + self.fill.bytes() + stages
+        self.volumes.bytes() + self.median.bytes() + stages
     }
 }

@@ -435,6 +435,14 @@ fn advance_row<S: Simd>(
         }
         let (right_here, right_next) = right[place.start..].split_at_mut(padded);
         let slopes = steps(block);
+        if let Some(next) = strip.get(tile + 4) {
+            // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
+            let at = next.at + y % STRIP * next.pitch();
+            s.expect(&volumes.merged[at..at + next.span()]);
+            if last {
+                s.expect(&volumes.energies[at..at + next.span()]);
+            }
+        }
         let mut paths = [
             Paths {
                 state: &mut straight[place.clone()],

@@ -10,64 +10,66 @@ pub struct WinnerParameters {
     /// Disparities of the left and the right view may differ by this many pixels; 255 leaves the
     /// check out.
     pub left_right_px: u8,
-    /// A winner whose energy lies this far below the best other node has confidence 255.
-    pub clear_margin: u8,
     /// A winner of less confidence than this is unknown.
     pub least_confidence: u8,
 }
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 2, clear_margin: 100, least_confidence: 0 }
+        Self { left_right_px: 2, least_confidence: 0 }
     }
 }
 
-/// The winners of a tile: where in the window (0 to `nodes.len()` − 1), their energies, and the
-/// least energy more than one disparity away. On a tie the smaller disparity wins.
+/// The winners of a tile. On a tie the smaller disparity wins.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Winners {
+    /// Whole disparities.
     place: Lanes,
-    best: Lanes,
-    second: Lanes,
+    energy: Lanes,
+    /// By how much the energy rises to the best node more than one disparity away: 2.5 for each
+    /// unit, 1 to 255.
+    confidence: Lanes,
     /// Disparities in 1/256 px.
     disparity: [u16; LANES],
 }
 
 #[inline(always)]
 fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
-    let mut best = s.splat(u8::MAX);
-    let mut place = s.splat(0);
+    let (zero, one, two) = (s.splat(0), s.splat(1), s.splat(2));
+    let none = s.splat(u8::MAX);
+    let mut best = none;
+    let mut place = zero;
     for (k, node) in nodes.iter().enumerate() {
         let node = s.load(node);
         place = s.select_less(node, best, s.splat(k as u8), place);
         best = s.min(node, best);
     }
-    let mut second = s.splat(u8::MAX);
-    let one = s.splat(1);
+    // The winner's neighbours, where it has both, and the best node further away.
+    let (mut before, mut after, mut second) = (best, best, none);
     for (k, node) in nodes.iter().enumerate() {
+        let node = s.load(node);
         let here = s.splat(k as u8);
-        let away = s.max(s.sub(here, place), s.sub(place, here));
-        // Near the winner the node counts as 255.
-        let rival = s.select_less(one, away, s.load(node), s.splat(u8::MAX));
-        second = s.min(second, rival);
+        let (below, above) = (s.sub(place, here), s.sub(here, place));
+        let far = s.select_less(one, s.max(below, above), node, none);
+        second = s.min(second, far);
+        before = s.select_less(below, two, s.select_less(zero, below, node, before), before);
+        after = s.select_less(above, two, s.select_less(zero, above, node, after), after);
     }
+    let margin = s.sub(second, best);
+    let confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
+    s.store(s.max(confidence, one), &mut winners.confidence);
+    s.store(best, &mut winners.energy);
+    let mut sides = [Lanes::ZERO; 2];
+    s.store(before, &mut sides[0]);
+    s.store(after, &mut sides[1]);
     s.store(place, &mut winners.place);
-    s.store(best, &mut winners.best);
-    s.store(second, &mut winners.second);
-
-    let (mut before, mut after) = (Lanes::ZERO, Lanes::ZERO);
-    let last = nodes.len() - 1;
     for lane in 0..LANES {
-        let k = usize::from(winners.place.0[lane]);
-        before.0[lane] = nodes[k.saturating_sub(1)].0[lane];
-        after.0[lane] = nodes[(k + 1).min(last)].0[lane];
+        let k = i32::from(winners.place.0[lane]);
+        let part = sub_pixel(sides[0].0[lane], winners.energy.0[lane], sides[1].0[lane]);
+        let part = if k == 0 || k as usize + 1 == nodes.len() { 0 } else { part };
+        winners.disparity[lane] = ((low as i32 + k) * 256 + part) as u16;
     }
-    for lane in 0..LANES {
-        let k = usize::from(winners.place.0[lane]);
-        let part = sub_pixel(before.0[lane], winners.best.0[lane], after.0[lane]);
-        let part = if k == 0 || k == last { 0 } else { part };
-        winners.disparity[lane] = (((low + k) * 256) as i32 + part) as u16;
-    }
+    s.store(s.add(place, s.splat(low as u8)), &mut winners.place);
 }
 
 /// Where the winner truly lies, in 1/256 px from its node: where two lines of equal slope through
@@ -96,22 +98,12 @@ pub struct Winner {
     /// The right view, [`LEAD`] columns before it: of the winner that lands on a pixel, its energy
     /// in the upper byte and 255 less its disparity in the lower.
     right: Vec<u16>,
-    /// The confidence of each margin.
-    trust: [u8; 256],
 }
 
 impl Winner {
     /// A workspace for rows of `width` pixels.
     pub fn new(parameters: WinnerParameters, level: Level, width: usize) -> Self {
-        let clear = usize::from(parameters.clear_margin.max(1));
-        Self {
-            trust: std::array::from_fn(|margin| (margin * 255 / clear).clamp(1, 255) as u8),
-            parameters,
-            level,
-            width,
-            place: vec![0; width],
-            right: vec![0; LEAD + width],
-        }
+        Self { parameters, level, width, place: vec![0; width], right: vec![0; LEAD + width] }
     }
 
     /// Bytes that the workspace holds.
@@ -130,7 +122,7 @@ impl Winner {
         confidence: &mut [u8],
     ) {
         let zero = Lanes::ZERO;
-        let mut winners = Winners { place: zero, best: zero, second: zero, disparity: [0; LANES] };
+        let mut winners = Winners { place: zero, energy: zero, confidence: zero, disparity: [0; LANES] };
         self.right.fill(u16::MAX);
         for (tile, block) in blocks.iter().enumerate() {
             let at = block.at + row * block.pitch();
@@ -139,15 +131,13 @@ impl Winner {
             let x = tile * LANES;
             let inside = LANES.min(self.width - x);
             disparity[x..x + inside].copy_from_slice(&winners.disparity[..inside]);
-            let places = &mut self.place[x..x + inside];
-            let confidences = &mut confidence[x..x + inside];
-            for (lane, (place, confidence)) in places.iter_mut().zip(confidences).enumerate() {
-                let (best, second) = (winners.best.0[lane], winners.second.0[lane]);
-                *confidence = self.trust[usize::from(second.saturating_sub(best))];
-                *place = winners.place.0[lane] + block.low as u8;
+            confidence[x..x + inside].copy_from_slice(&winners.confidence.0[..inside]);
+            self.place[x..x + inside].copy_from_slice(&winners.place.0[..inside]);
+            for lane in 0..inside {
+                let place = winners.place.0[lane];
                 // Of equal energies the nearer surface hides the farther one.
-                let key = u16::from(best) << 8 | u16::from(u8::MAX - *place);
-                let seen = &mut self.right[LEAD + x + lane - usize::from(*place)];
+                let key = u16::from(winners.energy.0[lane]) << 8 | u16::from(u8::MAX - place);
+                let seen = &mut self.right[LEAD + x + lane - usize::from(place)];
                 *seen = key.min(*seen);
             }
         }
@@ -198,7 +188,7 @@ mod tests {
         let (disparity, confidence) = run(&[7; 50], 2, 14);
         assert!(disparity[..7].iter().all(|&d| d == 0), "outside the right view");
         assert!(disparity[7..].iter().all(|&d| d == 7 * 256));
-        assert!(confidence[7..].iter().all(|&c| c == (40 * 255 / 100) as u8));
+        assert!(confidence[7..].iter().all(|&c| c == 100));
         assert!(confidence[..7].iter().all(|&c| c == 0));
     }
 

@@ -191,6 +191,10 @@ pub(super) fn triple_step<S: Simd>(
             s.store(energy[0], &mut forward_a[i]);
             s.store(energy[1], &mut forward_b[i]);
             s.store(energy[2], &mut forward_c[i]);
+            if n > 48 {
+                s.expect(std::slice::from_ref(&data[n - 1 - i]));
+                s.expect(std::slice::from_ref(&out[n - 1 - i]));
+            }
         }
         energy = [none; 3];
         for i in (start + n..all).rev() {

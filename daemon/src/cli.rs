@@ -69,6 +69,8 @@ image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.t
     #[command(after_help = "Examples:
   lookout disparity left.png right.png -o disparity.png
   lookout disparity left.png right.png -o d.png --max-disparity 64 --color d-color.png
+  lookout disparity left.png right.png -o d.png --method full
+  lookout disparity left.png right.png -o d.png --budget-ms 5
   lookout disparity left.png right.png -o d.png --repeat 10 --json")]
     Disparity(Disparity),
     /// One pair through road and recognition
@@ -192,9 +194,12 @@ pub struct Disparity {
     /// Disparities searched, in px [default: stereo.disparities]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
     pub max_disparity: Option<u16>,
-    /// Matcher
-    #[arg(long, value_enum, default_value_t = Method::Full)]
-    pub method: Method,
+    /// Milliseconds after which the finest scale reached is given [default: stereo.budget_ms]
+    #[arg(long, value_name = "MS")]
+    pub budget_ms: Option<f64>,
+    /// Matcher [default: stereo.method]
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
     /// Times the matcher alone this often
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: u32,
@@ -259,9 +264,9 @@ pub struct EvaluateStereo {
     pub sets: Vec<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Matcher
-    #[arg(long, value_enum, default_value_t = Method::Full, conflicts_with = "maps")]
-    pub method: Method,
+    /// Matcher [default: stereo.method]
+    #[arg(long, value_enum, conflicts_with = "maps")]
+    pub method: Option<Method>,
     /// Disparities searched, in px
     #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255), conflicts_with = "maps")]
     pub max_disparity: u16,

@@ -21,6 +21,8 @@ struct Figures {
     cpu_ms_min: f64,
     wall_ms_median: f64,
     workspace_bytes: usize,
+    /// 1 for the full resolution, 2 for half of it, 4 for a quarter: what the budget allowed.
+    scale: u32,
     /// Nodes visited over width × height × disparities.
     nodes_share: f64,
 }
@@ -52,16 +54,19 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let (left, right, width, height) = read_pair(&args.left, &args.right)?;
     let left = GreyView::new(&left, width, height, width)?;
     let right = GreyView::new(&right, width, height, width)?;
-    let mut matcher = args
-        .method
+    let method = args.method.unwrap_or(Method::configured(&config));
+    let mut matcher = method
         .matcher(&config, width, height, disparities)
         .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
     let (mut cpu_ms, mut wall_ms) = (Vec::new(), Vec::new());
+    let mut halved = 0;
+    let budget_ms = args.budget_ms.unwrap_or(config.stereo.budget_ms);
     for _ in 0..args.repeat {
         let (cpu, wall) = (ipc::clock::process_cpu_ns(), Instant::now());
         let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
-        matcher.compute(left, right, output)?;
+        let mut go_on = || budget_ms <= 0.0 || wall.elapsed().as_secs_f64() * 1e3 < budget_ms;
+        halved = matcher.compute_within(left, right, output, &mut go_on)?;
         cpu_ms.push((ipc::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
         wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
     }
@@ -72,7 +77,7 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let view = DisparityView::new(&disparity, width, height)
         .ok_or_else(|| CommandError::Other("the disparity map has another size than the image".into()))?;
     let figures = Figures {
-        method: args.method,
+        method,
         width,
         height,
         disparities,
@@ -81,13 +86,15 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         cpu_ms_min: cpu_ms[0],
         wall_ms_median: median(&mut wall_ms),
         workspace_bytes: matcher.workspace_bytes(),
+        scale: 1 << halved,
         nodes_share: matcher.nodes() as f64 / (width * height * disparities) as f64,
     };
     if args.json {
         return say(serde_json::to_string_pretty(&figures)?);
     }
+    let scale = if halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
     say(format_args!(
-        "{width}x{height}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
+        "{width}x{height}{scale}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
              (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}",
         figures.density * 100.0,
         figures.cpu_ms_median,

@@ -4,6 +4,7 @@ use super::disparity::{median, read_pair};
 use super::replay::progress;
 use super::{CommandError, load, say};
 use crate::cli::{Evaluate, EvaluateStereo, PairChoice};
+use crate::rooms::matcher::Method;
 use config::Config;
 use perception::image::GreyView;
 use perception::stereo::{MatchOutput, Matcher};
@@ -135,7 +136,8 @@ fn stereo(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError> 
     }
     let matched = args.maps.is_none();
     let report = StereoReport {
-        method: if matched { args.method.name() } else { "maps" }.to_owned(),
+        method: if matched { args.method.unwrap_or(Method::configured(&config)).name() } else { "maps" }
+            .to_owned(),
         disparities: matched.then_some(usize::from(args.max_disparity)),
         pairs: args.pairs.name().to_owned(),
         disturb: args.disturb.map(Disturbance::name),
@@ -230,9 +232,8 @@ impl Estimator for Matchers<'_> {
             std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
             std::collections::hash_map::Entry::Vacant(entry) => {
                 let disparities = usize::from(self.args.max_disparity);
-                let matcher = self
-                    .args
-                    .method
+                let method = self.args.method.unwrap_or(Method::configured(self.config));
+                let matcher = method
                     .matcher(self.config, width, height, disparities)
                     .map_err(|error| CommandError::Other(format!("{}: {error}", pair.left.display())))?;
                 entry.insert(matcher)

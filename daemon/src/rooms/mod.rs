@@ -109,7 +109,6 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
         winner: WinnerParameters {
             left_right_px: whole(c.left_right_px),
             least_confidence: whole(c.confidence_min),
-            ..default.winner
         },
         speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
         bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },

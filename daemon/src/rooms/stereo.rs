@@ -8,10 +8,15 @@ use ipc::header::Header;
 use ipc::{depth, pair};
 use perception::image::GreyView;
 use perception::stereo::{MatchOutput, Matcher};
+use std::time::{Duration, Instant};
 
 /// The matcher between its messages.
 pub struct StereoRoom {
     matcher: Box<dyn Matcher>,
+    /// A frame gets no more time than this; None is all that it takes.
+    budget: Option<Duration>,
+    /// Frames that were given at a coarser scale, for want of time.
+    coarse: u64,
     width: usize,
     height: usize,
 }
@@ -25,7 +30,9 @@ impl StereoRoom {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         let matcher = Method::configured(config).matcher(config, width, height, disparities)?;
-        Ok(Self { matcher, width, height })
+        let budget =
+            (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
+        Ok(Self { matcher, budget, coarse: 0, width, height })
     }
 }
 
@@ -43,7 +50,21 @@ impl Room for StereoRoom {
         let view = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (view(pair.left)?, view(pair.right)?);
         let output = MatchOutput { disparity: out.disparity, confidence: out.confidence };
-        self.matcher.compute(left, right, output)?;
+        let started = Instant::now();
+        let budget = self.budget;
+        let mut go_on = || budget.is_none_or(|budget| started.elapsed() < budget);
+        let halved = self.matcher.compute_within(left, right, output, &mut go_on)?;
+        if halved > 0 {
+            self.coarse += 1;
+            // The first, then ever more rarely: a log must not grow with every frame.
+            if self.coarse.is_power_of_two() {
+                tracing::warn!(
+                    scale = format_args!("1/{}", 1 << halved),
+                    frames = self.coarse,
+                    "out of time: a coarser map was given; raise stereo.budget_ms or lower stereo.disparities"
+                );
+            }
+        }
         Ok(self.output_bytes())
     }
 }

@@ -157,6 +157,13 @@ impl Blocks {
         self.tiles * self.strips * BLOCK * pitch(GRAIN.min(self.disparities))
     }
 
+    /// Sets windows and slopes by hand.
+    #[cfg(test)]
+    pub fn set_all(&mut self, set: impl FnMut(&mut Block)) {
+        self.list.iter_mut().for_each(set);
+        self.lay_out();
+    }
+
     /// Gives the blocks their places in the volume.
     fn lay_out(&mut self) {
         let mut at = 0;

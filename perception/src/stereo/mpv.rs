@@ -104,6 +104,8 @@ pub struct Mpv {
     median: Median,
     fill: Fill,
     complete: bool,
+    /// Nodes that the last pair took.
+    nodes: usize,
 }
 
 impl Mpv {
@@ -209,6 +211,7 @@ impl Mpv {
             median: Median::new(level, width),
             fill: Fill::new(parameters.bridge, width),
             complete: parameters.complete,
+            nodes: 0,
         })
     }
 
@@ -269,6 +272,7 @@ impl Matcher for Mpv {
             }
         }
         self.build_pyramid(left, right);
+        self.nodes = 0;
         let finest = self.stages.len() - 1;
         for i in 0..=finest {
             let (coarser, rest) = self.stages.split_at_mut(i);
@@ -285,6 +289,7 @@ impl Matcher for Mpv {
                     windows.then_some((stage.widest, stage.vectors)),
                 );
             }
+            self.nodes += stage.scale.blocks.nodes();
             let (left, right, disparity, confidence) = if i == finest {
                 (left, right, &mut *output.disparity, &mut *output.confidence)
             } else {
@@ -339,7 +344,7 @@ impl Matcher for Mpv {
     }
 
     fn nodes(&self) -> usize {
-        self.stages.iter().map(|s| s.scale.blocks.nodes()).sum()
+        self.nodes
     }
 
     fn workspace_bytes(&self) -> usize {
@@ -359,3 +364,6 @@ impl Matcher for Mpv {
         self.volumes.bytes() + self.median.bytes() + stages
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -111,10 +111,10 @@ fn slope_step(slope: i32, from: usize, to: usize) -> i8 {
     (at(to) - at(from)).clamp(-1, 1) as i8
 }
 
-/// Marks the nodes of an old window that the new one leaves as not there.
-fn leave(state: &mut [Lanes], old: (usize, usize), new: (usize, usize)) {
-    state[PAD + old.0..PAD + old.1.min(new.0).max(old.0)].fill(Lanes::FULL);
-    state[PAD + old.0.max(new.1).min(old.1)..PAD + old.1].fill(Lanes::FULL);
+/// Marks the nodes of an old window that the new one leaves as not there: `none`.
+fn leave(state: &mut [Lanes], old: (usize, usize), new: (usize, usize), none: Lanes) {
+    state[PAD + old.0..PAD + old.1.min(new.0).max(old.0)].fill(none);
+    state[PAD + old.0.max(new.1).min(old.1)..PAD + old.1].fill(none);
 }
 
 /// The solver of one scale with its workspace, the volumes apart.
@@ -140,6 +140,8 @@ pub struct Scale {
     column: Vec<Lanes>,
     /// Zero: where a path starts.
     fresh: Vec<Lanes>,
+    /// No node, but where a lane lies beyond the image: there a leftward path starts.
+    edge: Lanes,
     forward: Vec<Lanes>,
     spans: Vec<Span>,
     weights: [Vec<Lanes>; 3],
@@ -178,6 +180,11 @@ impl Scale {
             carry: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
             column: vec![Lanes::FULL; padded],
             fresh: vec![Lanes::ZERO; padded],
+            edge: Lanes(std::array::from_fn(
+                |lane| {
+                    if (tiles - 1) * LANES + lane < width { u8::MAX } else { 0 }
+                },
+            )),
             forward: vec![Lanes::ZERO; 3 * disparities],
             spans: vec![Span { from: 0, to: 0, low: 0, high: 0 }; tiles],
             weights: std::array::from_fn(|_| vec![Lanes::ZERO; tiles]),
@@ -283,6 +290,10 @@ impl Scale {
                 tile[padded - PAD..].fill(Lanes::FULL);
             }
         }
+        let last = self.states[2].len() - padded;
+        let last = &mut self.states[2][last..];
+        last[..PAD].fill(self.edge);
+        last[padded - PAD..].fill(self.edge);
     }
 }
 
@@ -338,13 +349,13 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
                 &mut scale.forward,
             );
             if i == 0 {
-                leave(&mut scale.column, before, block.window());
+                leave(&mut scale.column, before, block.window(), Lanes::FULL);
                 before = block.window();
             }
         }
     }
     // Leftwards, from the last column of the image.
-    leave(&mut scale.column, before, (0, 0));
+    leave(&mut scale.column, before, (0, 0), Lanes::FULL);
     before = (0, disparities);
     scale.column[PAD..PAD + disparities].fill(Lanes::ZERO);
     for tile in (0..tiles).rev() {
@@ -371,13 +382,13 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
                 &mut scale.forward,
             );
             if before != block.window() {
-                leave(&mut scale.column, before, block.window());
+                leave(&mut scale.column, before, block.window(), Lanes::FULL);
                 before = block.window();
             }
         }
         turn_blocks(s, merged, n, pitch);
     }
-    leave(&mut scale.column, before, (0, 0));
+    leave(&mut scale.column, before, (0, 0), Lanes::FULL);
 }
 
 /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
@@ -425,6 +436,7 @@ fn advance_row<S: Simd>(
         scale.spans[tile] = Span::new(strip[tile].window(), old, slack);
     }
 
+    let edge = scale.edge;
     let [straight, left, right] = &mut scale.states;
     let [earlier, now] = &mut scale.carry;
     for tile in 0..tiles {
@@ -489,8 +501,9 @@ fn advance_row<S: Simd>(
                 None => (0, disparities),
                 Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
             };
-            for path in &mut paths {
-                leave(path.state, old, block.window());
+            for (path, sideways) in paths.iter_mut().zip([0, -1, 1]) {
+                let none = if sideways == 1 && tile + 1 == tiles { edge } else { Lanes::FULL };
+                leave(path.state, old, block.window(), none);
             }
         }
         std::mem::swap(earlier, now);
@@ -504,3 +517,6 @@ kernel! {
     fn advance_row_at(scale: &mut Scale, from: Option<usize>, y: usize, last: bool, volumes: &mut Volumes)
         = advance_row
 }
+
+#[cfg(test)]
+mod tests;

@@ -109,7 +109,7 @@ fn figures_are_those_of_the_definition_and_maps_give_them_again() {
     drive(&bench, "set");
     let options = ["--max-disparity", "32", "--out", "out", "--repeat", "2"];
     let report = document(&bench, &[&["set"], &options[..]].concat());
-    assert_eq!((&report["method"], &report["disparities"]), (&"full".into(), &32.into()));
+    assert_eq!((&report["method"], &report["disparities"]), (&"fast".into(), &32.into()));
     assert!(report["workspace_bytes"].as_u64() > Some(100_000));
     let set = &report["sets"][0];
     let rows = set["rows"].as_array().unwrap();

@@ -8,6 +8,7 @@ pub mod mpv;
 pub mod pyramid;
 pub mod scale;
 pub mod speckle;
+pub mod trust;
 pub mod viterbi;
 pub mod winner;
 

@@ -9,6 +9,7 @@ use super::median::Median;
 use super::pyramid::{double, half_size, halve};
 use super::scale::{PathParameters, Scale, Volumes};
 use super::speckle::{SpeckleFilter, SpeckleParameters};
+use super::trust::Trust;
 use super::winner::{Winner, WinnerParameters};
 use super::{DisparityView, MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
@@ -102,6 +103,8 @@ pub struct Mpv {
     stages: Vec<Stage>,
     volumes: Volumes,
     median: Median,
+    trust: Trust,
+    least_confidence: u8,
     fill: Fill,
     complete: bool,
     /// Nodes that the last pair took.
@@ -188,7 +191,14 @@ impl Mpv {
                 SpeckleParameters { least_pixels: COARSE_SPECKLE, ..parameters.speckle }
             };
             stages.push(Stage {
-                winner: Winner::new(parameters.winner, level, w),
+                winner: Winner::new(
+                    WinnerParameters {
+                        least_confidence: if i == finest { 0 } else { parameters.winner.least_confidence },
+                        ..parameters.winner
+                    },
+                    level,
+                    w,
+                ),
                 speckle: SpeckleFilter::new(speckle, w, h),
                 left: vec![0; kept],
                 right: vec![0; kept],
@@ -209,6 +219,8 @@ impl Mpv {
             stages,
             volumes: Volumes::new(vectors),
             median: Median::new(level, width),
+            trust: Trust::new(level, width),
+            least_confidence: parameters.winner.least_confidence,
             fill: Fill::new(parameters.bridge, width),
             complete: parameters.complete,
             nodes: 0,
@@ -327,6 +339,14 @@ impl Matcher for Mpv {
                 return Ok(times);
             }
             if i == finest {
+                self.trust.apply(confidence);
+                for (disparity, confidence) in disparity.iter_mut().zip(confidence.iter_mut()) {
+                    // Alone in doubt, but not gone: only an unknown pixel has none at all.
+                    *confidence = (*confidence).max(1);
+                    if *confidence < self.least_confidence {
+                        *disparity = 0;
+                    }
+                }
                 self.median.apply(disparity);
             }
             stage.speckle.apply(disparity);
@@ -361,7 +381,7 @@ impl Matcher for Mpv {
                     + s.confidence.len()
             })
             .sum();
-        self.volumes.bytes() + self.median.bytes() + stages
+        self.volumes.bytes() + self.median.bytes() + self.trust.bytes() + stages
     }
 }
 

@@ -106,10 +106,8 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
             edge_percent: whole(c.edge_percent),
         },
         slopes: c.slopes,
-        winner: WinnerParameters {
-            left_right_px: whole(c.left_right_px),
-            least_confidence: whole(c.confidence_min),
-        },
+        winner: WinnerParameters { left_right_px: whole(c.left_right_px), ..default.winner },
+        least_confidence: whole(c.confidence_min),
         speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
         bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },
         complete: c.fill,

@@ -10,7 +10,7 @@
 //!
 //! because its denominator is a product of one factor per image: no division inside the loop over
 //! disparities. Luminance is left out on purpose: two cameras differ in gain.
-//! The cost is `38·(1 − s) + 2·min(|∂L − ∂R|, limit)`, rounded, 0 to 100 for a limit of 12.
+//! The cost is `38·(1 − s) + 2·min(|∂L − ∂R|, limit)`, rounded, 0 to 92 for a limit of 8.
 //!
 //! With N = 25 pixels, sums S over the window and the right image less 128 (which changes no
 //! covariance and keeps sums small), `N²·cov = N·ΣLR − S_L·S_R`, so that
@@ -54,7 +54,7 @@ pub struct CostParameters {
 
 impl Default for CostParameters {
     fn default() -> Self {
-        Self { k2: 0.08, gradient_limit: 12 }
+        Self { k2: 0.03, gradient_limit: 8 }
     }
 }
 

@@ -14,7 +14,7 @@ pub struct BridgeParameters {
 
 impl Default for BridgeParameters {
     fn default() -> Self {
-        Self { widest_px: 100, step: 5 * 256 }
+        Self { widest_px: 24, step: 5 * 256 }
     }
 }
 

@@ -53,6 +53,9 @@ pub struct MpvParameters {
     pub slopes: bool,
     /// How the winner is chosen and checked.
     pub winner: WinnerParameters,
+    /// Estimates of less confidence are unknown; at the finest scale it is that of the
+    /// neighbourhood.
+    pub least_confidence: u8,
     /// Which small islands are removed.
     pub speckle: SpeckleParameters,
     /// Which holes are bridged.
@@ -68,6 +71,7 @@ impl Default for MpvParameters {
             paths: PathParameters::default(),
             slopes: true,
             winner: WinnerParameters::default(),
+            least_confidence: 105,
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,
@@ -190,15 +194,11 @@ impl Mpv {
             } else {
                 SpeckleParameters { least_pixels: COARSE_SPECKLE, ..parameters.speckle }
             };
+            // The finest scale asks the neighbourhood, which is known only later.
+            let least_confidence = if i == finest { 0 } else { parameters.least_confidence };
+            let winner = WinnerParameters { least_confidence, ..parameters.winner };
             stages.push(Stage {
-                winner: Winner::new(
-                    WinnerParameters {
-                        least_confidence: if i == finest { 0 } else { parameters.winner.least_confidence },
-                        ..parameters.winner
-                    },
-                    level,
-                    w,
-                ),
+                winner: Winner::new(winner, level, w),
                 speckle: SpeckleFilter::new(speckle, w, h),
                 left: vec![0; kept],
                 right: vec![0; kept],
@@ -220,7 +220,7 @@ impl Mpv {
             volumes: Volumes::new(vectors),
             median: Median::new(level, width),
             trust: Trust::new(level, width),
-            least_confidence: parameters.winner.least_confidence,
+            least_confidence: parameters.least_confidence,
             fill: Fill::new(parameters.bridge, width),
             complete: parameters.complete,
             nodes: 0,

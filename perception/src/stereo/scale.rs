@@ -36,13 +36,13 @@ pub struct PathParameters {
 impl Default for PathParameters {
     fn default() -> Self {
         Self {
-            lambda_horizontal: 13,
-            lambda_vertical: 6,
+            lambda_horizontal: 6,
+            lambda_vertical: 8,
             lambda_diagonal: 20,
             truncation_horizontal: 12,
-            truncation_other: 75,
+            truncation_other: 60,
             edge_levels: 20,
-            edge_percent: 100,
+            edge_percent: 85,
         }
     }
 }

@@ -11,7 +11,7 @@ pub struct SpeckleParameters {
 
 impl Default for SpeckleParameters {
     fn default() -> Self {
-        Self { least_pixels: 200, step: 256 }
+        Self { least_pixels: 100, step: 256 }
     }
 }
 

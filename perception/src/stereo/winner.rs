@@ -16,7 +16,7 @@ pub struct WinnerParameters {
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 2, least_confidence: 0 }
+        Self { left_right_px: 1, least_confidence: 0 }
     }
 }
 

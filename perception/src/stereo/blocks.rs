@@ -260,7 +260,7 @@ impl Blocks {
                 *cell = (cell.0 + step, cell.1 + 1);
             }
         };
-        // Every other row tells enough.
+        // Every third row tells enough.
         for y in (0..height).step_by(2) {
             let row = coarse.row(y);
             for x in 0..width.saturating_sub(SLOPE_BASE) {

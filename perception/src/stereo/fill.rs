@@ -59,8 +59,8 @@ impl Fill {
         let height = disparity.len() / width;
         for y in 1..height {
             let mut x = 0;
-            while let Some(hole) = disparity[y * width + x..(y + 1) * width].iter().position(|&d| d == 0) {
-                x += hole;
+            while let Some(hole) = next_zero(&disparity[y * width..(y + 1) * width], x) {
+                x = hole;
                 let above = (y - 1) * width + x;
                 let a = disparity[above];
                 if a > 0 {
@@ -145,10 +145,22 @@ fn between(a: u16, b: u16, part: usize, whole: usize) -> u16 {
     (a + (b - a) * part as i64 / whole as i64).max(1) as u16
 }
 
+/// The first zero of a row from `from` on. Most chunks have none, and a whole one is told at once.
+fn next_zero(row: &[u16], from: usize) -> Option<usize> {
+    let mut start = from;
+    for chunk in row[from..].chunks(32) {
+        if chunk.iter().fold(false, |any, &d| any | (d == 0)) {
+            return chunk.iter().position(|&d| d == 0).map(|i| start + i);
+        }
+        start += chunk.len();
+    }
+    None
+}
+
 /// Calls `hole` for each stretch of zeros in a row.
 fn for_holes(row: &mut [u16], mut hole: impl FnMut(&mut [u16], usize, usize)) {
     let mut x = 0;
-    while let Some(start) = row[x..].iter().position(|&d| d == 0).map(|i| x + i) {
+    while let Some(start) = next_zero(row, x) {
         let end = row[start..].iter().position(|&d| d > 0).map_or(row.len(), |i| start + i);
         hole(row, start, end);
         x = end;

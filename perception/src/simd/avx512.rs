@@ -1,4 +1,4 @@
-//! AVX-512 with VBMI and VNNI: the bytes as with AVX2 (one instruction where that needs two), the
+//! AVX-512 with BW, VL and VNNI: the bytes as with AVX2 (one instruction where that needs two), the
 //! costs in registers of 512 bits.
 
 use super::avx2::Avx2;
@@ -11,7 +11,7 @@ pub struct Avx512(Avx2);
 
 impl Avx512 {
     /// The token; callers are compiled for these features.
-    #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vbmi,avx512vnni")]
+    #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vnni")]
     #[inline]
     pub(crate) fn new() -> Self {
         Avx512(Avx2::new())

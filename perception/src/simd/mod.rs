@@ -159,7 +159,6 @@ impl Level {
             let avx512 = is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx512vbmi")
                 && is_x86_feature_detected!("avx512vnni");
             if avx2 && avx512 {
                 levels.push(Level(Kind::Avx512));
@@ -195,7 +194,7 @@ macro_rules! kernel {
                 $generic($crate::simd::avx2::Avx2::new(), $($arg),*)
             }
             #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vbmi,avx512vnni")]
+            #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vnni")]
             #[allow(clippy::too_many_arguments)]
             fn avx512($($arg: $type),*) {
                 $generic($crate::simd::avx512::Avx512::new(), $($arg),*)

@@ -260,7 +260,7 @@ impl Blocks {
                 *cell = (cell.0 + step, cell.1 + 1);
             }
         };
-        // Every third row tells enough.
+        // Every other row tells enough.
         for y in (0..height).step_by(2) {
             let row = coarse.row(y);
             for x in 0..width.saturating_sub(SLOPE_BASE) {
@@ -302,7 +302,7 @@ impl Blocks {
 }
 
 /// The window that spans a histogram but for its outliers: at most `widest`, placed where most
-/// lies; the whole range when the histogram is empty.
+/// lies; from 0 on when the histogram is empty.
 fn window(histogram: &[u32], widest: usize, disparities: usize) -> (usize, usize) {
     let total: u32 = histogram.iter().sum();
     if total == 0 {

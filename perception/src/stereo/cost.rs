@@ -10,7 +10,7 @@
 //!
 //! because its denominator is a product of one factor per image: no division inside the loop over
 //! disparities. Luminance is left out on purpose: two cameras differ in gain.
-//! The cost is `38·(1 − s) + 2·min(|∂L − ∂R|, limit)`, rounded, 0 to 92 for a limit of 8.
+//! The cost is `38·(1 − s) + 2·min(|∂L − ∂R|, limit)`, rounded: 0 to 92 for a limit of 8.
 //!
 //! With N = 25 pixels, sums S over the window and the right image less 128 (which changes no
 //! covariance and keeps sums small), `N²·cov = N·ΣLR − S_L·S_R`, so that
@@ -20,14 +20,13 @@
 //! ```
 //!
 //! ΣLR is an exact integer; the rest is three products and a difference in single precision in one
-//! fixed order, so that all levels round alike. The terms are at most 2·10⁴ in a saturated flat
-//! window, so the cost is off by less than 0.01 of a unit before it is rounded.
+//! fixed order, so that all levels round alike. In a flat window both terms reach about 38/K₂² and
+//! nearly cancel, so the cost is off by at most 3·10⁻⁵/K₂² of a unit before it is rounded: 0.03 as
+//! shipped. It stays above −1, where levels would differ, for every K₂ from 0.01 on.
 
 use crate::image::GreyView;
 use crate::simd::{CostConstants, CostRow, LANES, Lanes, Level, Packing, Simd, kernel};
 
-/// The greatest cost of a node.
-pub const MAX_COST: u8 = 100;
 /// Half the window: 5 × 5 pixels.
 pub const RADIUS: usize = 2;
 /// Rows that are prepared at a time: one vector holds a column of them.
@@ -45,7 +44,7 @@ const OVERRUN: usize = 16;
 /// What shapes the matching cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostParameters {
-    /// K₂ of SSIM: how much contrast a window needs to count, as a share of 255.
+    /// K₂ of SSIM: how much contrast a window needs to count, as a share of 255; at least 0.01.
     pub k2: f32,
     /// Gradient differences above this (Sobel/4: grey levels over two pixels) all cost the same;
     /// each level costs two units. 0 leaves the gradient out.
@@ -61,7 +60,7 @@ impl Default for CostParameters {
 impl CostParameters {
     /// N·C, as the whole number that the kernels add.
     fn bias(&self) -> i32 {
-        (AREA * (self.k2 * 255.0).powi(2) / 2.0).round().max(1.0) as i32
+        (AREA * (self.k2.clamp(0.01, 1.0) * 255.0).powi(2) / 2.0).round() as i32
     }
 
     fn constants(&self) -> CostConstants {

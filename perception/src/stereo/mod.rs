@@ -160,8 +160,8 @@ pub trait Matcher {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<u32, MatchError>;
 
-    /// Nodes that the last pair took, over all scales: the paper counts m·n·d for the full range and
-    /// at most 0.3281·m·n·d for three scales.
+    /// Nodes that the last pair took, over all scales that were begun; the paper counts m·n·d for the
+    /// full range and at most 0.3281·m·n·d for three scales.
     fn nodes(&self) -> usize;
 
     /// Bytes of scratch memory that the matcher holds.

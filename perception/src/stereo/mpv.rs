@@ -38,7 +38,7 @@ const COARSE_SPECKLE: u32 = 20;
 pub enum Search {
     /// All disparities of every pixel.
     Full,
-    /// Windows around the coarser map: at most the paper's 0.3281·m·n·d nodes in all.
+    /// Windows around the coarser map: about a quarter of the nodes at most, as in the paper.
     Windows,
 }
 

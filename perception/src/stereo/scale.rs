@@ -17,7 +17,7 @@ use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 /// What shapes the paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathParameters {
-    /// λ of horizontal paths, in units of the cost (0 to 100).
+    /// λ of horizontal paths, in units of the cost (0 to about 100).
     pub lambda_horizontal: u8,
     /// λ of vertical paths.
     pub lambda_vertical: u8,
@@ -158,7 +158,7 @@ impl Scale {
         height: usize,
         disparities: usize,
     ) -> Self {
-        // Four sums of jumps beside the data term: what matters stays below 255.
+        // Three jumps of a sweep add up in one byte.
         let parameters = PathParameters {
             truncation_horizontal: parameters.truncation_horizontal.min(75),
             truncation_other: parameters.truncation_other.min(75),

@@ -87,9 +87,10 @@ impl SpeckleFilter {
                 x += 1;
                 // Most runs are long: 32 pixels that go on are told at once.
                 while let Some(next) = row.get(x - 1..x + 32) {
-                    let breaks = next.iter().zip(&next[1..]).fold(false, |any, (&a, &b)| {
-                        any | (b == 0) | (b.abs_diff(a) > step)
-                    });
+                    let breaks = next
+                        .iter()
+                        .zip(&next[1..])
+                        .fold(false, |any, (&a, &b)| any | (b == 0) | (b.abs_diff(a) > step));
                     if breaks {
                         break;
                     }

@@ -75,8 +75,23 @@ fn kernels(c: &mut Criterion) {
         let weight = Lanes::splat(8);
         group.bench_function("one path, 32 x 64 nodes", |b| {
             b.iter(|| {
-                let state = &mut states[0];
-                single(level, state, &data, &mut out, &weight, 12, 0, span, false, &mut forward);
+                let [old, new, _] = &mut states;
+                let mut least = Lanes::ZERO;
+                single(
+                    level,
+                    old,
+                    &mut least,
+                    new,
+                    &data,
+                    &mut out,
+                    &weight,
+                    12,
+                    0,
+                    span,
+                    false,
+                    &mut forward,
+                );
+                std::mem::swap(old, new);
             });
         });
         group.throughput(Throughput::Elements((3 * n * 32) as u64));

@@ -95,6 +95,12 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn select_equal(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there.
+        unsafe { _mm256_blendv_epi8(no, yes, _mm256_cmpeq_epi8(a, b)) }
+    }
+
+    #[inline(always)]
     fn select_less(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
         // SAFETY: the token exists, so AVX2 is there.
         unsafe {

@@ -68,6 +68,12 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn select_equal(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX-512 BW and VL are there.
+        unsafe { _mm256_mask_blend_epi8(_mm256_cmpeq_epu8_mask(a, b), no, yes) }
+    }
+
+    #[inline(always)]
     fn select_less(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
         // SAFETY: the token exists, so AVX-512 BW and VL are there.
         unsafe { _mm256_mask_blend_epi8(_mm256_cmplt_epu8_mask(a, b), no, yes) }

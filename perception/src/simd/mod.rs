@@ -96,6 +96,8 @@ pub trait Simd: Copy {
     fn sub(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
     /// The mean, a half rounded up.
     fn mean(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// `yes` where `a` = `b`, `no` elsewhere.
+    fn select_equal(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
     /// `yes` where `a` < `b`, `no` elsewhere.
     fn select_less(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
     /// Lane i is lane i − 1 of `own`, lane 0 the last of `left`.

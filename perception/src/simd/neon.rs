@@ -86,6 +86,14 @@ impl Simd for Neon {
     }
 
     #[inline(always)]
+    fn select_equal(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
+        // SAFETY: every AArch64 processor that runs this has NEON.
+        unsafe {
+            [vbslq_u8(vceqq_u8(a[0], b[0]), yes[0], no[0]), vbslq_u8(vceqq_u8(a[1], b[1]), yes[1], no[1])]
+        }
+    }
+
+    #[inline(always)]
     fn select_less(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
         unsafe {

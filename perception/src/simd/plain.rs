@@ -59,6 +59,11 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
+    fn select_equal(self, a: Lanes, b: Lanes, yes: Lanes, no: Lanes) -> Lanes {
+        Lanes(std::array::from_fn(|i| if a.0[i] == b.0[i] { yes.0[i] } else { no.0[i] }))
+    }
+
+    #[inline(always)]
     fn select_less(self, a: Lanes, b: Lanes, yes: Lanes, no: Lanes) -> Lanes {
         Lanes(std::array::from_fn(|i| if a.0[i] < b.0[i] { yes.0[i] } else { no.0[i] }))
     }

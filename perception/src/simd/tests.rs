@@ -13,6 +13,7 @@ fn operations<S: Simd>(s: S, a: &Lanes, b: &Lanes, block: &mut [Lanes], out: &mu
         s.add(x, y),
         s.sub(x, y),
         s.mean(x, y),
+        s.select_equal(x, y, x, s.splat(9)),
         s.select_less(x, y, x, y),
         s.select_less(x, y, y, x),
         s.shift_right(x, y),

@@ -136,8 +136,8 @@ pub struct Scale {
     states: [Vec<Lanes>; 3],
     /// The rightward diagonal's energies of a tile and the one before, before they are replaced.
     carry: [Vec<Lanes>; 2],
-    /// Energies of the column before, padded.
-    column: Vec<Lanes>,
+    /// Energies of the column before and of this one, padded.
+    columns: [Vec<Lanes>; 2],
     /// Zero: where a path starts.
     fresh: Vec<Lanes>,
     /// No node, but where a lane lies beyond the image: there a leftward path starts.
@@ -178,7 +178,7 @@ impl Scale {
             guide: vec![0; (tiles + 2) * LANES * height],
             states: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
             carry: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
-            column: vec![Lanes::FULL; padded],
+            columns: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
             fresh: vec![Lanes::ZERO; padded],
             edge: Lanes(std::array::from_fn(
                 |lane| {
@@ -207,7 +207,7 @@ impl Scale {
     /// Bytes that the workspace holds, the volumes apart.
     pub fn bytes(&self) -> usize {
         let vectors = self.states.iter().chain(&self.carry).chain(&self.weights).map(Vec::len).sum::<usize>()
-            + self.column.len()
+            + 2 * self.columns[0].len()
             + self.fresh.len()
             + self.forward.len()
             + self.column_weights.len();
@@ -319,9 +319,11 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
 
     let disparities = scale.blocks.disparities();
     let truncation = scale.parameters.truncation_horizontal;
+    let [mut old, mut new] = scale.columns.each_mut().map(|column| &mut column[..]);
     // Rightwards.
     let mut before = (0, disparities);
-    scale.column[PAD..PAD + disparities].fill(Lanes::ZERO);
+    let mut least = Lanes::ZERO;
+    old[PAD..PAD + disparities].fill(Lanes::ZERO);
     for tile in 0..tiles {
         let block = scale.blocks.strip(strip)[tile];
         let (n, pitch) = (block.span(), block.pitch());
@@ -336,9 +338,11 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
             if n > 48 && i + 1 < LANES {
                 s.expect(&merged[(i + 1) * pitch..(i + 1) * pitch + n]);
             }
-            single_step(
+            least = single_step(
                 s,
-                &mut scale.column,
+                old,
+                least,
+                new,
                 &costs[i * pitch..i * pitch + n],
                 &mut merged[i * pitch..i * pitch + n],
                 &scale.column_weights[x],
@@ -348,16 +352,18 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
                 false,
                 &mut scale.forward,
             );
-            if i == 0 {
-                leave(&mut scale.column, before, block.window(), Lanes::FULL);
+            if before != block.window() {
+                leave(old, before, block.window(), Lanes::FULL);
+                leave(new, before, block.window(), Lanes::FULL);
                 before = block.window();
             }
+            std::mem::swap(&mut old, &mut new);
         }
     }
     // Leftwards, from the last column of the image.
-    leave(&mut scale.column, before, (0, 0), Lanes::FULL);
     before = (0, disparities);
-    scale.column[PAD..PAD + disparities].fill(Lanes::ZERO);
+    least = Lanes::ZERO;
+    old[PAD..PAD + disparities].fill(Lanes::ZERO);
     for tile in (0..tiles).rev() {
         let block = scale.blocks.strip(strip)[tile];
         let (n, pitch) = (block.span(), block.pitch());
@@ -369,9 +375,11 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
             let x = tile * LANES + i;
             let first = x + 1 == scale.width;
             let slope = if first { 0 } else { slope_step(block.slope_x, x + 1, x) };
-            single_step(
+            least = single_step(
                 s,
-                &mut scale.column,
+                old,
+                least,
+                new,
                 &costs[i * pitch..i * pitch + n],
                 &mut merged[i * pitch..i * pitch + n],
                 &scale.column_weights[if first { x } else { x + 1 }],
@@ -382,13 +390,14 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
                 &mut scale.forward,
             );
             if before != block.window() {
-                leave(&mut scale.column, before, block.window(), Lanes::FULL);
+                leave(old, before, block.window(), Lanes::FULL);
+                leave(new, before, block.window(), Lanes::FULL);
                 before = block.window();
             }
+            std::mem::swap(&mut old, &mut new);
         }
         turn_blocks(s, merged, n, pitch);
     }
-    leave(&mut scale.column, before, (0, 0), Lanes::FULL);
 }
 
 /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.

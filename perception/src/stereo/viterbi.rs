@@ -61,14 +61,21 @@ impl Span {
     }
 }
 
-/// Advances [`crate::simd::LANES`] independent paths by one pixel: `state` (padded energies of the
-/// pixel before) becomes that of this pixel within the window, and `out` gets a copy of the window.
-/// `forward` is scratch of at least the window's length.
+/// Advances [`crate::simd::LANES`] independent paths by one pixel, from `before` (padded energies of
+/// the pixel before, `least` the smallest of each lane) to the window in `after`; returns the least
+/// of that. `out` gets a copy of the window, or with `merge` the smaller of that and what it held.
+/// `half` is scratch of at least the window's length.
+///
+/// A single path would wait for its own last sum, so both sweeps run at once from the two ends: F
+/// and B need only the old energies, and where they have passed each other each meets the other's
+/// stored half.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn single_step<S: Simd>(
     s: S,
-    state: &mut [Lanes],
+    before: &[Lanes],
+    least: Lanes,
+    after: &mut [Lanes],
     data: &[Lanes],
     out: &mut [Lanes],
     weight: &Lanes,
@@ -76,44 +83,79 @@ pub(super) fn single_step<S: Simd>(
     slope: i8,
     span: Span,
     merge: bool,
-    forward: &mut [Lanes],
-) {
+    half: &mut [Lanes],
+) -> Lanes {
     let n = span.high - span.low;
-    let (data, out, forward) = (&data[..n], &mut out[..n], &mut forward[..n]);
-    let before = span.read(state, slope);
-    let (below, rest) = before.split_at(span.low - span.from);
+    let (data, out, half) = (&data[..n], &mut out[..n], &mut half[..n]);
+    let (below, rest) = span.read(before, slope).split_at(span.low - span.from);
     let (inside, above) = rest.split_at(n);
+    let after = &mut span.window(after)[..n];
     let weight = s.load(weight);
     let limit = s.splat(truncation);
     let none = s.splat(u8::MAX);
+    let least = s.load(&least);
 
-    let (mut least, mut energy) = (none, none);
+    let (mut up, mut down) = (none, none);
     for node in below {
-        let node = s.load(node);
-        least = s.min(least, node);
-        energy = s.min(node, s.add(energy, weight));
+        up = s.min(s.load(node), s.add(up, weight));
     }
-    for (node, target) in inside.iter().zip(forward.iter_mut()) {
-        let node = s.load(node);
-        least = s.min(least, node);
-        energy = s.min(node, s.add(energy, weight));
-        s.store(energy, target);
-    }
-    energy = none;
     for node in above.iter().rev() {
-        let node = s.load(node);
-        least = s.min(least, node);
-        energy = s.min(node, s.add(energy, weight));
+        down = s.min(s.load(node), s.add(down, weight));
     }
-    let window = span.window(state);
-    for i in (0..n).rev() {
-        energy = s.min(s.load(&forward[i]), s.add(energy, weight));
-        let jump = s.min(s.sub(energy, least), limit);
-        let total = s.add(s.load(&data[i]), jump);
-        s.store(total, &mut window[i]);
-        let kept = if merge { s.min(total, s.load(&out[i])) } else { total };
-        s.store(kept, &mut out[i]);
+    let middle = n / 2;
+    for i in 0..middle {
+        let j = n - 1 - i;
+        up = s.min(s.load(&inside[i]), s.add(up, weight));
+        down = s.min(s.load(&inside[j]), s.add(down, weight));
+        s.store(up, &mut half[i]);
+        s.store(down, &mut half[j]);
     }
+    let mut lowest = none;
+    macro_rules! finish {
+        ($i:expr, $energy:expr) => {
+            let jump = s.min(s.sub($energy, least), limit);
+            let total = s.add(s.load(&data[$i]), jump);
+            lowest = s.min(lowest, total);
+            s.store(total, &mut after[$i]);
+            let kept = if merge { s.min(total, s.load(&out[$i])) } else { total };
+            s.store(kept, &mut out[$i]);
+        };
+    }
+    if n % 2 == 1 {
+        up = s.min(s.load(&inside[middle]), s.add(up, weight));
+        down = s.min(s.load(&inside[middle]), s.add(down, weight));
+        finish!(middle, s.min(up, down));
+    }
+    for k in 0..middle {
+        let (i, j) = (n - middle + k, middle - 1 - k);
+        up = s.min(s.load(&inside[i]), s.add(up, weight));
+        down = s.min(s.load(&inside[j]), s.add(down, weight));
+        finish!(i, s.min(up, s.load(&half[i])));
+        finish!(j, s.min(down, s.load(&half[j])));
+    }
+    let mut result = Lanes::ZERO;
+    s.store(lowest, &mut result);
+    result
+}
+
+/// [`single_step`] for [`kernel!`], whose functions return nothing.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn single_alone<S: Simd>(
+    s: S,
+    before: &[Lanes],
+    least: &mut Lanes,
+    after: &mut [Lanes],
+    data: &[Lanes],
+    out: &mut [Lanes],
+    weight: &Lanes,
+    truncation: u8,
+    slope: i8,
+    span: Span,
+    merge: bool,
+    half: &mut [Lanes],
+) {
+    *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
 }
 
 /// The paths of one direction through a tile, for [`triple_step`].
@@ -231,7 +273,9 @@ pub(super) fn triple_step<S: Simd>(
 kernel! {
     /// [`single_step`] at a level: advances horizontal paths of 32 rows by one column.
     pub fn single(
-        state: &mut [Lanes],
+        before: &[Lanes],
+        least: &mut Lanes,
+        after: &mut [Lanes],
         data: &[Lanes],
         out: &mut [Lanes],
         weight: &Lanes,
@@ -239,8 +283,8 @@ kernel! {
         slope: i8,
         span: Span,
         merge: bool,
-        forward: &mut [Lanes],
-    ) = single_step
+        half: &mut [Lanes],
+    ) = single_alone
 }
 
 kernel! {
@@ -352,9 +396,16 @@ mod tests {
                 let mut scratch = vec![Lanes::ZERO; 3 * n];
                 let mut copies = states.clone();
                 let mut out = vec![Lanes::ZERO; n];
+                let mut least = Lanes(std::array::from_fn(|lane| {
+                    column(&states[0], before, lane).iter().map(|&(_, e)| e).min().unwrap()
+                }));
+                let first_least = least;
+                let mut after = vec![Lanes::FULL; disparities + 2 * PAD];
                 single(
                     level,
-                    &mut copies[0],
+                    &copies[0],
+                    &mut least,
+                    &mut after,
                     &data,
                     &mut out,
                     &weights[0],
@@ -364,24 +415,29 @@ mod tests {
                     false,
                     &mut scratch,
                 );
+                copies[0] = after;
+                for lane in 0..LANES {
+                    assert_eq!(least.0[lane], out.iter().map(|l| l.0[lane]).min().unwrap());
+                }
                 for lane in 0..LANES {
                     let got: Vec<u8> = out.iter().map(|l| l.0[lane]).collect();
                     assert_eq!(got, expected[0][lane], "single, lane {lane}, {}", level.name());
                 }
                 assert_eq!(copies[0][PAD + window.0..PAD + window.1], out[..]);
                 let mut merged = other.clone();
-                let mut state = states[0].clone();
-                let span_0 = Span::new(window, before, 1);
-                let (weight, slope) = (&weights[0], slopes[0]);
+                let mut least = first_least;
+                let mut after = vec![Lanes::FULL; disparities + 2 * PAD];
                 single(
                     level,
-                    &mut state,
+                    &states[0],
+                    &mut least,
+                    &mut after,
                     &data,
                     &mut merged,
-                    weight,
+                    &weights[0],
                     truncation,
-                    slope,
-                    span_0,
+                    slopes[0],
+                    Span::new(window, before, 1),
                     true,
                     &mut scratch,
                 );
@@ -432,17 +488,19 @@ mod tests {
     fn a_fresh_path_takes_the_data_term() {
         let data: Vec<Lanes> = (0..9).map(Lanes::splat).collect();
         let mut out = vec![Lanes::ZERO; 9];
-        let mut state = vec![Lanes::ZERO; 9 + 2 * PAD];
-        let span = Span::new((0, 9), (0, 9), 0);
+        let fresh = vec![Lanes::ZERO; 9 + 2 * PAD];
+        let mut after = fresh.clone();
         single(
             Level::best(),
-            &mut state,
+            &fresh,
+            &mut Lanes::ZERO.clone(),
+            &mut after,
             &data,
             &mut out,
             &Lanes::splat(4),
             38,
             0,
-            span,
+            Span::new((0, 9), (0, 9), 0),
             false,
             &mut vec![Lanes::ZERO; 9],
         );

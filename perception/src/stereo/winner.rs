@@ -35,25 +35,29 @@ pub(crate) struct Winners {
 
 #[inline(always)]
 fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
-    let (zero, one, two) = (s.splat(0), s.splat(1), s.splat(2));
+    let (zero, one) = (s.splat(0), s.splat(1));
     let none = s.splat(u8::MAX);
     let mut best = none;
     let mut place = zero;
-    for (k, node) in nodes.iter().enumerate() {
+    let mut here = zero;
+    for node in nodes {
         let node = s.load(node);
-        place = s.select_less(node, best, s.splat(k as u8), place);
+        place = s.select_less(node, best, here, place);
         best = s.min(node, best);
+        here = s.add(here, one);
     }
     // The winner's neighbours, where it has both, and the best node further away.
+    let (left, right) = (s.sub(place, one), s.add(place, one));
     let (mut before, mut after, mut second) = (best, best, none);
-    for (k, node) in nodes.iter().enumerate() {
+    let mut here = zero;
+    for node in nodes {
         let node = s.load(node);
-        let here = s.splat(k as u8);
-        let (below, above) = (s.sub(place, here), s.sub(here, place));
-        let far = s.select_less(one, s.max(below, above), node, none);
-        second = s.min(second, far);
-        before = s.select_less(below, two, s.select_less(zero, below, node, before), before);
-        after = s.select_less(above, two, s.select_less(zero, above, node, after), after);
+        before = s.select_equal(here, left, node, before);
+        after = s.select_equal(here, right, node, after);
+        let far = s.select_equal(here, place, none, node);
+        let far = s.select_equal(here, left, none, far);
+        second = s.min(second, s.select_equal(here, right, none, far));
+        here = s.add(here, one);
     }
     let margin = s.sub(second, best);
     let confidence = s.add(s.add(margin, margin), s.mean(margin, zero));

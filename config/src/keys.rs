@@ -82,7 +82,7 @@ pub const KEYS: &[Key] = &[
     key(
         "stereo.budget_ms",
         Number(0.0, 10_000.0),
-        "A frame that takes longer is given at the finest scale reached; 0 always finishes.",
+        "A frame that takes longer is given at the finest scale reached; looked at every 32 rows, so not to the millisecond. 0 always finishes.",
     ),
     key("stereo.ssim_k2", Number(0.01, 0.5), "SSIM constant K₂: more ignores weak texture."),
     key(

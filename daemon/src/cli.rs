@@ -191,7 +191,7 @@ pub struct Disparity {
     pub out: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Disparities searched, in px [default: stereo.disparities]
+    /// How many disparities are searched, from 0 px on [default: stereo.disparities]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
     pub max_disparity: Option<u16>,
     /// Milliseconds after which the finest scale reached is given [default: stereo.budget_ms]

@@ -31,14 +31,12 @@ pub unsafe extern "C" fn peer_run(
     else {
         return 1;
     };
-    // SAFETY: the caller promises so many values.
-    let (left, right, out) = unsafe {
-        (
-            std::slice::from_raw_parts(left, w * h),
-            std::slice::from_raw_parts(right, w * h),
-            std::slice::from_raw_parts_mut(disparity, w * h),
-        )
-    };
+    if Mpv::check(w, h, d).is_err() || left.is_null() || right.is_null() || disparity.is_null() {
+        return 1;
+    }
+    // SAFETY: none is null, the size is sound, and the caller promises so many values.
+    let (left, right) =
+        unsafe { (std::slice::from_raw_parts(left, w * h), std::slice::from_raw_parts(right, w * h)) };
     let (Ok(left), Ok(right)) = (GreyView::new(left, w, h, w), GreyView::new(right, w, h, w)) else {
         return 2;
     };
@@ -54,8 +52,10 @@ pub unsafe extern "C" fn peer_run(
     if matcher.compute(left, right, output).is_err() {
         return 6;
     }
-    for (out, &d) in out.iter_mut().zip(map.iter()) {
-        *out = if d == 0 { -1.0 } else { f32::from(d) / 256.0 };
+    for (i, &d) in map.iter().enumerate() {
+        let value = if d == 0 { -1.0 } else { f32::from(d) / 256.0 };
+        // SAFETY: the caller promises room for `map.len()` values, which need not be initialised.
+        unsafe { disparity.add(i).write(value) };
     }
     0
 }

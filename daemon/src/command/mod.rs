@@ -131,7 +131,6 @@ fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError>
     let wrong = |setting: &str| {
         CommandError::Other(format!("--set {setting}: give TABLE.KEY=VALUE, as in stereo.lambda_vertical=8"))
     };
-    let mut text = String::new();
     let mut document =
         toml::Table::try_from(&config).map_err(|error| CommandError::Other(error.to_string()))?;
     for setting in settings {
@@ -147,8 +146,7 @@ fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError>
         let table = entry.as_table_mut().ok_or_else(|| wrong(setting))?;
         table.insert(key.to_owned(), value);
     }
-    text.push_str(&document.to_string());
-    Ok(config::parse(&text, std::path::Path::new("--set"))?)
+    Ok(config::parse(&document.to_string(), std::path::Path::new("--set"))?)
 }
 
 fn stage(role: &str) -> Result<(), CommandError> {

@@ -157,8 +157,9 @@ impl Simd for Avx2 {
     ) {
         // 36 columns are used, five vectors of eight cover them.
         const COLUMNS: usize = LANES + 8;
-        let Some(high) = out.len().checked_sub(1).map(|last| low + last) else { return };
-        assert!(at >= high);
+        let Some(last) = out.len().checked_sub(1) else { return };
+        assert!(low.checked_add(last).is_some_and(|high| at >= high));
+        assert!(at - low <= right.gradient.len());
         for (l, r) in left.words.iter().zip(right.words) {
             assert!(l.len() >= COLUMNS && r.len() >= at - low + COLUMNS);
         }

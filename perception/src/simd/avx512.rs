@@ -106,8 +106,9 @@ impl Simd for Avx512 {
     ) {
         // 36 columns are used, three vectors of sixteen cover them.
         const COLUMNS: usize = LANES + 16;
-        let Some(high) = out.len().checked_sub(1).map(|last| low + last) else { return };
-        assert!(at >= high);
+        let Some(last) = out.len().checked_sub(1) else { return };
+        assert!(low.checked_add(last).is_some_and(|high| at >= high));
+        assert!(at - low <= right.gradient.len());
         for (l, r) in [(left.words[0], right.words[0]), (left.words[2], right.words[2])] {
             assert!(l.len() >= COLUMNS && r.len() >= at - low + COLUMNS);
         }

@@ -187,15 +187,22 @@ impl Blocks {
         if let Some((widest, vectors)) = windows {
             self.seed(coarse);
             let mut widest = widest.next_multiple_of(GRAIN);
-            loop {
+            self.set_windows(coarse.width(), coarse.height(), widest);
+            self.lay_out();
+            if self.vectors() > vectors {
+                // Too much in all: the widest give way, and are placed anew where most lies.
+                while widest > GRAIN && self.vectors_within(widest) > vectors {
+                    widest -= GRAIN;
+                }
                 self.set_windows(coarse.width(), coarse.height(), widest);
                 self.lay_out();
-                if self.vectors() <= vectors || widest <= GRAIN {
-                    break;
-                }
-                widest -= GRAIN;
             }
         }
+    }
+
+    /// Vectors that the blocks would take with windows of at most `widest`.
+    fn vectors_within(&self, widest: usize) -> usize {
+        self.list.iter().map(|block| pitch(block.span().min(widest)) * BLOCK).sum()
     }
 
     /// The coarser map in whole disparities of this scale; holes get the smaller of their row's
@@ -203,14 +210,15 @@ impl Blocks {
     fn seed(&mut self, coarse: DisparityView<'_>) {
         let width = coarse.width();
         self.seeds.resize(width * coarse.height(), 0);
-        let most = self.disparities.saturating_sub(1).min(255) as u16;
+        let most = self.disparities.saturating_sub(1).min(255) as u32;
+        let whole = |d: u16| ((u32::from(d) + 64) >> 7).min(most).max(1) as u8;
         for (y, seeds) in self.seeds.chunks_exact_mut(width).enumerate() {
             let row = coarse.row(y);
             let mut x = 0;
             let mut before = 0_u8;
             while x < width {
                 if row[x] > 0 {
-                    before = ((row[x] + 64) >> 7).min(most).max(1) as u8;
+                    before = whole(row[x]);
                     seeds[x] = before;
                     x += 1;
                     continue;
@@ -219,7 +227,7 @@ impl Blocks {
                 while x < width && row[x] == 0 {
                     x += 1;
                 }
-                let after = if x < width { ((row[x] + 64) >> 7).min(most).max(1) as u8 } else { before };
+                let after = if x < width { whole(row[x]) } else { before };
                 let farther = if before == 0 { after } else { before.min(after) };
                 seeds[hole..x].fill(farther);
             }
@@ -314,7 +322,7 @@ fn window(histogram: &[u32], widest: usize, disparities: usize) -> (usize, usize
     let last = end(bins().rev(), skipped) as i32;
     let need = ((last - first + 2 * MARGIN + 1) as usize).next_multiple_of(GRAIN);
     let span = need.min(widest).min(disparities);
-    let inner = span as i32 - 2 * MARGIN;
+    let inner = (span as i32 - 2 * MARGIN).max(1);
     let middle_twice = if last - first < inner {
         first + last
     } else {

@@ -312,7 +312,7 @@ impl CostStrip {
     pub fn tile(&self, x: usize, low: usize, disparities: usize, pitch: usize, out: &mut [Lanes]) {
         assert!(disparities <= pitch);
         assert_eq!(out.len(), STRIP * pitch);
-        assert!(low + disparities <= self.right.lead + 1);
+        assert!(low.checked_add(disparities).is_some_and(|end| end <= self.right.lead + 1));
         score_tile_at(self.level, self, x, low, disparities, pitch, out);
     }
 }

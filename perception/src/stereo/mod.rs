@@ -147,7 +147,7 @@ pub trait Matcher {
     ) -> Result<(), MatchError>;
 
     /// As [`Self::compute`], but gives up the scale it works on once `go_on` says no (it is asked
-    /// every few rows) and returns the one before, enlarged. The coarsest scale is always finished.
+    /// every 32 rows of all but the coarsest scale) and returns the one before, enlarged. The coarsest scale is always finished.
     /// Returns how often the result was halved: 0 is the full resolution.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use super::blocks::BLOCK;
 use super::cost::CostParameters;
 use super::fill::{BridgeParameters, Fill};
 use super::median::Median;
-use super::pyramid::{double, half_size, halve};
+use super::pyramid::{Coarse, double, half_size, halve};
 use super::scale::{PathParameters, Scale, Volumes};
 use super::speckle::{SpeckleFilter, SpeckleParameters};
 use super::trust::Trust;
@@ -111,6 +111,8 @@ pub struct Mpv {
     least_confidence: u8,
     fill: Fill,
     complete: bool,
+    /// The greatest disparity in 1/256 px.
+    most: u16,
     /// Nodes that the last pair took.
     nodes: usize,
 }
@@ -223,6 +225,7 @@ impl Mpv {
             least_confidence: parameters.least_confidence,
             fill: Fill::new(parameters.bridge, width),
             complete: parameters.complete,
+            most: ((disparities - 1) * 256) as u16,
             nodes: 0,
         })
     }
@@ -230,6 +233,26 @@ impl Mpv {
     /// The hardware level that the kernels run on.
     pub fn level(&self) -> Level {
         self.level
+    }
+
+    /// From winners to the map that is given: doubt from the neighbourhood, outliers, islands, holes.
+    fn finish(&mut self, left: GreyView<'_>, output: MatchOutput<'_>) {
+        let MatchOutput { disparity, confidence } = output;
+        self.trust.apply(confidence);
+        for (disparity, confidence) in disparity.iter_mut().zip(confidence.iter_mut()) {
+            // Alone in doubt, but not gone: only an unknown pixel has none at all.
+            *confidence = (*confidence).max(1);
+            *disparity = if *confidence < self.least_confidence { 0 } else { *disparity };
+        }
+        self.median.apply(disparity);
+        if let Some(finest) = self.stages.last_mut() {
+            finest.speckle.apply(disparity);
+        }
+        forget(disparity, confidence);
+        self.fill.bridge(disparity, confidence);
+        if self.complete {
+            self.fill.complete(left, disparity, confidence);
+        }
     }
 
     /// Halves the pair down to the coarsest scale.
@@ -250,6 +273,13 @@ impl Mpv {
                 }
             }
         }
+    }
+}
+
+/// Takes the confidence of what is unknown.
+fn forget(disparity: &[u16], confidence: &mut [u8]) {
+    for (confidence, &disparity) in confidence.iter_mut().zip(disparity) {
+        *confidence = if disparity == 0 { 0 } else { *confidence };
     }
 }
 
@@ -302,7 +332,7 @@ impl Matcher for Mpv {
                 );
             }
             self.nodes += stage.scale.blocks.nodes();
-            let (left, right, disparity, confidence) = if i == finest {
+            let (l, r, disparity, confidence) = if i == finest {
                 (left, right, &mut *output.disparity, &mut *output.confidence)
             } else {
                 let view = |pixels| GreyView::new(pixels, width, height, width);
@@ -315,51 +345,24 @@ impl Matcher for Mpv {
             // The coarsest map is always finished.
             let mut unhurried = || true;
             let hurry: &mut dyn FnMut() -> bool = if i == 0 { &mut unhurried } else { &mut *go_on };
-            let done =
-                stage.scale.solve(left, right, &mut self.volumes, hurry, |y, blocks, row, energies| {
-                    let pixels = y * width..(y + 1) * width;
-                    winner.row(
-                        blocks,
-                        row,
-                        energies,
-                        &mut disparity[pixels.clone()],
-                        &mut confidence[pixels],
-                    );
-                });
+            let done = stage.scale.solve(l, r, &mut self.volumes, hurry, |y, blocks, row, energies| {
+                let pixels = y * width..(y + 1) * width;
+                let (disparity, confidence) = (&mut disparity[pixels.clone()], &mut confidence[pixels]);
+                winner.row(blocks, row, energies, disparity, confidence);
+            });
             if !done {
                 let (coarse, times) = (&self.stages[i - 1], (finest + 1 - i) as u32);
-                double(
-                    &coarse.disparity,
-                    &coarse.confidence,
-                    times,
-                    self.width,
-                    output.disparity,
-                    output.confidence,
-                );
+                let map = Coarse { disparity: &coarse.disparity, confidence: &coarse.confidence, times };
+                double(map, self.width, self.most, output.disparity, output.confidence);
+                self.finish(left, output);
                 return Ok(times);
             }
-            if i == finest {
-                self.trust.apply(confidence);
-                for (disparity, confidence) in disparity.iter_mut().zip(confidence.iter_mut()) {
-                    // Alone in doubt, but not gone: only an unknown pixel has none at all.
-                    *confidence = (*confidence).max(1);
-                    if *confidence < self.least_confidence {
-                        *disparity = 0;
-                    }
-                }
-                self.median.apply(disparity);
-            }
-            stage.speckle.apply(disparity);
-            for (confidence, &disparity) in confidence.iter_mut().zip(disparity.iter()) {
-                *confidence = if disparity == 0 { 0 } else { *confidence };
-            }
-            if i == finest {
-                self.fill.bridge(disparity, confidence);
-                if self.complete {
-                    self.fill.complete(left, disparity, confidence);
-                }
+            if i < finest {
+                stage.speckle.apply(disparity);
+                forget(disparity, confidence);
             }
         }
+        self.finish(left, output);
         Ok(0)
     }
 

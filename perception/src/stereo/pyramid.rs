@@ -33,16 +33,21 @@ pub fn halve(level: Level, image: GreyView<'_>, out: &mut [u8]) {
     }
 }
 
-/// Writes a map of half the scale, `times` halved, to one of `width` columns: each value for all
-/// the pixels that it stands for, disparities doubled `times` times.
-pub fn double(
-    coarse: &[u16],
-    coarse_confidence: &[u8],
-    times: u32,
-    width: usize,
-    disparity: &mut [u16],
-    confidence: &mut [u8],
-) {
+/// A map `times` halved, with its confidences.
+#[derive(Clone, Copy, Debug)]
+pub struct Coarse<'a> {
+    /// Disparities in 1/256 px of its own scale.
+    pub disparity: &'a [u16],
+    /// Their confidences.
+    pub confidence: &'a [u8],
+    /// How often it was halved.
+    pub times: u32,
+}
+
+/// Writes a coarse map to one of `width` columns: each value for all the pixels that it stands for,
+/// disparities doubled as often as it was halved and at most `most`.
+pub fn double(coarse: Coarse<'_>, width: usize, most: u16, disparity: &mut [u16], confidence: &mut [u8]) {
+    let times = coarse.times;
     let coarse_width = (0..times).fold(width, |w, _| w.div_ceil(2));
     for (y, (disparity, confidence)) in
         disparity.chunks_exact_mut(width).zip(confidence.chunks_exact_mut(width)).enumerate()
@@ -50,8 +55,8 @@ pub fn double(
         let at = (y >> times) * coarse_width;
         for (x, (d, c)) in disparity.iter_mut().zip(confidence).enumerate() {
             let from = at + (x >> times);
-            *d = (u32::from(coarse[from]) << times).min(u32::from(u16::MAX)) as u16;
-            *c = coarse_confidence[from];
+            *d = (u32::from(coarse.disparity[from]) << times).min(u32::from(most)) as u16;
+            *c = coarse.confidence[from];
         }
     }
 }
@@ -74,9 +79,11 @@ mod tests {
     #[test]
     fn doubling_repeats_and_scales() {
         let (mut disparity, mut confidence) = (vec![9; 15], vec![9; 15]);
-        double(&[100, 0, 300, 40_000, 5, 6], &[1, 0, 3, 4, 5, 6], 1, 5, &mut disparity, &mut confidence);
+        let coarse =
+            Coarse { disparity: &[100, 0, 300, 40_000, 5, 6], confidence: &[1, 0, 3, 4, 5, 6], times: 1 };
+        double(coarse, 5, 60_000, &mut disparity, &mut confidence);
         assert_eq!(disparity[..5], [200, 200, 0, 0, 600]);
-        assert_eq!(disparity[10..], [u16::MAX, u16::MAX, 10, 10, 12]);
+        assert_eq!(disparity[10..], [60_000, 60_000, 10, 10, 12]);
         assert_eq!(confidence[10..], [4, 4, 5, 5, 6]);
     }
 }

@@ -10,7 +10,7 @@
 
 use super::blocks::{Block, Blocks};
 use super::cost::{CostParameters, CostStrip, STRIP};
-use super::viterbi::{PAD, Paths, Span, single_step, triple_step};
+use super::viterbi::{NEAR, PAD, Paths, Span, single_step, triple_step};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
@@ -335,7 +335,7 @@ fn horizontal_layer<S: Simd>(s: S, scale: &mut Scale, strip: usize, volumes: &mu
         for i in 0..LANES {
             let x = tile * LANES + i;
             let slope = if x == 0 { 0 } else { slope_step(block.slope_x, x - 1, x) };
-            if n > 48 && i + 1 < LANES {
+            if n > NEAR && i + 1 < LANES {
                 s.expect(&merged[(i + 1) * pitch..(i + 1) * pitch + n]);
             }
             least = single_step(
@@ -459,7 +459,7 @@ fn advance_row<S: Simd>(
         }
         let (right_here, right_next) = right[place.start..].split_at_mut(padded);
         let slopes = steps(block);
-        if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= 48) {
+        if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= NEAR) {
             // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
             let at = next.at + y % STRIP * next.pitch();
             s.expect(&volumes.merged[at..at + next.span()]);

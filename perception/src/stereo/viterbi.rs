@@ -22,6 +22,9 @@ use crate::simd::{Lanes, Simd, kernel};
 /// Nodes that do not exist on either side of a state, so that a slope step needs no test.
 pub const PAD: usize = 2;
 
+/// Wider windows have their data fetched ahead node by node, narrower ones block by block.
+pub(super) const NEAR: usize = 48;
+
 /// Nodes that a step visits, as places in a padded state: disparity + [`PAD`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
@@ -233,7 +236,7 @@ pub(super) fn triple_step<S: Simd>(
             s.store(energy[0], &mut forward_a[i]);
             s.store(energy[1], &mut forward_b[i]);
             s.store(energy[2], &mut forward_c[i]);
-            if n > 48 {
+            if n > NEAR {
                 s.expect(std::slice::from_ref(&data[n - 1 - i]));
                 s.expect(std::slice::from_ref(&out[n - 1 - i]));
             }

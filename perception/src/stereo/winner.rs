@@ -150,7 +150,8 @@ impl Winner {
         let pixels = disparity.iter_mut().zip(confidence).zip(&self.place).enumerate();
         for (x, ((disparity, confidence), &place)) in pixels {
             let seen = u8::MAX - self.right[LEAD + x - usize::from(place)] as u8;
-            let kept = usize::from(place) <= x && seen.abs_diff(place) <= most && *confidence >= least;
+            let kept =
+                place > 0 && usize::from(place) <= x && seen.abs_diff(place) <= most && *confidence >= least;
             *disparity = if kept { *disparity } else { 0 };
             *confidence = if kept { *confidence } else { 0 };
         }

@@ -161,7 +161,7 @@ fn single_alone<S: Simd>(
     *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
 }
 
-/// The paths of one direction through a tile, for [`triple_step`].
+/// The paths of one direction through a tile, for [`triple`].
 #[derive(Debug)]
 pub struct Paths<'a> {
     /// Padded energies of the row before; becomes those of this row.
@@ -274,7 +274,7 @@ pub(super) fn triple_step<S: Simd>(
 }
 
 kernel! {
-    /// [`single_step`] at a level: advances horizontal paths of 32 rows by one column.
+    /// Advances horizontal paths of 32 rows by one column.
     pub fn single(
         before: &[Lanes],
         least: &mut Lanes,
@@ -291,7 +291,8 @@ kernel! {
 }
 
 kernel! {
-    /// [`triple_step`] at a level.
+    /// Advances the vertical and both diagonal paths of a tile by one row; with `last`, `out` becomes
+    /// the final energy.
     pub fn triple(
         paths: &mut [Paths<'_>; 3],
         data: &[Lanes],

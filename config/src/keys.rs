@@ -84,6 +84,11 @@ pub const KEYS: &[Key] = &[
         Number(0.0, 10_000.0),
         "A frame that takes longer is given at the finest scale reached; looked at every 32 rows, so not to the millisecond. 0 always finishes.",
     ),
+    key(
+        "stereo.threads",
+        Whole(1, 64),
+        "Threads of the matcher; the maps are the same for any number. A stage pinned to one core gains nothing from more.",
+    ),
     key("stereo.ssim_k2", Number(0.01, 0.5), "SSIM constant K₂: more ignores weak texture."),
     key(
         "stereo.gradient_limit",

@@ -52,6 +52,7 @@ pub struct Stereo {
     pub method: String,
     pub disparities: i64,
     pub budget_ms: f64,
+    pub threads: i64,
     pub ssim_k2: f64,
     pub gradient_limit: i64,
     pub lambda_horizontal: i64,

@@ -6,6 +6,7 @@ use lookout_perception::image::GreyImage;
 use lookout_perception::simd::{Lanes, Level};
 use lookout_perception::stereo::blocks::Block;
 use lookout_perception::stereo::cost::{CostParameters, CostStrip, STRIP};
+use lookout_perception::stereo::energy::EnergyRow;
 use lookout_perception::stereo::fill::{BridgeParameters, Fill};
 use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
@@ -111,7 +112,7 @@ fn kernels(c: &mut Criterion) {
         let mut winner = Winner::new(WinnerParameters::default(), level, 640);
         let (mut disparity, mut confidence) = (vec![0; 640], vec![0; 640]);
         group.bench_function("winners of a row, 640 x 64 nodes", |b| {
-            b.iter(|| winner.row(&blocks, 3, &energies, &mut disparity, &mut confidence));
+            b.iter(|| winner.row(EnergyRow::new(3, &blocks, &energies, 0), &mut disparity, &mut confidence));
         });
 
         group.throughput(Throughput::Elements(640 * 480));

@@ -6,12 +6,12 @@ use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Searc
 use std::sync::Mutex;
 
 /// The last matcher with what it was made for, as a program calls with the same size many times.
-type Kept = Option<((i32, i32, i32, i32), Mpv, Vec<u16>, Vec<u8>)>;
+type Kept = Option<([i32; 5], Mpv, Vec<u16>, Vec<u8>)>;
 static MATCHER: Mutex<Kept> = Mutex::new(None);
 
 /// Matches one pair of `width` × `height` grey images for disparities below `disparities` and
 /// writes disparities in px to `disparity`, −1 where there is none. Variant 0 is the fast search,
-/// 1 the full one. Returns 0 when done.
+/// 1 the full one; `threads` share the work. Returns 0 when done.
 ///
 /// # Safety
 /// The images and the map must hold `width` × `height` values.
@@ -23,7 +23,7 @@ pub unsafe extern "C" fn peer_run(
     height: i32,
     disparities: i32,
     variant: i32,
-    _threads: i32,
+    threads: i32,
     disparity: *mut f32,
 ) -> i32 {
     let (Ok(w), Ok(h), Ok(d)) =
@@ -41,10 +41,12 @@ pub unsafe extern "C" fn peer_run(
         return 2;
     };
     let Ok(mut kept) = MATCHER.lock() else { return 3 };
-    let asked = (width, height, disparities, variant);
+    let asked = [width, height, disparities, variant, threads];
     if kept.as_ref().is_none_or(|(made_for, ..)| *made_for != asked) {
+        let threads = usize::try_from(threads).unwrap_or(1).clamp(1, 64);
+        let parameters = MpvParameters { threads, ..MpvParameters::default() };
         let search = if variant == 1 { Search::Full } else { Search::Windows };
-        let Ok(matcher) = Mpv::new(MpvParameters::default(), search, w, h, d) else { return 4 };
+        let Ok(matcher) = Mpv::new(parameters, search, w, h, d) else { return 4 };
         *kept = Some((asked, matcher, vec![0; w * h], vec![0; w * h]));
     }
     let Some((_, matcher, map, confidence)) = kept.as_mut() else { return 5 };

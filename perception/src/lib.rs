@@ -1,7 +1,7 @@
 //! The algorithms of lookout: dense stereo, road model, obstacle regions, recognition and tracking.
 //!
-//! Nothing here reads a file, a clock or the environment, starts a thread or talks to another
-//! process. Every algorithm takes views of caller-owned images, writes into caller-owned outputs
+//! Nothing here reads a file, a clock or the environment or talks to another process; threads are
+//! started only by a matcher that was asked for several. Every algorithm takes views of caller-owned images, writes into caller-owned outputs
 //! and keeps its scratch memory in a workspace that is allocated once.
 
 pub mod image;

@@ -111,6 +111,7 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
         speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
         bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },
         complete: c.fill,
+        threads: whole(c.threads),
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod blocks;
 pub mod cost;
+pub mod energy;
 pub mod fill;
 pub mod median;
 pub mod mpv;
@@ -11,6 +12,7 @@ pub mod speckle;
 pub mod trust;
 pub mod viterbi;
 pub mod winner;
+mod worker;
 
 use crate::image::GreyView;
 use thiserror::Error;

@@ -4,10 +4,11 @@
 
 use super::blocks::BLOCK;
 use super::cost::CostParameters;
+use super::energy::{EnergyRow, Volumes};
 use super::fill::{BridgeParameters, Fill};
 use super::median::Median;
 use super::pyramid::{Coarse, double, half_size, halve};
-use super::scale::{PathParameters, Scale, Volumes};
+use super::scale::{PathParameters, Scale};
 use super::speckle::{SpeckleFilter, SpeckleParameters};
 use super::trust::Trust;
 use super::winner::{Winner, WinnerParameters};
@@ -62,6 +63,8 @@ pub struct MpvParameters {
     pub bridge: BridgeParameters,
     /// Whether all holes that remain are filled, too.
     pub complete: bool,
+    /// Threads that share the work: 1 starts none. The result is the same for any number.
+    pub threads: usize,
 }
 
 impl Default for MpvParameters {
@@ -75,6 +78,7 @@ impl Default for MpvParameters {
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,
+            threads: 1,
         }
     }
 }
@@ -83,7 +87,8 @@ impl Default for MpvParameters {
 #[derive(Debug)]
 struct Stage {
     scale: Scale,
-    winner: Winner,
+    /// For the upper and the lower part of the image.
+    winners: [Winner; 2],
     speckle: SpeckleFilter,
     /// The pair at this scale; empty at the finest, which uses the caller's.
     left: Vec<u8>,
@@ -181,7 +186,7 @@ impl Mpv {
         let finest = sizes.len() - 1;
         let mut stages: Vec<Stage> = Vec::with_capacity(sizes.len());
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
-            let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d);
+            let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
             let everything = i == 0 || (i == finest && search == Search::Full);
             let rows = scale.blocks.tiles() * scale.blocks.strips() * BLOCK;
             // A quarter of the range, as the paper has it, and half of it one scale up.
@@ -200,7 +205,7 @@ impl Mpv {
             let least_confidence = if i == finest { 0 } else { parameters.least_confidence };
             let winner = WinnerParameters { least_confidence, ..parameters.winner };
             stages.push(Stage {
-                winner: Winner::new(winner, level, w),
+                winners: std::array::from_fn(|_| Winner::new(winner, level, w)),
                 speckle: SpeckleFilter::new(speckle, w, h),
                 left: vec![0; kept],
                 right: vec![0; kept],
@@ -341,15 +346,22 @@ impl Matcher for Mpv {
                     _ => continue,
                 }
             };
-            let winner = &mut stage.winner;
+            let [above, below] = &mut stage.winners;
+            let cut = stage.scale.middle() * width;
+            let (upper_disparity, lower_disparity) = disparity.split_at_mut(cut);
+            let (upper_confidence, lower_confidence) = confidence.split_at_mut(cut);
+            let upper = |row: EnergyRow<'_>| {
+                let pixels = row.y * width..(row.y + 1) * width;
+                above.row(row, &mut upper_disparity[pixels.clone()], &mut upper_confidence[pixels]);
+            };
+            let lower = |row: EnergyRow<'_>| {
+                let pixels = row.y * width - cut..(row.y + 1) * width - cut;
+                below.row(row, &mut lower_disparity[pixels.clone()], &mut lower_confidence[pixels]);
+            };
             // The coarsest map is always finished.
             let mut unhurried = || true;
             let hurry: &mut dyn FnMut() -> bool = if i == 0 { &mut unhurried } else { &mut *go_on };
-            let done = stage.scale.solve(l, r, &mut self.volumes, hurry, |y, blocks, row, energies| {
-                let pixels = y * width..(y + 1) * width;
-                let (disparity, confidence) = (&mut disparity[pixels.clone()], &mut confidence[pixels]);
-                winner.row(blocks, row, energies, disparity, confidence);
-            });
+            let done = stage.scale.solve(l, r, &mut self.volumes, hurry, upper, lower);
             if !done {
                 let (coarse, times) = (&self.stages[i - 1], (finest + 1 - i) as u32);
                 let map = Coarse { disparity: &coarse.disparity, confidence: &coarse.confidence, times };
@@ -376,7 +388,7 @@ impl Matcher for Mpv {
             .iter()
             .map(|s| {
                 s.scale.bytes()
-                    + s.winner.bytes()
+                    + s.winners.iter().map(Winner::bytes).sum::<usize>()
                     + s.speckle.bytes()
                     + s.left.len()
                     + s.right.len()

@@ -1,7 +1,7 @@
 //! From energies to a disparity: the winner, its sub-pixel place, the left-right check and the
 //! confidence.
 
-use super::blocks::Block;
+use super::energy::EnergyRow;
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// How the winner of a pixel is chosen and trusted.
@@ -115,23 +115,14 @@ impl Winner {
         self.place.len() + 2 * self.right.len()
     }
 
-    /// Takes row `row` of the `blocks` and writes its disparities in 1/256 px (0 = unknown:
-    /// left-right check failed, outside the right view, or at infinity) and confidences.
-    pub fn row(
-        &mut self,
-        blocks: &[Block],
-        row: usize,
-        energies: &[Lanes],
-        disparity: &mut [u16],
-        confidence: &mut [u8],
-    ) {
+    /// Takes a row of energies and writes its disparities in 1/256 px (0 = unknown: left-right check
+    /// failed, outside the right view, or at infinity) and confidences.
+    pub fn row(&mut self, row: EnergyRow<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
         let zero = Lanes::ZERO;
         let mut winners = Winners { place: zero, energy: zero, confidence: zero, disparity: [0; LANES] };
         self.right.fill(u16::MAX);
-        for (tile, block) in blocks.iter().enumerate() {
-            let at = block.at + row * block.pitch();
-            let nodes = &energies[at..at + block.span()];
-            pick_winners(self.level, nodes, block.low, &mut winners);
+        for (tile, block) in row.blocks.iter().enumerate() {
+            pick_winners(self.level, row.nodes(tile), block.low, &mut winners);
             let x = tile * LANES;
             let inside = LANES.min(self.width - x);
             disparity[x..x + inside].copy_from_slice(&winners.disparity[..inside]);
@@ -160,6 +151,7 @@ impl Winner {
 
 #[cfg(test)]
 mod tests {
+    use super::super::blocks::Block;
     use super::*;
 
     /// A row whose pixel x has its least energy at `truth[x]`, in windows of `n` from `low` on.
@@ -180,7 +172,7 @@ mod tests {
         let mut results = Level::available().into_iter().map(|level| {
             let mut winner = Winner::new(WinnerParameters::default(), level, truth.len());
             let (mut disparity, mut confidence) = (vec![1; truth.len()], vec![1; truth.len()]);
-            winner.row(&blocks, 0, &nodes, &mut disparity, &mut confidence);
+            winner.row(EnergyRow::new(0, &blocks, &nodes, 0), &mut disparity, &mut confidence);
             (disparity, confidence)
         });
         let plain = results.next().unwrap();

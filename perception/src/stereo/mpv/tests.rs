@@ -94,6 +94,13 @@ fn levels_agree_and_no_size_panics() {
                     level.name()
                 );
             }
+            for threads in [2, 3, 7] {
+                let parameters = MpvParameters { complete: i % 3 == 0, threads, ..MpvParameters::default() };
+                let mut matcher = Mpv::new(parameters, search, width, height, disparities).unwrap();
+                for _ in 0..2 {
+                    assert!(compute(&mut matcher, &pair) == results[0].1, "{threads} threads differ");
+                }
+            }
             let (disparity, confidence) = &results[0].1;
             for (d, c) in disparity.iter().zip(confidence) {
                 assert!(usize::from(*d) <= disparities * 256);

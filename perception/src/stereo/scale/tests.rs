@@ -1,7 +1,10 @@
 //! The solver against the definition: every path by brute force, node by node.
 
+use super::super::blocks::Block;
 use super::super::cost::CostParameters;
+use super::super::cost::CostStrip;
 use super::super::viterbi::step_brute_force;
+use super::super::worker::slope_step;
 use super::*;
 use crate::image::GreyImage;
 
@@ -135,12 +138,13 @@ fn final_energies_equal_brute_force_at_every_level() {
         let cost = CostParameters::default();
         let mut expected: Option<Vec<Nodes>> = None;
         let seed = random.u64(..);
-        for level in Level::available() {
-            let mut scale = Scale::new(cost, parameters, level, width, height, disparities);
+        let levels = Level::available().into_iter();
+        for (level, threads) in levels.flat_map(|level| [1, 2, 3].map(|threads| (level, threads))) {
+            let mut scale = Scale::new(cost, parameters, level, width, height, disparities, threads);
             if round > 0 {
                 // Windows and slopes of all kinds, the same for all levels.
                 let mut random = fastrand::Rng::with_seed(seed);
-                scale.blocks.set_all(|block| {
+                scale.blocks.set_all(|block: &mut Block| {
                     block.low = random.usize(0..disparities);
                     block.high = random.usize(block.low + 1..=disparities);
                     block.slope_x = random.i32(-128..=128);
@@ -151,25 +155,21 @@ fn final_energies_equal_brute_force_at_every_level() {
             let mut got: Vec<Nodes> = vec![Vec::new(); width * height];
             // Twice, as the first run must leave nothing behind.
             for _ in 0..2 {
-                let done = scale.solve(
-                    left.view(),
-                    right.view(),
-                    &mut volumes,
-                    &mut || true,
-                    |y, blocks, row, energies| {
-                        for x in 0..width {
-                            let block = blocks[x / LANES];
-                            let at = block.at + row * block.pitch();
-                            got[y * width + x] = (0..block.span())
-                                .map(|d| (block.low + d, energies[at + d].0[x % LANES]))
-                                .collect();
-                        }
-                    },
-                );
+                let got_rows = std::sync::Mutex::new(&mut got);
+                let take = |row: EnergyRow<'_>| {
+                    let mut got = got_rows.lock().unwrap();
+                    for x in 0..width {
+                        let low = row.blocks[x / LANES].low;
+                        let nodes = row.nodes(x / LANES).iter().enumerate();
+                        got[row.y * width + x] = nodes.map(|(d, e)| (low + d, e.0[x % LANES])).collect();
+                    }
+                };
+                let (l, r) = (left.view(), right.view());
+                let done = scale.solve(l, r, &mut volumes, &mut || true, take, take);
                 assert!(done);
                 let expected = expected.get_or_insert_with(|| brute_force(&scale, &left, &right));
                 for (i, (got, expected)) in got.iter().zip(expected.iter()).enumerate() {
-                    assert_eq!(got, expected, "pixel {i} of {width}x{height}, {}", level.name());
+                    assert_eq!(got, expected, "pixel {i} of {width}x{height}, {} on {threads}", level.name());
                 }
             }
         }

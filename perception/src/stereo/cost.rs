@@ -177,15 +177,19 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
     let [sums, squares] = &mut plane.sums;
     sums.fill(0);
     squares.fill(0);
-    for row in plane.grey.chunks_exact(columns).take(SIZE - 1) {
-        add_row(sums, squares, row);
+    // The first window's rows; then one comes and one goes.
+    for row in plane.grey.chunks_exact(columns).take(SIZE) {
+        slide(sums, squares, row, &[]);
     }
     let constant = SIZE as i32 * SIZE as i32 * bias;
     let scale_factor = (AREA * STRUCTURE).sqrt();
     let mean_factor = STRUCTURE.sqrt();
     let shift = (SIZE * SIZE) as i32 * plane.offset;
     for y in 0..STRIP {
-        add_row(sums, squares, &plane.grey[(y + SIZE - 1) * columns..(y + SIZE) * columns]);
+        if y > 0 {
+            let row = |i: usize| &plane.grey[i * columns..(i + 1) * columns];
+            slide(sums, squares, row(y + SIZE - 1), row(y - 1));
+        }
         let scale = &mut plane.scale[y * columns..y * columns + used];
         let mean = &mut plane.mean[y * columns..y * columns + used];
         let (columns_1, columns_2) = (&sums[..used + SIZE - 1], &squares[..used + SIZE - 1]);
@@ -201,12 +205,6 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
             scale[x] = norm * scale_factor;
             mean[x] = (total - shift) as f32 * (norm * mean_factor);
         }
-        let removed = &plane.grey[y * columns..(y + 1) * columns];
-        for ((sum, square), &v) in sums.iter_mut().zip(squares.iter_mut()).zip(removed) {
-            let v = i32::from(v);
-            *sum -= v;
-            *square -= v * v;
-        }
         let row = |i: usize| &plane.grey[i * columns..(i + 1) * columns];
         let (above, here, below) = (row(y + RADIUS - 1), row(y + RADIUS), row(y + RADIUS + 1));
         let gradient = &mut plane.gradient[y * columns..y * columns + used];
@@ -218,12 +216,21 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
     }
 }
 
+/// Adds a row to the column sums and takes another away; an empty one counts as zeros.
 #[inline(always)]
-fn add_row(sums: &mut [i32], squares: &mut [i32], row: &[u8]) {
-    for ((sum, square), &v) in sums.iter_mut().zip(squares).zip(row) {
-        let v = i32::from(v);
-        *sum += v;
-        *square += v * v;
+fn slide(sums: &mut [i32], squares: &mut [i32], added: &[u8], removed: &[u8]) {
+    if removed.is_empty() {
+        for ((sum, square), &v) in sums.iter_mut().zip(squares).zip(added) {
+            let v = i32::from(v);
+            *sum += v;
+            *square += v * v;
+        }
+        return;
+    }
+    for (((sum, square), &a), &r) in sums.iter_mut().zip(squares).zip(added).zip(removed) {
+        let (a, r) = (i32::from(a), i32::from(r));
+        *sum += a - r;
+        *square += a * a - r * r;
     }
 }
 

@@ -5,9 +5,17 @@ use lookout_perception::image::GreyView;
 use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::sync::Mutex;
 
-/// The last matcher with what it was made for, as a program calls with the same size many times.
-type Kept = Option<([i32; 5], Mpv, Vec<u16>, Vec<u8>)>;
-static MATCHER: Mutex<Kept> = Mutex::new(None);
+/// Matchers with what they were made for, as a program calls with the same sizes many times.
+static MATCHERS: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
+/// So many are kept, the last used ones.
+const MOST_KEPT: usize = 2;
+
+struct Kept {
+    made_for: [i32; 5],
+    matcher: Mpv,
+    disparity: Vec<u16>,
+    confidence: Vec<u8>,
+}
 
 /// Matches one pair of `width` × `height` grey images for disparities below `disparities` and
 /// writes disparities in px to `disparity`, −1 where there is none. Variant 0 is the fast search,
@@ -40,16 +48,23 @@ pub unsafe extern "C" fn peer_run(
     let (Ok(left), Ok(right)) = (GreyView::new(left, w, h, w), GreyView::new(right, w, h, w)) else {
         return 2;
     };
-    let Ok(mut kept) = MATCHER.lock() else { return 3 };
+    let Ok(mut kept) = MATCHERS.lock() else { return 3 };
     let asked = [width, height, disparities, variant, threads];
-    if kept.as_ref().is_none_or(|(made_for, ..)| *made_for != asked) {
-        let threads = usize::try_from(threads).unwrap_or(1).clamp(1, 64);
-        let parameters = MpvParameters { threads, ..MpvParameters::default() };
-        let search = if variant == 1 { Search::Full } else { Search::Windows };
-        let Ok(matcher) = Mpv::new(parameters, search, w, h, d) else { return 4 };
-        *kept = Some((asked, matcher, vec![0; w * h], vec![0; w * h]));
+    match kept.iter().position(|kept| kept.made_for == asked) {
+        Some(place) => kept[place..].rotate_left(1),
+        None => {
+            let threads = usize::try_from(threads).unwrap_or(1).clamp(1, 64);
+            let parameters = MpvParameters { threads, ..MpvParameters::default() };
+            let search = if variant == 1 { Search::Full } else { Search::Windows };
+            let Ok(matcher) = Mpv::new(parameters, search, w, h, d) else { return 4 };
+            if kept.len() == MOST_KEPT {
+                kept.remove(0);
+            }
+            let (disparity, confidence) = (vec![0; w * h], vec![0; w * h]);
+            kept.push(Kept { made_for: asked, matcher, disparity, confidence });
+        }
     }
-    let Some((_, matcher, map, confidence)) = kept.as_mut() else { return 5 };
+    let Some(Kept { matcher, disparity: map, confidence, .. }) = kept.last_mut() else { return 5 };
     let output = MatchOutput { disparity: map, confidence };
     if matcher.compute(left, right, output).is_err() {
         return 6;

@@ -101,6 +101,35 @@ fn one_pair_gives_disparity_and_obstacles() {
 }
 
 #[test]
+fn methods_threads_and_budgets_of_the_matcher() {
+    let bench = Bench::new();
+    bench.record("drive", 1);
+    let pair = ["drive/left/000000.png", "drive/right/000000.png"];
+    let figures = |out: &str, options: &[&str]| -> serde_json::Value {
+        let args = [&["disparity", pair[0], pair[1], "-o", out, "--json"], options].concat();
+        serde_json::from_str(&bench.ok(&args)).expect("the output is JSON")
+    };
+    let full = figures("full.png", &["--method", "full"]);
+    let fast = figures("fast.png", &[]);
+    assert_eq!((&full["method"], &fast["method"]), (&"full".into(), &"fast".into()));
+    assert_eq!((&full["scale"], &fast["scale"]), (&1.into(), &1.into()));
+    // The full range is visited whole, and the coarser scales on top; the fast search far less.
+    assert!(full["nodes_share"].as_f64().unwrap() > 1.0, "{full}");
+    assert!(fast["nodes_share"].as_f64().unwrap() < 0.3281, "{fast}");
+    assert!(fast["workspace_bytes"].as_u64() < full["workspace_bytes"].as_u64());
+
+    figures("three.png", &["--set", "stereo.threads=3"]);
+    let bytes = |name: &str| std::fs::read(bench.path(name)).unwrap();
+    assert!(bytes("three.png") == bytes("fast.png"), "threads change nothing");
+    let hurried = figures("hurried.png", &["--budget-ms", "0.000001"]);
+    assert_eq!(hurried["scale"], 4, "{hurried}");
+    assert!(hurried["density"].as_f64().unwrap() > 0.3, "{hurried}");
+    let filled = figures("filled.png", &["--set", "stereo.fill=true"]);
+    assert!(filled["density"].as_f64().unwrap() > fast["density"].as_f64().unwrap());
+    assert_eq!(filled["density"], 1.0, "{filled}");
+}
+
+#[test]
 fn a_cascade_labels_what_it_recognises() {
     let Some(cascades) = shared_data("cascades") else { return };
     let Some(kitti) = shared_data("kitti_sequence_1") else { return };

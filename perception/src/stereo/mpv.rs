@@ -14,7 +14,7 @@ use super::trust::Trust;
 use super::winner::{Winner, WinnerParameters};
 use super::{DisparityView, MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
-use crate::simd::Level;
+use crate::simd::{LANES, Level};
 
 /// The least width and height of a pair.
 pub const LEAST_SIZE: usize = 8;
@@ -188,10 +188,10 @@ impl Mpv {
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
             let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
             let everything = i == 0 || (i == finest && search == Search::Full);
-            let rows = scale.blocks.tiles() * scale.blocks.strips() * BLOCK;
-            // A quarter of the range, as the paper has it, and half of it one scale up.
-            let share = (disparities / 4).max(BLOCK / 2).min(d);
-            let vectors = if everything { scale.blocks.vectors() } else { rows * share };
+            // A quarter of the range at the finest scale, as the paper has it, and of half the scale
+            // before it; a little less, so that all three stay within 0.3281.
+            let quarter = w * h * disparities * 24 / 100 / LANES;
+            let vectors = if everything { scale.blocks.vectors() } else { quarter };
             if let Some(coarser) = stages.last() {
                 scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
             }

@@ -141,9 +141,20 @@ fn usage_errors_have_code_2() {
         &["replay", "x", "--fps", "0"],
         &["replay", "x", "--fps", "10", "--lockstep"],
         &["disparity", "a", "b", "-o", "c", "--max-disparity", "1000"],
+        &["disparity", "a", "b", "-o", "c", "--budget-ms", "nan"],
+        &["disparity", "a", "b", "-o", "c", "--budget-ms=-1"],
         &["no-such-word"],
     ] {
         assert_eq!(bench.run(args).status.code(), Some(2), "{args:?}");
+    }
+    // Keys set on the command line are checked like those of a file.
+    for (setting, expected) in [
+        ("stereo.lamda_vertical=3", "did you mean lambda_vertical?"),
+        ("stereo.threads=0", "give a whole number from 1 to 64"),
+        ("threads", "give TABLE.KEY=VALUE"),
+    ] {
+        let error = bench.fails(&["disparity", "a", "b", "-o", "c", "--set", setting]);
+        assert!(error.contains(expected), "{error}");
     }
     assert_eq!(bench.run(&["stage", "stereo"]).status.code(), Some(1));
 }

@@ -195,7 +195,7 @@ pub struct Disparity {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
     pub max_disparity: Option<u16>,
     /// Milliseconds after which the finest scale reached is given [default: stereo.budget_ms]
-    #[arg(long, value_name = "MS")]
+    #[arg(long, value_name = "MS", value_parser = milliseconds)]
     pub budget_ms: Option<f64>,
     /// Matcher [default: stereo.method]
     #[arg(long, value_enum)]
@@ -330,6 +330,10 @@ pub struct CheckConfig {
 
 fn seconds(text: &str) -> Result<f64, String> {
     number(text, 0.5, 86_400.0)
+}
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 10_000.0)
 }
 
 fn fps(text: &str) -> Result<f64, String> {

@@ -64,6 +64,11 @@ fn in_lockstep_no_frame_is_lost_to_a_kill() {
             "200",
             "--out",
             "results",
+            // Slow enough that the kill comes before the last frame.
+            "--set",
+            "stereo.method=full",
+            "--set",
+            "stereo.disparities=255",
         ]);
         let status = bench.status_when(|s| s["frames"].as_u64().unwrap() >= 1);
         send(pid_of(&status, role), "KILL");

@@ -67,7 +67,8 @@ impl Block {
     }
 }
 
-fn pitch(span: usize) -> usize {
+/// See [`Block::pitch`].
+pub(super) fn pitch(span: usize) -> usize {
     if span.is_multiple_of(32) { span + 2 } else { span }
 }
 

@@ -12,7 +12,7 @@ use super::blocks::Blocks;
 use super::cost::{CostParameters, STRIP};
 use super::energy::{EnergyRow, Volumes};
 use super::viterbi::PAD;
-use super::worker::{Worker, advance_row_at, horizontal_layer_at};
+use super::worker::{Sums, Worker, advance_row_at, horizontal_layer_at};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level};
 
@@ -204,18 +204,20 @@ impl Scale {
             }
             worker.cost.start(pair.0, pair.1, strip * STRIP);
             horizontal_layer_at(self.level, self, worker, strip, merged, energies, 0);
+            let mut sums = Sums::Keep(energies);
             for y in strip * STRIP..((strip + 1) * STRIP).min(self.height) {
-                advance_row_at(self.level, self, worker, y.checked_sub(1), y, false, merged, energies, 0);
+                advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, &mut sums, 0);
             }
         }
         worker.start_paths(self.edge);
+        let mut sums = Sums::Finish(energies);
         for y in (0..self.height).rev() {
             if y % STRIP == 0 && !go_on() {
                 return false;
             }
             let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, true, merged, energies, 0);
-            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), energies, 0);
+            advance_row_at(self.level, self, worker, from, y, merged, &mut sums, 0);
+            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), &worker.finished);
             if y < self.middle() { upper(row) } else { lower(row) }
         }
         true
@@ -272,30 +274,36 @@ impl Scale {
         let (middle, cut) = (self.middle(), start(strips / 2));
         let merged = &volumes.merged[..];
         let (above, below) = volumes.energies.split_at_mut(cut);
-        let descend = |worker: &mut Worker, y: usize, last, energies: &mut [Lanes], base| {
-            advance_row_at(self.level, self, worker, y.checked_sub(1), y, last, merged, energies, base);
+        let descend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
+            advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, sums, base);
         };
-        let ascend = |worker: &mut Worker, y: usize, last, energies: &mut [Lanes], base| {
+        let ascend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
             let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, last, merged, energies, base);
+            advance_row_at(self.level, self, worker, from, y, merged, sums, base);
         };
         std::thread::scope(|scope| {
-            scope.spawn(|| (0..middle).for_each(|y| descend(down, y, false, above, 0)));
-            (middle..self.height).rev().for_each(|y| ascend(up, y, false, below, cut));
+            scope.spawn(|| {
+                let mut sums = Sums::Keep(above);
+                (0..middle).for_each(|y| descend(down, y, &mut sums, 0));
+            });
+            let mut sums = Sums::Keep(below);
+            (middle..self.height).rev().for_each(|y| ascend(up, y, &mut sums, cut));
         });
         if !go_on() {
             return false;
         }
         std::thread::scope(|scope| {
             scope.spawn(|| {
+                let mut sums = Sums::Finish(below);
                 for y in middle..self.height {
-                    descend(down, y, true, below, cut);
-                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), below, cut));
+                    descend(down, y, &mut sums, cut);
+                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), &down.finished));
                 }
             });
+            let mut sums = Sums::Finish(above);
             for y in (0..middle).rev() {
-                ascend(up, y, true, above, 0);
-                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), above, 0));
+                ascend(up, y, &mut sums, 0);
+                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), &up.finished));
             }
         });
         true

@@ -161,34 +161,38 @@ fn single_alone<S: Simd>(
     *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
 }
 
-/// The paths of one direction through a tile, for [`triple`].
+/// The energies of the three paths through a tile, padded.
 #[derive(Debug)]
-pub struct Paths<'a> {
-    /// Padded energies of the row before; becomes those of this row.
-    pub state: &'a mut [Lanes],
-    /// The padded energies, a row before, of the tile that the paths come from sideways.
-    pub beside: &'a [Lanes],
-    /// Edge weight of each lane.
-    pub weight: Lanes,
-    /// Slope step.
-    pub slope: i8,
+pub struct Energies<'a> {
+    /// Of the straight paths: those of the row before, which become those of this row.
+    pub straight: &'a mut [Lanes],
+    /// Of the paths that come from the right: as `straight`.
+    pub right: &'a mut [Lanes],
+    /// A row before, of the tile on the right.
+    pub right_beside: &'a [Lanes],
+    /// Of the paths that come from the left, a row before, of this tile and of the one on the left.
+    /// The latter is read after this tile was written, so these have two buffers.
+    pub left: [&'a [Lanes]; 2],
+    /// Gets those of this row.
+    pub left_after: &'a mut [Lanes],
 }
 
 /// Advances the vertical paths and both diagonal ones of a tile by one row, and sums up what their
-/// jumps cost. `paths` are: straight, coming from the left, coming from the right.
+/// jumps cost. Weights and slope steps are of the paths straight, from the left, from the right.
 ///
-/// With `last` false, `out` gets the sum. With `last` true, `out` already holds the sum of the
-/// other sweep and becomes the final energy, `data` + both sums.
+/// `out` gets the sum; with that of the `other` sweep, the final energy: `data` + both sums.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn triple_step<S: Simd>(
     s: S,
-    paths: &mut [Paths<'_>; 3],
+    energies: &mut Energies<'_>,
+    weights: [&Lanes; 3],
+    slopes: [i8; 3],
     data: &[Lanes],
+    other: Option<&[Lanes]>,
     out: &mut [Lanes],
     truncation: u8,
     span: Span,
-    last: bool,
     forward: &mut [Lanes],
 ) {
     let n = span.high - span.low;
@@ -198,17 +202,16 @@ pub(super) fn triple_step<S: Simd>(
     let forward_c = &mut rest[..n];
     let limit = s.splat(truncation);
     let none = s.splat(u8::MAX);
-    let [straight, left, right] = paths;
-    let weight = [s.load(&straight.weight), s.load(&left.weight), s.load(&right.weight)];
+    let weight = [s.load(weights[0]), s.load(weights[1]), s.load(weights[2])];
     let mut least = [none; 3];
     let mut energy = [none; 3];
     {
         let all = span.to - span.from;
-        let a = &span.read(straight.state, straight.slope)[..all];
-        let b = &span.read(left.state, left.slope)[..all];
-        let b_beside = &span.read(left.beside, left.slope)[..all];
-        let c = &span.read(right.state, right.slope)[..all];
-        let c_beside = &span.read(right.beside, right.slope)[..all];
+        let a = &span.read(energies.straight, slopes[0])[..all];
+        let b = &span.read(energies.left[0], slopes[1])[..all];
+        let b_beside = &span.read(energies.left[1], slopes[1])[..all];
+        let c = &span.read(energies.right, slopes[2])[..all];
+        let c_beside = &span.read(energies.right_beside, slopes[2])[..all];
         // A macro, as vectors that pass through a closure leave their registers.
         macro_rules! read {
             ($i:expr) => {
@@ -238,7 +241,10 @@ pub(super) fn triple_step<S: Simd>(
             s.store(energy[2], &mut forward_c[i]);
             if n > NEAR {
                 s.expect(std::slice::from_ref(&data[n - 1 - i]));
-                s.expect(std::slice::from_ref(&out[n - 1 - i]));
+                match other {
+                    Some(other) => s.expect(std::slice::from_ref(&other[n - 1 - i])),
+                    None => s.expect(std::slice::from_ref(&out[n - 1 - i])),
+                }
             }
         }
         energy = [none; 3];
@@ -250,26 +256,39 @@ pub(super) fn triple_step<S: Simd>(
             }
         }
     }
-    let a = span.window(straight.state);
-    let b = span.window(left.state);
-    let c = span.window(right.state);
+    let a = span.window(energies.straight);
+    let b = span.window(energies.left_after);
+    let c = span.window(energies.right);
     let (a, b, c) = (&mut a[..n], &mut b[..n], &mut c[..n]);
-    for i in (0..n).rev() {
-        let cost = s.load(&data[i]);
-        let node = [s.load(&forward_a[i]), s.load(&forward_b[i]), s.load(&forward_c[i])];
-        let mut jump = [none; 3];
-        for p in 0..3 {
-            energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
-            jump[p] = s.min(s.sub(energy[p], least[p]), limit);
+    macro_rules! finish {
+        ($i:expr $(, $other:expr)?) => {
+            let cost = s.load(&data[$i]);
+            let node = [s.load(&forward_a[$i]), s.load(&forward_b[$i]), s.load(&forward_c[$i])];
+            let mut jump = [none; 3];
+            for p in 0..3 {
+                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+                jump[p] = s.min(s.sub(energy[p], least[p]), limit);
+            }
+            s.store(s.add(cost, jump[0]), &mut a[$i]);
+            s.store(s.add(cost, jump[1]), &mut b[$i]);
+            s.store(s.add(cost, jump[2]), &mut c[$i]);
+            let sum = s.add(s.add(jump[0], jump[1]), jump[2]);
+            $(let sum = s.add(s.add(sum, s.load(&$other[$i])), cost);)?
+            s.store(sum, &mut out[$i]);
+        };
+    }
+    match other {
+        None => {
+            for i in (0..n).rev() {
+                finish!(i);
+            }
         }
-        s.store(s.add(cost, jump[0]), &mut a[i]);
-        s.store(s.add(cost, jump[1]), &mut b[i]);
-        s.store(s.add(cost, jump[2]), &mut c[i]);
-        let mut sum = s.add(s.add(jump[0], jump[1]), jump[2]);
-        if last {
-            sum = s.add(s.add(sum, s.load(&out[i])), cost);
+        Some(other) => {
+            let other = &other[..n];
+            for i in (0..n).rev() {
+                finish!(i, other);
+            }
         }
-        s.store(sum, &mut out[i]);
     }
 }
 
@@ -291,15 +310,17 @@ kernel! {
 }
 
 kernel! {
-    /// Advances the vertical and both diagonal paths of a tile by one row; with `last`, `out` becomes
-    /// the final energy.
+    /// Advances the vertical and both diagonal paths of a tile by one row; with the sum of the
+    /// `other` sweep, `out` gets the final energy.
     pub fn triple(
-        paths: &mut [Paths<'_>; 3],
+        energies: &mut Energies<'_>,
+        weights: [&Lanes; 3],
+        slopes: [i8; 3],
         data: &[Lanes],
+        other: Option<&[Lanes]>,
         out: &mut [Lanes],
         truncation: u8,
         span: Span,
-        last: bool,
         forward: &mut [Lanes],
     ) = triple_step
 }
@@ -453,16 +474,28 @@ mod tests {
 
                 for last in [false, true] {
                     let mut copies = states.clone();
-                    let mut out = other.clone();
+                    let mut out = vec![Lanes::ZERO; n];
                     let [a, b, c] = &mut copies;
-                    let path = |state, p: usize| Paths {
-                        state,
-                        beside: &sides[p],
-                        weight: weights[p],
-                        slope: slopes[p],
+                    let mut energies = Energies {
+                        straight: a,
+                        right: c,
+                        right_beside: &sides[2],
+                        left: [&states[1], &sides[1]],
+                        left_after: b,
                     };
-                    let mut paths = [path(a, 0), path(b, 1), path(c, 2)];
-                    triple(level, &mut paths, &data, &mut out, truncation, span, last, &mut scratch);
+                    let weights = [&weights[0], &weights[1], &weights[2]];
+                    triple(
+                        level,
+                        &mut energies,
+                        weights,
+                        slopes,
+                        &data,
+                        last.then_some(&other[..]),
+                        &mut out,
+                        truncation,
+                        span,
+                        &mut scratch,
+                    );
                     for (i, lanes) in out.iter().enumerate() {
                         for lane in 0..LANES {
                             let cost = i32::from(data[i].0[lane]);

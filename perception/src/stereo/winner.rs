@@ -163,7 +163,7 @@ mod tests {
                 nodes[x / LANES * n + k].0[x % LANES] = (20 * (low + k).abs_diff(t)).min(100) as u8;
             }
         }
-        let block = |tile| Block { low, high: low + n, at: tile * n, ..Block::default() };
+        let block = |tile| Block { low, high: low + n, at: tile * n * LANES, ..Block::default() };
         ((0..tiles).map(block).collect(), nodes)
     }
 
@@ -172,7 +172,7 @@ mod tests {
         let mut results = Level::available().into_iter().map(|level| {
             let mut winner = Winner::new(WinnerParameters::default(), level, truth.len());
             let (mut disparity, mut confidence) = (vec![1; truth.len()], vec![1; truth.len()]);
-            winner.row(EnergyRow::new(0, &blocks, &nodes, 0), &mut disparity, &mut confidence);
+            winner.row(EnergyRow::new(0, &blocks, &nodes), &mut disparity, &mut confidence);
             (disparity, confidence)
         });
         let plain = results.next().unwrap();

@@ -1,25 +1,45 @@
 //! The two layers of a scale, strip by strip and row by row, with what one thread needs for them.
 
-use super::blocks::Block;
+use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::scale::{EdgeWeight, Scale};
-use super::viterbi::{NEAR, PAD, Paths, Span, single_step, triple_step};
+use super::viterbi::{Energies, NEAR, PAD, Span, single_step, triple_step};
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// What one thread needs for itself.
 #[derive(Debug)]
 pub(super) struct Worker {
     pub(super) cost: CostStrip,
-    /// Energies of the row before for each direction and tile, padded.
-    states: [Vec<Lanes>; 3],
-    /// The rightward diagonal's energies of a tile and the one before, before they are replaced.
-    carry: [Vec<Lanes>; 2],
+    /// Energies of the row before for each tile, padded: of straight paths, of those that come from
+    /// the right, and of those that come from the left with what they become.
+    straight: Vec<Lanes>,
+    right: Vec<Lanes>,
+    left: [Vec<Lanes>; 2],
+    /// Final energies of a row, tile by tile.
+    pub(super) finished: Vec<Lanes>,
     /// Energies of the column before and of this one, padded.
     columns: [Vec<Lanes>; 2],
     forward: Vec<Lanes>,
-    spans: Vec<Span>,
+    steps: Vec<Step>,
     weights: [Vec<Lanes>; 3],
     column_weights: Vec<Lanes>,
+}
+
+/// How the paths of layer 2 enter a row of a tile.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    span: Span,
+    /// Of the straight paths, those from the left and those from the right.
+    slopes: [i8; 3],
+}
+
+/// What a sweep of layer 2 does with the sums of its paths.
+#[derive(Debug)]
+pub(super) enum Sums<'a> {
+    /// The first keeps them for the last.
+    Keep(&'a mut [Lanes]),
+    /// The last adds its own to them and to the data term.
+    Finish(&'a [Lanes]),
 }
 
 impl Worker {
@@ -33,34 +53,37 @@ impl Worker {
         let padded = disparities + 2 * PAD;
         Self {
             cost: CostStrip::new(cost, level, width, disparities),
-            states: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
-            carry: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
+            straight: vec![Lanes::FULL; tiles * padded],
+            right: vec![Lanes::FULL; tiles * padded],
+            left: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
+            finished: vec![Lanes::ZERO; tiles * pitch(disparities)],
             columns: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
             forward: vec![Lanes::ZERO; 3 * disparities],
-            spans: vec![Span { from: 0, to: 0, low: 0, high: 0 }; tiles],
+            steps: vec![Step { span: Span { from: 0, to: 0, low: 0, high: 0 }, slopes: [0; 3] }; tiles],
             weights: std::array::from_fn(|_| vec![Lanes::ZERO; tiles]),
             column_weights: vec![Lanes::ZERO; tiles * LANES],
         }
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let lanes = self.states.iter().chain(&self.carry).chain(&self.columns).chain(&self.weights);
-        let vectors = lanes.map(Vec::len).sum::<usize>() + self.forward.len() + self.column_weights.len();
-        vectors * LANES + self.cost.bytes() + self.spans.len() * size_of::<Span>()
+        let single = [&self.straight, &self.right, &self.finished, &self.forward, &self.column_weights];
+        let lanes = single.into_iter().chain(&self.left).chain(&self.columns).chain(&self.weights);
+        let vectors = lanes.map(Vec::len).sum::<usize>();
+        vectors * LANES + self.cost.bytes() + self.steps.len() * size_of::<Step>()
     }
 
     /// Makes every path of layer 2 start afresh; `edge` is what lies beyond the last tile's lanes.
     pub(super) fn start_paths(&mut self, edge: Lanes) {
-        let padded = self.carry[0].len();
-        for state in &mut self.states {
+        let padded = self.columns[0].len();
+        for state in [&mut self.straight, &mut self.right].into_iter().chain(&mut self.left) {
             for tile in state.chunks_exact_mut(padded) {
                 tile[..PAD].fill(Lanes::FULL);
                 tile[PAD..padded - PAD].fill(Lanes::ZERO);
                 tile[padded - PAD..].fill(Lanes::FULL);
             }
         }
-        let last = self.states[2].len() - padded;
-        let last = &mut self.states[2][last..];
+        let last = self.right.len() - padded;
+        let last = &mut self.right[last..];
         last[..PAD].fill(edge);
         last[padded - PAD..].fill(edge);
     }
@@ -207,7 +230,32 @@ fn horizontal_layer<S: Simd>(
     }
 }
 
+/// Plans how all paths of layer 2 step from row `from` (None: the start) to `y`.
+fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
+    let strip = scale.blocks.strip(y / STRIP);
+    let last = strip.len() - 1;
+    let before = |tile: usize| match from {
+        None => (0, scale.blocks.disparities()),
+        Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
+    };
+    for (tile, (step, block)) in steps.iter_mut().zip(strip).enumerate() {
+        step.slopes = [0, -1, 1].map(|sideways| match from {
+            None => 0,
+            // Down from the left a path goes right, up from the left as well.
+            Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
+            Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
+        });
+        let mut old = before(tile);
+        for beside in [tile.saturating_sub(1), (tile + 1).min(last)] {
+            let beside = before(beside);
+            old = (old.0.min(beside.0), old.1.max(beside.1));
+        }
+        step.span = Span::new(block.window(), old, usize::from(step.slopes != [0; 3]));
+    }
+}
+
 /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
+/// `sums` start at `base` of the volume.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn advance_row<S: Simd>(
@@ -216,117 +264,92 @@ fn advance_row<S: Simd>(
     worker: &mut Worker,
     from: Option<usize>,
     y: usize,
-    last: bool,
     merged: &[Lanes],
-    energies: &mut [Lanes],
+    sums: &mut Sums<'_>,
     base: usize,
 ) {
     let tiles = scale.blocks.tiles();
-    let disparities = scale.blocks.disparities();
     let padded = scale.fresh.len();
-    let mut weights = std::mem::take(&mut worker.weights);
-    for ((weights, sideways), weight) in weights.iter_mut().zip([0, -1, 1]).zip(scale.others) {
+    for ((weights, sideways), weight) in worker.weights.iter_mut().zip([0, -1, 1]).zip(scale.others) {
         let there = scale.guide_row(from.unwrap_or(y), sideways);
         edge_row(s, scale.guide_row(y, 0), there, weight, weights);
     }
-    worker.weights = weights;
+    plan_row(scale, &mut worker.steps, from, y);
 
     let strip = scale.blocks.strip(y / STRIP);
-    let enters = from.is_none_or(|from| from / STRIP != y / STRIP);
-    let before = |tile: usize| match from {
-        None => (0, disparities),
-        Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
+    // The strip that a row on the way was in, if not this one.
+    let other_strip = |row: Option<usize>| row.is_none_or(|row| row / STRIP != y / STRIP);
+    let enters = other_strip(from);
+    // Of the paths from the left, what this row replaces is two rows old.
+    let two_before = match from {
+        None => None,
+        Some(from) if from < y => from.checked_sub(1),
+        Some(from) => Some(from + 1).filter(|&row| row < scale.height),
     };
-    // Slope steps of a tile's straight, rightward and leftward paths.
-    let steps = |block: &Block| {
-        [0, -1, 1].map(|sideways| match from {
-            None => 0,
-            // Down from the left a path goes right, up from the left as well.
-            Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
-            Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
-        })
+    let enters_late = other_strip(two_before);
+    let window_at = |row: Option<usize>, tile: usize| match row {
+        None => (0, scale.blocks.disparities()),
+        Some(row) => scale.blocks.strip(row / STRIP)[tile].window(),
     };
-    for tile in 0..tiles {
-        let mut old = before(tile);
-        for beside in [tile.saturating_sub(1), (tile + 1).min(tiles - 1)] {
-            let beside = before(beside);
-            old = (old.0.min(beside.0), old.1.max(beside.1));
-        }
-        let slack = usize::from(steps(&strip[tile]) != [0; 3]);
-        worker.spans[tile] = Span::new(strip[tile].window(), old, slack);
-    }
-
-    let edge = scale.edge;
-    let [straight, left, right] = &mut worker.states;
-    let [earlier, now] = &mut worker.carry;
-    for tile in 0..tiles {
-        let block = &strip[tile];
-        let span = worker.spans[tile];
+    let Worker { straight, right, left: [left, left_after], finished, steps, weights, forward, .. } = worker;
+    let mut done = 0;
+    for (tile, (block, step)) in strip.iter().zip(&*steps).enumerate() {
         let place = tile * padded..(tile + 1) * padded;
-        // What the next tile will read of this one's rightward paths.
-        if let Some(next) = worker.spans.get(tile + 1) {
-            let read = next.from - 1..next.to + 1;
-            now[read.clone()].copy_from_slice(&left[place.clone()][read]);
-        }
         let (right_here, right_next) = right[place.start..].split_at_mut(padded);
-        let slopes = steps(block);
         if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= NEAR) {
             // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
             let at = next.at + y % STRIP * next.pitch();
             s.expect(&merged[at..at + next.span()]);
-            if last {
-                s.expect(&energies[at - base..at - base + next.span()]);
+            if let Sums::Finish(sums) = &sums {
+                s.expect(&sums[at - base..at - base + next.span()]);
             }
         }
-        let mut paths = [
-            Paths {
-                state: &mut straight[place.clone()],
-                beside: &scale.fresh,
-                weight: worker.weights[0][tile],
-                slope: slopes[0],
-            },
-            Paths {
-                state: &mut left[place.clone()],
-                beside: if tile == 0 { &scale.fresh } else { earlier },
-                weight: worker.weights[1][tile],
-                slope: slopes[1],
-            },
-            Paths {
-                state: right_here,
-                beside: if tile + 1 < tiles { &right_next[..padded] } else { &scale.fresh },
-                weight: worker.weights[2][tile],
-                slope: slopes[2],
-            },
-        ];
         let at = block.at + y % STRIP * block.pitch();
+        let row = at - base..at - base + block.span();
+        let (other, out) = match sums {
+            Sums::Keep(sums) => (None, &mut sums[row]),
+            Sums::Finish(sums) => (Some(&sums[row]), &mut finished[done..done + block.span()]),
+        };
+        let mut energies = Energies {
+            straight: &mut straight[place.clone()],
+            right: right_here,
+            right_beside: if tile + 1 < tiles { &right_next[..padded] } else { &scale.fresh },
+            left: [
+                &left[place.clone()],
+                if tile == 0 { &scale.fresh } else { &left[place.start - padded..place.start] },
+            ],
+            left_after: &mut left_after[place],
+        };
         triple_step(
             s,
-            &mut paths,
+            &mut energies,
+            [&weights[0][tile], &weights[1][tile], &weights[2][tile]],
+            step.slopes,
             &merged[at..at + block.span()],
-            &mut energies[at - base..at - base + block.span()],
+            other,
+            out,
             scale.parameters.truncation_other,
-            span,
-            last,
-            &mut worker.forward,
+            step.span,
+            forward,
         );
+        done += block.pitch();
         let beyond = scale.width - tile * LANES;
         if beyond < LANES {
             // Lanes beyond the image must not feed a leftward path.
             let window = PAD + block.low..PAD + block.high;
-            paths[2].state[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
+            energies.right[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
         }
         if enters {
-            let old = match from {
-                None => (0, disparities),
-                Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
-            };
-            for (path, sideways) in paths.iter_mut().zip([0, -1, 1]) {
-                let none = if sideways == 1 && tile + 1 == tiles { edge } else { Lanes::FULL };
-                leave(path.state, old, block.window(), none);
-            }
+            let old = window_at(from, tile);
+            let none = if tile + 1 == tiles { scale.edge } else { Lanes::FULL };
+            leave(energies.straight, old, block.window(), Lanes::FULL);
+            leave(energies.right, old, block.window(), none);
         }
-        std::mem::swap(earlier, now);
+        if enters_late {
+            leave(energies.left_after, window_at(two_before, tile), block.window(), Lanes::FULL);
+        }
     }
+    std::mem::swap(left, left_after);
 }
 
 kernel! {
@@ -345,9 +368,8 @@ kernel! {
         worker: &mut Worker,
         from: Option<usize>,
         y: usize,
-        last: bool,
         merged: &[Lanes],
-        energies: &mut [Lanes],
+        sums: &mut Sums<'_>,
         base: usize,
     ) = advance_row
 }

@@ -12,7 +12,7 @@ use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
 use lookout_perception::stereo::speckle::{SpeckleFilter, SpeckleParameters};
 use lookout_perception::stereo::trust::Trust;
-use lookout_perception::stereo::viterbi::{Energies, PAD, Span, single, triple};
+use lookout_perception::stereo::viterbi::{Energies, PAD, Span, Sum, single, triple};
 use lookout_perception::stereo::winner::{Winner, WinnerParameters};
 use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::hint::black_box;
@@ -114,8 +114,7 @@ fn kernels(c: &mut Criterion) {
                     weights,
                     [0; 3],
                     &data,
-                    Some(&sums),
-                    &mut out,
+                    &mut Sum::Finish { other: &sums, total: &mut out },
                     50,
                     span,
                     &mut forward,

@@ -31,6 +31,8 @@ const LEAST_COARSE: usize = 16;
 const LEAST_DISPARITIES: usize = 8;
 /// The widest window at the finest scale and at the one before it.
 const WIDEST: [usize; 2] = [96, 48];
+/// Larger volumes than this are taken not to stay in a cache.
+const CACHE_BYTES: usize = 16 << 20;
 /// Islands of fewer pixels are removed at coarser scales.
 const COARSE_SPECKLE: u32 = 20;
 
@@ -194,6 +196,9 @@ impl Mpv {
             let vectors = if everything { scale.blocks.vectors() } else { quarter };
             if let Some(coarser) = stages.last() {
                 scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
+            }
+            if everything && 2 * vectors * LANES > CACHE_BYTES {
+                scale.spare_caches();
             }
             let kept = if i == finest { 0 } else { w * h };
             let speckle = if i == finest {

@@ -8,7 +8,7 @@
 //! H counts once, not once per path, so that a path that agrees with H adds nothing.
 //! That is one horizontal and two vertical sweeps over two volumes of one byte a node.
 
-use super::blocks::Blocks;
+use super::blocks::{Block, Blocks};
 use super::cost::{CostParameters, STRIP};
 use super::energy::{EnergyRow, Volumes};
 use super::viterbi::PAD;
@@ -129,6 +129,16 @@ impl Scale {
         }
     }
 
+    /// Spares the caches, for volumes that they do not hold: costs stay in a strip that each thread
+    /// has for itself, and what the first vertical sweep leaves for the last goes straight to memory.
+    /// The windows must stay as they are now.
+    pub fn spare_caches(&mut self) {
+        let strips =
+            (0..self.blocks.strips()).map(|strip| self.blocks.strip(strip).iter().map(Block::vectors).sum());
+        let most = strips.max().unwrap_or(0);
+        self.workers.iter_mut().for_each(|worker| worker.costs = vec![Lanes::ZERO; most]);
+    }
+
     /// Width in pixels.
     pub fn width(&self) -> usize {
         self.width
@@ -203,8 +213,8 @@ impl Scale {
                 return false;
             }
             worker.cost.start(pair.0, pair.1, strip * STRIP);
-            horizontal_layer_at(self.level, self, worker, strip, merged, energies, 0);
-            let mut sums = Sums::Keep(energies);
+            self.first_layer(worker, strip, merged, energies, 0);
+            let mut sums = worker.sums(energies);
             for y in strip * STRIP..((strip + 1) * STRIP).min(self.height) {
                 advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, &mut sums, 0);
             }
@@ -221,6 +231,22 @@ impl Scale {
             if y < self.middle() { upper(row) } else { lower(row) }
         }
         true
+    }
+
+    /// Layer 1 of a strip; both volumes start at `base`.
+    fn first_layer(
+        &self,
+        worker: &mut Worker,
+        strip: usize,
+        merged: &mut [Lanes],
+        energies: &mut [Lanes],
+        base: usize,
+    ) {
+        let mut own = std::mem::take(&mut worker.costs);
+        let costs =
+            if own.is_empty() { &mut energies[self.blocks.strip(strip)[0].at - base..] } else { &mut own };
+        horizontal_layer_at(self.level, self, worker, strip, merged, base, costs);
+        worker.costs = own;
     }
 
     fn solve_together(
@@ -252,15 +278,7 @@ impl Scale {
                 scope.spawn(move || {
                     for strip in own {
                         worker.cost.start(pair.0, pair.1, strip * STRIP);
-                        horizontal_layer_at(
-                            self.level,
-                            self,
-                            worker,
-                            strip,
-                            merged_here,
-                            energies_here,
-                            base,
-                        );
+                        self.first_layer(worker, strip, merged_here, energies_here, base);
                     }
                 });
             }
@@ -283,10 +301,10 @@ impl Scale {
         };
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                let mut sums = Sums::Keep(above);
+                let mut sums = down.sums(above);
                 (0..middle).for_each(|y| descend(down, y, &mut sums, 0));
             });
-            let mut sums = Sums::Keep(below);
+            let mut sums = up.sums(below);
             (middle..self.height).rev().for_each(|y| ascend(up, y, &mut sums, cut));
         });
         if !go_on() {

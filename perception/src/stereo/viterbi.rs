@@ -177,10 +177,24 @@ pub struct Energies<'a> {
     pub left_after: &'a mut [Lanes],
 }
 
+/// What becomes of the sum of what the jumps of the three paths cost.
+#[derive(Debug)]
+pub enum Sum<'a> {
+    /// Kept for the other sweep.
+    Keep(&'a mut [Lanes]),
+    /// Kept where nobody looks soon: past the caches.
+    Stream(&'a mut [Lanes]),
+    /// Added to that of the other sweep and to the data term: the final energy.
+    Finish {
+        /// Of the other sweep.
+        other: &'a [Lanes],
+        /// Gets the final energies.
+        total: &'a mut [Lanes],
+    },
+}
+
 /// Advances the vertical paths and both diagonal ones of a tile by one row, and sums up what their
 /// jumps cost. Weights and slope steps are of the paths straight, from the left, from the right.
-///
-/// `out` gets the sum; with that of the `other` sweep, the final energy: `data` + both sums.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn triple_step<S: Simd>(
@@ -189,14 +203,13 @@ pub(super) fn triple_step<S: Simd>(
     weights: [&Lanes; 3],
     slopes: [i8; 3],
     data: &[Lanes],
-    other: Option<&[Lanes]>,
-    out: &mut [Lanes],
+    sum: &mut Sum<'_>,
     truncation: u8,
     span: Span,
     forward: &mut [Lanes],
 ) {
     let n = span.high - span.low;
-    let (data, out) = (&data[..n], &mut out[..n]);
+    let data = &data[..n];
     let (forward_a, rest) = forward.split_at_mut(n);
     let (forward_b, rest) = rest.split_at_mut(n);
     let forward_c = &mut rest[..n];
@@ -241,9 +254,10 @@ pub(super) fn triple_step<S: Simd>(
             s.store(energy[2], &mut forward_c[i]);
             if n > NEAR {
                 s.expect(std::slice::from_ref(&data[n - 1 - i]));
-                match other {
-                    Some(other) => s.expect(std::slice::from_ref(&other[n - 1 - i])),
-                    None => s.expect(std::slice::from_ref(&out[n - 1 - i])),
+                match sum {
+                    Sum::Keep(out) => s.expect(std::slice::from_ref(&out[n - 1 - i])),
+                    Sum::Stream(_) => {}
+                    Sum::Finish { other, .. } => s.expect(std::slice::from_ref(&other[n - 1 - i])),
                 }
             }
         }
@@ -261,7 +275,7 @@ pub(super) fn triple_step<S: Simd>(
     let c = span.window(energies.right);
     let (a, b, c) = (&mut a[..n], &mut b[..n], &mut c[..n]);
     macro_rules! finish {
-        ($i:expr $(, $other:expr)?) => {
+        ($i:expr) => {{
             let cost = s.load(&data[$i]);
             let node = [s.load(&forward_a[$i]), s.load(&forward_b[$i]), s.load(&forward_c[$i])];
             let mut jump = [none; 3];
@@ -272,21 +286,29 @@ pub(super) fn triple_step<S: Simd>(
             s.store(s.add(cost, jump[0]), &mut a[$i]);
             s.store(s.add(cost, jump[1]), &mut b[$i]);
             s.store(s.add(cost, jump[2]), &mut c[$i]);
-            let sum = s.add(s.add(jump[0], jump[1]), jump[2]);
-            $(let sum = s.add(s.add(sum, s.load(&$other[$i])), cost);)?
-            s.store(sum, &mut out[$i]);
-        };
+            (s.add(s.add(jump[0], jump[1]), jump[2]), cost)
+        }};
     }
-    match other {
-        None => {
+    match sum {
+        Sum::Keep(out) => {
+            let out = &mut out[..n];
             for i in (0..n).rev() {
-                finish!(i);
+                let (sum, _) = finish!(i);
+                s.store(sum, &mut out[i]);
             }
         }
-        Some(other) => {
-            let other = &other[..n];
+        Sum::Stream(out) => {
+            let out = &mut out[..n];
             for i in (0..n).rev() {
-                finish!(i, other);
+                let (sum, _) = finish!(i);
+                s.stream(sum, &mut out[i]);
+            }
+        }
+        Sum::Finish { other, total } => {
+            let (other, total) = (&other[..n], &mut total[..n]);
+            for i in (0..n).rev() {
+                let (sum, cost) = finish!(i);
+                s.store(s.add(s.add(sum, s.load(&other[i])), cost), &mut total[i]);
             }
         }
     }
@@ -310,15 +332,13 @@ kernel! {
 }
 
 kernel! {
-    /// Advances the vertical and both diagonal paths of a tile by one row; with the sum of the
-    /// `other` sweep, `out` gets the final energy.
+    /// Advances the vertical and both diagonal paths of a tile by one row.
     pub fn triple(
         energies: &mut Energies<'_>,
         weights: [&Lanes; 3],
         slopes: [i8; 3],
         data: &[Lanes],
-        other: Option<&[Lanes]>,
-        out: &mut [Lanes],
+        sum: &mut Sum<'_>,
         truncation: u8,
         span: Span,
         forward: &mut [Lanes],
@@ -472,7 +492,7 @@ mod tests {
                     }
                 }
 
-                for last in [false, true] {
+                for (kind, last) in [(0, false), (1, false), (2, true)] {
                     let mut copies = states.clone();
                     let mut out = vec![Lanes::ZERO; n];
                     let [a, b, c] = &mut copies;
@@ -484,14 +504,18 @@ mod tests {
                         left_after: b,
                     };
                     let weights = [&weights[0], &weights[1], &weights[2]];
+                    let mut sum = match kind {
+                        0 => Sum::Keep(&mut out),
+                        1 => Sum::Stream(&mut out),
+                        _ => Sum::Finish { other: &other, total: &mut out },
+                    };
                     triple(
                         level,
                         &mut energies,
                         weights,
                         slopes,
                         &data,
-                        last.then_some(&other[..]),
-                        &mut out,
+                        &mut sum,
                         truncation,
                         span,
                         &mut scratch,

@@ -3,7 +3,7 @@
 use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::scale::{EdgeWeight, Scale};
-use super::viterbi::{Energies, NEAR, PAD, Span, single_step, triple_step};
+use super::viterbi::{Energies, NEAR, PAD, Span, Sum, single_step, triple_step};
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// What one thread needs for itself.
@@ -15,6 +15,8 @@ pub(super) struct Worker {
     straight: Vec<Lanes>,
     right: Vec<Lanes>,
     left: [Vec<Lanes>; 2],
+    /// The costs of a strip; empty where they use the volume.
+    pub(super) costs: Vec<Lanes>,
     /// Final energies of a row, tile by tile.
     pub(super) finished: Vec<Lanes>,
     /// Energies of the column before and of this one, padded.
@@ -38,6 +40,8 @@ struct Step {
 pub(super) enum Sums<'a> {
     /// The first keeps them for the last.
     Keep(&'a mut [Lanes]),
+    /// The same, past the caches.
+    Stream(&'a mut [Lanes]),
     /// The last adds its own to them and to the data term.
     Finish(&'a [Lanes]),
 }
@@ -56,6 +60,7 @@ impl Worker {
             straight: vec![Lanes::FULL; tiles * padded],
             right: vec![Lanes::FULL; tiles * padded],
             left: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
+            costs: Vec::new(),
             finished: vec![Lanes::ZERO; tiles * pitch(disparities)],
             columns: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
             forward: vec![Lanes::ZERO; 3 * disparities],
@@ -66,10 +71,20 @@ impl Worker {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let single = [&self.straight, &self.right, &self.finished, &self.forward, &self.column_weights];
-        let lanes = single.into_iter().chain(&self.left).chain(&self.columns).chain(&self.weights);
+        let single = [&self.straight, &self.right, &self.costs, &self.finished, &self.forward];
+        let lanes = single
+            .into_iter()
+            .chain([&self.column_weights])
+            .chain(&self.left)
+            .chain(&self.columns)
+            .chain(&self.weights);
         let vectors = lanes.map(Vec::len).sum::<usize>();
         vectors * LANES + self.cost.bytes() + self.steps.len() * size_of::<Step>()
+    }
+
+    /// What the first sweep of layer 2 does with its sums.
+    pub(super) fn sums<'a>(&self, volume: &'a mut [Lanes]) -> Sums<'a> {
+        if self.costs.is_empty() { Sums::Keep(volume) } else { Sums::Stream(volume) }
     }
 
     /// Makes every path of layer 2 start afresh; `edge` is what lies beyond the last tile's lanes.
@@ -118,7 +133,8 @@ fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize, pitch: us
     }
 }
 
-/// Layer 1 of a strip: costs, rightward and leftward paths, their minimum to `merged`.
+/// Layer 1 of a strip: `costs`, rightward and leftward paths, their minimum to `merged`, which starts
+/// at `base` of the volume; `costs` starts at the strip.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn horizontal_layer<S: Simd>(
@@ -127,10 +143,11 @@ fn horizontal_layer<S: Simd>(
     worker: &mut Worker,
     strip: usize,
     merged: &mut [Lanes],
-    energies: &mut [Lanes],
     base: usize,
+    costs: &mut [Lanes],
 ) {
     let tiles = scale.blocks.tiles();
+    let first = scale.blocks.strip(strip)[0].at;
     let top = strip * STRIP;
     // Edge weights between column x − 1 and x, for all rows.
     for row in 0..STRIP {
@@ -158,7 +175,7 @@ fn horizontal_layer<S: Simd>(
         let block = scale.blocks.strip(strip)[tile];
         let (n, pitch) = (block.span(), block.pitch());
         let nodes = block.at - base..block.at - base + block.vectors();
-        let costs = &mut energies[nodes.clone()];
+        let costs = &mut costs[block.at - first..block.at - first + block.vectors()];
         worker.cost.tile(tile * LANES, block.low, n, pitch, costs);
         turn_blocks(s, costs, n, pitch);
         let merged = &mut merged[nodes];
@@ -198,7 +215,7 @@ fn horizontal_layer<S: Simd>(
         let block = scale.blocks.strip(strip)[tile];
         let (n, pitch) = (block.span(), block.pitch());
         let nodes = block.at - base..block.at - base + block.vectors();
-        let costs = &energies[nodes.clone()];
+        let costs = &costs[block.at - first..block.at - first + block.vectors()];
         let merged = &mut merged[nodes];
         let inside = LANES.min(scale.width - tile * LANES);
         for i in (0..inside).rev() {
@@ -306,9 +323,12 @@ fn advance_row<S: Simd>(
         }
         let at = block.at + y % STRIP * block.pitch();
         let row = at - base..at - base + block.span();
-        let (other, out) = match sums {
-            Sums::Keep(sums) => (None, &mut sums[row]),
-            Sums::Finish(sums) => (Some(&sums[row]), &mut finished[done..done + block.span()]),
+        let mut sum = match sums {
+            Sums::Keep(sums) => Sum::Keep(&mut sums[row]),
+            Sums::Stream(sums) => Sum::Stream(&mut sums[row]),
+            Sums::Finish(sums) => {
+                Sum::Finish { other: &sums[row], total: &mut finished[done..done + block.span()] }
+            }
         };
         let mut energies = Energies {
             straight: &mut straight[place.clone()],
@@ -326,8 +346,7 @@ fn advance_row<S: Simd>(
             [&weights[0][tile], &weights[1][tile], &weights[2][tile]],
             step.slopes,
             &merged[at..at + block.span()],
-            other,
-            out,
+            &mut sum,
             scale.parameters.truncation_other,
             step.span,
             forward,
@@ -350,6 +369,9 @@ fn advance_row<S: Simd>(
         }
     }
     std::mem::swap(left, left_after);
+    if matches!(sums, Sums::Stream(_)) {
+        s.settle();
+    }
 }
 
 kernel! {
@@ -358,8 +380,8 @@ kernel! {
         worker: &mut Worker,
         strip: usize,
         merged: &mut [Lanes],
-        energies: &mut [Lanes],
         base: usize,
+        costs: &mut [Lanes],
     ) = horizontal_layer
 }
 kernel! {

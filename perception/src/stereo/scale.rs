@@ -137,6 +137,9 @@ impl Scale {
             (0..self.blocks.strips()).map(|strip| self.blocks.strip(strip).iter().map(Block::vectors).sum());
         let most = strips.max().unwrap_or(0);
         self.workers.iter_mut().for_each(|worker| worker.costs = vec![Lanes::ZERO; most]);
+        if let [alone] = &mut self.workers[..] {
+            alone.merged = vec![Lanes::ZERO; most];
+        }
     }
 
     /// Width in pixels.
@@ -213,11 +216,23 @@ impl Scale {
                 return false;
             }
             worker.cost.start(pair.0, pair.1, strip * STRIP);
-            self.first_layer(worker, strip, merged, energies, 0);
-            let mut sums = worker.sums(energies);
-            for y in strip * STRIP..((strip + 1) * STRIP).min(self.height) {
-                advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, &mut sums, 0);
+            let rows = strip * STRIP..((strip + 1) * STRIP).min(self.height);
+            let start = self.blocks.strip(strip)[0].at;
+            let mut own = std::mem::take(&mut worker.merged);
+            if own.is_empty() {
+                self.first_layer(worker, strip, merged, energies, 0);
+                let mut sums = worker.sums(energies);
+                for y in rows {
+                    advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, 0, &mut sums, 0);
+                }
+            } else {
+                self.first_layer(worker, strip, &mut own, energies, start);
+                let mut sums = Sums::StreamBoth { sums: &mut *energies, data: &mut *merged };
+                for y in rows {
+                    advance_row_at(self.level, self, worker, y.checked_sub(1), y, &own, start, &mut sums, 0);
+                }
             }
+            worker.merged = own;
         }
         worker.start_paths(self.edge);
         let mut sums = Sums::Finish(energies);
@@ -226,7 +241,7 @@ impl Scale {
                 return false;
             }
             let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, merged, &mut sums, 0);
+            advance_row_at(self.level, self, worker, from, y, merged, 0, &mut sums, 0);
             let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), &worker.finished);
             if y < self.middle() { upper(row) } else { lower(row) }
         }
@@ -293,11 +308,11 @@ impl Scale {
         let merged = &volumes.merged[..];
         let (above, below) = volumes.energies.split_at_mut(cut);
         let descend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
-            advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, sums, base);
+            advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, 0, sums, base);
         };
         let ascend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
             let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, merged, sums, base);
+            advance_row_at(self.level, self, worker, from, y, merged, 0, sums, base);
         };
         std::thread::scope(|scope| {
             scope.spawn(|| {

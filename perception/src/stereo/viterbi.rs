@@ -184,6 +184,13 @@ pub enum Sum<'a> {
     Keep(&'a mut [Lanes]),
     /// Kept where nobody looks soon: past the caches.
     Stream(&'a mut [Lanes]),
+    /// The same, and the data term is kept there, too.
+    StreamBoth {
+        /// Gets the sum.
+        sum: &'a mut [Lanes],
+        /// Gets the data term.
+        data: &'a mut [Lanes],
+    },
     /// Added to that of the other sweep and to the data term: the final energy.
     Finish {
         /// Of the other sweep.
@@ -256,7 +263,7 @@ pub(super) fn triple_step<S: Simd>(
                 s.expect(std::slice::from_ref(&data[n - 1 - i]));
                 match sum {
                     Sum::Keep(out) => s.expect(std::slice::from_ref(&out[n - 1 - i])),
-                    Sum::Stream(_) => {}
+                    Sum::Stream(_) | Sum::StreamBoth { .. } => {}
                     Sum::Finish { other, .. } => s.expect(std::slice::from_ref(&other[n - 1 - i])),
                 }
             }
@@ -302,6 +309,14 @@ pub(super) fn triple_step<S: Simd>(
             for i in (0..n).rev() {
                 let (sum, _) = finish!(i);
                 s.stream(sum, &mut out[i]);
+            }
+        }
+        Sum::StreamBoth { sum, data: kept } => {
+            let (sums, kept) = (&mut sum[..n], &mut kept[..n]);
+            for i in (0..n).rev() {
+                let (sum, cost) = finish!(i);
+                s.stream(sum, &mut sums[i]);
+                s.stream(cost, &mut kept[i]);
             }
         }
         Sum::Finish { other, total } => {
@@ -492,9 +507,12 @@ mod tests {
                     }
                 }
 
-                for (kind, last) in [(0, false), (1, false), (2, true)] {
+                for (kind, last) in [(0, false), (1, false), (2, false), (3, true)] {
                     let mut copies = states.clone();
-                    let mut out = vec![Lanes::ZERO; n];
+                    let (mut out, mut kept) = (vec![Lanes::ZERO; n], data.clone());
+                    if kind == 2 {
+                        kept.fill(Lanes::ZERO);
+                    }
                     let [a, b, c] = &mut copies;
                     let mut energies = Energies {
                         straight: a,
@@ -507,6 +525,7 @@ mod tests {
                     let mut sum = match kind {
                         0 => Sum::Keep(&mut out),
                         1 => Sum::Stream(&mut out),
+                        2 => Sum::StreamBoth { sum: &mut out, data: &mut kept },
                         _ => Sum::Finish { other: &other, total: &mut out },
                     };
                     triple(
@@ -520,6 +539,7 @@ mod tests {
                         span,
                         &mut scratch,
                     );
+                    assert_eq!(kept, data);
                     for (i, lanes) in out.iter().enumerate() {
                         for lane in 0..LANES {
                             let cost = i32::from(data[i].0[lane]);

@@ -17,6 +17,8 @@ pub(super) struct Worker {
     left: [Vec<Lanes>; 2],
     /// The costs of a strip; empty where they use the volume.
     pub(super) costs: Vec<Lanes>,
+    /// H of a strip, likewise.
+    pub(super) merged: Vec<Lanes>,
     /// Final energies of a row, tile by tile.
     pub(super) finished: Vec<Lanes>,
     /// Energies of the column before and of this one, padded.
@@ -42,6 +44,8 @@ pub(super) enum Sums<'a> {
     Keep(&'a mut [Lanes]),
     /// The same, past the caches.
     Stream(&'a mut [Lanes]),
+    /// The same, and the data term with them.
+    StreamBoth { sums: &'a mut [Lanes], data: &'a mut [Lanes] },
     /// The last adds its own to them and to the data term.
     Finish(&'a [Lanes]),
 }
@@ -61,6 +65,7 @@ impl Worker {
             right: vec![Lanes::FULL; tiles * padded],
             left: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
             costs: Vec::new(),
+            merged: Vec::new(),
             finished: vec![Lanes::ZERO; tiles * pitch(disparities)],
             columns: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
             forward: vec![Lanes::ZERO; 3 * disparities],
@@ -74,7 +79,7 @@ impl Worker {
         let single = [&self.straight, &self.right, &self.costs, &self.finished, &self.forward];
         let lanes = single
             .into_iter()
-            .chain([&self.column_weights])
+            .chain([&self.merged, &self.column_weights])
             .chain(&self.left)
             .chain(&self.columns)
             .chain(&self.weights);
@@ -272,7 +277,7 @@ fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
 }
 
 /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
-/// `sums` start at `base` of the volume.
+/// The volumes of `sums` start at `base`, the data term `merged` at `merged_base`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn advance_row<S: Simd>(
@@ -282,6 +287,7 @@ fn advance_row<S: Simd>(
     from: Option<usize>,
     y: usize,
     merged: &[Lanes],
+    merged_base: usize,
     sums: &mut Sums<'_>,
     base: usize,
 ) {
@@ -316,7 +322,7 @@ fn advance_row<S: Simd>(
         if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= NEAR) {
             // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
             let at = next.at + y % STRIP * next.pitch();
-            s.expect(&merged[at..at + next.span()]);
+            s.expect(&merged[at - merged_base..at - merged_base + next.span()]);
             if let Sums::Finish(sums) = &sums {
                 s.expect(&sums[at - base..at - base + next.span()]);
             }
@@ -326,6 +332,9 @@ fn advance_row<S: Simd>(
         let mut sum = match sums {
             Sums::Keep(sums) => Sum::Keep(&mut sums[row]),
             Sums::Stream(sums) => Sum::Stream(&mut sums[row]),
+            Sums::StreamBoth { sums, data } => {
+                Sum::StreamBoth { sum: &mut sums[row.clone()], data: &mut data[row] }
+            }
             Sums::Finish(sums) => {
                 Sum::Finish { other: &sums[row], total: &mut finished[done..done + block.span()] }
             }
@@ -345,7 +354,7 @@ fn advance_row<S: Simd>(
             &mut energies,
             [&weights[0][tile], &weights[1][tile], &weights[2][tile]],
             step.slopes,
-            &merged[at..at + block.span()],
+            &merged[at - merged_base..at - merged_base + block.span()],
             &mut sum,
             scale.parameters.truncation_other,
             step.span,
@@ -369,7 +378,7 @@ fn advance_row<S: Simd>(
         }
     }
     std::mem::swap(left, left_after);
-    if matches!(sums, Sums::Stream(_)) {
+    if matches!(sums, Sums::Stream(_) | Sums::StreamBoth { .. }) {
         s.settle();
     }
 }
@@ -391,6 +400,7 @@ kernel! {
         from: Option<usize>,
         y: usize,
         merged: &[Lanes],
+        merged_base: usize,
         sums: &mut Sums<'_>,
         base: usize,
     ) = advance_row

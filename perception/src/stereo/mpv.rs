@@ -210,7 +210,7 @@ impl Mpv {
             let least_confidence = if i == finest { 0 } else { parameters.least_confidence };
             let winner = WinnerParameters { least_confidence, ..parameters.winner };
             stages.push(Stage {
-                winners: std::array::from_fn(|_| Winner::new(winner, level, w)),
+                winners: std::array::from_fn(|_| Winner::new(winner, level, w, d)),
                 speckle: SpeckleFilter::new(speckle, w, h),
                 left: vec![0; kept],
                 right: vec![0; kept],

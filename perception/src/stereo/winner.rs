@@ -41,7 +41,7 @@ impl Winners {
 }
 
 #[inline(always)]
-fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
+fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &mut Winners) {
     let (zero, one) = (s.splat(0), s.splat(1));
     let none = s.splat(u8::MAX);
     let mut best = none;
@@ -67,7 +67,14 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
         here = s.add(here, one);
     }
     let margin = s.sub(second, best);
-    let confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
+    let mut confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
+    // Where the window was cut, what lies beyond may be better.
+    let last = (nodes.len() - 1) as u8;
+    for (cut, node) in cuts.into_iter().zip([0, last]) {
+        if cut {
+            confidence = s.select_equal(place, s.splat(node), one, confidence);
+        }
+    }
     s.store(s.max(confidence, one), &mut winners.confidence);
     // A winner at either end of the window has no place of its own.
     let end = s.splat((nodes.len() - 1) as u8);
@@ -106,16 +113,23 @@ const LEAD: usize = 256;
 pub struct Winner {
     parameters: WinnerParameters,
     level: Level,
+    disparities: usize,
     winners: Vec<Winners>,
     /// The right view, [`LEAD`] columns before it: the least key of the winners that land on a pixel.
     right: Vec<u16>,
 }
 
 impl Winner {
-    /// A workspace for rows of `width` pixels.
-    pub fn new(parameters: WinnerParameters, level: Level, width: usize) -> Self {
+    /// A workspace for rows of `width` pixels and windows of disparities below `disparities`.
+    pub fn new(parameters: WinnerParameters, level: Level, width: usize, disparities: usize) -> Self {
         let tiles = width.div_ceil(LANES);
-        Self { parameters, level, winners: vec![Winners::NONE; tiles], right: vec![0; LEAD + tiles * LANES] }
+        Self {
+            parameters,
+            level,
+            disparities,
+            winners: vec![Winners::NONE; tiles],
+            right: vec![0; LEAD + tiles * LANES],
+        }
     }
 
     /// Bytes that the workspace holds.
@@ -143,11 +157,12 @@ fn take<S: Simd>(
     disparity: &mut [u16],
     confidence: &mut [u8],
 ) {
-    let Winner { parameters, winners, right, .. } = winner;
+    let Winner { parameters, disparities, winners, right, .. } = winner;
     let width = disparity.len();
     right.fill(u16::MAX);
     for (tile, (winners, block)) in winners.iter_mut().zip(row.blocks).enumerate() {
-        pick(s, row.nodes(tile), block.low, winners);
+        let cuts = [block.low > 0, block.high < *disparities];
+        pick(s, row.nodes(tile), block.low, cuts, winners);
         // Where the tile's lanes land: at LEAD + x − d.
         let x = tile * LANES;
         let landing: &mut [u16; LEAD + LANES] = match (&mut right[x..x + LEAD + LANES]).try_into() {
@@ -215,7 +230,7 @@ mod tests {
     fn run(truth: &[usize], low: usize, n: usize) -> (Vec<u16>, Vec<u8>) {
         let (blocks, nodes) = row_for(truth, low, n);
         let mut results = Level::available().into_iter().map(|level| {
-            let mut winner = Winner::new(WinnerParameters::default(), level, truth.len());
+            let mut winner = Winner::new(WinnerParameters::default(), level, truth.len(), low + n);
             let (mut disparity, mut confidence) = (vec![1; truth.len()], vec![1; truth.len()]);
             winner.row(EnergyRow::new(0, &blocks, &nodes), &mut disparity, &mut confidence);
             (disparity, confidence)

@@ -15,9 +15,9 @@ const GRAIN: usize = 2;
 /// Disparities that a window spans beyond what the coarser map holds.
 const MARGIN: i32 = 2;
 /// Pixels around a block that count for its window, at its own scale.
-const AROUND: usize = 4;
+const AROUND: usize = 6;
 /// Share of the coarser map's pixels that a window may leave out at either end.
-const OUTLIERS: f32 = 0.03;
+const OUTLIERS: f32 = 0.002;
 /// Distance over which slopes are measured, in pixels of the coarser map.
 const SLOPE_BASE: usize = 4;
 /// Steps above 0.6 px per pixel are edges, not slopes (1/256 px over [`SLOPE_BASE`]).

@@ -76,7 +76,7 @@ impl Default for MpvParameters {
             paths: PathParameters::default(),
             slopes: true,
             winner: WinnerParameters::default(),
-            least_confidence: 105,
+            least_confidence: 103,
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,

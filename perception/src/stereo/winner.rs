@@ -26,7 +26,7 @@ struct Winners {
     /// Whole disparities.
     place: Lanes,
     /// By how much the energy rises to the best node more than one disparity away: 2.5 for each
-    /// unit, 1 to 255.
+    /// unit; in a cut window less a quarter of the energy. 1 to 255.
     confidence: Lanes,
     /// Disparities in 1/256 px.
     disparity: [u16; LANES],
@@ -68,7 +68,11 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &m
     }
     let margin = s.sub(second, best);
     let mut confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
-    // Where the window was cut, what lies beyond may be better.
+    // A cut window hides the winner's rivals: a winner of much energy is doubted, and one at the cut
+    // is not believed, as what lies beyond may be better.
+    if cuts != [false; 2] {
+        confidence = s.sub(confidence, s.mean(s.mean(best, zero), zero));
+    }
     let last = (nodes.len() - 1) as u8;
     for (cut, node) in cuts.into_iter().zip([0, last]) {
         if cut {
@@ -104,6 +108,9 @@ fn sub_pixel(before: u8, here: u8, after: u8) -> i32 {
     let slope = (before - here).max(after - here).max(1.0);
     (128.0 * (before - after) / slope) as i32
 }
+
+/// Confidence that a difference of the two views takes.
+const DISAGREEMENT: u8 = 30;
 
 /// Columns left of the right view: x − d is never below them.
 const LEAD: usize = 256;
@@ -192,8 +199,11 @@ fn take<S: Simd>(
         }
         let (place, sure) = (s.load(&winners.place), s.load(&winners.confidence));
         let seen = s.load(&seen);
+        let difference = s.max(s.sub(seen, place), s.sub(place, seen));
+        let unsure = s.max(s.sub(sure, s.splat(DISAGREEMENT)), one);
+        let sure = s.select_equal(difference, zero, sure, unsure);
         // Above zero where anything speaks against the winner.
-        let mut doubt = s.sub(s.max(s.sub(seen, place), s.sub(place, seen)), most);
+        let mut doubt = s.sub(difference, most);
         doubt = s.max(doubt, s.sub(place, s.load(&column)));
         doubt = s.max(doubt, s.sub(least, sure));
         doubt = s.max(doubt, s.sub(one, place));

@@ -115,10 +115,21 @@ pub const KEYS: &[Key] = &[
     ),
     key("stereo.edge_percent", Whole(1, 100), "Price of a change at an edge, in percent of the usual."),
     key(
+        "stereo.merging",
+        Choice(&["min", "mean"]),
+        "How rightward and leftward paths become one: `min` keeps edges sharper, `mean` smooths more.",
+    ),
+    key(
+        "stereo.scales",
+        Whole(1, 3),
+        "Scales of the pyramid; with 1, `fast` has no coarser map to search around and searches everything.",
+    ),
+    key(
         "stereo.slopes",
         Switch,
         "Lets surfaces slope as the coarser map shows them; without, changes cost the same everywhere.",
     ),
+    key("stereo.sub_pixel", Switch, "Finds disparities between whole pixels, too."),
     key(
         "stereo.left_right_px",
         Whole(0, 16),

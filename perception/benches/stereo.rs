@@ -12,7 +12,7 @@ use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
 use lookout_perception::stereo::speckle::{SpeckleFilter, SpeckleParameters};
 use lookout_perception::stereo::trust::Trust;
-use lookout_perception::stereo::viterbi::{Energies, PAD, Span, Sum, single, triple};
+use lookout_perception::stereo::viterbi::{Energies, Merge, PAD, Span, Sum, single, triple};
 use lookout_perception::stereo::winner::{Winner, WinnerParameters};
 use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::hint::black_box;
@@ -90,7 +90,7 @@ fn kernels(c: &mut Criterion) {
                     12,
                     0,
                     span,
-                    false,
+                    Merge::First,
                     &mut forward,
                 );
                 std::mem::swap(old, new);

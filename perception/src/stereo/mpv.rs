@@ -23,7 +23,7 @@ pub const LEAST_SIZE: usize = 8;
 /// disparities.
 pub const MOST_NODES: usize = 1 << 30;
 
-/// Scales of a pyramid, where the image is large enough.
+/// The most scales of a pyramid.
 pub const SCALES: usize = 3;
 /// A coarser scale must be at least this wide and high.
 const LEAST_COARSE: usize = 16;
@@ -52,6 +52,9 @@ pub struct MpvParameters {
     pub cost: CostParameters,
     /// The Viterbi paths.
     pub paths: PathParameters,
+    /// Scales of the pyramid where the image is large enough, 1 to [`SCALES`]; with a single one all
+    /// disparities are searched, and there are no slopes.
+    pub scales: usize,
     /// Whether paths follow the slopes of the coarser map.
     pub slopes: bool,
     /// How the winner is chosen and checked.
@@ -74,6 +77,7 @@ impl Default for MpvParameters {
         Self {
             cost: CostParameters::default(),
             paths: PathParameters::default(),
+            scales: SCALES,
             slopes: true,
             winner: WinnerParameters::default(),
             least_confidence: 103,
@@ -177,7 +181,7 @@ impl Mpv {
     ) -> Result<Self, MatcherError> {
         Self::check(width, height, disparities)?;
         let mut sizes = vec![(width, height, disparities)];
-        while sizes.len() < SCALES {
+        while sizes.len() < parameters.scales.min(SCALES) {
             let (w, h, d) = sizes[0];
             let ((w, h), d) = (half_size(w, h), d.div_ceil(2) + 1);
             if w.min(h) < LEAST_COARSE || d < LEAST_DISPARITIES {

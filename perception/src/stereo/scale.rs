@@ -11,7 +11,7 @@
 use super::blocks::{Block, Blocks};
 use super::cost::{CostParameters, STRIP};
 use super::energy::{EnergyRow, Volumes};
-use super::viterbi::PAD;
+use super::viterbi::{Merge, PAD};
 use super::worker::{Sums, Worker, advance_row_at, horizontal_layer_at};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level};
@@ -33,6 +33,8 @@ pub struct PathParameters {
     pub edge_levels: u8,
     /// λ at an edge, in percent.
     pub edge_percent: u8,
+    /// How rightward and leftward paths become H.
+    pub merging: Merge,
 }
 
 impl Default for PathParameters {
@@ -42,9 +44,10 @@ impl Default for PathParameters {
             lambda_vertical: 8,
             lambda_diagonal: 20,
             truncation_horizontal: 12,
-            truncation_other: 60,
+            truncation_other: 65,
             edge_levels: 20,
             edge_percent: 85,
+            merging: Merge::Min,
         }
     }
 }

@@ -64,9 +64,20 @@ impl Span {
     }
 }
 
+/// What a horizontal step leaves beside its state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Merge {
+    /// The window.
+    First,
+    /// The smaller of that and what was left before.
+    Min,
+    /// The mean of both.
+    Mean,
+}
+
 /// Advances [`crate::simd::LANES`] independent paths by one pixel, from `before` (padded energies of
 /// the pixel before, `least` the smallest of each lane) to the window in `after`; returns the least
-/// of that. `out` gets a copy of the window, or with `merge` the smaller of that and what it held.
+/// of that. `out` gets the window, merged with what it held.
 /// `half` is scratch of at least the window's length.
 ///
 /// A single path would wait for its own last sum, so both sweeps run at once from the two ends: F
@@ -85,7 +96,7 @@ pub(super) fn single_step<S: Simd>(
     truncation: u8,
     slope: i8,
     span: Span,
-    merge: bool,
+    merge: Merge,
     half: &mut [Lanes],
 ) -> Lanes {
     let n = span.high - span.low;
@@ -120,7 +131,11 @@ pub(super) fn single_step<S: Simd>(
             let total = s.add(s.load(&data[$i]), jump);
             lowest = s.min(lowest, total);
             s.store(total, &mut after[$i]);
-            let kept = if merge { s.min(total, s.load(&out[$i])) } else { total };
+            let kept = match merge {
+                Merge::First => total,
+                Merge::Min => s.min(total, s.load(&out[$i])),
+                Merge::Mean => s.mean(total, s.load(&out[$i])),
+            };
             s.store(kept, &mut out[$i]);
         };
     }
@@ -155,7 +170,7 @@ fn single_alone<S: Simd>(
     truncation: u8,
     slope: i8,
     span: Span,
-    merge: bool,
+    merge: Merge,
     half: &mut [Lanes],
 ) {
     *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
@@ -341,7 +356,7 @@ kernel! {
         truncation: u8,
         slope: i8,
         span: Span,
-        merge: bool,
+        merge: Merge,
         half: &mut [Lanes],
     ) = single_alone
 }
@@ -472,7 +487,7 @@ mod tests {
                     truncation,
                     slopes[0],
                     Span::new(window, before, 1),
-                    false,
+                    Merge::First,
                     &mut scratch,
                 );
                 copies[0] = after;
@@ -484,26 +499,31 @@ mod tests {
                     assert_eq!(got, expected[0][lane], "single, lane {lane}, {}", level.name());
                 }
                 assert_eq!(copies[0][PAD + window.0..PAD + window.1], out[..]);
-                let mut merged = other.clone();
-                let mut least = first_least;
-                let mut after = vec![Lanes::FULL; disparities + 2 * PAD];
-                single(
-                    level,
-                    &states[0],
-                    &mut least,
-                    &mut after,
-                    &data,
-                    &mut merged,
-                    &weights[0],
-                    truncation,
-                    slopes[0],
-                    Span::new(window, before, 1),
-                    true,
-                    &mut scratch,
-                );
-                for ((merged, out), other) in merged.iter().zip(&out).zip(&other) {
-                    for lane in 0..LANES {
-                        assert_eq!(merged.0[lane], out.0[lane].min(other.0[lane]));
+                for merge in [Merge::Min, Merge::Mean] {
+                    let mut merged = other.clone();
+                    let mut least = first_least;
+                    let mut after = vec![Lanes::FULL; disparities + 2 * PAD];
+                    single(
+                        level,
+                        &states[0],
+                        &mut least,
+                        &mut after,
+                        &data,
+                        &mut merged,
+                        &weights[0],
+                        truncation,
+                        slopes[0],
+                        Span::new(window, before, 1),
+                        merge,
+                        &mut scratch,
+                    );
+                    for ((merged, out), other) in merged.iter().zip(&out).zip(&other) {
+                        for lane in 0..LANES {
+                            let (a, b) = (out.0[lane], other.0[lane]);
+                            let expected =
+                                if merge == Merge::Min { a.min(b) } else { a.midpoint(b) + (a ^ b) % 2 };
+                            assert_eq!(merged.0[lane], expected);
+                        }
                     }
                 }
 
@@ -582,7 +602,7 @@ mod tests {
             38,
             0,
             Span::new((0, 9), (0, 9), 0),
-            false,
+            Merge::First,
             &mut vec![Lanes::ZERO; 9],
         );
         assert_eq!(out, data);

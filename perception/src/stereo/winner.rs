@@ -12,11 +12,13 @@ pub struct WinnerParameters {
     pub left_right_px: u8,
     /// A winner of less confidence than this is unknown.
     pub least_confidence: u8,
+    /// Whether a winner's place is found between the nodes, too.
+    pub sub_pixel: bool,
 }
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 1, least_confidence: 0 }
+        Self { left_right_px: 1, least_confidence: 0, sub_pixel: true }
     }
 }
 
@@ -170,6 +172,9 @@ fn take<S: Simd>(
     for (tile, (winners, block)) in winners.iter_mut().zip(row.blocks).enumerate() {
         let cuts = [block.low > 0, block.high < *disparities];
         pick(s, row.nodes(tile), block.low, cuts, winners);
+        if !parameters.sub_pixel {
+            winners.disparity = winners.place.0.map(|place| u16::from(place) << 8);
+        }
         // Where the tile's lanes land: at LEAD + x − d.
         let x = tile * LANES;
         let landing: &mut [u16; LEAD + LANES] = match (&mut right[x..x + LEAD + LANES]).try_into() {

@@ -3,7 +3,7 @@
 use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::scale::{EdgeWeight, Scale};
-use super::viterbi::{Energies, NEAR, PAD, Span, Sum, single_step, triple_step};
+use super::viterbi::{Energies, Merge, NEAR, PAD, Span, Sum, single_step, triple_step};
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// What one thread needs for itself.
@@ -201,7 +201,7 @@ fn horizontal_layer<S: Simd>(
                 truncation,
                 slope,
                 Span::new(block.window(), before, usize::from(slope != 0)),
-                false,
+                Merge::First,
                 &mut worker.forward,
             );
             if before != block.window() {
@@ -238,7 +238,7 @@ fn horizontal_layer<S: Simd>(
                 truncation,
                 slope,
                 Span::new(block.window(), before, usize::from(slope != 0)),
-                true,
+                scale.parameters.merging,
                 &mut worker.forward,
             );
             if before != block.window() {

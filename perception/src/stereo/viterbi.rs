@@ -50,6 +50,15 @@ impl Span {
         }
     }
 
+    /// Leaves out virtual nodes more than `reach` away from the window.
+    pub fn within(self, reach: usize) -> Self {
+        Self {
+            from: self.from.max(self.low.saturating_sub(reach)),
+            to: self.to.min(self.high + reach),
+            ..self
+        }
+    }
+
     /// The part of a padded state that is read for a slope step.
     #[inline(always)]
     fn read<'a>(&self, state: &'a [Lanes], step: i8) -> &'a [Lanes] {

@@ -171,6 +171,8 @@ fn horizontal_layer<S: Simd>(
 
     let disparities = scale.blocks.disparities();
     let truncation = scale.parameters.truncation_horizontal;
+    // From further away even the cheapest way costs as much as a jump.
+    let reach = 1 + usize::from(truncation.div_ceil(scale.horizontal.edge.min(scale.horizontal.smooth)));
     let [mut old, mut new] = worker.columns.each_mut().map(|column| &mut column[..]);
     // Rightwards.
     let mut before = (0, disparities);
@@ -200,7 +202,7 @@ fn horizontal_layer<S: Simd>(
                 &worker.column_weights[x],
                 truncation,
                 slope,
-                Span::new(block.window(), before, usize::from(slope != 0)),
+                Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
                 Merge::First,
                 &mut worker.forward,
             );
@@ -237,7 +239,7 @@ fn horizontal_layer<S: Simd>(
                 &worker.column_weights[if first { x } else { x + 1 }],
                 truncation,
                 slope,
-                Span::new(block.window(), before, usize::from(slope != 0)),
+                Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
                 scale.parameters.merging,
                 &mut worker.forward,
             );

@@ -73,6 +73,7 @@ fn kernels(c: &mut Criterion) {
         let mut states: [Vec<Lanes>; 3] = std::array::from_fn(|_| lanes(n + 2 * PAD, 150));
         let beside = lanes(n + 2 * PAD, 150);
         let sums = lanes(n, 150);
+        let mut three = vec![[Lanes::ZERO; 3]; n];
         let span = Span::new((0, n), (0, n), 0);
         let weight = Lanes::splat(8);
         group.bench_function("one path, 32 x 64 nodes", |b| {
@@ -117,7 +118,7 @@ fn kernels(c: &mut Criterion) {
                     &mut Sum::Finish { other: &sums, total: &mut out },
                     50,
                     span,
-                    &mut forward,
+                    &mut three,
                 );
             });
         });

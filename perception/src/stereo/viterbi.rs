@@ -237,13 +237,10 @@ pub(super) fn triple_step<S: Simd>(
     sum: &mut Sum<'_>,
     truncation: u8,
     span: Span,
-    forward: &mut [Lanes],
+    forward: &mut [[Lanes; 3]],
 ) {
     let n = span.high - span.low;
-    let data = &data[..n];
-    let (forward_a, rest) = forward.split_at_mut(n);
-    let (forward_b, rest) = rest.split_at_mut(n);
-    let forward_c = &mut rest[..n];
+    let (data, forward) = (&data[..n], &mut forward[..n]);
     let limit = s.splat(truncation);
     let none = s.splat(u8::MAX);
     let weight = [s.load(weights[0]), s.load(weights[1]), s.load(weights[2])];
@@ -274,22 +271,29 @@ pub(super) fn triple_step<S: Simd>(
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
             }
         }
-        for i in 0..n {
-            let node = read!(start + i);
-            for p in 0..3 {
-                least[p] = s.min(least[p], node[p]);
-                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
-            }
-            s.store(energy[0], &mut forward_a[i]);
-            s.store(energy[1], &mut forward_b[i]);
-            s.store(energy[2], &mut forward_c[i]);
-            if n > NEAR {
+        macro_rules! advance {
+            ($i:expr) => {
+                let node = read!(start + $i);
+                for p in 0..3 {
+                    least[p] = s.min(least[p], node[p]);
+                    energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+                    s.store(energy[p], &mut forward[$i][p]);
+                }
+            };
+        }
+        if n > NEAR {
+            for i in 0..n {
+                advance!(i);
                 s.expect(std::slice::from_ref(&data[n - 1 - i]));
                 match sum {
                     Sum::Keep(out) => s.expect(std::slice::from_ref(&out[n - 1 - i])),
                     Sum::Stream(_) | Sum::StreamBoth { .. } => {}
                     Sum::Finish { other, .. } => s.expect(std::slice::from_ref(&other[n - 1 - i])),
                 }
+            }
+        } else {
+            for i in 0..n {
+                advance!(i);
             }
         }
         energy = [none; 3];
@@ -308,7 +312,8 @@ pub(super) fn triple_step<S: Simd>(
     macro_rules! finish {
         ($i:expr) => {{
             let cost = s.load(&data[$i]);
-            let node = [s.load(&forward_a[$i]), s.load(&forward_b[$i]), s.load(&forward_c[$i])];
+            let forward = &forward[$i];
+            let node = [s.load(&forward[0]), s.load(&forward[1]), s.load(&forward[2])];
             let mut jump = [none; 3];
             for p in 0..3 {
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
@@ -380,7 +385,7 @@ kernel! {
         sum: &mut Sum<'_>,
         truncation: u8,
         span: Span,
-        forward: &mut [Lanes],
+        forward: &mut [[Lanes; 3]],
     ) = triple_step
 }
 
@@ -566,7 +571,7 @@ mod tests {
                         &mut sum,
                         truncation,
                         span,
-                        &mut scratch,
+                        &mut vec![[Lanes::ZERO; 3]; n],
                     );
                     assert_eq!(kept, data);
                     for (i, lanes) in out.iter().enumerate() {

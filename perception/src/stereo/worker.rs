@@ -23,7 +23,8 @@ pub(super) struct Worker {
     pub(super) finished: Vec<Lanes>,
     /// Energies of the column before and of this one, padded.
     columns: [Vec<Lanes>; 2],
-    forward: Vec<Lanes>,
+    half: Vec<Lanes>,
+    forward: Vec<[Lanes; 3]>,
     steps: Vec<Step>,
     weights: [Vec<Lanes>; 3],
     column_weights: Vec<Lanes>,
@@ -68,7 +69,8 @@ impl Worker {
             merged: Vec::new(),
             finished: vec![Lanes::ZERO; tiles * pitch(disparities)],
             columns: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
-            forward: vec![Lanes::ZERO; 3 * disparities],
+            half: vec![Lanes::ZERO; disparities],
+            forward: vec![[Lanes::ZERO; 3]; disparities],
             steps: vec![Step { span: Span { from: 0, to: 0, low: 0, high: 0 }, slopes: [0; 3] }; tiles],
             weights: std::array::from_fn(|_| vec![Lanes::ZERO; tiles]),
             column_weights: vec![Lanes::ZERO; tiles * LANES],
@@ -76,14 +78,14 @@ impl Worker {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let single = [&self.straight, &self.right, &self.costs, &self.finished, &self.forward];
+        let single = [&self.straight, &self.right, &self.costs, &self.finished, &self.half];
         let lanes = single
             .into_iter()
             .chain([&self.merged, &self.column_weights])
             .chain(&self.left)
             .chain(&self.columns)
             .chain(&self.weights);
-        let vectors = lanes.map(Vec::len).sum::<usize>();
+        let vectors = lanes.map(Vec::len).sum::<usize>() + 3 * self.forward.len();
         vectors * LANES + self.cost.bytes() + self.steps.len() * size_of::<Step>()
     }
 
@@ -204,7 +206,7 @@ fn horizontal_layer<S: Simd>(
                 slope,
                 Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
                 Merge::First,
-                &mut worker.forward,
+                &mut worker.half,
             );
             if before != block.window() {
                 leave(old, before, block.window(), Lanes::FULL);
@@ -241,7 +243,7 @@ fn horizontal_layer<S: Simd>(
                 slope,
                 Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
                 scale.parameters.merging,
-                &mut worker.forward,
+                &mut worker.half,
             );
             if before != block.window() {
                 leave(old, before, block.window(), Lanes::FULL);

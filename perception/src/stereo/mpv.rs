@@ -340,6 +340,7 @@ impl Matcher for Mpv {
             if let Some(coarse) = coarse {
                 let windows = i < finest || self.search == Search::Windows;
                 stage.scale.blocks.plan(
+                    self.level,
                     coarse,
                     self.slopes,
                     windows.then_some((stage.widest, stage.vectors)),

@@ -46,15 +46,23 @@ pub enum Command {
 
 Stop it with SIGTERM or Ctrl-C: frames in flight come out first.")]
     Run(Run),
-    /// The daemon on recorded pairs
+    /// The daemon on recorded pairs, or on a synthetic scene
     #[command(after_help = "Examples:
   lookout replay ../shared/data/kitti_sequence_1 --lockstep --out results
   lookout replay RECORDING --fps 12.5 --loop --limit 1000
   lookout replay RECORDING --in-process --out reference
+  lookout replay scene:street --out results
+  lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
+  lookout replay scene:my/road.toml
 
 PATH holds two folders with images of the same names: image_2 and image_3, image_0 and image_1,
 image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
 image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.txt beside them.
+
+scene:NAME is a synthetic scene with its own rig: one that ships (drive, street, crest, dip, slope,
+bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone), or
+a TOML file (docs/scenes.md). Settings may follow: ?weather=sunny, light_rain, heavy_rain, night, snow,
+backlight or overcast; seed=N; rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
 (a line per frame) and summary.json.")]
@@ -138,7 +146,7 @@ pub struct Run {
 
 #[derive(Args, Debug)]
 pub struct Replay {
-    /// Folder of the recording
+    /// Folder of the recording, or scene:NAME
     pub path: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,

@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     times_ms.sort_by(f64::total_cmp);
     println!("{}: {:.1} ms a pair (median of 9)", scene.title(), times_ms[4]);
     let frame = scene.frame(index);
-    for object in &frame.truth.objects {
+    for object in frame.truth.objects.iter().filter(|object| object.subject || object.distance_m < 40.0) {
         println!(
             "{:>4} {:<10} {} {:6.2} m  {:+5.2} m  {:4.2}x{:4.2} m  {:?} {} px, {:.0} % free, {:.0} % in both{}{}",
             object.id,

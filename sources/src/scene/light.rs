@@ -25,6 +25,8 @@ pub struct Light {
     pub air: f32,
     /// Whether lamps are lit.
     pub lamps: bool,
+    /// Light of a low sun ahead that the road throws back, in grey levels.
+    pub sheen: f32,
 }
 
 impl Light {
@@ -41,6 +43,7 @@ impl Light {
             visibility_m: 2500.0,
             air: 195.0,
             lamps: false,
+            sheen: 0.0,
         }
     }
 

@@ -1,6 +1,6 @@
 //! What surfaces look like: grey values under full daylight, filtered to the size of a pixel.
 
-use super::texture::Texture;
+use super::texture::{Texture, floor};
 
 /// The kinds of surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,7 +99,7 @@ pub struct Hit {
 pub fn pulse(t: f32, duty: f32, span: f32) -> f32 {
     let span = span.max(1e-4);
     let sum = |t: f32| {
-        let whole = t.floor();
+        let whole = floor(t) as f32;
         whole * duty + (t - whole).min(duty)
     };
     ((sum(t + span * 0.5) - sum(t - span * 0.5)) / span).clamp(0.0, 1.0)
@@ -159,7 +159,7 @@ impl Material {
                 let window = pulse(u, 0.46, su) * pulse(v, 0.5, sv);
                 let sill = pulse(u + 0.04, 0.54, su) * pulse(v + 0.06, 0.06, sv);
                 // Each window reflects something else.
-                let own = 22.0 * ((u.floor() * 12.9898 + v.floor() * 78.233).sin()) + 0.35 * n;
+                let own = ((floor(u) * 37 + floor(v) * 101) & 63) as f32 * 0.7 - 22.0 + 0.35 * n;
                 let wall = self.grey + self.contrast * 0.55 * n + 35.0 * sill;
                 wall + window * (58.0 + own - wall)
             }

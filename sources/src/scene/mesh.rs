@@ -83,6 +83,17 @@ impl Face {
         &mut self.corners[..self.count]
     }
 
+    /// The face upside down, mirrored at y = 0.
+    pub fn mirrored(&self) -> Self {
+        let flip = |p: Point| [p[0], -p[1], p[2]];
+        let axis = |axis: Axis| Axis { gradient: flip(axis.gradient), ..axis };
+        let mut out = *self;
+        out.corners_mut().iter_mut().for_each(|corner| *corner = flip(*corner));
+        out.normal = flip(self.normal);
+        (out.u, out.v) = (axis(self.u), axis(self.v));
+        out
+    }
+
     /// Makes the normal point away from `middle`.
     fn turned_from(mut self, middle: Point) -> Self {
         let centre = self.corners().iter().fold([0.0; 3], |sum, &c| add(sum, c, 1.0 / self.count as f64));

@@ -12,12 +12,14 @@ pub mod conditions;
 mod drive;
 pub mod file;
 pub mod ground;
+pub mod lens;
 pub mod library;
 pub mod light;
 pub mod material;
 pub mod mesh;
 pub mod motion;
 pub mod paint;
+pub mod precipitation;
 pub mod props;
 pub mod sensor;
 mod survey;
@@ -32,11 +34,12 @@ pub use truth::{ObjectClass, ObjectTruth, RoadTruth, SceneTruth};
 
 use crate::{PairSource, SourceError};
 use file::{SceneError, SceneFile};
-use paint::{Painter, Row, Shade};
+use lens::Coarse;
+use paint::{Mirror, Painter, Row, Shade};
 use perception::rig::Rig;
 use sensor::Normal;
 use texture::{Texture, hash};
-use view::{Camera, SAMPLES, View};
+use view::{Camera, MIDDLE, SAMPLES, View};
 use world::World;
 
 /// One pair with its truth.
@@ -59,9 +62,15 @@ pub struct Scene {
     view: View,
     shades: View,
     shade: Shade,
+    mirror: View,
+    mirror_depth: [Vec<f32>; 1],
+    mirror_seen: [Vec<u16>; 1],
     depth: [Vec<f32>; 4],
     seen: [Vec<u16>; 4],
     light: Vec<f32>,
+    /// 1/z of each pixel, while something falls.
+    near: Vec<f32>,
+    coarse: Coarse,
     period_ns: u64,
 }
 
@@ -101,6 +110,11 @@ impl Scene {
             view: View::default(),
             shades: View::default(),
             shade: Shade::new(size.0),
+            mirror: View::default(),
+            mirror_depth: [row()],
+            mirror_seen: [vec![0; size.0]],
+            near: vec![0.0; size.0 * size.1],
+            coarse: Coarse::default(),
             depth: std::array::from_fn(|_| row()),
             seen: std::array::from_fn(|_| vec![0; size.0]),
             light: vec![0.0; size.0 * size.1],
@@ -141,15 +155,44 @@ impl Scene {
         let world = &self.world;
         self.view.look(&camera, &world.surfaces);
         self.shades.look(&camera, &world.shades);
+        let wet = world.is_wet();
+        if wet {
+            self.mirror.look(&camera, &world.mirrors);
+        }
         for y in 0..height {
             self.view.row(&camera, y, &SAMPLES, &mut self.depth, &mut self.seen);
             self.shade.row(&camera, &mut self.shades, &world.shades, y, &self.depth[0]);
-            let row =
-                Row { camera: &camera, view: &self.view, surfaces: &world.surfaces, shade: &self.shade, y };
+            if wet {
+                self.mirror.row(&camera, y, &MIDDLE, &mut self.mirror_depth, &mut self.mirror_seen);
+            }
+            let mirror = wet.then_some(Mirror {
+                view: &self.mirror,
+                surfaces: &world.mirrors,
+                seen: &self.mirror_seen[0],
+            });
+            let row = Row {
+                camera: &camera,
+                view: &self.view,
+                surfaces: &world.surfaces,
+                shade: &self.shade,
+                mirror,
+                y,
+            };
             self.painter.row(&row, &self.seen, &mut self.light[y * width..(y + 1) * width]);
+            self.near[y * width..(y + 1) * width].copy_from_slice(&self.depth[0]);
         }
-        let seed = hash(self.world.file.seed ^ index << 1 ^ u64::from(right));
-        let sensor = self.world.conditions.sensors[usize::from(right)];
+        let conditions = &world.conditions;
+        let scene_seed = hash(world.file.seed ^ 0x5eed);
+        if let Some(falls) = conditions.falls {
+            // The same drops for both cameras.
+            let speed = world.file.ego.speed_m_s.value(self.time_s(index));
+            falls.draw(&camera, hash(scene_seed ^ index << 8), speed, &mut self.light, &self.near);
+        }
+        // A lens of its own for each.
+        let lens_seed = hash(scene_seed ^ 0x1e45 ^ u64::from(right));
+        conditions.lens.apply(&camera, lens_seed, index, &mut self.light, &mut self.coarse);
+        let seed = hash(world.file.seed ^ index << 1 ^ u64::from(right));
+        let sensor = conditions.sensors[usize::from(right)];
         sensor.expose(&self.normal, seed, &self.light, grey);
     }
 
@@ -322,6 +365,65 @@ mod tests {
                 assert!(a.read(last + 1, &mut left, &mut right).is_err(), "{name} has an end");
             }
         }
+    }
+
+    #[test]
+    fn weather_changes_the_pictures_and_not_the_truth() {
+        let open = |weather: &str| Scene::open(&format!("street?weather={weather}")).unwrap();
+        let sunny = open("sunny").frame(60);
+        for weather in file::Weather::ALL.iter().skip(1).map(|weather| weather.name()) {
+            let frame = open(weather).frame(60);
+            assert!(frame.truth == sunny.truth, "{weather}");
+            let again = open(weather).frame(60);
+            assert!(frame.left == again.left && frame.right == again.right, "{weather}");
+            let off = |a: &[u8], b: &[u8]| {
+                a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64
+            };
+            assert!(off(&frame.left, &sunny.left) > 8.0, "{weather}");
+            // Harder than the sun, but still the same street in both cameras.
+            let (mean, large, _) = warp_error(&frame, 1.04, 1.5);
+            println!("{weather}: {mean:.2} levels, {:.1} % above 12", 100.0 * large);
+            assert!(mean > warp_error(&sunny, 1.04, 1.5).0 && mean < 9.0, "{weather}: {mean}");
+        }
+    }
+
+    #[test]
+    fn a_wet_road_mirrors_with_the_disparity_of_what_is_mirrored() {
+        let quiet = sensor::Sensor { gain: 1.0, offset: 0.0, noise: 0.0, shot_noise: 0.0 };
+        let frames = [0.0, 1.0].map(|wet| {
+            let mut file = library::load("car-rear?weather=overcast").unwrap();
+            file.road.wet = wet;
+            file.road.texture = 0.0;
+            let mut scene = Scene::new(file).unwrap();
+            scene.world.conditions.sensors = [quiet; 2];
+            scene.frame(40)
+        });
+        // The plate's mirror picture, below the car: what the wet road adds there must match at the
+        // car's disparity, and not at the road's.
+        let rig = file::NamedRig::Paper.values().0;
+        let truth = &frames[1].truth;
+        let car = truth.objects.iter().find(|o| o.subject).unwrap();
+        let d = rig.disparity_px(car.distance_m).round() as usize;
+        let added = |wet: &[u8], dry: &[u8]| -> Vec<f64> {
+            wet.iter().zip(dry).map(|(wet, dry)| f64::from(*wet) - f64::from(*dry)).collect()
+        };
+        let left = added(&frames[1].left, &frames[0].left);
+        let right = added(&frames[1].right, &frames[0].right);
+        let foot = (car.bounds.y + car.bounds.height) as usize;
+        let difference = |shift: usize| -> f64 {
+            let mut sum = 0.0;
+            for y in foot + 30..foot + 70 {
+                for x in 285..355 {
+                    sum += (left[y * truth.width + x] - right[y * truth.width + x - shift]).abs();
+                }
+            }
+            sum
+        };
+        let best = (2..30).min_by(|a, b| difference(*a).total_cmp(&difference(*b))).unwrap();
+        let road = truth.disparity_px[(foot + 50) * truth.width + 320];
+        println!("mirror at {best} px, car at {d} px, road at {road} px");
+        assert!(best.abs_diff(d) <= 1, "{best} {d}");
+        assert!(f64::from(road) > d as f64 + 2.0, "{road}");
     }
 
     #[test]

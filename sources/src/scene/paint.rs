@@ -80,8 +80,21 @@ pub struct Row<'a> {
     pub surfaces: &'a [Surface],
     /// Shadows and pools.
     pub shade: &'a Shade,
+    /// What a wet road mirrors.
+    pub mirror: Option<Mirror<'a>>,
     /// The row.
     pub y: usize,
+}
+
+/// The upside-down world that a wet road shows, in one row.
+#[derive(Clone, Copy)]
+pub struct Mirror<'a> {
+    /// Its patches.
+    pub view: &'a View,
+    /// The surfaces that they show.
+    pub surfaces: &'a [Surface],
+    /// What each pixel would see of them, at its middle.
+    pub seen: &'a [u16],
 }
 
 impl Painter {
@@ -184,6 +197,45 @@ impl Painter {
         if light.lamps {
             grey += material.glow;
         }
+        if matches!(material.look, Look::Road | Look::Paving) && (row.mirror.is_some() || light.sheen > 0.0) {
+            grey = self.thrown_back(row, grey, &hit, patch.plane_m * inverse_z, (x, dx, dy), (px, py));
+        }
         light.through_air(grey, z)
+    }
+
+    /// The ground's grey with what it throws back of sky, lamps and objects; `steep` is the sine of
+    /// the angle at which it is seen, about.
+    #[inline(never)]
+    fn thrown_back(
+        &self,
+        row: &Row<'_>,
+        grey: f32,
+        hit: &Hit,
+        steep: f32,
+        (x, dx, dy): (usize, f32, f32),
+        (px, py): (f32, f32),
+    ) -> f32 {
+        let light = &self.light;
+        let flat = (1.0 - steep).clamp(0.0, 1.0);
+        let flat = flat * flat * flat * flat;
+        // Puddles and rough places.
+        let patchy = self.texture.sample(hit.u * 1.7, hit.v * 0.9, hit.span_u * 1.7, hit.span_v * 0.9);
+        let mut grey = grey;
+        if light.sheen > 0.0 {
+            let to = light.towards_sun;
+            let off = (dx - (to[0] / to[2]) as f32) / 0.16;
+            grey +=
+                light.sheen * (1.0 + 0.012 * patchy) * flat / (1.0 + off * off) / (1.0 + 12.0 * dy.max(0.0));
+        }
+        let Some(mirror) = row.mirror else { return grey };
+        let share = self.style.wet * (0.04 + 0.62 * flat) * (0.75 + 0.012 * patchy).clamp(0.15, 1.0);
+        let number = mirror.seen[x];
+        let seen = if number == 0 {
+            self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)
+        } else {
+            let patch = &mirror.view.patches[usize::from(number) - 1];
+            self.point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
+        };
+        grey + share * (seen.min(600.0) - grey)
     }
 }

@@ -169,7 +169,7 @@ pub fn hedge(size: [f64; 3], grey: f32, seed: u64) -> Mesh {
 pub fn tree(height_m: f64, seed: u64) -> Mesh {
     let mut mesh = Mesh::default();
     let h = height_m;
-    let bark = Material::new(Look::Plain, 62.0, 0.6, 0.02).shifted(seed as f32);
+    let bark = Material::new(Look::Plain, 62.0, 0.6, 0.02).shifted((seed % 97) as f32);
     mesh.round((0.0, 0.0), (0.0, 0.5 * h), (0.035 * h, 0.022 * h), bark);
     for k in 0..3_u64 {
         let own = |n: u64| unit(seed << 16 ^ k << 4 ^ n) - 0.5;

@@ -2,12 +2,9 @@
 
 use super::Scene;
 use super::truth::{FIRST_OBJECT, ObjectTruth, ROAD, RoadTruth, SceneTruth};
-use super::view::{Camera, Surface, View};
+use super::view::{Camera, MIDDLE, Surface, View};
 use super::world::HALF_PATH_M;
 use perception::road::PixelBox;
-
-/// A pixel's middle.
-const MIDDLE: [(f32, f32); 1] = [(0.0, 0.0)];
 
 /// What pixels see at their middle: 1/z and the patch's number from 1.
 struct Map {

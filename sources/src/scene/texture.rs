@@ -8,14 +8,15 @@ const LEVELS: usize = 9;
 
 /// Texels that one pixel spans when the level is chosen for it: more than one, so that the two
 /// cameras, whose pixels fall differently, still agree.
-const PER_PIXEL: f32 = 1.7;
+const PER_PIXEL: f32 = 1.3;
 
 /// A repeating grey pattern at resolutions that fall along each axis by itself: a pixel of the road
 /// is much longer than wide.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Level (i, j) has SIDE >> i columns and SIDE >> j rows.
-    levels: Vec<Vec<u8>>,
+    /// Level (i, j) has SIDE >> i columns and SIDE >> j rows. A texel comes with the three that follow
+    /// it to the right and below: one load each.
+    levels: Vec<Vec<[u8; 4]>>,
 }
 
 /// A hash that looks random: the same everywhere, for ever.
@@ -76,7 +77,16 @@ impl Texture {
                 levels.push(level);
             }
         }
-        Self { levels }
+        let with_neighbours = |(k, level): (usize, &Vec<u8>)| {
+            let (columns, rows) = (SIDE >> (k / LEVELS), SIDE >> (k % LEVELS));
+            let at = |x: usize, y: usize| level[y % rows * columns + x % columns];
+            let texel = |k: usize| {
+                let (x, y) = (k % columns, k / columns);
+                [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]
+            };
+            (0..columns * rows).map(texel).collect()
+        };
+        Self { levels: levels.iter().enumerate().map(with_neighbours).collect() }
     }
 
     /// Grey value less the mean, about −128 to 127, at (`u`, `v`) in texels of the finest level, for
@@ -87,44 +97,57 @@ impl Texture {
         let (j, share_j) = level(span_v);
         let row = |j: usize| {
             let fine = self.bilinear(i, j, u, v);
-            if share_i < 0.02 || i + 1 == LEVELS {
-                return fine;
-            }
-            fine + (self.bilinear(i + 1, j, u, v) - fine) * share_i
+            if share_i == 0.0 { fine } else { fine + (self.bilinear(i + 1, j, u, v) - fine) * share_i }
         };
         let fine = row(j);
-        let value =
-            if share_j < 0.02 || j + 1 == LEVELS { fine } else { fine + (row(j + 1) - fine) * share_j };
-        value - 128.0
+        (if share_j == 0.0 { fine } else { fine + (row(j + 1) - fine) * share_j }) - 128.0
     }
 
-    #[inline]
+    #[inline(always)]
     fn bilinear(&self, i: usize, j: usize, u: f32, v: f32) -> f32 {
         let texels = &self.levels[i * LEVELS + j];
         let (columns, rows) = (SIDE >> i, SIDE >> j);
-        let (u, v) = (u / (1_usize << i) as f32 - 0.5, v / (1_usize << j) as f32 - 0.5);
-        let (x, y) = (u.floor(), v.floor());
-        let (a, b) = (u - x, v - y);
-        let (x, y) = (x as i32 as usize & (columns - 1), y as i32 as usize & (rows - 1));
-        let (x1, y1) = ((x + 1) & (columns - 1), ((y + 1) & (rows - 1)) * columns);
-        let y = y * columns;
-        let at = |k: usize| f32::from(texels[k]);
-        let top = at(y + x) + (at(y + x1) - at(y + x)) * a;
-        let low = at(y1 + x) + (at(y1 + x1) - at(y1 + x)) * a;
+        let (u, v) = (u * SCALES[i] - 0.5, v * SCALES[j] - 0.5);
+        let (x, y) = (floor(u), floor(v));
+        let (a, b) = (u - x as f32, v - y as f32);
+        let k = (y as usize & (rows - 1)) * columns + (x as usize & (columns - 1));
+        let [p, q, r, s] = texels[k].map(f32::from);
+        let (top, low) = (p + (q - p) * a, r + (s - r) * a);
         top + (low - top) * b
     }
+}
+
+/// Texels of each level per texel of the finest.
+const SCALES: [f32; LEVELS] = {
+    let mut scales = [1.0; LEVELS];
+    let mut k = 0;
+    while k < LEVELS {
+        scales[k] = 1.0 / (1 << k) as f32;
+        k += 1;
+    }
+    scales
+};
+
+/// The next whole number below; without a call into the mathematical library.
+#[inline]
+pub fn floor(v: f32) -> i32 {
+    let whole = v as i32;
+    whole - i32::from(v < whole as f32)
 }
 
 fn mean(a: u8, b: u8) -> u8 {
     (u16::from(a) + u16::from(b)).div_ceil(2) as u8
 }
 
-/// The level for a pixel that spans so many texels, and the share of the next coarser one.
+/// The level for a pixel that spans so many texels, and the share of the next coarser one. Half of
+/// all spans need one level alone.
 #[inline]
 fn level(span: f32) -> (usize, f32) {
-    let bits = (span * PER_PIXEL).clamp(1.0, 256.0).to_bits();
+    let bits = (span * PER_PIXEL).clamp(1.0, 255.0).to_bits();
     // Exponent and, as a straight line between powers of two, the rest of the logarithm.
-    ((bits >> 23) as usize - 127, (bits & 0x7f_ffff) as f32 / 8_388_608.0)
+    let (exponent, rest) = ((bits >> 23) as usize - 127, (bits & 0x7f_ffff) as f32 / 8_388_608.0);
+    let share = (2.0 * rest - 0.5).clamp(0.0, 1.0);
+    if share == 1.0 { (exponent + 1, 0.0) } else { (exponent, share) }
 }
 
 #[cfg(test)]

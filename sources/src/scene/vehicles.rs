@@ -18,7 +18,7 @@ const TAIL_GLOW: f32 = 190.0;
 const HEAD_GLOW: f32 = 420.0;
 
 fn paint(grey: f32, seed: f32) -> Material {
-    Material::new(Look::Paint, grey, 0.16, 0.03).shifted(seed)
+    Material::new(Look::Paint, grey, 0.32, 0.022).shifted(seed)
 }
 
 /// An eight-sided wheel that looks to the side `outwards`.
@@ -152,8 +152,8 @@ pub fn van(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
 /// A city bus.
 pub fn bus(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let mut mesh = Mesh::default();
-    let body = Material::new(Look::Paint, grey, 0.2, 0.03).shifted(seed);
-    let dark = Material::new(Look::Paint, grey * 0.5, 0.2, 0.03).shifted(seed);
+    let body = Material::new(Look::Paint, grey, 0.32, 0.022).shifted(seed);
+    let dark = Material::new(Look::Paint, grey * 0.5, 0.3, 0.022).shifted(seed);
     let (w, h, l) = (size[0] / 2.0, size[1] / 3.0, size[2]);
     let y = |y: f64| y * h;
     mesh.block((-w, w), (y(0.3), y(3.0)), (0.02, l), body);

@@ -242,6 +242,9 @@ impl Camera {
 /// Where in a pixel it is sampled: four places, no two in one column or row.
 pub const SAMPLES: [(f32, f32); 4] = [(-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125)];
 
+/// A pixel's middle alone.
+pub const MIDDLE: [(f32, f32); 1] = [(0.0, 0.0)];
+
 /// All patches of one camera's image, and the rows that they cover.
 #[derive(Debug, Default)]
 pub struct View {
@@ -300,7 +303,12 @@ impl View {
             for &k in &self.active {
                 let patch = &self.patches[usize::from(k)];
                 let Some((from, to)) = patch.span(row) else { continue };
-                let column = |x: f64| (x - f64::from(right)).ceil().clamp(0.0, camera.size.0 as f64) as usize;
+                // Rounded up, without a call into the mathematical library.
+                let column = |x: f64| {
+                    let x = (x - f64::from(right)).clamp(0.0, camera.size.0 as f64);
+                    let whole = x as usize;
+                    whole + usize::from((whole as f64) < x)
+                };
                 let (from, to) = (column(from), column(to));
                 if from >= to {
                     continue;

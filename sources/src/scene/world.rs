@@ -16,6 +16,9 @@ use perception::rig::Rig;
 /// Objects farther away are not drawn, in metres.
 const FARTHEST_M: f64 = 220.0;
 
+/// Objects farther away are not mirrored, in metres.
+const MIRRORED_M: f64 = 90.0;
+
 /// Half of the width of the vehicle's path, in metres.
 pub const HALF_PATH_M: f64 = 1.2;
 
@@ -81,6 +84,8 @@ pub struct World {
     pub ground_surfaces: usize,
     /// Shadows and pools of light on the ground.
     pub shades: Vec<Surface>,
+    /// The objects upside down, as a wet road mirrors them; none on a dry one.
+    pub mirrors: Vec<Surface>,
     /// Objects that may be in the picture.
     pub present: Vec<Present>,
 }
@@ -105,6 +110,7 @@ impl World {
             surfaces: Vec::new(),
             ground_surfaces: 0,
             shades: Vec::new(),
+            mirrors: Vec::new(),
             present: Vec::new(),
             file,
         };
@@ -302,8 +308,10 @@ impl World {
         let lateral = self.file.ego.lateral_m.value(time_s);
         let pose = self.pose(time_s);
         let rig = self.rig;
+        let wet = self.is_wet();
         self.surfaces.clear();
         self.shades.clear();
+        self.mirrors.clear();
         self.present.clear();
         let surfaces = &mut self.surfaces;
         self.ground.faces(&self.course, along, lateral, |face, owner| {
@@ -329,6 +337,10 @@ impl World {
             let owner = FIRST_OBJECT + k as u16;
             for face in &self.meshes[instance.mesh].faces {
                 self.surfaces.extend(Surface::new(&placement.face(face), owner, &pose, &rig, &light));
+                if wet && ahead < MIRRORED_M {
+                    let mirrored = placement.face(&face.mirrored());
+                    self.mirrors.extend(Surface::new(&mirrored, owner, &pose, &rig, &light));
+                }
             }
             self.present.push(Present {
                 instance: k,
@@ -345,6 +357,11 @@ impl World {
                 self.shades.extend(pool(x_m, &placement, &pose, &rig, &light));
             }
         }
+    }
+
+    /// Whether the road mirrors what stands on it.
+    pub fn is_wet(&self) -> bool {
+        self.conditions.wet.max(self.file.road.wet) > 0.3
     }
 
     fn pose(&self, time_s: f64) -> Pose {

@@ -73,19 +73,19 @@ impl Conditions {
             },
             Weather::Night => Self {
                 light: Light {
-                    ambient: 0.1,
+                    ambient: 0.14,
                     sun: 0.0,
                     sky: 14.0,
                     sky_rise: -6.0,
                     clouds: 0.1,
-                    headlamps: 1.25,
+                    headlamps: 1.6,
                     visibility_m: 700.0,
                     air: 10.0,
                     lamps: true,
                     ..Light::day()
                 },
                 lens: Lens { halo: 0.6, ..Lens::default() },
-                sensors: pair(3.0, 4.0),
+                sensors: pair(2.5, 3.5),
                 ..fair
             },
             Weather::Snow => Self {

@@ -68,7 +68,7 @@ impl Light {
         let side = dx / 0.42;
         // The beam is cut off a little above the horizon.
         let above = ((-dy - 0.015) / 0.05).clamp(0.0, 1.0);
-        let far = z / 16.0;
+        let far = z / 20.0;
         self.headlamps * facing.max(0.0).sqrt() * (1.0 - 0.7 * above)
             / ((1.0 + side * side) * (1.0 + side * side) * (1.0 + far * far))
     }

@@ -54,13 +54,17 @@ pub const KEYS: &[Key] = &[
     key(
         "source.kind",
         Choice(&["scene", "folder"]),
-        "`scene` is the built-in synthetic drive, `folder` recorded pairs.",
+        "`scene` is a synthetic scene, `folder` recorded pairs.",
     ),
-    key("source.path", Path, "Folder of recorded pairs; `lookout replay PATH` sets it."),
+    key(
+        "source.path",
+        Path,
+        "Folder of recorded pairs, or a scene (`street?weather=night`, a TOML file; empty is the built-in drive). `lookout replay PATH` sets it.",
+    ),
     key(
         "source.seed",
         Whole(0, 1 << 53),
-        "Seed of the synthetic drive; the same seed gives the same pictures.",
+        "Seed of the built-in drive; the same seed gives the same pictures. Other scenes have theirs.",
     ),
     key(
         "source.fps",

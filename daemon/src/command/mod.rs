@@ -4,12 +4,15 @@ mod check_config;
 mod demo;
 mod disparity;
 mod evaluate;
+mod evaluate_distance;
+mod evaluate_weather;
 mod obstacles;
 mod replay;
 mod run;
+mod scene_run;
 mod status;
 
-use crate::cli::{Cli, Command, ConfigArgs};
+use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
 use crate::stage::StageError;
 use config::Config;
@@ -36,6 +39,9 @@ pub enum CommandError {
     /// An image.
     #[error(transparent)]
     Source(#[from] sources::SourceError),
+    /// A scene.
+    #[error(transparent)]
+    Scene(#[from] sources::scene::file::SceneError),
     /// A data set with truth.
     #[error(transparent)]
     Truth(#[from] sources::truth::TruthError),
@@ -84,7 +90,9 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
-        Command::Evaluate { what } => evaluate::run(&what, log),
+        Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),
+        Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
+        Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),
     }

@@ -1,20 +1,21 @@
 //! From disparity to the road, and to what stands on it (paper, section 3.5).
 
 pub mod histogram;
-pub mod occupancy;
 pub mod profile;
 pub mod radon;
 pub mod regions;
+pub mod stixels;
+pub mod surface;
 
 use crate::rig::Rig;
 use crate::stereo::DisparityView;
 use histogram::VDisparity;
-use nalgebra::{Matrix2, Vector2};
-use occupancy::Occupancy;
 use profile::ProfileFinder;
 use radon::{Radon, RadonRange, RoadLine};
 use regions::RegionFinder;
 pub use regions::{PixelBox, Region, RegionParameters};
+use stixels::{StixelParameters, Stixels};
+use surface::Surface;
 
 /// What shapes the road model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,24 +54,6 @@ pub struct RoadModel {
     pub camera_height_m: f64,
 }
 
-/// How the road lies across: what its disparity adds to the profile.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tilt {
-    /// Disparity that one column to the right adds, px per px.
-    pub roll: f64,
-    /// Disparity of the road at the principal column, less the profile's, in px.
-    pub offset_px: f64,
-    /// The principal column.
-    pub cx_px: f64,
-}
-
-impl Tilt {
-    /// The disparity in column `x` as it would be on a level road, where the profile holds.
-    pub fn level(&self, x_px: f64, disparity_px: f64) -> f64 {
-        disparity_px - self.roll * (x_px - self.cx_px) - self.offset_px
-    }
-}
-
 /// What one disparity map shows.
 #[derive(Debug)]
 pub struct Scene<'a> {
@@ -92,7 +75,8 @@ pub struct RoadDetector {
     histogram: VDisparity,
     radon: Radon,
     profile: ProfileFinder,
-    grid: Occupancy,
+    surface: Surface,
+    stixels: Stixels,
     finder: RegionFinder,
 }
 
@@ -106,13 +90,14 @@ impl RoadDetector {
         disparities: usize,
     ) -> Self {
         let histogram = VDisparity::new(height, disparities);
-        let grid = Occupancy::new(width, disparities);
+        let stixels = Stixels::new(width, height);
         Self {
             radon: Radon::new(histogram.bins(), height),
             profile: ProfileFinder::new(histogram.bins(), height),
-            finder: RegionFinder::new(parameters.regions, &grid),
+            finder: RegionFinder::new(parameters.regions, &stixels, disparities),
+            surface: Surface::new(rig, disparities),
             histogram,
-            grid,
+            stixels,
             parameters,
             rig,
             width,
@@ -145,75 +130,25 @@ impl RoadDetector {
             self.profile.clear();
             return Scene { road: None, profile_px: self.profile.profile().disparity_px(), regions: &[] };
         };
-        let tilt = self.tilt(disparity);
-        self.mark(disparity, tilt);
         let profile = self.profile.profile();
-        let regions = self.finder.find(&self.grid, profile, tilt, &self.rig, (self.width, self.height));
+        self.surface.take(profile, disparity);
+        let p = &self.parameters.regions;
+        let standing = StixelParameters {
+            least_height_m: 0.4 * p.least_height_m,
+            sigmas: 3.0,
+            greatest_height_m: p.greatest_height_m,
+            least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),
+        };
+        self.stixels.find(disparity, &self.surface, line.slope, &standing);
+        let size = (self.width, self.height);
+        let regions = self.finder.find(&self.stixels, &self.surface, line.slope, &self.rig, size);
         let road = RoadModel {
             line,
-            roll: tilt.roll,
+            roll: self.surface.tilt().roll,
             confidence: support,
             camera_height_m: self.rig.baseline_m / line.slope,
         };
         Scene { road: Some(road), profile_px: profile.disparity_px(), regions }
-    }
-
-    /// Fits the sideways tilt of the road to what is left after the profile, on every fourth
-    /// pixel that lies near it.
-    fn tilt(&self, disparity: DisparityView<'_>) -> Tilt {
-        let profile = self.profile.profile();
-        let level = Tilt { cx_px: self.rig.cx_px, ..Tilt::default() };
-        let mut tilt = level;
-        for tolerance_px in [2.0, 1.0, 0.6] {
-            let mut normal = Matrix2::<f64>::zeros();
-            let mut right = Vector2::<f64>::zeros();
-            for y in (profile.top()..self.height).step_by(4) {
-                let road = f64::from(profile.disparity_px()[y]);
-                for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
-                    let px = f64::from(d) / 256.0;
-                    if d > 0 && (tilt.level(x as f64, px) - road).abs() < tolerance_px {
-                        let (across, residual) = (x as f64 - self.rig.cx_px, px - road);
-                        normal += Matrix2::new(across * across, across, across, 1.0);
-                        right += Vector2::new(across * residual, residual);
-                    }
-                }
-            }
-            // Too little road to tell: level.
-            tilt = match normal.cholesky() {
-                Some(solver) if normal[(1, 1)] > 50.0 => {
-                    let fit = solver.solve(&right);
-                    Tilt { roll: fit[0], offset_px: fit[1], ..level }
-                }
-                _ => level,
-            };
-        }
-        // More than this (about 10 degrees on a car) is a wall, not a roll.
-        if tilt.roll.abs() <= 0.06 && tilt.offset_px.abs() <= 3.0 { tilt } else { level }
-    }
-
-    /// Marks obstacle pixels in the occupancy grid: those whose height above the road,
-    /// baseline·(row of the road at this disparity − row)/disparity, is in range.
-    fn mark(&mut self, disparity: DisparityView<'_>, tilt: Tilt) {
-        self.grid.clear();
-        let p = &self.parameters.regions;
-        let profile = self.profile.profile();
-        let least = (self.rig.disparity_px(p.greatest_distance_m) * 256.0).max(1.0) as u16;
-        let (low, high) = (p.least_height_m as f32, p.greatest_height_m as f32);
-        let baseline = self.rig.baseline_m as f32;
-        for y in 0..self.height {
-            for (x, &d) in disparity.row(y).iter().enumerate() {
-                if d < least {
-                    continue;
-                }
-                let px = f32::from(d) / 256.0;
-                let levelled = tilt.level(x as f64, px.into()) as f32;
-                let Some(foot) = profile.row_at(levelled.max(0.0)) else { continue };
-                let height = baseline * (foot - y as f32) / px;
-                if height >= low && height <= high {
-                    self.grid.add(x, y, d);
-                }
-            }
-        }
     }
 }
 

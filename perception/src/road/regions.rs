@@ -1,8 +1,7 @@
-//! Obstacle regions: connected occupancy becomes boxes with a distance.
+//! Obstacle regions: stixels of one thing become a box with a distance.
 
-use super::Tilt;
-use super::occupancy::{CELL_COLUMNS, Occupancy};
-use super::profile::RoadProfile;
+use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
+use super::surface::Surface;
 use crate::rig::Rig;
 
 /// A box in the image, in pixels.
@@ -46,7 +45,7 @@ pub struct Region {
     pub lateral_m: f64,
     /// Width of the box at that distance, in metres.
     pub width_m: f64,
-    /// Height of the box at that distance, in metres.
+    /// Height of its top above the road, in metres.
     pub height_m: f64,
     /// Obstacle pixels.
     pub pixels: u32,
@@ -77,7 +76,7 @@ impl Default for RegionParameters {
             least_height_m: 0.3,
             greatest_height_m: 3.0,
             greatest_distance_m: 60.0,
-            least_width_m: 0.25,
+            least_width_m: 0.2,
             depth_span_m: 4.5,
             least_pixels: 60,
             greatest_count: 64,
@@ -87,58 +86,71 @@ impl Default for RegionParameters {
 
 /// Regions that are measured before the nearest are chosen.
 const CAPACITY: usize = 512;
+/// Strips over which stixels are linked.
+const REACH: usize = 3;
+/// Bins of a pixel of disparity in which the near side is sought.
+const BINS_PER_PX: usize = 8;
 
-/// Groups occupied cells, with memory allocated once.
+/// Groups stixels, with memory allocated once.
 #[derive(Debug)]
 pub struct RegionFinder {
     parameters: RegionParameters,
+    /// Stixels by disparity, the nearest first.
+    order: Vec<u32>,
     visited: Vec<bool>,
-    stack: Vec<(u32, u32)>,
-    members: Vec<(u32, u32)>,
-    /// Pixels by disparity cell of the region at hand.
-    by_depth: Vec<u32>,
+    stack: Vec<u32>,
+    members: Vec<u32>,
+    /// Rows by disparity of the region at hand.
+    histogram: Vec<u32>,
     regions: Vec<Region>,
 }
 
 impl RegionFinder {
-    /// A workspace for the given grid.
-    pub fn new(parameters: RegionParameters, grid: &Occupancy) -> Self {
-        let cells = grid.columns() * grid.depths();
+    /// A workspace for such stixels with disparities below `disparities` px.
+    pub fn new(parameters: RegionParameters, stixels: &Stixels, disparities: usize) -> Self {
+        let most = stixels.capacity();
         Self {
-            visited: vec![false; cells],
-            stack: Vec::with_capacity(cells),
-            members: Vec::with_capacity(cells),
-            by_depth: vec![0; grid.depths()],
-            regions: Vec::with_capacity(CAPACITY),
             parameters,
+            order: Vec::with_capacity(most),
+            visited: Vec::with_capacity(most),
+            stack: Vec::with_capacity(most),
+            members: Vec::with_capacity(most),
+            histogram: vec![0; disparities * BINS_PER_PX + 1],
+            regions: Vec::with_capacity(CAPACITY),
         }
     }
 
-    /// Groups the cells of `grid`; the regions are sorted, nearest first, and beyond the greatest
-    /// count the farthest are left out. `size` is the image's width and height.
+    /// Groups stixels; the regions are sorted, nearest first, and beyond the greatest count the
+    /// farthest are left out. `size` is the image's width and height.
     pub fn find(
         &mut self,
-        grid: &Occupancy,
-        road: &RoadProfile,
-        tilt: Tilt,
+        stixels: &Stixels,
+        surface: &Surface,
+        slope: f64,
         rig: &Rig,
         size: (usize, usize),
     ) -> &[Region] {
-        self.visited.fill(false);
+        let list = stixels.list();
         self.regions.clear();
-        for depth in (0..grid.depths()).rev() {
-            for column in 0..grid.columns() {
-                if !self.visited[column * grid.depths() + depth] && self.occupied(grid, rig, column, depth) {
-                    self.gather(grid, rig, column, depth);
-                    if let Some(region) = self.measure(grid, road, tilt, rig, size)
-                        && self.regions.len() < CAPACITY
-                    {
-                        self.regions.push(region);
-                    }
-                }
+        self.visited.clear();
+        self.visited.resize(list.len(), false);
+        self.order.clear();
+        self.order.extend(0..list.len() as u32);
+        let depth = |i: &u32| list[*i as usize].disparity_px;
+        self.order.sort_unstable_by(|a, b| depth(b).total_cmp(&depth(a)).then(a.cmp(b)));
+        for i in 0..self.order.len() {
+            let seed = self.order[i];
+            if self.visited[seed as usize] {
+                continue;
+            }
+            self.gather(stixels, surface, rig, seed);
+            if let Some(region) = self.measure(stixels, surface, slope, rig, size)
+                && self.regions.len() < CAPACITY
+            {
+                self.regions.push(region);
             }
         }
-        // The seed is the nearest stray cell; what counts is where the region stands.
+        // The seed is the nearest stray stixel; what counts is where the region stands.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
         });
@@ -146,38 +158,26 @@ impl RegionFinder {
         &self.regions
     }
 
-    /// Whether enough stands in a cell: half the least height, in rows at that disparity.
-    fn occupied(&self, grid: &Occupancy, rig: &Rig, column: usize, depth: usize) -> bool {
-        if grid.cell(column, depth).pixels == 0 {
-            return false;
-        }
-        let disparity = Occupancy::disparity_px(depth);
-        let rows = 0.5 * self.parameters.least_height_m * disparity / rig.baseline_m;
-        grid.rows_standing(column, depth) >= rows.max(2.0)
-    }
-
-    /// Collects all cells that connect to the seed and are not much farther away than it.
-    fn gather(&mut self, grid: &Occupancy, rig: &Rig, column: usize, depth: usize) {
-        let near_m = rig.distance_m(Occupancy::disparity_px(depth));
-        let far_px = rig.disparity_px(near_m + self.parameters.depth_span_m);
-        let farthest = (far_px * super::occupancy::CELLS_PER_PX as f64) as usize;
+    /// Collects all stixels that connect to the seed and are not much farther away than it.
+    fn gather(&mut self, stixels: &Stixels, surface: &Surface, rig: &Rig, seed: u32) {
+        let list = stixels.list();
+        let near_m = rig.distance_m(f64::from(list[seed as usize].disparity_px));
+        let farthest_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
         self.members.clear();
         self.stack.clear();
-        self.visited[column * grid.depths() + depth] = true;
-        self.stack.push((column as u32, depth as u32));
-        while let Some((column, depth)) = self.stack.pop() {
-            self.members.push((column, depth));
-            let (column, depth) = (column as usize, depth as usize);
-            // Neighbours: two columns, and a disparity step that grows with the disparity.
-            let reach = 2 + depth / 24;
-            let columns = column.saturating_sub(2)..(column + 3).min(grid.columns());
-            let depths = depth.saturating_sub(reach).max(farthest)..(depth + reach + 1).min(grid.depths());
-            for c in columns {
-                for d in depths.clone() {
-                    let i = c * grid.depths() + d;
-                    if !self.visited[i] && self.occupied(grid, rig, c, d) {
-                        self.visited[i] = true;
-                        self.stack.push((c as u32, d as u32));
+        self.visited[seed as usize] = true;
+        self.stack.push(seed);
+        while let Some(i) = self.stack.pop() {
+            self.members.push(i);
+            let here = list[i as usize];
+            let strip = here.strip as usize;
+            for next in strip.saturating_sub(REACH)..(strip + REACH + 1).min(stixels.strips()) {
+                for j in stixels.of(next) {
+                    let there = &list[j];
+                    if !self.visited[j] && there.disparity_px >= farthest_px && linked(&here, there, surface)
+                    {
+                        self.visited[j] = true;
+                        self.stack.push(j as u32);
                     }
                 }
             }
@@ -186,42 +186,39 @@ impl RegionFinder {
 
     fn measure(
         &mut self,
-        grid: &Occupancy,
-        road: &RoadProfile,
-        tilt: Tilt,
+        stixels: &Stixels,
+        surface: &Surface,
+        slope: f64,
         rig: &Rig,
         (width, height): (usize, usize),
     ) -> Option<Region> {
-        self.by_depth.fill(0);
-        let (mut left, mut right) = (u32::MAX, 0);
-        let (mut top, mut bottom) = (u16::MAX, 0);
-        let mut pixels = 0;
-        for &(column, depth) in &self.members {
-            let cell = grid.cell(column as usize, depth as usize);
-            self.by_depth[depth as usize] += cell.pixels;
-            pixels += cell.pixels;
-            left = left.min(column);
-            right = right.max(column);
-            top = top.min(cell.top);
-            bottom = bottom.max(cell.bottom);
-        }
-        if pixels < self.parameters.least_pixels {
+        let p = self.parameters;
+        let list = stixels.list();
+        let members = || self.members.iter().map(|&i| &list[i as usize]);
+        let rows: u32 = members().map(|s| u32::from(s.rows)).sum();
+        let pixels = rows * STRIP_COLUMNS as u32;
+        if pixels < p.least_pixels {
             return None;
         }
-        let (disparity_px, disparity_sigma_px) = self.near_side(grid, pixels)?;
+        let (mut left, mut right, mut top) = (u32::MAX, 0, u16::MAX);
+        for stixel in members() {
+            left = left.min(stixel.strip);
+            right = right.max(stixel.strip);
+            top = top.min(stixel.top);
+        }
+        let low_m = members().map(|s| s.low_m).fold(f32::INFINITY, f32::min);
+        let (disparity_px, disparity_sigma_px) = self.near_side(stixels, surface)?;
         let distance_m = rig.distance_m(disparity_px);
-        if distance_m > self.parameters.greatest_distance_m {
+        if distance_m > p.greatest_distance_m {
             return None;
         }
-        let x = left * CELL_COLUMNS as u32;
-        let right = ((right + 1) * CELL_COLUMNS as u32).min(width as u32);
-        // The mask leaves out what is low: the box goes down to the road.
+        let x = left * STRIP_COLUMNS as u32;
+        let right = ((right + 1) * STRIP_COLUMNS as u32).min(width as u32);
+        // The stixels leave out what is low: the box goes down to the road.
         let middle = f64::from(x + right) / 2.0;
-        let levelled = tilt.level(middle, disparity_px).max(0.0) as f32;
-        let foot = road.row_at(levelled).unwrap_or(f32::from(bottom)).round();
-        let foot = (foot.clamp(0.0, (height - 1) as f32) as u32).max(u32::from(bottom));
-        let top = u32::from(top);
-        let bounds = PixelBox { x, y: top, width: right - x, height: foot + 1 - top };
+        let foot = f64::from(surface.row_at(middle, disparity_px));
+        let foot = foot.round().clamp(f64::from(top), (height - 1) as f64) as u32;
+        let bounds = PixelBox { x, y: top.into(), width: right - x, height: foot + 1 - u32::from(top) };
         let metres = |px: u32| f64::from(px) * distance_m / rig.focal_px;
         let region = Region {
             bounds,
@@ -230,44 +227,77 @@ impl RegionFinder {
             distance_m,
             lateral_m: rig.lateral_m(f64::from(x) + f64::from(bounds.width) / 2.0, distance_m),
             width_m: metres(bounds.width),
-            height_m: metres(bounds.height),
+            height_m: surface.height_m(middle, f64::from(top), disparity_px),
             pixels,
         };
-        let p = &self.parameters;
-        (region.width_m >= p.least_width_m && region.height_m >= p.least_height_m).then_some(region)
+        let noise_m = surface.height_noise_m(disparity_px, slope);
+        let stands = region.height_m >= p.least_height_m.max(4.0 * noise_m)
+            && f64::from(low_m) <= 0.5 * p.greatest_height_m
+            && region.width_m >= p.least_width_m;
+        stands.then_some(region)
     }
 
-    /// Disparity of the near side: the mean around the upper fifth of the region's disparities,
-    /// so that neither its depth nor a few stray pixels move it.
-    fn near_side(&self, grid: &Occupancy, pixels: u32) -> Option<(f64, f64)> {
-        let mut rest = pixels / 5;
-        let mut nearest = self.by_depth.len() - 1;
-        for (depth, &count) in self.by_depth.iter().enumerate().rev() {
-            nearest = depth;
+    /// Disparity of the near side with its standard deviation: the nearest depth at which a good part
+    /// of the region stands, so that neither its length nor a few stray rows move it.
+    fn near_side(&mut self, stixels: &Stixels, surface: &Surface) -> Option<(f64, f64)> {
+        self.histogram.fill(0);
+        let list = stixels.list();
+        let last = self.histogram.len() - 1;
+        let mut total = 0;
+        for &i in &self.members {
+            let stixel = &list[i as usize];
+            let depths = stixels.depths(stixel.strip as usize);
+            for &d in &depths[usize::from(stixel.top)..=usize::from(stixel.bottom)] {
+                if d > 0 {
+                    self.histogram[(usize::from(d) * BINS_PER_PX / 256).min(last)] += 1;
+                    total += 1;
+                }
+            }
+        }
+        // From the near end on, until a tenth is passed; then to the centre of what lies there.
+        let mut rest = total / 10;
+        let mut nearest = last;
+        for (bin, &count) in self.histogram.iter().enumerate().rev() {
+            nearest = bin;
             if count > rest {
                 break;
             }
             rest -= count;
         }
-        let reach = 2 + nearest / 40;
-        let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-        for &(column, depth) in &self.members {
-            let depth = depth as usize;
-            let cell = grid.cell(column as usize, depth);
-            if cell.pixels > 0 && depth.abs_diff(nearest) <= reach {
-                let mean = cell.disparity_sum as f64 / f64::from(cell.pixels) / 256.0;
-                n += f64::from(cell.pixels);
-                sum += f64::from(cell.pixels) * mean;
-                squares += f64::from(cell.pixels) * mean * mean;
+        let mut centre = nearest as f64 + 0.5;
+        let half = (3.0 * surface.noise_px() * BINS_PER_PX as f64).max(2.0) + 0.01 * centre;
+        let (mut n, mut variance) = (0.0, 0.0);
+        for _ in 0..3 {
+            let range = (centre - half).max(0.0) as usize..=((centre + half) as usize).min(last);
+            let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
+            for bin in range {
+                let (weight, at) = (f64::from(self.histogram[bin]), bin as f64 + 0.5);
+                count += weight;
+                sum += weight * at;
+                squares += weight * at * at;
             }
+            if count == 0.0 {
+                break;
+            }
+            centre = sum / count;
+            variance = (squares / count - centre * centre).max(0.0);
+            n = count;
         }
         if n == 0.0 {
             return None;
         }
-        let mean = sum / n;
-        let variance = (squares / n - mean * mean).max(0.0);
-        // Neighbouring pixels share their windows, so about one in fifty is independent; 0.15 px
+        let per_px = BINS_PER_PX as f64;
+        let variance = variance / per_px.powi(2);
+        // Neighbouring rows and strips share their windows, so about one in ten is independent; 0.08 px
         // stays for what averaging does not remove.
-        Some((mean, (0.15_f64.powi(2) + variance / (n / 50.0).max(1.0)).sqrt()))
+        let sigma = (0.08_f64.powi(2) + variance / (n / 10.0).max(1.0)).sqrt();
+        Some((centre / per_px, sigma))
     }
+}
+
+/// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side.
+fn linked(a: &Stixel, b: &Stixel, surface: &Surface) -> bool {
+    let tolerance = 0.15 + 2.0 * surface.noise_px() as f32 + 0.015 * a.disparity_px;
+    let beside = a.top <= b.bottom && b.top <= a.bottom;
+    beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }

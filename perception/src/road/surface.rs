@@ -1,0 +1,151 @@
+//! The road's surface as heights are measured from it: profile, tilt and noise of one frame.
+
+use super::profile::RoadProfile;
+use crate::rig::Rig;
+use crate::stereo::DisparityView;
+use nalgebra::{Matrix2, Vector2};
+
+/// How the road lies across: what its disparity adds to the profile.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tilt {
+    /// Disparity that one column to the right adds, px per px.
+    pub roll: f64,
+    /// Disparity of the road at the principal column, less the profile's, in px.
+    pub offset_px: f64,
+    /// The principal column.
+    pub cx_px: f64,
+}
+
+impl Tilt {
+    /// The disparity in column `x` as it would be on a level road, where the profile holds.
+    pub fn level(&self, x_px: f64, disparity_px: f64) -> f64 {
+        disparity_px - self.roll * (x_px - self.cx_px) - self.offset_px
+    }
+}
+
+/// Places of the table in a pixel of disparity.
+const FINE: usize = 16;
+/// Least and greatest noise of a disparity that is believed, in px.
+const NOISE_PX: (f64, f64) = (0.06, 0.6);
+/// Residuals up to this many px are told apart for the noise, in steps of 1/64 px.
+const RESIDUALS: usize = 64;
+
+/// The surface, with memory allocated once.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Row where the road has each disparity.
+    rows: Vec<f32>,
+    tilt: Tilt,
+    rig: Rig,
+    noise_px: f64,
+    residuals: Vec<u32>,
+}
+
+impl Surface {
+    /// No road yet, for disparities below `disparities` px.
+    pub fn new(rig: Rig, disparities: usize) -> Self {
+        Self {
+            rows: vec![f32::NAN; disparities * FINE + 2],
+            tilt: Tilt::default(),
+            rig,
+            noise_px: NOISE_PX.0,
+            residuals: vec![0; RESIDUALS + 1],
+        }
+    }
+
+    /// How the road lies across.
+    pub fn tilt(&self) -> Tilt {
+        self.tilt
+    }
+
+    /// One standard deviation of a disparity on this frame's road, in px.
+    pub fn noise_px(&self) -> f64 {
+        self.noise_px
+    }
+
+    /// Takes the road of a frame: its profile, with the tilt and the noise that `disparity` shows
+    /// around it.
+    pub fn take(&mut self, profile: &RoadProfile, disparity: DisparityView<'_>) {
+        for (i, row) in self.rows.iter_mut().enumerate() {
+            *row = profile.row_at(i as f32 / FINE as f32).unwrap_or(f32::NAN);
+        }
+        self.tilt = tilt(profile, disparity, self.rig.cx_px);
+        self.measure_noise(profile, disparity);
+    }
+
+    /// The median distance of road pixels from the surface, as a standard deviation.
+    fn measure_noise(&mut self, profile: &RoadProfile, disparity: DisparityView<'_>) {
+        self.residuals.fill(0);
+        for y in (profile.top()..disparity.height()).step_by(4) {
+            let road = f64::from(profile.disparity_px()[y]);
+            for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
+                let residual = (self.tilt.level(x as f64, f64::from(d) / 256.0) - road).abs();
+                if d > 0 && residual < 1.0 {
+                    self.residuals[(residual * RESIDUALS as f64) as usize] += 1;
+                }
+            }
+        }
+        let half = self.residuals.iter().sum::<u32>() / 2;
+        let mut seen = 0;
+        let median = self.residuals.iter().position(|&n| {
+            seen += n;
+            seen > half
+        });
+        let median = (median.unwrap_or(0) as f64 + 0.5) / RESIDUALS as f64;
+        self.noise_px = (1.4826 * median).clamp(NOISE_PX.0, NOISE_PX.1);
+    }
+
+    /// The row where the road has disparity `disparity_px` in column `x`; NaN without a road.
+    #[inline]
+    pub fn row_at(&self, x_px: f64, disparity_px: f64) -> f32 {
+        let place = (self.tilt.level(x_px, disparity_px).max(0.0) * FINE as f64) as f32;
+        let index = (place as usize).min(self.rows.len() - 2);
+        let share = (place - index as f32).min(1.0);
+        self.rows[index] + share * (self.rows[index + 1] - self.rows[index])
+    }
+
+    /// Height above the road, in metres, of what row `y` and column `x` show at a disparity (above 0):
+    /// baseline·(row of the road there − y)/disparity. NaN without a road.
+    #[inline]
+    pub fn height_m(&self, x_px: f64, y_px: f64, disparity_px: f64) -> f64 {
+        self.rig.baseline_m * (f64::from(self.row_at(x_px, disparity_px)) - y_px) / disparity_px
+    }
+
+    /// One standard deviation of such a height, in metres, where the road's disparity grows by
+    /// `slope` px a row.
+    pub fn height_noise_m(&self, disparity_px: f64, slope: f64) -> f64 {
+        self.rig.baseline_m * self.noise_px / (slope * disparity_px)
+    }
+}
+
+/// Fits the sideways tilt of the road to what is left after the profile, on every fourth pixel that
+/// lies near it.
+fn tilt(profile: &RoadProfile, disparity: DisparityView<'_>, cx_px: f64) -> Tilt {
+    let level = Tilt { cx_px, ..Tilt::default() };
+    let mut tilt = level;
+    for tolerance_px in [2.0, 1.0, 0.6] {
+        let mut normal = Matrix2::<f64>::zeros();
+        let mut right = Vector2::<f64>::zeros();
+        for y in (profile.top()..disparity.height()).step_by(4) {
+            let road = f64::from(profile.disparity_px()[y]);
+            for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
+                let px = f64::from(d) / 256.0;
+                if d > 0 && (tilt.level(x as f64, px) - road).abs() < tolerance_px {
+                    let (across, residual) = (x as f64 - cx_px, px - road);
+                    normal += Matrix2::new(across * across, across, across, 1.0);
+                    right += Vector2::new(across * residual, residual);
+                }
+            }
+        }
+        // Too little road to tell: level.
+        tilt = match normal.cholesky() {
+            Some(solver) if normal[(1, 1)] > 50.0 => {
+                let fit = solver.solve(&right);
+                Tilt { roll: fit[0], offset_px: fit[1], ..level }
+            }
+            _ => level,
+        };
+    }
+    // More than this (about 10 degrees on a car) is a wall, not a roll.
+    if tilt.roll.abs() <= 0.06 && tilt.offset_px.abs() <= 3.0 { tilt } else { level }
+}

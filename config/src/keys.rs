@@ -133,7 +133,11 @@ pub const KEYS: &[Key] = &[
         Switch,
         "Lets surfaces slope as the coarser map shows them; without, changes cost the same everywhere.",
     ),
-    key("stereo.sub_pixel", Switch, "Finds disparities between whole pixels, too."),
+    key(
+        "stereo.sub_pixel",
+        Choice(&["data", "energy", "none"]),
+        "Disparities between whole pixels: `data` from the horizontal layer, `energy` from the final energies (scatters less, keeps to whole pixels), `none` not at all.",
+    ),
     key(
         "stereo.left_right_px",
         Whole(0, 16),

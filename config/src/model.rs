@@ -65,7 +65,7 @@ pub struct Stereo {
     pub merging: String,
     pub scales: i64,
     pub slopes: bool,
-    pub sub_pixel: bool,
+    pub sub_pixel: String,
     pub left_right_px: i64,
     pub speckle_pixels: i64,
     pub confidence_min: i64,

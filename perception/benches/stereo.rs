@@ -127,10 +127,13 @@ fn kernels(c: &mut Criterion) {
         let blocks: Vec<Block> =
             (0..20).map(|t| Block { low: 0, high: n, at: t * 32 * (n + 2), ..Block::default() }).collect();
         let energies = lanes(20 * (n + 2), 255);
+        let volume = lanes(20 * 32 * (n + 2), 100);
         let mut winner = Winner::new(WinnerParameters::default(), level, 640, n);
         let (mut disparity, mut confidence) = (vec![0; 640], vec![0; 640]);
         group.bench_function("winners of a row, 640 x 64 nodes", |b| {
-            b.iter(|| winner.row(EnergyRow::new(3, &blocks, &energies), &mut disparity, &mut confidence));
+            b.iter(|| {
+                winner.row(EnergyRow::new(3, &blocks, &energies, &volume), &mut disparity, &mut confidence)
+            });
         });
 
         group.throughput(Throughput::Elements(640 * 480));

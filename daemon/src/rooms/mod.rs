@@ -16,7 +16,7 @@ use perception::stereo::fill::BridgeParameters;
 use perception::stereo::scale::PathParameters;
 use perception::stereo::speckle::SpeckleParameters;
 use perception::stereo::viterbi::Merge;
-use perception::stereo::winner::WinnerParameters;
+use perception::stereo::winner::{SubPixel, WinnerParameters};
 use perception::stereo::{MatchError, MatcherError, MpvParameters};
 use perception::tracking::TrackerParameters;
 use perception::tracking::alarm::AlarmParameters;
@@ -111,7 +111,11 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
         slopes: c.slopes,
         winner: WinnerParameters {
             left_right_px: whole(c.left_right_px),
-            sub_pixel: c.sub_pixel,
+            sub_pixel: match &c.sub_pixel[..] {
+                "none" => SubPixel::None,
+                "energy" => SubPixel::Energy,
+                _ => SubPixel::Data,
+            },
             ..default.winner
         },
         least_confidence: whole(c.confidence_min),

@@ -38,12 +38,21 @@ pub struct EnergyRow<'a> {
     pub blocks: &'a [Block],
     /// Tile by tile, [`Block::pitch`] vectors each.
     energies: &'a [Lanes],
+    /// H of the whole volume.
+    merged: &'a [Lanes],
 }
 
 impl<'a> EnergyRow<'a> {
     /// A row `y` through `blocks`, whose `energies` lie tile by tile, [`Block::pitch`] vectors each.
-    pub fn new(y: usize, blocks: &'a [Block], energies: &'a [Lanes]) -> Self {
-        Self { y, blocks, energies }
+    pub fn new(y: usize, blocks: &'a [Block], energies: &'a [Lanes], merged: &'a [Lanes]) -> Self {
+        Self { y, blocks, energies, merged }
+    }
+
+    /// H of the row in block `tile`, likewise.
+    pub fn data(&self, tile: usize) -> &'a [Lanes] {
+        let block = &self.blocks[tile];
+        let at = block.at + self.y % BLOCK * block.pitch();
+        &self.merged[at..at + block.span()]
     }
 
     /// The energies of the row in block `tile`: a vector for each disparity of its window.

@@ -11,7 +11,7 @@ use super::pyramid::{Coarse, double, half_size, halve};
 use super::scale::{PathParameters, Scale};
 use super::speckle::{SpeckleFilter, SpeckleParameters};
 use super::trust::Trust;
-use super::winner::{Winner, WinnerParameters};
+use super::winner::{SubPixel, Winner, WinnerParameters};
 use super::{DisparityView, MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
 use crate::simd::{LANES, Level};
@@ -212,7 +212,12 @@ impl Mpv {
             };
             // The finest scale asks the neighbourhood, which is known only later.
             let least_confidence = if i == finest { 0 } else { parameters.least_confidence };
-            let winner = WinnerParameters { least_confidence, ..parameters.winner };
+            // Slopes and windows are measured on the coarser maps: what scatters less serves them better.
+            let sub_pixel = match parameters.winner.sub_pixel {
+                SubPixel::Data if i < finest => SubPixel::Energy,
+                chosen => chosen,
+            };
+            let winner = WinnerParameters { least_confidence, sub_pixel, ..parameters.winner };
             stages.push(Stage {
                 winners: std::array::from_fn(|_| Winner::new(winner, level, w, d)),
                 speckle: SpeckleFilter::new(speckle, w, h),

@@ -245,7 +245,7 @@ impl Scale {
             }
             let from = (y + 1 < self.height).then_some(y + 1);
             advance_row_at(self.level, self, worker, from, y, merged, 0, &mut sums, 0);
-            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), &worker.finished);
+            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), &worker.finished, merged);
             if y < self.middle() { upper(row) } else { lower(row) }
         }
         true
@@ -333,13 +333,13 @@ impl Scale {
                 let mut sums = Sums::Finish(below);
                 for y in middle..self.height {
                     descend(down, y, &mut sums, cut);
-                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), &down.finished));
+                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), &down.finished, merged));
                 }
             });
             let mut sums = Sums::Finish(above);
             for y in (0..middle).rev() {
                 ascend(up, y, &mut sums, 0);
-                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), &up.finished));
+                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), &up.finished, merged));
             }
         });
         true

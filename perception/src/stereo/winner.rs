@@ -12,13 +12,26 @@ pub struct WinnerParameters {
     pub left_right_px: u8,
     /// A winner of less confidence than this is unknown.
     pub least_confidence: u8,
-    /// Whether a winner's place is found between the nodes, too.
-    pub sub_pixel: bool,
+    /// How a winner's place between the nodes is found.
+    pub sub_pixel: SubPixel,
+}
+
+/// How a winner's place between the nodes is found. Each path's jumps pull a surface to the whole
+/// disparity that most of it has: the more they weigh, the less an estimate scatters and the more it
+/// keeps to whole pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SubPixel {
+    /// Not at all.
+    None,
+    /// From the final energies.
+    Energy,
+    /// From H, and half of what the six paths' jumps say for one side.
+    Data,
 }
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 1, least_confidence: 0, sub_pixel: true }
+        Self { left_right_px: 1, least_confidence: 0, sub_pixel: SubPixel::Data }
     }
 }
 
@@ -43,7 +56,15 @@ impl Winners {
 }
 
 #[inline(always)]
-fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &mut Winners) {
+fn pick<S: Simd>(
+    s: S,
+    nodes: &[Lanes],
+    data: &[Lanes],
+    low: usize,
+    cuts: [bool; 2],
+    sub_pixel: SubPixel,
+    winners: &mut Winners,
+) {
     let (zero, one) = (s.splat(0), s.splat(1));
     let none = s.splat(u8::MAX);
     let mut best = none;
@@ -58,11 +79,16 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &m
     // The winner's neighbours, where it has both, and the best node further away.
     let (left, right) = (s.sub(place, one), s.add(place, one));
     let (mut before, mut after, mut second) = (best, best, none);
+    // The same of H.
+    let (mut h_before, mut h_here, mut h_after) = (zero, zero, zero);
     let mut here = zero;
-    for node in nodes {
-        let node = s.load(node);
+    for (node, data) in nodes.iter().zip(data) {
+        let (node, data) = (s.load(node), s.load(data));
         before = s.select_equal(here, left, node, before);
         after = s.select_equal(here, right, node, after);
+        h_before = s.select_equal(here, left, data, h_before);
+        h_here = s.select_equal(here, place, data, h_here);
+        h_after = s.select_equal(here, right, data, h_after);
         let far = s.select_equal(here, place, none, node);
         let far = s.select_equal(here, left, none, far);
         second = s.min(second, s.select_equal(here, right, none, far));
@@ -70,12 +96,12 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &m
     }
     let margin = s.sub(second, best);
     let mut confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
+    let last = (nodes.len() - 1) as u8;
     // A cut window hides the winner's rivals: a winner of much energy is doubted, and one at the cut
     // is not believed, as what lies beyond may be better.
     if cuts != [false; 2] {
         confidence = s.sub(confidence, s.mean(s.mean(best, zero), zero));
     }
-    let last = (nodes.len() - 1) as u8;
     for (cut, node) in cuts.into_iter().zip([0, last]) {
         if cut {
             confidence = s.select_equal(place, s.splat(node), one, confidence);
@@ -83,33 +109,50 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &m
     }
     s.store(s.max(confidence, one), &mut winners.confidence);
     // A winner at either end of the window has no place of its own.
-    let end = s.splat((nodes.len() - 1) as u8);
-    for at_end in [zero, end] {
+    for at_end in [zero, s.splat(last)] {
         before = s.select_equal(place, at_end, best, before);
         after = s.select_equal(place, at_end, best, after);
+        h_before = s.select_equal(place, at_end, h_here, h_before);
+        h_after = s.select_equal(place, at_end, h_here, h_after);
     }
     s.store(s.add(place, s.splat(low as u8)), &mut winners.place);
-    let (mut energy, mut sides) = (Lanes::ZERO, [Lanes::ZERO; 2]);
-    s.store(best, &mut energy);
-    s.store(before, &mut sides[0]);
-    s.store(after, &mut sides[1]);
+    let mut sums = [Lanes::ZERO; 3];
+    s.store(before, &mut sums[0]);
+    s.store(best, &mut sums[1]);
+    s.store(after, &mut sums[2]);
+    let mut data = [Lanes::ZERO; 3];
+    s.store(h_before, &mut data[0]);
+    s.store(h_here, &mut data[1]);
+    s.store(h_after, &mut data[2]);
+    let (base, jumps) = match sub_pixel {
+        SubPixel::None => (&[Lanes::ZERO; 3], 0.0),
+        SubPixel::Energy => (&sums, 0.0),
+        SubPixel::Data => (&data, JUMPS),
+    };
     for lane in 0..LANES {
-        let (here, place) = (energy.0[lane], winners.place.0[lane]);
-        let part = sub_pixel(sides[0].0[lane], here, sides[1].0[lane]);
+        let place = winners.place.0[lane];
+        let value = |of: &[Lanes; 3], side: usize| f32::from(of[side].0[lane]);
+        let jump = |side: usize| value(&sums, side) - value(&data, side);
+        let lean = jumps * (jump(0) - jump(2));
+        let part = between(value(base, 0), value(base, 1), value(base, 2), lean);
         winners.disparity[lane] = (i32::from(place) * 256 + part) as u16;
-        winners.keys[lane] = u16::from(here) << 8 | u16::from(u8::MAX - place);
+        winners.keys[lane] = u16::from(sums[1].0[lane]) << 8 | u16::from(u8::MAX - place);
     }
 }
 
 /// Where the winner truly lies, in 1/256 px from its node: where two lines of equal slope through
-/// it and its neighbours meet (equiangular fit), at most half a pixel.
+/// it and its neighbours meet (equiangular fit), at most half a pixel. `lean` is by how much more the
+/// jumps of the paths cost before than after: it counts for one side of the fit, so that jumps that
+/// cost the same on both sides do not flatten it.
 #[inline(always)]
-fn sub_pixel(before: u8, here: u8, after: u8) -> i32 {
-    let (before, here, after) = (f32::from(before), f32::from(here), f32::from(after));
+fn between(before: f32, here: f32, after: f32, lean: f32) -> i32 {
     // At least 1, so that a flat energy gives no place of its own.
-    let slope = (before - here).max(after - here).max(1.0);
-    (128.0 * (before - after) / slope) as i32
+    let slope = (before - here).max(after - here).max(1.0) + lean.abs();
+    (128.0 * (before - after + lean) / slope).clamp(-128.0, 128.0) as i32
 }
+
+/// Share of the jumps that [`SubPixel::Data`] takes: less scatters more, more keeps to whole pixels.
+const JUMPS: f32 = 0.5;
 
 /// Confidence that a difference of the two views takes.
 const DISAGREEMENT: u8 = 30;
@@ -171,10 +214,7 @@ fn take<S: Simd>(
     right.fill(u16::MAX);
     for (tile, (winners, block)) in winners.iter_mut().zip(row.blocks).enumerate() {
         let cuts = [block.low > 0, block.high < *disparities];
-        pick(s, row.nodes(tile), block.low, cuts, winners);
-        if !parameters.sub_pixel {
-            winners.disparity = winners.place.0.map(|place| u16::from(place) << 8);
-        }
+        pick(s, row.nodes(tile), row.data(tile), block.low, cuts, parameters.sub_pixel, winners);
         // Where the tile's lanes land: at LEAD + x − d.
         let x = tile * LANES;
         let landing: &mut [u16; LEAD + LANES] = match (&mut right[x..x + LEAD + LANES]).try_into() {
@@ -244,10 +284,15 @@ mod tests {
 
     fn run(truth: &[usize], low: usize, n: usize) -> (Vec<u16>, Vec<u8>) {
         let (blocks, nodes) = row_for(truth, low, n);
+        // Row 0 of a volume whose blocks have 32 rows each; H is the energy itself.
+        let mut volume = vec![Lanes::ZERO; nodes.len() * LANES];
+        for (block, nodes) in blocks.iter().zip(nodes.chunks(n)) {
+            volume[block.at..block.at + n].copy_from_slice(nodes);
+        }
         let mut results = Level::available().into_iter().map(|level| {
             let mut winner = Winner::new(WinnerParameters::default(), level, truth.len(), low + n);
             let (mut disparity, mut confidence) = (vec![1; truth.len()], vec![1; truth.len()]);
-            winner.row(EnergyRow::new(0, &blocks, &nodes), &mut disparity, &mut confidence);
+            winner.row(EnergyRow::new(0, &blocks, &nodes, &volume), &mut disparity, &mut confidence);
             (disparity, confidence)
         });
         let plain = results.next().unwrap();
@@ -276,10 +321,12 @@ mod tests {
 
     #[test]
     fn the_sub_pixel_place_follows_the_lower_side() {
-        assert_eq!(sub_pixel(20, 10, 20), 0);
-        assert_eq!(sub_pixel(30, 10, 10), 128);
-        assert_eq!(sub_pixel(15, 10, 20), -64);
-        assert_eq!(sub_pixel(10, 10, 10), 0);
+        assert_eq!(between(20.0, 10.0, 20.0, 0.0), 0);
+        assert_eq!(between(30.0, 10.0, 10.0, 0.0), 128);
+        assert_eq!(between(15.0, 10.0, 20.0, 0.0), -64);
+        assert_eq!(between(10.0, 10.0, 10.0, 0.0), 0);
+        assert_eq!(between(20.0, 10.0, 20.0, 10.0), 64);
+        assert_eq!(between(10.0, 30.0, 10.0, 100.0), 126);
         // A window that starts or ends at the winner says nothing about either side.
         let (disparity, _) = run(&[9; 40], 9, 4);
         assert!(disparity[9..].iter().all(|&d| d == 9 * 256));

@@ -135,7 +135,7 @@ impl RoadDetector {
         let p = &self.parameters.regions;
         let standing = StixelParameters {
             least_height_m: 0.4 * p.least_height_m,
-            sigmas: 3.0,
+            sigmas: 1.0,
             greatest_height_m: p.greatest_height_m,
             least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),
         };

@@ -78,7 +78,7 @@ impl Default for RegionParameters {
             greatest_distance_m: 60.0,
             least_width_m: 0.2,
             depth_span_m: 4.5,
-            least_pixels: 60,
+            least_pixels: 30,
             greatest_count: 64,
         }
     }
@@ -231,7 +231,7 @@ impl RegionFinder {
             pixels,
         };
         let noise_m = surface.height_noise_m(disparity_px, slope);
-        let stands = region.height_m >= p.least_height_m.max(4.0 * noise_m)
+        let stands = region.height_m >= p.least_height_m.max(2.0 * noise_m)
             && f64::from(low_m) <= 0.5 * p.greatest_height_m
             && region.width_m >= p.least_width_m;
         stands.then_some(region)
@@ -264,10 +264,19 @@ impl RegionFinder {
             }
             rest -= count;
         }
-        let mut centre = nearest as f64 + 0.5;
-        let half = (3.0 * surface.noise_px() * BINS_PER_PX as f64).max(2.0) + 0.01 * centre;
+        // The fullest place within reach of it: pixels at the edges of a thing lie behind it, never
+        // before it, so a mean of all would be too far.
+        let reach = (4.0 * surface.noise_px() * BINS_PER_PX as f64 + 0.02 * nearest as f64).ceil() as usize;
+        let smooth = |bin: usize| {
+            let range = bin.saturating_sub(1)..=(bin + 1).min(last);
+            self.histogram[range].iter().sum::<u32>() + self.histogram[bin]
+        };
+        let candidates = nearest.saturating_sub(reach)..=(nearest + reach / 2).min(last);
+        let peak = candidates.max_by_key(|&bin| smooth(bin)).unwrap_or(nearest);
+        let mut centre = peak as f64 + 0.5;
+        let half = (1.5 * surface.noise_px() * BINS_PER_PX as f64).max(2.0) + 0.005 * centre;
         let (mut n, mut variance) = (0.0, 0.0);
-        for _ in 0..3 {
+        for _ in 0..2 {
             let range = (centre - half).max(0.0) as usize..=((centre + half) as usize).min(last);
             let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
             for bin in range {

@@ -94,12 +94,12 @@ pub struct Mirror<'a> {
     /// The surfaces that they show.
     pub surfaces: &'a [Surface],
     /// What each pixel would see of them, at its middle.
-    pub seen: &'a [u16],
+    pub seen: &'a [u32],
 }
 
 impl Painter {
     /// Paints a row from what its samples see.
-    pub fn row(&self, row: &Row<'_>, seen: &[Vec<u16>], grey: &mut [f32]) {
+    pub fn row(&self, row: &Row<'_>, seen: &[Vec<u32>], grey: &mut [f32]) {
         let [a, b, c, d] = [&seen[0], &seen[1], &seen[2], &seen[3]];
         let mut x = 0;
         while x < grey.len() {
@@ -118,7 +118,7 @@ impl Painter {
             if number == 0 {
                 (x..end).for_each(|x| grey[x] = self.sky(&row.camera.rig, x as f32, y));
             } else {
-                let patch = row.view.patches[usize::from(number) - 1];
+                let patch = row.view.patches[number as usize - 1];
                 let surface = row.surfaces[patch.surface as usize];
                 (x..end).for_each(|x| grey[x] = self.point(row, &patch, &surface, x, x as f32, y));
             }
@@ -128,7 +128,7 @@ impl Painter {
 
     /// A pixel whose samples see several patches.
     #[cold]
-    fn edge(&self, row: &Row<'_>, numbers: [u16; 4], x: usize) -> f32 {
+    fn edge(&self, row: &Row<'_>, numbers: [u32; 4], x: usize) -> f32 {
         let mut grey = 0.0;
         for (k, &number) in numbers.iter().enumerate() {
             if numbers[..k].contains(&number) {
@@ -146,7 +146,7 @@ impl Painter {
                 * if number == 0 {
                     self.sky(&row.camera.rig, px, py)
                 } else {
-                    let patch = &row.view.patches[usize::from(number) - 1];
+                    let patch = &row.view.patches[number as usize - 1];
                     self.point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
                 };
         }
@@ -233,7 +233,7 @@ impl Painter {
         let seen = if number == 0 {
             self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)
         } else {
-            let patch = &mirror.view.patches[usize::from(number) - 1];
+            let patch = &mirror.view.patches[number as usize - 1];
             self.point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
         };
         grey + share * (seen.min(600.0) - grey)

@@ -198,7 +198,7 @@ impl Painter {
             grey += material.glow;
         }
         if matches!(material.look, Look::Road | Look::Paving) && (row.mirror.is_some() || light.sheen > 0.0) {
-            grey = self.thrown_back(row, grey, &hit, patch.plane_m * inverse_z, (x, dx, dy), (px, py));
+            grey = self.thrown_back(row, grey, patch.plane_m * inverse_z, (x, dx, dy), (px, py));
         }
         light.through_air(grey, z)
     }
@@ -210,7 +210,6 @@ impl Painter {
         &self,
         row: &Row<'_>,
         grey: f32,
-        hit: &Hit,
         steep: f32,
         (x, dx, dy): (usize, f32, f32),
         (px, py): (f32, f32),
@@ -218,17 +217,18 @@ impl Painter {
         let light = &self.light;
         let flat = (1.0 - steep).clamp(0.0, 1.0);
         let flat = flat * flat * flat * flat;
-        // Puddles and rough places.
-        let patchy = self.texture.sample(hit.u * 1.7, hit.v * 0.9, hit.span_u * 1.7, hit.span_v * 0.9);
+        // Puddles and rough places: the asphalt's own pattern.
+        let patchy = grey - 50.0;
         let mut grey = grey;
         if light.sheen > 0.0 {
             let to = light.towards_sun;
             let off = (dx - (to[0] / to[2]) as f32) / 0.16;
-            grey +=
-                light.sheen * (1.0 + 0.012 * patchy) * flat / (1.0 + off * off) / (1.0 + 12.0 * dy.max(0.0));
+            grey += light.sheen * (0.8 + 0.012 * patchy).clamp(0.3, 2.0) * flat
+                / (1.0 + off * off)
+                / (1.0 + 12.0 * dy.max(0.0));
         }
         let Some(mirror) = row.mirror else { return grey };
-        let share = self.style.wet * (0.04 + 0.62 * flat) * (0.75 + 0.012 * patchy).clamp(0.15, 1.0);
+        let share = self.style.wet * (0.04 + 0.62 * flat) * (0.8 + 0.006 * patchy).clamp(0.2, 1.0);
         let number = mirror.seen[x];
         let seen = if number == 0 {
             self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)

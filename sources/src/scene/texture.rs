@@ -93,14 +93,12 @@ impl Texture {
     /// a pixel that spans `span_u` × `span_v` texels.
     #[inline]
     pub fn sample(&self, u: f32, v: f32, span_u: f32, span_v: f32) -> f32 {
-        let (i, share_i) = level(span_u);
+        // Across, the nearest level will do: what changes there changes at one distance, and so at the
+        // same place in both images. Along, where spans grow with the square of the distance, two mix.
+        let i = nearest_level(span_u);
         let (j, share_j) = level(span_v);
-        let row = |j: usize| {
-            let fine = self.bilinear(i, j, u, v);
-            if share_i == 0.0 { fine } else { fine + (self.bilinear(i + 1, j, u, v) - fine) * share_i }
-        };
-        let fine = row(j);
-        (if share_j == 0.0 { fine } else { fine + (row(j + 1) - fine) * share_j }) - 128.0
+        let fine = self.bilinear(i, j, u, v);
+        (if share_j == 0.0 { fine } else { fine + (self.bilinear(i, j + 1, u, v) - fine) * share_j }) - 128.0
     }
 
     #[inline(always)]
@@ -148,6 +146,13 @@ fn level(span: f32) -> (usize, f32) {
     let (exponent, rest) = ((bits >> 23) as usize - 127, (bits & 0x7f_ffff) as f32 / 8_388_608.0);
     let share = (2.0 * rest - 0.5).clamp(0.0, 1.0);
     if share == 1.0 { (exponent + 1, 0.0) } else { (exponent, share) }
+}
+
+/// The level that suits a span best.
+#[inline]
+fn nearest_level(span: f32) -> usize {
+    // Half is added to the logarithm, then its whole part taken.
+    (((span * PER_PIXEL).clamp(1.0, 255.0).to_bits() + 0x40_0000) >> 23) as usize - 127
 }
 
 #[cfg(test)]

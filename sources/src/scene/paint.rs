@@ -147,7 +147,7 @@ impl Painter {
                     self.sky(&row.camera.rig, px, py)
                 } else {
                     let patch = &row.view.patches[number as usize - 1];
-                    self.point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
+                    self.lone_point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
                 };
         }
         grey
@@ -163,7 +163,13 @@ impl Painter {
         light.sky - light.sky_rise * dy + light.clouds * cloud * (light.sky / 205.0)
     }
 
-    #[inline]
+    /// [`Self::point`] where speed matters less than size.
+    #[inline(never)]
+    fn lone_point(&self, row: &Row<'_>, patch: &Patch, surface: &Surface, x: usize, px: f32, py: f32) -> f32 {
+        self.point(row, patch, surface, x, px, py)
+    }
+
+    #[inline(always)]
     fn point(&self, row: &Row<'_>, patch: &Patch, surface: &Surface, x: usize, px: f32, py: f32) -> f32 {
         let rig = &row.camera.rig;
         let per_px = 1.0 / rig.focal_px as f32;
@@ -234,7 +240,7 @@ impl Painter {
             self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)
         } else {
             let patch = &mirror.view.patches[number as usize - 1];
-            self.point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
+            self.lone_point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
         };
         grey + share * (seen.min(600.0) - grey)
     }

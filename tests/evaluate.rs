@@ -281,7 +281,7 @@ fn what_cannot_be_used_is_named() {
     for args in [
         &["evaluate"][..],
         &["evaluate", "stereo"],
-        &["evaluate", "weather", "set"],
+        &["evaluate", "wether", "set"],
         &["evaluate", "stereo", "set", "--max-disparity", "256"],
         &["evaluate", "stereo", "set", "--maps", "x", "--disturb", "gain"],
         &["evaluate", "stereo", "set", "--disturb", "fog"],

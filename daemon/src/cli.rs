@@ -62,9 +62,9 @@ image_l and image_r, left and right, image_02/data and image_03/data, or image_0
 image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.txt beside them.
 
 scene:NAME is a synthetic scene with its own rig: one that ships (drive, street, crest, dip, slope,
-bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone), or
-a TOML file (docs/scenes.md). Settings may follow: ?weather=sunny, light_rain, heavy_rain, night, snow,
-backlight or overcast; seed=N; rig=paper or kitti.
+bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
+debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings may follow:
+?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
 (a line per frame) and summary.json.")]
@@ -271,7 +271,7 @@ several sets, below a folder for each.")]
     #[command(after_help = "Examples:
   lookout evaluate weather
   lookout evaluate weather --weather night,heavy_rain --json
-  lookout evaluate weather crest dip --weather sunny
+  lookout evaluate weather crest-traffic dip-traffic --weather sunny
   lookout evaluate weather 'street?rig=kitti' my/road.toml --out results
 
 Every frame goes through the same rooms as in the daemon, in one process; its regions are compared

@@ -15,12 +15,13 @@ use tools::overlay;
 use tools::picture::Picture;
 
 /// The scenes that are looked at when none are named: approaches, then silent ones.
-const SCENES: [&str; 15] = [
+const SCENES: [&str; 16] = [
     "bus",
     "car-body",
     "green-belt",
     "cone",
     "car-rear",
+    "debris",
     "crest",
     "dip",
     "slope",

@@ -10,7 +10,7 @@ macro_rules! scenes {
 }
 
 /// The scenes that ship: name and text.
-pub const SCENES: [(&str, &str); 17] = scenes![
+pub const SCENES: [(&str, &str); 20] = scenes![
     "drive",
     "street",
     "crest",
@@ -28,6 +28,9 @@ pub const SCENES: [(&str, &str); 17] = scenes![
     "car-rear",
     "green-belt",
     "cone",
+    "debris",
+    "crest-traffic",
+    "dip-traffic",
 ];
 
 /// A name and what follows its question mark.

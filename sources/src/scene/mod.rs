@@ -64,9 +64,9 @@ pub struct Scene {
     shade: Shade,
     mirror: View,
     mirror_depth: [Vec<f32>; 1],
-    mirror_seen: [Vec<u16>; 1],
+    mirror_seen: [Vec<u32>; 1],
     depth: [Vec<f32>; 4],
-    seen: [Vec<u16>; 4],
+    seen: [Vec<u32>; 4],
     light: Vec<f32>,
     /// 1/z of each pixel, while something falls.
     near: Vec<f32>,

@@ -94,12 +94,12 @@ pub struct Mirror<'a> {
     /// The surfaces that they show.
     pub surfaces: &'a [Surface],
     /// What each pixel would see of them, at its middle.
-    pub seen: &'a [u16],
+    pub seen: &'a [u32],
 }
 
 impl Painter {
     /// Paints a row from what its samples see.
-    pub fn row(&self, row: &Row<'_>, seen: &[Vec<u16>], grey: &mut [f32]) {
+    pub fn row(&self, row: &Row<'_>, seen: &[Vec<u32>], grey: &mut [f32]) {
         let [a, b, c, d] = [&seen[0], &seen[1], &seen[2], &seen[3]];
         let mut x = 0;
         while x < grey.len() {
@@ -118,7 +118,7 @@ impl Painter {
             if number == 0 {
                 (x..end).for_each(|x| grey[x] = self.sky(&row.camera.rig, x as f32, y));
             } else {
-                let patch = row.view.patches[usize::from(number) - 1];
+                let patch = row.view.patches[number as usize - 1];
                 let surface = row.surfaces[patch.surface as usize];
                 (x..end).for_each(|x| grey[x] = self.point(row, &patch, &surface, x, x as f32, y));
             }
@@ -128,7 +128,7 @@ impl Painter {
 
     /// A pixel whose samples see several patches.
     #[cold]
-    fn edge(&self, row: &Row<'_>, numbers: [u16; 4], x: usize) -> f32 {
+    fn edge(&self, row: &Row<'_>, numbers: [u32; 4], x: usize) -> f32 {
         let mut grey = 0.0;
         for (k, &number) in numbers.iter().enumerate() {
             if numbers[..k].contains(&number) {
@@ -146,8 +146,8 @@ impl Painter {
                 * if number == 0 {
                     self.sky(&row.camera.rig, px, py)
                 } else {
-                    let patch = &row.view.patches[usize::from(number) - 1];
-                    self.point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
+                    let patch = &row.view.patches[number as usize - 1];
+                    self.lone_point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
                 };
         }
         grey
@@ -163,7 +163,13 @@ impl Painter {
         light.sky - light.sky_rise * dy + light.clouds * cloud * (light.sky / 205.0)
     }
 
-    #[inline]
+    /// [`Self::point`] where speed matters less than size.
+    #[inline(never)]
+    fn lone_point(&self, row: &Row<'_>, patch: &Patch, surface: &Surface, x: usize, px: f32, py: f32) -> f32 {
+        self.point(row, patch, surface, x, px, py)
+    }
+
+    #[inline(always)]
     fn point(&self, row: &Row<'_>, patch: &Patch, surface: &Surface, x: usize, px: f32, py: f32) -> f32 {
         let rig = &row.camera.rig;
         let per_px = 1.0 / rig.focal_px as f32;
@@ -198,7 +204,7 @@ impl Painter {
             grey += material.glow;
         }
         if matches!(material.look, Look::Road | Look::Paving) && (row.mirror.is_some() || light.sheen > 0.0) {
-            grey = self.thrown_back(row, grey, &hit, patch.plane_m * inverse_z, (x, dx, dy), (px, py));
+            grey = self.thrown_back(row, grey, patch.plane_m * inverse_z, (x, dx, dy), (px, py));
         }
         light.through_air(grey, z)
     }
@@ -210,7 +216,6 @@ impl Painter {
         &self,
         row: &Row<'_>,
         grey: f32,
-        hit: &Hit,
         steep: f32,
         (x, dx, dy): (usize, f32, f32),
         (px, py): (f32, f32),
@@ -218,23 +223,24 @@ impl Painter {
         let light = &self.light;
         let flat = (1.0 - steep).clamp(0.0, 1.0);
         let flat = flat * flat * flat * flat;
-        // Puddles and rough places.
-        let patchy = self.texture.sample(hit.u * 1.7, hit.v * 0.9, hit.span_u * 1.7, hit.span_v * 0.9);
+        // Puddles and rough places: the asphalt's own pattern.
+        let patchy = grey - 50.0;
         let mut grey = grey;
         if light.sheen > 0.0 {
             let to = light.towards_sun;
             let off = (dx - (to[0] / to[2]) as f32) / 0.16;
-            grey +=
-                light.sheen * (1.0 + 0.012 * patchy) * flat / (1.0 + off * off) / (1.0 + 12.0 * dy.max(0.0));
+            grey += light.sheen * (0.8 + 0.012 * patchy).clamp(0.3, 2.0) * flat
+                / (1.0 + off * off)
+                / (1.0 + 12.0 * dy.max(0.0));
         }
         let Some(mirror) = row.mirror else { return grey };
-        let share = self.style.wet * (0.04 + 0.62 * flat) * (0.75 + 0.012 * patchy).clamp(0.15, 1.0);
+        let share = self.style.wet * (0.04 + 0.62 * flat) * (0.8 + 0.006 * patchy).clamp(0.2, 1.0);
         let number = mirror.seen[x];
         let seen = if number == 0 {
             self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)
         } else {
-            let patch = &mirror.view.patches[usize::from(number) - 1];
-            self.point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
+            let patch = &mirror.view.patches[number as usize - 1];
+            self.lone_point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
         };
         grey + share * (seen.min(600.0) - grey)
     }

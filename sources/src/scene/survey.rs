@@ -10,7 +10,7 @@ use perception::road::PixelBox;
 struct Map {
     view: View,
     inverse_z: Vec<f32>,
-    number: Vec<u16>,
+    number: Vec<u32>,
 }
 
 impl Map {
@@ -67,7 +67,7 @@ impl Scene {
                 in_both[i] = right.number[i] == 0;
                 continue;
             }
-            let patch = &left.view.patches[usize::from(left.number[i]) - 1];
+            let patch = &left.view.patches[left.number[i] as usize - 1];
             disparity_px[i] = left.inverse_z[i] * scale;
             owner[i] = world.surfaces[patch.surface as usize].owner;
             // The pixel of the right image that sees the point, or something before it.
@@ -157,7 +157,7 @@ impl Scene {
         let rows_px = (0..height)
             .map(|y| {
                 let i = y * width + column;
-                let seen = usize::from(map.number[i]).checked_sub(1).map(|k| map.view.patches[k].surface);
+                let seen = (map.number[i] as usize).checked_sub(1).map(|k| map.view.patches[k].surface);
                 let road = seen.is_some_and(|surface| ground[surface as usize].owner == ROAD);
                 if road { map.inverse_z[i] * (rig.focal_px * rig.baseline_m) as f32 } else { 0.0 }
             })

@@ -91,38 +91,36 @@ impl Texture {
 
     /// Grey value less the mean, about −128 to 127, at (`u`, `v`) in texels of the finest level, for
     /// a pixel that spans `span_u` × `span_v` texels.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u: f32, v: f32, span_u: f32, span_v: f32) -> f32 {
-        let (i, share_i) = level(span_u);
+        // Across, the nearest level will do: what changes there changes at one distance, and so at the
+        // same place in both images. Along, where spans grow with the square of the distance, two mix.
+        let i = nearest_level(span_u);
         let (j, share_j) = level(span_v);
-        let row = |j: usize| {
-            let fine = self.bilinear(i, j, u, v);
-            if share_i == 0.0 { fine } else { fine + (self.bilinear(i + 1, j, u, v) - fine) * share_i }
-        };
-        let fine = row(j);
-        (if share_j == 0.0 { fine } else { fine + (row(j + 1) - fine) * share_j }) - 128.0
+        let fine = self.bilinear(i, j, u, v);
+        (if share_j == 0.0 { fine } else { fine + (self.bilinear(i, j + 1, u, v) - fine) * share_j }) - 128.0
     }
 
     #[inline(always)]
     fn bilinear(&self, i: usize, j: usize, u: f32, v: f32) -> f32 {
         let texels = &self.levels[i * LEVELS + j];
         let (columns, rows) = (SIDE >> i, SIDE >> j);
-        let (u, v) = (u * SCALES[i] - 0.5, v * SCALES[j] - 0.5);
-        let (x, y) = (floor(u), floor(v));
-        let (a, b) = (u - x as f32, v - y as f32);
-        let k = (y as usize & (rows - 1)) * columns + (x as usize & (columns - 1));
-        let [p, q, r, s] = texels[k].map(f32::from);
-        let (top, low) = (p + (q - p) * a, r + (s - r) * a);
-        top + (low - top) * b
+        // Places in 1/256 texel; below zero they are cut to the next above, which nobody sees.
+        let (x, y) = ((u * SCALES[i] - 128.0) as i32, (v * SCALES[j] - 128.0) as i32);
+        let (a, b) = (x & 255, y & 255);
+        let k = ((y >> 8) as usize & (rows - 1)) * columns + ((x >> 8) as usize & (columns - 1));
+        let [p, q, r, s] = texels[k].map(i32::from);
+        let (top, low) = ((p << 8) + (q - p) * a, (r << 8) + (s - r) * a);
+        ((top << 8) + (low - top) * b) as f32 * (1.0 / 65_536.0)
     }
 }
 
-/// Texels of each level per texel of the finest.
+/// 1/256 texels of each level per texel of the finest.
 const SCALES: [f32; LEVELS] = {
     let mut scales = [1.0; LEVELS];
     let mut k = 0;
     while k < LEVELS {
-        scales[k] = 1.0 / (1 << k) as f32;
+        scales[k] = 256.0 / (1 << k) as f32;
         k += 1;
     }
     scales
@@ -148,6 +146,13 @@ fn level(span: f32) -> (usize, f32) {
     let (exponent, rest) = ((bits >> 23) as usize - 127, (bits & 0x7f_ffff) as f32 / 8_388_608.0);
     let share = (2.0 * rest - 0.5).clamp(0.0, 1.0);
     if share == 1.0 { (exponent + 1, 0.0) } else { (exponent, share) }
+}
+
+/// The level that suits a span best.
+#[inline]
+fn nearest_level(span: f32) -> usize {
+    // Half is added to the logarithm, then its whole part taken.
+    (((span * PER_PIXEL).clamp(1.0, 255.0).to_bits() + 0x40_0000) >> 23) as usize - 127
 }
 
 #[cfg(test)]

@@ -54,7 +54,7 @@ pub struct Surface {
     pub material: Material,
     /// Share of the sun's light that it gets.
     pub sunlit: f32,
-    /// Whom it belongs to: see [`super::truth::Owner`].
+    /// Whom it belongs to, as in [`super::truth::SceneTruth::owner`].
     pub owner: u16,
 }
 
@@ -283,7 +283,7 @@ impl View {
         y: usize,
         samples: &[(f32, f32)],
         z: &mut [Vec<f32>],
-        seen: &mut [Vec<u16>],
+        seen: &mut [Vec<u32>],
     ) {
         while let Some(&k) = self.order.get(self.next)
             && self.patches[usize::from(k)].first_row <= y as i32
@@ -315,13 +315,14 @@ impl View {
                 }
                 let step = (patch.inverse[0] / focal_px) as f32;
                 let start = (patch.inverse_z(dx, dy) + patch.inverse[0] * from as f64 / focal_px) as f32;
-                let number = k + 1;
-                for ((i, z), seen) in (0_u16..).zip(&mut z[from..to]).zip(&mut seen[from..to]) {
-                    let value = start + step * f32::from(i);
-                    if value > *z {
-                        *z = value;
-                        *seen = number;
-                    }
+                let number = u32::from(k) + 1;
+                // Without branches, so that several pixels go at once.
+                let (z, seen) = (&mut z[from..to], &mut seen[from..to]);
+                for (i, (z, seen)) in z.iter_mut().zip(seen).enumerate() {
+                    let value = start + step * i as i32 as f32;
+                    let nearer = value > *z;
+                    *z = if nearer { value } else { *z };
+                    *seen = if nearer { number } else { *seen };
                 }
             }
         }

@@ -1,9 +1,9 @@
 //! What a frame's regions have to do with what is true of it.
 //!
 //! **Due** are the objects that a scene names (not the rows beside the road), but bridges, whose
-//! nearest visible point is 3 to 40 m away (10 cm of debris: 20 m), of which at least half and at least
-//! 40 pixels are visible, at least half of these in both images, and which the picture's left and right
-//! border do not cut.
+//! nearest visible point is 3 to 40 m away (debris: 20 m), of which at least half and at least 40 pixels
+//! (debris: 12) are visible, at least half of these in both images, and which the picture's left and
+//! right border do not cut.
 //!
 //! A due object is **found** by a region whose distance is within 1 m or 15 % of the truth (whichever
 //! is more) and whose box overlaps the box of the object's visible pixels by 0.25 (shared ÷ joint), or
@@ -53,13 +53,14 @@ pub struct FrameMatch {
 
 /// Whether an object has to be found.
 pub fn is_due(object: &ObjectTruth, width: usize) -> bool {
-    let farthest = if object.class == ObjectClass::Debris { 20.0 } else { DUE_M.1 };
+    let small = object.class == ObjectClass::Debris;
+    let (farthest, pixels) = if small { (20.0, 12) } else { (DUE_M.1, 40) };
     let cut = object.bounds.x == 0 || object.bounds.x + object.bounds.width >= width as u32;
     object.subject
         && object.class != ObjectClass::Bridge
         && (DUE_M.0..=farthest).contains(&object.distance_m)
         && object.visible >= 0.5
-        && object.pixels >= 40
+        && object.pixels >= pixels
         && object.seen_by_both >= 0.5
         && !cut
 }

@@ -1,0 +1,99 @@
+//! Synthetic scenes through the daemon and through `lookout evaluate weather` and `distance`.
+
+mod support;
+
+use serde_json::Value;
+use support::{Bench, files, lines};
+
+fn document(bench: &Bench, args: &[&str]) -> Value {
+    serde_json::from_str(&bench.ok(args)).expect("the output is JSON")
+}
+
+#[test]
+fn a_scene_goes_through_the_daemon_as_it_does_in_one_process() {
+    let bench = Bench::new();
+    let scene = "scene:car-rear?weather=light_rain";
+    bench.ok(&["replay", scene, "--lockstep", "--limit", "8", "--out", "a"]);
+    bench.ok(&["replay", scene, "--in-process", "--limit", "8", "--out", "b"]);
+    bench.assert_clean();
+    assert!(files(&bench.path("a")) == files(&bench.path("b")));
+    assert_eq!(lines(&bench.path("a")).len(), 8);
+    // A scene of one's own, which ends by itself.
+    std::fs::write(
+        bench.path("mine.toml"),
+        "title = \"An empty road\"\nseconds = 0.4\n[ego]\nspeed_m_s = 5\n[[beside]]\nkind = \"trees\"\nlateral_m = 8\nto_m = 80\n",
+    )
+    .unwrap();
+    bench.ok(&["replay", "scene:mine.toml", "--in-process", "--out", "c"]);
+    assert_eq!(lines(&bench.path("c")).len(), 5);
+}
+
+#[test]
+fn what_is_no_scene_is_named_with_the_remedy() {
+    let bench = Bench::new();
+    let text = bench.fails(&["replay", "scene:sreet", "--in-process"]);
+    assert!(text.contains("sreet: no such scene") && text.contains("street"), "{text}");
+    let text = bench.fails(&["replay", "scene:street?weather=hail", "--in-process"]);
+    assert!(text.contains("weather=hail") && text.contains("heavy_rain"), "{text}");
+    std::fs::write(bench.path("bad.toml"), "title = \"x\"\nseconds = 1\n\n[ego]\nspeed_m_s = \"fast\"\n")
+        .unwrap();
+    for args in [
+        &["replay", "scene:bad.toml", "--in-process"][..],
+        &["replay", "scene:bad.toml"],
+        &["evaluate", "weather", "bad.toml"],
+        &["evaluate", "distance", "bad.toml"],
+    ] {
+        let text = bench.fails(args);
+        assert!(text.contains("bad.toml:5: ") && text.contains("\"fast\""), "{args:?}: {text}");
+    }
+    let text = bench.run(&["evaluate", "weather", "--weather", "hail"]);
+    assert_eq!(text.status.code(), Some(2));
+}
+
+#[test]
+fn weather_is_scored_against_the_truth() {
+    let bench = Bench::new();
+    let args = ["evaluate", "weather", "car-rear", "--weather", "sunny,night", "--frames", "12"];
+    let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());
+    let rows = report["rows"].as_array().unwrap();
+    let names: Vec<&str> = rows.iter().map(|row| row["weather"].as_str().unwrap()).collect();
+    assert_eq!(names, ["sunny", "night"]);
+    assert_eq!((&rows[0]["paper_rate"], &rows[1]["paper_rate"]), (&0.905.into(), &0.806.into()));
+    for row in rows {
+        // One car, 30 to 25 m away, in every frame.
+        assert_eq!((&row["frames"], &row["due"], &row["road_seen"]), (&12.into(), &12.into(), &12.into()));
+        let range = &row["ranges"][4];
+        assert_eq!((&range["from_m"], &range["due"]), (&27.5.into(), &7.into()));
+        assert!(row["road_median_m"].as_f64().unwrap() < 0.2, "{row}");
+    }
+    assert!(rows[0]["detection_rate"].as_f64().unwrap() > 0.8, "{}", rows[0]);
+    assert!(rows[0]["all"]["median_percent"].as_f64().unwrap() < 8.0, "{}", rows[0]);
+    for file in ["car-rear-sunny.png", "car-rear-night.png", "evaluation.json"] {
+        assert!(bench.path("out").join(file).is_file(), "{file}");
+    }
+    // The same again, and as a table.
+    assert_eq!(report, document(&bench, &[&args[..], &["--json"]].concat()));
+    let table = bench.ok(&args);
+    assert!(
+        table.contains("car-rear night") && table.contains("0.806") && table.contains("27.5 to 40 m"),
+        "{table}"
+    );
+}
+
+#[test]
+fn approaches_and_silent_scenes_are_told_apart() {
+    let bench = Bench::new();
+    let args = ["evaluate", "distance", "green-belt", "slope", "--set", "alarm.distance_m=14"];
+    let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());
+    let (approach, silent) = (&report["approaches"][0], &report["silent"][0]);
+    assert_eq!((&approach["scene"], &silent["scene"]), (&"green-belt".into(), &"slope".into()));
+    assert!((approach["start_m"].as_f64().unwrap() - 20.0).abs() < 0.05, "{approach}");
+    assert!(approach["first_found_m"].as_f64().unwrap() > 17.0, "{approach}");
+    assert_eq!(approach["preset_m"], 14.0);
+    let alarm = approach["alarm_m"].as_f64().expect("the hedge raises the alarm");
+    assert!((12.0..15.5).contains(&alarm), "{approach}");
+    assert_eq!((&silent["frames"], &silent["alarms"]), (&100.into(), &0.into()));
+    let strip = image::open(bench.path("out/green-belt.png")).unwrap();
+    assert!(strip.width() > 3 * 320 && strip.height() > 240);
+    assert!(!bench.path("out/slope.png").exists());
+}

@@ -1,5 +1,6 @@
 //! From disparity to the road, and to what stands on it (paper, section 3.5).
 
+pub mod confirm;
 pub mod histogram;
 pub mod profile;
 pub mod radon;

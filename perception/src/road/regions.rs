@@ -1,5 +1,6 @@
 //! Obstacle regions: stixels of one thing become a box with a distance.
 
+use super::confirm::Confirmation;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use super::surface::Surface;
 use crate::rig::Rig;
@@ -78,7 +79,7 @@ impl Default for RegionParameters {
             greatest_distance_m: 60.0,
             least_width_m: 0.2,
             depth_span_m: 4.5,
-            least_pixels: 30,
+            least_pixels: 40,
             greatest_count: 64,
         }
     }
@@ -86,6 +87,17 @@ impl Default for RegionParameters {
 
 /// Regions that are measured before the nearest are chosen.
 const CAPACITY: usize = 512;
+/// What rises fewer standard deviations above the road is noise; what rises so many stands out.
+const LEAST_PROMINENCE: f64 = 2.0;
+const GREAT_PROMINENCE: f64 = 5.0;
+/// What has so many pixels stands out when it is prominent, too.
+const MANY_PIXELS: u32 = 150;
+/// What remains of a disparity's error after averaging, in px, and as a share of the distance: the
+/// near side of a thing is seldom a plane across the view.
+const SYSTEMATIC_PX: f64 = 0.08;
+const SHAPE: f64 = 0.012;
+/// The widest shadow of an edge, in px.
+const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Strips over which stixels are linked.
 const REACH: usize = 3;
 /// Bins of a pixel of disparity in which the near side is sought.
@@ -103,6 +115,7 @@ pub struct RegionFinder {
     /// Rows by disparity of the region at hand.
     histogram: Vec<u32>,
     regions: Vec<Region>,
+    confirmation: Confirmation,
 }
 
 impl RegionFinder {
@@ -117,6 +130,7 @@ impl RegionFinder {
             members: Vec::with_capacity(most),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
+            confirmation: Confirmation::default(),
         }
     }
 
@@ -150,6 +164,10 @@ impl RegionFinder {
                 self.regions.push(region);
             }
         }
+        self.drop_shadows();
+        self.confirmation.filter(&mut self.regions, |region| {
+            prominence(region, surface, slope) >= GREAT_PROMINENCE && region.pixels >= MANY_PIXELS
+        });
         // The seed is the nearest stray stixel; what counts is where the region stands.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
@@ -182,6 +200,32 @@ impl RegionFinder {
                 }
             }
         }
+    }
+
+    /// Takes out narrow regions that cling to the side of a nearer, larger one: where the background is
+    /// hidden from one camera, the matcher fills in depths in between.
+    fn drop_shadows(&mut self) {
+        let regions = &mut self.regions;
+        let mut kept = 0;
+        for i in 0..regions.len() {
+            let (near, far) = (&regions[..], regions[i]);
+            let shadow = far.bounds.width <= SHADOW_PX
+                && near.iter().any(|near| {
+                    let (a, b) = (&near.bounds, &far.bounds);
+                    let (right, bottom) = (a.x + a.width + 2 * STRIP_COLUMNS as u32, a.y + a.height);
+                    let touches = b.x <= right && b.x + b.width + 2 * STRIP_COLUMNS as u32 >= a.x;
+                    let beside = b.y + b.height <= bottom && b.y + b.height / 2 >= a.y;
+                    near.disparity_px > far.disparity_px * 1.05
+                        && near.pixels > 2 * far.pixels
+                        && touches
+                        && beside
+                });
+            if !shadow {
+                regions.swap(kept, i);
+                kept += 1;
+            }
+        }
+        regions.truncate(kept);
     }
 
     fn measure(
@@ -219,6 +263,7 @@ impl RegionFinder {
         let foot = f64::from(surface.row_at(middle, disparity_px));
         let foot = foot.round().clamp(f64::from(top), (height - 1) as f64) as u32;
         let bounds = PixelBox { x, y: top.into(), width: right - x, height: foot + 1 - u32::from(top) };
+        let height_m = surface.height_m(middle, f64::from(top), disparity_px);
         let metres = |px: u32| f64::from(px) * distance_m / rig.focal_px;
         let region = Region {
             bounds,
@@ -227,11 +272,11 @@ impl RegionFinder {
             distance_m,
             lateral_m: rig.lateral_m(f64::from(x) + f64::from(bounds.width) / 2.0, distance_m),
             width_m: metres(bounds.width),
-            height_m: surface.height_m(middle, f64::from(top), disparity_px),
+            height_m,
             pixels,
         };
-        let noise_m = surface.height_noise_m(disparity_px, slope);
-        let stands = region.height_m >= p.least_height_m.max(2.0 * noise_m)
+        let stands = region.height_m >= p.least_height_m
+            && prominence(&region, surface, slope) >= LEAST_PROMINENCE
             && f64::from(low_m) <= 0.5 * p.greatest_height_m
             && region.width_m >= p.least_width_m;
         stands.then_some(region)
@@ -297,11 +342,17 @@ impl RegionFinder {
         }
         let per_px = BINS_PER_PX as f64;
         let variance = variance / per_px.powi(2);
-        // Neighbouring rows and strips share their windows, so about one in ten is independent; 0.08 px
-        // stays for what averaging does not remove.
-        let sigma = (0.08_f64.powi(2) + variance / (n / 10.0).max(1.0)).sqrt();
+        // Neighbouring rows and strips share their windows, so about one in ten is independent; what
+        // averaging does not remove is a part of a pixel, and that things are no planes.
+        let shape_px = SHAPE * centre / per_px;
+        let sigma = (SYSTEMATIC_PX.powi(2) + shape_px.powi(2) + variance / (n / 10.0).max(1.0)).sqrt();
         Some((centre / per_px, sigma))
     }
+}
+
+/// Standard deviations of the frame's noise that a region's top is above the road.
+fn prominence(region: &Region, surface: &Surface, slope: f64) -> f64 {
+    region.height_m / surface.height_noise_m(region.disparity_px, slope)
 }
 
 /// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side.

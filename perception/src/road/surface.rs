@@ -26,9 +26,9 @@ impl Tilt {
 /// Places of the table in a pixel of disparity.
 const FINE: usize = 16;
 /// Least and greatest noise of a disparity that is believed, in px.
-const NOISE_PX: (f64, f64) = (0.06, 0.6);
-/// Residuals up to this many px are told apart for the noise, in steps of 1/64 px.
-const RESIDUALS: usize = 64;
+const NOISE_PX: (f64, f64) = (0.06, 1.0);
+/// Residuals up to this many px are told apart for the noise, two px in all.
+const RESIDUALS: usize = 128;
 
 /// The surface, with memory allocated once.
 #[derive(Clone, Debug)]
@@ -80,8 +80,8 @@ impl Surface {
             let road = f64::from(profile.disparity_px()[y]);
             for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
                 let residual = (self.tilt.level(x as f64, f64::from(d) / 256.0) - road).abs();
-                if d > 0 && residual < 1.0 {
-                    self.residuals[(residual * RESIDUALS as f64) as usize] += 1;
+                if d > 0 && residual < 2.0 {
+                    self.residuals[(residual * 0.5 * RESIDUALS as f64) as usize] += 1;
                 }
             }
         }
@@ -91,7 +91,7 @@ impl Surface {
             seen += n;
             seen > half
         });
-        let median = (median.unwrap_or(0) as f64 + 0.5) / RESIDUALS as f64;
+        let median = (median.unwrap_or(0) as f64 + 0.5) * 2.0 / RESIDUALS as f64;
         self.noise_px = (1.4826 * median).clamp(NOISE_PX.0, NOISE_PX.1);
     }
 

@@ -10,8 +10,17 @@ pub mod plane;
 pub mod pose;
 pub mod rectification;
 pub mod saddle;
+pub mod start;
 pub mod stereo;
+pub mod uncertainty;
+pub mod verdict;
 
 pub use camera::{Camera, Lens};
 pub use finder::{Board, BoardError, NoBoard, Sighting};
 pub use pose::Pose;
+pub use rectification::{Crop, Rectification, RectificationError};
+pub use stereo::{CalibrationError, Pair, StereoCalibration, ViewFault, calibrate};
+pub use verdict::{Grade, Reason, Verdict, judge};
+
+#[cfg(test)]
+mod tests;

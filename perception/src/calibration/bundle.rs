@@ -15,7 +15,7 @@ type OwnVector = SVector<f64, OWN>;
 
 const ROUNDS: usize = 60;
 /// What the square of a coefficient of the rational lens costs, in px².
-const LOOSE_COST: f64 = 0.02;
+const LOOSE_COST: f64 = 0.3;
 
 /// One board as the cameras saw it.
 #[derive(Clone, Debug)]
@@ -426,17 +426,23 @@ impl Problem<'_> {
                 _ => damping *= 10.0,
             }
         }
+        let loose = self.loose(&state);
+        let part = LOOSE_COST / normals.len().max(1) as f64;
         let shares = normals
             .iter()
             .map(|v| {
                 let inverse = v.own.cholesky()?.inverse();
                 let weighted = &v.mixed * inverse;
-                Some(Share {
-                    information: &v.global - &weighted * v.mixed.transpose(),
-                    gradient: &v.global_right - weighted * v.own_right,
-                })
+                let mut information = &v.global - &weighted * v.mixed.transpose();
+                let mut gradient = &v.global_right - weighted * v.own_right;
+                for &(i, value) in &loose {
+                    information[(i, i)] += part;
+                    gradient[i] -= part * value;
+                }
+                Some(Share { information, gradient })
             })
             .collect::<Option<Vec<_>>>()?;
+
         Some(Solution { state, cost, shares, rounds })
     }
 

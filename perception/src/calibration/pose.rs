@@ -1,6 +1,6 @@
 //! Rigid motions: where a board stands, and one camera beside the other.
 
-use nalgebra::{Matrix3, Rotation3, SVector, Vector3};
+use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
 
 /// A rigid motion: a point x becomes R·x + t, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +44,7 @@ impl Pose {
 
     /// The rotation vector, in radians.
     pub fn rotation_vector(&self) -> Vector3<f64> {
-        self.rotation.scaled_axis()
+        rotation_vector(&self.rotation)
     }
 
     /// Rotation about y (to the right), about x (down) and about z, in radians: for small rotations
@@ -53,6 +53,12 @@ impl Pose {
         let v = self.rotation_vector();
         [v.y, v.x, v.z]
     }
+}
+
+/// Axis times angle of a rotation, in radians. By way of the quaternion: the matrix's trace says
+/// nothing about small angles.
+pub fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
+    UnitQuaternion::from_rotation_matrix(rotation).scaled_axis()
 }
 
 /// The matrix of the cross product with `v` from the left.
@@ -69,7 +75,7 @@ pub fn median(poses: &[Pose]) -> Option<Pose> {
         values.sort_unstable_by(f64::total_cmp);
         values[values.len() / 2]
     };
-    let against = |p: &Pose| (p.rotation * first.rotation.inverse()).scaled_axis();
+    let against = |p: &Pose| rotation_vector(&(p.rotation * first.rotation.inverse()));
     let mut turn = Vector3::zeros();
     let mut translation_m = Vector3::zeros();
     for i in 0..3 {
@@ -93,6 +99,14 @@ mod tests {
         let p = Vector3::new(1.0, 2.0, 3.0);
         assert!((a.then(&b).apply(&p) - b.apply(&a.apply(&p))).norm() < 1e-12);
         assert!((a.inverse().apply(&a.apply(&p)) - p).norm() < 1e-12);
+    }
+
+    #[test]
+    fn rotation_vectors_are_sound_at_every_size() {
+        for size in [0.0, 1e-12, 1e-8, 1e-4, 0.1, 1.0, 3.0] {
+            let v = Vector3::new(0.6, 0.0, -0.8) * size;
+            assert!((rotation_vector(&Rotation3::new(v)) - v).norm() < 1e-9, "{size}");
+        }
     }
 
     #[test]

@@ -90,7 +90,7 @@ impl Rectification {
         if centre.x < 0.0 {
             return Err(RectificationError::Swapped { offset_m: -centre.x });
         }
-        let half = Rotation3::new(between.rotation.scaled_axis() * 0.5);
+        let half = Rotation3::new(between.rotation_vector() * 0.5);
         // Both cameras now look alike; the baseline in their coordinates:
         let along = -(half.inverse() * t);
         let level =
@@ -104,9 +104,17 @@ impl Rectification {
             for i in 0..=SAMPLES {
                 let share = i as f64 / SAMPLES as f64;
                 let (x, y) = (share * (width - 1.0), share * (height - 1.0));
-                let seen = |x: f64, y: f64| -> Option<Vector2<f64>> {
+                let ray = |x: f64, y: f64| -> Option<Vector2<f64>> {
                     let ray = turns[c] * camera.undistort(Vector2::new(x, y))?.push(1.0);
                     (ray.z > 0.05).then(|| Vector2::new(ray.x / ray.z, ray.y / ray.z))
+                };
+                // Where the lens model folds over at the border, the picture ends before.
+                let (mx, my) = (0.5 * (width - 1.0), 0.5 * (height - 1.0));
+                let seen = |x: f64, y: f64| {
+                    (0..12).find_map(|k| {
+                        let near = 1.0 - 0.05 * f64::from(k);
+                        ray(mx + (x - mx) * near, my + (y - my) * near)
+                    })
                 };
                 let side = [seen(0.0, y), seen(width - 1.0, y), seen(x, 0.0), seen(x, height - 1.0)];
                 let [Some(left), Some(right), Some(top), Some(bottom)] = side else {

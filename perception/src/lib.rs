@@ -7,6 +7,7 @@
 pub mod calibration;
 pub mod image;
 pub mod recognition;
+pub mod rectify;
 pub mod rig;
 pub mod road;
 pub mod simd;

@@ -273,8 +273,8 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
         contrast: middle(|f| f.contrast.abs()),
     };
     // Boards with an odd and an even side look different upside down: their first corner has the
-    // bright square before it (up and left).
-    if (columns + rows) % 2 == 1 && fits.first().is_some_and(|f| f.contrast < 0.0) {
+    // dark square before it (up and left).
+    if (columns + rows) % 2 == 1 && fits.first().is_some_and(|f| f.contrast > 0.0) {
         sighting.corners.reverse();
     }
     Ok(sighting)

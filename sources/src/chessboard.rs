@@ -5,8 +5,9 @@ use perception::calibration::plane::Plane;
 use perception::calibration::{Board, Camera, Pose};
 use perception::image::GreyImage;
 
-/// Points across a pixel that are averaged.
-const POINTS: usize = 3;
+/// Points of a pixel that are averaged: no two in one column or row, so that edges along either are
+/// smooth, too.
+const POINTS: usize = 13;
 
 /// What is photographed, and how well.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,11 +42,11 @@ impl Studio {
     pub fn new(camera: &Camera, size: (usize, usize), board: Board) -> Self {
         let (width, height) = size;
         let offset = |i: usize| (i as f64 + 0.5) / POINTS as f64 - 0.5;
-        let mut rays = Vec::with_capacity(width * height * POINTS * POINTS);
+        let mut rays = Vec::with_capacity(width * height * POINTS);
         for y in 0..height {
             for x in 0..width {
-                for i in 0..POINTS * POINTS {
-                    let point = Vector2::new(x as f64 + offset(i % POINTS), y as f64 + offset(i / POINTS));
+                for i in 0..POINTS {
+                    let point = Vector2::new(x as f64 + offset(i), y as f64 + offset(5 * i % POINTS));
                     rays.push(camera.undistort(point));
                 }
             }
@@ -78,14 +79,13 @@ impl Studio {
             let dark = inside && (x as i64 + y as i64) % 2 == 0;
             if dark { 32.0 } else { 205.0 }
         };
-        let per_pixel = POINTS * POINTS;
         let sharp: Vec<u8> = self
             .rays
-            .chunks_exact(per_pixel)
+            .chunks_exact(POINTS)
             .enumerate()
             .map(|(i, rays)| {
                 let light = 1.0 + (conditions.light - 1.0) * (i % width) as f64 / width as f64;
-                (light * rays.iter().map(grey).sum::<f64>() / per_pixel as f64).clamp(0.0, 255.0) as u8
+                (light * rays.iter().map(grey).sum::<f64>() / POINTS as f64).clamp(0.0, 255.0) as u8
             })
             .collect();
         let mut image = GreyImage::new(width, height);

@@ -135,14 +135,9 @@ mod tests {
     use perception::calibration::finder;
 
     /// Root mean square distance of found corners from where they are, in pixels.
-    fn error(
-        camera: &Camera,
-        size: (usize, usize),
-        board: Board,
-        pose: &Pose,
-        conditions: &Conditions,
-    ) -> f64 {
-        let image = Studio::new(camera, size, board).picture(pose, conditions, 5);
+    fn error(studio: &Studio, camera: &Camera, pose: &Pose, conditions: &Conditions) -> f64 {
+        let board = studio.board;
+        let image = studio.picture(pose, conditions, 5);
         let found = finder::find(image.view(), &board)
             .unwrap_or_else(|e| panic!("{}x{} {conditions:?}: {e}", board.columns(), board.rows()));
         let expected: Vec<_> = board
@@ -177,6 +172,7 @@ mod tests {
     #[test]
     fn boards_are_found_under_blur_noise_tilt_and_uneven_light() {
         let board = Board::new(9, 6, 0.025).unwrap();
+        let studio = Studio::new(&CAMERA, (640, 480), board);
         let base = Conditions::default();
         for (conditions, limit) in [
             (base, 0.05),
@@ -190,7 +186,7 @@ mod tests {
             for (x, y, z) in
                 [(0.0, 0.0, 0.0), (0.5, 0.3, 0.2), (-0.3, 0.7, 0.9), (0.75, -0.2, 1.6), (0.1, -0.8, 3.0)]
             {
-                let rms = error(&CAMERA, (640, 480), board, &pose(x, y, z, 0.5), &conditions);
+                let rms = error(&studio, &CAMERA, &pose(x, y, z, 0.5), &conditions);
                 assert!(rms < limit, "{conditions:?} {x} {y} {z}: {rms}");
             }
         }
@@ -198,11 +194,13 @@ mod tests {
 
     #[test]
     fn boards_of_all_sizes_are_found() {
+        let mut studio = Studio::new(&CAMERA, (640, 480), Board::new(4, 3, 0.1).unwrap());
         for (columns, rows) in
             [(3, 4), (4, 3), (5, 4), (7, 7), (8, 8), (6, 9), (9, 6), (11, 8), (13, 9), (20, 14)]
         {
             let board = Board::new(columns, rows, 0.25 / columns as f64).unwrap();
-            let rms = error(&CAMERA, (640, 480), board, &pose(0.3, 0.2, 0.1, 0.5), &Conditions::default());
+            studio.board = board;
+            let rms = error(&studio, &CAMERA, &pose(0.3, 0.2, 0.1, 0.5), &Conditions::default());
             assert!(rms < 0.06, "{columns}x{rows}: {rms}");
         }
     }
@@ -211,8 +209,9 @@ mod tests {
     fn small_pictures_show_boards_too() {
         let camera = Camera { distortion: CAMERA.distortion, ..Camera::pinhole(225.0, 225.0, 135.0, 90.0) };
         let board = Board::new(9, 6, 0.025).unwrap();
+        let studio = Studio::new(&camera, (270, 180), board);
         for (x, y, away) in [(0.0, 0.0, 0.45), (0.4, 0.3, 0.5), (-0.3, 0.5, 0.55), (0.2, 0.0, 0.6)] {
-            let rms = error(&camera, (270, 180), board, &pose(x, y, 0.1, away), &Conditions::default());
+            let rms = error(&studio, &camera, &pose(x, y, 0.1, away), &Conditions::default());
             assert!(rms < 0.08, "{x} {y} {away}: {rms}");
         }
     }

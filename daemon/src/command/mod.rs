@@ -1,10 +1,12 @@
 //! What the words of the command line do.
 
+mod calibrate;
 mod check_config;
 mod demo;
 mod disparity;
 mod evaluate;
 mod obstacles;
+mod rectify;
 mod replay;
 mod run;
 mod status;
@@ -51,6 +53,9 @@ pub enum CommandError {
     /// A picture.
     #[error(transparent)]
     Picture(#[from] tools::picture::PictureError),
+    /// A calibration's report.
+    #[error(transparent)]
+    Report(#[from] tools::calibrate::report::ReportError),
     /// Results.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
@@ -84,6 +89,9 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Rectify(args) => rectify::run(&args),
+        Command::Rig(args) => rectify::convert(&args),
         Command::Evaluate { what } => evaluate::run(&what, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),

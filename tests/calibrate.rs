@@ -1,0 +1,239 @@
+//! `lookout calibrate`, `rectify` and `rig`: generated boards before known cameras, seeded faults, bad
+//! input, real pictures.
+
+mod support;
+
+use nalgebra::{Rotation3, Vector3};
+use perception::calibration::{Board, Camera, Pose};
+use sources::chessboard::{Conditions, Studio, poses};
+use std::path::Path;
+use std::sync::OnceLock;
+use support::{Bench, save_grey, shared_data};
+
+const SIZE: (usize, usize) = (480, 360);
+const VIEWS: usize = 14;
+const BOARD: [&str; 4] = ["--board", "9x6", "--square-mm", "25"];
+
+fn cameras() -> ([Camera; 2], Pose) {
+    let left = Camera {
+        distortion: [-0.25, 0.08, 0.001, -0.0004, 0.0, 0.0, 0.0, 0.0],
+        ..Camera::pinhole(400.5, 400.2, 246.0, 177.0)
+    };
+    let right = Camera { cx_px: 236.0, cy_px: 183.0, fx_px: 402.9, fy_px: 402.4, ..left };
+    let between = Pose {
+        rotation: Rotation3::new(Vector3::new(0.006, 0.012, -0.004)),
+        translation_m: Vector3::new(-0.12, 0.001, -0.001),
+    };
+    ([left, right], between)
+}
+
+type Picture = Vec<u8>;
+
+/// Pictures of the same views: as they should be; with a board 1 % too long; with the right camera
+/// pitched by 0.1 degrees.
+struct Set {
+    good: Vec<[Picture; 2]>,
+    stretched: Vec<[Picture; 2]>,
+    pitched: Vec<Picture>,
+}
+
+fn set() -> &'static Set {
+    static SET: OnceLock<Set> = OnceLock::new();
+    SET.get_or_init(|| {
+        let ([left, right], between) = cameras();
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let studios = [left, right].map(|c| Studio::new(&c, SIZE, board));
+        let pitch = Pose {
+            rotation: Rotation3::new(Vector3::new(0.1_f64.to_radians(), 0.0, 0.0)),
+            translation_m: Vector3::zeros(),
+        };
+        let fine = Conditions::default();
+        let long = Conditions { stretch: 1.01, ..fine };
+        let take = |side: usize, pose: &Pose, conditions: &Conditions, seed: usize| {
+            studios[side].picture(pose, conditions, seed as u64).as_slice().to_vec()
+        };
+        let mut set = Set { good: Vec::new(), stretched: Vec::new(), pitched: Vec::new() };
+        for (i, mut pose) in poses(VIEWS, (0.42, 0.75), 400.0 / 480.0, 3).into_iter().enumerate() {
+            // Between both cameras.
+            pose.translation_m.x += 0.06;
+            let right = pose.then(&between);
+            set.good.push([take(0, &pose, &fine, 2 * i), take(1, &right, &fine, 2 * i + 1)]);
+            set.stretched.push([take(0, &pose, &long, 2 * i), take(1, &right, &long, 2 * i + 1)]);
+            set.pitched.push(take(1, &right.then(&pitch), &fine, 2 * i + 1));
+        }
+        set
+    })
+}
+
+fn save(folder: &Path, pairs: impl IntoIterator<Item = [Picture; 2]>) {
+    for (i, pair) in pairs.into_iter().enumerate() {
+        for (side, pixels) in ["left", "right"].iter().zip(pair) {
+            std::fs::create_dir_all(folder.join(side)).unwrap();
+            save_grey(
+                &folder.join(side).join(format!("{}.png", i + 1)),
+                &pixels,
+                SIZE.0 as u32,
+                SIZE.1 as u32,
+            );
+        }
+    }
+}
+
+/// Runs the calibration of a folder; gives its JSON and whether it succeeded.
+fn calibrate(bench: &Bench, folder: &Path, board: &[&str]) -> (serde_json::Value, bool) {
+    let folder = folder.display().to_string();
+    let mut args = vec!["calibrate", folder.as_str(), "-o", "rig.toml", "--json"];
+    args.extend(board);
+    let output = bench.run(&args);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    let json = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}\n{text}\n{errors}"));
+    (json, output.status.success())
+}
+
+fn reasons(json: &serde_json::Value) -> String {
+    json["reasons"].to_string()
+}
+
+#[test]
+fn good_pictures_give_the_cameras_that_took_them() {
+    let bench = Bench::new();
+    save(&bench.path("set"), set().good.clone());
+    let (json, ok) = calibrate(&bench, &bench.path("set"), &BOARD);
+    assert!(ok && json["verdict"] == "good", "{json:#}");
+    assert_eq!(json["pairs_used"], VIEWS);
+    for key in ["rms_px", "vertical_mean_px", "vertical_heldout_px"] {
+        assert!(json[key].as_f64().unwrap() < 0.1, "{json:#}");
+    }
+    assert!(json["seconds"].as_f64().unwrap() > 0.0);
+    let rig = sources::rig_file::RigFile::read(&bench.path("rig.toml")).unwrap();
+    let ([left, right], between) = cameras();
+    let quality = rig.quality.as_ref().unwrap();
+    for (found, truth, sigma) in
+        [(&rig.cameras[0], left, quality.left_sigma), (&rig.cameras[1], right, quality.right_sigma)]
+    {
+        for (k, (a, b)) in found.parameters().iter().zip(truth.parameters()).take(8).enumerate() {
+            assert!((a - b).abs() < 4.0 * sigma[k] + 1e-9, "parameter {k}: {a}, not {b}, sigma {}", sigma[k]);
+        }
+    }
+    let baseline = between.translation_m.norm();
+    assert!((rig.rectification.rig.baseline_m - baseline).abs() < 4.0 * quality.baseline_sigma_m);
+    // The report, and the rig at work.
+    let args =
+        ["calibrate", "set", "-o", "rig2.toml", "--board", "9x6", "--square-mm", "25", "--report", "report"];
+    let text = bench.ok(&args);
+    assert!(text.contains("verdict: good"), "{text}");
+    for name in ["rectified.png", "epipolar.png", "residuals.png", "views.png", "coverage.png"] {
+        assert!(image::open(bench.path("report").join(name)).is_ok(), "{name}");
+        assert!(std::fs::read_to_string(bench.path("report/index.html")).unwrap().contains(name));
+    }
+    bench.ok(&["rectify", "rig.toml", "set/left/1.png", "set/right/1.png", "-o", "seen"]);
+    let board = Board::new(9, 6, 0.025).unwrap();
+    let rows = ["left.png", "right.png"].map(|name| {
+        let (pixels, w, h) = sources::folder::read_grey(&bench.path("seen").join(name)).unwrap();
+        let view = perception::image::GreyView::new(&pixels, w, h, w).unwrap();
+        perception::calibration::finder::find(view, &board).unwrap().corners
+    });
+    let off = rows[0].iter().zip(&rows[1]).map(|(l, r)| (l.y - r.y).abs()).sum::<f64>() / 54.0;
+    assert!(off < 0.12, "rows of rectified corners differ by {off} px");
+    // Out and in again.
+    bench.ok(&["rig", "rig.toml", "--format", "ros", "-o", "left.yaml"]);
+    let shown = bench.ok(&["rig", "left.yaml", "right.yaml"]);
+    assert!(shown.contains("baseline_m = 0.1"), "{shown}");
+}
+
+#[test]
+fn seeded_faults_turn_the_verdict() {
+    let bench = Bench::new();
+    let folder = |name: &str| bench.path(name);
+    let set = set();
+    // One right picture half a pixel down: the mean of a row and the one above.
+    let mut shifted = set.good.clone();
+    let old = shifted[6][1].clone();
+    let width = SIZE.0;
+    for i in (width..old.len()).rev() {
+        shifted[6][1][i] = ((u16::from(old[i]) + u16::from(old[i - width])) / 2) as u8;
+    }
+    save(&folder("shifted"), shifted);
+    let (json, _) = calibrate(&bench, &folder("shifted"), &BOARD);
+    assert_ne!(json["verdict"], "good", "{json:#}");
+    assert!(reasons(&json).contains("7 was left out"), "{json:#}");
+
+    save(&folder("stretched"), set.stretched.clone());
+    let (json, ok) = calibrate(&bench, &folder("stretched"), &BOARD);
+    assert!(!ok && json["verdict"] == "redo", "{json:#}");
+    assert!(reasons(&json).contains("longer along its rows"), "{json:#}");
+
+    let pitched = set.good.iter().zip(&set.pitched).enumerate();
+    let pitched: Vec<_> = pitched
+        .map(|(i, (g, p))| if i < VIEWS / 2 { g.clone() } else { [g[0].clone(), p.clone()] })
+        .collect();
+    save(&folder("pitched"), pitched);
+    let (json, ok) = calibrate(&bench, &folder("pitched"), &BOARD);
+    assert!(!ok && json["verdict"] == "redo", "{json:#}");
+    assert!(reasons(&json).contains("moved against each other"), "{json:#}");
+
+    save(&folder("swapped"), set.good.iter().map(|[l, r]| [r.clone(), l.clone()]));
+    let (json, ok) = calibrate(&bench, &folder("swapped"), &BOARD);
+    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains("swapped"), "{json:#}");
+}
+
+#[test]
+fn bad_input_has_a_clear_verdict_and_leaves_a_good_rig_alone() {
+    let bench = Bench::new();
+    let folder = |name: &str| bench.path(name);
+    let good = &set().good;
+    std::fs::write(bench.path("rig.toml"), "precious").unwrap();
+    let refused = |name: &str, board: &[&str], words: &str| {
+        let (json, ok) = calibrate(&bench, &folder(name), board);
+        assert!(!ok && json["verdict"] == "redo", "{name}: {json:#}");
+        assert!(reasons(&json).contains(words), "{name}: {json:#}");
+        assert_eq!(std::fs::read_to_string(bench.path("rig.toml")).unwrap(), "precious", "{name}");
+    };
+    save(&folder("good"), good.clone());
+    refused("good", &["--board", "8x6", "--square-mm", "25"], "show 9x6 corners, not 8x6");
+    refused("good", &["--board", "11x8", "--square-mm", "25"], "show 9x6 corners, not 11x8");
+    save(&folder("few"), good[..3].to_vec());
+    refused("few", &BOARD, "at least 4");
+    save(&folder("alike"), vec![good[2].clone(); 12]);
+    refused("alike", &BOARD, "");
+    save(&folder("one"), good.clone());
+    std::fs::remove_dir_all(folder("one").join("right")).unwrap();
+    refused("one", &BOARD, "none of the other");
+    save(&folder("sizes"), good.clone());
+    save_grey(&folder("sizes").join("right/5.png"), &vec![9; 320 * 240], 320, 240);
+    refused("sizes", &BOARD, "320x240");
+    // Boards cut off at the left: all but the right quarter of the picture is grey, in all but two.
+    let cut = good.iter().enumerate().map(|(i, [l, r])| {
+        let mut l = l.clone();
+        if i > 1 {
+            l.chunks_exact_mut(SIZE.0).for_each(|row| row[..3 * SIZE.0 / 4].fill(60));
+        }
+        [l, r.clone()]
+    });
+    save(&folder("cut"), cut);
+    refused("cut", &BOARD, "cut off");
+    std::fs::create_dir_all(folder("empty")).unwrap();
+    refused("empty", &BOARD, "no pictures");
+    refused("missing", &BOARD, "missing");
+    save(&folder("broken"), good[..5].to_vec());
+    std::fs::write(folder("broken").join("left/3.png"), b"no picture").unwrap();
+    refused("broken", &BOARD, "3.png");
+}
+
+#[test]
+fn a_real_set_is_calibrated() {
+    let Some(folder) = shared_data("chessboard_sg1") else { return };
+    let bench = Bench::new();
+    let (json, ok) = calibrate(&bench, &folder, &["--board", "9x6", "--square-mm", "24.23"]);
+    assert!(ok, "{json:#}");
+    assert_eq!(json["pairs_with_board"], 29);
+    let value = |key: &str| json[key].as_f64().unwrap();
+    // OpenCV on the same pictures: 0.251 px, 0.236 px, 94.09 mm.
+    assert!(value("rms_px") < 0.251 && value("vertical_heldout_px") < 0.2, "{json:#}");
+    assert!((value("baseline_m") / 0.094 - 1.0).abs() < 0.005, "{json:#}");
+    assert_eq!(json["verdict"], "good", "{json:#}");
+    // Another board size is never guessed.
+    let (json, ok) = calibrate(&bench, &folder, &["--board", "8x6", "--square-mm", "24.23"]);
+    assert!(!ok && json["verdict"] == "redo", "{json:#}");
+}

@@ -93,7 +93,8 @@ fn one_pair_gives_disparity_and_obstacles() {
     let record: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert!((record["road"]["camera_height_m"].as_f64().unwrap() - 1.25).abs() < 0.1, "{record}");
     let car = record["obstacles"].as_array().unwrap().iter().find(|o| {
-        o["lateral_m"].as_f64().unwrap().abs() < 0.5 && (o["distance_m"].as_f64().unwrap() - 16.0).abs() < 1.3
+        // 0.4 px, as above.
+        o["lateral_m"].as_f64().unwrap().abs() < 0.5 && (o["distance_m"].as_f64().unwrap() - 16.0).abs() < 2.0
     });
     assert!(car.is_some_and(|c| c["class"] == "obstacle"), "{record}");
     assert!(image::open(bench.path("o.png")).is_ok());

@@ -41,7 +41,7 @@ fn drive(bench: &Bench, name: &str) {
         let path = |part: &str| bench.path(name).join(part).join(format!("{index:06}_10.png"));
         save_grey(&path("image_2"), &frame.left, width as u32, height as u32);
         save_grey(&path("image_3"), &frame.right, width as u32, height as u32);
-        let all: Vec<u16> = frame.disparity_px.iter().map(|d| (d * 256.0).round() as u16).collect();
+        let all: Vec<u16> = frame.truth.disparity_px.iter().map(|d| (d * 256.0).round() as u16).collect();
         let inside = |(i, &d): (usize, &u16)| if f32::from(d) / 256.0 > (i % width) as f32 { 0 } else { d };
         let noc: Vec<u16> = all.iter().enumerate().map(inside).collect();
         save_map(&path("disp_occ_0"), &all, width as u32);

@@ -54,13 +54,17 @@ pub const KEYS: &[Key] = &[
     key(
         "source.kind",
         Choice(&["scene", "folder"]),
-        "`scene` is the built-in synthetic drive, `folder` recorded pairs.",
+        "`scene` is a synthetic scene, `folder` recorded pairs.",
     ),
-    key("source.path", Path, "Folder of recorded pairs; `lookout replay PATH` sets it."),
+    key(
+        "source.path",
+        Path,
+        "Folder of recorded pairs, or a scene (`street?weather=night`, a TOML file; empty is the built-in drive). `lookout replay PATH` sets it.",
+    ),
     key(
         "source.seed",
         Whole(0, 1 << 53),
-        "Seed of the synthetic drive; the same seed gives the same pictures.",
+        "Seed of the built-in drive; the same seed gives the same pictures. Other scenes have theirs.",
     ),
     key(
         "source.fps",
@@ -115,10 +119,21 @@ pub const KEYS: &[Key] = &[
     ),
     key("stereo.edge_percent", Whole(1, 100), "Price of a change at an edge, in percent of the usual."),
     key(
+        "stereo.merging",
+        Choice(&["min", "mean"]),
+        "How rightward and leftward paths become one: `min` keeps edges sharper, `mean` smooths more.",
+    ),
+    key(
+        "stereo.scales",
+        Whole(1, 3),
+        "Scales of the pyramid; with 1, `fast` has no coarser map to search around and searches everything.",
+    ),
+    key(
         "stereo.slopes",
         Switch,
         "Lets surfaces slope as the coarser map shows them; without, changes cost the same everywhere.",
     ),
+    key("stereo.sub_pixel", Switch, "Finds disparities between whole pixels, too."),
     key(
         "stereo.left_right_px",
         Whole(0, 16),

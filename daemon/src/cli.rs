@@ -3,6 +3,7 @@
 use crate::rooms::matcher::Method;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use sources::scene::file::Weather;
 use std::path::PathBuf;
 use tools::evaluate::disturb::Disturbance;
 
@@ -19,6 +20,7 @@ use tools::evaluate::disturb::Disturbance;
   lookout replay RECORDING --out results          recorded pairs through the daemon
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
   lookout evaluate stereo KITTI                   its errors against ground truth
+  lookout evaluate weather                        obstacles found in six weathers
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
   lookout status --watch                          what the running daemon is doing
 
@@ -47,15 +49,23 @@ pub enum Command {
 
 Stop it with SIGTERM or Ctrl-C: frames in flight come out first.")]
     Run(Run),
-    /// The daemon on recorded pairs
+    /// The daemon on recorded pairs, or on a synthetic scene
     #[command(after_help = "Examples:
   lookout replay ../shared/data/kitti_sequence_1 --lockstep --out results
   lookout replay RECORDING --fps 12.5 --loop --limit 1000
   lookout replay RECORDING --in-process --out reference
+  lookout replay scene:street --out results
+  lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
+  lookout replay scene:my/road.toml
 
 PATH holds two folders with images of the same names: image_2 and image_3, image_0 and image_1,
 image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
 image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.txt beside them.
+
+scene:NAME is a synthetic scene with its own rig: one that ships (drive, street, crest, dip, slope,
+bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone), or
+a TOML file (docs/scenes.md). Settings may follow: ?weather=sunny, light_rain, heavy_rain, night, snow,
+backlight or overcast; seed=N; rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
 (a line per frame) and summary.json.")]
@@ -96,10 +106,12 @@ Writes left.png, right.png and lines.png: both pictures before (above) and after
   lookout rig rig.toml --format ros -o left.yaml       writes left.yaml and right.yaml
   lookout rig extrinsics.yml intrinsics.yml --size 640x480 --format toml -o rig.toml")]
     Rig(crate::cli_rig::RigCommand),
-    /// Tables against ground truth
+    /// Tables against ground truth: recorded data sets, and synthetic scenes
     #[command(after_help = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015
   lookout evaluate stereo KITTI MIDDLEBURY --out results --json
+  lookout evaluate weather                       synthetic scenes, six weathers
+  lookout evaluate distance                      approaches, and scenes without danger
   lookout evaluate stereo --help")]
     Evaluate {
         /// What is evaluated.
@@ -154,7 +166,7 @@ pub struct Run {
 
 #[derive(Args, Debug)]
 pub struct Replay {
-    /// Folder of the recording
+    /// Folder of the recording, or scene:NAME
     pub path: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
@@ -271,6 +283,77 @@ pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAI
 roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and disp_occ_0; with
 several sets, below a folder for each.")]
     Stereo(EvaluateStereo),
+    /// Obstacles, distances and the road in synthetic scenes, by weather
+    #[command(after_help = "Examples:
+  lookout evaluate weather
+  lookout evaluate weather --weather night,heavy_rain --json
+  lookout evaluate weather crest dip --weather sunny
+  lookout evaluate weather 'street?rig=kitti' my/road.toml --out results
+
+Every frame goes through the same rooms as in the daemon, in one process; its regions are compared
+with the exact truth of the scene. A line for each scene and weather, the paper's accuracy beside it.
+
+due: objects that the scene names, 3 to 40 m away (debris to 20 m), at least half of them visible, in
+both images, not cut by the left or right border. detected: share of these with a region at their
+place (box overlap of 0.25, or half of the object in a box up to six times as large) and distance
+(within 1 m or 15 %). false/min: regions within 40 m on the asphalt where nothing stands at their
+distance, each frame counted; tracks/min: confirmed tracks of such; stray/min: the same beside the
+asphalt. road cm: median and 95 % of the road model's height error up to 40 m. covered: share of
+truths within two stated standard deviations.
+
+--out writes SCENE-WEATHER.png (the frame with most objects due) and evaluation.json.")]
+    Weather(EvaluateWeather),
+    /// Approaches to single obstacles, and scenes that must stay silent
+    #[command(after_help = "Examples:
+  lookout evaluate distance
+  lookout evaluate distance bus cone --out results
+  lookout evaluate distance 'cone?weather=night' --json
+  lookout evaluate distance --set alarm.distance_m=15
+
+A scene with an object in the vehicle's path is an approach: where the object was first found, frames
+in which it was missed after that, and where it was when the alarm came; late counts frames from the
+first in which it was nearer than alarm.distance_m. A scene without one is silent: an alarm there is
+false. What counts as found, false and stray is told by lookout evaluate weather --help.
+
+--out writes SCENE.png, a filmstrip, for each approach, and evaluation.json.")]
+    Distance(EvaluateDistance),
+}
+
+#[derive(Args, Debug)]
+pub struct EvaluateWeather {
+    /// Scenes: names as in lookout replay scene:NAME, or TOML files
+    #[arg(default_value = "street", value_name = "SCENE")]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Weathers, in place of the paper's six
+    #[arg(long, value_name = "LIST", value_delimiter = ',',
+        value_parser = PossibleValuesParser::new(Weather::ALL.map(Weather::name)))]
+    pub weather: Vec<String>,
+    /// Frames of each scene and weather, at most
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub frames: u64,
+    /// Folder for pictures and the tables
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct EvaluateDistance {
+    /// Scenes [default: the approaches and the silent scenes that ship]
+    #[arg(value_name = "SCENE")]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Folder for filmstrips and the tables
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args, Debug)]

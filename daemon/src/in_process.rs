@@ -76,6 +76,10 @@ pub struct FrameResult<'a> {
     pub record: FrameRecord,
     /// The images for an overlay.
     pub images: OverlayInput<'a>,
+    /// The regions, before they were tracked.
+    pub regions: &'a [regions::RegionRecord],
+    /// Whether a road was seen.
+    pub road_seen: bool,
 }
 
 impl Pipeline {
@@ -150,6 +154,6 @@ impl Pipeline {
             width: self.format.width,
             height: self.format.height,
         };
-        Ok(FrameResult { record, images })
+        Ok(FrameResult { record, images, regions: regions.regions, road_seen: regions.road.seen == 1 })
     }
 }

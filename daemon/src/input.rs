@@ -3,7 +3,7 @@
 use config::Config;
 use perception::rig::Rig;
 use sources::folder::FolderSource;
-use sources::scene::Drive;
+use sources::scene::{Drive, Scene};
 use sources::{PairSource, SourceError, calibration_file};
 use thiserror::Error;
 
@@ -32,6 +32,10 @@ pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     Ok(match source.kind.as_str() {
         "folder" if source.path.as_os_str().is_empty() => return Err(InputError::NoPath),
         "folder" => Box::new(FolderSource::open(&source.path)?),
+        _ if !source.path.as_os_str().is_empty() => {
+            let scene = Scene::open(&source.path.to_string_lossy()).map_err(SourceError::from)?;
+            Box::new(if source.fps > 0.0 { scene.at_rate(source.fps) } else { scene })
+        }
         _ => {
             let drive = Drive::paper(source.seed.unsigned_abs());
             // A scene can be seen at any rate; its time is that of the rate.

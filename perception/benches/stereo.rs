@@ -12,7 +12,7 @@ use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
 use lookout_perception::stereo::speckle::{SpeckleFilter, SpeckleParameters};
 use lookout_perception::stereo::trust::Trust;
-use lookout_perception::stereo::viterbi::{PAD, Paths, Span, single, triple};
+use lookout_perception::stereo::viterbi::{Energies, Merge, PAD, Span, Sum, single, triple};
 use lookout_perception::stereo::winner::{Winner, WinnerParameters};
 use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::hint::black_box;
@@ -72,6 +72,8 @@ fn kernels(c: &mut Criterion) {
         let mut forward = vec![Lanes::ZERO; 3 * n];
         let mut states: [Vec<Lanes>; 3] = std::array::from_fn(|_| lanes(n + 2 * PAD, 150));
         let beside = lanes(n + 2 * PAD, 150);
+        let sums = lanes(n, 150);
+        let mut three = vec![[Lanes::ZERO; 3]; n];
         let span = Span::new((0, n), (0, n), 0);
         let weight = Lanes::splat(8);
         group.bench_function("one path, 32 x 64 nodes", |b| {
@@ -89,7 +91,7 @@ fn kernels(c: &mut Criterion) {
                     12,
                     0,
                     span,
-                    false,
+                    Merge::First,
                     &mut forward,
                 );
                 std::mem::swap(old, new);
@@ -99,20 +101,36 @@ fn kernels(c: &mut Criterion) {
         group.bench_function("three paths, 32 x 64 nodes each", |b| {
             b.iter(|| {
                 let [first, second, third] = &mut states;
-                let path = |state| Paths { state, beside: &beside, weight, slope: 0 };
-                let mut paths = [path(first), path(second), path(third)];
-                triple(level, &mut paths, &data, &mut out, 50, span, true, &mut forward);
+                let mut energies = Energies {
+                    straight: first,
+                    right: second,
+                    right_beside: &beside,
+                    left: [&beside, &beside],
+                    left_after: third,
+                };
+                let weights = [&weight; 3];
+                triple(
+                    level,
+                    &mut energies,
+                    weights,
+                    [0; 3],
+                    &data,
+                    &mut Sum::Finish { other: &sums, total: &mut out },
+                    50,
+                    span,
+                    &mut three,
+                );
             });
         });
 
         group.throughput(Throughput::Elements((640 * n) as u64));
         let blocks: Vec<Block> =
             (0..20).map(|t| Block { low: 0, high: n, at: t * 32 * (n + 2), ..Block::default() }).collect();
-        let energies = lanes(20 * 32 * (n + 2), 255);
-        let mut winner = Winner::new(WinnerParameters::default(), level, 640);
+        let energies = lanes(20 * (n + 2), 255);
+        let mut winner = Winner::new(WinnerParameters::default(), level, 640, n);
         let (mut disparity, mut confidence) = (vec![0; 640], vec![0; 640]);
         group.bench_function("winners of a row, 640 x 64 nodes", |b| {
-            b.iter(|| winner.row(EnergyRow::new(3, &blocks, &energies, 0), &mut disparity, &mut confidence));
+            b.iter(|| winner.row(EnergyRow::new(3, &blocks, &energies), &mut disparity, &mut confidence));
         });
 
         group.throughput(Throughput::Elements(640 * 480));

@@ -99,6 +99,9 @@ pub enum SourceError {
         /// Line or key, and the remedy.
         reason: String,
     },
+    /// A scene.
+    #[error(transparent)]
+    Scene(#[from] scene::file::SceneError),
     /// An index beyond the end.
     #[error("pair {index} was asked for, but the source has only {count}")]
     End {

@@ -24,6 +24,7 @@ const DISPARITIES: i64 = 64;
 pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
     config.source.kind = "scene".into();
+    config.source.path = PathBuf::new();
     // The scene has a rig of its own.
     config.source.rig = PathBuf::new();
     if args.config.config.is_none() {

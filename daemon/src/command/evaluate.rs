@@ -1,9 +1,9 @@
-//! `lookout evaluate`.
+//! `lookout evaluate stereo`.
 
 use super::disparity::{median, read_pair};
 use super::replay::progress;
 use super::{CommandError, load, say};
-use crate::cli::{Evaluate, EvaluateStereo, PairChoice};
+use crate::cli::{EvaluateStereo, PairChoice};
 use crate::rooms::matcher::Method;
 use config::Config;
 use perception::image::GreyView;
@@ -20,12 +20,6 @@ use tools::evaluate::roc::Sparsification;
 use tools::evaluate::score::score;
 use tools::evaluate::subpixel::SubpixelHistogram;
 use tools::{colour, picture};
-
-pub fn run(what: &Evaluate, log: Option<&str>) -> Result<(), CommandError> {
-    match what {
-        Evaluate::Stereo(args) => stereo(args, log),
-    }
-}
 
 /// A data set of the command line.
 struct Set {
@@ -64,7 +58,7 @@ trait Estimator {
     fn workspace_bytes(&self) -> Option<usize>;
 }
 
-fn stereo(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError> {
+pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "evaluate", Some("warn"))?;
     let sets = sets(args)?;
     let mut estimator: Box<dyn Estimator> = match &args.maps {

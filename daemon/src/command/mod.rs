@@ -5,13 +5,16 @@ mod check_config;
 mod demo;
 mod disparity;
 mod evaluate;
+mod evaluate_distance;
+mod evaluate_weather;
 mod obstacles;
 mod rectify;
 mod replay;
 mod run;
+mod scene_run;
 mod status;
 
-use crate::cli::{Cli, Command, ConfigArgs};
+use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
 use crate::stage::StageError;
 use config::Config;
@@ -38,6 +41,9 @@ pub enum CommandError {
     /// An image.
     #[error(transparent)]
     Source(#[from] sources::SourceError),
+    /// A scene.
+    #[error(transparent)]
+    Scene(#[from] sources::scene::file::SceneError),
     /// A data set with truth.
     #[error(transparent)]
     Truth(#[from] sources::truth::TruthError),
@@ -92,7 +98,9 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rectify::convert(&args),
-        Command::Evaluate { what } => evaluate::run(&what, log),
+        Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),
+        Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
+        Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),
     }

@@ -11,10 +11,21 @@ use std::time::Instant;
 use tools::output::{FrameWriter, prepare, write_summary};
 use tools::summary::RunSummary;
 
+/// A path that starts so names a scene.
+const SCENE: &str = "scene:";
+
 pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
-    config.source.kind = "folder".into();
-    config.source.path.clone_from(&args.path);
+    match args.path.to_str().and_then(|path| path.strip_prefix(SCENE)) {
+        Some(scene) => {
+            config.source.kind = "scene".into();
+            config.source.path = scene.into();
+        }
+        None => {
+            config.source.kind = "folder".into();
+            config.source.path.clone_from(&args.path);
+        }
+    }
     config.source.repeat = args.repeat;
     if let Some(fps) = args.fps {
         config.source.fps = fps;

@@ -15,6 +15,7 @@ use perception::stereo::cost::CostParameters;
 use perception::stereo::fill::BridgeParameters;
 use perception::stereo::scale::PathParameters;
 use perception::stereo::speckle::SpeckleParameters;
+use perception::stereo::viterbi::Merge;
 use perception::stereo::winner::WinnerParameters;
 use perception::stereo::{MatchError, MatcherError, MpvParameters};
 use perception::tracking::TrackerParameters;
@@ -104,9 +105,15 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
             truncation_other: whole(c.truncation_other),
             edge_levels: whole(c.edge_levels),
             edge_percent: whole(c.edge_percent),
+            merging: if c.merging == "mean" { Merge::Mean } else { Merge::Min },
         },
+        scales: whole(c.scales),
         slopes: c.slopes,
-        winner: WinnerParameters { left_right_px: whole(c.left_right_px), ..default.winner },
+        winner: WinnerParameters {
+            left_right_px: whole(c.left_right_px),
+            sub_pixel: c.sub_pixel,
+            ..default.winner
+        },
         least_confidence: whole(c.confidence_min),
         speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
         bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },

@@ -56,6 +56,18 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn stream(self, value: __m256i, to: &mut Lanes) {
+        // SAFETY: the token exists, so AVX is there; a `Lanes` is 32 bytes, aligned to 32.
+        unsafe { _mm256_stream_si256(std::ptr::from_mut(to).cast(), value) }
+    }
+
+    #[inline(always)]
+    fn settle(self) {
+        // SAFETY: every x86-64 processor has SSE; a fence touches nothing.
+        unsafe { _mm_sfence() }
+    }
+
+    #[inline(always)]
     fn expect(self, vectors: &[Lanes]) {
         // One for each cache line of 64 bytes.
         for vector in vectors.iter().step_by(2) {

@@ -38,6 +38,16 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn stream(self, value: __m256i, to: &mut Lanes) {
+        self.0.stream(value, to);
+    }
+
+    #[inline(always)]
+    fn settle(self) {
+        self.0.settle();
+    }
+
+    #[inline(always)]
     fn expect(self, vectors: &[Lanes]) {
         self.0.expect(vectors);
     }

@@ -109,6 +109,10 @@ pub trait Simd: Copy {
     fn load(self, from: &Lanes) -> Self::Bytes;
     /// Writes a vector.
     fn store(self, value: Self::Bytes, to: &mut Lanes);
+    /// Writes a vector that will not be read soon: past the caches, where there is a way.
+    fn stream(self, value: Self::Bytes, to: &mut Lanes);
+    /// Makes streamed vectors visible to other threads before what is written later.
+    fn settle(self);
     /// Says that `vectors` will be read soon.
     fn expect(self, vectors: &[Lanes]);
     /// The smaller of both, lane by lane.

@@ -53,6 +53,14 @@ impl Simd for Neon {
     }
 
     #[inline(always)]
+    fn stream(self, value: Halves, to: &mut Lanes) {
+        self.store(value, to);
+    }
+
+    #[inline(always)]
+    fn settle(self) {}
+
+    #[inline(always)]
     fn expect(self, _: &[Lanes]) {}
 
     #[inline(always)]

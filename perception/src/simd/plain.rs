@@ -31,6 +31,14 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
+    fn stream(self, value: Lanes, to: &mut Lanes) {
+        *to = value;
+    }
+
+    #[inline(always)]
+    fn settle(self) {}
+
+    #[inline(always)]
     fn expect(self, _: &[Lanes]) {}
 
     #[inline(always)]

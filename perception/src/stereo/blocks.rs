@@ -6,18 +6,16 @@
 //! that two surfaces share searches both, and one on a single surface little.
 
 use super::DisparityView;
-use crate::simd::LANES;
+use crate::simd::{LANES, Level, Simd, kernel};
 
 /// Rows and columns of a block.
 pub const BLOCK: usize = LANES;
 /// Windows grow in steps of this many disparities.
 const GRAIN: usize = 2;
 /// Disparities that a window spans beyond what the coarser map holds.
-const MARGIN: i32 = 2;
+const MARGIN: usize = 2;
 /// Pixels around a block that count for its window, at its own scale.
-const AROUND: usize = 4;
-/// Share of the coarser map's pixels that a window may leave out at either end.
-const OUTLIERS: f32 = 0.03;
+const AROUND: usize = 6;
 /// Distance over which slopes are measured, in pixels of the coarser map.
 const SLOPE_BASE: usize = 4;
 /// Steps above 0.6 px per pixel are edges, not slopes (1/256 px over [`SLOPE_BASE`]).
@@ -67,7 +65,8 @@ impl Block {
     }
 }
 
-fn pitch(span: usize) -> usize {
+/// See [`Block::pitch`].
+pub(super) fn pitch(span: usize) -> usize {
     if span.is_multiple_of(32) { span + 2 } else { span }
 }
 
@@ -180,21 +179,27 @@ impl Blocks {
     /// Sets slopes and windows from the map of the next coarser scale (half the size). `windows`
     /// (None: they stay) gives how many disparities a window has at most, and how many vectors all
     /// may take together, at least [`Self::least_vectors`].
-    pub fn plan(&mut self, coarse: DisparityView<'_>, slopes: bool, windows: Option<(usize, usize)>) {
+    pub fn plan(
+        &mut self,
+        level: Level,
+        coarse: DisparityView<'_>,
+        slopes: bool,
+        windows: Option<(usize, usize)>,
+    ) {
         if slopes {
-            self.measure_slopes(coarse);
+            self.measure_slopes(level, coarse);
         }
         if let Some((widest, vectors)) = windows {
             self.seed(coarse);
             let mut widest = widest.next_multiple_of(GRAIN);
-            self.set_windows(coarse.width(), coarse.height(), widest);
+            self.set_windows(level, coarse.width(), coarse.height(), widest);
             self.lay_out();
             if self.vectors() > vectors {
                 // Too much in all: the widest give way, and are placed anew where most lies.
                 while widest > GRAIN && self.vectors_within(widest) > vectors {
                     widest -= GRAIN;
                 }
-                self.set_windows(coarse.width(), coarse.height(), widest);
+                self.set_windows(level, coarse.width(), coarse.height(), widest);
                 self.lay_out();
             }
         }
@@ -234,7 +239,7 @@ impl Blocks {
         }
     }
 
-    fn set_windows(&mut self, coarse_width: usize, coarse_height: usize, widest: usize) {
+    fn set_windows(&mut self, level: Level, coarse_width: usize, coarse_height: usize, widest: usize) {
         let disparities = self.disparities;
         for strip in 0..self.strips {
             let top = (strip * BLOCK).saturating_sub(AROUND) / 2;
@@ -242,43 +247,35 @@ impl Blocks {
             for tile in 0..self.tiles {
                 let left = (tile * BLOCK).saturating_sub(AROUND) / 2;
                 let right = (((tile + 1) * BLOCK + AROUND) / 2).min(coarse_width);
-                let histogram = &mut self.histogram;
-                histogram.fill(0);
-                for y in top..bottom.max(top + 1).min(coarse_height) {
-                    for &seed in &self.seeds[y * coarse_width + left..y * coarse_width + right] {
-                        histogram[usize::from(seed)] += 1;
-                    }
-                }
-                histogram[0] = 0;
+                let rows = top..bottom.max(top + 1).min(coarse_height);
+                let rows = rows.map(|y| &self.seeds[y * coarse_width + left..y * coarse_width + right]);
+                let mut ends = Ends::NONE;
+                rows.clone().for_each(|row| find_ends(level, row, &mut ends));
+                let mut most = |from: usize, to: usize, inner: usize| {
+                    self.histogram.fill(0);
+                    rows.clone().flatten().for_each(|&seed| self.histogram[usize::from(seed)] += 1);
+                    fullest(&self.histogram, from, to, inner)
+                };
                 let block = &mut self.list[strip * self.tiles + tile];
-                (block.low, block.high) = window(histogram, widest, disparities);
+                (block.low, block.high) = window(ends, widest, disparities, &mut most);
             }
         }
     }
 
-    fn measure_slopes(&mut self, coarse: DisparityView<'_>) {
+    fn measure_slopes(&mut self, level: Level, coarse: DisparityView<'_>) {
         let (width, height) = (coarse.width(), coarse.height());
         let across = width.div_ceil(CELL);
         self.cells.clear();
         self.cells.resize(across * height.div_ceil(CELL), Cell::default());
-        let mut add = |x: usize, y: usize, way: usize, from: u16, to: u16| {
-            let step = i32::from(to) - i32::from(from);
-            if from > 0 && to > 0 && step.abs() < EDGE {
-                let cell = &mut self.cells[y / CELL * across + x / CELL][way];
-                *cell = (cell.0 + step, cell.1 + 1);
-            }
-        };
         // Every other row tells enough.
         for y in (0..height).step_by(2) {
+            let cells = &mut self.cells[y / CELL * across..][..across];
             let row = coarse.row(y);
-            for x in 0..width.saturating_sub(SLOPE_BASE) {
-                add(x, y, 0, row[x], row[x + SLOPE_BASE]);
+            if width > SLOPE_BASE {
+                sum_steps(level, &row[..width - SLOPE_BASE], &row[SLOPE_BASE..], 0, cells);
             }
             if y + SLOPE_BASE < height {
-                let below = coarse.row(y + SLOPE_BASE);
-                for x in 0..width {
-                    add(x, y, 1, row[x], below[x]);
-                }
+                sum_steps(level, row, coarse.row(y + SLOPE_BASE), 1, cells);
             }
         }
         let cells = |first: usize, cells_there: usize| {
@@ -309,45 +306,71 @@ impl Blocks {
     }
 }
 
-/// The window that spans a histogram but for its outliers: at most `widest`, placed where most
-/// lies; from 0 on when the histogram is empty.
-fn window(histogram: &[u32], widest: usize, disparities: usize) -> (usize, usize) {
-    let total: u32 = histogram.iter().sum();
-    if total == 0 {
-        return (0, disparities.min(widest));
+/// Adds up the steps between two rows of disparities, [`CELL`] columns to a cell, that are neither
+/// edges nor next to a hole.
+#[inline(always)]
+fn sum_of_steps<S: Simd>(_: S, from: &[u16], to: &[u16], way: usize, cells: &mut [Cell]) {
+    for ((from, to), cell) in from.chunks(CELL).zip(to.chunks(CELL)).zip(cells) {
+        let (mut sum, mut count) = (0, 0);
+        for (&from, &to) in from.iter().zip(to) {
+            let step = i32::from(to) - i32::from(from);
+            let counts = from > 0 && to > 0 && step.abs() < EDGE;
+            sum += if counts { step } else { 0 };
+            count += i32::from(counts);
+        }
+        cell[way] = (cell[way].0 + sum, cell[way].1 + count);
     }
-    let skipped = (total as f32 * OUTLIERS) as u32;
-    let bins = || histogram.iter().copied().enumerate();
-    let first = end(bins(), skipped) as i32;
-    let last = end(bins().rev(), skipped) as i32;
-    let need = ((last - first + 2 * MARGIN + 1) as usize).next_multiple_of(GRAIN);
-    let span = need.min(widest).min(disparities);
-    let inner = (span as i32 - 2 * MARGIN).max(1);
-    let middle_twice = if last - first < inner {
-        first + last
-    } else {
-        // Too wide: the stretch with the most pixels.
-        let count = |from: i32| -> u32 {
-            let to = (from + inner).min(histogram.len() as i32);
-            histogram[from as usize..to.max(from) as usize].iter().sum()
-        };
-        let best = (first..=last).rev().max_by_key(|&from| count(from)).unwrap_or(first);
-        2 * best + inner - 1
-    };
-    let low = ((middle_twice + 1 - span as i32) / 2).clamp(0, (disparities - span) as i32) as usize;
-    (low, low + span)
 }
 
-/// The first bin after more than `skipped` were seen.
-fn end(bins: impl Iterator<Item = (usize, u32)>, skipped: u32) -> usize {
-    let mut seen = 0;
-    for (bin, n) in bins {
-        seen += n;
-        if seen > skipped {
-            return bin;
-        }
+/// The least and the greatest disparity of an area; above each other where there is none.
+#[derive(Clone, Copy, Debug)]
+struct Ends {
+    /// Less one, so that 0 (nothing known) becomes the greatest.
+    least_less_one: u8,
+    most: u8,
+}
+
+impl Ends {
+    const NONE: Ends = Ends { least_less_one: u8::MAX, most: 0 };
+}
+
+#[inline(always)]
+fn ends_of<S: Simd>(_: S, row: &[u8], ends: &mut Ends) {
+    for &seed in row {
+        ends.least_less_one = ends.least_less_one.min(seed.wrapping_sub(1));
+        ends.most = ends.most.max(seed);
     }
-    0
+}
+
+kernel! { fn sum_steps(from: &[u16], to: &[u16], way: usize, cells: &mut [Cell]) = sum_of_steps }
+kernel! { fn find_ends(row: &[u8], ends: &mut Ends) = ends_of }
+
+/// Where the stretch of `inner` disparities with the most pixels begins, from `from` to `to`.
+fn fullest(histogram: &[u32], from: usize, to: usize, inner: usize) -> usize {
+    let count = |start: usize| -> u32 { histogram[start..(start + inner).min(histogram.len())].iter().sum() };
+    (from..=to).rev().max_by_key(|&start| count(start)).unwrap_or(from)
+}
+
+/// The window that spans what is there with a margin: at most `widest`, placed where most lies
+/// (`most` tells where, from a first to a last disparity, a stretch of some length begins that has the most);
+/// from 0 on where nothing is known.
+fn window(
+    ends: Ends,
+    widest: usize,
+    disparities: usize,
+    most: &mut dyn FnMut(usize, usize, usize) -> usize,
+) -> (usize, usize) {
+    if ends.most == 0 {
+        return (0, disparities.min(widest));
+    }
+    let (first, last) = (usize::from(ends.least_less_one) + 1, usize::from(ends.most));
+    let need = (last - first + 2 * MARGIN + 1).next_multiple_of(GRAIN);
+    let span = need.min(widest).min(disparities);
+    let inner = span.saturating_sub(2 * MARGIN).max(1);
+    let middle_twice =
+        if last - first < inner { first + last } else { 2 * most(first, last, inner) + inner - 1 };
+    let low = ((middle_twice + 1).saturating_sub(span) / 2).min(disparities - span);
+    (low, low + span)
 }
 
 #[cfg(test)]
@@ -356,21 +379,27 @@ mod tests {
 
     #[test]
     fn a_window_spans_what_was_seen() {
-        let mut histogram = vec![0; 256];
-        histogram[40] = 100;
-        histogram[50] = 100;
-        histogram[90] = 2;
-        let (low, high) = window(&histogram, 64, 128);
+        let window_of = |seen: &[(usize, u32)], widest, disparities| {
+            let mut histogram = [0; 256];
+            seen.iter().for_each(|&(d, n)| histogram[d] = n);
+            let row: Vec<u8> = seen.iter().map(|&(d, _)| d as u8).collect();
+            let mut ends = Ends::NONE;
+            find_ends(Level::best(), &row, &mut ends);
+            window(ends, widest, disparities, &mut |from, to, inner| fullest(&histogram, from, to, inner))
+        };
+        let surfaces = [(0, 7), (40, 100), (50, 100)];
+        let (low, high) = window_of(&surfaces, 64, 128);
         assert!(low <= 38 && high > 52, "{low}..{high} leaves a surface out");
         assert_eq!(high - low, 16);
-        assert_eq!(window(&histogram, 8, 128).1 - window(&histogram, 8, 128).0, 8);
-        assert_eq!(window(&[0; 256], 64, 32), (0, 32));
-        histogram[1] = 1000;
-        let (low, high) = window(&histogram, 16, 128);
+        let narrow = window_of(&surfaces, 8, 128);
+        assert_eq!(narrow.1 - narrow.0, 8);
+        assert_eq!(window_of(&[(0, 9)], 64, 32), (0, 32));
+        let (low, high) = window_of(&[(1, 1000), (40, 100), (50, 100)], 16, 128);
         assert!(low == 0 && high == 16, "{low}..{high}: most lies at 1");
         for disparities in 2..20 {
-            let (low, high) = window(&histogram, 64, disparities);
-            assert!(low < high && high <= disparities);
+            let last = disparities - 1;
+            let (low, high) = window_of(&[(1, 1000), (last, 100)], 64, disparities);
+            assert!(low <= 1 && last < high && high <= disparities);
         }
     }
 
@@ -384,7 +413,7 @@ mod tests {
         let mut blocks = Blocks::new(width, height, 128);
         blocks.reserve(w, h);
         assert_eq!(blocks.nodes(), width * height * 128);
-        blocks.plan(coarse, true, Some((64, usize::MAX)));
+        blocks.plan(Level::best(), coarse, true, Some((64, usize::MAX)));
         let mut next = 0;
         for strip in 0..blocks.strips() {
             for (tile, block) in blocks.strip(strip).iter().enumerate() {
@@ -402,15 +431,15 @@ mod tests {
         }
         assert_eq!(next, blocks.vectors());
         let budget = blocks.least_vectors() * 2;
-        blocks.plan(coarse, true, Some((64, budget)));
+        blocks.plan(Level::best(), coarse, true, Some((64, budget)));
         assert!(blocks.vectors() <= budget);
         // Slopes alone leave the windows.
         let mut full = Blocks::new(width, height, 128);
-        full.plan(coarse, true, None);
+        full.plan(Level::best(), coarse, true, None);
         assert!(full.strip(0).iter().all(|b| b.window() == (0, 128) && b.slope_x == 110));
         // A map without any estimate: everything is searched that the budget allows.
         let nothing = vec![0; w * h];
-        full.plan(DisparityView::new(&nothing, w, h).unwrap(), true, Some((64, usize::MAX)));
+        full.plan(Level::best(), DisparityView::new(&nothing, w, h).unwrap(), true, Some((64, usize::MAX)));
         assert!(full.strip(0).iter().all(|b| b.window() == (0, 64) && b.slope_x == 0));
     }
 }

@@ -1,7 +1,6 @@
 //! The energies of all nodes of an image, and how its rows are read.
 
-use super::blocks::Block;
-use super::cost::STRIP;
+use super::blocks::{BLOCK, Block};
 use crate::simd::{LANES, Lanes};
 
 /// The two volumes of an image, one byte a node each; shared by the scales of a pyramid.
@@ -9,7 +8,7 @@ use crate::simd::{LANES, Lanes};
 pub struct Volumes {
     /// H, the energies of the horizontal layer.
     pub(super) merged: Vec<Lanes>,
-    /// The costs, then the jumps of the downward paths, then the final energies.
+    /// The costs, then the jumps of the first vertical sweep.
     pub(super) energies: Vec<Lanes>,
 }
 
@@ -37,21 +36,21 @@ pub struct EnergyRow<'a> {
     pub y: usize,
     /// The blocks that it lies in.
     pub blocks: &'a [Block],
+    /// Tile by tile, [`Block::pitch`] vectors each.
     energies: &'a [Lanes],
-    /// Where in the volume `energies` starts.
-    base: usize,
 }
 
 impl<'a> EnergyRow<'a> {
-    /// A row `y` whose energies start at `base` of the volume.
-    pub fn new(y: usize, blocks: &'a [Block], energies: &'a [Lanes], base: usize) -> Self {
-        Self { y, blocks, energies, base }
+    /// A row `y` through `blocks`, whose `energies` lie tile by tile, [`Block::pitch`] vectors each.
+    pub fn new(y: usize, blocks: &'a [Block], energies: &'a [Lanes]) -> Self {
+        Self { y, blocks, energies }
     }
 
     /// The energies of the row in block `tile`: a vector for each disparity of its window.
     pub fn nodes(&self, tile: usize) -> &'a [Lanes] {
         let block = &self.blocks[tile];
-        let at = block.at - self.base + self.y % STRIP * block.pitch();
+        // Blocks lie one after the other in the volume, too, with all their rows.
+        let at = (block.at - self.blocks[0].at) / BLOCK;
         &self.energies[at..at + block.span()]
     }
 }

@@ -23,7 +23,7 @@ pub const LEAST_SIZE: usize = 8;
 /// disparities.
 pub const MOST_NODES: usize = 1 << 30;
 
-/// Scales of a pyramid, where the image is large enough.
+/// The most scales of a pyramid.
 pub const SCALES: usize = 3;
 /// A coarser scale must be at least this wide and high.
 const LEAST_COARSE: usize = 16;
@@ -31,6 +31,8 @@ const LEAST_COARSE: usize = 16;
 const LEAST_DISPARITIES: usize = 8;
 /// The widest window at the finest scale and at the one before it.
 const WIDEST: [usize; 2] = [96, 48];
+/// Larger volumes than this are taken not to stay in a cache.
+const CACHE_BYTES: usize = 16 << 20;
 /// Islands of fewer pixels are removed at coarser scales.
 const COARSE_SPECKLE: u32 = 20;
 
@@ -50,6 +52,9 @@ pub struct MpvParameters {
     pub cost: CostParameters,
     /// The Viterbi paths.
     pub paths: PathParameters,
+    /// Scales of the pyramid where the image is large enough, 1 to [`SCALES`]; with a single one all
+    /// disparities are searched, and there are no slopes.
+    pub scales: usize,
     /// Whether paths follow the slopes of the coarser map.
     pub slopes: bool,
     /// How the winner is chosen and checked.
@@ -72,9 +77,10 @@ impl Default for MpvParameters {
         Self {
             cost: CostParameters::default(),
             paths: PathParameters::default(),
+            scales: SCALES,
             slopes: true,
             winner: WinnerParameters::default(),
-            least_confidence: 105,
+            least_confidence: 103,
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,
@@ -175,7 +181,7 @@ impl Mpv {
     ) -> Result<Self, MatcherError> {
         Self::check(width, height, disparities)?;
         let mut sizes = vec![(width, height, disparities)];
-        while sizes.len() < SCALES {
+        while sizes.len() < parameters.scales.min(SCALES) {
             let (w, h, d) = sizes[0];
             let ((w, h), d) = (half_size(w, h), d.div_ceil(2) + 1);
             if w.min(h) < LEAST_COARSE || d < LEAST_DISPARITIES {
@@ -195,6 +201,9 @@ impl Mpv {
             if let Some(coarser) = stages.last() {
                 scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
             }
+            if everything && 2 * vectors * LANES > CACHE_BYTES {
+                scale.spare_caches();
+            }
             let kept = if i == finest { 0 } else { w * h };
             let speckle = if i == finest {
                 parameters.speckle
@@ -205,7 +214,7 @@ impl Mpv {
             let least_confidence = if i == finest { 0 } else { parameters.least_confidence };
             let winner = WinnerParameters { least_confidence, ..parameters.winner };
             stages.push(Stage {
-                winners: std::array::from_fn(|_| Winner::new(winner, level, w)),
+                winners: std::array::from_fn(|_| Winner::new(winner, level, w, d)),
                 speckle: SpeckleFilter::new(speckle, w, h),
                 left: vec![0; kept],
                 right: vec![0; kept],
@@ -331,6 +340,7 @@ impl Matcher for Mpv {
             if let Some(coarse) = coarse {
                 let windows = i < finest || self.search == Search::Windows;
                 stage.scale.blocks.plan(
+                    self.level,
                     coarse,
                     self.slopes,
                     windows.then_some((stage.widest, stage.vectors)),

@@ -8,11 +8,11 @@
 //! H counts once, not once per path, so that a path that agrees with H adds nothing.
 //! That is one horizontal and two vertical sweeps over two volumes of one byte a node.
 
-use super::blocks::Blocks;
+use super::blocks::{Block, Blocks};
 use super::cost::{CostParameters, STRIP};
 use super::energy::{EnergyRow, Volumes};
-use super::viterbi::PAD;
-use super::worker::{Worker, advance_row_at, horizontal_layer_at};
+use super::viterbi::{Merge, PAD};
+use super::worker::{Sums, Worker, advance_row_at, horizontal_layer_at};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level};
 
@@ -33,6 +33,8 @@ pub struct PathParameters {
     pub edge_levels: u8,
     /// λ at an edge, in percent.
     pub edge_percent: u8,
+    /// How rightward and leftward paths become H.
+    pub merging: Merge,
 }
 
 impl Default for PathParameters {
@@ -42,9 +44,10 @@ impl Default for PathParameters {
             lambda_vertical: 8,
             lambda_diagonal: 20,
             truncation_horizontal: 12,
-            truncation_other: 60,
+            truncation_other: 65,
             edge_levels: 20,
             edge_percent: 85,
+            merging: Merge::Min,
         }
     }
 }
@@ -129,6 +132,19 @@ impl Scale {
         }
     }
 
+    /// Spares the caches, for volumes that they do not hold: costs stay in a strip that each thread
+    /// has for itself, and what the first vertical sweep leaves for the last goes straight to memory.
+    /// The windows must stay as they are now.
+    pub fn spare_caches(&mut self) {
+        let strips =
+            (0..self.blocks.strips()).map(|strip| self.blocks.strip(strip).iter().map(Block::vectors).sum());
+        let most = strips.max().unwrap_or(0);
+        self.workers.iter_mut().for_each(|worker| worker.costs = vec![Lanes::ZERO; most]);
+        if let [alone] = &mut self.workers[..] {
+            alone.merged = vec![Lanes::ZERO; most];
+        }
+    }
+
     /// Width in pixels.
     pub fn width(&self) -> usize {
         self.width
@@ -203,22 +219,52 @@ impl Scale {
                 return false;
             }
             worker.cost.start(pair.0, pair.1, strip * STRIP);
-            horizontal_layer_at(self.level, self, worker, strip, merged, energies, 0);
-            for y in strip * STRIP..((strip + 1) * STRIP).min(self.height) {
-                advance_row_at(self.level, self, worker, y.checked_sub(1), y, false, merged, energies, 0);
+            let rows = strip * STRIP..((strip + 1) * STRIP).min(self.height);
+            let start = self.blocks.strip(strip)[0].at;
+            let mut own = std::mem::take(&mut worker.merged);
+            if own.is_empty() {
+                self.first_layer(worker, strip, merged, energies, 0);
+                let mut sums = worker.sums(energies);
+                for y in rows {
+                    advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, 0, &mut sums, 0);
+                }
+            } else {
+                self.first_layer(worker, strip, &mut own, energies, start);
+                let mut sums = Sums::StreamBoth { sums: &mut *energies, data: &mut *merged };
+                for y in rows {
+                    advance_row_at(self.level, self, worker, y.checked_sub(1), y, &own, start, &mut sums, 0);
+                }
             }
+            worker.merged = own;
         }
         worker.start_paths(self.edge);
+        let mut sums = Sums::Finish(energies);
         for y in (0..self.height).rev() {
             if y % STRIP == 0 && !go_on() {
                 return false;
             }
             let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, true, merged, energies, 0);
-            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), energies, 0);
+            advance_row_at(self.level, self, worker, from, y, merged, 0, &mut sums, 0);
+            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), &worker.finished);
             if y < self.middle() { upper(row) } else { lower(row) }
         }
         true
+    }
+
+    /// Layer 1 of a strip; both volumes start at `base`.
+    fn first_layer(
+        &self,
+        worker: &mut Worker,
+        strip: usize,
+        merged: &mut [Lanes],
+        energies: &mut [Lanes],
+        base: usize,
+    ) {
+        let mut own = std::mem::take(&mut worker.costs);
+        let costs =
+            if own.is_empty() { &mut energies[self.blocks.strip(strip)[0].at - base..] } else { &mut own };
+        horizontal_layer_at(self.level, self, worker, strip, merged, base, costs);
+        worker.costs = own;
     }
 
     fn solve_together(
@@ -250,15 +296,7 @@ impl Scale {
                 scope.spawn(move || {
                     for strip in own {
                         worker.cost.start(pair.0, pair.1, strip * STRIP);
-                        horizontal_layer_at(
-                            self.level,
-                            self,
-                            worker,
-                            strip,
-                            merged_here,
-                            energies_here,
-                            base,
-                        );
+                        self.first_layer(worker, strip, merged_here, energies_here, base);
                     }
                 });
             }
@@ -272,30 +310,36 @@ impl Scale {
         let (middle, cut) = (self.middle(), start(strips / 2));
         let merged = &volumes.merged[..];
         let (above, below) = volumes.energies.split_at_mut(cut);
-        let descend = |worker: &mut Worker, y: usize, last, energies: &mut [Lanes], base| {
-            advance_row_at(self.level, self, worker, y.checked_sub(1), y, last, merged, energies, base);
+        let descend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
+            advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, 0, sums, base);
         };
-        let ascend = |worker: &mut Worker, y: usize, last, energies: &mut [Lanes], base| {
+        let ascend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
             let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, last, merged, energies, base);
+            advance_row_at(self.level, self, worker, from, y, merged, 0, sums, base);
         };
         std::thread::scope(|scope| {
-            scope.spawn(|| (0..middle).for_each(|y| descend(down, y, false, above, 0)));
-            (middle..self.height).rev().for_each(|y| ascend(up, y, false, below, cut));
+            scope.spawn(|| {
+                let mut sums = down.sums(above);
+                (0..middle).for_each(|y| descend(down, y, &mut sums, 0));
+            });
+            let mut sums = up.sums(below);
+            (middle..self.height).rev().for_each(|y| ascend(up, y, &mut sums, cut));
         });
         if !go_on() {
             return false;
         }
         std::thread::scope(|scope| {
             scope.spawn(|| {
+                let mut sums = Sums::Finish(below);
                 for y in middle..self.height {
-                    descend(down, y, true, below, cut);
-                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), below, cut));
+                    descend(down, y, &mut sums, cut);
+                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), &down.finished));
                 }
             });
+            let mut sums = Sums::Finish(above);
             for y in (0..middle).rev() {
-                ascend(up, y, true, above, 0);
-                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), above, 0));
+                ascend(up, y, &mut sums, 0);
+                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), &up.finished));
             }
         });
         true

@@ -50,6 +50,15 @@ impl Span {
         }
     }
 
+    /// Leaves out virtual nodes more than `reach` away from the window.
+    pub fn within(self, reach: usize) -> Self {
+        Self {
+            from: self.from.max(self.low.saturating_sub(reach)),
+            to: self.to.min(self.high + reach),
+            ..self
+        }
+    }
+
     /// The part of a padded state that is read for a slope step.
     #[inline(always)]
     fn read<'a>(&self, state: &'a [Lanes], step: i8) -> &'a [Lanes] {
@@ -64,9 +73,20 @@ impl Span {
     }
 }
 
+/// What a horizontal step leaves beside its state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Merge {
+    /// The window.
+    First,
+    /// The smaller of that and what was left before.
+    Min,
+    /// The mean of both.
+    Mean,
+}
+
 /// Advances [`crate::simd::LANES`] independent paths by one pixel, from `before` (padded energies of
 /// the pixel before, `least` the smallest of each lane) to the window in `after`; returns the least
-/// of that. `out` gets a copy of the window, or with `merge` the smaller of that and what it held.
+/// of that. `out` gets the window, merged with what it held.
 /// `half` is scratch of at least the window's length.
 ///
 /// A single path would wait for its own last sum, so both sweeps run at once from the two ends: F
@@ -85,7 +105,7 @@ pub(super) fn single_step<S: Simd>(
     truncation: u8,
     slope: i8,
     span: Span,
-    merge: bool,
+    merge: Merge,
     half: &mut [Lanes],
 ) -> Lanes {
     let n = span.high - span.low;
@@ -120,7 +140,11 @@ pub(super) fn single_step<S: Simd>(
             let total = s.add(s.load(&data[$i]), jump);
             lowest = s.min(lowest, total);
             s.store(total, &mut after[$i]);
-            let kept = if merge { s.min(total, s.load(&out[$i])) } else { total };
+            let kept = match merge {
+                Merge::First => total,
+                Merge::Min => s.min(total, s.load(&out[$i])),
+                Merge::Mean => s.mean(total, s.load(&out[$i])),
+            };
             s.store(kept, &mut out[$i]);
         };
     }
@@ -155,60 +179,80 @@ fn single_alone<S: Simd>(
     truncation: u8,
     slope: i8,
     span: Span,
-    merge: bool,
+    merge: Merge,
     half: &mut [Lanes],
 ) {
     *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
 }
 
-/// The paths of one direction through a tile, for [`triple`].
+/// The energies of the three paths through a tile, padded.
 #[derive(Debug)]
-pub struct Paths<'a> {
-    /// Padded energies of the row before; becomes those of this row.
-    pub state: &'a mut [Lanes],
-    /// The padded energies, a row before, of the tile that the paths come from sideways.
-    pub beside: &'a [Lanes],
-    /// Edge weight of each lane.
-    pub weight: Lanes,
-    /// Slope step.
-    pub slope: i8,
+pub struct Energies<'a> {
+    /// Of the straight paths: those of the row before, which become those of this row.
+    pub straight: &'a mut [Lanes],
+    /// Of the paths that come from the right: as `straight`.
+    pub right: &'a mut [Lanes],
+    /// A row before, of the tile on the right.
+    pub right_beside: &'a [Lanes],
+    /// Of the paths that come from the left, a row before, of this tile and of the one on the left.
+    /// The latter is read after this tile was written, so these have two buffers.
+    pub left: [&'a [Lanes]; 2],
+    /// Gets those of this row.
+    pub left_after: &'a mut [Lanes],
+}
+
+/// What becomes of the sum of what the jumps of the three paths cost.
+#[derive(Debug)]
+pub enum Sum<'a> {
+    /// Kept for the other sweep.
+    Keep(&'a mut [Lanes]),
+    /// Kept where nobody looks soon: past the caches.
+    Stream(&'a mut [Lanes]),
+    /// The same, and the data term is kept there, too.
+    StreamBoth {
+        /// Gets the sum.
+        sum: &'a mut [Lanes],
+        /// Gets the data term.
+        data: &'a mut [Lanes],
+    },
+    /// Added to that of the other sweep and to the data term: the final energy.
+    Finish {
+        /// Of the other sweep.
+        other: &'a [Lanes],
+        /// Gets the final energies.
+        total: &'a mut [Lanes],
+    },
 }
 
 /// Advances the vertical paths and both diagonal ones of a tile by one row, and sums up what their
-/// jumps cost. `paths` are: straight, coming from the left, coming from the right.
-///
-/// With `last` false, `out` gets the sum. With `last` true, `out` already holds the sum of the
-/// other sweep and becomes the final energy, `data` + both sums.
+/// jumps cost. Weights and slope steps are of the paths straight, from the left, from the right.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn triple_step<S: Simd>(
     s: S,
-    paths: &mut [Paths<'_>; 3],
+    energies: &mut Energies<'_>,
+    weights: [&Lanes; 3],
+    slopes: [i8; 3],
     data: &[Lanes],
-    out: &mut [Lanes],
+    sum: &mut Sum<'_>,
     truncation: u8,
     span: Span,
-    last: bool,
-    forward: &mut [Lanes],
+    forward: &mut [[Lanes; 3]],
 ) {
     let n = span.high - span.low;
-    let (data, out) = (&data[..n], &mut out[..n]);
-    let (forward_a, rest) = forward.split_at_mut(n);
-    let (forward_b, rest) = rest.split_at_mut(n);
-    let forward_c = &mut rest[..n];
+    let (data, forward) = (&data[..n], &mut forward[..n]);
     let limit = s.splat(truncation);
     let none = s.splat(u8::MAX);
-    let [straight, left, right] = paths;
-    let weight = [s.load(&straight.weight), s.load(&left.weight), s.load(&right.weight)];
+    let weight = [s.load(weights[0]), s.load(weights[1]), s.load(weights[2])];
     let mut least = [none; 3];
     let mut energy = [none; 3];
     {
         let all = span.to - span.from;
-        let a = &span.read(straight.state, straight.slope)[..all];
-        let b = &span.read(left.state, left.slope)[..all];
-        let b_beside = &span.read(left.beside, left.slope)[..all];
-        let c = &span.read(right.state, right.slope)[..all];
-        let c_beside = &span.read(right.beside, right.slope)[..all];
+        let a = &span.read(energies.straight, slopes[0])[..all];
+        let b = &span.read(energies.left[0], slopes[1])[..all];
+        let b_beside = &span.read(energies.left[1], slopes[1])[..all];
+        let c = &span.read(energies.right, slopes[2])[..all];
+        let c_beside = &span.read(energies.right_beside, slopes[2])[..all];
         // A macro, as vectors that pass through a closure leave their registers.
         macro_rules! read {
             ($i:expr) => {
@@ -227,18 +271,29 @@ pub(super) fn triple_step<S: Simd>(
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
             }
         }
-        for i in 0..n {
-            let node = read!(start + i);
-            for p in 0..3 {
-                least[p] = s.min(least[p], node[p]);
-                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
-            }
-            s.store(energy[0], &mut forward_a[i]);
-            s.store(energy[1], &mut forward_b[i]);
-            s.store(energy[2], &mut forward_c[i]);
-            if n > NEAR {
+        macro_rules! advance {
+            ($i:expr) => {
+                let node = read!(start + $i);
+                for p in 0..3 {
+                    least[p] = s.min(least[p], node[p]);
+                    energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+                    s.store(energy[p], &mut forward[$i][p]);
+                }
+            };
+        }
+        if n > NEAR {
+            for i in 0..n {
+                advance!(i);
                 s.expect(std::slice::from_ref(&data[n - 1 - i]));
-                s.expect(std::slice::from_ref(&out[n - 1 - i]));
+                match sum {
+                    Sum::Keep(out) => s.expect(std::slice::from_ref(&out[n - 1 - i])),
+                    Sum::Stream(_) | Sum::StreamBoth { .. } => {}
+                    Sum::Finish { other, .. } => s.expect(std::slice::from_ref(&other[n - 1 - i])),
+                }
+            }
+        } else {
+            for i in 0..n {
+                advance!(i);
             }
         }
         energy = [none; 3];
@@ -250,26 +305,56 @@ pub(super) fn triple_step<S: Simd>(
             }
         }
     }
-    let a = span.window(straight.state);
-    let b = span.window(left.state);
-    let c = span.window(right.state);
+    let a = span.window(energies.straight);
+    let b = span.window(energies.left_after);
+    let c = span.window(energies.right);
     let (a, b, c) = (&mut a[..n], &mut b[..n], &mut c[..n]);
-    for i in (0..n).rev() {
-        let cost = s.load(&data[i]);
-        let node = [s.load(&forward_a[i]), s.load(&forward_b[i]), s.load(&forward_c[i])];
-        let mut jump = [none; 3];
-        for p in 0..3 {
-            energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
-            jump[p] = s.min(s.sub(energy[p], least[p]), limit);
+    macro_rules! finish {
+        ($i:expr) => {{
+            let cost = s.load(&data[$i]);
+            let forward = &forward[$i];
+            let node = [s.load(&forward[0]), s.load(&forward[1]), s.load(&forward[2])];
+            let mut jump = [none; 3];
+            for p in 0..3 {
+                energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
+                jump[p] = s.min(s.sub(energy[p], least[p]), limit);
+            }
+            s.store(s.add(cost, jump[0]), &mut a[$i]);
+            s.store(s.add(cost, jump[1]), &mut b[$i]);
+            s.store(s.add(cost, jump[2]), &mut c[$i]);
+            (s.add(s.add(jump[0], jump[1]), jump[2]), cost)
+        }};
+    }
+    match sum {
+        Sum::Keep(out) => {
+            let out = &mut out[..n];
+            for i in (0..n).rev() {
+                let (sum, _) = finish!(i);
+                s.store(sum, &mut out[i]);
+            }
         }
-        s.store(s.add(cost, jump[0]), &mut a[i]);
-        s.store(s.add(cost, jump[1]), &mut b[i]);
-        s.store(s.add(cost, jump[2]), &mut c[i]);
-        let mut sum = s.add(s.add(jump[0], jump[1]), jump[2]);
-        if last {
-            sum = s.add(s.add(sum, s.load(&out[i])), cost);
+        Sum::Stream(out) => {
+            let out = &mut out[..n];
+            for i in (0..n).rev() {
+                let (sum, _) = finish!(i);
+                s.stream(sum, &mut out[i]);
+            }
         }
-        s.store(sum, &mut out[i]);
+        Sum::StreamBoth { sum, data: kept } => {
+            let (sums, kept) = (&mut sum[..n], &mut kept[..n]);
+            for i in (0..n).rev() {
+                let (sum, cost) = finish!(i);
+                s.stream(sum, &mut sums[i]);
+                s.stream(cost, &mut kept[i]);
+            }
+        }
+        Sum::Finish { other, total } => {
+            let (other, total) = (&other[..n], &mut total[..n]);
+            for i in (0..n).rev() {
+                let (sum, cost) = finish!(i);
+                s.store(s.add(s.add(sum, s.load(&other[i])), cost), &mut total[i]);
+            }
+        }
     }
 }
 
@@ -285,22 +370,22 @@ kernel! {
         truncation: u8,
         slope: i8,
         span: Span,
-        merge: bool,
+        merge: Merge,
         half: &mut [Lanes],
     ) = single_alone
 }
 
 kernel! {
-    /// Advances the vertical and both diagonal paths of a tile by one row; with `last`, `out` becomes
-    /// the final energy.
+    /// Advances the vertical and both diagonal paths of a tile by one row.
     pub fn triple(
-        paths: &mut [Paths<'_>; 3],
+        energies: &mut Energies<'_>,
+        weights: [&Lanes; 3],
+        slopes: [i8; 3],
         data: &[Lanes],
-        out: &mut [Lanes],
+        sum: &mut Sum<'_>,
         truncation: u8,
         span: Span,
-        last: bool,
-        forward: &mut [Lanes],
+        forward: &mut [[Lanes; 3]],
     ) = triple_step
 }
 
@@ -416,7 +501,7 @@ mod tests {
                     truncation,
                     slopes[0],
                     Span::new(window, before, 1),
-                    false,
+                    Merge::First,
                     &mut scratch,
                 );
                 copies[0] = after;
@@ -428,41 +513,67 @@ mod tests {
                     assert_eq!(got, expected[0][lane], "single, lane {lane}, {}", level.name());
                 }
                 assert_eq!(copies[0][PAD + window.0..PAD + window.1], out[..]);
-                let mut merged = other.clone();
-                let mut least = first_least;
-                let mut after = vec![Lanes::FULL; disparities + 2 * PAD];
-                single(
-                    level,
-                    &states[0],
-                    &mut least,
-                    &mut after,
-                    &data,
-                    &mut merged,
-                    &weights[0],
-                    truncation,
-                    slopes[0],
-                    Span::new(window, before, 1),
-                    true,
-                    &mut scratch,
-                );
-                for ((merged, out), other) in merged.iter().zip(&out).zip(&other) {
-                    for lane in 0..LANES {
-                        assert_eq!(merged.0[lane], out.0[lane].min(other.0[lane]));
+                for merge in [Merge::Min, Merge::Mean] {
+                    let mut merged = other.clone();
+                    let mut least = first_least;
+                    let mut after = vec![Lanes::FULL; disparities + 2 * PAD];
+                    single(
+                        level,
+                        &states[0],
+                        &mut least,
+                        &mut after,
+                        &data,
+                        &mut merged,
+                        &weights[0],
+                        truncation,
+                        slopes[0],
+                        Span::new(window, before, 1),
+                        merge,
+                        &mut scratch,
+                    );
+                    for ((merged, out), other) in merged.iter().zip(&out).zip(&other) {
+                        for lane in 0..LANES {
+                            let (a, b) = (out.0[lane], other.0[lane]);
+                            let expected =
+                                if merge == Merge::Min { a.min(b) } else { a.midpoint(b) + (a ^ b) % 2 };
+                            assert_eq!(merged.0[lane], expected);
+                        }
                     }
                 }
 
-                for last in [false, true] {
+                for (kind, last) in [(0, false), (1, false), (2, false), (3, true)] {
                     let mut copies = states.clone();
-                    let mut out = other.clone();
+                    let (mut out, mut kept) = (vec![Lanes::ZERO; n], data.clone());
+                    if kind == 2 {
+                        kept.fill(Lanes::ZERO);
+                    }
                     let [a, b, c] = &mut copies;
-                    let path = |state, p: usize| Paths {
-                        state,
-                        beside: &sides[p],
-                        weight: weights[p],
-                        slope: slopes[p],
+                    let mut energies = Energies {
+                        straight: a,
+                        right: c,
+                        right_beside: &sides[2],
+                        left: [&states[1], &sides[1]],
+                        left_after: b,
                     };
-                    let mut paths = [path(a, 0), path(b, 1), path(c, 2)];
-                    triple(level, &mut paths, &data, &mut out, truncation, span, last, &mut scratch);
+                    let weights = [&weights[0], &weights[1], &weights[2]];
+                    let mut sum = match kind {
+                        0 => Sum::Keep(&mut out),
+                        1 => Sum::Stream(&mut out),
+                        2 => Sum::StreamBoth { sum: &mut out, data: &mut kept },
+                        _ => Sum::Finish { other: &other, total: &mut out },
+                    };
+                    triple(
+                        level,
+                        &mut energies,
+                        weights,
+                        slopes,
+                        &data,
+                        &mut sum,
+                        truncation,
+                        span,
+                        &mut vec![[Lanes::ZERO; 3]; n],
+                    );
+                    assert_eq!(kept, data);
                     for (i, lanes) in out.iter().enumerate() {
                         for lane in 0..LANES {
                             let cost = i32::from(data[i].0[lane]);
@@ -505,7 +616,7 @@ mod tests {
             38,
             0,
             Span::new((0, 9), (0, 9), 0),
-            false,
+            Merge::First,
             &mut vec![Lanes::ZERO; 9],
         );
         assert_eq!(out, data);

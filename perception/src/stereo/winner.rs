@@ -12,29 +12,38 @@ pub struct WinnerParameters {
     pub left_right_px: u8,
     /// A winner of less confidence than this is unknown.
     pub least_confidence: u8,
+    /// Whether a winner's place is found between the nodes, too.
+    pub sub_pixel: bool,
 }
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 1, least_confidence: 0 }
+        Self { left_right_px: 1, least_confidence: 0, sub_pixel: true }
     }
 }
 
 /// The winners of a tile. On a tie the smaller disparity wins.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Winners {
+struct Winners {
     /// Whole disparities.
     place: Lanes,
-    energy: Lanes,
     /// By how much the energy rises to the best node more than one disparity away: 2.5 for each
-    /// unit, 1 to 255.
+    /// unit; in a cut window less a quarter of the energy. 1 to 255.
     confidence: Lanes,
     /// Disparities in 1/256 px.
     disparity: [u16; LANES],
+    /// What they are in the right view: the energy in the upper byte and 255 less the disparity in
+    /// the lower. Of equal energies the nearer surface hides the farther one.
+    keys: [u16; LANES],
+}
+
+impl Winners {
+    const NONE: Winners =
+        Winners { place: Lanes::ZERO, confidence: Lanes::ZERO, disparity: [0; LANES], keys: [0; LANES] };
 }
 
 #[inline(always)]
-fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
+fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, cuts: [bool; 2], winners: &mut Winners) {
     let (zero, one) = (s.splat(0), s.splat(1));
     let none = s.splat(u8::MAX);
     let mut best = none;
@@ -60,20 +69,36 @@ fn pick<S: Simd>(s: S, nodes: &[Lanes], low: usize, winners: &mut Winners) {
         here = s.add(here, one);
     }
     let margin = s.sub(second, best);
-    let confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
+    let mut confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
+    // A cut window hides the winner's rivals: a winner of much energy is doubted, and one at the cut
+    // is not believed, as what lies beyond may be better.
+    if cuts != [false; 2] {
+        confidence = s.sub(confidence, s.mean(s.mean(best, zero), zero));
+    }
+    let last = (nodes.len() - 1) as u8;
+    for (cut, node) in cuts.into_iter().zip([0, last]) {
+        if cut {
+            confidence = s.select_equal(place, s.splat(node), one, confidence);
+        }
+    }
     s.store(s.max(confidence, one), &mut winners.confidence);
-    s.store(best, &mut winners.energy);
-    let mut sides = [Lanes::ZERO; 2];
-    s.store(before, &mut sides[0]);
-    s.store(after, &mut sides[1]);
-    s.store(place, &mut winners.place);
-    for lane in 0..LANES {
-        let k = i32::from(winners.place.0[lane]);
-        let part = sub_pixel(sides[0].0[lane], winners.energy.0[lane], sides[1].0[lane]);
-        let part = if k == 0 || k as usize + 1 == nodes.len() { 0 } else { part };
-        winners.disparity[lane] = ((low as i32 + k) * 256 + part) as u16;
+    // A winner at either end of the window has no place of its own.
+    let end = s.splat((nodes.len() - 1) as u8);
+    for at_end in [zero, end] {
+        before = s.select_equal(place, at_end, best, before);
+        after = s.select_equal(place, at_end, best, after);
     }
     s.store(s.add(place, s.splat(low as u8)), &mut winners.place);
+    let (mut energy, mut sides) = (Lanes::ZERO, [Lanes::ZERO; 2]);
+    s.store(best, &mut energy);
+    s.store(before, &mut sides[0]);
+    s.store(after, &mut sides[1]);
+    for lane in 0..LANES {
+        let (here, place) = (energy.0[lane], winners.place.0[lane]);
+        let part = sub_pixel(sides[0].0[lane], here, sides[1].0[lane]);
+        winners.disparity[lane] = (i32::from(place) * 256 + part) as u16;
+        winners.keys[lane] = u16::from(here) << 8 | u16::from(u8::MAX - place);
+    }
 }
 
 /// Where the winner truly lies, in 1/256 px from its node: where two lines of equal slope through
@@ -86,7 +111,8 @@ fn sub_pixel(before: u8, here: u8, after: u8) -> i32 {
     (128.0 * (before - after) / slope) as i32
 }
 
-kernel! { fn pick_winners(nodes: &[Lanes], low: usize, winners: &mut Winners) = pick }
+/// Confidence that a difference of the two views takes.
+const DISAGREEMENT: u8 = 30;
 
 /// Columns left of the right view: x − d is never below them.
 const LEAD: usize = 256;
@@ -96,55 +122,104 @@ const LEAD: usize = 256;
 pub struct Winner {
     parameters: WinnerParameters,
     level: Level,
-    width: usize,
-    /// Whole disparity of each pixel's winner.
-    place: Vec<u8>,
-    /// The right view, [`LEAD`] columns before it: of the winner that lands on a pixel, its energy
-    /// in the upper byte and 255 less its disparity in the lower.
+    disparities: usize,
+    winners: Vec<Winners>,
+    /// The right view, [`LEAD`] columns before it: the least key of the winners that land on a pixel.
     right: Vec<u16>,
 }
 
 impl Winner {
-    /// A workspace for rows of `width` pixels.
-    pub fn new(parameters: WinnerParameters, level: Level, width: usize) -> Self {
-        Self { parameters, level, width, place: vec![0; width], right: vec![0; LEAD + width] }
+    /// A workspace for rows of `width` pixels and windows of disparities below `disparities`.
+    pub fn new(parameters: WinnerParameters, level: Level, width: usize, disparities: usize) -> Self {
+        let tiles = width.div_ceil(LANES);
+        Self {
+            parameters,
+            level,
+            disparities,
+            winners: vec![Winners::NONE; tiles],
+            right: vec![0; LEAD + tiles * LANES],
+        }
     }
 
     /// Bytes that the workspace holds.
     pub fn bytes(&self) -> usize {
-        self.place.len() + 2 * self.right.len()
+        self.winners.len() * size_of::<Winners>() + 2 * self.right.len()
     }
 
     /// Takes a row of energies and writes its disparities in 1/256 px (0 = unknown: left-right check
     /// failed, outside the right view, or at infinity) and confidences.
     pub fn row(&mut self, row: EnergyRow<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
-        let zero = Lanes::ZERO;
-        let mut winners = Winners { place: zero, energy: zero, confidence: zero, disparity: [0; LANES] };
-        self.right.fill(u16::MAX);
-        for (tile, block) in row.blocks.iter().enumerate() {
-            pick_winners(self.level, row.nodes(tile), block.low, &mut winners);
-            let x = tile * LANES;
-            let inside = LANES.min(self.width - x);
-            disparity[x..x + inside].copy_from_slice(&winners.disparity[..inside]);
-            confidence[x..x + inside].copy_from_slice(&winners.confidence.0[..inside]);
-            self.place[x..x + inside].copy_from_slice(&winners.place.0[..inside]);
-            for lane in 0..inside {
-                let place = winners.place.0[lane];
-                // Of equal energies the nearer surface hides the farther one.
-                let key = u16::from(winners.energy.0[lane]) << 8 | u16::from(u8::MAX - place);
-                let seen = &mut self.right[LEAD + x + lane - usize::from(place)];
-                *seen = key.min(*seen);
-            }
+        take_row(self.level, self, row, disparity, confidence);
+    }
+}
+
+kernel! {
+    fn take_row(winner: &mut Winner, row: EnergyRow<'_>, disparity: &mut [u16], confidence: &mut [u8])
+        = take
+}
+
+#[inline(always)]
+fn take<S: Simd>(
+    s: S,
+    winner: &mut Winner,
+    row: EnergyRow<'_>,
+    disparity: &mut [u16],
+    confidence: &mut [u8],
+) {
+    let Winner { parameters, disparities, winners, right, .. } = winner;
+    let width = disparity.len();
+    right.fill(u16::MAX);
+    for (tile, (winners, block)) in winners.iter_mut().zip(row.blocks).enumerate() {
+        let cuts = [block.low > 0, block.high < *disparities];
+        pick(s, row.nodes(tile), block.low, cuts, winners);
+        if !parameters.sub_pixel {
+            winners.disparity = winners.place.0.map(|place| u16::from(place) << 8);
         }
-        let most = self.parameters.left_right_px;
-        let least = self.parameters.least_confidence;
-        let pixels = disparity.iter_mut().zip(confidence).zip(&self.place).enumerate();
-        for (x, ((disparity, confidence), &place)) in pixels {
-            let seen = u8::MAX - self.right[LEAD + x - usize::from(place)] as u8;
-            let kept =
-                place > 0 && usize::from(place) <= x && seen.abs_diff(place) <= most && *confidence >= least;
-            *disparity = if kept { *disparity } else { 0 };
-            *confidence = if kept { *confidence } else { 0 };
+        // Where the tile's lanes land: at LEAD + x − d.
+        let x = tile * LANES;
+        let landing: &mut [u16; LEAD + LANES] = match (&mut right[x..x + LEAD + LANES]).try_into() {
+            Ok(landing) => landing,
+            Err(_) => continue,
+        };
+        for lane in 0..LANES.min(width - x) {
+            let seen = &mut landing[LEAD + lane - usize::from(winners.place.0[lane])];
+            *seen = winners.keys[lane].min(*seen);
+        }
+    }
+    let (zero, one) = (s.splat(0), s.splat(1));
+    let most = s.splat(parameters.left_right_px);
+    let least = s.splat(parameters.least_confidence);
+    let outputs = disparity.chunks_mut(LANES).zip(confidence.chunks_mut(LANES));
+    for (tile, (winners, (disparity, confidence))) in winners.iter().zip(outputs).enumerate() {
+        let x = tile * LANES;
+        let landing: &[u16; LEAD + LANES] = match (&right[x..x + LEAD + LANES]).try_into() {
+            Ok(landing) => landing,
+            Err(_) => continue,
+        };
+        let (mut seen, mut column) = (Lanes::ZERO, Lanes::ZERO);
+        for lane in 0..LANES {
+            seen.0[lane] = u8::MAX - landing[LEAD + lane - usize::from(winners.place.0[lane])] as u8;
+            // Beyond 255 no disparity leaves the image.
+            column.0[lane] = (x + lane).min(255) as u8;
+        }
+        let (place, sure) = (s.load(&winners.place), s.load(&winners.confidence));
+        let seen = s.load(&seen);
+        let difference = s.max(s.sub(seen, place), s.sub(place, seen));
+        let unsure = s.max(s.sub(sure, s.splat(DISAGREEMENT)), one);
+        let sure = s.select_equal(difference, zero, sure, unsure);
+        // Above zero where anything speaks against the winner.
+        let mut doubt = s.sub(difference, most);
+        doubt = s.max(doubt, s.sub(place, s.load(&column)));
+        doubt = s.max(doubt, s.sub(least, sure));
+        doubt = s.max(doubt, s.sub(one, place));
+        // An estimate has a confidence of at least 1.
+        let mut kept = Lanes::ZERO;
+        s.store(s.select_equal(doubt, zero, sure, zero), &mut kept);
+        for (((disparity, confidence), &of), &kept) in
+            disparity.iter_mut().zip(confidence).zip(&winners.disparity).zip(&kept.0)
+        {
+            *disparity = if kept > 0 { of } else { 0 };
+            *confidence = kept;
         }
     }
 }
@@ -163,16 +238,16 @@ mod tests {
                 nodes[x / LANES * n + k].0[x % LANES] = (20 * (low + k).abs_diff(t)).min(100) as u8;
             }
         }
-        let block = |tile| Block { low, high: low + n, at: tile * n, ..Block::default() };
+        let block = |tile| Block { low, high: low + n, at: tile * n * LANES, ..Block::default() };
         ((0..tiles).map(block).collect(), nodes)
     }
 
     fn run(truth: &[usize], low: usize, n: usize) -> (Vec<u16>, Vec<u8>) {
         let (blocks, nodes) = row_for(truth, low, n);
         let mut results = Level::available().into_iter().map(|level| {
-            let mut winner = Winner::new(WinnerParameters::default(), level, truth.len());
+            let mut winner = Winner::new(WinnerParameters::default(), level, truth.len(), low + n);
             let (mut disparity, mut confidence) = (vec![1; truth.len()], vec![1; truth.len()]);
-            winner.row(EnergyRow::new(0, &blocks, &nodes, 0), &mut disparity, &mut confidence);
+            winner.row(EnergyRow::new(0, &blocks, &nodes), &mut disparity, &mut confidence);
             (disparity, confidence)
         });
         let plain = results.next().unwrap();

@@ -1,25 +1,54 @@
 //! The two layers of a scale, strip by strip and row by row, with what one thread needs for them.
 
-use super::blocks::Block;
+use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::scale::{EdgeWeight, Scale};
-use super::viterbi::{NEAR, PAD, Paths, Span, single_step, triple_step};
+use super::viterbi::{Energies, Merge, NEAR, PAD, Span, Sum, single_step, triple_step};
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// What one thread needs for itself.
 #[derive(Debug)]
 pub(super) struct Worker {
     pub(super) cost: CostStrip,
-    /// Energies of the row before for each direction and tile, padded.
-    states: [Vec<Lanes>; 3],
-    /// The rightward diagonal's energies of a tile and the one before, before they are replaced.
-    carry: [Vec<Lanes>; 2],
+    /// Energies of the row before for each tile, padded: of straight paths, of those that come from
+    /// the right, and of those that come from the left with what they become.
+    straight: Vec<Lanes>,
+    right: Vec<Lanes>,
+    left: [Vec<Lanes>; 2],
+    /// The costs of a strip; empty where they use the volume.
+    pub(super) costs: Vec<Lanes>,
+    /// H of a strip, likewise.
+    pub(super) merged: Vec<Lanes>,
+    /// Final energies of a row, tile by tile.
+    pub(super) finished: Vec<Lanes>,
     /// Energies of the column before and of this one, padded.
     columns: [Vec<Lanes>; 2],
-    forward: Vec<Lanes>,
-    spans: Vec<Span>,
+    half: Vec<Lanes>,
+    forward: Vec<[Lanes; 3]>,
+    steps: Vec<Step>,
     weights: [Vec<Lanes>; 3],
     column_weights: Vec<Lanes>,
+}
+
+/// How the paths of layer 2 enter a row of a tile.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    span: Span,
+    /// Of the straight paths, those from the left and those from the right.
+    slopes: [i8; 3],
+}
+
+/// What a sweep of layer 2 does with the sums of its paths.
+#[derive(Debug)]
+pub(super) enum Sums<'a> {
+    /// The first keeps them for the last.
+    Keep(&'a mut [Lanes]),
+    /// The same, past the caches.
+    Stream(&'a mut [Lanes]),
+    /// The same, and the data term with them.
+    StreamBoth { sums: &'a mut [Lanes], data: &'a mut [Lanes] },
+    /// The last adds its own to them and to the data term.
+    Finish(&'a [Lanes]),
 }
 
 impl Worker {
@@ -33,34 +62,50 @@ impl Worker {
         let padded = disparities + 2 * PAD;
         Self {
             cost: CostStrip::new(cost, level, width, disparities),
-            states: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
-            carry: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
+            straight: vec![Lanes::FULL; tiles * padded],
+            right: vec![Lanes::FULL; tiles * padded],
+            left: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
+            costs: Vec::new(),
+            merged: Vec::new(),
+            finished: vec![Lanes::ZERO; tiles * pitch(disparities)],
             columns: std::array::from_fn(|_| vec![Lanes::FULL; padded]),
-            forward: vec![Lanes::ZERO; 3 * disparities],
-            spans: vec![Span { from: 0, to: 0, low: 0, high: 0 }; tiles],
+            half: vec![Lanes::ZERO; disparities],
+            forward: vec![[Lanes::ZERO; 3]; disparities],
+            steps: vec![Step { span: Span { from: 0, to: 0, low: 0, high: 0 }, slopes: [0; 3] }; tiles],
             weights: std::array::from_fn(|_| vec![Lanes::ZERO; tiles]),
             column_weights: vec![Lanes::ZERO; tiles * LANES],
         }
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let lanes = self.states.iter().chain(&self.carry).chain(&self.columns).chain(&self.weights);
-        let vectors = lanes.map(Vec::len).sum::<usize>() + self.forward.len() + self.column_weights.len();
-        vectors * LANES + self.cost.bytes() + self.spans.len() * size_of::<Span>()
+        let single = [&self.straight, &self.right, &self.costs, &self.finished, &self.half];
+        let lanes = single
+            .into_iter()
+            .chain([&self.merged, &self.column_weights])
+            .chain(&self.left)
+            .chain(&self.columns)
+            .chain(&self.weights);
+        let vectors = lanes.map(Vec::len).sum::<usize>() + 3 * self.forward.len();
+        vectors * LANES + self.cost.bytes() + self.steps.len() * size_of::<Step>()
+    }
+
+    /// What the first sweep of layer 2 does with its sums.
+    pub(super) fn sums<'a>(&self, volume: &'a mut [Lanes]) -> Sums<'a> {
+        if self.costs.is_empty() { Sums::Keep(volume) } else { Sums::Stream(volume) }
     }
 
     /// Makes every path of layer 2 start afresh; `edge` is what lies beyond the last tile's lanes.
     pub(super) fn start_paths(&mut self, edge: Lanes) {
-        let padded = self.carry[0].len();
-        for state in &mut self.states {
+        let padded = self.columns[0].len();
+        for state in [&mut self.straight, &mut self.right].into_iter().chain(&mut self.left) {
             for tile in state.chunks_exact_mut(padded) {
                 tile[..PAD].fill(Lanes::FULL);
                 tile[PAD..padded - PAD].fill(Lanes::ZERO);
                 tile[padded - PAD..].fill(Lanes::FULL);
             }
         }
-        let last = self.states[2].len() - padded;
-        let last = &mut self.states[2][last..];
+        let last = self.right.len() - padded;
+        let last = &mut self.right[last..];
         last[..PAD].fill(edge);
         last[padded - PAD..].fill(edge);
     }
@@ -95,7 +140,8 @@ fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize, pitch: us
     }
 }
 
-/// Layer 1 of a strip: costs, rightward and leftward paths, their minimum to `merged`.
+/// Layer 1 of a strip: `costs`, rightward and leftward paths, their minimum to `merged`, which starts
+/// at `base` of the volume; `costs` starts at the strip.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn horizontal_layer<S: Simd>(
@@ -104,10 +150,11 @@ fn horizontal_layer<S: Simd>(
     worker: &mut Worker,
     strip: usize,
     merged: &mut [Lanes],
-    energies: &mut [Lanes],
     base: usize,
+    costs: &mut [Lanes],
 ) {
     let tiles = scale.blocks.tiles();
+    let first = scale.blocks.strip(strip)[0].at;
     let top = strip * STRIP;
     // Edge weights between column x − 1 and x, for all rows.
     for row in 0..STRIP {
@@ -126,6 +173,8 @@ fn horizontal_layer<S: Simd>(
 
     let disparities = scale.blocks.disparities();
     let truncation = scale.parameters.truncation_horizontal;
+    // From further away even the cheapest way costs as much as a jump.
+    let reach = 1 + usize::from(truncation.div_ceil(scale.horizontal.edge.min(scale.horizontal.smooth)));
     let [mut old, mut new] = worker.columns.each_mut().map(|column| &mut column[..]);
     // Rightwards.
     let mut before = (0, disparities);
@@ -135,7 +184,7 @@ fn horizontal_layer<S: Simd>(
         let block = scale.blocks.strip(strip)[tile];
         let (n, pitch) = (block.span(), block.pitch());
         let nodes = block.at - base..block.at - base + block.vectors();
-        let costs = &mut energies[nodes.clone()];
+        let costs = &mut costs[block.at - first..block.at - first + block.vectors()];
         worker.cost.tile(tile * LANES, block.low, n, pitch, costs);
         turn_blocks(s, costs, n, pitch);
         let merged = &mut merged[nodes];
@@ -155,9 +204,9 @@ fn horizontal_layer<S: Simd>(
                 &worker.column_weights[x],
                 truncation,
                 slope,
-                Span::new(block.window(), before, usize::from(slope != 0)),
-                false,
-                &mut worker.forward,
+                Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
+                Merge::First,
+                &mut worker.half,
             );
             if before != block.window() {
                 leave(old, before, block.window(), Lanes::FULL);
@@ -175,7 +224,7 @@ fn horizontal_layer<S: Simd>(
         let block = scale.blocks.strip(strip)[tile];
         let (n, pitch) = (block.span(), block.pitch());
         let nodes = block.at - base..block.at - base + block.vectors();
-        let costs = &energies[nodes.clone()];
+        let costs = &costs[block.at - first..block.at - first + block.vectors()];
         let merged = &mut merged[nodes];
         let inside = LANES.min(scale.width - tile * LANES);
         for i in (0..inside).rev() {
@@ -192,9 +241,9 @@ fn horizontal_layer<S: Simd>(
                 &worker.column_weights[if first { x } else { x + 1 }],
                 truncation,
                 slope,
-                Span::new(block.window(), before, usize::from(slope != 0)),
-                true,
-                &mut worker.forward,
+                Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
+                scale.parameters.merging,
+                &mut worker.half,
             );
             if before != block.window() {
                 leave(old, before, block.window(), Lanes::FULL);
@@ -207,7 +256,32 @@ fn horizontal_layer<S: Simd>(
     }
 }
 
+/// Plans how all paths of layer 2 step from row `from` (None: the start) to `y`.
+fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
+    let strip = scale.blocks.strip(y / STRIP);
+    let last = strip.len() - 1;
+    let before = |tile: usize| match from {
+        None => (0, scale.blocks.disparities()),
+        Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
+    };
+    for (tile, (step, block)) in steps.iter_mut().zip(strip).enumerate() {
+        step.slopes = [0, -1, 1].map(|sideways| match from {
+            None => 0,
+            // Down from the left a path goes right, up from the left as well.
+            Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
+            Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
+        });
+        let mut old = before(tile);
+        for beside in [tile.saturating_sub(1), (tile + 1).min(last)] {
+            let beside = before(beside);
+            old = (old.0.min(beside.0), old.1.max(beside.1));
+        }
+        step.span = Span::new(block.window(), old, usize::from(step.slopes != [0; 3]));
+    }
+}
+
 /// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
+/// The volumes of `sums` start at `base`, the data term `merged` at `merged_base`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn advance_row<S: Simd>(
@@ -216,116 +290,100 @@ fn advance_row<S: Simd>(
     worker: &mut Worker,
     from: Option<usize>,
     y: usize,
-    last: bool,
     merged: &[Lanes],
-    energies: &mut [Lanes],
+    merged_base: usize,
+    sums: &mut Sums<'_>,
     base: usize,
 ) {
     let tiles = scale.blocks.tiles();
-    let disparities = scale.blocks.disparities();
     let padded = scale.fresh.len();
-    let mut weights = std::mem::take(&mut worker.weights);
-    for ((weights, sideways), weight) in weights.iter_mut().zip([0, -1, 1]).zip(scale.others) {
+    for ((weights, sideways), weight) in worker.weights.iter_mut().zip([0, -1, 1]).zip(scale.others) {
         let there = scale.guide_row(from.unwrap_or(y), sideways);
         edge_row(s, scale.guide_row(y, 0), there, weight, weights);
     }
-    worker.weights = weights;
+    plan_row(scale, &mut worker.steps, from, y);
 
     let strip = scale.blocks.strip(y / STRIP);
-    let enters = from.is_none_or(|from| from / STRIP != y / STRIP);
-    let before = |tile: usize| match from {
-        None => (0, disparities),
-        Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
+    // The strip that a row on the way was in, if not this one.
+    let other_strip = |row: Option<usize>| row.is_none_or(|row| row / STRIP != y / STRIP);
+    let enters = other_strip(from);
+    // Of the paths from the left, what this row replaces is two rows old.
+    let two_before = match from {
+        None => None,
+        Some(from) if from < y => from.checked_sub(1),
+        Some(from) => Some(from + 1).filter(|&row| row < scale.height),
     };
-    // Slope steps of a tile's straight, rightward and leftward paths.
-    let steps = |block: &Block| {
-        [0, -1, 1].map(|sideways| match from {
-            None => 0,
-            // Down from the left a path goes right, up from the left as well.
-            Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
-            Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
-        })
+    let enters_late = other_strip(two_before);
+    let window_at = |row: Option<usize>, tile: usize| match row {
+        None => (0, scale.blocks.disparities()),
+        Some(row) => scale.blocks.strip(row / STRIP)[tile].window(),
     };
-    for tile in 0..tiles {
-        let mut old = before(tile);
-        for beside in [tile.saturating_sub(1), (tile + 1).min(tiles - 1)] {
-            let beside = before(beside);
-            old = (old.0.min(beside.0), old.1.max(beside.1));
-        }
-        let slack = usize::from(steps(&strip[tile]) != [0; 3]);
-        worker.spans[tile] = Span::new(strip[tile].window(), old, slack);
-    }
-
-    let edge = scale.edge;
-    let [straight, left, right] = &mut worker.states;
-    let [earlier, now] = &mut worker.carry;
-    for tile in 0..tiles {
-        let block = &strip[tile];
-        let span = worker.spans[tile];
+    let Worker { straight, right, left: [left, left_after], finished, steps, weights, forward, .. } = worker;
+    let mut done = 0;
+    for (tile, (block, step)) in strip.iter().zip(&*steps).enumerate() {
         let place = tile * padded..(tile + 1) * padded;
-        // What the next tile will read of this one's rightward paths.
-        if let Some(next) = worker.spans.get(tile + 1) {
-            let read = next.from - 1..next.to + 1;
-            now[read.clone()].copy_from_slice(&left[place.clone()][read]);
-        }
         let (right_here, right_next) = right[place.start..].split_at_mut(padded);
-        let slopes = steps(block);
         if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= NEAR) {
             // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
             let at = next.at + y % STRIP * next.pitch();
-            s.expect(&merged[at..at + next.span()]);
-            if last {
-                s.expect(&energies[at - base..at - base + next.span()]);
+            s.expect(&merged[at - merged_base..at - merged_base + next.span()]);
+            if let Sums::Finish(sums) = &sums {
+                s.expect(&sums[at - base..at - base + next.span()]);
             }
         }
-        let mut paths = [
-            Paths {
-                state: &mut straight[place.clone()],
-                beside: &scale.fresh,
-                weight: worker.weights[0][tile],
-                slope: slopes[0],
-            },
-            Paths {
-                state: &mut left[place.clone()],
-                beside: if tile == 0 { &scale.fresh } else { earlier },
-                weight: worker.weights[1][tile],
-                slope: slopes[1],
-            },
-            Paths {
-                state: right_here,
-                beside: if tile + 1 < tiles { &right_next[..padded] } else { &scale.fresh },
-                weight: worker.weights[2][tile],
-                slope: slopes[2],
-            },
-        ];
         let at = block.at + y % STRIP * block.pitch();
+        let row = at - base..at - base + block.span();
+        let mut sum = match sums {
+            Sums::Keep(sums) => Sum::Keep(&mut sums[row]),
+            Sums::Stream(sums) => Sum::Stream(&mut sums[row]),
+            Sums::StreamBoth { sums, data } => {
+                Sum::StreamBoth { sum: &mut sums[row.clone()], data: &mut data[row] }
+            }
+            Sums::Finish(sums) => {
+                Sum::Finish { other: &sums[row], total: &mut finished[done..done + block.span()] }
+            }
+        };
+        let mut energies = Energies {
+            straight: &mut straight[place.clone()],
+            right: right_here,
+            right_beside: if tile + 1 < tiles { &right_next[..padded] } else { &scale.fresh },
+            left: [
+                &left[place.clone()],
+                if tile == 0 { &scale.fresh } else { &left[place.start - padded..place.start] },
+            ],
+            left_after: &mut left_after[place],
+        };
         triple_step(
             s,
-            &mut paths,
-            &merged[at..at + block.span()],
-            &mut energies[at - base..at - base + block.span()],
+            &mut energies,
+            [&weights[0][tile], &weights[1][tile], &weights[2][tile]],
+            step.slopes,
+            &merged[at - merged_base..at - merged_base + block.span()],
+            &mut sum,
             scale.parameters.truncation_other,
-            span,
-            last,
-            &mut worker.forward,
+            step.span,
+            forward,
         );
+        done += block.pitch();
         let beyond = scale.width - tile * LANES;
         if beyond < LANES {
             // Lanes beyond the image must not feed a leftward path.
             let window = PAD + block.low..PAD + block.high;
-            paths[2].state[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
+            energies.right[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
         }
         if enters {
-            let old = match from {
-                None => (0, disparities),
-                Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
-            };
-            for (path, sideways) in paths.iter_mut().zip([0, -1, 1]) {
-                let none = if sideways == 1 && tile + 1 == tiles { edge } else { Lanes::FULL };
-                leave(path.state, old, block.window(), none);
-            }
+            let old = window_at(from, tile);
+            let none = if tile + 1 == tiles { scale.edge } else { Lanes::FULL };
+            leave(energies.straight, old, block.window(), Lanes::FULL);
+            leave(energies.right, old, block.window(), none);
         }
-        std::mem::swap(earlier, now);
+        if enters_late {
+            leave(energies.left_after, window_at(two_before, tile), block.window(), Lanes::FULL);
+        }
+    }
+    std::mem::swap(left, left_after);
+    if matches!(sums, Sums::Stream(_) | Sums::StreamBoth { .. }) {
+        s.settle();
     }
 }
 
@@ -335,8 +393,8 @@ kernel! {
         worker: &mut Worker,
         strip: usize,
         merged: &mut [Lanes],
-        energies: &mut [Lanes],
         base: usize,
+        costs: &mut [Lanes],
     ) = horizontal_layer
 }
 kernel! {
@@ -345,9 +403,9 @@ kernel! {
         worker: &mut Worker,
         from: Option<usize>,
         y: usize,
-        last: bool,
         merged: &[Lanes],
-        energies: &mut [Lanes],
+        merged_base: usize,
+        sums: &mut Sums<'_>,
         base: usize,
     ) = advance_row
 }

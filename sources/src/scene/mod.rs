@@ -1,43 +1,46 @@
-//! A synthetic drive with exact truth: it feeds the demo and the tests.
+//! Synthetic scenes with exact truth: a test road for the whole system, the demo and the tests.
+//!
+//! A scene is a small TOML file ([`file::SceneFile`]); those that ship are in [`library`]. Both images
+//! are drawn from the same textured surfaces through their own camera. A pixel is sampled in four
+//! places and textures are filtered to its size, so that the two images agree to a fraction of a pixel.
+//!
+//! The world is laid along the road's reference line: an object has a place along it and one across.
+//! In the frame of the vehicle the line is a curve of (x, up) over z, found by summing up grade and
+//! bend twice from where the vehicle stands ([`ground::Course`]).
 
-pub mod render;
+pub mod conditions;
+mod drive;
+pub mod file;
+pub mod ground;
+pub mod lens;
+pub mod library;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod motion;
+pub mod paint;
+pub mod precipitation;
+pub mod props;
+pub mod sensor;
+mod survey;
 pub mod texture;
+pub mod truth;
+pub mod vehicles;
+pub mod view;
+pub mod world;
+
+pub use drive::Drive;
+pub use truth::{ObjectClass, ObjectTruth, RoadTruth, SceneTruth};
 
 use crate::{PairSource, SourceError};
+use file::{SceneError, SceneFile};
+use lens::Coarse;
+use paint::{Mirror, Painter, Row, Shade};
 use perception::rig::Rig;
-use perception::road::PixelBox;
-use render::{Block, Camera, Look, render};
-use texture::Texture;
-
-/// What an object of the scene is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ObjectClass {
-    /// A car.
-    Vehicle,
-    /// A thin upright object.
-    Post,
-    /// A small box on the road.
-    Box,
-    /// Beside the road.
-    Building,
-}
-
-/// An object as it is in one frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ObjectTruth {
-    /// What it is.
-    pub class: ObjectClass,
-    /// Distance of its near side along z, in metres.
-    pub distance_m: f64,
-    /// Its middle, metres right of the left camera's axis.
-    pub lateral_m: f64,
-    /// Width in metres.
-    pub width_m: f64,
-    /// Height in metres.
-    pub height_m: f64,
-    /// Its near side in the left image.
-    pub bounds: PixelBox,
-}
+use sensor::Normal;
+use texture::{Texture, hash};
+use view::{Camera, MIDDLE, SAMPLES, View};
+use world::World;
 
 /// One pair with its truth.
 #[derive(Clone, Debug)]
@@ -46,66 +49,81 @@ pub struct SceneFrame {
     pub left: Vec<u8>,
     /// The right image.
     pub right: Vec<u8>,
-    /// Exact disparity of each left pixel, in px; 0 at infinity.
-    pub disparity_px: Vec<f32>,
-    /// Objects whose near side lies in the picture and within 60 m, nearest first, hidden ones too;
-    /// buildings left out.
-    pub objects: Vec<ObjectTruth>,
+    /// What is true of it.
+    pub truth: SceneTruth,
 }
 
-/// The built-in drive: a street with houses, parked cars, posts and a small box, and a car ahead
-/// that is caught up with and then pulls away. Its objects repeat every [`Drive::CYCLE_S`] seconds;
-/// the same seed gives the same pictures.
+/// A scene as a source of pairs. The same file and seed give the same bytes.
 #[derive(Debug)]
-pub struct Drive {
-    seed: u64,
-    size: (usize, usize),
-    rig: Rig,
-    texture: Texture,
-    depth: Vec<f32>,
-    blocks: Vec<(Block, ObjectClass)>,
-    visible: Vec<Block>,
+pub struct Scene {
+    world: World,
+    painter: Painter,
+    normal: Normal,
+    view: View,
+    shades: View,
+    shade: Shade,
+    mirror: View,
+    mirror_depth: [Vec<f32>; 1],
+    mirror_seen: [Vec<u16>; 1],
+    depth: [Vec<f32>; 4],
+    seen: [Vec<u16>; 4],
+    light: Vec<f32>,
+    /// 1/z of each pixel, while something falls.
+    near: Vec<f32>,
+    coarse: Coarse,
     period_ns: u64,
 }
 
-impl Drive {
-    /// Seconds after which the drive repeats.
-    pub const CYCLE_S: f64 = 12.0;
-
-    /// Height of the camera above the road, in metres.
-    pub const CAMERA_HEIGHT_M: f64 = 1.25;
-
-    /// The vehicle's own speed, in m/s.
-    const SPEED_M_S: f64 = 8.0;
-
-    /// Distance of the car ahead (s, m), linear in between.
-    const LEAD: [(f64, f64); 5] = [(0.0, 28.0), (1.0, 28.0), (6.5, 6.0), (8.0, 6.0), (12.0, 28.0)];
-
-    /// The drive as the paper's rig sees it: 640 × 480 px, 120 mm, 879 px of focal length.
-    pub fn paper(seed: u64) -> Self {
-        let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
-        Self::new(seed, rig, (640, 480), 12.5)
+impl Scene {
+    /// The scene of a name or path, with settings: `street`, `street?weather=night&seed=7`,
+    /// `my/scene.toml`.
+    ///
+    /// # Errors
+    /// When there is no such scene, or it is no sound one.
+    pub fn open(name: &str) -> Result<Self, SceneError> {
+        Self::new(library::load(name)?)
     }
 
-    /// The drive as seen by another rig, `fps` pairs a second.
+    /// The scene of a file.
     ///
-    /// # Panics
-    /// When the size is zero or `fps` is not above zero.
-    pub fn new(seed: u64, rig: Rig, size: (usize, usize), fps: f64) -> Self {
-        assert!(size.0 > 0 && size.1 > 0 && fps > 0.0);
+    /// # Errors
+    /// When its cameras make no rig.
+    pub fn new(file: SceneFile) -> Result<Self, SceneError> {
+        let (rig, size, height_m) = file.camera.values().map_err(|error| SceneError::File {
+            file: file.title.clone(),
+            line: None,
+            reason: format!("camera: {error}"),
+        })?;
+        Ok(Self::seen_by(file, rig, size, height_m))
+    }
+
+    /// The scene of a file as other cameras see it.
+    fn seen_by(file: SceneFile, rig: Rig, size: (usize, usize), height_m: f64) -> Self {
+        let period_ns = (1e9 / file.fps) as u64;
+        let world = World::new(file, rig, size, height_m);
+        let style = ground::style(&world.file.road, world.conditions.wet, world.conditions.snow);
+        let light = world.conditions.light;
+        let row = || vec![0.0; size.0];
         Self {
-            seed,
-            size,
-            rig,
-            texture: Texture::new(seed),
-            depth: vec![0.0; size.0 * size.1],
-            blocks: Vec::new(),
-            visible: Vec::new(),
-            period_ns: (1e9 / fps) as u64,
+            painter: Painter { texture: Texture::new(world.file.seed), style, light },
+            normal: Normal::default(),
+            view: View::default(),
+            shades: View::default(),
+            shade: Shade::new(size.0),
+            mirror: View::default(),
+            mirror_depth: [row()],
+            mirror_seen: [vec![0; size.0]],
+            near: vec![0.0; size.0 * size.1],
+            coarse: Coarse::default(),
+            depth: std::array::from_fn(|_| row()),
+            seen: std::array::from_fn(|_| vec![0; size.0]),
+            light: vec![0.0; size.0 * size.1],
+            world,
+            period_ns,
         }
     }
 
-    /// The same drive, seen `fps` times a second.
+    /// The same scene, seen `fps` times a second.
     ///
     /// # Panics
     /// When `fps` is not above zero.
@@ -114,134 +132,103 @@ impl Drive {
         Self { period_ns: (1e9 / fps) as u64, ..self }
     }
 
-    /// Places everything at time `t` seconds of the cycle.
-    fn place(&mut self, t: f64) {
-        self.blocks.clear();
-        let travelled = t * Self::SPEED_M_S;
-        let mut add =
-            |class, x: (f64, f64), tall: f64, near: f64, long: f64, grey: f32, look, pattern: f32| {
-                let z_m = (near, near + long);
-                if z_m.1 > 0.5 && near < 150.0 {
-                    self.blocks.push((Block { x_m: x, up_m: (0.0, tall), z_m, grey, look, pattern }, class));
-                }
-            };
-        // The street repeats with the cycle, so that the drive can.
-        let length = Self::CYCLE_S * Self::SPEED_M_S;
-        for repeat in -1..3 {
-            let start = f64::from(repeat) * length - travelled;
-            for house in 0..8 {
-                let near = start + 12.0 * f64::from(house);
-                for (side, sign) in [(0, -1.0), (1, 1.0)] {
-                    let key = texture::hash(self.seed ^ (house * 2 + side) as u64);
-                    let tall = 4.0 + (key % 50) as f64 / 10.0;
-                    let front = 9.0 + (key / 64 % 20) as f64 / 10.0;
-                    let (a, b) = (sign * front, sign * (front + 8.0));
-                    let grey = 95.0 + (key / 4096 % 70) as f32;
-                    let x = (a.min(b), a.max(b));
-                    add(ObjectClass::Building, x, tall, near, 11.0, grey, Look::Building, (key % 251) as f32);
-                }
-            }
-            for (at, x, grey) in
-                [(14.0, 4.4, 150.0), (38.0, -4.4, 70.0), (61.0, 4.4, 105.0), (83.0, -4.4, 135.0)]
-            {
-                let x = (x - 0.88, x + 0.88);
-                add(ObjectClass::Vehicle, x, 1.45, start + at, 4.2, grey, Look::Vehicle, grey);
-            }
-            for (at, x) in [(26.0, 6.4), (50.0, -6.4), (74.0, 6.4)] {
-                add(
-                    ObjectClass::Post,
-                    (x - 0.15, x + 0.15),
-                    2.6,
-                    start + at,
-                    0.3,
-                    60.0,
-                    Look::Plain,
-                    at as f32,
-                );
-            }
-            add(ObjectClass::Box, (-3.2, -2.5), 0.6, start + 45.0, 0.5, 175.0, Look::Plain, 90.0);
-        }
-        let lead = Self::lead_distance_m(t);
-        add(ObjectClass::Vehicle, (-0.9, 0.9), 1.5, lead, 4.3, 85.0, Look::Vehicle, 140.0);
+    /// What it shows, in a line.
+    pub fn title(&self) -> &str {
+        &self.world.file.title
     }
 
-    /// Distance of the rear of the car ahead, `t` seconds into the drive.
-    pub fn lead_distance_m(t: f64) -> f64 {
-        let t = t.rem_euclid(Self::CYCLE_S);
-        Self::LEAD
-            .windows(2)
-            .find(|w| t <= w[1].0)
-            .map_or(Self::LEAD[0].1, |w| w[0].1 + (w[1].1 - w[0].1) * (t - w[0].0) / (w[1].0 - w[0].0))
-    }
-
-    /// Seconds into the drive of pair `index`.
+    /// Seconds into the scene of pair `index`.
     pub fn time_s(&self, index: u64) -> f64 {
-        (index as f64 * self.period_ns as f64 * 1e-9).rem_euclid(Self::CYCLE_S)
+        let time = index as f64 * self.period_ns as f64 * 1e-9;
+        if self.world.file.repeats { time.rem_euclid(self.world.file.seconds) } else { time }
     }
 
+    fn camera(&self, right: bool) -> Camera {
+        let rig = self.world.rig;
+        Camera { rig, size: self.world.size, x_m: if right { rig.baseline_m } else { 0.0 } }
+    }
+
+    /// Draws one image of the world as it is placed.
     fn draw(&mut self, index: u64, right: bool, grey: &mut [u8]) {
-        let camera = Camera {
-            rig: &self.rig,
-            size: self.size,
-            x_m: if right { self.rig.baseline_m } else { 0.0 },
-            height_m: Self::CAMERA_HEIGHT_M,
-            travelled_m: self.time_s(index) * Self::SPEED_M_S,
-            noise_seed: texture::hash(self.seed ^ index << 1 ^ u64::from(right)),
-        };
-        self.visible.clear();
-        self.visible.extend(self.blocks.iter().map(|(block, _)| *block));
-        render(&camera, &self.texture, &self.visible, grey, &mut self.depth);
+        let camera = self.camera(right);
+        let (width, height) = camera.size;
+        let world = &self.world;
+        self.view.look(&camera, &world.surfaces);
+        self.shades.look(&camera, &world.shades);
+        let wet = world.is_wet();
+        if wet {
+            self.mirror.look(&camera, &world.mirrors);
+        }
+        for y in 0..height {
+            self.view.row(&camera, y, &SAMPLES, &mut self.depth, &mut self.seen);
+            self.shade.row(&camera, &mut self.shades, &world.shades, y, &self.depth[0]);
+            if wet {
+                self.mirror.row(&camera, y, &MIDDLE, &mut self.mirror_depth, &mut self.mirror_seen);
+            }
+            let mirror = wet.then_some(Mirror {
+                view: &self.mirror,
+                surfaces: &world.mirrors,
+                seen: &self.mirror_seen[0],
+            });
+            let row = Row {
+                camera: &camera,
+                view: &self.view,
+                surfaces: &world.surfaces,
+                shade: &self.shade,
+                mirror,
+                y,
+            };
+            self.painter.row(&row, &self.seen, &mut self.light[y * width..(y + 1) * width]);
+            self.near[y * width..(y + 1) * width].copy_from_slice(&self.depth[0]);
+        }
+        let conditions = &world.conditions;
+        let scene_seed = hash(world.file.seed ^ 0x5eed);
+        if let Some(falls) = conditions.falls {
+            // The same drops for both cameras.
+            let speed = world.file.ego.speed_m_s.value(self.time_s(index));
+            falls.draw(&camera, hash(scene_seed ^ index << 8), speed, &mut self.light, &self.near);
+        }
+        // A lens of its own for each.
+        let lens_seed = hash(scene_seed ^ 0x1e45 ^ u64::from(right));
+        conditions.lens.apply(&camera, lens_seed, index, &mut self.light, &mut self.coarse);
+        let seed = hash(world.file.seed ^ index << 1 ^ u64::from(right));
+        let sensor = conditions.sensors[usize::from(right)];
+        sensor.expose(&self.normal, seed, &self.light, grey);
     }
 
     /// Pair `index` with its truth.
     pub fn frame(&mut self, index: u64) -> SceneFrame {
-        let pixels = self.size.0 * self.size.1;
+        let pixels = self.world.size.0 * self.world.size.1;
         let (mut left, mut right) = (vec![0; pixels], vec![0; pixels]);
-        self.place(self.time_s(index));
-        self.draw(index, true, &mut right);
-        self.draw(index, false, &mut left);
-        let disparity_px = self
-            .depth
-            .iter()
-            .map(|&z| if z.is_finite() { self.rig.disparity_px(z.into()) as f32 } else { 0.0 })
-            .collect();
-        let mut objects: Vec<ObjectTruth> = self
-            .blocks
-            .iter()
-            .filter(|(block, class)| *class != ObjectClass::Building && (0.5..60.0).contains(&block.z_m.0))
-            .filter_map(|(block, class)| {
-                let z = block.z_m.0;
-                let u = |x: f64| self.rig.cx_px + x * self.rig.focal_px / z;
-                let v = |up: f64| self.rig.cy_px + (Self::CAMERA_HEIGHT_M - up) * self.rig.focal_px / z;
-                let clip = |value: f64, side: usize| value.clamp(0.0, side as f64) as u32;
-                let (x0, x1) = (clip(u(block.x_m.0), self.size.0), clip(u(block.x_m.1), self.size.0));
-                let (y0, y1) = (clip(v(block.up_m.1), self.size.1), clip(v(block.up_m.0), self.size.1));
-                (x1 > x0 && y1 > y0).then_some(ObjectTruth {
-                    class: *class,
-                    distance_m: z,
-                    lateral_m: (block.x_m.0 + block.x_m.1) / 2.0,
-                    width_m: block.x_m.1 - block.x_m.0,
-                    height_m: block.up_m.1,
-                    bounds: PixelBox { x: x0, y: y0, width: x1 - x0, height: y1 - y0 },
-                })
-            })
-            .collect();
-        objects.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-        SceneFrame { left, right, disparity_px, objects }
+        self.draw_pair(index, &mut left, &mut right);
+        SceneFrame { left, right, truth: self.survey(index) }
+    }
+
+    fn draw_pair(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) {
+        self.world.place(self.time_s(index));
+        self.draw(index, false, left);
+        self.draw(index, true, right);
+    }
+
+    /// What is true of pair `index`, without drawing it.
+    pub fn truth(&mut self, index: u64) -> SceneTruth {
+        self.world.place(self.time_s(index));
+        self.survey(index)
     }
 }
 
-impl PairSource for Drive {
+impl PairSource for Scene {
     fn size(&self) -> (usize, usize) {
-        self.size
+        self.world.size
     }
 
     fn rig(&self) -> Option<Rig> {
-        Some(self.rig)
+        Some(self.world.rig)
     }
 
     fn count(&self) -> Option<u64> {
-        None
+        let frames = (self.world.file.seconds * 1e9 / self.period_ns as f64).round() as u64;
+        (!self.world.file.repeats).then_some(frames.max(1))
     }
 
     fn period_ns(&self) -> u64 {
@@ -249,9 +236,10 @@ impl PairSource for Drive {
     }
 
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
-        self.place(self.time_s(index));
-        self.draw(index, false, left);
-        self.draw(index, true, right);
+        if let Some(count) = self.count().filter(|&count| index >= count) {
+            return Err(SourceError::End { index, count });
+        }
+        self.draw_pair(index, left, right);
         Ok(())
     }
 }
@@ -259,46 +247,194 @@ impl PairSource for Drive {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use truth::{FIRST_OBJECT, ROAD};
 
-    #[test]
-    fn the_drive_is_the_same_every_time_and_moves() {
-        let (mut a, mut b) = (Drive::paper(1), Drive::paper(1));
-        let pixels = 640 * 480;
-        let (mut left, mut right) = (vec![0; pixels], vec![0; pixels]);
-        b.read(7, &mut left, &mut right).unwrap();
-        b.read(20, &mut left, &mut right).unwrap();
-        let frame = a.frame(20);
-        assert_eq!((frame.left, frame.right), (left.clone(), right.clone()));
-        a.read(21, &mut left, &mut right).unwrap();
-        assert_ne!(a.frame(20).left, left);
-        assert_ne!(Drive::paper(2).frame(20).left, a.frame(20).left);
+    /// Mean grey error, and share of errors above 12 levels, of the right image brought to the left
+    /// by the true disparity, over pixels that both cameras see.
+    fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
+        let truth = &frame.truth;
+        let (mut sum, mut large, mut count) = (0.0, 0, 0);
+        for y in 0..truth.height {
+            for x in 0..truth.width {
+                let i = y * truth.width + x;
+                let at = x as f64 - f64::from(truth.disparity_px[i]);
+                if !truth.in_both[i] || at < 1.0 || at + 3.0 > truth.width as f64 {
+                    continue;
+                }
+                // A cubic through four pixels: straight lines would blur what is sharp.
+                let (k, t) = (at.floor() as usize, at - at.floor());
+                let value = |n: usize| f64::from(frame.right[y * truth.width + k + n - 1]);
+                let (a, b, c, d) = (value(0), value(1), value(2), value(3));
+                let right = b + 0.5
+                    * t
+                    * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
+                let error = ((right - offset) / gain - f64::from(frame.left[i])).abs();
+                sum += error;
+                large += usize::from(error > 12.0);
+                count += 1;
+            }
+        }
+        (sum / count as f64, large as f64 / count as f64, count)
     }
 
     #[test]
-    fn truth_and_picture_belong_together() {
-        let mut drive = Drive::paper(3);
-        let rig = drive.rig().unwrap();
-        for index in [0, 40, 85] {
-            let frame = drive.frame(index);
-            let lead = Drive::lead_distance_m(drive.time_s(index));
-            let object = frame.objects.iter().find(|o| o.lateral_m == 0.0).expect("the car ahead");
-            assert!((object.distance_m - lead).abs() < 1e-9);
-            let middle = (object.bounds.y + object.bounds.height / 2) as usize * 640
-                + (object.bounds.x + object.bounds.width / 2) as usize;
-            let expected = rig.disparity_px(lead) as f32;
-            assert!((frame.disparity_px[middle] - expected).abs() < 1e-3, "frame {index}");
-            // The lowest row sees the road.
-            let road = rig.baseline_m / Drive::CAMERA_HEIGHT_M * (479.0 - rig.cy_px);
-            assert!((f64::from(frame.disparity_px[479 * 640 + 320]) - road).abs() < 1e-3);
-            assert!(frame.objects.windows(2).all(|w| w[0].distance_m <= w[1].distance_m));
+    fn the_true_disparity_brings_the_right_image_to_the_left() {
+        for (name, index) in [("street", 60), ("bend", 30), ("crest", 25), ("roll", 13), ("car-rear", 50)] {
+            let mut scene = Scene::open(name).unwrap();
+            let quiet = sensor::Sensor { gain: 1.0, offset: 0.0, noise: 0.0, shot_noise: 0.0 };
+            scene.world.conditions.sensors = [quiet; 2];
+            let frame = scene.frame(index);
+            let (mean, large, count) = warp_error(&frame, 1.0, 0.0);
+            println!("{name}: {mean:.3} levels, {:.2} % above 12, of {count}", 100.0 * large);
+            assert!(count > 200_000, "{name}: {count}");
+            assert!(mean < 1.2, "{name}: {mean}");
+            assert!(large < 0.015, "{name}: {large}");
+            // The comparison can fail: half a pixel off is much worse.
+            let mut wrong = frame.clone();
+            wrong.truth.disparity_px.iter_mut().for_each(|d| *d += 0.5);
+            assert!(warp_error(&wrong, 1.0, 0.0).0 > 1.6 * mean, "{name}");
         }
     }
 
     #[test]
-    fn the_lead_car_comes_and_goes() {
-        assert_eq!(Drive::lead_distance_m(0.5), 28.0);
-        assert_eq!(Drive::lead_distance_m(7.0), 6.0);
-        assert_eq!(Drive::lead_distance_m(12.0), Drive::lead_distance_m(0.0));
-        assert!(Drive::lead_distance_m(4.0) < 20.0);
+    fn boxes_and_distances_are_those_of_the_pin_hole() {
+        let mut scene = Scene::open("car-rear").unwrap();
+        let rig = scene.rig().unwrap();
+        for index in [0, 20, 40, 60] {
+            let truth = scene.truth(index);
+            let z = 30.0 - 5.0 * truth.time_s;
+            let car = truth.objects.iter().find(|o| o.subject).expect("the car");
+            assert!((car.distance_m - z).abs() < 0.01, "{} {z}", car.distance_m);
+            assert!((car.closing_m_s - 5.0).abs() < 1e-6 && car.in_path && car.visible > 0.999);
+            let width_px = rig.focal_px * car.width_m / z;
+            assert!(
+                (f64::from(car.bounds.width) - width_px).abs() < 2.5 + 0.02 * width_px,
+                "{car:?} {width_px}"
+            );
+            // Its tyres stand on the road.
+            let foot = rig.cy_px + rig.focal_px * 1.25 / (z + 0.55);
+            let bottom = f64::from(car.bounds.y + car.bounds.height);
+            assert!((bottom - foot).abs() < 3.0 + 0.03 * (foot - rig.cy_px), "{bottom} {foot}");
+            let middle = (car.bounds.y + car.bounds.height / 2) as usize * truth.width + 320;
+            assert_eq!(truth.owner[middle], car.id);
+            assert!((f64::from(truth.disparity_px[middle]) - rig.disparity_px(z)).abs() < 0.03);
+        }
+    }
+
+    #[test]
+    fn the_road_in_the_picture_has_the_height_of_its_profile() {
+        for name in ["crest", "dip", "slope", "car-rear"] {
+            let mut scene = Scene::open(name).unwrap();
+            let (rig, truth) = (scene.rig().unwrap(), scene.truth(25));
+            let mut compared = 0;
+            for (y, &d) in truth.road.rows_px.iter().enumerate() {
+                if d <= 0.0 || rig.distance_m(d.into()) > 100.0 {
+                    continue;
+                }
+                let z = rig.distance_m(d.into());
+                let height = 1.25 - (y as f64 - rig.cy_px) * z / rig.focal_px;
+                let expected = truth.road.height_m(z);
+                assert!((height - expected).abs() < 0.005, "{name}: {z} m: {height} {expected}");
+                compared += 1;
+            }
+            assert!(compared > 150, "{name}: {compared}");
+            let roads = truth.owner.iter().filter(|&&o| o == ROAD).count();
+            assert!(roads > 50_000, "{name}: {roads}");
+        }
+    }
+
+    #[test]
+    fn every_scene_is_drawn_and_the_same_twice() {
+        for (name, _) in library::SCENES {
+            let (mut a, mut b) = (Scene::open(name).unwrap(), Scene::open(name).unwrap());
+            let last = a.count().unwrap_or(100) - 1;
+            let first = a.frame(0);
+            let frame = a.frame(last);
+            let again = b.frame(last);
+            assert!(
+                frame.left == again.left && frame.right == again.right && frame.truth == again.truth,
+                "{name}"
+            );
+            assert!(first.left != frame.left, "{name} stands still");
+            let mean = frame.left.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.left.len() as f64;
+            assert!((15.0..235.0).contains(&mean), "{name}: mean grey {mean}");
+            let subjects = frame.truth.objects.iter().filter(|o| o.subject);
+            assert!(subjects.clone().all(|o| o.id >= FIRST_OBJECT && o.pixels > 0), "{name}");
+            if a.count().is_some() {
+                let (mut left, mut right) = (frame.left, frame.right);
+                assert!(a.read(last + 1, &mut left, &mut right).is_err(), "{name} has an end");
+            }
+        }
+    }
+
+    #[test]
+    fn weather_changes_the_pictures_and_not_the_truth() {
+        let open = |weather: &str| Scene::open(&format!("street?weather={weather}")).unwrap();
+        let sunny = open("sunny").frame(60);
+        for weather in file::Weather::ALL.iter().skip(1).map(|weather| weather.name()) {
+            let frame = open(weather).frame(60);
+            assert!(frame.truth == sunny.truth, "{weather}");
+            let again = open(weather).frame(60);
+            assert!(frame.left == again.left && frame.right == again.right, "{weather}");
+            let off = |a: &[u8], b: &[u8]| {
+                a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64
+            };
+            assert!(off(&frame.left, &sunny.left) > 8.0, "{weather}");
+            // Harder than the sun, but still the same street in both cameras.
+            let (mean, large, _) = warp_error(&frame, 1.04, 1.5);
+            println!("{weather}: {mean:.2} levels, {:.1} % above 12", 100.0 * large);
+            assert!(mean > warp_error(&sunny, 1.04, 1.5).0 && mean < 9.0, "{weather}: {mean}");
+        }
+    }
+
+    #[test]
+    fn a_wet_road_mirrors_with_the_disparity_of_what_is_mirrored() {
+        let quiet = sensor::Sensor { gain: 1.0, offset: 0.0, noise: 0.0, shot_noise: 0.0 };
+        let frames = [0.0, 1.0].map(|wet| {
+            let mut file = library::load("car-rear?weather=overcast").unwrap();
+            file.road.wet = wet;
+            file.road.texture = 0.0;
+            let mut scene = Scene::new(file).unwrap();
+            scene.world.conditions.sensors = [quiet; 2];
+            scene.frame(40)
+        });
+        // The plate's mirror picture, below the car: what the wet road adds there must match at the
+        // car's disparity, and not at the road's.
+        let rig = file::NamedRig::Paper.values().0;
+        let truth = &frames[1].truth;
+        let car = truth.objects.iter().find(|o| o.subject).unwrap();
+        let d = rig.disparity_px(car.distance_m).round() as usize;
+        let added = |wet: &[u8], dry: &[u8]| -> Vec<f64> {
+            wet.iter().zip(dry).map(|(wet, dry)| f64::from(*wet) - f64::from(*dry)).collect()
+        };
+        let left = added(&frames[1].left, &frames[0].left);
+        let right = added(&frames[1].right, &frames[0].right);
+        let foot = (car.bounds.y + car.bounds.height) as usize;
+        let difference = |shift: usize| -> f64 {
+            let mut sum = 0.0;
+            for y in foot + 30..foot + 70 {
+                for x in 285..355 {
+                    sum += (left[y * truth.width + x] - right[y * truth.width + x - shift]).abs();
+                }
+            }
+            sum
+        };
+        let best = (2..30).min_by(|a, b| difference(*a).total_cmp(&difference(*b))).unwrap();
+        let road = truth.disparity_px[(foot + 50) * truth.width + 320];
+        println!("mirror at {best} px, car at {d} px, road at {road} px");
+        assert!(best.abs_diff(d) <= 1, "{best} {d}");
+        assert!(f64::from(road) > d as f64 + 2.0, "{road}");
+    }
+
+    #[test]
+    fn the_kitti_rig_sees_the_same_street() {
+        let mut scene = Scene::open("street?rig=kitti").unwrap();
+        assert_eq!(scene.size(), (1242, 375));
+        let truth = scene.truth(60);
+        let mut near = Scene::open("street").unwrap();
+        let distances =
+            |t: &SceneTruth| t.objects.iter().filter(|o| o.subject && o.in_path).map(|o| o.distance_m).next();
+        let (a, b) = (distances(&truth).unwrap(), distances(&near.truth(60)).unwrap());
+        assert!((a - b).abs() < 0.02, "{a} {b}");
     }
 }

@@ -1,13 +1,22 @@
-//! Random texture with mip levels, so that both cameras see the same picture of a surface.
+//! Random texture, filtered beforehand, so that both cameras see the same picture of a surface.
 
 /// Side of the finest level, in texels; the pattern repeats.
 const SIDE: usize = 256;
 
-/// A repeating grey pattern at falling resolutions.
+/// Levels along each axis: 256 texels down to one.
+const LEVELS: usize = 9;
+
+/// Texels that one pixel spans when the level is chosen for it: more than one, so that the two
+/// cameras, whose pixels fall differently, still agree.
+const PER_PIXEL: f32 = 1.3;
+
+/// A repeating grey pattern at resolutions that fall along each axis by itself: a pixel of the road
+/// is much longer than wide.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Level k has SIDE >> k texels a side.
-    levels: Vec<Vec<u8>>,
+    /// Level (i, j) has SIDE >> i columns and SIDE >> j rows. A texel comes with the three that follow
+    /// it to the right and below: one load each.
+    levels: Vec<Vec<[u8; 4]>>,
 }
 
 /// A hash that looks random: the same everywhere, for ever.
@@ -15,6 +24,12 @@ pub fn hash(mut v: u64) -> u64 {
     v = (v ^ (v >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     v = (v ^ (v >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     v ^ (v >> 31)
+}
+
+/// A number from 0 to 1 (exclusive) for a key.
+pub fn unit(key: u64) -> f64 {
+    (hash(key.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(0x2545_f491_4f6c_dd1d)) >> 11) as f64
+        / (1_u64 << 53) as f64
 }
 
 impl Texture {
@@ -42,73 +57,130 @@ impl Texture {
                 }
             }
         }
-        let mut levels = vec![finest.iter().map(|v| (v + 128.0).clamp(0.0, 255.0) as u8).collect::<Vec<_>>()];
-        let mut side = SIDE;
-        while side > 1 {
-            let finer = &levels[levels.len() - 1];
-            let half = side / 2;
-            let coarser = (0..half * half)
-                .map(|i| {
-                    let (x, y) = (2 * (i % half), 2 * (i / half));
-                    let sum = [(0, 0), (1, 0), (0, 1), (1, 1)]
-                        .iter()
-                        .map(|(dx, dy)| u32::from(finer[(y + dy) * side + x + dx]))
-                        .sum::<u32>();
-                    ((sum + 2) / 4) as u8
-                })
-                .collect();
-            levels.push(coarser);
-            side = half;
+        let mut levels: Vec<Vec<u8>> = Vec::with_capacity(LEVELS * LEVELS);
+        for i in 0..LEVELS {
+            for j in 0..LEVELS {
+                let (columns, rows) = (SIDE >> i, SIDE >> j);
+                let level = if i == 0 && j == 0 {
+                    finest.iter().map(|v| (v + 128.0).clamp(0.0, 255.0) as u8).collect()
+                } else if j == 0 {
+                    let finer = &levels[(i - 1) * LEVELS];
+                    (0..columns * rows).map(|k| mean(finer[2 * k], finer[2 * k + 1])).collect()
+                } else {
+                    let finer = &levels[i * LEVELS + j - 1];
+                    let at = |k: usize| {
+                        let (x, y) = (k % columns, 2 * (k / columns));
+                        mean(finer[y * columns + x], finer[(y + 1) * columns + x])
+                    };
+                    (0..columns * rows).map(at).collect()
+                };
+                levels.push(level);
+            }
         }
-        Self { levels }
+        let with_neighbours = |(k, level): (usize, &Vec<u8>)| {
+            let (columns, rows) = (SIDE >> (k / LEVELS), SIDE >> (k % LEVELS));
+            let at = |x: usize, y: usize| level[y % rows * columns + x % columns];
+            let texel = |k: usize| {
+                let (x, y) = (k % columns, k / columns);
+                [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]
+            };
+            (0..columns * rows).map(texel).collect()
+        };
+        Self { levels: levels.iter().enumerate().map(with_neighbours).collect() }
     }
 
-    /// Grey value, 0 to 255, at (`u`, `v`) in texels of the finest level, for a pixel that covers
-    /// `footprint` texels.
-    pub fn sample(&self, u: f32, v: f32, footprint: f32) -> f32 {
-        let level = footprint.max(1.0).log2().min((self.levels.len() - 1) as f32);
-        let lower = level as usize;
-        let share = level - lower as f32;
-        let fine = self.bilinear(lower, u, v);
-        if share < 0.01 || lower + 1 == self.levels.len() {
-            return fine;
-        }
-        fine * (1.0 - share) + self.bilinear(lower + 1, u, v) * share
+    /// Grey value less the mean, about −128 to 127, at (`u`, `v`) in texels of the finest level, for
+    /// a pixel that spans `span_u` × `span_v` texels.
+    #[inline]
+    pub fn sample(&self, u: f32, v: f32, span_u: f32, span_v: f32) -> f32 {
+        let (i, share_i) = level(span_u);
+        let (j, share_j) = level(span_v);
+        let row = |j: usize| {
+            let fine = self.bilinear(i, j, u, v);
+            if share_i == 0.0 { fine } else { fine + (self.bilinear(i + 1, j, u, v) - fine) * share_i }
+        };
+        let fine = row(j);
+        (if share_j == 0.0 { fine } else { fine + (row(j + 1) - fine) * share_j }) - 128.0
     }
 
-    fn bilinear(&self, level: usize, u: f32, v: f32) -> f32 {
-        let texels = &self.levels[level];
-        let mask = (SIDE >> level) - 1;
-        let scale = 1.0 / (1_usize << level) as f32;
-        let (u, v) = (u * scale - 0.5, v * scale - 0.5);
-        let (i, j) = (u.floor(), v.floor());
-        let (a, b) = (u - i, v - j);
-        let (i, j) = (i as i64 as usize & mask, j as i64 as usize & mask);
-        let (i1, j1) = ((i + 1) & mask, (j + 1) & mask);
-        let at = |x: usize, y: usize| f32::from(texels[y * (mask + 1) + x]);
-        let top = at(i, j) * (1.0 - a) + at(i1, j) * a;
-        let low = at(i, j1) * (1.0 - a) + at(i1, j1) * a;
-        top * (1.0 - b) + low * b
+    #[inline(always)]
+    fn bilinear(&self, i: usize, j: usize, u: f32, v: f32) -> f32 {
+        let texels = &self.levels[i * LEVELS + j];
+        let (columns, rows) = (SIDE >> i, SIDE >> j);
+        let (u, v) = (u * SCALES[i] - 0.5, v * SCALES[j] - 0.5);
+        let (x, y) = (floor(u), floor(v));
+        let (a, b) = (u - x as f32, v - y as f32);
+        let k = (y as usize & (rows - 1)) * columns + (x as usize & (columns - 1));
+        let [p, q, r, s] = texels[k].map(f32::from);
+        let (top, low) = (p + (q - p) * a, r + (s - r) * a);
+        top + (low - top) * b
     }
+}
+
+/// Texels of each level per texel of the finest.
+const SCALES: [f32; LEVELS] = {
+    let mut scales = [1.0; LEVELS];
+    let mut k = 0;
+    while k < LEVELS {
+        scales[k] = 1.0 / (1 << k) as f32;
+        k += 1;
+    }
+    scales
+};
+
+/// The next whole number below; without a call into the mathematical library.
+#[inline]
+pub fn floor(v: f32) -> i32 {
+    let whole = v as i32;
+    whole - i32::from(v < whole as f32)
+}
+
+fn mean(a: u8, b: u8) -> u8 {
+    (u16::from(a) + u16::from(b)).div_ceil(2) as u8
+}
+
+/// The level for a pixel that spans so many texels, and the share of the next coarser one. Half of
+/// all spans need one level alone.
+#[inline]
+fn level(span: f32) -> (usize, f32) {
+    let bits = (span * PER_PIXEL).clamp(1.0, 255.0).to_bits();
+    // Exponent and, as a straight line between powers of two, the rest of the logarithm.
+    let (exponent, rest) = ((bits >> 23) as usize - 127, (bits & 0x7f_ffff) as f32 / 8_388_608.0);
+    let share = (2.0 * rest - 0.5).clamp(0.0, 1.0);
+    if share == 1.0 { (exponent + 1, 0.0) } else { (exponent, share) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn spread(texture: &Texture, span_u: f32, span_v: f32) -> f32 {
+        let values: Vec<f32> =
+            (0..1000).map(|i| texture.sample(i as f32 * 1.7, i as f32 * 0.9, span_u, span_v)).collect();
+        let mean = values.iter().sum::<f32>() / 1000.0;
+        (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / 1000.0).sqrt()
+    }
+
     #[test]
     fn the_pattern_repeats_and_fades_with_distance() {
         let texture = Texture::new(1);
-        let a = texture.sample(10.3, -20.7, 1.0);
-        assert!((a - texture.sample(10.3 + 256.0, -20.7 + 512.0, 1.0)).abs() < 0.1);
-        let spread = |footprint: f32| {
-            let values: Vec<f32> =
-                (0..1000).map(|i| texture.sample(i as f32 * 1.7, i as f32 * 0.9, footprint)).collect();
-            let mean = values.iter().sum::<f32>() / 1000.0;
-            (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / 1000.0).sqrt()
-        };
-        assert!(spread(1.0) > 15.0, "{}", spread(1.0));
-        assert!(spread(128.0) < 5.0, "{}", spread(128.0));
-        assert_ne!(a, Texture::new(2).sample(10.3, -20.7, 1.0));
+        let a = texture.sample(10.3, -20.7, 1.0, 1.0);
+        assert!((a - texture.sample(10.3 + 256.0, -20.7 + 512.0, 1.0, 1.0)).abs() < 0.1);
+        assert!(spread(&texture, 0.5, 0.5) > 15.0, "{}", spread(&texture, 0.5, 0.5));
+        assert!(spread(&texture, 128.0, 128.0) < 5.0, "{}", spread(&texture, 128.0, 128.0));
+        assert_ne!(a, Texture::new(2).sample(10.3, -20.7, 1.0, 1.0));
+    }
+
+    #[test]
+    fn a_long_pixel_keeps_what_changes_across_it() {
+        let texture = Texture::new(1);
+        let (long, square) = (spread(&texture, 1.0, 32.0), spread(&texture, 32.0, 32.0));
+        assert!(long > 1.3 * square, "{long} {square}");
+    }
+
+    #[test]
+    fn keys_give_even_numbers() {
+        let mean = (0..1000).map(unit).sum::<f64>() / 1000.0;
+        assert!((mean - 0.5).abs() < 0.05, "{mean}");
     }
 }

@@ -1,8 +1,8 @@
 //! What an evaluation leaves in a folder, and how the next one cleans up after it.
 
-use super::report::StereoReport;
 use crate::output::OutputError;
 use crate::picture::{PictureError, save_disparity, save_grey};
+use serde::Serialize;
 use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
@@ -55,7 +55,7 @@ pub fn prepare(folder: &Path, pictures: &[PathBuf]) -> Result<(), OutputError> {
 ///
 /// # Errors
 /// When it cannot be written.
-pub fn write_report(folder: &Path, report: &StereoReport) -> Result<(), OutputError> {
+pub fn write_report(folder: &Path, report: &impl Serialize) -> Result<(), OutputError> {
     let path = folder.join(REPORT);
     let mut text = serde_json::to_vec_pretty(report).map_err(|e| io_error(&path)(e.into()))?;
     text.push(b'\n');
@@ -115,6 +115,7 @@ fn steps(px: f32) -> u16 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::report::StereoReport;
     use super::*;
 
     #[test]

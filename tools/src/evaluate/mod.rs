@@ -1,14 +1,18 @@
 //! Scores of disparity maps against truth, by the rules of the KITTI devkit, and what shows where
-//! a matcher fails: error pictures, the sub-pixel histogram, errors by confidence, disturbances.
+//! a matcher fails: error pictures, the sub-pixel histogram, errors by confidence, disturbances; and
+//! what the whole system makes of synthetic scenes.
 
+pub mod approach;
 pub mod disturb;
 pub mod error_picture;
 pub mod files;
 pub mod fill;
 pub mod report;
 pub mod roc;
+pub mod scene_match;
 pub mod score;
 pub mod subpixel;
+pub mod weather;
 
 /// Disparities of a map (1/256 px, 0 = unknown) in px, −1 = unknown.
 pub fn pixels(disparity: &[u16]) -> Vec<f32> {

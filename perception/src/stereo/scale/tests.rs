@@ -139,7 +139,8 @@ fn final_energies_equal_brute_force_at_every_level() {
         let mut expected: Option<Vec<Nodes>> = None;
         let seed = random.u64(..);
         let levels = Level::available().into_iter();
-        for (level, threads) in levels.flat_map(|level| [1, 2, 3].map(|threads| (level, threads))) {
+        let ways = [(1, false), (1, true), (2, false), (3, true)];
+        for (level, (threads, spare)) in levels.flat_map(|level| ways.map(|way| (level, way))) {
             let mut scale = Scale::new(cost, parameters, level, width, height, disparities, threads);
             if round > 0 {
                 // Windows and slopes of all kinds, the same for all levels.
@@ -150,6 +151,9 @@ fn final_energies_equal_brute_force_at_every_level() {
                     block.slope_x = random.i32(-128..=128);
                     block.slope_y = random.i32(-128..=128);
                 });
+            }
+            if spare {
+                scale.spare_caches();
             }
             let mut volumes = Volumes::new(scale.blocks.vectors());
             let mut got: Vec<Nodes> = vec![Vec::new(); width * height];
@@ -169,7 +173,12 @@ fn final_energies_equal_brute_force_at_every_level() {
                 assert!(done);
                 let expected = expected.get_or_insert_with(|| brute_force(&scale, &left, &right));
                 for (i, (got, expected)) in got.iter().zip(expected.iter()).enumerate() {
-                    assert_eq!(got, expected, "pixel {i} of {width}x{height}, {} on {threads}", level.name());
+                    assert_eq!(
+                        got,
+                        expected,
+                        "pixel {i} of {width}x{height}, {} on {threads}, {spare}",
+                        level.name()
+                    );
                 }
             }
         }

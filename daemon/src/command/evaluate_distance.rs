@@ -1,0 +1,160 @@
+//! `lookout evaluate distance`.
+
+use super::replay::progress;
+use super::scene_run::{SceneRun, found};
+use super::{CommandError, load, say};
+use crate::cli::EvaluateDistance;
+use crate::rooms::matcher::Method;
+use sources::PairSource;
+use sources::scene::{ObjectClass, Scene, SceneTruth};
+use std::path::{Path, PathBuf};
+use tools::evaluate::approach::{Approach, ApproachFrame, DistanceReport, Silent, filmstrip, shown_frames};
+use tools::evaluate::files::{prepare, write_report};
+use tools::evaluate::scene_match::{Found, is_found, match_frame};
+use tools::overlay;
+use tools::picture::Picture;
+
+/// The scenes that are looked at when none are named: approaches, then silent ones.
+const SCENES: [&str; 15] = [
+    "bus",
+    "car-body",
+    "green-belt",
+    "cone",
+    "car-rear",
+    "crest",
+    "dip",
+    "slope",
+    "bend",
+    "roll",
+    "overtaken",
+    "bridge",
+    "lamps",
+    "wet",
+    "textureless",
+];
+
+/// Frames of a scene that never ends.
+const ENDLESS: u64 = 1000;
+
+/// The object that a scene approaches: the nearest named one in the path.
+fn target(truth: &SceneTruth) -> Option<u16> {
+    let wanted = |o: &&sources::scene::ObjectTruth| o.subject && o.in_path && o.class != ObjectClass::Bridge;
+    truth.objects.iter().find(wanted).map(|o| o.id)
+}
+
+fn strip_file(scene: &str) -> PathBuf {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
+    let name: String = scene.chars().map(plain).collect();
+    format!("{}.png", name.trim_matches('-')).into()
+}
+
+pub fn run(args: &EvaluateDistance, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "evaluate", Some("warn"))?;
+    let names: Vec<String> =
+        if args.scenes.is_empty() { SCENES.map(String::from).to_vec() } else { args.scenes.clone() };
+    let mut scenes = Vec::new();
+    for name in &names {
+        let mut scene = Scene::open(name)?;
+        let target = target(&scene.truth(0));
+        scenes.push((name, scene, target));
+    }
+    if let Some(out) = &args.out {
+        let approaches = scenes.iter().filter(|(.., target)| target.is_some());
+        prepare(out, &approaches.map(|(name, ..)| strip_file(name)).collect::<Vec<_>>())?;
+    }
+    let frames = |scene: &Scene| scene.count().unwrap_or(ENDLESS);
+    let bar = progress(Some(scenes.iter().map(|(_, scene, _)| frames(scene)).sum()), "frames");
+    let mut report =
+        DistanceReport { method: Method::configured(&config).name().into(), ..DistanceReport::default() };
+    for (name, scene, target) in scenes {
+        bar.set_message(name.clone());
+        let mut run = SceneRun::new(&config, scene, ENDLESS)?;
+        match target {
+            Some(id) => {
+                let frames = approach_frames(&mut run, id, &bar)?;
+                let preset_m = config.alarm.distance_m;
+                report.approaches.push(Approach::new(name, &run.title, preset_m, &frames));
+                if let Some(out) = &args.out {
+                    // Once more, for the pictures alone: which ones was not known before.
+                    let again = SceneRun::new(&config, Scene::open(name)?, run.frames)?;
+                    save_strip(again, &frames, &out.join(strip_file(name)))?;
+                }
+            }
+            None => report.silent.push(silent(name, &mut run, &bar)?),
+        }
+    }
+    bar.finish_and_clear();
+    if let Some(out) = &args.out {
+        write_report(out, &report)?;
+    }
+    if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+fn approach_frames(
+    run: &mut SceneRun,
+    id: u16,
+    bar: &indicatif::ProgressBar,
+) -> Result<Vec<ApproachFrame>, CommandError> {
+    let rig = run.rig;
+    let mut frames = Vec::new();
+    for index in 0..run.frames {
+        let (truth, result) = run.frame(index)?;
+        let object = truth.objects.iter().find(|o| o.id == id);
+        let by = |object| {
+            let regions = result.regions.iter().map(|region| found(region, &rig));
+            // The nearest of several: what the alarm goes by.
+            regions
+                .filter(|found| is_found(object, found))
+                .min_by(|a: &Found, b| a.distance_m.total_cmp(&b.distance_m))
+        };
+        frames.push(ApproachFrame {
+            truth_m: object.map(|o| o.distance_m),
+            found: object.and_then(by),
+            alarm: result.record.alarm.level == "alarm",
+        });
+        bar.inc(1);
+    }
+    Ok(frames)
+}
+
+fn save_strip(mut run: SceneRun, frames: &[ApproachFrame], file: &Path) -> Result<(), CommandError> {
+    let shown = shown_frames(frames);
+    let mut pictures: Vec<(Picture, String)> = Vec::new();
+    for index in 0..=shown.last().copied().unwrap_or(0) {
+        let (_, result) = run.frame(index as u64)?;
+        if shown.contains(&index) {
+            let truth = frames[index].truth_m.map_or("out of the picture".into(), |m| format!("{m:.1} m"));
+            let what = match (frames[index].alarm, frames[index].found) {
+                (true, _) => "alarm",
+                (false, Some(_)) => "found",
+                (false, None) => "not found",
+            };
+            pictures.push((overlay::draw(result.images, &result.record), format!("{truth}: {what}")));
+        }
+    }
+    match filmstrip(&run.title, &pictures) {
+        Some(strip) => Ok(strip.save(file)?),
+        None => Ok(()),
+    }
+}
+
+fn silent(name: &str, run: &mut SceneRun, bar: &indicatif::ProgressBar) -> Result<Silent, CommandError> {
+    let rig = run.rig;
+    let mut row = Silent { scene: name.into(), title: run.title.clone(), ..Silent::default() };
+    let mut before = false;
+    for index in 0..run.frames {
+        let (truth, result) = run.frame(index)?;
+        let regions: Vec<Found> = result.regions.iter().map(|region| found(region, &rig)).collect();
+        let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
+        let alarm = result.record.alarm.level == "alarm";
+        row.frames += 1;
+        row.alarm_frames += usize::from(alarm);
+        row.alarms += usize::from(alarm && !before);
+        row.blind_frames += usize::from(!result.road_seen);
+        row.false_regions += matched.unexplained.0;
+        row.stray_regions += matched.unexplained.1;
+        before = alarm;
+        bar.inc(1);
+    }
+    Ok(row)
+}

@@ -1,0 +1,112 @@
+//! `lookout evaluate weather`.
+
+use super::replay::progress;
+use super::scene_run::{SceneRun, found};
+use super::{CommandError, load, say};
+use crate::cli::EvaluateWeather;
+use crate::rooms::matcher::Method;
+use perception::road::PixelBox;
+use sources::scene::Scene;
+use sources::scene::file::Weather;
+use sources::scene::library;
+use std::path::PathBuf;
+use tools::evaluate::files::{prepare, write_report};
+use tools::evaluate::scene_match::{Found, match_frame};
+use tools::evaluate::weather::{FrameResult, PAPER, Tally, WeatherReport};
+use tools::overlay;
+use tools::picture::Picture;
+
+/// A scene in one weather.
+struct Condition {
+    name: String,
+    weather: Weather,
+    scene: Scene,
+}
+
+impl Condition {
+    fn picture(&self) -> PathBuf {
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
+        let name: String = self.name.chars().map(plain).collect();
+        format!("{}-{}.png", name.trim_matches('-'), self.weather.name()).into()
+    }
+}
+
+/// The scenes of the command line, each in every weather that was asked for.
+fn conditions(args: &EvaluateWeather) -> Result<Vec<Condition>, CommandError> {
+    let names: Vec<&str> = match &args.weather[..] {
+        [] => PAPER.iter().map(|(name, _)| *name).collect(),
+        given => given.iter().map(String::as_str).collect(),
+    };
+    let mut all = Vec::new();
+    for name in &args.scenes {
+        for weather in names.iter().filter_map(|name| Weather::named(name)) {
+            let mut file = library::load(name)?;
+            file.weather = weather;
+            all.push(Condition { name: name.clone(), weather, scene: Scene::new(file)? });
+        }
+    }
+    Ok(all)
+}
+
+pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "evaluate", Some("warn"))?;
+    let conditions = conditions(args)?;
+    if let Some(out) = &args.out {
+        prepare(out, &conditions.iter().map(Condition::picture).collect::<Vec<_>>())?;
+    }
+    let bar = progress(Some(conditions.len() as u64 * args.frames), "frames");
+    let mut report = WeatherReport { method: Method::configured(&config).name().into(), rows: Vec::new() };
+    for condition in conditions {
+        let picture_file = condition.picture();
+        let (name, weather) = (condition.name, condition.weather.name());
+        bar.set_message(format!("{name} {weather}"));
+        let mut run = SceneRun::new(&config, condition.scene, args.frames)?;
+        let (rig, frames) = (run.rig, run.frames);
+        let mut tally = Tally::new(&name, weather, rig, run.period_s);
+        // The frame with most objects due, to be shown.
+        let mut best: Option<(usize, Picture)> = None;
+        for index in 0..frames {
+            let (truth, result) = run.frame(index)?;
+            let regions: Vec<Found> = result.regions.iter().map(|region| found(region, &rig)).collect();
+            let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
+            let tracks: Vec<(u32, Found)> = result
+                .record
+                .obstacles
+                .iter()
+                .filter(|o| o.confirmed)
+                .map(|o| {
+                    let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
+                    let found = Found { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
+                    (o.track, found)
+                })
+                .collect();
+            let is_false = |found: &Found| {
+                match_frame(&truth, rig.focal_px * rig.baseline_m, std::slice::from_ref(found)).unexplained.0
+                    > 0
+            };
+            let false_tracks: Vec<u32> =
+                tracks.iter().filter(|(_, found)| is_false(found)).map(|(track, _)| *track).collect();
+            tally.add(&FrameResult {
+                matched: &matched,
+                false_tracks: &false_tracks,
+                profile_px: result.road_seen.then_some(result.images.profile_px),
+                road: &truth.road,
+            });
+            let due = matched.due.len();
+            if args.out.is_some() && best.as_ref().is_none_or(|(most, _)| due > *most) {
+                best = Some((due, overlay::draw(result.images, &result.record)));
+            }
+            bar.inc(1);
+        }
+        if let (Some(out), Some((_, picture))) = (&args.out, &best) {
+            picture.save(&out.join(&picture_file))?;
+        }
+        bar.inc(args.frames - frames);
+        report.rows.push(tally.row());
+    }
+    bar.finish_and_clear();
+    if let Some(out) = &args.out {
+        write_report(out, &report)?;
+    }
+    if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}

@@ -1,0 +1,97 @@
+//! The scenes that ship, and how a scene is named.
+
+use super::file::{NamedRig, SceneError, SceneFile, Weather};
+use std::path::Path;
+
+macro_rules! scenes {
+    ($($name:literal),* $(,)?) => {
+        [$(($name, include_str!(concat!("../../../config/scenes/", $name, ".toml")))),*]
+    };
+}
+
+/// The scenes that ship: name and text.
+pub const SCENES: [(&str, &str); 17] = scenes![
+    "drive",
+    "street",
+    "crest",
+    "dip",
+    "slope",
+    "bend",
+    "roll",
+    "overtaken",
+    "bridge",
+    "lamps",
+    "wet",
+    "textureless",
+    "bus",
+    "car-body",
+    "car-rear",
+    "green-belt",
+    "cone",
+];
+
+/// A name and what follows its question mark.
+fn split(name: &str) -> (&str, &str) {
+    name.split_once('?').unwrap_or((name, ""))
+}
+
+/// The file of a scene: `NAME` or a path, then, if wanted, `?weather=night&seed=7&rig=kitti`.
+///
+/// # Errors
+/// When there is no such scene, or it is no sound one.
+pub fn load(name: &str) -> Result<SceneFile, SceneError> {
+    let (place, settings) = split(name);
+    let mut scene = match SCENES.iter().find(|(known, _)| *known == place) {
+        Some((known, text)) => SceneFile::parse(text, &format!("scene {known}"))?,
+        None if place.ends_with(".toml") || place.contains('/') || Path::new(place).is_file() => {
+            let path = Path::new(place);
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
+            SceneFile::parse(&text, place)?
+        }
+        None => {
+            let known = SCENES.map(|(known, _)| known).join(", ");
+            return Err(SceneError::Unknown { name: place.to_owned(), known });
+        }
+    };
+    for setting in settings.split('&').filter(|setting| !setting.is_empty()) {
+        let wrong = || SceneError::Setting {
+            name: name.to_owned(),
+            setting: setting.to_owned(),
+            weathers: Weather::ALL.map(Weather::name).join(", "),
+        };
+        match setting.split_once('=').ok_or_else(wrong)? {
+            ("weather", value) => scene.weather = Weather::named(value).ok_or_else(wrong)?,
+            ("seed", value) => scene.seed = value.parse().map_err(|_| wrong())?,
+            ("rig", "paper") => scene.camera.rig = NamedRig::Paper,
+            ("rig", "kitti") => scene.camera.rig = NamedRig::Kitti,
+            _ => return Err(wrong()),
+        }
+    }
+    Ok(scene)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scene_is_sound_and_settings_are_taken() {
+        for (name, _) in SCENES {
+            let scene = load(name).unwrap_or_else(|error| panic!("{error}"));
+            assert!(scene.title.len() > 10, "{name} needs a title");
+        }
+        let scene = load("street?weather=night&seed=7&rig=kitti").unwrap();
+        assert_eq!((scene.weather, scene.seed, scene.camera.rig), (Weather::Night, 7, NamedRig::Kitti));
+    }
+
+    #[test]
+    fn what_is_no_scene_is_told_with_the_remedy() {
+        let fault = |name: &str| load(name).unwrap_err().to_string();
+        assert!(fault("sreet").contains("no such scene") && fault("sreet").contains("street"));
+        assert!(fault("./no/such.toml").contains("no/such.toml"));
+        let text = fault("street?weather=hail");
+        assert!(text.contains("weather=hail") && text.contains("heavy_rain"), "{text}");
+        assert!(fault("street?sun").contains("give weather=NAME"));
+    }
+}

@@ -1,0 +1,175 @@
+//! Values that change along a road or in time, as straight lines between given places.
+
+use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
+use std::fmt;
+
+/// Values at rising places; constant before the first and after the last. In a file a single number,
+/// or a list of `[place, value]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Waypoints {
+    points: Vec<(f64, f64)>,
+}
+
+impl Waypoints {
+    /// The same value everywhere.
+    pub fn constant(value: f64) -> Self {
+        Self { points: vec![(0.0, value)] }
+    }
+
+    /// Values at places; `None` when there are none, places do not rise or something is not finite.
+    pub fn new(points: Vec<(f64, f64)>) -> Option<Self> {
+        let sound = !points.is_empty()
+            && points.iter().all(|p| p.0.abs() < 1e6 && p.1.abs() < 1e6)
+            && points.windows(2).all(|w| w[0].0 < w[1].0);
+        sound.then_some(Self { points })
+    }
+
+    /// Whether it is `value` everywhere.
+    pub fn is_always(&self, value: f64) -> bool {
+        self.points.iter().all(|p| p.1 == value)
+    }
+
+    /// The value at a place.
+    pub fn value(&self, at: f64) -> f64 {
+        self.taylor(at)[0]
+    }
+
+    /// The sum of the values from the first place on: the area below the line.
+    pub fn integral(&self, at: f64) -> f64 {
+        self.taylor(at)[1]
+    }
+
+    /// The sum of that sum.
+    pub fn double_integral(&self, at: f64) -> f64 {
+        self.taylor(at)[2]
+    }
+
+    /// Greatest size of any value.
+    pub fn greatest(&self) -> f64 {
+        self.points.iter().fold(0.0, |most, p| most.max(p.1.abs()))
+    }
+
+    /// Value, integral and double integral, exact.
+    fn taylor(&self, at: f64) -> [f64; 3] {
+        let (mut once, mut twice) = (0.0, 0.0);
+        for k in 0..self.points.len() {
+            let (start, value) = self.points[k];
+            let next = self.points.get(k + 1);
+            let before = k == 0 && at < start;
+            let slope = match next {
+                Some(next) if !before => (next.1 - value) / (next.0 - start),
+                _ => 0.0,
+            };
+            let last = before || next.is_none_or(|next| at < next.0);
+            let way = if last { at - start } else { next.map_or(at, |next| next.0) - start };
+            let end = value + slope * way;
+            twice += once * way + value * way * way / 2.0 + slope * way * way * way / 6.0;
+            once += value * way + slope * way * way / 2.0;
+            if last {
+                return [end, once, twice];
+            }
+        }
+        [0.0, once, twice]
+    }
+}
+
+impl<'de> Deserialize<'de> for Waypoints {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Waypoints;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, or a list of [place, value] with rising places")
+            }
+            fn visit_f64<E: Error>(self, v: f64) -> Result<Waypoints, E> {
+                Waypoints::new(vec![(0.0, v)])
+                    .ok_or_else(|| E::custom(format!("{v} is out of range: give a number below 1e6")))
+            }
+            fn visit_i64<E: Error>(self, v: i64) -> Result<Waypoints, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Waypoints, A::Error> {
+                let mut points = Vec::new();
+                while let Some((place, value)) = seq.next_element::<(f64, f64)>()? {
+                    points.push((place, value));
+                }
+                Waypoints::new(points).ok_or_else(|| {
+                    A::Error::custom("give a list of [place, value] with rising places, all below 1e6")
+                })
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+/// Places on a plane at rising times, straight in between: `[seconds, along, lateral]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Path {
+    along: Waypoints,
+    lateral: Waypoints,
+}
+
+impl Path {
+    /// Where it is at a time: along, lateral.
+    pub fn at(&self, time_s: f64) -> (f64, f64) {
+        (self.along.value(time_s), self.lateral.value(time_s))
+    }
+
+    /// Someone who moves evenly from a place.
+    pub fn even(along: f64, lateral: f64, speed_m_s: f64, across_m_s: f64, seconds: f64) -> Self {
+        let line = |from: f64, speed: f64| Waypoints {
+            points: vec![(0.0, from), (seconds.max(1.0), from + speed * seconds.max(1.0))],
+        };
+        Self { along: line(along, speed_m_s), lateral: line(lateral, across_m_s) }
+    }
+}
+
+impl<'de> Deserialize<'de> for Path {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let points = Vec::<(f64, f64, f64)>::deserialize(deserializer)?;
+        let along = Waypoints::new(points.iter().map(|p| (p.0, p.1)).collect());
+        let lateral = Waypoints::new(points.iter().map(|p| (p.0, p.2)).collect());
+        match (along, lateral) {
+            (Some(along), Some(lateral)) => Ok(Self { along, lateral }),
+            _ => Err(D::Error::custom("give a list of [seconds, along_m, lateral_m] with rising seconds")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn integrals_are_those_of_the_line() {
+        let line = Waypoints::new(vec![(1.0, 2.0), (3.0, 6.0), (4.0, 0.0)]).unwrap();
+        assert_eq!([0.0, 1.0, 2.0, 3.5, 9.0].map(|t| line.value(t)), [2.0, 2.0, 4.0, 3.0, 0.0]);
+        let (mut once, mut twice) = (0.0, 0.0);
+        let step = 1e-4;
+        for k in 0..60_000 {
+            let t = 1.0 + (f64::from(k) + 0.5) * step;
+            twice += (once + 0.5 * step * line.value(t)) * step;
+            once += line.value(t) * step;
+            if k % 9_999 == 0 {
+                let at = t + 0.5 * step;
+                assert!((line.integral(at) - once).abs() < 1e-3, "{at}");
+                assert!((line.double_integral(at) - twice).abs() < 1e-3, "{at}");
+            }
+        }
+        // Before the first place the value goes on.
+        assert_eq!(line.integral(-1.0), -4.0);
+        assert_eq!(line.double_integral(-1.0), 4.0);
+    }
+
+    #[test]
+    fn places_must_rise() {
+        assert!(Waypoints::new(vec![(0.0, 1.0), (0.0, 2.0)]).is_none());
+        assert!(Waypoints::new(vec![(0.0, f64::NAN)]).is_none());
+        assert!(Waypoints::new(vec![]).is_none());
+    }
+
+    #[test]
+    fn an_even_path_is_even() {
+        assert_eq!(Path::even(10.0, -1.0, 2.0, 0.5, 4.0).at(2.0), (14.0, 0.0));
+    }
+}

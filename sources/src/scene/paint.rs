@@ -1,0 +1,241 @@
+//! From what each sample sees to grey values.
+
+use super::light::Light;
+use super::material::{Hit, Look, Style};
+use super::texture::Texture;
+use super::view::{Camera, Patch, SAMPLES, Surface, View};
+use perception::rig::Rig;
+
+/// What colours the pixels of a scene.
+#[derive(Debug)]
+pub struct Painter {
+    /// The pattern of all surfaces.
+    pub texture: Texture,
+    /// The road's style.
+    pub style: Style,
+    /// The light.
+    pub light: Light,
+}
+
+/// Shadows and pools of light on the ground, along one row: shares of the sun taken away, light added.
+#[derive(Debug, Default)]
+pub struct Shade {
+    /// 0 = sunlit, 1 = shadow.
+    pub shadow: Vec<f32>,
+    /// Light added.
+    pub pool: Vec<f32>,
+}
+
+/// Least height of a penumbra in metres of ground.
+const PENUMBRA_M: f64 = 0.06;
+
+impl Shade {
+    /// Room for rows of `width` pixels.
+    pub fn new(width: usize) -> Self {
+        Self { shadow: vec![0.0; width], pool: vec![0.0; width] }
+    }
+
+    /// Finds the shadows and pools of row `y`, where `depth` (1/z) tells that nothing stands before
+    /// them. A shade's strength is its material's contrast, a pool's light its glow.
+    pub fn row(&mut self, camera: &Camera, shades: &mut View, surfaces: &[Surface], y: usize, depth: &[f32]) {
+        self.shadow.fill(0.0);
+        self.pool.fill(0.0);
+        let rig = camera.rig;
+        let dy = (y as f64 - rig.cy_px) / rig.focal_px;
+        let width = camera.size.0;
+        shades.spans(y, |patch, from, to| {
+            let material = surfaces[patch.surface as usize].material;
+            let middle = ((from + to) * 0.5).clamp(0.0, width as f64);
+            let near = patch.inverse_z((middle - rig.cx_px) / rig.focal_px, dy).max(0.0);
+            let per_m = rig.focal_px * near;
+            let soft = if material.glow > 0.0 { (to - from) * 0.45 } else { PENUMBRA_M * per_m }.max(1.0);
+            let first = (from - soft).floor().clamp(0.0, width as f64) as usize;
+            let last = (to + soft).ceil().clamp(0.0, width as f64) as usize;
+            for x in first..last {
+                let at = x as f64;
+                // Behind a crest it is another ground that is dark.
+                let here = patch.inverse_z((at - rig.cx_px) / rig.focal_px, dy);
+                if f64::from(depth[x]) > 1.15 * here {
+                    continue;
+                }
+                let share =
+                    ((at - from) / soft + 0.5).clamp(0.0, 1.0) * ((to - at) / soft + 0.5).clamp(0.0, 1.0);
+                if material.glow > 0.0 {
+                    self.pool[x] += material.glow * share as f32;
+                } else {
+                    self.shadow[x] = self.shadow[x].max(material.contrast * share as f32);
+                }
+            }
+        });
+    }
+}
+
+/// One camera's row as it is painted.
+pub struct Row<'a> {
+    /// The camera.
+    pub camera: &'a Camera,
+    /// Its patches.
+    pub view: &'a View,
+    /// The surfaces that they show.
+    pub surfaces: &'a [Surface],
+    /// Shadows and pools.
+    pub shade: &'a Shade,
+    /// What a wet road mirrors.
+    pub mirror: Option<Mirror<'a>>,
+    /// The row.
+    pub y: usize,
+}
+
+/// The upside-down world that a wet road shows, in one row.
+#[derive(Clone, Copy)]
+pub struct Mirror<'a> {
+    /// Its patches.
+    pub view: &'a View,
+    /// The surfaces that they show.
+    pub surfaces: &'a [Surface],
+    /// What each pixel would see of them, at its middle.
+    pub seen: &'a [u16],
+}
+
+impl Painter {
+    /// Paints a row from what its samples see.
+    pub fn row(&self, row: &Row<'_>, seen: &[Vec<u16>], grey: &mut [f32]) {
+        let [a, b, c, d] = [&seen[0], &seen[1], &seen[2], &seen[3]];
+        let mut x = 0;
+        while x < grey.len() {
+            let number = a[x];
+            if b[x] != number || c[x] != number || d[x] != number {
+                grey[x] = self.edge(row, [number, b[x], c[x], d[x]], x);
+                x += 1;
+                continue;
+            }
+            let same = |x: usize| a[x] == number && b[x] == number && c[x] == number && d[x] == number;
+            let mut end = x + 1;
+            while end < grey.len() && same(end) {
+                end += 1;
+            }
+            let y = row.y as f32;
+            if number == 0 {
+                (x..end).for_each(|x| grey[x] = self.sky(&row.camera.rig, x as f32, y));
+            } else {
+                let patch = row.view.patches[usize::from(number) - 1];
+                let surface = row.surfaces[patch.surface as usize];
+                (x..end).for_each(|x| grey[x] = self.point(row, &patch, &surface, x, x as f32, y));
+            }
+            x = end;
+        }
+    }
+
+    /// A pixel whose samples see several patches.
+    #[cold]
+    fn edge(&self, row: &Row<'_>, numbers: [u16; 4], x: usize) -> f32 {
+        let mut grey = 0.0;
+        for (k, &number) in numbers.iter().enumerate() {
+            if numbers[..k].contains(&number) {
+                continue;
+            }
+            // The middle of its samples lies on it: it is convex.
+            let (mut n, mut right, mut down) = (0.0, 0.0, 0.0);
+            for (&other, (r, d)) in numbers.iter().zip(SAMPLES) {
+                if other == number {
+                    (n, right, down) = (n + 1.0, right + r, down + d);
+                }
+            }
+            let (px, py) = (x as f32 + right / n, row.y as f32 + down / n);
+            grey += n / 4.0
+                * if number == 0 {
+                    self.sky(&row.camera.rig, px, py)
+                } else {
+                    let patch = &row.view.patches[usize::from(number) - 1];
+                    self.point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
+                };
+        }
+        grey
+    }
+
+    /// The sky, infinitely far: the same for both cameras.
+    #[inline]
+    fn sky(&self, rig: &Rig, px: f32, py: f32) -> f32 {
+        let light = &self.light;
+        let (dx, dy) =
+            ((px - rig.cx_px as f32) / rig.focal_px as f32, (py - rig.cy_px as f32) / rig.focal_px as f32);
+        let cloud = self.texture.sample(dx * 90.0, dy * 210.0, 0.2, 0.4);
+        light.sky - light.sky_rise * dy + light.clouds * cloud * (light.sky / 205.0)
+    }
+
+    #[inline]
+    fn point(&self, row: &Row<'_>, patch: &Patch, surface: &Surface, x: usize, px: f32, py: f32) -> f32 {
+        let rig = &row.camera.rig;
+        let per_px = 1.0 / rig.focal_px as f32;
+        let (dx, dy) = ((px - rig.cx_px as f32) * per_px, (py - rig.cy_px as f32) * per_px);
+        let inverse = patch.inverse();
+        let inverse_z = (inverse[0] as f32 * dx + inverse[1] as f32 * dy + inverse[2] as f32).max(1e-4);
+        let z = 1.0 / inverse_z;
+        let (z_right, z_down) = (-z * z * inverse[0] as f32 * per_px, -z * z * inverse[1] as f32 * per_px);
+        let along = |g: &[f32; 3]| g[0] * dx + g[1] * dy + g[2];
+        let (a, b) = (along(&patch.u), along(&patch.v));
+        let change = |g: f32, along: f32, z_change: f32| (g * per_px * z + along * z_change).abs();
+        let hit = Hit {
+            u: a * z + patch.u_start,
+            v: b * z + patch.v_start,
+            span_u: change(patch.u[0], a, z_right) + 0.35 * change(patch.u[1], a, z_down),
+            span_v: change(patch.v[0], b, z_right).max(change(patch.v[1], b, z_down)),
+        };
+        let material = &surface.material;
+        let light = &self.light;
+        let mut bright = light.ambient + light.sun * surface.sunlit;
+        if matches!(material.look, Look::Road | Look::Grass | Look::Paving) {
+            let shadow = row.shade.shadow[x];
+            bright -= shadow * (0.25 * light.ambient + light.sun * surface.sunlit);
+            bright += row.shade.pool[x];
+        }
+        if light.headlamps > 0.0 {
+            let facing = patch.plane_m * inverse_z / (1.0 + dx * dx + dy * dy).sqrt();
+            bright += light.lamps_at(dx, dy, z, facing);
+        }
+        let mut grey = material.grey(hit, &self.texture, &self.style) * bright;
+        if light.lamps {
+            grey += material.glow;
+        }
+        if matches!(material.look, Look::Road | Look::Paving) && (row.mirror.is_some() || light.sheen > 0.0) {
+            grey = self.thrown_back(row, grey, &hit, patch.plane_m * inverse_z, (x, dx, dy), (px, py));
+        }
+        light.through_air(grey, z)
+    }
+
+    /// The ground's grey with what it throws back of sky, lamps and objects; `steep` is the sine of
+    /// the angle at which it is seen, about.
+    #[inline(never)]
+    fn thrown_back(
+        &self,
+        row: &Row<'_>,
+        grey: f32,
+        hit: &Hit,
+        steep: f32,
+        (x, dx, dy): (usize, f32, f32),
+        (px, py): (f32, f32),
+    ) -> f32 {
+        let light = &self.light;
+        let flat = (1.0 - steep).clamp(0.0, 1.0);
+        let flat = flat * flat * flat * flat;
+        // Puddles and rough places.
+        let patchy = self.texture.sample(hit.u * 1.7, hit.v * 0.9, hit.span_u * 1.7, hit.span_v * 0.9);
+        let mut grey = grey;
+        if light.sheen > 0.0 {
+            let to = light.towards_sun;
+            let off = (dx - (to[0] / to[2]) as f32) / 0.16;
+            grey +=
+                light.sheen * (1.0 + 0.012 * patchy) * flat / (1.0 + off * off) / (1.0 + 12.0 * dy.max(0.0));
+        }
+        let Some(mirror) = row.mirror else { return grey };
+        let share = self.style.wet * (0.04 + 0.62 * flat) * (0.75 + 0.012 * patchy).clamp(0.15, 1.0);
+        let number = mirror.seen[x];
+        let seen = if number == 0 {
+            self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)
+        } else {
+            let patch = &mirror.view.patches[usize::from(number) - 1];
+            self.point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)
+        };
+        grey + share * (seen.min(600.0) - grey)
+    }
+}

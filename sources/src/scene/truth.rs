@@ -1,0 +1,145 @@
+//! What is exactly true of a frame.
+
+use perception::road::PixelBox;
+
+/// Owner of a pixel that sees the sky.
+pub const SKY: u16 = 0;
+
+/// Owner of a pixel that sees the road's asphalt.
+pub const ROAD: u16 = 1;
+
+/// Owner of a pixel that sees the ground beside it: kerb, pavement, grass.
+pub const VERGE: u16 = 2;
+
+/// Objects have this owner and the following.
+pub const FIRST_OBJECT: u16 = 3;
+
+/// What an object is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ObjectClass {
+    /// A car or a van.
+    Car,
+    /// A bus.
+    Bus,
+    /// Someone on foot.
+    Pedestrian,
+    /// A traffic cone.
+    Cone,
+    /// A box on the road.
+    Debris,
+    /// A post or a street lamp.
+    Pole,
+    /// A piece of green belt.
+    Hedge,
+    /// A piece of guard rail.
+    GuardRail,
+    /// A piece of wall.
+    Wall,
+    /// A house.
+    Building,
+    /// A tree.
+    Tree,
+    /// A bridge across the road.
+    Bridge,
+    /// A plain block.
+    Block,
+}
+
+impl ObjectClass {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Car => "car",
+            Self::Bus => "bus",
+            Self::Pedestrian => "pedestrian",
+            Self::Cone => "cone",
+            Self::Debris => "debris",
+            Self::Pole => "pole",
+            Self::Hedge => "hedge",
+            Self::GuardRail => "guard rail",
+            Self::Wall => "wall",
+            Self::Building => "building",
+            Self::Tree => "tree",
+            Self::Bridge => "bridge",
+            Self::Block => "block",
+        }
+    }
+}
+
+/// An object as it is in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectTruth {
+    /// Its number in [`SceneTruth::owner`]; the same in all frames.
+    pub id: u16,
+    /// What it is.
+    pub class: ObjectClass,
+    /// Whether the scene names it as an object, and not as one of a row beside the road.
+    pub subject: bool,
+    /// Distance along the camera's axis of its nearest visible point, in metres.
+    pub distance_m: f64,
+    /// Middle of its box, metres right of the left camera.
+    pub lateral_m: f64,
+    /// Width of its box across the road, in metres.
+    pub width_m: f64,
+    /// Height, in metres.
+    pub height_m: f64,
+    /// Speed at which its distance falls, in m/s.
+    pub closing_m_s: f64,
+    /// Box of its visible pixels in the left image.
+    pub bounds: PixelBox,
+    /// Its visible pixels.
+    pub pixels: u32,
+    /// Visible pixels ÷ those that it would have if nothing stood before it; 1 for what is no subject.
+    pub visible: f64,
+    /// Share of its visible pixels that the right camera sees, too.
+    pub seen_by_both: f64,
+    /// Whether any part of it stands in the vehicle's path, 2.4 m wide, along the road.
+    pub in_path: bool,
+    /// Whether any part of it stands on the asphalt.
+    pub on_road: bool,
+}
+
+/// The road of one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RoadTruth {
+    /// Disparity of the asphalt in each row at the principal column, as if nothing stood on it, in
+    /// px; 0 in rows where it is not seen there.
+    pub rows_px: Vec<f32>,
+    /// (metres ahead, metres above the plane on which the vehicle stands) of the vehicle's path,
+    /// from 0 to 120 m, every half metre.
+    pub profile_m: Vec<(f64, f64)>,
+}
+
+impl RoadTruth {
+    /// Height of the road above the plane on which the vehicle stands, in metres, 0 to 120 m ahead.
+    pub fn height_m(&self, ahead_m: f64) -> f64 {
+        let k = ((ahead_m * 2.0).max(0.0) as usize).min(self.profile_m.len().saturating_sub(2));
+        match self.profile_m.get(k..k + 2) {
+            Some([a, b]) => a.1 + (b.1 - a.1) * (ahead_m - a.0) / (b.0 - a.0),
+            _ => 0.0,
+        }
+    }
+}
+
+/// All that is true of a frame. Maps have a value per pixel of the left image.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SceneTruth {
+    /// Seconds from the start.
+    pub time_s: f64,
+    /// The vehicle's own speed.
+    pub ego_speed_m_s: f64,
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// Exact disparity at the pixel's middle, in px; 0 at infinity.
+    pub disparity_px: Vec<f32>,
+    /// Whether the right camera sees the same point.
+    pub in_both: Vec<bool>,
+    /// [`SKY`], [`ROAD`], [`VERGE`], or an object.
+    pub owner: Vec<u16>,
+    /// Objects with at least one visible pixel, nearest first.
+    pub objects: Vec<ObjectTruth>,
+    /// The road.
+    pub road: RoadTruth,
+}

@@ -1,0 +1,478 @@
+//! Everything in a scene, and where it is at a time.
+
+use super::conditions::Conditions;
+use super::file::{BesideFile, BesideKind, ObjectFile, ObjectKind, SceneFile};
+use super::ground::{Course, Ground, Spot};
+use super::light::Light;
+use super::material::{Look, Material};
+use super::mesh::{Face, Mesh, Placement, Point};
+use super::motion::Path;
+use super::texture::{hash, unit};
+use super::truth::{FIRST_OBJECT, ObjectClass};
+use super::view::{Pose, Surface};
+use super::{props, vehicles};
+use perception::rig::Rig;
+
+/// Objects farther away are not drawn, in metres.
+const FARTHEST_M: f64 = 220.0;
+
+/// Objects farther away are not mirrored, in metres.
+const MIRRORED_M: f64 = 90.0;
+
+/// Half of the width of the vehicle's path, in metres.
+pub const HALF_PATH_M: f64 = 1.2;
+
+#[derive(Clone, Debug)]
+enum Place {
+    /// Along the road.
+    Along(Path),
+    /// Ahead of the vehicle.
+    Ahead(Path),
+}
+
+/// One object of the scene.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// What it is.
+    pub class: ObjectClass,
+    /// Whether the file names it under `objects`.
+    pub subject: bool,
+    mesh: usize,
+    place: Place,
+    shadow: Option<(Point, Point)>,
+    /// Where its lamp lights the ground.
+    pool_x_m: Option<f64>,
+}
+
+/// An object where it is now.
+#[derive(Clone, Copy, Debug)]
+pub struct Present {
+    /// Which one.
+    pub instance: usize,
+    /// Near side, metres ahead of the camera.
+    pub ahead_m: f64,
+    /// Middle, metres right of the vehicle's line along the road.
+    pub from_path_m: f64,
+    /// Middle across the road.
+    pub across_m: f64,
+    /// Middle, metres right of the camera.
+    pub lateral_m: f64,
+    /// Size: across, up, along.
+    pub size_m: Point,
+}
+
+/// A scene's things and their motion.
+#[derive(Debug)]
+pub struct World {
+    /// The file.
+    pub file: SceneFile,
+    /// Its weather.
+    pub conditions: Conditions,
+    /// The rig.
+    pub rig: Rig,
+    /// Image size.
+    pub size: (usize, usize),
+    height_m: f64,
+    course: Course,
+    ground: Ground,
+    meshes: Vec<Mesh>,
+    boxes: Vec<(Point, Point)>,
+    instances: Vec<Instance>,
+    /// Surfaces of the frame at hand; the ground's come first.
+    pub surfaces: Vec<Surface>,
+    /// How many of them are the ground's.
+    pub ground_surfaces: usize,
+    /// Shadows and pools of light on the ground.
+    pub shades: Vec<Surface>,
+    /// The objects upside down, as a wet road mirrors them; none on a dry one.
+    pub mirrors: Vec<Surface>,
+    /// Objects that may be in the picture.
+    pub present: Vec<Present>,
+}
+
+impl World {
+    /// Builds the world of a file for a rig.
+    pub fn new(file: SceneFile, rig: Rig, size: (usize, usize), height_m: f64) -> Self {
+        let mut conditions = Conditions::new(file.weather);
+        for (own, given) in conditions.sensors.iter_mut().zip([file.camera.left, file.camera.right]) {
+            *own = given.unwrap_or(*own);
+        }
+        let mut world = Self {
+            course: Course::new(&file.road),
+            ground: Ground::new(&file.road),
+            conditions,
+            rig,
+            size,
+            height_m,
+            meshes: Vec::new(),
+            boxes: Vec::new(),
+            instances: Vec::new(),
+            surfaces: Vec::new(),
+            ground_surfaces: 0,
+            shades: Vec::new(),
+            mirrors: Vec::new(),
+            present: Vec::new(),
+            file,
+        };
+        for n in 0..world.file.beside.len() {
+            let row = world.file.beside[n].clone();
+            world.add_row(n as u64, &row);
+        }
+        for n in 0..world.file.objects.len() {
+            let object = world.file.objects[n].clone();
+            world.add_object(n as u64, &object);
+        }
+        // Owners count in 16 bits.
+        world.instances.truncate(usize::from(u16::MAX - FIRST_OBJECT));
+        world
+    }
+
+    /// The objects.
+    pub fn instances(&self) -> &[Instance] {
+        &self.instances
+    }
+
+    /// The box of an object in its own frame.
+    fn add(
+        &mut self,
+        class: ObjectClass,
+        mesh: Mesh,
+        yaw_deg: f64,
+        place: Place,
+        subject: bool,
+    ) -> &mut Instance {
+        // Turned once and for all; then its near side and its middle become the origin.
+        let turned = Placement::new([0.0; 3], yaw_deg.to_radians(), 0.0);
+        let mesh = Mesh { faces: mesh.faces.iter().map(|face| turned.face(face)).collect() };
+        let (least, greatest) = mesh.bounds();
+        let shift = [-(least[0] + greatest[0]) / 2.0, 0.0, -least[2]];
+        let moved = Placement::new(shift, 0.0, 0.0);
+        let mesh = Mesh { faces: mesh.faces.iter().map(|face| moved.face(face)).collect() };
+        let bounds = mesh.bounds();
+        let shadow = match class {
+            ObjectClass::Building => None,
+            // Only the deck's shadow falls on the road.
+            ObjectClass::Bridge => Some(([bounds.0[0], bounds.1[1] - 2.0, bounds.0[2]], bounds.1)),
+            ObjectClass::Tree => {
+                let inner = |a: f64, b: f64| a + 0.2 * (b - a);
+                Some((
+                    [inner(bounds.0[0], bounds.1[0]), 0.35 * bounds.1[1], inner(bounds.0[2], bounds.1[2])],
+                    [inner(bounds.1[0], bounds.0[0]), 0.9 * bounds.1[1], inner(bounds.1[2], bounds.0[2])],
+                ))
+            }
+            _ => Some(bounds),
+        };
+        self.meshes.push(mesh);
+        self.boxes.push(bounds);
+        self.instances.push(Instance {
+            class,
+            subject,
+            mesh: self.meshes.len() - 1,
+            place,
+            shadow,
+            pool_x_m: None,
+        });
+        let last = self.instances.len() - 1;
+        &mut self.instances[last]
+    }
+
+    fn add_row(&mut self, n: u64, row: &BesideFile) {
+        let seconds = self.file.seconds;
+        // In a scene that repeats, what stands a round further on looks the same.
+        let round_m = self.file.ego.speed_m_s.integral(seconds);
+        let side = if row.lateral_m < 0.0 { -1.0 } else { 1.0 };
+        let spacing = row.spacing_m.unwrap_or(match row.kind {
+            BesideKind::Buildings => 13.0,
+            BesideKind::Trees => 9.0,
+            BesideKind::Hedge | BesideKind::GuardRail | BesideKind::Wall => 4.0,
+            BesideKind::Poles => 20.0,
+            BesideKind::Lamps => 25.0,
+            BesideKind::ParkedCars => 12.0,
+        });
+        let count = ((row.to_m - row.from_m) / spacing).ceil().max(1.0) as u64;
+        for k in 0..count {
+            let along = row.from_m + k as f64 * spacing;
+            let round = if self.file.repeats && round_m > 0.0 { along.rem_euclid(round_m) } else { along };
+            let key = hash(self.file.seed ^ n << 40 ^ ((round * 16.0).round() as i64 as u64) << 8);
+            let own = |i: u64| unit(key ^ i);
+            let shift = own(0) as f32 * 3.0;
+            let height = |usual: f64| row.height_m.unwrap_or(usual);
+            let (class, mesh, depth) = match row.kind {
+                BesideKind::Buildings => {
+                    let size = [9.0, height(5.0 + 5.0 * own(1)), spacing - 1.0 - own(2)];
+                    (
+                        ObjectClass::Building,
+                        props::building(size, 95.0 + 75.0 * own(3) as f32, shift),
+                        size[0],
+                    )
+                }
+                BesideKind::Trees => (ObjectClass::Tree, props::tree(height(5.5 + 2.5 * own(1)), key), 0.0),
+                BesideKind::Hedge => {
+                    let size = [0.9, height(1.1), spacing];
+                    (ObjectClass::Hedge, props::hedge(size, 70.0, key), size[0])
+                }
+                BesideKind::GuardRail => {
+                    (ObjectClass::GuardRail, props::guard_rail(spacing, height(0.75), -side), 0.1)
+                }
+                BesideKind::Wall => (ObjectClass::Wall, props::wall(spacing, height(1.8), shift), 0.3),
+                BesideKind::Poles => {
+                    (ObjectClass::Pole, props::pole([0.16, height(1.1), 0.16], 70.0, shift), 0.16)
+                }
+                BesideKind::Lamps => (ObjectClass::Pole, props::lamp(height(6.0), -side), 0.0),
+                BesideKind::ParkedCars => {
+                    let grey = 55.0 + 130.0 * own(1) as f32;
+                    let mesh = if own(2) < 0.25 {
+                        vehicles::van([1.95, height(2.2), 5.2], grey, shift)
+                    } else {
+                        vehicles::car([1.78, height(1.46), 4.3], grey, shift)
+                    };
+                    (ObjectClass::Car, mesh, 1.8)
+                }
+            };
+            let lateral = row.lateral_m + side * depth / 2.0;
+            let place = Place::Along(Path::even(along, lateral, 0.0, 0.0, seconds));
+            let instance = self.add(class, mesh, 0.0, place, false);
+            if row.kind == BesideKind::Lamps {
+                instance.pool_x_m = Some(-side * 0.8);
+                instance.shadow = None;
+            }
+        }
+    }
+
+    fn add_object(&mut self, n: u64, object: &ObjectFile) {
+        let key = hash(self.file.seed ^ 0x0b1e_c700 ^ n << 20);
+        let shift = unit(key) as f32 * 3.0;
+        let grey = |usual: f64| object.grey.unwrap_or(usual) as f32;
+        let size = |usual: [f64; 3]| object.size_m.unwrap_or(usual);
+        let (class, mesh) = match object.kind {
+            ObjectKind::Car => (ObjectClass::Car, vehicles::car(size([1.8, 1.46, 4.4]), grey(95.0), shift)),
+            ObjectKind::Van => (ObjectClass::Car, vehicles::van(size([1.98, 2.3, 5.4]), grey(160.0), shift)),
+            ObjectKind::Bus => (ObjectClass::Bus, vehicles::bus(size([2.5, 3.05, 11.5]), grey(150.0), shift)),
+            ObjectKind::Pedestrian => {
+                (ObjectClass::Pedestrian, props::pedestrian(size([0.55, 1.75, 0.4]), grey(75.0), shift))
+            }
+            ObjectKind::Cone => {
+                (ObjectClass::Cone, props::cone(size([0.38, 0.75, 0.38]), grey(118.0), shift))
+            }
+            ObjectKind::Debris => {
+                (ObjectClass::Debris, props::debris(size([0.1, 0.1, 0.1]), grey(165.0), shift))
+            }
+            ObjectKind::Pole => (ObjectClass::Pole, props::pole(size([0.16, 1.1, 0.16]), grey(70.0), shift)),
+            ObjectKind::Hedge => (ObjectClass::Hedge, props::hedge(size([5.0, 0.9, 1.2]), grey(70.0), key)),
+            ObjectKind::Bridge => (ObjectClass::Bridge, props::bridge(size([14.0, 5.0, 9.0]), grey(125.0))),
+            ObjectKind::Block => {
+                (ObjectClass::Block, props::block(size([0.7, 0.6, 0.5]), grey(150.0), shift))
+            }
+        };
+        let seconds = self.file.seconds;
+        let place = match (&object.path, &object.ahead) {
+            (Some(path), _) => Place::Along(path.clone()),
+            (_, Some(path)) => Place::Ahead(path.clone()),
+            _ => {
+                let along = object.along_m.unwrap_or(0.0);
+                Place::Along(Path::even(
+                    along,
+                    object.lateral_m,
+                    object.speed_m_s,
+                    object.across_m_s,
+                    seconds,
+                ))
+            }
+        };
+        self.add(class, mesh, object.yaw_deg, place, true);
+    }
+
+    /// The vehicle's place along the road at a time.
+    pub fn ego_along_m(&self, time_s: f64) -> f64 {
+        let ego = &self.file.ego;
+        ego.along_m + ego.speed_m_s.integral(time_s) - ego.speed_m_s.integral(0.0)
+    }
+
+    /// Metres from the vehicle to an object's near side, along the road.
+    pub fn ahead_m(&self, instance: &Instance, time_s: f64) -> f64 {
+        match &instance.place {
+            Place::Along(path) => path.at(time_s).0 - self.ego_along_m(time_s),
+            Place::Ahead(path) => path.at(time_s).0,
+        }
+    }
+
+    /// The road's reference line before the vehicle.
+    pub fn spot(&self, time_s: f64, ahead_m: f64) -> Spot {
+        self.course.spot(self.ego_along_m(time_s), ahead_m)
+    }
+
+    /// Places everything at a time.
+    pub fn place(&mut self, time_s: f64) {
+        let light = self.conditions.light;
+        let along = self.ego_along_m(time_s);
+        let lateral = self.file.ego.lateral_m.value(time_s);
+        let pose = self.pose(time_s);
+        let rig = self.rig;
+        let wet = self.is_wet();
+        self.surfaces.clear();
+        self.shades.clear();
+        self.mirrors.clear();
+        self.present.clear();
+        let surfaces = &mut self.surfaces;
+        self.ground.faces(&self.course, along, lateral, |face, owner| {
+            surfaces.extend(Surface::new(face, owner, &pose, &rig, &light));
+        });
+        self.ground_surfaces = self.surfaces.len();
+        for k in 0..self.instances.len() {
+            let instance = &self.instances[k];
+            let (ahead, across) = match &instance.place {
+                Place::Along(path) => {
+                    let (place, across) = path.at(time_s);
+                    (place - along, across)
+                }
+                Place::Ahead(path) => path.at(time_s),
+            };
+            let (least, greatest) = self.boxes[instance.mesh];
+            if ahead > FARTHEST_M || ahead + greatest[2] < -6.0 {
+                continue;
+            }
+            let spot = self.course.spot(along, ahead);
+            let at = [across + spot.x_m - lateral, spot.up_m, ahead];
+            let placement = Placement::new(at, spot.heading.atan(), spot.slope);
+            let owner = FIRST_OBJECT + k as u16;
+            for face in &self.meshes[instance.mesh].faces {
+                self.surfaces.extend(Surface::new(&placement.face(face), owner, &pose, &rig, &light));
+                if wet && ahead < MIRRORED_M {
+                    let mirrored = placement.face(&face.mirrored());
+                    self.mirrors.extend(Surface::new(&mirrored, owner, &pose, &rig, &light));
+                }
+            }
+            self.present.push(Present {
+                instance: k,
+                ahead_m: ahead,
+                from_path_m: across - lateral,
+                across_m: across,
+                lateral_m: at[0],
+                size_m: [greatest[0] - least[0], greatest[1], greatest[2] - least[2]],
+            });
+            if let Some(bounds) = instance.shadow {
+                self.shades.extend(shadow(bounds, &placement, &pose, &rig, &light, instance.class));
+            }
+            if let Some(x_m) = instance.pool_x_m.filter(|_| light.lamps) {
+                self.shades.extend(pool(x_m, &placement, &pose, &rig, &light));
+            }
+        }
+    }
+
+    /// Whether the road mirrors what stands on it.
+    pub fn is_wet(&self) -> bool {
+        self.conditions.wet.max(self.file.road.wet) > 0.3
+    }
+
+    fn pose(&self, time_s: f64) -> Pose {
+        let camera = &self.file.camera;
+        let angle = |line: &Option<super::motion::Waypoints>, sway: f64, hz: f64| {
+            let still = line.as_ref().map_or(0.0, |line| line.value(time_s));
+            (still + sway * (std::f64::consts::TAU * hz * time_s).sin()).to_radians()
+        };
+        Pose::new(
+            self.height_m,
+            angle(&camera.pitch_deg, camera.sway_pitch_deg, 1.3),
+            angle(&camera.roll_deg, camera.sway_roll_deg, 0.7),
+        )
+    }
+}
+
+/// What a box keeps from the sun, on the ground: the hull of its corners' shadows.
+fn shadow(
+    (least, greatest): (Point, Point),
+    placement: &Placement,
+    pose: &Pose,
+    rig: &Rig,
+    light: &Light,
+    class: ObjectClass,
+) -> Option<Surface> {
+    let sunny = light.sun > 0.4 && light.towards_sun[1] > 0.1;
+    // Without sun only what is close to the ground darkens it.
+    let lean = if sunny { 1.0 } else { 0.0 };
+    let strength = match (sunny, class) {
+        (_, ObjectClass::Bridge) => 1.0,
+        (true, _) => 0.9,
+        (false, _) => 0.5,
+    };
+    let towards = light.towards_sun;
+    let mut points = [[0.0; 2]; 8];
+    for (k, point) in points.iter_mut().enumerate() {
+        let pick = |bit: usize, axis: usize| if k >> bit & 1 == 0 { least[axis] } else { greatest[axis] };
+        let foot = placement.place([pick(0, 0), 0.0, pick(2, 2)]);
+        // No shadow is longer than this: low suns would cover everything.
+        let up = pick(1, 1) * lean / towards[1].max(0.25);
+        *point = [foot[0] - towards[0] * up, foot[2] - towards[2] * up];
+    }
+    let ground = placement.at;
+    let slope = placement.axes[2][1] / placement.axes[2][2].max(0.1);
+    let mut corners = [[0.0; 3]; 8];
+    let count = hull(&mut points, &mut corners);
+    for corner in &mut corners[..count] {
+        corner[1] = ground[1] + slope * (corner[2] - ground[2]);
+    }
+    flat(&corners[..count], Material::new(Look::Plain, 0.0, strength, 1.0), pose, rig, light)
+}
+
+/// Light below a street lamp.
+fn pool(x_m: f64, placement: &Placement, pose: &Pose, rig: &Rig, light: &Light) -> Option<Surface> {
+    let corners: [Point; 8] = std::array::from_fn(|k| {
+        let turn = std::f64::consts::TAU * k as f64 / 8.0;
+        let foot = placement.place([x_m + 5.0 * turn.cos(), 0.0, 6.0 * turn.sin()]);
+        [foot[0], placement.at[1], foot[2]]
+    });
+    flat(&corners, Material::new(Look::Plain, 0.0, 0.0, 1.0).glowing(0.3), pose, rig, light)
+}
+
+fn flat(corners: &[Point], material: Material, pose: &Pose, rig: &Rig, light: &Light) -> Option<Surface> {
+    if corners.len() < 3 {
+        return None;
+    }
+    Surface::new(&Face::new(corners, material), 0, pose, rig, light)
+}
+
+/// The convex hull of points (x, z), counter-clockwise; gives how many corners it has.
+fn hull(points: &mut [[f64; 2]; 8], corners: &mut [Point; 8]) -> usize {
+    points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let turn =
+        |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let mut stack = [[0.0; 2]; 17];
+    let mut count = 0;
+    let mut least = 2;
+    for &point in points.iter() {
+        while count >= 2 && turn(stack[count - 2], stack[count - 1], point) <= 1e-9 {
+            count -= 1;
+        }
+        stack[count] = point;
+        count += 1;
+    }
+    least += count - 1;
+    for &point in points.iter().rev().skip(1) {
+        while count >= least && turn(stack[count - 2], stack[count - 1], point) <= 1e-9 {
+            count -= 1;
+        }
+        stack[count] = point;
+        count += 1;
+    }
+    // The last is the first again.
+    let count = count.saturating_sub(1).min(8);
+    for (corner, point) in corners.iter_mut().zip(&stack[..count]) {
+        *corner = [point[0], 0.0, point[1]];
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hull_holds_all_points() {
+        let mut points =
+            [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0], [1.0, 0.5], [3.0, 0.5], [1.0, 0.0], [2.0, 1.0]];
+        let mut corners = [[0.0; 3]; 8];
+        let count = hull(&mut points, &mut corners);
+        let found: Vec<[f64; 2]> = corners[..count].iter().map(|c| [c[0], c[2]]).collect();
+        assert_eq!(found, [[0.0, 0.0], [2.0, 0.0], [3.0, 0.5], [2.0, 1.0], [0.0, 1.0]]);
+    }
+}

@@ -1,0 +1,269 @@
+//! Approach tests, as in the paper's system test, and silent scenes.
+
+use super::scene_match::Found;
+use super::weather::BAR_SIGMAS;
+use crate::picture::{Colour, Picture};
+use crate::record::tidy;
+use serde::Serialize;
+use std::fmt;
+
+/// What one frame of an approach tells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ApproachFrame {
+    /// True distance of the object; `None` when it is not in the picture.
+    pub truth_m: Option<f64>,
+    /// What found it.
+    pub found: Option<Found>,
+    /// Whether the alarm was on.
+    pub alarm: bool,
+}
+
+/// One approach.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Approach {
+    /// The scene.
+    pub scene: String,
+    /// What it shows.
+    pub title: String,
+    /// Frames.
+    pub frames: usize,
+    /// Where the object is at the start, in metres.
+    pub start_m: f64,
+    /// Where it was found first.
+    pub first_found_m: Option<f64>,
+    /// Frames after that in which it was not found.
+    pub missed_after: usize,
+    /// The preset distance of the alarm.
+    pub preset_m: f64,
+    /// Where the object was when the alarm came.
+    pub alarm_m: Option<f64>,
+    /// Frames from the first in which the object was nearer than preset to the alarm; below zero is
+    /// too early.
+    pub alarm_late_frames: Option<i64>,
+    /// Times that the alarm went off again while the object was nearer than preset.
+    pub alarm_flickers: usize,
+    /// Median size of the distance error, in percent.
+    pub distance_median_percent: Option<f64>,
+    /// Share of truths within the stated error bar.
+    pub covered: Option<f64>,
+}
+
+/// One silent scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Silent {
+    /// The scene.
+    pub scene: String,
+    /// What it shows.
+    pub title: String,
+    /// Frames.
+    pub frames: usize,
+    /// Frames with an alarm.
+    pub alarm_frames: usize,
+    /// Times that an alarm came.
+    pub alarms: usize,
+    /// Frames in which no road was seen: the alarm is off then, and silence proves nothing.
+    pub blind_frames: usize,
+    /// Unexplained regions on the asphalt, each frame counted.
+    pub false_regions: usize,
+    /// Unexplained regions elsewhere.
+    pub stray_regions: usize,
+}
+
+/// The whole evaluation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct DistanceReport {
+    /// The matcher.
+    pub method: String,
+    /// Approaches.
+    pub approaches: Vec<Approach>,
+    /// Silent scenes.
+    pub silent: Vec<Silent>,
+}
+
+/// Frames of an approach that its filmstrip shows: start, first find, alarm, end.
+pub fn shown_frames(frames: &[ApproachFrame]) -> Vec<usize> {
+    let last = frames.iter().rposition(|f| f.truth_m.is_some()).unwrap_or(0);
+    let found = frames.iter().position(|f| f.found.is_some());
+    let alarm = frames.iter().position(|f| f.alarm);
+    let mut shown: Vec<usize> =
+        [Some(0), found, found.map(|f| f.midpoint(alarm.unwrap_or(last))), alarm, Some(last)]
+            .into_iter()
+            .flatten()
+            .collect();
+    shown.sort_unstable();
+    shown.dedup();
+    shown
+}
+
+impl Approach {
+    /// What the frames of an approach show.
+    pub fn new(scene: &str, title: &str, preset_m: f64, frames: &[ApproachFrame]) -> Self {
+        let truth = |k: usize| frames[k].truth_m.map(tidy);
+        let first = frames.iter().position(|f| f.found.is_some());
+        let alarm = frames.iter().position(|f| f.alarm);
+        let due = frames.iter().position(|f| f.truth_m.is_some_and(|m| m < preset_m));
+        let missed =
+            |k: usize| frames[k..].iter().filter(|f| f.truth_m.is_some() && f.found.is_none()).count();
+        let flickers = frames
+            .windows(2)
+            .filter(|w| w[0].alarm && !w[1].alarm && w[1].truth_m.is_some_and(|m| m < preset_m));
+        let pairs: Vec<(f64, Found)> = frames.iter().filter_map(|f| Some((f.truth_m?, f.found?))).collect();
+        let mut errors: Vec<f64> = pairs.iter().map(|(m, f)| 100.0 * (f.distance_m - m).abs() / m).collect();
+        errors.sort_unstable_by(f64::total_cmp);
+        let covered =
+            pairs.iter().filter(|(m, f)| (f.distance_m - m).abs() <= BAR_SIGMAS * f.sigma_m).count();
+        Self {
+            scene: scene.into(),
+            title: title.into(),
+            frames: frames.len(),
+            start_m: frames.first().and_then(|f| f.truth_m).map_or(0.0, tidy),
+            first_found_m: first.and_then(truth),
+            missed_after: first.map_or(0, missed),
+            preset_m,
+            alarm_m: alarm.and_then(truth),
+            alarm_late_frames: alarm.zip(due).map(|(alarm, due)| alarm as i64 - due as i64),
+            alarm_flickers: flickers.count(),
+            distance_median_percent: errors.get(errors.len() / 2).copied().map(tidy),
+            covered: (!pairs.is_empty()).then(|| tidy(covered as f64 / pairs.len() as f64)),
+        }
+    }
+}
+
+impl fmt::Display for DistanceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let cell = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.2}"));
+        if !self.approaches.is_empty() {
+            writeln!(
+                f,
+                "{:<14}{:>8}{:>9}{:>13}{:>9}{:>10}{:>9}{:>8}{:>9}{:>9}{:>9}",
+                "approach",
+                "frames",
+                "start m",
+                "first found",
+                "missed",
+                "preset m",
+                "alarm m",
+                "late",
+                "flicker",
+                "error %",
+                "covered"
+            )?;
+        }
+        for row in &self.approaches {
+            let late = row.alarm_late_frames.map_or("-".into(), |late| format!("{late:+}"));
+            writeln!(
+                f,
+                "{:<14}{:>8}{:>9.2}{:>13}{:>9}{:>10.2}{:>9}{:>8}{:>9}{:>9}{:>9}",
+                row.scene,
+                row.frames,
+                row.start_m,
+                cell(row.first_found_m),
+                row.missed_after,
+                row.preset_m,
+                cell(row.alarm_m),
+                late,
+                row.alarm_flickers,
+                cell(row.distance_median_percent),
+                cell(row.covered)
+            )?;
+        }
+        if !self.approaches.is_empty() && !self.silent.is_empty() {
+            writeln!(f)?;
+        }
+        if !self.silent.is_empty() {
+            writeln!(
+                f,
+                "{:<14}{:>8}{:>8}{:>14}{:>14}{:>15}{:>7}",
+                "silent", "frames", "alarms", "alarm frames", "blind frames", "false regions", "stray"
+            )?;
+        }
+        for row in &self.silent {
+            writeln!(
+                f,
+                "{:<14}{:>8}{:>8}{:>14}{:>14}{:>15}{:>7}",
+                row.scene,
+                row.frames,
+                row.alarms,
+                row.alarm_frames,
+                row.blind_frames,
+                row.false_regions,
+                row.stray_regions
+            )?;
+        }
+        write!(f, "\nmethod: {}", self.method)
+    }
+}
+
+const GROUND: Colour = [24, 24, 24];
+const INK: Colour = [240, 240, 240];
+
+/// Pictures of one approach side by side, half as large, each with a line below it.
+pub fn filmstrip(title: &str, pictures: &[(Picture, String)]) -> Option<Picture> {
+    const GAP: usize = 6;
+    const LINE: usize = 18;
+    let (first, _) = pictures.first()?;
+    let (width, height) = (first.width() / 2, first.height() / 2);
+    let mut strip = Picture::new(pictures.len() * (width + GAP) + GAP, height + 2 * LINE + 2 * GAP, GROUND);
+    strip.text(title, GAP as i32, 3, INK);
+    for (k, (picture, text)) in pictures.iter().enumerate() {
+        let left = GAP + k * (width + GAP);
+        for y in 0..height {
+            for x in 0..width {
+                let mut sum = [0_u16; 3];
+                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    for (sum, v) in sum.iter_mut().zip(picture.at(2 * x + dx, 2 * y + dy)) {
+                        *sum += u16::from(v);
+                    }
+                }
+                strip.tint(left + x, LINE + GAP + y, sum.map(|v| (v / 4) as u8), 256);
+            }
+        }
+        strip.text(text, left as i32, (LINE + GAP + height + 3) as i32, INK);
+    }
+    Some(strip)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use perception::road::PixelBox;
+
+    fn frames() -> Vec<ApproachFrame> {
+        (0..28)
+            .map(|k| {
+                let truth = 30.0 - f64::from(k);
+                let found = (k >= 2 && k != 9).then(|| Found {
+                    bounds: PixelBox::default(),
+                    distance_m: truth * 1.01,
+                    sigma_m: 0.004 * truth,
+                });
+                ApproachFrame { truth_m: Some(truth), found, alarm: k >= 22 && k != 25 }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn an_approach_tells_first_find_alarm_and_steadiness() {
+        let approach = Approach::new("bus", "A bus", 10.0, &frames());
+        assert_eq!((approach.start_m, approach.first_found_m, approach.missed_after), (30.0, Some(28.0), 1));
+        // Below 10 m it is from frame 21 on; the alarm came at frame 22.
+        assert_eq!((approach.alarm_m, approach.alarm_late_frames), (Some(8.0), Some(1)));
+        assert_eq!((approach.alarm_flickers, approach.distance_median_percent), (1, Some(1.0)));
+        // The bar is 0.8 % to either side.
+        assert_eq!(approach.covered, Some(0.0));
+        assert_eq!(shown_frames(&frames()), [0, 2, 12, 22, 27]);
+        let text = DistanceReport { approaches: vec![approach], ..DistanceReport::default() }.to_string();
+        assert!(text.contains("28.00") && text.contains("+1"), "{text}");
+    }
+
+    #[test]
+    fn what_is_never_found_is_told() {
+        let frames = vec![ApproachFrame { truth_m: Some(9.0), found: None, alarm: false }; 4];
+        let approach = Approach::new("cone", "A cone", 10.0, &frames);
+        assert_eq!((approach.first_found_m, approach.alarm_m, approach.covered), (None, None, None));
+        assert_eq!(shown_frames(&frames), [0, 3]);
+        assert!(filmstrip("x", &[]).is_none());
+        let strip = filmstrip("x", &[(Picture::new(40, 20, [200, 0, 0]), "9 m".into())]).unwrap();
+        assert_eq!((strip.width(), strip.at(16, 30)), (32, [200, 0, 0]));
+    }
+}

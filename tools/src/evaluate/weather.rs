@@ -1,0 +1,353 @@
+//! Detection, distance and road by weather, beside the paper's table.
+
+use super::scene_match::{FrameMatch, road_errors};
+use crate::record::{tidy, tidy_finite};
+use serde::Serialize;
+use sources::scene::RoadTruth;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+/// The paper's accuracy rates (its table "Result of Accuracy Rate").
+pub const PAPER: [(&str, f64); 6] = [
+    ("sunny", 0.905),
+    ("light_rain", 0.851),
+    ("heavy_rain", 0.687),
+    ("night", 0.806),
+    ("snow", 0.882),
+    ("backlight", 0.763),
+];
+
+/// Ranges of distance, in metres: from, to.
+pub const RANGES_M: [(f64, f64); 5] = [(3.0, 7.5), (7.5, 12.5), (12.5, 20.0), (20.0, 27.5), (27.5, 40.0)];
+
+/// The stated error bar is this many standard deviations to either side.
+pub const BAR_SIGMAS: f64 = 2.0;
+
+/// Road rows beyond this are not compared, in metres.
+pub const ROAD_M: f64 = 40.0;
+
+/// Distance errors of one range.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RangeErrors {
+    /// From, in metres.
+    pub from_m: f64,
+    /// To, in metres.
+    pub to_m: f64,
+    /// Objects that were due.
+    pub due: usize,
+    /// Those that were found.
+    pub found: usize,
+    /// Median of the error's size, in percent of the distance.
+    pub median_percent: Option<f64>,
+    /// Median of the error with its sign, in percent: above zero is too far.
+    pub bias_percent: Option<f64>,
+    /// Share of the found whose truth lies within the stated error bar.
+    pub covered: Option<f64>,
+}
+
+/// One weather, or one scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WeatherRow {
+    /// The scene.
+    pub scene: String,
+    /// The weather.
+    pub weather: String,
+    /// Frames.
+    pub frames: usize,
+    /// Seconds of driving.
+    pub seconds: f64,
+    /// Objects due, frame by frame.
+    pub due: usize,
+    /// Those that were found.
+    pub found: usize,
+    /// found ÷ due.
+    pub detection_rate: Option<f64>,
+    /// The paper's accuracy rate for this weather.
+    pub paper_rate: Option<f64>,
+    /// Objects that were due and not found, by class.
+    pub missed: BTreeMap<&'static str, usize>,
+    /// Unexplained regions on the asphalt, each frame counted, per minute.
+    pub false_per_minute: f64,
+    /// Confirmed tracks that were an unexplained region on the asphalt, per minute.
+    pub false_tracks_per_minute: f64,
+    /// Unexplained regions elsewhere, each frame counted, per minute.
+    pub stray_per_minute: f64,
+    /// Frames in which a road was seen.
+    pub road_seen: usize,
+    /// Median size of the road's height error, in metres.
+    pub road_median_m: Option<f64>,
+    /// 95 % of the road's height errors are smaller, in metres.
+    pub road_p95_m: Option<f64>,
+    /// Distance errors by range.
+    pub ranges: Vec<RangeErrors>,
+    /// Distance errors over all ranges.
+    pub all: RangeErrors,
+}
+
+/// What a frame adds.
+pub struct FrameResult<'a> {
+    /// Regions against truth.
+    pub matched: &'a FrameMatch,
+    /// Confirmed tracks that no truth explains and that stand on the asphalt.
+    pub false_tracks: &'a [u32],
+    /// The model's road, when one was seen.
+    pub profile_px: Option<&'a [f32]>,
+    /// The true road.
+    pub road: &'a RoadTruth,
+}
+
+/// Gathers the frames of one weather.
+#[derive(Debug)]
+pub struct Tally {
+    scene: String,
+    weather: String,
+    rig: perception::rig::Rig,
+    period_s: f64,
+    frames: usize,
+    unexplained: (usize, usize),
+    false_tracks: BTreeSet<u32>,
+    road_seen: usize,
+    road_errors_m: Vec<f64>,
+    /// Per due object: true distance, and distance and sigma found.
+    distances: Vec<(f64, Option<(f64, f64)>)>,
+    missed: BTreeMap<&'static str, usize>,
+}
+
+/// The middle value; `None` of nothing.
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    values.sort_unstable_by(f64::total_cmp);
+    Some(values[((values.len() - 1) as f64 * share).round() as usize])
+}
+
+impl Tally {
+    /// Nothing yet; frames are `period_s` seconds apart.
+    pub fn new(scene: &str, weather: &str, rig: perception::rig::Rig, period_s: f64) -> Self {
+        Self {
+            scene: scene.into(),
+            weather: weather.into(),
+            rig,
+            period_s,
+            frames: 0,
+            unexplained: (0, 0),
+            false_tracks: BTreeSet::new(),
+            road_seen: 0,
+            road_errors_m: Vec::new(),
+            distances: Vec::new(),
+            missed: BTreeMap::new(),
+        }
+    }
+
+    /// Adds a frame.
+    pub fn add(&mut self, frame: &FrameResult<'_>) {
+        self.frames += 1;
+        self.unexplained.0 += frame.matched.unexplained.0;
+        self.unexplained.1 += frame.matched.unexplained.1;
+        self.false_tracks.extend(frame.false_tracks);
+        for due in &frame.matched.due {
+            self.distances.push((due.object.distance_m, due.found.map(|f| (f.distance_m, f.sigma_m))));
+            if due.found.is_none() {
+                *self.missed.entry(due.object.class.name()).or_default() += 1;
+            }
+        }
+        if let Some(profile) = frame.profile_px {
+            self.road_seen += 1;
+            let scale = self.rig.focal_px * self.rig.baseline_m;
+            let errors = &mut self.road_errors_m;
+            road_errors(profile, &frame.road.rows_px, self.rig.baseline_m, scale, ROAD_M, errors);
+        }
+    }
+
+    fn range(&self, from_m: f64, to_m: f64) -> RangeErrors {
+        let of_range = || self.distances.iter().filter(|(truth, _)| (from_m..to_m).contains(truth));
+        let found: Vec<(f64, f64, f64)> =
+            of_range().filter_map(|&(truth, found)| found.map(|(d, sigma)| (truth, d, sigma))).collect();
+        let mut sizes: Vec<f64> =
+            found.iter().map(|(truth, d, _)| 100.0 * (d - truth).abs() / truth).collect();
+        let mut signed: Vec<f64> = found.iter().map(|(truth, d, _)| 100.0 * (d - truth) / truth).collect();
+        let covered =
+            found.iter().filter(|(truth, d, sigma)| (d - truth).abs() <= BAR_SIGMAS * sigma).count();
+        RangeErrors {
+            from_m,
+            to_m,
+            due: of_range().count(),
+            found: found.len(),
+            median_percent: quantile(&mut sizes, 0.5).map(tidy),
+            bias_percent: quantile(&mut signed, 0.5).map(tidy),
+            covered: tidy_finite(covered as f64 / found.len() as f64),
+        }
+    }
+
+    /// The row of the table.
+    pub fn row(&self) -> WeatherRow {
+        let seconds = self.frames as f64 * self.period_s;
+        let per_minute = |count: usize| tidy(count as f64 * 60.0 / seconds.max(1e-9));
+        let found = self.distances.iter().filter(|(_, found)| found.is_some()).count();
+        let due = self.distances.len();
+        let mut heights: Vec<f64> = self.road_errors_m.iter().map(|e| e.abs()).collect();
+        WeatherRow {
+            scene: self.scene.clone(),
+            weather: self.weather.clone(),
+            frames: self.frames,
+            seconds: tidy(seconds),
+            due,
+            found,
+            detection_rate: tidy_finite(found as f64 / due as f64),
+            paper_rate: PAPER.iter().find(|(name, _)| *name == self.weather).map(|(_, rate)| *rate),
+            missed: self.missed.clone(),
+            false_per_minute: per_minute(self.unexplained.0),
+            false_tracks_per_minute: per_minute(self.false_tracks.len()),
+            stray_per_minute: per_minute(self.unexplained.1),
+            road_seen: self.road_seen,
+            road_median_m: quantile(&mut heights, 0.5).map(tidy),
+            road_p95_m: quantile(&mut heights, 0.95).map(tidy),
+            ranges: RANGES_M.iter().map(|&(from, to)| self.range(from, to)).collect(),
+            all: self.range(0.0, f64::INFINITY),
+        }
+    }
+}
+
+/// The whole evaluation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WeatherReport {
+    /// The matcher.
+    pub method: String,
+    /// A row for each scene and weather.
+    pub rows: Vec<WeatherRow>,
+}
+
+fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("-".into(), |v| format!("{v:.decimals$}"))
+}
+
+impl fmt::Display for WeatherReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |row: &WeatherRow| format!("{} {}", row.scene, row.weather);
+        let width = self.rows.iter().map(|row| name(row).chars().count()).max().unwrap_or(0).max(12);
+        writeln!(
+            f,
+            "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10}{:>11}{:>10}{:>10}{:>10}{:>9}",
+            "scene",
+            "frames",
+            "due",
+            "detected",
+            "paper",
+            "false/min",
+            "tracks/min",
+            "stray/min",
+            "road seen",
+            "road cm",
+            "95 % cm"
+        )?;
+        for row in &self.rows {
+            writeln!(
+                f,
+                "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10.1}{:>11.1}{:>10.1}{:>10}{:>10}{:>9}",
+                name(row),
+                row.frames,
+                row.due,
+                cell(row.detection_rate, 3),
+                cell(row.paper_rate, 3),
+                row.false_per_minute,
+                row.false_tracks_per_minute,
+                row.stray_per_minute,
+                row.road_seen,
+                cell(row.road_median_m.map(|m| 100.0 * m), 1),
+                cell(row.road_p95_m.map(|m| 100.0 * m), 1),
+            )?;
+        }
+        writeln!(
+            f,
+            "\nDistance: median error in percent, of it too far (+) or near (-), share of truths within the error bar"
+        )?;
+        write!(f, "{:<width$}", "scene")?;
+        for (from, to) in RANGES_M {
+            write!(f, "{:>22}", format!("{from} to {to} m"))?;
+        }
+        writeln!(f, "{:>22}", "all")?;
+        for row in &self.rows {
+            write!(f, "{:<width$}", name(row))?;
+            for range in row.ranges.iter().chain([&row.all]) {
+                let sign = range.bias_percent.map_or("-".into(), |v| format!("{v:+.2}"));
+                let text = format!("{} {sign} {}", cell(range.median_percent, 2), cell(range.covered, 2));
+                write!(f, "{text:>22}")?;
+            }
+            writeln!(f)?;
+        }
+        let missed: Vec<String> = self
+            .rows
+            .iter()
+            .filter(|row| !row.missed.is_empty())
+            .map(|row| {
+                let classes: Vec<String> =
+                    row.missed.iter().map(|(class, n)| format!("{n} {class}")).collect();
+                format!("{}: {}", name(row), classes.join(", "))
+            })
+            .collect();
+        if !missed.is_empty() {
+            writeln!(f, "\nMissed\n{}", missed.join("\n"))?;
+        }
+        write!(f, "\nmethod: {}", self.method)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene_match::{Due, Found};
+    use super::*;
+    use perception::rig::Rig;
+    use perception::road::PixelBox;
+    use sources::scene::{ObjectClass, ObjectTruth};
+
+    fn due(distance_m: f64, found: Option<(f64, f64)>) -> Due {
+        let bounds = PixelBox { x: 1, y: 1, width: 9, height: 9 };
+        let object = ObjectTruth {
+            id: 3,
+            class: ObjectClass::Cone,
+            subject: true,
+            distance_m,
+            lateral_m: 0.0,
+            width_m: 0.4,
+            height_m: 0.7,
+            closing_m_s: 0.0,
+            bounds,
+            pixels: 81,
+            visible: 1.0,
+            seen_by_both: 1.0,
+            in_path: true,
+            on_road: true,
+        };
+        Due { object, found: found.map(|(distance_m, sigma_m)| Found { bounds, distance_m, sigma_m }) }
+    }
+
+    #[test]
+    fn rates_errors_and_cover_are_those_of_the_frames() {
+        let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
+        let mut tally = Tally::new("street", "night", rig, 0.08);
+        let matched = FrameMatch {
+            due: vec![due(10.0, Some((10.2, 0.11))), due(10.0, Some((9.5, 0.1))), due(30.0, None)],
+            explained: vec![true, true, false],
+            unexplained: (1, 0),
+        };
+        let road = RoadTruth::default();
+        for _ in 0..3 {
+            let frame = FrameResult { matched: &matched, false_tracks: &[7], profile_px: None, road: &road };
+            tally.add(&frame);
+        }
+        let row = tally.row();
+        assert_eq!((row.frames, row.due, row.found), (3, 9, 6));
+        assert_eq!(row.detection_rate, Some(0.6667));
+        assert_eq!(row.paper_rate, Some(0.806));
+        // One a frame, every 80 ms; one track.
+        assert_eq!((row.false_per_minute, row.false_tracks_per_minute), (750.0, 250.0));
+        assert_eq!(row.missed["cone"], 3);
+        let near = &row.ranges[1];
+        assert_eq!((near.due, near.found, near.covered), (6, 6, Some(0.5)));
+        assert!([Some(2.0), Some(5.0)].contains(&near.median_percent), "{near:?}");
+        assert_eq!(row.ranges[4].median_percent, None);
+        let text = WeatherReport { method: "fast".into(), rows: vec![row] }.to_string();
+        assert!(text.contains("0.667") && text.contains("0.806") && text.contains("3 cone"), "{text}");
+    }
+}

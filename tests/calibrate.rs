@@ -203,11 +203,11 @@ fn bad_input_has_a_clear_verdict_and_leaves_a_good_rig_alone() {
     save(&folder("sizes"), good.clone());
     save_grey(&folder("sizes").join("right/5.png"), &vec![9; 320 * 240], 320, 240);
     refused("sizes", &BOARD, "320x240");
-    // Boards cut off at the left: all but the right quarter of the picture is grey, in all but two.
+    // Boards cut off at the left: all but the right three eighths are grey, in all but two.
     let cut = good.iter().enumerate().map(|(i, [l, r])| {
         let mut l = l.clone();
         if i > 1 {
-            l.chunks_exact_mut(SIZE.0).for_each(|row| row[..3 * SIZE.0 / 4].fill(60));
+            l.chunks_exact_mut(SIZE.0).for_each(|row| row[..5 * SIZE.0 / 8].fill(60));
         }
         [l, r.clone()]
     });
@@ -236,4 +236,91 @@ fn a_real_set_is_calibrated() {
     // Another board size is never guessed.
     let (json, ok) = calibrate(&bench, &folder, &["--board", "8x6", "--square-mm", "24.23"]);
     assert!(!ok && json["verdict"] == "redo", "{json:#}");
+}
+
+/// The synthetic drive, `frames` pairs; from `turned` on the right camera is pitched by 0.2 degrees.
+#[test]
+fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
+    use perception::rectify::Remap;
+    use perception::simd::Level;
+    use perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters, EpipolarState};
+    use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
+    use sources::PairSource;
+
+    let (width, height) = (640, 480);
+    let mut drive = sources::scene::Drive::paper(1);
+    assert_eq!(drive.size(), (width, height));
+    let rig = drive.rig().expect("the drive has a rig");
+    let turn = Rotation3::new(Vector3::new(0.2_f64.to_radians(), 0.0, 0.0));
+    let turned = Remap::new(Level::best(), width, height, |x, y| {
+        let ray =
+            Vector3::new((x as f64 - rig.cx_px) / rig.focal_px, (y as f64 - rig.cy_px) / rig.focal_px, 1.0);
+        let ray = turn * ray;
+        Some((rig.focal_px * ray.x / ray.z + rig.cx_px, rig.focal_px * ray.y / ray.z + rig.cy_px))
+    });
+    let mut matcher =
+        Mpv::new(MpvParameters::default(), Search::Windows, width, height, 64).expect("a matcher");
+    let mut check = EpipolarCheck::new(EpipolarParameters::default());
+    let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
+    let (mut seen, mut corrected) = (vec![0; width * height], vec![0; width * height]);
+    let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+    let mut correction: Option<Remap> = None;
+    let mut frame = |index: u64, is_turned: bool, correction: Option<&Remap>| {
+        drive.read(index, &mut left, &mut right).expect("the drive never ends");
+        let view = |p| perception::image::GreyView::new(p, width, height, width).expect("the size fits");
+        if is_turned {
+            turned.apply(view(&right), &mut seen).expect("the size fits");
+        } else {
+            seen.copy_from_slice(&right);
+        }
+        match correction {
+            Some(table) => table.apply(view(&seen), &mut corrected).expect("the size fits"),
+            None => corrected.copy_from_slice(&seen),
+        }
+        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+        matcher.compute(view(&left), view(&corrected), output).expect("the size fits");
+        let map = DisparityView::new(&disparity, width, height).expect("the size fits");
+        check.update(view(&left), view(&corrected), map, &confidence)
+    };
+    let (mut noticed, mut back) = (None, None);
+    for index in 0..70 {
+        let health = frame(index, index >= 12, correction.as_ref());
+        if index == 11 {
+            assert_eq!(health.state, EpipolarState::Good, "{health:?}");
+        }
+        if index >= 12 && noticed.is_none() && health.state == EpipolarState::Degraded {
+            noticed = Some(index - 11);
+        }
+        if index == 40 {
+            assert!((health.offset_px - 0.2_f64.to_radians() * rig.focal_px).abs() < 0.5, "{health:?}");
+            correction = Some(Remap::new(Level::best(), width, height, |x, y| {
+                Some(health.corrected((width, height), x, y))
+            }));
+        }
+        if index > 40 && back.is_none() && health.state == EpipolarState::Good {
+            back = Some(index - 40);
+        }
+    }
+    println!("noticed after {noticed:?} frames, good again {back:?} frames after the correction");
+    assert!(noticed.is_some_and(|n| n <= 30), "{noticed:?}");
+    assert!(back.is_some_and(|n| n <= 29), "{back:?}");
+}
+
+#[test]
+fn a_recording_is_rectified_as_it_is_read() {
+    let bench = Bench::new();
+    save(&bench.path("set"), set().good.clone());
+    let (json, ok) = calibrate(&bench, &bench.path("set"), &BOARD);
+    assert!(ok, "{json:#}");
+    let rig = bench.path("rig.toml").display().to_string();
+    let args = ["replay", "set", "--in-process", "--limit", "2", "--rig", &rig, "--out", "seen"];
+    bench.ok(&[&args[..], &["--set", "source.rectify=true"]].concat());
+    bench.ok(&["rectify", "rig.toml", "set/left/1.png", "set/right/1.png", "-o", "one"]);
+    // The overlay shows the left picture: where nothing is drawn they agree.
+    let overlay = image::open(bench.path("seen/overlay/000000.png")).unwrap().into_rgb8();
+    let left = image::open(bench.path("one/left.png")).unwrap().into_luma8();
+    let same = left.enumerate_pixels().filter(|(x, y, p)| overlay.get_pixel(*x, *y).0 == [p.0[0]; 3]).count();
+    assert!(same > SIZE.0 * SIZE.1 / 10, "{same} pixels agree");
+    let error = bench.fails(&["replay", "set", "--in-process", "--set", "source.rectify=true"]);
+    assert!(error.contains("source.rig"), "{error}");
 }

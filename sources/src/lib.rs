@@ -3,6 +3,7 @@
 pub mod calibration_file;
 pub mod chessboard;
 pub mod folder;
+pub mod rectified;
 pub mod rig_file;
 pub mod scene;
 pub mod truth;

@@ -171,7 +171,9 @@ fn attempt(
         verdict.reasons.insert(0, Reason { grade: Grade::Redo, text });
         verdict.grade = Grade::Redo;
     } else if !outcome.without.is_empty() {
-        let (path, why) = &outcome.without[0];
+        // A part of a board says more than none.
+        let part = outcome.without.iter().find(|w| matches!(w.1, NoBoard::Other { .. }));
+        let (path, why) = part.unwrap_or(&outcome.without[0]);
         let count = outcome.without.len();
         let grade = if count > paths.len() / 2 { Grade::Usable } else { Grade::Good };
         let text = format!(

@@ -31,7 +31,7 @@ pub struct EpipolarParameters {
 
 impl Default for EpipolarParameters {
     fn default() -> Self {
-        Self { reach_px: 4, confidence: 64, half_life: 5.0, bound_px: 0.5, huber_px: 0.3 }
+        Self { reach_px: 5, confidence: 64, half_life: 5.0, bound_px: 0.5, huber_px: 0.3 }
     }
 }
 
@@ -71,10 +71,14 @@ const CELLS: (usize, usize) = (20, 12);
 /// Half the side of a patch.
 const HALF: usize = 4;
 const SIDE: usize = 2 * HALF + 1;
+/// Columns to both sides of the disparity in which a patch is sought.
+const ASIDE: usize = 4;
 /// Least eigenvalue of a patch's structure, per pixel, in squared grey levels: below, it is no corner.
 const LEAST_CORNER: f32 = 12.0;
 /// Points that must have been seen for a state.
 const LEAST_POINTS: f64 = 60.0;
+/// What is kept of the past when a frame contradicts it.
+const FORGET: f64 = 0.3;
 /// Share of the bound below which a degraded calibration is good again.
 const RECOVERY: f64 = 0.7;
 
@@ -190,7 +194,7 @@ impl EpipolarCheck {
         let same = (right.width(), right.height()) == (width, height)
             && (disparity.width(), disparity.height()) == (width, height)
             && confidence.len() == width * height;
-        let margin = HALF + self.parameters.reach_px + 3;
+        let margin = HALF + self.parameters.reach_px.max(ASIDE) + 3;
         if !same || width < 4 * margin || height < 4 * margin {
             return self.health;
         }
@@ -221,7 +225,7 @@ impl EpipolarCheck {
         rows: (usize, usize),
     ) -> Option<[f64; 3]> {
         let (width, height) = (left.width(), left.height());
-        let margin = HALF + self.parameters.reach_px + 3;
+        let margin = HALF + self.parameters.reach_px.max(ASIDE) + 3;
         let mut best: Option<(f32, usize, usize, Patch)> = None;
         for y in (rows.0..rows.1).step_by(3) {
             let (disparities, grey, next) = (disparity.row(y), left.row(y), left.row(y + 1));
@@ -252,17 +256,17 @@ impl EpipolarCheck {
     fn offset(&self, patch: &Patch, right: GreyView<'_>, x: usize, y: usize, disparity: f32) -> Option<f64> {
         let reach = self.parameters.reach_px;
         let middle = (x as f32 - disparity).round() as usize;
-        // The best whole pixel, one column to each side.
+        // The best whole pixel; disparities are off, too, where rows do not match.
         let (mut least, mut at) = (f32::INFINITY, (0, 0));
         for v in y - reach..=y + reach {
-            for u in middle - 2..=middle + 2 {
+            for u in middle - ASIDE..=middle + ASIDE {
                 let difference = patch.difference(right, u, v);
                 if difference < least {
                     (least, at) = (difference, (u, v));
                 }
             }
         }
-        if at.0.abs_diff(middle) == 2 || at.1.abs_diff(y) == reach {
+        if at.0.abs_diff(middle) == ASIDE || at.1.abs_diff(y) == reach {
             return None;
         }
         // Gauss–Newton from there, brightness free.
@@ -310,12 +314,18 @@ impl EpipolarCheck {
             }
         }
         // What is left must be small against the patch's own contrast.
-        (residual < 0.15 * (a + c) / n + 4.0).then(|| f64::from(v - y as f32))
+        (residual < 0.08 * (a + c) / n + 3.0).then(|| f64::from(v - y as f32))
     }
 
     /// Fits the plane to the points of this frame and what is kept of those before.
     fn fit(&mut self) {
-        let keep = 0.5_f64.powf(1.0 / self.parameters.half_life);
+        let mut keep = 0.5_f64.powf(1.0 / self.parameters.half_life);
+        // When most points contradict the past, something has happened: it is forgotten sooner.
+        let expected = |p: &[f64; 3]| Vector3::new(1.0, p[0], p[1]).dot(&self.estimate);
+        let far = self.points.iter().filter(|p| (p[2] - expected(p)).abs() > 2.0 * self.parameters.huber_px);
+        if self.points.len() >= 15 && 2 * far.count() > self.points.len() {
+            keep *= FORGET;
+        }
         let (old, old_right) = (self.information * keep, self.right * keep);
         let mut estimate = self.estimate;
         if self.weight * keep < 10.0 {

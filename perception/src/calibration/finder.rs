@@ -167,10 +167,11 @@ pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
             return Ok(sighting);
         }
     }
-    if first == 0 && image.width().max(image.height()) <= NARROW {
-        if let Some(sighting) = consider(at_scale(&planes[0].doubled(), &planes[..1], board)) {
-            return Ok(sighting);
-        }
+    if first == 0
+        && image.width().max(image.height()) <= NARROW
+        && let Some(sighting) = consider(at_scale(&planes[0].doubled(), &planes[..1], board))
+    {
+        return Ok(sighting);
     }
     Err(failure)
 }
@@ -256,7 +257,7 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
     }
     let fits: Vec<Corner> = fits.into_iter().flatten().collect();
     // Neighbours have opposite contrast; whichever fails that is no corner.
-    let signs = |k: usize| if (k % columns + k / columns) % 2 == 0 { 1.0 } else { -1.0 };
+    let signs = |k: usize| if (k % columns + k / columns).is_multiple_of(2) { 1.0 } else { -1.0 };
     let same = fits.iter().enumerate().filter(|(k, f)| f.contrast * signs(*k) > 0.0).count();
     if same != 0 && same != fits.len() {
         return Err(same.min(fits.len() - same));

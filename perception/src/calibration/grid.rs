@@ -21,11 +21,14 @@ pub struct Lattice {
     pub cells: HashMap<(i32, i32), Vector2<f64>>,
 }
 
+/// Places of a board's corners, row after row, as far as they are known.
+pub type Places = Vec<Option<Vector2<f64>>>;
+
 /// A lattice as it matches a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Match {
     /// All corners, row after row; those that no saddle gave are `None`.
-    Board(Vec<Option<Vector2<f64>>>),
+    Board(Places),
     /// A lattice of another size: corners along and across, the longer side first.
     Other(usize, usize),
 }
@@ -210,7 +213,7 @@ impl Lattice {
     pub fn matched(&self, columns: usize, rows: usize) -> Match {
         let (i, j) = self.extent();
         let (wide, high) = ((i.1 - i.0 + 1) as usize, (j.1 - j.0 + 1) as usize);
-        let mut best: Option<(usize, f64, Vec<Option<Vector2<f64>>>)> = None;
+        let mut best: Option<(usize, f64, Places)> = None;
         for turned in [false, true] {
             let (n, m) = if turned { (rows, columns) } else { (columns, rows) };
             if wide > n || high > m {
@@ -242,13 +245,7 @@ impl Lattice {
     }
 
     /// The corners of a board that starts at `from` and spans (n, m) cells, row after row.
-    fn read(
-        &self,
-        from: (i32, i32),
-        (n, m): (usize, usize),
-        turned: bool,
-        half_turn: bool,
-    ) -> Vec<Option<Vector2<f64>>> {
+    fn read(&self, from: (i32, i32), (n, m): (usize, usize), turned: bool, half_turn: bool) -> Places {
         let mut corners = Vec::with_capacity(n * m);
         let (columns, rows) = if turned { (m, n) } else { (n, m) };
         for row in 0..rows {

@@ -132,11 +132,14 @@ fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, 
     Ok(([left, right], between, size))
 }
 
+/// A camera, its rectifying rotation, its projection when rectified, and its pictures' size.
+type RosCamera = (Camera, Matrix3<f64>, [f64; 12], (usize, usize));
+
 fn ros(documents: &[Value]) -> Result<Cameras, String> {
     let [left, right] = documents else {
         return Err("a camera_info file holds one camera: name the left and the right one".into());
     };
-    let one = |d: &Value| -> Result<(Camera, Matrix3<f64>, [f64; 12], (usize, usize)), String> {
+    let one = |d: &Value| -> Result<RosCamera, String> {
         let model = d.get("distortion_model").and_then(Value::word).unwrap_or("plumb_bob");
         if !["plumb_bob", "rational_polynomial"].contains(&model) {
             return Err(format!(

@@ -131,7 +131,7 @@ pub enum NoBoard {
 }
 
 /// Finds `board` in a picture. The time is bounded: about that of a few blurs of a picture
-/// [`WIDEST`] pixels wide.
+/// 900 pixels wide.
 ///
 /// # Errors
 /// When there is no board, a part of one, or one that is not clear enough.

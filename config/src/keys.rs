@@ -74,6 +74,11 @@ pub const KEYS: &[Key] = &[
     key("source.repeat", Switch, "Starts a recording again when it ends."),
     key("source.rig", Path, "Rig TOML or KITTI calib.txt; empty takes the calibration beside the recording."),
     key(
+        "source.rectify",
+        Switch,
+        "Rectifies every pair with the cameras of source.rig, a file of `lookout calibrate`: for pairs as the cameras took them.",
+    ),
+    key(
         "stereo.method",
         Choice(&["fast", "full"]),
         "`fast` searches windows around a coarser map, `full` all disparities of every pixel: a few times slower.",

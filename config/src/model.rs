@@ -44,6 +44,7 @@ pub struct Source {
     pub fps: f64,
     pub repeat: bool,
     pub rig: PathBuf,
+    pub rectify: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

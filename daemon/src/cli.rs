@@ -21,6 +21,7 @@ use tools::evaluate::disturb::Disturbance;
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
   lookout evaluate stereo KITTI                   its errors against ground truth
   lookout evaluate weather                        obstacles found in six weathers
+  lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
   lookout status --watch                          what the running daemon is doing
 
 Exit code: 0 on success, 2 for bad usage, 1 for everything else."
@@ -90,6 +91,21 @@ debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings m
 
 A rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and cy_px.")]
     Obstacles(Obstacles),
+    /// Pictures of a chessboard to a rig file, with a verdict
+    #[command(after_help = crate::cli_rig::CALIBRATE_HELP)]
+    Calibrate(crate::cli_rig::Calibrate),
+    /// One pair rectified: see a rig at work
+    #[command(after_help = "Example:
+  lookout rectify rig.toml left.png right.png -o seen
+
+Writes left.png, right.png and lines.png: both pictures before (above) and after, with lines across.")]
+    Rectify(crate::cli_rig::Rectify),
+    /// Shows a calibration, or turns it into another program's format
+    #[command(after_help = "Examples:
+  lookout rig rig.toml
+  lookout rig rig.toml --format ros -o left.yaml       writes left.yaml and right.yaml
+  lookout rig extrinsics.yml intrinsics.yml --size 640x480 --format toml -o rig.toml")]
+    Rig(crate::cli_rig::RigCommand),
     /// Tables against ground truth: recorded data sets, and synthetic scenes
     #[command(after_help = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015

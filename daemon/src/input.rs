@@ -3,6 +3,7 @@
 use config::Config;
 use perception::rig::Rig;
 use sources::folder::FolderSource;
+use sources::rectified::RectifiedSource;
 use sources::scene::{Drive, Scene};
 use sources::{PairSource, SourceError, calibration_file};
 use thiserror::Error;
@@ -16,6 +17,9 @@ pub enum InputError {
     /// A folder is wanted, but not named.
     #[error("source.kind is \"folder\", but source.path is empty: name the folder")]
     NoPath,
+    /// Rectification without cameras.
+    #[error("source.rectify is true, but source.rig is empty: name a file of `lookout calibrate`")]
+    NoCameras,
     /// Nothing tells what a disparity means in metres.
     #[error(
         "{0}: no calibration: put calib.txt or rig.toml beside the images, or name one with --rig or source.rig"
@@ -23,11 +27,22 @@ pub enum InputError {
     NoRig(String),
 }
 
-/// Opens the source.
+/// Opens the source, rectifying if that is configured.
 ///
 /// # Errors
-/// When it cannot be opened.
+/// When it, or the rig file, cannot be opened.
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
+    let source = open_raw(config)?;
+    if !config.source.rectify {
+        return Ok(source);
+    }
+    if config.source.rig.as_os_str().is_empty() {
+        return Err(InputError::NoCameras);
+    }
+    Ok(Box::new(RectifiedSource::new(source, config.source.rig.clone())?))
+}
+
+fn open_raw(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     let source = &config.source;
     Ok(match source.kind.as_str() {
         "folder" if source.path.as_os_str().is_empty() => return Err(InputError::NoPath),

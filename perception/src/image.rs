@@ -69,6 +69,17 @@ impl<'a> GreyView<'a> {
         self.height
     }
 
+    /// Bytes from one row to the next.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// The bytes from the first pixel on, with the gaps between rows; the last row may end with its
+    /// last pixel.
+    pub fn bytes(&self) -> &'a [u8] {
+        self.data
+    }
+
     /// Row `y`, exactly `width` pixels.
     pub fn row(&self, y: usize) -> &'a [u8] {
         let start = y * self.stride;

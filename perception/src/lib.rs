@@ -4,8 +4,10 @@
 //! started only by a matcher that was asked for several. Every algorithm takes views of caller-owned images, writes into caller-owned outputs
 //! and keeps its scratch memory in a workspace that is allocated once.
 
+pub mod calibration;
 pub mod image;
 pub mod recognition;
+pub mod rectify;
 pub mod rig;
 pub mod road;
 pub mod simd;

@@ -5,7 +5,7 @@ use perception::rig::Rig;
 use serde::Deserialize;
 use std::path::Path;
 
-/// A rig TOML: the keys of [`Rig`].
+/// A rig TOML of an already rectified pair: the keys of [`Rig`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
@@ -26,6 +26,10 @@ pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
     let text =
         std::fs::read_to_string(path).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
     let rig = if path.extension().is_some_and(|e| e == "toml") {
+        // A calibrated pair's file says more; its recordings are rectified by the same file.
+        if text.lines().any(|l| l.trim_start().starts_with("layout")) {
+            return Ok(crate::rig_file::RigFile::from_toml(&text).map_err(fail)?.rectification.rig);
+        }
         let file: RigFile = toml::from_str(&text).map_err(|e| fail(e.to_string()))?;
         Rig { focal_px: file.focal_px, baseline_m: file.baseline_m, cx_px: file.cx_px, cy_px: file.cy_px }
     } else {

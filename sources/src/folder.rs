@@ -15,7 +15,7 @@ pub const LAYOUTS: [(&str, &str); 6] = [
     ("image_00/data", "image_01/data"),
 ];
 
-const ENDINGS: [&str; 4] = ["png", "pgm", "ppm", "pnm"];
+const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
 
 /// KITTI's 10 Hz: the period of a folder that does not say.
 const DEFAULT_PERIOD_NS: u64 = 100_000_000;
@@ -68,7 +68,7 @@ fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
 }
 
 /// Image files of a folder, sorted by name.
-fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
+pub(crate) fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let io = |source| SourceError::Io { path: folder.to_owned(), source };
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {

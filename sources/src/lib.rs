@@ -1,7 +1,10 @@
 //! Where stereo pairs come from: recorded folders, data sets with truth and synthetic scenes.
 
 pub mod calibration_file;
+pub mod chessboard;
 pub mod folder;
+pub mod rectified;
+pub mod rig_file;
 pub mod scene;
 pub mod truth;
 

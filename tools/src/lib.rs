@@ -1,6 +1,7 @@
 //! What people look at: pictures, plots, records of frames, summaries of runs and scores against
 //! truth.
 
+pub mod calibrate;
 pub mod colour;
 pub mod evaluate;
 pub mod output;

@@ -27,6 +27,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     config.source.path = PathBuf::new();
     // The scene has a rig of its own.
     config.source.rig = PathBuf::new();
+    config.source.rectify = false;
     if args.config.config.is_none() {
         config.stereo.disparities = DISPARITIES;
     }

@@ -1,5 +1,6 @@
 //! What the words of the command line do.
 
+mod calibrate;
 mod check_config;
 mod demo;
 mod disparity;
@@ -7,6 +8,7 @@ mod evaluate;
 mod evaluate_distance;
 mod evaluate_weather;
 mod obstacles;
+mod rectify;
 mod replay;
 mod run;
 mod scene_run;
@@ -57,6 +59,9 @@ pub enum CommandError {
     /// A picture.
     #[error(transparent)]
     Picture(#[from] tools::picture::PictureError),
+    /// A calibration's report.
+    #[error(transparent)]
+    Report(#[from] tools::calibrate::report::ReportError),
     /// Results.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
@@ -90,6 +95,9 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Rectify(args) => rectify::run(&args),
+        Command::Rig(args) => rectify::convert(&args),
         Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),
         Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
         Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),

@@ -1,6 +1,6 @@
 //! AVX2: one vector is one register of 256 bits.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, Simd};
+use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::x86_64::*;
 
 /// The AVX2 level.
@@ -224,6 +224,63 @@ impl Simd for Avx2 {
                 self.store(_mm256_adds_epu8(structure, step), cost);
             }
         }
+    }
+
+    #[inline(always)]
+    fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
+        // SAFETY: the token exists, so AVX2 is there.
+        self.store(unsafe { remap(source, stride, tile) }, out);
+    }
+}
+
+/// [`Simd::remap`].
+///
+/// # Safety
+/// AVX2 is there.
+#[inline(always)]
+pub(super) unsafe fn remap(source: &[u8], stride: usize, tile: &RemapTile) -> __m256i {
+    let starts = tile.windows.map(|[x, y]| usize::from(y) * stride + usize::from(x));
+    if source.len() < starts.into_iter().fold(0, usize::max) + 2 * stride + 16 {
+        // A picture smaller than a window.
+        let mut lanes = Lanes::ZERO;
+        super::plain::remap_pixels(source, stride, tile, &mut lanes);
+        // SAFETY: AVX2 is there; `Lanes` is 32 bytes aligned to 32.
+        return unsafe { _mm256_load_si256(std::ptr::from_ref(&lanes).cast()) };
+    }
+    // SAFETY: AVX2 is there. Every window's third row starts at its start plus two strides and has 16
+    // bytes, which was checked for the largest start. The tile's arrays are read whole, by halves.
+    unsafe {
+        let mut halves = [_mm256_setzero_si256(); 2];
+        for (h, half) in halves.iter_mut().enumerate() {
+            let (first, second) = (starts[2 * h], starts[2 * h + 1]);
+            let columns = _mm256_load_si256(tile.pairs.as_ptr().add(16 * h).cast());
+            let across = _mm_loadu_si128(tile.across.as_ptr().add(16 * h).cast());
+            let down = _mm_loadu_si128(tile.down.as_ptr().add(16 * h).cast());
+            // 32 − f in the low byte, f in the high one.
+            let across = _mm256_cvtepu8_epi16(across);
+            let thirty_two = _mm256_set1_epi16(32);
+            let weights =
+                _mm256_or_si256(_mm256_slli_epi16::<8>(across), _mm256_sub_epi16(thirty_two, across));
+            let mut rows = [_mm256_setzero_si256(); 3];
+            for (r, row) in rows.iter_mut().enumerate() {
+                let low = _mm_loadu_si128(source.as_ptr().add(first + r * stride).cast());
+                let high = _mm_loadu_si128(source.as_ptr().add(second + r * stride).cast());
+                let pixels = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(low), high);
+                *row = _mm256_maddubs_epi16(_mm256_shuffle_epi8(pixels, columns), weights);
+            }
+            let down = _mm256_cvtepu8_epi16(down);
+            let lower = _mm256_cmpgt_epi16(down, _mm256_set1_epi16(127));
+            let share = _mm256_slli_epi16::<10>(_mm256_and_si256(down, _mm256_set1_epi16(31)));
+            let top = _mm256_blendv_epi8(rows[0], rows[1], lower);
+            let bottom = _mm256_blendv_epi8(rows[1], rows[2], lower);
+            // Rounding down twice is rounding down once: all fits into 16 bits.
+            let step = _mm256_sub_epi16(bottom, top);
+            let step = _mm256_mulhi_epi16(_mm256_add_epi16(step, step), share);
+            let sum = _mm256_add_epi16(_mm256_add_epi16(top, step), _mm256_set1_epi16(16));
+            *half = _mm256_srli_epi16::<5>(sum);
+        }
+        // Packing works within halves; the permutation puts the eights in order again.
+        _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packus_epi16(halves[0], halves[1]))
     }
 }
 

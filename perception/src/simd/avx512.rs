@@ -2,7 +2,7 @@
 //! costs in registers of 512 bits.
 
 use super::avx2::Avx2;
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, Simd};
+use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::x86_64::*;
 
 /// The AVX-512 level.
@@ -176,6 +176,12 @@ impl Simd for Avx512 {
                 self.store(_mm256_adds_epu8(structure, step), cost);
             }
         }
+    }
+
+    #[inline(always)]
+    fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
+        // SAFETY: the token exists; this level has AVX2, too.
+        self.store(unsafe { super::avx2::remap(source, stride, tile) }, out);
     }
 }
 

@@ -67,6 +67,31 @@ pub struct CostConstants {
     pub gradient_limit: u8,
 }
 
+/// Where the [`LANES`] pixels of a remapped tile come from, in groups of eight: see
+/// [`crate::rectify`].
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+pub struct RemapTile {
+    /// The two columns of a pixel in the 16 of its group's window; 255 is black.
+    pub pairs: [[u8; 2]; LANES],
+    /// Share of the second column, in 1/32.
+    pub across: [u8; LANES],
+    /// Share of the lower row, in 1/32; with 128 added, of the window's second and third row.
+    pub down: [u8; LANES],
+    /// First column and row of each group's window of 16 × 3 pixels.
+    pub windows: [[u16; 2]; LANES / 8],
+}
+
+impl RemapTile {
+    /// A tile that shows nothing.
+    pub const BLACK: RemapTile = RemapTile {
+        pairs: [[255; 2]; LANES],
+        across: [0; LANES],
+        down: [0; LANES],
+        windows: [[0; 2]; LANES / 8],
+    };
+}
+
 /// One level's way of doing the operations that the kernels are made of.
 ///
 /// Implementations are zero-sized tokens. Those that need a CPU feature are created only inside
@@ -123,6 +148,10 @@ pub trait Simd: Copy {
         low: usize,
         out: &mut [Lanes],
     );
+
+    /// A tile of a remapped picture. All windows lie in `source`, whose rows are `stride` bytes apart;
+    /// a tile that is black throughout may stand in any picture.
+    fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes);
 }
 
 /// What the kernels run on. Every value names hardware that is present.

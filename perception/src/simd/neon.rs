@@ -1,7 +1,7 @@
 //! NEON: one vector is two registers of 128 bits. Every 64-bit ARM has it.
 
 use super::plain::score_pairs;
-use super::{CostConstants, CostRow, Lanes, Packing, Simd};
+use super::{CostConstants, CostRow, Lanes, Packing, RemapTile, Simd};
 use std::arch::aarch64::*;
 
 /// The NEON level.
@@ -150,5 +150,10 @@ impl Simd for Neon {
         out: &mut [Lanes],
     ) {
         score_pairs(constants, left, right, at, low, out);
+    }
+
+    #[inline(always)]
+    fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
+        super::plain::remap_pixels(source, stride, tile, out);
     }
 }

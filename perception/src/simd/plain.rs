@@ -1,6 +1,6 @@
 //! The plain twin of every level: scalar Rust, the definition of the arithmetic.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, Simd};
+use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 
 /// Plain Rust.
 #[derive(Clone, Copy, Debug)]
@@ -108,6 +108,31 @@ impl Simd for Plain {
         out: &mut [Lanes],
     ) {
         score_pairs(constants, left, right, at, low, out);
+    }
+
+    #[inline(always)]
+    fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
+        remap_pixels(source, stride, tile, out);
+    }
+}
+
+/// [`Simd::remap`] pixel by pixel: also the NEON level's way.
+#[inline(always)]
+pub fn remap_pixels(source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
+    for i in 0..LANES {
+        let [x, y] = tile.windows[i / 8].map(usize::from);
+        let [left, right] = tile.pairs[i];
+        if left == u8::MAX {
+            out.0[i] = 0;
+            continue;
+        }
+        let start = (y + usize::from(tile.down[i] >> 7)) * stride + x;
+        let (fx, fy) = (i32::from(tile.across[i]), i32::from(tile.down[i] & 31));
+        let at = |k: u8| i32::from(source[start + usize::from(k)]);
+        let below = |k: u8| i32::from(source[start + stride + usize::from(k)]);
+        let upper = at(left) * (32 - fx) + at(right) * fx;
+        let lower = below(left) * (32 - fx) + below(right) * fx;
+        out.0[i] = ((upper * (32 - fy) + lower * fy + 512) >> 10) as u8;
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod blocks;
 pub mod cost;
 pub mod energy;
+pub mod epipolar;
 pub mod fill;
 pub mod median;
 pub mod mpv;

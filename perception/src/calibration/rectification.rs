@@ -1,0 +1,274 @@
+//! Rectification: both cameras turned so that their rows match.
+//!
+//! Each camera is turned by half of the rotation between them, and both together until the baseline
+//! lies along the rows (J.-Y. Bouguet's way): so both pictures change as little as possible.
+
+use super::camera::Camera;
+use super::pose::Pose;
+use crate::rig::Rig;
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use thiserror::Error;
+
+/// What of the pictures is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Crop {
+    /// The focal length is chosen so that every rectified pixel is seen by the camera.
+    #[default]
+    Valid,
+    /// The focal length is chosen so that every pixel of both cameras is kept; the rest is black.
+    Full,
+    /// The cameras' own focal length.
+    Same,
+}
+
+/// A pair of cameras cannot be rectified.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+pub enum RectificationError {
+    /// The second camera stands on the wrong side.
+    #[error(
+        "the right camera stands {offset_m:.4} m to the left of the left one: the cameras, or their folders, are swapped"
+    )]
+    Swapped {
+        /// So far.
+        offset_m: f64,
+    },
+    /// The cameras do not stand side by side.
+    #[error(
+        "the second camera stands {down_m:.4} m below and {forward_m:.4} m before the first, {right_m:.4} m to its right: mount them side by side"
+    )]
+    NotBeside {
+        /// To the right, in metres.
+        right_m: f64,
+        /// Down, in metres.
+        down_m: f64,
+        /// Forward, in metres.
+        forward_m: f64,
+    },
+    /// No part of the pictures is seen by both.
+    #[error("the cameras look in too different directions: no part of the pictures can be rectified")]
+    NoOverlap,
+}
+
+/// The rectified pair.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rectification {
+    /// From each camera's coordinates to the rectified ones.
+    pub turns: [Rotation3<f64>; 2],
+    /// Focal length, principal point and baseline of both rectified cameras.
+    pub rig: Rig,
+    /// Width and height of the pictures, in pixels.
+    pub size: (usize, usize),
+    /// x, y, width and height of the largest upright part found that both cameras see, in rectified pixels.
+    pub valid: [usize; 4],
+}
+
+/// Samples along a side of the picture.
+const SAMPLES: usize = 24;
+
+impl Rectification {
+    /// Rectifies two cameras of pictures of `size`; `between` leads from the first camera's
+    /// coordinates to the second's.
+    ///
+    /// # Errors
+    /// When the cameras are swapped, do not stand side by side or do not look the same way.
+    pub fn new(
+        cameras: &[Camera; 2],
+        between: &Pose,
+        size: (usize, usize),
+        crop: Crop,
+    ) -> Result<Self, RectificationError> {
+        let t = between.translation_m;
+        // Of the second camera seen from the first.
+        let centre = -(between.rotation.inverse() * t);
+        if centre.y.abs().max(centre.z.abs()) > centre.x.abs() {
+            return Err(RectificationError::NotBeside {
+                right_m: centre.x,
+                down_m: centre.y,
+                forward_m: centre.z,
+            });
+        }
+        if centre.x < 0.0 {
+            return Err(RectificationError::Swapped { offset_m: -centre.x });
+        }
+        let half = Rotation3::new(between.rotation_vector() * 0.5);
+        // Both cameras now look alike; the baseline in their coordinates:
+        let along = -(half.inverse() * t);
+        let level =
+            Rotation3::rotation_between(&along, &Vector3::x()).ok_or(RectificationError::NoOverlap)?;
+        let turns = [level * half, level * half.inverse()];
+        let baseline_m = t.norm();
+        let (width, height) = (size.0 as f64, size.1 as f64);
+        // Where the border of each picture comes to lie at focal length 1.
+        let mut borders: [Vec<[Vector2<f64>; 4]>; 2] = [Vec::new(), Vec::new()];
+        for (c, camera) in cameras.iter().enumerate() {
+            for i in 0..=SAMPLES {
+                let share = i as f64 / SAMPLES as f64;
+                let (x, y) = (share * (width - 1.0), share * (height - 1.0));
+                let ray = |x: f64, y: f64| -> Option<Vector2<f64>> {
+                    let ray = turns[c] * camera.undistort(Vector2::new(x, y))?.push(1.0);
+                    (ray.z > 0.05).then(|| Vector2::new(ray.x / ray.z, ray.y / ray.z))
+                };
+                // Where the lens model folds over at the border, the picture ends before.
+                let (mx, my) = (0.5 * (width - 1.0), 0.5 * (height - 1.0));
+                let seen = |x: f64, y: f64| {
+                    (0..12).find_map(|k| {
+                        let near = 1.0 - 0.05 * f64::from(k);
+                        ray(mx + (x - mx) * near, my + (y - my) * near)
+                    })
+                };
+                let side = [seen(0.0, y), seen(width - 1.0, y), seen(x, 0.0), seen(x, height - 1.0)];
+                let [Some(left), Some(right), Some(top), Some(bottom)] = side else {
+                    return Err(RectificationError::NoOverlap);
+                };
+                borders[c].push([left, right, top, bottom]);
+            }
+        }
+        let all = || borders.iter().flatten();
+        let extreme = |f: &dyn Fn(&[Vector2<f64>; 4]) -> f64, most: bool| {
+            all()
+                .map(f)
+                .fold(if most { f64::MIN } else { f64::MAX }, |a, b| if most { a.max(b) } else { a.min(b) })
+        };
+        // Left, right, top, bottom of what both see (inner) and of what either sees (outer).
+        let inner = [
+            extreme(&|s| s[0].x, true),
+            extreme(&|s| s[1].x, false),
+            extreme(&|s| s[2].y, true),
+            extreme(&|s| s[3].y, false),
+        ];
+        let outer = [
+            extreme(&|s| s[0].x, false),
+            extreme(&|s| s[1].x, true),
+            extreme(&|s| s[2].y, false),
+            extreme(&|s| s[3].y, true),
+        ];
+        if inner[0] >= inner[1] || inner[2] >= inner[3] {
+            return Err(RectificationError::NoOverlap);
+        }
+        let own = cameras.iter().map(|c| (c.fx_px * c.fy_px).sqrt()).sum::<f64>() / 2.0;
+        let (box_, focal_px) = match crop {
+            Crop::Valid => {
+                let focal =
+                    ((width - 1.0) / (inner[1] - inner[0])).max((height - 1.0) / (inner[3] - inner[2]));
+                (inner, focal)
+            }
+            Crop::Full => {
+                let focal =
+                    ((width - 1.0) / (outer[1] - outer[0])).min((height - 1.0) / (outer[3] - outer[2]));
+                (outer, focal)
+            }
+            Crop::Same => (inner, own),
+        };
+        let cx_px = 0.5 * (width - 1.0) - focal_px * 0.5 * (box_[0] + box_[1]);
+        let cy_px = 0.5 * (height - 1.0) - focal_px * 0.5 * (box_[2] + box_[3]);
+        let rig = Rig { focal_px, baseline_m, cx_px, cy_px };
+        // A hair's breadth: the focal length was chosen so that this is exact.
+        let low = |v: f64, c: f64| (focal_px * v + c - 1e-6).ceil().max(0.0);
+        let high = |v: f64, c: f64, most: f64| (focal_px * v + c + 1e-6).floor().min(most - 1.0);
+        let (x0, x1) = (low(inner[0], cx_px), high(inner[1], cx_px, width));
+        let (y0, y1) = (low(inner[2], cy_px), high(inner[3], cy_px, height));
+        if x1 <= x0 || y1 <= y0 {
+            return Err(RectificationError::NoOverlap);
+        }
+        let valid = [x0 as usize, y0 as usize, (x1 - x0) as usize + 1, (y1 - y0) as usize + 1];
+        Ok(Self { turns, rig, size, valid })
+    }
+
+    /// The rectified pixel of a pixel of camera `side` (0 left, 1 right); `None` outside of what
+    /// its lens model covers.
+    pub fn rectified(&self, cameras: &[Camera; 2], side: usize, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
+        let ray = self.turns[side] * cameras[side].undistort(pixel)?.push(1.0);
+        let rig = &self.rig;
+        (ray.z > 1e-6).then(|| {
+            Vector2::new(rig.focal_px * ray.x / ray.z + rig.cx_px, rig.focal_px * ray.y / ray.z + rig.cy_px)
+        })
+    }
+
+    /// The pixel of camera `side` that a rectified pixel shows; `None` behind the camera.
+    pub fn source(&self, cameras: &[Camera; 2], side: usize, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
+        let rig = &self.rig;
+        let ray =
+            Vector3::new((pixel.x - rig.cx_px) / rig.focal_px, (pixel.y - rig.cy_px) / rig.focal_px, 1.0);
+        cameras[side].project(&(self.turns[side].inverse() * ray))
+    }
+
+    /// The matrix that turns column, row, disparity and 1 into a point in metres, up to scale
+    /// (OpenCV's Q).
+    pub fn reprojection(&self) -> [[f64; 4]; 4] {
+        let rig = &self.rig;
+        [
+            [1.0, 0.0, 0.0, -rig.cx_px],
+            [0.0, 1.0, 0.0, -rig.cy_px],
+            [0.0, 0.0, 0.0, rig.focal_px],
+            [0.0, 0.0, 1.0 / rig.baseline_m, 0.0],
+        ]
+    }
+
+    /// Rotation matrix of a side.
+    pub fn matrix(&self, side: usize) -> Matrix3<f64> {
+        *self.turns[side].matrix()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cameras() -> ([Camera; 2], Pose) {
+        let left = Camera {
+            distortion: [0.115, -0.21, -0.0006, -0.0027, 0.0, 0.0, 0.0, 0.0],
+            ..Camera::pinhole(463.1, 462.8, 314.8, 187.3)
+        };
+        let right = Camera { cx_px: 326.9, cy_px: 179.4, ..left };
+        let between = Pose {
+            rotation: Rotation3::new(Vector3::new(0.0074, 0.0222, 0.0096)),
+            translation_m: Vector3::new(-0.09405, -0.00092, 0.00255),
+        };
+        ([left, right], between)
+    }
+
+    #[test]
+    fn rows_match_and_disparity_gives_distance() {
+        let (cameras, between) = cameras();
+        for crop in [Crop::Valid, Crop::Full, Crop::Same] {
+            let r = Rectification::new(&cameras, &between, (640, 360), crop).unwrap();
+            for point in
+                [Vector3::new(0.1, -0.05, 0.6), Vector3::new(-0.2, 0.1, 1.5), Vector3::new(1.0, 0.5, 4.0)]
+            {
+                let left = cameras[0].project(&point).unwrap();
+                let right = cameras[1].project(&between.apply(&point)).unwrap();
+                let (l, rr) =
+                    (r.rectified(&cameras, 0, left).unwrap(), r.rectified(&cameras, 1, right).unwrap());
+                assert!((l.y - rr.y).abs() < 1e-6, "{crop:?}");
+                let turned = r.turns[0] * point;
+                assert!((r.rig.distance_m(l.x - rr.x) - turned.z).abs() < 1e-6);
+                assert!((r.source(&cameras, 0, l).unwrap() - left).norm() < 1e-6);
+            }
+            assert!((r.rig.baseline_m - between.translation_m.norm()).abs() < 1e-12);
+            let inside = |p: Vector2<f64>| p.x > -0.6 && p.y > -0.6 && p.x < 639.6 && p.y < 359.6;
+            let [x, y, w, h] = r.valid;
+            for (x, y) in [(x, y), (x + w - 1, y), (x, y + h - 1), (x + w - 1, y + h - 1), (x + w / 2, y)] {
+                for side in 0..2 {
+                    let source = r.source(&cameras, side, Vector2::new(x as f64, y as f64)).unwrap();
+                    assert!(inside(source), "{crop:?} {x} {y}: {source}");
+                }
+            }
+            if crop == Crop::Valid {
+                assert_eq!(r.valid[2].max(r.valid[3] * 640 / 360), 640);
+            }
+        }
+    }
+
+    #[test]
+    fn cameras_in_the_wrong_place_are_refused() {
+        let (cameras, between) = cameras();
+        let swapped =
+            Rectification::new(&[cameras[1], cameras[0]], &between.inverse(), (640, 360), Crop::Valid);
+        assert!(matches!(swapped, Err(RectificationError::Swapped { .. })), "{swapped:?}");
+        let above = Pose { translation_m: Vector3::new(0.0, 0.1, 0.0), ..between };
+        let above = Rectification::new(&cameras, &above, (640, 360), Crop::Valid);
+        assert!(matches!(above, Err(RectificationError::NotBeside { .. })));
+        let away = Pose { rotation: Rotation3::new(Vector3::new(0.0, 2.0, 0.0)), ..between };
+        assert!(Rectification::new(&cameras, &away, (640, 360), Crop::Valid).is_err());
+    }
+}

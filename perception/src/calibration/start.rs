@@ -1,0 +1,83 @@
+//! From corners alone to two cameras that least squares can improve.
+
+use super::bundle::{Free, Problem, RIGID, Shape, Solution, State, View};
+use super::camera::{Camera, Lens};
+use super::homography;
+use super::pose::{Pose, median};
+use super::stereo::HUBER_PX;
+use nalgebra::{Matrix3, Vector2};
+
+/// Two cameras before all boards, which are taken for flat: homographies, the closed form, each
+/// camera alone, both together.
+pub fn solve(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Lens) -> Option<Solution> {
+    let free = Free { lens, cameras: true, stretch: false, bend: false };
+    let mut sides = Vec::new();
+    for side in 0..2 {
+        let own: Vec<View> = views.iter().map(|v| View { corners: vec![v.corners[side].clone()] }).collect();
+        sides.push(alone(board, &own, size, lens)?.state);
+    }
+    let (left, right) = (&sides[0], &sides[1]);
+    let ways: Vec<Pose> = left.boards.iter().zip(&right.boards).map(|(l, r)| l.inverse().then(r)).collect();
+    let state = State {
+        cameras: vec![left.cameras[0], right.cameras[0]],
+        between: median(&ways)?,
+        boards: left.boards.clone(),
+        ..left.clone()
+    };
+    Problem { board, views, free, huber_px: HUBER_PX, shift_cost: RIGID }.solve(state)
+}
+
+fn homography(board: &[Vector2<f64>], corners: &[Option<Vector2<f64>>]) -> Option<Matrix3<f64>> {
+    let pairs = board.iter().zip(corners).filter_map(|(p, c)| Some((*p, (*c)?)));
+    let (from, to): (Vec<_>, Vec<_>) = pairs.unzip();
+    homography::fit(&from, &to)
+}
+
+/// Where a board stands before a known first camera, from its corners.
+pub fn board_pose(board: &[Vector2<f64>], view: &View, camera: &Camera) -> Option<Pose> {
+    let straight: Vec<_> = view.corners[0].iter().map(|c| c.and_then(|c| camera.undistort(c))).collect();
+    let plain = Camera::pinhole(1.0, 1.0, 0.0, 0.0);
+    homography::pose(&homography(board, &straight)?, &plain)
+}
+
+/// One camera before its boards.
+fn alone(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Lens) -> Option<Solution> {
+    let homographies: Vec<Matrix3<f64>> =
+        views.iter().map(|v| homography(board, &v.corners[0])).collect::<Option<_>>()?;
+    let free = Free { lens, cameras: true, stretch: false, bend: false };
+    let problem = Problem { board, views, free, huber_px: HUBER_PX, shift_cost: RIGID };
+    let corners: usize = views.iter().map(|v| v.corners[0].len()).sum();
+    let mut best: Option<Solution> = None;
+    for camera in homography::starts(&homographies, size.0, size.1) {
+        let Some(boards) = homographies.iter().map(|h| homography::pose(h, &camera)).collect() else {
+            continue;
+        };
+        let start = State {
+            cameras: vec![camera],
+            between: Pose::identity(),
+            shape: Shape::FLAT,
+            boards,
+            shifts: vec![Vector2::zeros(); views.len()],
+        };
+        if let Some(solution) = problem.solve(start)
+            && sane(&solution.state.cameras[0], size)
+            && best.as_ref().is_none_or(|b| solution.cost < b.cost)
+        {
+            // All starts lead to the same place nearly always: the first good one will do.
+            let done = solution.cost < corners as f64;
+            best = Some(solution);
+            if done {
+                break;
+            }
+        }
+    }
+    best
+}
+
+fn sane(camera: &Camera, size: (usize, usize)) -> bool {
+    let larger = size.0.max(size.1) as f64;
+    let focal = 0.1 * larger..50.0 * larger;
+    camera.parameters().iter().all(|v| v.is_finite())
+        && focal.contains(&camera.fx_px)
+        && focal.contains(&camera.fy_px)
+}

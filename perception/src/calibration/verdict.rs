@@ -1,0 +1,340 @@
+//! Whether a calibration can be trusted: good, usable or redo, and why.
+//!
+//! A small reprojection error does not make a calibration good: views that are alike, or a board that
+//! is not what it should be, fit well and mislead. So the verdict asks in turn whether the views
+//! agree with each other, with views that took no part, and with a flat board of square squares; and
+//! whether they say enough.
+
+use super::stereo::{StereoCalibration, ViewFault};
+use std::fmt;
+
+/// How far a calibration can be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Grade {
+    /// Use it.
+    Good,
+    /// It works, but something is not as it should be.
+    Usable,
+    /// Take the pictures again.
+    Redo,
+}
+
+impl Grade {
+    /// `good`, `usable` or `redo`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Usable => "usable",
+            Self::Redo => "redo",
+        }
+    }
+}
+
+impl fmt::Display for Grade {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// One thing that was noticed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reason {
+    /// The best verdict that it leaves.
+    pub grade: Grade,
+    /// What, how much, and what to do.
+    pub text: String,
+}
+
+/// A verdict.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Verdict {
+    /// The worst of the reasons.
+    pub grade: Grade,
+    /// What was noticed, the worst first.
+    pub reasons: Vec<Reason>,
+}
+
+impl Verdict {
+    /// The verdict that reasons leave.
+    pub fn from_reasons(mut reasons: Vec<Reason>) -> Self {
+        reasons.sort_by_key(|r| std::cmp::Reverse(r.grade));
+        let grade = reasons.first().map_or(Grade::Good, |r| r.grade);
+        Self { grade, reasons }
+    }
+
+    /// A verdict of redo for one reason.
+    pub fn redo(text: impl Into<String>) -> Self {
+        Self::from_reasons(vec![Reason { grade: Grade::Redo, text: text.into() }])
+    }
+}
+
+/// Limits between good and usable, and between usable and redo.
+struct Limits(f64, f64);
+
+impl Limits {
+    fn grade(&self, value: f64) -> Grade {
+        if value <= self.0 {
+            Grade::Good
+        } else if value <= self.1 {
+            Grade::Usable
+        } else {
+            // Also what is no number.
+            Grade::Redo
+        }
+    }
+}
+
+/// Reprojection error, in pixels.
+const RMS_PX: Limits = Limits(0.4, 1.0);
+/// Vertical error on views that took no part, in pixels.
+const HELDOUT_PX: Limits = Limits(0.27, 0.5);
+/// Difference between two halves of the views, in its own standard deviations.
+const HALVES: Limits = Limits(3.0, 5.0);
+/// Uncertainty of the focal length over the focal length.
+const FOCAL: Limits = Limits(0.005, 0.02);
+/// Uncertainty of the baseline over the baseline.
+const BASELINE: Limits = Limits(0.007, 0.02);
+/// Uncertainty of the disparity of far things, in pixels.
+const DISPARITY_PX: Limits = Limits(0.75, 2.0);
+/// Share of the picture without corners.
+const BARE: Limits = Limits(0.6, 0.85);
+/// Difference of the board's sides from what its squares say.
+const STRETCH: Limits = Limits(0.003, 0.006);
+/// Bend of the board over half its diagonal.
+const BEND: Limits = Limits(0.02, 0.06);
+/// Scatter of the boards' height in the right picture, in pixels.
+const SCATTER_PX: Limits = Limits(0.25, 0.4);
+/// Share of the views that contradict the rest.
+const LEFT_OUT: Limits = Limits(0.125, 0.34);
+/// A step between earlier and later views: its size in pixels.
+const STEP_PX: Limits = Limits(0.25, 0.5);
+/// Standard errors from which on a step is one.
+const STEP_DEVIATIONS: f64 = 5.0;
+/// Deviations from which on a shifted view is more than a board that moved.
+const ODD_DEVIATIONS: f64 = 6.0;
+/// Tilt that counts, in radians.
+const TILT_RAD: f64 = 0.26;
+
+/// Judges a calibration. `names` are those of the views, in their order.
+pub fn judge(c: &StereoCalibration, names: &[String]) -> Verdict {
+    let mut reasons = Vec::new();
+    let mut note = |grade: Grade, text: String| reasons.push(Reason { grade, text });
+    let mut check = |grade: Grade, text: &dyn Fn() -> String| {
+        if grade > Grade::Good {
+            note(grade, text());
+        }
+    };
+    let used = c.views.iter().filter(|v| v.fault.is_none()).count();
+    let few = if used >= 10 {
+        Grade::Good
+    } else if used >= 6 {
+        Grade::Usable
+    } else {
+        Grade::Redo
+    };
+    check(few, &|| format!("only {used} views were used: take 10 to 30"));
+    check(RMS_PX.grade(c.rms_px), &|| {
+        format!(
+            "the reprojection error is {:.2} px: pictures are blurred, or the board is not flat",
+            c.rms_px
+        )
+    });
+    match c.vertical_heldout_px {
+        Some(px) => check(HELDOUT_PX.grade(px), &|| {
+            format!(
+                "rows of views that took no part differ by {px:.2} px ({:.2} px for those that did): the views say too little, or contradict each other",
+                c.vertical_mean_px
+            )
+        }),
+        None => {
+            check(Grade::Usable, &|| "too few views to test the result on others: take 10 or more".into())
+        }
+    }
+    consistency(c, &mut check);
+    certainty(c, &mut check);
+    board(c, &mut check);
+    step(c, names, &mut check);
+    let scatter = SCATTER_PX.grade(c.shift_sigma_px.y);
+    check(scatter, &|| {
+        format!(
+            "boards stand {:.2} px too high or low in the right picture, by turns: the cameras do not expose together while the board moves, or are loose",
+            c.shift_sigma_px.y
+        )
+    });
+    left_out(c, names, &mut note);
+    Verdict::from_reasons(reasons)
+}
+
+type Check<'a> = dyn FnMut(Grade, &dyn Fn() -> String) + 'a;
+
+/// Two halves of the views must give the same cameras.
+fn consistency(c: &StereoCalibration, check: &mut Check<'_>) {
+    let Some([(a, a_between), (b, b_between)]) = &c.halves else { return };
+    let sigma = &c.uncertainty;
+    let yaw = a_between.rotation_vector().y - b_between.rotation_vector().y;
+    let mut worst: (f64, String) = (0.0, String::new());
+    let mut consider = |what: &str, unit: &str, difference: f64, sigma: f64, scale: f64| {
+        // Each half is √2 times as uncertain as the whole, their difference twice.
+        let deviations = difference.abs() / (2.0 * sigma).max(1e-12);
+        if deviations > worst.0 {
+            let text = format!(
+                "{what} differs by {:.2} {unit} between two halves of the views, {deviations:.1} times what its uncertainty allows",
+                difference.abs() * scale
+            );
+            worst = (deviations, text);
+        }
+    };
+    for (side, name) in ["left", "right"].into_iter().enumerate() {
+        let (p, q) = (a[side].parameters(), b[side].parameters());
+        for (k, what) in [(0, "focal length"), (2, "principal point's column"), (3, "principal point's row")]
+        {
+            consider(&format!("the {name} {what}"), "px", p[k] - q[k], sigma.cameras[side][k], 1.0);
+        }
+    }
+    consider("the angle between the cameras", "degrees", yaw, sigma.rotation_rad[1], 57.295_779_5);
+    check(HALVES.grade(worst.0), &|| worst.1.clone());
+}
+
+/// The views must say enough.
+fn certainty(c: &StereoCalibration, check: &mut Check<'_>) {
+    let sigma = &c.uncertainty;
+    let focal = (0..2).map(|s| sigma.cameras[s][0] / c.cameras[s].fx_px).fold(0.0, f64::max);
+    check(FOCAL.grade(focal), &|| {
+        format!(
+            "the focal length is known to {:.1} % only: tilt the board more, and bring it nearer",
+            focal * 100.0
+        )
+    });
+    let baseline = sigma.baseline_m / c.rectification.rig.baseline_m;
+    check(BASELINE.grade(baseline), &|| {
+        format!("the baseline is known to {:.1} % only: take more views, some of them near", baseline * 100.0)
+    });
+    check(DISPARITY_PX.grade(sigma.disparity_px), &|| {
+        format!(
+            "the disparity of far things is known to {:.2} px only: take more views, far ones too",
+            sigma.disparity_px
+        )
+    });
+    for (side, name) in ["left", "right"].into_iter().enumerate() {
+        check(BARE.grade(1.0 - c.coverage[side]), &|| {
+            format!(
+                "corners cover {:.0} % of the {name} picture: hold the board into its corners and edges, too",
+                c.coverage[side] * 100.0
+            )
+        });
+    }
+    // Directions a quarter turn apart are needed.
+    let mut tilts = [0; 2];
+    for v in c.views.iter().filter(|v| v.fault.is_none() && v.tilt_rad > TILT_RAD) {
+        tilts[usize::from(v.tilt_direction_rad.cos().abs() < v.tilt_direction_rad.sin().abs())] += 1;
+    }
+    for (count, way) in tilts.into_iter().zip(["to the sides", "up and down"]) {
+        let grade = if count >= 2 { Grade::Good } else { Grade::Usable };
+        check(grade, &|| {
+            format!("{count} views show the board tilted {way} by 15 degrees or more: take at least 2")
+        });
+    }
+}
+
+/// The board must be what it should be.
+fn board(c: &StereoCalibration, check: &mut Check<'_>) {
+    let stretch = c.shape.stretch - 1.0;
+    if stretch.abs() > 3.0 * c.stretch_sigma {
+        check(STRETCH.grade(stretch.abs()), &|| {
+            format!(
+                "the board's squares are {:.2} ± {:.2} % {} along its rows than down its columns: print it without scaling, and measure it",
+                stretch.abs() * 100.0,
+                c.stretch_sigma * 100.0,
+                if stretch > 0.0 { "longer" } else { "shorter" }
+            )
+        });
+    }
+    let bend = c.shape.bend_m.iter().map(|b| b.abs()).fold(0.0, f64::max);
+    let share = bend / c.board_reach_m;
+    check(BEND.grade(share), &|| {
+        format!(
+            "the board is bent by {:.1} mm (which is allowed for): glue it to something stiff",
+            bend * 1e3
+        )
+    });
+}
+
+/// The cameras must not have moved between earlier and later views.
+fn step(c: &StereoCalibration, names: &[String], check: &mut Check<'_>) {
+    let rows: Vec<(usize, f64)> = c
+        .views
+        .iter()
+        .enumerate()
+        .filter(|(_, v)| !matches!(v.fault, Some(ViewFault::Misfit(_))))
+        .map(|(i, v)| (i, v.shift_px.y))
+        .collect();
+    let mean = |part: &[(usize, f64)]| part.iter().map(|r| r.1).sum::<f64>() / part.len() as f64;
+    let mut best = (0.0, 0, 0.0);
+    for k in 3..rows.len().saturating_sub(2) {
+        let (before, after) = rows.split_at(k);
+        let (a, b) = (mean(before), mean(after));
+        let scatter = before.iter().map(|r| (r.1 - a).powi(2)).chain(after.iter().map(|r| (r.1 - b).powi(2)));
+        let variance = scatter.sum::<f64>() / (rows.len() - 2) as f64 + 1e-4;
+        let error = (variance * (1.0 / before.len() as f64 + 1.0 / after.len() as f64)).sqrt();
+        let deviations = (b - a).abs() / error;
+        if deviations > best.0 {
+            best = (deviations, k, b - a);
+        }
+    }
+    let (deviations, k, size) = best;
+    if deviations > STEP_DEVIATIONS {
+        let focal = c.cameras[1].fy_px;
+        check(STEP_PX.grade(size.abs()), &|| {
+            let name = rows.get(k).and_then(|r| names.get(r.0)).map_or("", String::as_str);
+            format!(
+                "from {name} on the right picture stands {:.2} px {} ({:.2} degrees): the cameras moved against each other; fasten them and take all views again",
+                size.abs(),
+                if size > 0.0 { "lower" } else { "higher" },
+                (size.abs() / focal).atan().to_degrees()
+            )
+        });
+    }
+}
+
+/// Views that contradict the rest, by name.
+fn left_out(c: &StereoCalibration, names: &[String], note: &mut dyn FnMut(Grade, String)) {
+    let count = c.views.iter().filter(|v| v.fault.is_some()).count();
+    let share = LEFT_OUT.grade(count as f64 / c.views.len().max(1) as f64);
+    if share > Grade::Good {
+        note(
+            share,
+            format!("{count} of {} views contradict the rest: see which, and take them again", c.views.len()),
+        );
+    }
+    for (view, name) in c.views.iter().zip(names) {
+        match view.fault {
+            Some(ViewFault::Misfit(px)) => note(
+                Grade::Usable,
+                format!(
+                    "{name} was left out: its corners are {px:.2} px off; it is blurred, or its pictures are of different moments"
+                ),
+            ),
+            Some(ViewFault::Shifted(by, deviations)) => {
+                let grade = if deviations > ODD_DEVIATIONS { Grade::Usable } else { Grade::Good };
+                note(
+                    grade,
+                    format!(
+                        "{name} was left out: its right picture is {:.2} px off across and {:.2} px down; the board or a camera moved between the exposures",
+                        by.x, by.y
+                    ),
+                );
+            }
+            None => {}
+        }
+    }
+    let corners: Vec<String> = c
+        .views
+        .iter()
+        .zip(names)
+        .filter(|(v, _)| v.fault.is_none() && !v.rejected.is_empty())
+        .map(|(v, name)| format!("{} in {name}", v.rejected.len()))
+        .collect();
+    if !corners.is_empty() {
+        note(Grade::Good, format!("corners left out: {}", corners.join(", ")));
+    }
+}

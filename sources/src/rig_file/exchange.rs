@@ -1,0 +1,396 @@
+//! Calibrations of other programs, in and out: OpenCV's YAML, ROS camera_info, Kalibr's camchain and
+//! KITTI's calib.txt. All are turned into two cameras, in metres, left to right.
+
+use super::yaml::{self, Value};
+use super::{RigFile, rotation, rows, sound, write_whole};
+use crate::{SourceError, calibration_file};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use perception::calibration::{Camera, Crop, Pose};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// A way to write a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// This program's own.
+    Toml,
+    /// OpenCV FileStorage YAML: M1, D1, M2, D2, R, T, R1, R2, P1, P2, Q, image_size.
+    Opencv,
+    /// ROS camera_info, one file a camera: the left one as named, the right one with "right" for
+    /// "left" in its name, or with "_right".
+    Ros,
+    /// Kalibr camchain: pinhole and radtan, four coefficients.
+    Kalibr,
+    /// KITTI calib.txt: P2 and P3 of the rectified pair.
+    Kitti,
+}
+
+/// Reads a calibration from a file (ROS and OpenCV: or two). `size` is needed where the files do not
+/// tell the pictures' size, and `crop` says how they are to be rectified.
+///
+/// # Errors
+/// Names the file, the key or line, and what is expected.
+pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Result<RigFile, SourceError> {
+    let Some(first) = paths.first() else {
+        return Err(SourceError::Calibration { path: PathBuf::new(), reason: "no file was named".into() });
+    };
+    let fail = |reason: String| SourceError::Calibration { path: first.clone(), reason };
+    match first.extension().and_then(|e| e.to_str()) {
+        Some("toml") => return RigFile::read(first),
+        Some("txt") => {
+            let rig = calibration_file::read(first, false)?;
+            let size =
+                size.ok_or_else(|| fail("a calib.txt does not tell the pictures' size: give it".into()))?;
+            let camera = Camera::pinhole(rig.focal_px, rig.focal_px, rig.cx_px, rig.cy_px);
+            let t = Vector3::new(-rig.baseline_m, 0.0, 0.0);
+            let between = Pose { rotation: Rotation3::identity(), translation_m: t };
+            return RigFile::from_cameras([camera; 2], between, size, crop).map_err(fail);
+        }
+        _ => {}
+    }
+    let mut documents = Vec::new();
+    for path in paths {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| SourceError::Io { path: path.clone(), source })?;
+        let document =
+            yaml::parse(&text).map_err(|reason| SourceError::Calibration { path: path.clone(), reason })?;
+        documents.push(document);
+    }
+    let key = |name: &str| documents.iter().any(|d| d.get(name).is_some());
+    let read = if key("cam0") {
+        kalibr(&documents[0])
+    } else if key("camera_matrix") {
+        ros(&documents)
+    } else if key("M1") || key("K1") {
+        opencv(&documents, size)
+    } else {
+        Err("none of cam0 (Kalibr), camera_matrix (ROS), M1 or K1 (OpenCV) is there".into())
+    };
+    let (cameras, between, size) = read.map_err(fail)?;
+    for (camera, name) in cameras.iter().zip(["the left camera", "the right camera"]) {
+        sound(camera, name).map_err(fail)?;
+    }
+    RigFile::from_cameras(cameras, between, size, crop).map_err(fail)
+}
+
+type Cameras = ([Camera; 2], Pose, (usize, usize));
+
+/// Exactly `N` numbers of a key.
+fn numbers<const N: usize>(value: &Value, key: &str) -> Result<[f64; N], String> {
+    let found = value.get(key).ok_or_else(|| format!("{key} is missing"))?;
+    let list = found.numbers().ok_or_else(|| format!("{key} holds something that is no number"))?;
+    let count = list.len();
+    list.try_into().map_err(|_| format!("{key} has {count} numbers, not {N}"))
+}
+
+fn camera(k: &[f64; 9], distortion: &[f64]) -> Result<Camera, String> {
+    if distortion.len() > 8 && distortion[8..].iter().any(|v| *v != 0.0) {
+        return Err("thin-prism and tilted lenses (more than 8 coefficients) are not supported".into());
+    }
+    let mut all = [0.0; 8];
+    for (a, d) in all.iter_mut().zip(distortion) {
+        *a = *d;
+    }
+    Ok(Camera { fx_px: k[0], fy_px: k[4], cx_px: k[2], cy_px: k[5], distortion: all })
+}
+
+fn turn(m: &[f64; 9], what: &str) -> Result<Rotation3<f64>, String> {
+    rotation(&[[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]], what)
+}
+
+fn pixels(value: f64) -> Result<usize, String> {
+    if (1.0..=16_384.0).contains(&value) && value.fract() == 0.0 {
+        Ok(value as usize)
+    } else {
+        Err(format!("a picture {value} pixels wide or high"))
+    }
+}
+
+fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, String> {
+    // Intrinsics and extrinsics may come in two files.
+    let holder = |key: &str| documents.iter().find(|d| d.get(key).is_some()).unwrap_or(&documents[0]);
+    let name = |a: &'static str, b: &'static str| if holder(a).get(a).is_some() { a } else { b };
+    let side = |m: &str, d: &str| -> Result<Camera, String> {
+        let coefficients =
+            holder(d).get(d).and_then(Value::numbers).ok_or_else(|| format!("{d} is missing"))?;
+        camera(&numbers(holder(m), m)?, &coefficients)
+    };
+    let left = side(name("M1", "K1"), "D1")?;
+    let right = side(name("M2", "K2"), "D2")?;
+    let size = if holder("image_size").get("image_size").is_some() {
+        let [w, h] = numbers(holder("image_size"), "image_size")?;
+        (pixels(w)?, pixels(h)?)
+    } else if holder("image_width").get("image_width").is_some() {
+        let [w] = numbers(holder("image_width"), "image_width")?;
+        let [h] = numbers(holder("image_height"), "image_height")?;
+        (pixels(w)?, pixels(h)?)
+    } else {
+        size.ok_or("neither image_size nor image_width and image_height are there: give the pictures' size")?
+    };
+    let t: [f64; 3] = numbers(holder("T"), "T")?;
+    let between = Pose { rotation: turn(&numbers(holder("R"), "R")?, "R")?, translation_m: Vector3::from(t) };
+    Ok(([left, right], between, size))
+}
+
+/// A camera, its rectifying rotation, its projection when rectified, and its pictures' size.
+type RosCamera = (Camera, Matrix3<f64>, [f64; 12], (usize, usize));
+
+fn ros(documents: &[Value]) -> Result<Cameras, String> {
+    let [left, right] = documents else {
+        return Err("a camera_info file holds one camera: name the left and the right one".into());
+    };
+    let one = |d: &Value| -> Result<RosCamera, String> {
+        let model = d.get("distortion_model").and_then(Value::word).unwrap_or("plumb_bob");
+        if !["plumb_bob", "rational_polynomial"].contains(&model) {
+            return Err(format!(
+                "distortion_model is {model}: plumb_bob and rational_polynomial are supported"
+            ));
+        }
+        let coefficients = d
+            .get("distortion_coefficients")
+            .and_then(Value::numbers)
+            .ok_or("distortion_coefficients is missing")?;
+        let [w] = numbers(d, "image_width")?;
+        let [h] = numbers(d, "image_height")?;
+        let camera = camera(&numbers(d, "camera_matrix")?, &coefficients)?;
+        let turn = turn(&numbers(d, "rectification_matrix")?, "rectification_matrix")?;
+        Ok((camera, *turn.matrix(), numbers(d, "projection_matrix")?, (pixels(w)?, pixels(h)?)))
+    };
+    let (l, r) = (one(left)?, one(right)?);
+    if l.3 != r.3 {
+        return Err("the cameras have pictures of different sizes".into());
+    }
+    // Rectified, the right camera stands beside the left one; turned back that is where it is.
+    let rotation = Rotation3::from_matrix_unchecked(r.1.transpose() * l.1);
+    let translation_m = r.1.transpose() * Vector3::new(r.2[3] / r.2[0], 0.0, 0.0);
+    Ok(([l.0, r.0], Pose { rotation, translation_m }, l.3))
+}
+
+fn kalibr(document: &Value) -> Result<Cameras, String> {
+    let one = |key: &str| -> Result<(Camera, (usize, usize)), String> {
+        let c = document.get(key).ok_or_else(|| format!("{key} is missing: a pair of cameras is needed"))?;
+        for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radtan")] {
+            let model = c.get(name).and_then(Value::word).unwrap_or("");
+            if model != supported {
+                return Err(format!("{key}: {name} is \"{model}\": {supported} is supported"));
+            }
+        }
+        let [fx, fy, cx, cy] = numbers(c, "intrinsics")?;
+        let d: [f64; 4] = numbers(c, "distortion_coeffs")?;
+        let [w, h] = numbers(c, "resolution")?;
+        Ok((camera(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &d)?, (pixels(w)?, pixels(h)?)))
+    };
+    let (left, right) = (one("cam0")?, one("cam1")?);
+    if left.1 != right.1 {
+        return Err("the cameras have pictures of different sizes".into());
+    }
+    let second = document.get("cam1").ok_or("cam1 is missing")?;
+    let m: [f64; 16] = numbers(second, "T_cn_cnm1")?;
+    let rotation = turn(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]], "T_cn_cnm1")?;
+    let between = Pose { rotation, translation_m: Vector3::new(m[3], m[7], m[11]) };
+    Ok(([left.0, right.0], between, left.1))
+}
+
+/// Writes a calibration; gives the files that were written.
+///
+/// # Errors
+/// When a file cannot be written, or the format cannot hold the lenses.
+pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>, SourceError> {
+    let fail = |reason: &str| SourceError::Calibration { path: path.to_owned(), reason: reason.into() };
+    let beyond = |from: usize| rig.cameras.iter().any(|c| c.distortion[from..].iter().any(|v| *v != 0.0));
+    let text = match format {
+        Format::Toml => {
+            rig.write(path)?;
+            return Ok(vec![path.to_owned()]);
+        }
+        Format::Opencv => to_opencv(rig),
+        Format::Kalibr if beyond(4) => {
+            return Err(fail("Kalibr's radtan has k1, k2, p1 and p2 only: calibrate with --lens radial2"));
+        }
+        Format::Kalibr => to_kalibr(rig),
+        Format::Kitti => to_kitti(rig),
+        Format::Ros => {
+            let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("left.yaml");
+            let other = match name.rsplit_once('.') {
+                _ if name.contains("left") => name.replace("left", "right"),
+                Some((stem, end)) => format!("{stem}_right.{end}"),
+                None => format!("{name}_right"),
+            };
+            let right = path.with_file_name(other);
+            write_whole(path, &to_ros(rig, 0))?;
+            write_whole(&right, &to_ros(rig, 1))?;
+            return Ok(vec![path.to_owned(), right]);
+        }
+    };
+    write_whole(path, &text)?;
+    Ok(vec![path.to_owned()])
+}
+
+/// Numbers as they are read back exactly.
+fn list(values: impl IntoIterator<Item = f64>) -> String {
+    let words: Vec<String> = values.into_iter().map(|v| format!("{v:?}")).collect();
+    format!("[{}]", words.join(", "))
+}
+
+fn matrix(camera: &Camera) -> [f64; 9] {
+    [camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0]
+}
+
+/// The coefficients, five or eight as OpenCV has them.
+fn coefficients(camera: &Camera) -> &[f64] {
+    let n = if camera.distortion[5..].iter().any(|v| *v != 0.0) { 8 } else { 5 };
+    &camera.distortion[..n]
+}
+
+fn projection(rig: &RigFile, side: usize) -> [f64; 12] {
+    let r = &rig.rectification.rig;
+    let shift = if side == 0 { 0.0 } else { -r.focal_px * r.baseline_m };
+    [r.focal_px, 0.0, r.cx_px, shift, 0.0, r.focal_px, r.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0]
+}
+
+fn to_opencv(rig: &RigFile) -> String {
+    let mut text = "%YAML:1.0\n---\n".to_owned();
+    let (w, h) = rig.size();
+    let _ = writeln!(text, "image_size: [{w}, {h}]");
+    let mut put = |name: &str, rows: usize, values: &[f64]| {
+        let _ = writeln!(
+            text,
+            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {}\n   dt: d\n   data: {}",
+            values.len() / rows,
+            list(values.iter().copied())
+        );
+    };
+    for (side, n) in ["1", "2"].into_iter().enumerate() {
+        put(&format!("M{n}"), 3, &matrix(&rig.cameras[side]));
+        put(&format!("D{n}"), 1, coefficients(&rig.cameras[side]));
+    }
+    put("R", 3, &rows(&rig.between.rotation).concat());
+    put("T", 3, rig.between.translation_m.as_slice());
+    for (side, n) in ["1", "2"].into_iter().enumerate() {
+        put(&format!("R{n}"), 3, &rows(&rig.rectification.turns[side]).concat());
+        put(&format!("P{n}"), 3, &projection(rig, side));
+    }
+    put("Q", 4, &rig.rectification.reprojection().concat());
+    text
+}
+
+fn to_ros(rig: &RigFile, side: usize) -> String {
+    let camera = &rig.cameras[side];
+    let (w, h) = rig.size();
+    let d = coefficients(camera);
+    let model = if d.len() > 5 { "rational_polynomial" } else { "plumb_bob" };
+    let block = |name: &str, rows: usize, values: &[f64]| {
+        format!(
+            "{name}:\n  rows: {rows}\n  cols: {}\n  data: {}\n",
+            values.len() / rows,
+            list(values.iter().copied())
+        )
+    };
+    format!(
+        "image_width: {w}\nimage_height: {h}\ncamera_name: {}\n{}distortion_model: {model}\n{}{}{}",
+        ["left", "right"][side],
+        block("camera_matrix", 3, &matrix(camera)),
+        block("distortion_coefficients", 1, d),
+        block("rectification_matrix", 3, &rows(&rig.rectification.turns[side]).concat()),
+        block("projection_matrix", 3, &projection(rig, side)),
+    )
+}
+
+fn to_kalibr(rig: &RigFile) -> String {
+    let mut text = String::new();
+    let (w, h) = rig.size();
+    for (side, camera) in rig.cameras.iter().enumerate() {
+        let k = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px];
+        let _ = writeln!(
+            text,
+            "cam{side}:\n  camera_model: pinhole\n  intrinsics: {}\n  distortion_model: radtan\n  \
+             distortion_coeffs: {}\n  resolution: [{w}, {h}]\n  rostopic: /cam{side}/image_raw",
+            list(k),
+            list(camera.distortion[..4].iter().copied())
+        );
+    }
+    let t = rig.between.translation_m;
+    let _ = writeln!(text, "  T_cn_cnm1:");
+    for (row, t) in rows(&rig.between.rotation).iter().zip(t.iter()) {
+        let _ = writeln!(text, "  - {}", list(row.iter().copied().chain([*t])));
+    }
+    let _ = writeln!(text, "  - [0.0, 0.0, 0.0, 1.0]");
+    text
+}
+
+fn to_kitti(rig: &RigFile) -> String {
+    let line = |name: &str, side: usize| {
+        let words: Vec<String> = projection(rig, side).iter().map(|v| format!("{v:?}")).collect();
+        format!("{name}: {}\n", words.join(" "))
+    };
+    [("P0", 0), ("P1", 1), ("P2", 0), ("P3", 1)].map(|(name, side)| line(name, side)).concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::example;
+    use super::*;
+
+    fn close(a: &RigFile, b: &RigFile, format: Format) {
+        for side in 0..2 {
+            for (x, y) in a.cameras[side].parameters().iter().zip(b.cameras[side].parameters()) {
+                assert!((x - y).abs() < 1e-9, "{format:?}");
+            }
+        }
+        assert!((a.between.translation_m - b.between.translation_m).norm() < 1e-9, "{format:?}");
+        assert!((a.between.rotation.matrix() - b.between.rotation.matrix()).norm() < 1e-9, "{format:?}");
+        assert_eq!(a.size(), b.size());
+    }
+
+    #[test]
+    fn every_format_is_read_as_it_was_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = example();
+        for (format, name) in [
+            (Format::Opencv, "cv.yml"),
+            (Format::Ros, "left.yaml"),
+            (Format::Ros, "front.yaml"),
+            (Format::Kalibr, "camchain.yaml"),
+        ] {
+            let files = write(&rig, format, &folder.path().join(name)).unwrap();
+            assert_eq!(files.len(), if format == Format::Ros { 2 } else { 1 });
+            close(&import(&files, None, Crop::Valid).unwrap(), &rig, format);
+        }
+        let files = write(&rig, Format::Kitti, &folder.path().join("calib.txt")).unwrap();
+        let back = import(&files, Some((640, 360)), Crop::Same).unwrap();
+        let (a, b) = (back.rectification.rig, rig.rectification.rig);
+        assert!((a.focal_px - b.focal_px).abs() < 1e-9 && (a.baseline_m - b.baseline_m).abs() < 1e-12);
+        assert!(import(&files, None, Crop::Same).unwrap_err().to_string().contains("size"));
+        // A lens that the format has no place for.
+        let mut rig = rig;
+        rig.cameras[1].distortion[4] = 0.1;
+        assert!(write(&rig, Format::Kalibr, &folder.path().join("k.yaml")).is_err());
+        let files = write(&rig, Format::Opencv, &folder.path().join("k3.yml")).unwrap();
+        close(&import(&files, None, Crop::Valid).unwrap(), &rig, Format::Opencv);
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = example();
+        let path = folder.path().join("left.yaml");
+        write(&rig, Format::Ros, &path).unwrap();
+        let alone = import(std::slice::from_ref(&path), None, Crop::Valid).unwrap_err().to_string();
+        assert!(alone.contains("left and the right"), "{alone}");
+        let path = folder.path().join("cv.yml");
+        write(&rig, Format::Opencv, &path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        for (from, to, expected) in [
+            ("M2", "X2", "K2 is missing"),
+            ("image_size: [640, 360]\n", "", "size"),
+            ("T: !!", "T2: !!", "T is missing"),
+            ("463.104", "x", "no number"),
+            ("463.104", "-463.104", "focal"),
+            ("data: [", "data: [1, ", "10 numbers"),
+        ] {
+            std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+            let error = import(std::slice::from_ref(&path), None, Crop::Valid).unwrap_err().to_string();
+            assert!(error.contains(expected) && error.contains("cv.yml"), "{from}: {error}");
+        }
+    }
+}

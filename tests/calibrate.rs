@@ -1,0 +1,334 @@
+//! `lookout calibrate`, `rectify` and `rig`: generated boards before known cameras, seeded faults, bad
+//! input, real pictures.
+
+mod support;
+
+use nalgebra::{Rotation3, Vector3};
+use perception::calibration::{Board, Camera, Pose};
+use sources::chessboard::{Conditions, Studio, poses};
+use std::path::Path;
+use std::sync::OnceLock;
+use support::{Bench, save_grey, shared_data};
+
+const SIZE: (usize, usize) = (480, 360);
+const VIEWS: usize = 14;
+const BOARD: [&str; 4] = ["--board", "9x6", "--square-mm", "25"];
+
+fn cameras() -> ([Camera; 2], Pose) {
+    let left = Camera {
+        distortion: [-0.25, 0.08, 0.001, -0.0004, 0.0, 0.0, 0.0, 0.0],
+        ..Camera::pinhole(400.5, 400.2, 246.0, 177.0)
+    };
+    let right = Camera { cx_px: 236.0, cy_px: 183.0, fx_px: 402.9, fy_px: 402.4, ..left };
+    let between = Pose {
+        rotation: Rotation3::new(Vector3::new(0.006, 0.012, -0.004)),
+        translation_m: Vector3::new(-0.12, 0.001, -0.001),
+    };
+    ([left, right], between)
+}
+
+type Picture = Vec<u8>;
+
+/// Pictures of the same views: as they should be; with a board 1 % too long; with the right camera
+/// pitched by 0.1 degrees.
+struct Set {
+    good: Vec<[Picture; 2]>,
+    stretched: Vec<[Picture; 2]>,
+    pitched: Vec<Picture>,
+}
+
+fn set() -> &'static Set {
+    static SET: OnceLock<Set> = OnceLock::new();
+    SET.get_or_init(|| {
+        let ([left, right], between) = cameras();
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let studios = [left, right].map(|c| Studio::new(&c, SIZE, board));
+        let pitch = Pose {
+            rotation: Rotation3::new(Vector3::new(0.1_f64.to_radians(), 0.0, 0.0)),
+            translation_m: Vector3::zeros(),
+        };
+        let fine = Conditions::default();
+        let long = Conditions { stretch: 1.01, ..fine };
+        let take = |side: usize, pose: &Pose, conditions: &Conditions, seed: usize| {
+            studios[side].picture(pose, conditions, seed as u64).as_slice().to_vec()
+        };
+        let mut set = Set { good: Vec::new(), stretched: Vec::new(), pitched: Vec::new() };
+        for (i, mut pose) in poses(VIEWS, (0.42, 0.75), 400.0 / 480.0, 3).into_iter().enumerate() {
+            // Between both cameras.
+            pose.translation_m.x += 0.06;
+            let right = pose.then(&between);
+            set.good.push([take(0, &pose, &fine, 2 * i), take(1, &right, &fine, 2 * i + 1)]);
+            set.stretched.push([take(0, &pose, &long, 2 * i), take(1, &right, &long, 2 * i + 1)]);
+            set.pitched.push(take(1, &right.then(&pitch), &fine, 2 * i + 1));
+        }
+        set
+    })
+}
+
+fn save(folder: &Path, pairs: impl IntoIterator<Item = [Picture; 2]>) {
+    for (i, pair) in pairs.into_iter().enumerate() {
+        for (side, pixels) in ["left", "right"].iter().zip(pair) {
+            std::fs::create_dir_all(folder.join(side)).unwrap();
+            save_grey(
+                &folder.join(side).join(format!("{}.png", i + 1)),
+                &pixels,
+                SIZE.0 as u32,
+                SIZE.1 as u32,
+            );
+        }
+    }
+}
+
+/// Runs the calibration of a folder; gives its JSON and whether it succeeded.
+fn calibrate(bench: &Bench, folder: &Path, board: &[&str]) -> (serde_json::Value, bool) {
+    let folder = folder.display().to_string();
+    let mut args = vec!["calibrate", folder.as_str(), "-o", "rig.toml", "--json"];
+    args.extend(board);
+    let output = bench.run(&args);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    let json = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}\n{text}\n{errors}"));
+    (json, output.status.success())
+}
+
+fn reasons(json: &serde_json::Value) -> String {
+    json["reasons"].to_string()
+}
+
+#[test]
+fn good_pictures_give_the_cameras_that_took_them() {
+    let bench = Bench::new();
+    save(&bench.path("set"), set().good.clone());
+    let (json, ok) = calibrate(&bench, &bench.path("set"), &BOARD);
+    assert!(ok && json["verdict"] == "good", "{json:#}");
+    assert_eq!(json["pairs_used"], VIEWS);
+    for key in ["rms_px", "vertical_mean_px", "vertical_heldout_px"] {
+        assert!(json[key].as_f64().unwrap() < 0.1, "{json:#}");
+    }
+    assert!(json["seconds"].as_f64().unwrap() > 0.0);
+    let rig = sources::rig_file::RigFile::read(&bench.path("rig.toml")).unwrap();
+    let ([left, right], between) = cameras();
+    let quality = rig.quality.as_ref().unwrap();
+    for (found, truth, sigma) in
+        [(&rig.cameras[0], left, quality.left_sigma), (&rig.cameras[1], right, quality.right_sigma)]
+    {
+        for (k, (a, b)) in found.parameters().iter().zip(truth.parameters()).take(8).enumerate() {
+            assert!((a - b).abs() < 4.0 * sigma[k] + 1e-9, "parameter {k}: {a}, not {b}, sigma {}", sigma[k]);
+        }
+    }
+    let baseline = between.translation_m.norm();
+    assert!((rig.rectification.rig.baseline_m - baseline).abs() < 4.0 * quality.baseline_sigma_m);
+    // The report, and the rig at work.
+    let args =
+        ["calibrate", "set", "-o", "rig2.toml", "--board", "9x6", "--square-mm", "25", "--report", "report"];
+    let text = bench.ok(&args);
+    assert!(text.contains("verdict: good"), "{text}");
+    for name in ["rectified.png", "epipolar.png", "residuals.png", "views.png", "coverage.png"] {
+        assert!(image::open(bench.path("report").join(name)).is_ok(), "{name}");
+        assert!(std::fs::read_to_string(bench.path("report/index.html")).unwrap().contains(name));
+    }
+    bench.ok(&["rectify", "rig.toml", "set/left/1.png", "set/right/1.png", "-o", "seen"]);
+    let board = Board::new(9, 6, 0.025).unwrap();
+    let rows = ["left.png", "right.png"].map(|name| {
+        let (pixels, w, h) = sources::folder::read_grey(&bench.path("seen").join(name)).unwrap();
+        let view = perception::image::GreyView::new(&pixels, w, h, w).unwrap();
+        perception::calibration::finder::find(view, &board).unwrap().corners
+    });
+    let off = rows[0].iter().zip(&rows[1]).map(|(l, r)| (l.y - r.y).abs()).sum::<f64>() / 54.0;
+    assert!(off < 0.12, "rows of rectified corners differ by {off} px");
+    // Out and in again.
+    bench.ok(&["rig", "rig.toml", "--format", "ros", "-o", "left.yaml"]);
+    let shown = bench.ok(&["rig", "left.yaml", "right.yaml"]);
+    assert!(shown.contains("baseline_m = 0.1"), "{shown}");
+}
+
+#[test]
+fn seeded_faults_turn_the_verdict() {
+    let bench = Bench::new();
+    let folder = |name: &str| bench.path(name);
+    let set = set();
+    // One right picture half a pixel down: the mean of a row and the one above.
+    let mut shifted = set.good.clone();
+    let old = shifted[6][1].clone();
+    let width = SIZE.0;
+    for i in (width..old.len()).rev() {
+        shifted[6][1][i] = ((u16::from(old[i]) + u16::from(old[i - width])) / 2) as u8;
+    }
+    save(&folder("shifted"), shifted);
+    let (json, _) = calibrate(&bench, &folder("shifted"), &BOARD);
+    assert_ne!(json["verdict"], "good", "{json:#}");
+    assert!(reasons(&json).contains("7 was left out"), "{json:#}");
+
+    save(&folder("stretched"), set.stretched.clone());
+    let (json, ok) = calibrate(&bench, &folder("stretched"), &BOARD);
+    assert!(!ok && json["verdict"] == "redo", "{json:#}");
+    assert!(reasons(&json).contains("longer along its rows"), "{json:#}");
+
+    let pitched = set.good.iter().zip(&set.pitched).enumerate();
+    let pitched: Vec<_> = pitched
+        .map(|(i, (g, p))| if i < VIEWS / 2 { g.clone() } else { [g[0].clone(), p.clone()] })
+        .collect();
+    save(&folder("pitched"), pitched);
+    let (json, ok) = calibrate(&bench, &folder("pitched"), &BOARD);
+    assert!(!ok && json["verdict"] == "redo", "{json:#}");
+    assert!(reasons(&json).contains("moved against each other"), "{json:#}");
+
+    save(&folder("swapped"), set.good.iter().map(|[l, r]| [r.clone(), l.clone()]));
+    let (json, ok) = calibrate(&bench, &folder("swapped"), &BOARD);
+    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains("swapped"), "{json:#}");
+}
+
+#[test]
+fn bad_input_has_a_clear_verdict_and_leaves_a_good_rig_alone() {
+    let bench = Bench::new();
+    let folder = |name: &str| bench.path(name);
+    let good = &set().good;
+    std::fs::write(bench.path("rig.toml"), "precious").unwrap();
+    let refused = |name: &str, board: &[&str], words: &str| {
+        let (json, ok) = calibrate(&bench, &folder(name), board);
+        assert!(!ok && json["verdict"] == "redo", "{name}: {json:#}");
+        assert!(reasons(&json).contains(words), "{name}: {json:#}");
+        assert_eq!(std::fs::read_to_string(bench.path("rig.toml")).unwrap(), "precious", "{name}");
+    };
+    save(&folder("good"), good.clone());
+    refused("good", &["--board", "8x6", "--square-mm", "25"], "show 9x6 corners, not 8x6");
+    refused("good", &["--board", "11x8", "--square-mm", "25"], "show 9x6 corners, not 11x8");
+    save(&folder("few"), good[..3].to_vec());
+    refused("few", &BOARD, "at least 4");
+    save(&folder("alike"), vec![good[2].clone(); 12]);
+    refused("alike", &BOARD, "");
+    save(&folder("one"), good.clone());
+    std::fs::remove_dir_all(folder("one").join("right")).unwrap();
+    refused("one", &BOARD, "none of the other");
+    save(&folder("sizes"), good.clone());
+    save_grey(&folder("sizes").join("right/5.png"), &vec![9; 320 * 240], 320, 240);
+    refused("sizes", &BOARD, "320x240");
+    // Boards cut off at the left: all but the right three eighths are grey, in all but two.
+    let cut = good.iter().enumerate().map(|(i, [l, r])| {
+        let mut l = l.clone();
+        if i > 1 {
+            l.chunks_exact_mut(SIZE.0).for_each(|row| row[..5 * SIZE.0 / 8].fill(60));
+        }
+        [l, r.clone()]
+    });
+    save(&folder("cut"), cut);
+    refused("cut", &BOARD, "cut off");
+    std::fs::create_dir_all(folder("empty")).unwrap();
+    refused("empty", &BOARD, "no pictures");
+    refused("missing", &BOARD, "missing");
+    save(&folder("broken"), good[..5].to_vec());
+    std::fs::write(folder("broken").join("left/3.png"), b"no picture").unwrap();
+    refused("broken", &BOARD, "3.png");
+}
+
+#[test]
+fn a_real_set_is_calibrated() {
+    let Some(folder) = shared_data("chessboard_sg1") else { return };
+    let bench = Bench::new();
+    let (json, ok) = calibrate(&bench, &folder, &["--board", "9x6", "--square-mm", "24.23"]);
+    assert!(ok, "{json:#}");
+    assert_eq!(json["pairs_with_board"], 29);
+    let value = |key: &str| json[key].as_f64().unwrap();
+    // OpenCV on the same pictures: 0.251 px, 0.236 px, 94.09 mm.
+    assert!(value("rms_px") < 0.251 && value("vertical_heldout_px") < 0.2, "{json:#}");
+    assert!((value("baseline_m") / 0.094 - 1.0).abs() < 0.005, "{json:#}");
+    assert_eq!(json["verdict"], "good", "{json:#}");
+    // Another board size is never guessed.
+    let (json, ok) = calibrate(&bench, &folder, &["--board", "8x6", "--square-mm", "24.23"]);
+    assert!(!ok && json["verdict"] == "redo", "{json:#}");
+}
+
+/// The synthetic drive, `frames` pairs; from `turned` on the right camera is pitched by 0.2 degrees.
+#[test]
+fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
+    use perception::rectify::Remap;
+    use perception::simd::Level;
+    use perception::stereo::epipolar::{EpipolarCheck, EpipolarHealth, EpipolarParameters, EpipolarState};
+    use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
+    use sources::PairSource;
+
+    let (width, height) = (640, 480);
+    let mut drive = sources::scene::Drive::paper(1);
+    assert_eq!(drive.size(), (width, height));
+    let rig = drive.rig().expect("the drive has a rig");
+    let turn = Rotation3::new(Vector3::new(0.2_f64.to_radians(), 0.0, 0.0));
+    let turned = Remap::new(Level::best(), width, height, |x, y| {
+        let ray =
+            Vector3::new((x as f64 - rig.cx_px) / rig.focal_px, (y as f64 - rig.cy_px) / rig.focal_px, 1.0);
+        let ray = turn * ray;
+        Some((rig.focal_px * ray.x / ray.z + rig.cx_px, rig.focal_px * ray.y / ray.z + rig.cy_px))
+    });
+    let mut matcher =
+        Mpv::new(MpvParameters::default(), Search::Windows, width, height, 64).expect("a matcher");
+    let mut check = EpipolarCheck::new(EpipolarParameters::default());
+    let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
+    let (mut seen, mut corrected) = (vec![0; width * height], vec![0; width * height]);
+    let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+    let mut correction: Option<Remap> = None;
+    let mut frame = |index: u64, is_turned: bool, correction: Option<&Remap>| {
+        drive.read(index, &mut left, &mut right).expect("the drive never ends");
+        let view = |p| perception::image::GreyView::new(p, width, height, width).expect("the size fits");
+        if is_turned {
+            turned.apply(view(&right), &mut seen).expect("the size fits");
+        } else {
+            seen.copy_from_slice(&right);
+        }
+        match correction {
+            Some(table) => table.apply(view(&seen), &mut corrected).expect("the size fits"),
+            None => corrected.copy_from_slice(&seen),
+        }
+        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+        matcher.compute(view(&left), view(&corrected), output).expect("the size fits");
+        let map = DisparityView::new(&disparity, width, height).expect("the size fits");
+        check.update(view(&left), view(&corrected), map, &confidence)
+    };
+    let (mut noticed, mut back) = (None, None);
+    let mut shifts: Vec<EpipolarHealth> = Vec::new();
+    for index in 0..70 {
+        let health = frame(index, index >= 12, correction.as_ref());
+        if index == 11 {
+            assert_eq!(health.state, EpipolarState::Good, "{health:?}");
+        }
+        if index >= 12 && noticed.is_none() && health.state == EpipolarState::Degraded {
+            noticed = Some(index - 11);
+        }
+        // In steps: while rows are far off, so are the matches that tell by how much.
+        if (index == 40 || index == 48) && health.state == EpipolarState::Degraded {
+            println!("frame {index}: {health:?}");
+            shifts.push(health);
+            let table = Remap::new(Level::best(), width, height, |x, y| {
+                let place = shifts.iter().rev().fold((x as f64, y as f64), |p, s| {
+                    let moved = s.corrected((width, height), x, y).1 - y as f64;
+                    (p.0, p.1 + moved)
+                });
+                Some(place)
+            });
+            correction = Some(table);
+        }
+        if index > 40 && back.is_none() && health.state == EpipolarState::Good {
+            back = Some(index - 40);
+        }
+    }
+    println!("noticed after {noticed:?} frames, good again {back:?} frames after the correction");
+    assert!(noticed.is_some_and(|n| n <= 30), "{noticed:?}");
+    assert!(back.is_some_and(|n| n <= 29), "{back:?}");
+}
+
+#[test]
+fn a_recording_is_rectified_as_it_is_read() {
+    let bench = Bench::new();
+    save(&bench.path("set"), set().good.clone());
+    let (json, ok) = calibrate(&bench, &bench.path("set"), &BOARD);
+    assert!(ok, "{json:#}");
+    let rig = bench.path("rig.toml").display().to_string();
+    let args = ["replay", "set", "--in-process", "--limit", "2", "--rig", &rig, "--out", "seen"];
+    bench.ok(&[&args[..], &["--set", "source.rectify=true"]].concat());
+    bench.ok(&["rectify", "rig.toml", "set/left/1.png", "set/right/1.png", "-o", "one"]);
+    // The overlay shows the left picture: where nothing is drawn they agree.
+    let overlay = image::open(bench.path("seen/overlay/000000.png")).unwrap().into_rgb8();
+    let left = image::open(bench.path("one/left.png")).unwrap().into_luma8();
+    let same = left.enumerate_pixels().filter(|(x, y, p)| overlay.get_pixel(*x, *y).0 == [p.0[0]; 3]).count();
+    assert!(same > SIZE.0 * SIZE.1 / 10, "{same} pixels agree");
+    let error = bench.fails(&["replay", "set", "--in-process", "--set", "source.rectify=true"]);
+    assert!(error.contains("source.rig"), "{error}");
+}

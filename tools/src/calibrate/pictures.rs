@@ -1,0 +1,214 @@
+//! Pairs of pictures in a folder: two folders, or files that start with "left" and "right".
+
+use sources::SourceError;
+use sources::folder::LAYOUTS;
+use std::cmp::Ordering;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
+
+/// Why a folder gives no pairs.
+#[derive(Debug, Error)]
+pub enum PicturesError {
+    /// The folder cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// None of the known layouts.
+    #[error(
+        "{}: no pictures of a pair of cameras: put them into two folders, left and right, with the same names \
+         in both, or name them left1.png, right1.png, …",
+        path.display()
+    )]
+    None {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Pictures of one camera alone.
+    #[error("{}: {count} pictures of the {side} camera, none of the other", path.display())]
+    OneSide {
+        /// The folder.
+        path: PathBuf,
+        /// Pictures that are there.
+        count: usize,
+        /// left or right.
+        side: &'static str,
+    },
+}
+
+/// Two pictures that were taken together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PicturePair {
+    /// The left one's name without ending.
+    pub name: String,
+    /// The left picture.
+    pub left: PathBuf,
+    /// The right picture.
+    pub right: PathBuf,
+}
+
+/// The pairs of a folder, in the order of their names with numbers by value, and the pictures whose
+/// partner is missing.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Pictures {
+    /// Pairs.
+    pub pairs: Vec<PicturePair>,
+    /// Pictures without a partner.
+    pub single: Vec<PathBuf>,
+}
+
+/// Images of a folder.
+fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
+    let io = |source| SourceError::Io { path: folder.to_owned(), source };
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        if ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
+            found.push(path);
+        }
+    }
+    Ok(found)
+}
+
+/// Compares names with the numbers in them by value: left2 comes before left10.
+pub fn natural(a: &str, b: &str) -> Ordering {
+    let (mut a, mut b) = (a, b);
+    loop {
+        let digits = |s: &str| s.len() - s.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        let (m, n) = (digits(a), digits(b));
+        if m > 0 && n > 0 {
+            let value = |s: &str| s.trim_start_matches('0').to_owned();
+            let (x, y) = (value(&a[..m]), value(&b[..n]));
+            let order = x.len().cmp(&y.len()).then_with(|| x.cmp(&y));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (a, b) = (&a[m..], &b[n..]);
+            continue;
+        }
+        let (mut x, mut y) = (a.chars(), b.chars());
+        match (x.next(), y.next()) {
+            (Some(c), Some(d)) if c == d => (a, b) = (x.as_str(), y.as_str()),
+            (c, d) => return c.cmp(&d),
+        }
+    }
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+impl Pictures {
+    /// Finds the pairs of a folder.
+    ///
+    /// # Errors
+    /// When it cannot be read, or holds no pictures of two cameras.
+    pub fn find(folder: &Path) -> Result<Self, PicturesError> {
+        let here = images(folder)?;
+        let sides = LAYOUTS.iter().map(|(l, r)| (folder.join(l), folder.join(r)));
+        let (lefts, rights): (Vec<_>, Vec<_>) =
+            match sides.into_iter().find(|(l, r)| l.is_dir() || r.is_dir()) {
+                Some((l, r)) => {
+                    let list = |folder: &Path| -> Result<Vec<(String, PathBuf)>, SourceError> {
+                        if !folder.is_dir() {
+                            return Ok(Vec::new());
+                        }
+                        Ok(images(folder)?.into_iter().map(|p| (key(&stem(&p)).1, p)).collect())
+                    };
+                    (list(&l)?, list(&r)?)
+                }
+                None => {
+                    let of = |side: char| {
+                        let named = |p: &PathBuf| (key(&stem(p)), p.clone());
+                        here.iter()
+                            .map(named)
+                            .filter(|((s, _), _)| *s == side)
+                            .map(|((_, k), p)| (k, p))
+                            .collect()
+                    };
+                    (of('l'), of('r'))
+                }
+            };
+        match (lefts.len(), rights.len()) {
+            (0, 0) => return Err(PicturesError::None { path: folder.to_owned() }),
+            (count, 0) => {
+                return Err(PicturesError::OneSide { path: folder.to_owned(), count, side: "left" });
+            }
+            (0, count) => {
+                return Err(PicturesError::OneSide { path: folder.to_owned(), count, side: "right" });
+            }
+            _ => {}
+        }
+        let mut pictures = Self::default();
+        for (key, left) in &lefts {
+            match rights.iter().find(|(k, _)| k == key) {
+                Some((_, right)) => pictures.pairs.push(PicturePair {
+                    name: stem(left),
+                    left: left.clone(),
+                    right: right.clone(),
+                }),
+                None => pictures.single.push(left.clone()),
+            }
+        }
+        let lonely = rights.iter().filter(|(k, _)| !lefts.iter().any(|(l, _)| l == k));
+        pictures.single.extend(lonely.map(|(_, p)| p.clone()));
+        pictures.pairs.sort_by(|a, b| natural(&a.name, &b.name));
+        pictures.single.sort();
+        Ok(pictures)
+    }
+}
+
+/// The side that a name tells ('l', 'r' or ' ') and what is left of it.
+fn key(stem: &str) -> (char, String) {
+    let lower = stem.to_ascii_lowercase();
+    for (word, side) in [("left", 'l'), ("right", 'r')] {
+        if let Some(at) = lower.find(word) {
+            return (side, format!("{}{}", &lower[..at], &lower[at + word.len()..]));
+        }
+    }
+    (' ', lower)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, b"x").unwrap();
+        }
+        folder
+    }
+
+    #[test]
+    fn both_layouts_are_paired_by_name() {
+        let flat =
+            folder(&["left2.jpg", "left10.jpg", "right2.jpg", "right10.jpg", "left3.jpg", "notes.txt"]);
+        let found = Pictures::find(flat.path()).unwrap();
+        let names: Vec<&str> = found.pairs.iter().map(|p| p.name.as_str()).collect();
+        assert_eq!(names, ["left2", "left10"]);
+        assert_eq!(found.single.len(), 1);
+        let two = folder(&["left/a_left.png", "right/a_right.png", "left/b.png", "right/b.png"]);
+        assert_eq!(Pictures::find(two.path()).unwrap().pairs.len(), 2);
+    }
+
+    #[test]
+    fn one_camera_and_none_are_said() {
+        let one = folder(&["left1.png", "left2.png"]);
+        let error = Pictures::find(one.path()).unwrap_err().to_string();
+        assert!(error.contains("2 pictures of the left camera, none of the other"), "{error}");
+        assert!(matches!(Pictures::find(folder(&["a.png"]).path()), Err(PicturesError::None { .. })));
+        assert!(Pictures::find(Path::new("/no/such")).unwrap_err().to_string().contains("/no/such"));
+    }
+
+    #[test]
+    fn numbers_are_compared_by_value() {
+        let mut names = ["a10", "a9", "a010b", "a", "b1", "a1"];
+        names.sort_by(|a, b| natural(a, b));
+        assert_eq!(names, ["a", "a1", "a9", "a10", "a010b", "b1"]);
+    }
+}

@@ -88,14 +88,18 @@ impl Default for RegionParameters {
 /// Regions that are measured before the nearest are chosen.
 const CAPACITY: usize = 512;
 /// What rises fewer standard deviations above the road is noise; what rises so many stands out.
-const LEAST_PROMINENCE: f64 = 2.0;
-const GREAT_PROMINENCE: f64 = 5.0;
+const LEAST_PROMINENCE: f64 = 3.0;
+const GREAT_PROMINENCE: f64 = 8.0;
 /// What has so many pixels stands out when it is prominent, too.
 const MANY_PIXELS: u32 = 150;
 /// What remains of a disparity's error after averaging, in px, and as a share of the distance: the
 /// near side of a thing is seldom a plane across the view.
 const SYSTEMATIC_PX: f64 = 0.08;
 const SHAPE: f64 = 0.012;
+/// A stixel that begins higher than this above the road may hang, in metres.
+const LOW_M: f64 = 0.8;
+/// Share of a region's strips in which something must begin lower.
+const STANDING: f64 = 0.4;
 /// The widest shadow of an edge, in px.
 const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Strips over which stixels are linked.
@@ -250,7 +254,9 @@ impl RegionFinder {
             right = right.max(stixel.strip);
             top = top.min(stixel.top);
         }
-        let low_m = members().map(|s| s.low_m).fold(f32::INFINITY, f32::min);
+        // What stands begins near the road: a sky without texture can seem to hang at any depth.
+        let low = members().filter(|s| f64::from(s.low_m) <= LOW_M).count();
+        let stands = low as f64 >= STANDING * f64::from(right + 1 - left);
         let (disparity_px, disparity_sigma_px) = self.near_side(stixels, surface)?;
         let distance_m = rig.distance_m(disparity_px);
         if distance_m > p.greatest_distance_m {
@@ -275,11 +281,11 @@ impl RegionFinder {
             height_m,
             pixels,
         };
-        let stands = region.height_m >= p.least_height_m
+        let kept = stands
+            && region.height_m >= p.least_height_m
             && prominence(&region, surface, slope) >= LEAST_PROMINENCE
-            && f64::from(low_m) <= 0.5 * p.greatest_height_m
             && region.width_m >= p.least_width_m;
-        stands.then_some(region)
+        kept.then_some(region)
     }
 
     /// Disparity of the near side with its standard deviation: the nearest depth at which a good part

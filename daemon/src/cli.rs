@@ -80,6 +80,16 @@ image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.t
 
 A rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and cy_px.")]
     Obstacles(Obstacles),
+    /// Objects in pictures, by a cascade
+    #[command(after_help = "Examples:
+  lookout detect haarcascade_frontalface_default.xml people.jpg
+  lookout detect vehicle.xml road.png --growth 1.3 --min-px 30 --max-px 90 --json
+  lookout detect cascade.xml a.png b.png --neighbours 0     every window that passes
+  lookout detect vehicle.xml road.png --overlay found.png
+
+CASCADE is an OpenCV cascade XML, boosted LBP or Haar, of the current or the older format. The
+boxes are those of OpenCV's detectMultiScale with the same image and options; so are the defaults.")]
+    Detect(Detect),
     /// Tables against ground truth
     #[command(after_help = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015
@@ -296,6 +306,36 @@ pub struct EvaluateStereo {
     pub json: bool,
 }
 
+#[derive(Args, Debug)]
+pub struct Detect {
+    /// Cascade
+    pub cascade: PathBuf,
+    /// Images (PNG, JPEG, PGM, PPM; colour is turned to grey)
+    #[arg(required = true, value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+    /// Factor from one window size to the next
+    #[arg(long, default_value_t = 1.1, value_name = "F", value_parser = growth)]
+    pub growth: f64,
+    /// Least side of a window, in pixels; 0 for no limit
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    pub min_px: u32,
+    /// Greatest side of a window, in pixels; 0 for no limit
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    pub max_px: u32,
+    /// A find needs more overlapping hits than this, as OpenCV's minNeighbors; 0 gives every hit
+    #[arg(long, default_value_t = 3, value_name = "N")]
+    pub neighbours: u32,
+    /// Times the detector alone this often on each image
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub repeat: u32,
+    /// Writes the image with the boxes; for one image
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Option<PathBuf>,
+    /// Print as JSON: a list of image, x, y, width, height, score
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Pairs of a set by position: parameters are chosen on one half, figures reported of the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PairChoice {
@@ -338,6 +378,10 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 
 fn fps(text: &str) -> Result<f64, String> {
     number(text, 0.01, 1000.0)
+}
+
+fn growth(text: &str) -> Result<f64, String> {
+    number(text, 1.01, 100.0)
 }
 
 fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {

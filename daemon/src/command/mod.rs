@@ -2,6 +2,7 @@
 
 mod check_config;
 mod demo;
+mod detect;
 mod disparity;
 mod evaluate;
 mod obstacles;
@@ -84,6 +85,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::Detect(args) => detect::run(&args, log),
         Command::Evaluate { what } => evaluate::run(&what, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),

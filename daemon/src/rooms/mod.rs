@@ -9,7 +9,7 @@ pub mod stereo;
 use config::Config;
 use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
-use perception::recognition::{CascadeRecogniser, ScanParameters};
+use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
 use perception::road::{RegionParameters, RoadParameters};
 use perception::stereo::cost::CostParameters;
 use perception::stereo::fill::BridgeParameters;
@@ -174,12 +174,17 @@ pub fn recogniser(
         .map_err(|source| RoomError::CascadeFile { path: path(), source })?;
     let cascade = perception::recognition::xml::read(&text)
         .map_err(|source| RoomError::Cascade { path: path(), source })?;
-    let scan = ScanParameters {
-        least_px: whole(c.window_min_px),
-        greatest_px: whole(c.window_max_px),
+    let parameters = RecogniserParameters {
+        sizes: Sizes::Range {
+            least_px: whole(c.window_min_px),
+            greatest_px: whole(c.window_max_px),
+            growth: c.growth,
+        },
         growth: c.growth,
+        window_m: c.window_m,
+        least_neighbours: whole(c.neighbours_min),
     };
-    Ok(Some(CascadeRecogniser::new(cascade, scan, whole(c.neighbours_min), width, height)))
+    Ok(Some(CascadeRecogniser::new(&cascade, parameters, width, height)))
 }
 
 /// Refuses a frame of another size than the run's.

@@ -67,7 +67,8 @@ impl RecognitionRoom {
                 (Some(recogniser), Some(pixels)) => {
                     let [_, _, width, height] = record.crop.map(|v| v as usize);
                     let crop = GreyView::new(pixels, width, height, width)?;
-                    recogniser.recognise(crop).map(|found| found.score)
+                    let metre_px = record.disparity_px / self.rig.baseline_m;
+                    recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
                 }
                 _ => None,
             };

@@ -19,6 +19,7 @@ use tools::evaluate::disturb::Disturbance;
   lookout replay RECORDING --out results          recorded pairs through the daemon
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
   lookout evaluate stereo KITTI                   its errors against ground truth
+  lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          what the running daemon is doing
 
 Exit code: 0 on success, 2 for bad usage, 1 for everything else."
@@ -90,10 +91,26 @@ A rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and 
 CASCADE is an OpenCV cascade XML, boosted LBP or Haar, of the current or the older format. The
 boxes are those of OpenCV's detectMultiScale with the same image and options; so are the defaults.")]
     Detect(Detect),
+    /// Trains a cascade
+    #[command(after_help = "Examples:
+  lookout train --positives vehicles --negatives others -o vehicle.xml
+  lookout train --positives vehicles --negatives others -o v.xml --report out/training --threads 4
+  lookout train --positives vehicles --negatives others -o v.xml --features haar --window 24x20
+  lookout train --positives vehicles --negatives others -o v.xml --sweep
+
+Each picture of --positives holds one object that fills it; those of --negatives hold none and may
+have any size from the window's on: windows are cut out of them. Of every folder below, the last
+part judges and is not learned from (--validation): keep pictures of one drive in one folder, in
+order. The same pictures and options give the same cascade, on any number of threads.
+
+A run that is stopped goes on where it was when it is started again; its stages are kept in
+CASCADE.part. The cascade is OpenCV's XML.")]
+    Train(Box<Train>),
     /// Tables against ground truth
     #[command(after_help = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015
   lookout evaluate stereo KITTI MIDDLEBURY --out results --json
+  lookout evaluate detection vehicle.xml --positives vehicles --negatives others
   lookout evaluate stereo --help")]
     Evaluate {
         /// What is evaluated.
@@ -265,6 +282,134 @@ pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAI
 roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and disp_occ_0; with
 several sets, below a folder for each.")]
     Stereo(EvaluateStereo),
+    /// A cascade on patches with and without objects
+    #[command(after_help = "Examples:
+  lookout evaluate detection vehicle.xml --positives vehicles --negatives others
+  lookout evaluate detection vehicle.xml --positives vehicles --negatives others --roc roc.png --json
+
+Every picture in and below the folders is brought to the size of the cascade's window, each pixel
+the mean of what it covers, and classified. Use pictures that the cascade was not trained on. The
+ROC is that of moving all stages' thresholds together.")]
+    Detection(EvaluateDetection),
+}
+
+#[derive(Args, Debug)]
+pub struct EvaluateDetection {
+    /// Cascade
+    pub cascade: PathBuf,
+    /// Pictures of one object each
+    #[arg(long, value_name = "DIR")]
+    pub positives: PathBuf,
+    /// Pictures without objects
+    #[arg(long, value_name = "DIR")]
+    pub negatives: PathBuf,
+    /// Threads
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: u16,
+    /// Writes the ROC as a plot
+    #[arg(long, value_name = "FILE.png")]
+    pub roc: Option<PathBuf>,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Defaults are those of `tools::train::TrainParameters::usual`.
+#[derive(Args, Debug)]
+pub struct Train {
+    /// Pictures of one object each
+    #[arg(long, value_name = "DIR")]
+    pub positives: PathBuf,
+    /// Pictures without objects; may be repeated
+    #[arg(long, value_name = "DIR", required = true)]
+    pub negatives: Vec<PathBuf>,
+    /// Where the cascade is written
+    #[arg(short, long, value_name = "CASCADE.xml")]
+    pub out: PathBuf,
+    /// What trees look at
+    #[arg(long, value_enum, default_value_t = FeatureChoice::Lbp)]
+    pub features: FeatureChoice,
+    /// Stages, at most
+    #[arg(long, default_value_t = 17, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=100))]
+    pub stages: u16,
+    /// Decisions from the root of a tree to a leaf, at most
+    #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=6))]
+    pub max_depth: u32,
+    /// Window, in pixels
+    #[arg(long, default_value = "24x24", value_name = "WxH", value_parser = window)]
+    pub window: (u16, u16),
+    /// Share of the objects that each stage lets pass
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    pub hit_rate: Option<f64>,
+    /// A stage is done when no more than this share of the rest passes
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    pub false_alarm_rate: Option<f64>,
+    /// Or when it has this many trees of its own
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=5000))]
+    pub max_trees: Option<u16>,
+    /// Share of the judging objects that the whole cascade lets pass, all thresholds moved together
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    pub final_hit_rate: Option<f64>,
+    /// Share of each folder, its last pictures, that judges stages instead of being learned from;
+    /// 0 judges by what was learned
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    pub validation: Option<f64>,
+    /// Varied windows made of each object, besides the object as it is
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub variants: Option<u16>,
+    /// How much objects are varied: 0 not at all, 1 as usual, 2 twice as much
+    #[arg(long, default_value_t = 1.0, value_name = "F", value_parser = strength)]
+    pub variation: f64,
+    /// Windows without objects that each stage learns from
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1_000_000))]
+    pub negative_windows: Option<u32>,
+    /// Features that a stage chooses from, drawn anew for each
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub pool: Option<u32>,
+    /// How much of a tree's values is added
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    pub learning_rate: Option<f64>,
+    /// Least share of the weight in a leaf
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    pub least_leaf: Option<f64>,
+    /// A leaf's mean is drawn to 0 as by this many samples
+    #[arg(long, value_name = "SAMPLES", value_parser = prior)]
+    pub leaf_prior: Option<f64>,
+    /// An LBP code's mean is drawn to its node's as by this many samples
+    #[arg(long, value_name = "SAMPLES", value_parser = prior)]
+    pub category_prior: Option<f64>,
+    /// Each stage begins from nothing instead of with the trees of the one before
+    #[arg(long)]
+    pub unchained: bool,
+    /// Random numbers come from this
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub seed: u64,
+    /// Threads [default: those of the machine]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// Folder for figures and plots: stages, ROC, features on the mean object
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+    /// Forgets the stages of a run that was stopped
+    #[arg(long)]
+    pub restart: bool,
+    /// Prints the paper's tables, stages x depth and growth x window, instead of writing a cascade
+    #[arg(long, conflicts_with_all = ["restart", "report"])]
+    pub sweep: bool,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FeatureChoice {
+    /// Multi-block local binary patterns: fast
+    Lbp,
+    /// Upright Haar features
+    Haar,
+    /// Haar features, tilted ones too
+    HaarTilted,
 }
 
 #[derive(Args, Debug)]
@@ -378,6 +523,27 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 
 fn fps(text: &str) -> Result<f64, String> {
     number(text, 0.01, 1000.0)
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 1.0)
+}
+
+fn strength(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 4.0)
+}
+
+fn prior(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 1e6)
+}
+
+fn window(text: &str) -> Result<(u16, u16), String> {
+    let sides =
+        text.split_once('x').and_then(|(w, h)| Some((w.parse::<u16>().ok()?, h.parse::<u16>().ok()?)));
+    match sides {
+        Some((w, h)) if (8..=64).contains(&w) && (8..=64).contains(&h) => Ok((w, h)),
+        _ => Err("give WIDTHxHEIGHT, each from 8 to 64, as in 24x24".into()),
+    }
 }
 
 fn growth(text: &str) -> Result<f64, String> {

@@ -24,6 +24,7 @@ use tools::{colour, picture};
 pub fn run(what: &Evaluate, log: Option<&str>) -> Result<(), CommandError> {
     match what {
         Evaluate::Stereo(args) => stereo(args, log),
+        Evaluate::Detection(args) => super::evaluate_detection::run(args, log),
     }
 }
 

@@ -5,10 +5,12 @@ mod demo;
 mod detect;
 mod disparity;
 mod evaluate;
+mod evaluate_detection;
 mod obstacles;
 mod replay;
 mod run;
 mod status;
+mod train;
 
 use crate::cli::{Cli, Command, ConfigArgs};
 use crate::launch::Launch;
@@ -52,6 +54,9 @@ pub enum CommandError {
     /// A picture.
     #[error(transparent)]
     Picture(#[from] tools::picture::PictureError),
+    /// Training.
+    #[error(transparent)]
+    Train(#[from] tools::train::TrainError),
     /// Results.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
@@ -82,6 +87,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Demo(args) => demo::run(&args, log),
         Command::Run(args) => run::run(&args, log),
         Command::Replay(args) => replay::run(&args, log),
+        Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),

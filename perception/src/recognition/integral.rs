@@ -59,6 +59,11 @@ impl Integral {
         }
     }
 
+    /// Columns and rows of the table of sums: one more each than the image has.
+    pub fn size(&self) -> (usize, usize) {
+        (self.stride, self.sums.len() / self.stride.max(1))
+    }
+
     /// Sum of all pixels above and left of (`x`, `y`).
     #[inline]
     pub fn sum_at(&self, x: usize, y: usize) -> u32 {

@@ -1,6 +1,7 @@
 //! Scores of disparity maps against truth, by the rules of the KITTI devkit, and what shows where
 //! a matcher fails: error pictures, the sub-pixel histogram, errors by confidence, disturbances.
 
+pub mod detection;
 pub mod disturb;
 pub mod error_picture;
 pub mod files;

@@ -67,7 +67,7 @@ pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
         if args.repeat > 1 && !args.json {
             let ms = median(&mut cpu_ms);
             say(format_args!(
-                "{}: {ms:.2} ms of processor time (median of {}, least {:.2})",
+                "{}: {ms:.4} ms of processor time (median of {}, least {:.4})",
                 path.display(),
                 args.repeat,
                 cpu_ms[0]

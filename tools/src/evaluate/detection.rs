@@ -1,11 +1,11 @@
 //! A cascade judged on patches: each is brought to the size of the window and classified.
 
-use crate::train::TrainError;
 use crate::train::augment::{Part, Sampling, window};
 use crate::train::features::Sums;
 use crate::train::pictures::SourcePicture;
 use crate::train::threads;
-use perception::recognition::cascade::{Branch, Cascade, Features, Stage};
+use crate::train::{FeatureKind, TrainError};
+use perception::recognition::cascade::{Branch, Cascade, Stage};
 use serde::Serialize;
 
 /// One patch's way through a cascade.
@@ -85,8 +85,8 @@ fn stage_margin(cascade: &Cascade, stage: &Stage, sample: &Sums) -> f64 {
 
 /// The verdict on a window that was brought to the cascade's size.
 pub fn judge(cascade: &Cascade, pixels: &[u8]) -> Verdict {
-    let haar = matches!(cascade.features, Features::Haar(_));
-    let sample = Sums::of(pixels, (cascade.width, cascade.height), haar);
+    let kind = FeatureKind::of(&cascade.features);
+    let sample = Sums::of(pixels, (cascade.width, cascade.height), kind);
     if !sample.sound {
         return Verdict { margin: f64::NEG_INFINITY, stages: 0 };
     }

@@ -107,18 +107,19 @@ fn bilinear(picture: GreyView<'_>, part: Part, (width, height): (usize, usize), 
         let first = at as usize;
         (first, (first + 1).min(limit - 1), (at - first as f64) as f32)
     };
+    let columns: Vec<(usize, usize, f32)> =
+        (0..width).map(|x| place(part.x, part.width, x, width, picture.width())).collect();
     for y in 0..height {
         let (upper, lower, down) = place(part.y, part.height, y, height, picture.height());
         let (upper, lower) = (picture.row(upper), picture.row(lower));
-        for x in 0..width {
-            let (left, right, across) = place(part.x, part.width, x, width, picture.width());
+        out.extend(columns.iter().map(|&(left, right, across)| {
             let mix = |row: &[u8]| {
                 let (a, b) = (f32::from(row[left]), f32::from(row[right]));
                 a + (b - a) * across
             };
             let (a, b) = (mix(upper), mix(lower));
-            out.push((a + (b - a) * down + 0.5) as u8);
-        }
+            (a + (b - a) * down + 0.5) as u8
+        }));
     }
 }
 
@@ -172,7 +173,8 @@ pub fn relight(variation: &Variation, random: &mut Rng, width: usize, out: &mut 
             (0..256).map(|v| (f64::from(v) / 255.0).powf(gamma) * (high - low) + low).collect();
         for v in out.iter_mut() {
             let noise = if noise > 0.0 { within(random, noise) } else { 0.0 };
-            *v = (table[usize::from(*v)] + noise).round().clamp(0.0, 255.0) as u8;
+            // Truncated as it is cast: below 0 becomes 0, above 255 becomes 255.
+            *v = (table[usize::from(*v)] + noise + 0.5) as u8;
         }
     }
 }
@@ -189,7 +191,7 @@ pub fn fade(variation: &Variation, random: &mut Rng, out: &mut [u8]) {
     let noise = if random.bool() { random.f64() * 3.0 } else { 0.0 };
     for v in out.iter_mut() {
         let noise = if noise > 0.0 { within(random, noise) } else { 0.0 };
-        *v = (level + (f64::from(*v) - level) * contrast + noise).round().clamp(0.0, 255.0) as u8;
+        *v = (level + (f64::from(*v) - level) * contrast + noise + 0.5) as u8;
     }
 }
 

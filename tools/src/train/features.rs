@@ -1,6 +1,6 @@
 //! The features that the trainer chooses from, and their values on all samples as one byte each.
 
-use super::threads;
+use super::{FeatureKind, threads};
 use fastrand::Rng;
 use perception::recognition::cascade::{Features, HaarFeature, LbpFeature, Split, WeightedRect};
 use perception::recognition::integral::Integral;
@@ -99,7 +99,7 @@ pub fn draw(features: &Features, count: usize, random: &mut Rng) -> Features {
 }
 
 /// The sums over one sample that features are made of.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Sums {
     integral: Integral,
     inverse: f32,
@@ -108,17 +108,24 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Of a window; `haar` makes what Haar features need.
-    pub fn of(window: &[u8], (width, height): (u16, u16), haar: bool) -> Self {
-        let mut integral = Integral::default();
-        integral.fill(window, width.into());
-        let (mut inverse, mut sound) = (1.0, true);
-        if haar {
-            integral.fill_tilted(window, width.into());
-            let contrast = integral.contrast(width, height, 0, 0);
-            (inverse, sound) = (contrast.inverse, contrast.sound);
+    /// Of a window of so many pixels, for these features.
+    pub fn of(window: &[u8], size: (u16, u16), kind: FeatureKind) -> Self {
+        let mut sums = Self::default();
+        sums.fill(window, size, kind);
+        sums
+    }
+
+    /// The same in the memory that is there.
+    pub fn fill(&mut self, window: &[u8], (width, height): (u16, u16), kind: FeatureKind) {
+        self.integral.fill(window, width.into());
+        (self.inverse, self.sound) = (1.0, true);
+        if kind == FeatureKind::HaarTilted {
+            self.integral.fill_tilted(window, width.into());
         }
-        Self { integral, inverse, sound }
+        if kind != FeatureKind::Lbp {
+            let contrast = self.integral.contrast(width, height, 0, 0);
+            (self.inverse, self.sound) = (contrast.inverse, contrast.sound);
+        }
     }
 
     /// Whether a split on feature `feature` sends the sample left.
@@ -284,7 +291,7 @@ mod tests {
         (0..count)
             .map(|_| {
                 let window: Vec<u8> = (0..24 * 24).map(|_| random.u8(..)).collect();
-                Sums::of(&window, (24, 24), haar)
+                Sums::of(&window, (24, 24), if haar { FeatureKind::HaarTilted } else { FeatureKind::Lbp })
             })
             .collect()
     }

@@ -3,15 +3,15 @@
 use super::augment::{Part, Sampling, Variation, fade, relight, vary, window};
 use super::features::Sums;
 use super::pictures::SourcePicture;
-use super::threads;
+use super::{FeatureKind, threads};
 use fastrand::Rng;
-use perception::recognition::cascade::{Cascade, Features};
+use perception::recognition::cascade::Cascade;
 
 /// Candidates that a thread tries at a time.
 const RUN: usize = 2048;
 
 /// Candidates tried for each window that is wanted, at most.
-const TRIES: usize = 400;
+const TRIES: usize = 200;
 
 /// Pictures of up to this many windows a side are patches: each is also tried as a whole.
 const PATCH: usize = 4;
@@ -112,7 +112,7 @@ impl<'a> Miner<'a> {
     /// The first `count` windows of a round that pass all stages of `cascade`, fewer when they
     /// become too rare.
     pub fn mine(&self, cascade: &Cascade, round: u64, count: usize, threads: usize) -> Mined {
-        let haar = matches!(cascade.features, Features::Haar(_));
+        let kind = FeatureKind::of(&cascade.features);
         let mut mined = Mined { windows: Vec::new(), tried: 0 };
         if self.is_empty() {
             return mined;
@@ -122,11 +122,11 @@ impl<'a> Miner<'a> {
             // As much work for any number of threads, so that all find the same.
             let runs = threads::map(threads, 8, |run| {
                 let mut found = Vec::new();
-                let mut out = Vec::new();
+                let (mut out, mut sums) = (Vec::new(), Sums::default());
                 let first = mined.tried + run * RUN;
                 for index in first..first + RUN {
                     self.candidate(round, index, &mut out);
-                    let sums = Sums::of(&out, (cascade.width, cascade.height), haar);
+                    sums.fill(&out, (cascade.width, cascade.height), kind);
                     if sums.sound
                         && cascade.stages_passed(sums.integral(), 0, 0) == Some(cascade.stages.len())
                     {

@@ -55,6 +55,15 @@ pub enum FeatureKind {
 }
 
 impl FeatureKind {
+    /// What a cascade's features need.
+    pub fn of(features: &Features) -> Self {
+        match features {
+            Features::Lbp(_) => Self::Lbp,
+            Features::Haar(list) if list.iter().any(|f| f.tilted) => Self::HaarTilted,
+            Features::Haar(_) => Self::Haar,
+        }
+    }
+
     /// Every feature of a window.
     pub fn all(self, width: u16, height: u16) -> Features {
         match self {
@@ -189,7 +198,6 @@ pub struct Trained {
 /// The windows of one class: each picture as it is, and varied.
 fn object_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usize, salt: u64) -> Vec<Sums> {
     let window = (usize::from(p.window.0), usize::from(p.window.1));
-    let haar = p.features != FeatureKind::Lbp;
     let made = threads::map(p.threads, pictures.len(), |i| {
         let view = pictures[i].grey.view();
         let mut random = Rng::with_seed(p.seed ^ salt ^ (i as u64) << 20);
@@ -201,7 +209,7 @@ fn object_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usi
                 } else {
                     augment::vary(view, Part::whole(view), &p.variation, &mut random, window, &mut out);
                 }
-                Sums::of(&out, p.window, haar)
+                Sums::of(&out, p.window, p.features)
             })
             .filter(|sums| sums.sound)
             .collect::<Vec<_>>()
@@ -222,7 +230,6 @@ pub fn train(
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Trained, TrainError> {
     let window = (usize::from(p.window.0), usize::from(p.window.1));
-    let haar = p.features != FeatureKind::Lbp;
     let all = p.features.all(p.window.0, p.window.1);
     let miner = Miner::new(&rest.training, window, p.variation, p.seed);
     let judge_miner = Miner::new(&rest.validation, window, p.variation, p.seed ^ 0x5EED);
@@ -265,7 +272,7 @@ pub fn train(
         }
         progress(Progress::Stage { index, acceptance });
         let sums_of = |windows: &[Vec<u8>]| -> Vec<Sums> {
-            threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, haar))
+            threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, p.features))
         };
         let objects_now = learned.len();
         let rest_now = sums_of(&mined.windows);
@@ -425,3 +432,6 @@ fn add(features: &mut Features, pool: &Features, index: usize) -> u32 {
         _ => 0,
     }
 }
+
+#[cfg(test)]
+mod tests;

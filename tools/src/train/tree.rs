@@ -288,6 +288,7 @@ impl Fit<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::FeatureKind::{Haar, Lbp};
     use super::super::features::Sums;
     use super::*;
     use perception::recognition::cascade::{Features, HaarFeature, LbpFeature, WeightedRect};
@@ -306,7 +307,7 @@ mod tests {
                         |p| if (p % 6) / 3 * 3 == bright { 150 + random.u8(..100) } else { random.u8(..100) },
                     )
                     .collect();
-                Sums::of(&window, (6, 6), haar)
+                Sums::of(&window, (6, 6), if haar { Haar } else { Lbp })
             })
             .collect()
     }
@@ -359,7 +360,7 @@ mod tests {
     fn deep_trees_are_the_same_on_any_number_of_threads() {
         let mut random = fastrand::Rng::with_seed(9);
         let samples: Vec<Sums> = (0..600)
-            .map(|_| Sums::of(&(0..36).map(|_| random.u8(..)).collect::<Vec<u8>>(), (6, 6), false))
+            .map(|_| Sums::of(&(0..36).map(|_| random.u8(..)).collect::<Vec<u8>>(), (6, 6), Lbp))
             .collect();
         let features = Features::Lbp(super::super::features::all_lbp(6, 6));
         let codes = Codes::new(&features, &samples, 2);

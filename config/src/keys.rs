@@ -182,7 +182,7 @@ pub const KEYS: &[Key] = &[
     key(
         "recognition.cascade",
         Path,
-        "OpenCV cascade XML, LBP or Haar; empty labels every region `obstacle`.",
+        "OpenCV cascade XML, LBP or Haar; `vehicle` is the one that ships (models/README.md); empty labels every region `obstacle`.",
     ),
     key("recognition.label", Name(15), "Class that the cascade recognises, as it is printed."),
     key(

@@ -19,7 +19,8 @@ use perception::stereo::winner::WinnerParameters;
 use perception::stereo::{MatchError, MatcherError, MpvParameters};
 use perception::tracking::TrackerParameters;
 use perception::tracking::alarm::AlarmParameters;
-use std::path::PathBuf;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The work of one stage: a message in, a message out.
@@ -42,7 +43,11 @@ pub enum RoomError {
     #[error(transparent)]
     Matcher(#[from] MatcherError),
     /// The cascade cannot be read.
-    #[error("recognition.cascade: {}: {source}", path.display())]
+    #[error(
+        "recognition.cascade: {}: {source}: give an OpenCV cascade XML, vehicle for the one that ships \
+         (not in a build without the feature models), or \"\" for none",
+        path.display()
+    )]
     CascadeFile {
         /// The file.
         path: PathBuf,
@@ -155,6 +160,17 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     }
 }
 
+/// The text of a cascade that ships with the daemon, by its name. It is no part of the program and
+/// has its own terms: see models/README.md.
+fn shipped(name: &Path) -> Option<&'static str> {
+    #[cfg(feature = "models")]
+    if name == Path::new("vehicle") {
+        return Some(include_str!("../../../models/vehicle.xml"));
+    }
+    let _ = name;
+    None
+}
+
 /// The recogniser that the configuration names, for crops of up to `width` × `height`; `None`
 /// when it names none.
 ///
@@ -170,8 +186,12 @@ pub fn recogniser(
         return Ok(None);
     }
     let path = || c.cascade.clone();
-    let text = std::fs::read_to_string(&c.cascade)
-        .map_err(|source| RoomError::CascadeFile { path: path(), source })?;
+    let text = match shipped(&c.cascade) {
+        Some(text) => Cow::Borrowed(text),
+        None => std::fs::read_to_string(&c.cascade)
+            .map_err(|source| RoomError::CascadeFile { path: path(), source })?
+            .into(),
+    };
     let cascade = perception::recognition::xml::read(&text)
         .map_err(|source| RoomError::Cascade { path: path(), source })?;
     let parameters = RecogniserParameters {

@@ -35,6 +35,8 @@ struct Tree {
 struct StageRange {
     trees: (usize, usize),
     least_sum: f64,
+    /// Its sum goes on from that of the stage before: it begins with the same trees.
+    goes_on: bool,
 }
 
 /// The laid-out cascade; `T` is how a decision is tested.
@@ -57,8 +59,14 @@ pub(super) trait Test: Copy {
 
     /// Looks at the 32 windows from entry `at` on.
     fn tile(planes: Self::Planes<'_>, at: usize) -> (Self::Tile, u32);
-    /// 255 for those that the decision sends left.
-    fn lanes<S: Simd>(&self, simd: S, planes: Self::Planes<'_>, tile: &Self::Tile, at: usize) -> S::Bytes;
+    /// 255 for those of the first `N` windows that the decision sends left.
+    fn lanes<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        planes: Self::Planes<'_>,
+        tile: &Self::Tile,
+        at: usize,
+    ) -> S::Bytes;
     /// Whether it sends window `lane` of them left.
     fn one(&self, planes: Self::Planes<'_>, tile: &Self::Tile, at: usize, lane: usize) -> bool;
 }
@@ -106,21 +114,21 @@ impl<T: Sum> Test for LbpTest<T> {
     }
 
     #[inline(always)]
-    fn lanes<S: Simd>(&self, simd: S, sums: &[T], (): &(), at: usize) -> S::Bytes {
+    fn lanes<S: Simd, const N: usize>(&self, simd: S, sums: &[T], (): &(), at: usize) -> S::Bytes {
         macro_rules! corners {
             ($j:expr) => {{
                 let row = &sums[self.row(at, $j)..];
                 [
-                    &row[self.columns[0] as usize..][..LANES],
-                    &row[self.columns[1] as usize..][..LANES],
-                    &row[self.columns[2] as usize..][..LANES],
-                    &row[self.columns[3] as usize..][..LANES],
+                    &row[self.columns[0] as usize..][..N],
+                    &row[self.columns[1] as usize..][..N],
+                    &row[self.columns[2] as usize..][..N],
+                    &row[self.columns[3] as usize..][..N],
                 ]
             }};
         }
         let (a, b, c, d) = (corners!(0), corners!(1), corners!(2), corners!(3));
         let mut codes = Lanes::ZERO;
-        for i in 0..LANES {
+        for i in 0..N {
             // Differences along the four rows of corners, then between rows: the nine blocks.
             let (a0, a1, a2) = (a[1][i].minus(a[0][i]), a[2][i].minus(a[1][i]), a[3][i].minus(a[2][i]));
             let (b0, b1, b2) = (b[1][i].minus(b[0][i]), b[2][i].minus(b[1][i]), b[3][i].minus(b[2][i]));
@@ -233,13 +241,13 @@ fn four(table: &[u32], at: usize, corners: &[u32; 4]) -> u32 {
 }
 
 macro_rules! four_lanes {
-    ($table:expr, $at:expr, $corners:expr) => {{
+    ($table:expr, $at:expr, $corners:expr, $count:expr) => {{
         let table = &$table[$at..];
         [
-            &table[$corners[0] as usize..][..LANES],
-            &table[$corners[1] as usize..][..LANES],
-            &table[$corners[2] as usize..][..LANES],
-            &table[$corners[3] as usize..][..LANES],
+            &table[$corners[0] as usize..][..$count],
+            &table[$corners[1] as usize..][..$count],
+            &table[$corners[2] as usize..][..$count],
+            &table[$corners[3] as usize..][..$count],
         ]
     }};
 }
@@ -251,8 +259,8 @@ impl Test for HaarTest {
 
     #[inline(always)]
     fn tile(planes: HaarPlanes<'_>, at: usize) -> ([f32; LANES], u32) {
-        let s = four_lanes!(planes.sums, at, planes.inner);
-        let q = four_lanes!(planes.squares, at, planes.inner);
+        let s = four_lanes!(planes.sums, at, planes.inner, LANES);
+        let q = four_lanes!(planes.squares, at, planes.inner, LANES);
         let (mut inverse, mut sound) = ([0.0; LANES], 0);
         for i in 0..LANES {
             let sum = s[0][i].wrapping_sub(s[1][i]).wrapping_sub(s[2][i]).wrapping_add(s[3][i]);
@@ -265,25 +273,31 @@ impl Test for HaarTest {
     }
 
     #[inline(always)]
-    fn lanes<S: Simd>(&self, simd: S, planes: HaarPlanes<'_>, inverse: &[f32; LANES], at: usize) -> S::Bytes {
+    fn lanes<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        planes: HaarPlanes<'_>,
+        inverse: &[f32; LANES],
+        at: usize,
+    ) -> S::Bytes {
         let table = self.plane(&planes);
-        let a = four_lanes!(table, at, self.corners[0]);
-        let b = four_lanes!(table, at, self.corners[1]);
-        let mut value = [0.0_f32; LANES];
-        for i in 0..LANES {
+        let a = four_lanes!(table, at, self.corners[0], N);
+        let b = four_lanes!(table, at, self.corners[1], N);
+        let mut value = [0.0_f32; N];
+        for i in 0..N {
             let first = a[0][i].wrapping_sub(a[1][i]).wrapping_sub(a[2][i]).wrapping_add(a[3][i]);
             let second = b[0][i].wrapping_sub(b[1][i]).wrapping_sub(b[2][i]).wrapping_add(b[3][i]);
             value[i] = self.weights[0] * first as i32 as f32 + self.weights[1] * second as i32 as f32;
         }
         if self.weights[2] != 0.0 {
-            let c = four_lanes!(table, at, self.corners[2]);
-            for i in 0..LANES {
+            let c = four_lanes!(table, at, self.corners[2], N);
+            for i in 0..N {
                 let third = c[0][i].wrapping_sub(c[1][i]).wrapping_sub(c[2][i]).wrapping_add(c[3][i]);
                 value[i] += self.weights[2] * third as i32 as f32;
             }
         }
         let mut below = Lanes::ZERO;
-        for i in 0..LANES {
+        for i in 0..N {
             below.0[i] = if value[i] * inverse[i] < self.threshold { 255 } else { 0 };
         }
         simd.load(&below)
@@ -310,9 +324,12 @@ impl<T> Program<T> {
             values: Vec::new(),
             small: true,
         };
+        let mut before: &[Vec<Node>] = &[];
         for stage in &cascade.stages {
             let first_tree = program.trees.len();
-            for nodes in &stage.trees {
+            // Trees of the stage before are not added up again.
+            let goes_on = !before.is_empty() && stage.trees.starts_with(before);
+            for nodes in &stage.trees[if goes_on { before.len() } else { 0 }..] {
                 program.trees.push(Tree {
                     first: program.steps.len(),
                     count: nodes.len() as u16,
@@ -335,7 +352,8 @@ impl<T> Program<T> {
                 program.small &= usize::from(next) <= SMALL_TREE;
             }
             let least_sum = stage.least_sum();
-            program.stages.push(StageRange { trees: (first_tree, program.trees.len()), least_sum });
+            program.stages.push(StageRange { trees: (first_tree, program.trees.len()), least_sum, goes_on });
+            before = &stage.trees;
         }
         // Small trees read sixteen values wherever they start.
         program.values.extend([0.0; SMALL_TREE]);
@@ -377,23 +395,27 @@ pub(super) struct Grid {
     pub most: usize,
 }
 
-/// The windows of a tile that pass a stage.
+/// The windows of a tile, of the first `N`, that pass a stage.
 #[inline(always)]
-fn stage_lanes<S: Simd, T: Test>(
+#[allow(clippy::too_many_arguments)]
+fn stage_lanes<S: Simd, T: Test, const N: usize>(
     simd: S,
     program: &Program<T>,
     stage: &StageRange,
     planes: T::Planes<'_>,
     tile: &T::Tile,
     at: usize,
+    sums: &mut [f64; LANES],
 ) -> u32 {
     let yes = simd.splat(255);
-    let mut sums = [0.0_f64; LANES];
+    if !stage.goes_on {
+        *sums = [0.0; LANES];
+    }
     for tree in &program.trees[stage.trees.0..stage.trees.1] {
         let steps = &program.steps[tree.first..][..usize::from(tree.count)];
         let mut place = simd.splat(0);
         for (i, step) in steps.iter().enumerate() {
-            let goes_left = step.test.lanes(simd, planes, tile, at);
+            let goes_left = step.test.lanes::<S, N>(simd, planes, tile, at);
             let next =
                 simd.select_equal(goes_left, yes, simd.splat(step.left as u8), simd.splat(step.right as u8));
             place = simd.select_equal(place, simd.splat(i as u8), next, place);
@@ -401,19 +423,40 @@ fn stage_lanes<S: Simd, T: Test>(
         let mut places = Lanes::ZERO;
         simd.store(place, &mut places);
         let values = &program.values[tree.values..][..SMALL_TREE];
-        for i in 0..LANES {
+        for i in 0..N {
             sums[i] += values[usize::from(places.0[i]) % SMALL_TREE];
         }
     }
     let mut passed = 0;
-    for i in 0..LANES {
+    for i in 0..N {
         passed |= u32::from(sums[i] >= stage.least_sum) << i;
     }
     passed
 }
 
+/// The same for the first `count` windows, of half a tile where those are enough.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn stage<S: Simd, T: Test>(
+    simd: S,
+    program: &Program<T>,
+    stage: &StageRange,
+    planes: T::Planes<'_>,
+    tile: &T::Tile,
+    at: usize,
+    count: usize,
+    sums: &mut [f64; LANES],
+) -> u32 {
+    if count <= LANES / 2 {
+        stage_lanes::<S, T, { LANES / 2 }>(simd, program, stage, planes, tile, at, sums)
+    } else {
+        stage_lanes::<S, T, LANES>(simd, program, stage, planes, tile, at, sums)
+    }
+}
+
 /// Whether window `lane` of a tile passes a stage.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)]
 fn stage_one<T: Test>(
     program: &Program<T>,
     stage: &StageRange,
@@ -421,17 +464,20 @@ fn stage_one<T: Test>(
     tile: &T::Tile,
     at: usize,
     lane: usize,
+    sum: &mut f64,
 ) -> bool {
-    let mut sum = 0.0_f64;
+    if !stage.goes_on {
+        *sum = 0.0;
+    }
     for tree in &program.trees[stage.trees.0..stage.trees.1] {
         let mut place = 0_u16;
         while place < tree.count {
             let step = &program.steps[tree.first + usize::from(place)];
             place = if step.test.one(planes, tile, at, lane) { step.left } else { step.right };
         }
-        sum += program.values[tree.values + usize::from(place)];
+        *sum += program.values[tree.values + usize::from(place)];
     }
-    sum >= stage.least_sum
+    *sum >= stage.least_sum
 }
 
 /// Adds the place (column, row) in the grid of every window that passes all stages.
@@ -451,9 +497,10 @@ fn scan<S: Simd, T: Test>(
             let count = LANES.min(grid.columns - column);
             let (tile, sound) = T::tile(planes, at);
             let mut alive = 0_u32;
+            let mut sums = [0.0_f64; LANES];
             let mut lane = out;
             if program.small {
-                let passed = stage_lanes(simd, program, &program.stages[0], planes, &tile, at);
+                let passed = stage(simd, program, &program.stages[0], planes, &tile, at, count, &mut sums);
                 let failed = if grid.skip { sound & !passed } else { 0 };
                 while lane < count {
                     alive |= 1 << lane;
@@ -463,24 +510,29 @@ fn scan<S: Simd, T: Test>(
             } else {
                 while lane < count {
                     let judged = sound >> lane & 1 == 1;
-                    let passed = judged && stage_one(program, &program.stages[0], planes, &tile, at, lane);
+                    let passed = judged
+                        && stage_one(program, &program.stages[0], planes, &tile, at, lane, &mut sums[lane]);
                     alive |= u32::from(passed) << lane;
                     lane += 1 + usize::from(judged && !passed && grid.skip);
                 }
             }
             out = lane - count;
             let mut rest = &program.stages[1..];
-            while let [stage, later @ ..] = rest
+            while let [next, later @ ..] = rest
                 && program.small
                 && alive.count_ones() >= FEW
             {
-                alive &= stage_lanes(simd, program, stage, planes, &tile, at);
+                let last = LANES - alive.leading_zeros() as usize;
+                alive &= stage(simd, program, next, planes, &tile, at, last, &mut sums);
                 rest = later;
             }
             while alive != 0 {
                 let lane = alive.trailing_zeros() as usize;
                 alive &= alive - 1;
-                if rest.iter().all(|stage| stage_one(program, stage, planes, &tile, at, lane)) {
+                if rest
+                    .iter()
+                    .all(|stage| stage_one(program, stage, planes, &tile, at, lane, &mut sums[lane]))
+                {
                     if hits.len() >= grid.most {
                         return;
                     }

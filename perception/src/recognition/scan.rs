@@ -236,7 +236,8 @@ impl Scanner {
         if width < self.window.0 || height < self.window.1 {
             return;
         }
-        let step = if scale >= 2.0 { 1 } else { 2 };
+        // About an expected size the image is never scaled less: two pixels apart are near enough.
+        let step = if scale >= 2.0 && stripes.is_some() { 1 } else { 2 };
         let layout = self.layouts[step - 1];
         let pixels = self.resizer.scale(image, width as usize, height as usize);
         let rows = (height - self.window.1) as usize + 1;

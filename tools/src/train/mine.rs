@@ -74,20 +74,38 @@ impl<'a> Miner<'a> {
         self.shares.last().is_none_or(|&s| s <= 0.0)
     }
 
-    /// Candidate `index` of a round: first the patches as they are, then parts at random.
+    /// Candidate `index` of a round: first the patches as they are, then parts at random, a quarter
+    /// of them put together from two: no object plus no object is none.
     fn candidate(&self, round: u64, index: usize, out: &mut Vec<u8>) {
-        let (width, height) = self.window;
         if let Some(&patch) = self.patches.get(index) {
             let view = self.pictures[patch].grey.view();
             return window(view, Part::whole(view), Sampling::Area, self.window, out);
         }
         let mut random = Rng::with_seed(self.seed ^ (round << 40) ^ index as u64);
+        self.part(&mut random, out);
+        if self.variation.light > 0.0 && random.u8(0..4) == 0 {
+            let mut other = Vec::with_capacity(out.len());
+            self.part(&mut random, &mut other);
+            let (width, height) = self.window;
+            let (row, column) = (random.usize(1..height), random.usize(1..width));
+            let upright = random.bool();
+            for (i, (v, &w)) in out.iter_mut().zip(&other).enumerate() {
+                if if upright { i % width >= column } else { i / width >= row } {
+                    *v = w;
+                }
+            }
+        }
+        fade(&self.variation, &mut random, out);
+    }
+
+    /// A part of a picture at random.
+    fn part(&self, random: &mut Rng, out: &mut Vec<u8>) {
+        let (width, height) = self.window;
         let drawn = random.f64() * self.shares.last().copied().unwrap_or(0.0);
         let picture = self.shares.partition_point(|&s| s <= drawn).min(self.pictures.len() - 1);
         let view = self.pictures[picture].grey.view();
         if self.patches.binary_search(&picture).is_ok() && random.bool() {
-            vary(view, Part::whole(view), &self.variation, &mut random, self.window, out);
-            return fade(&self.variation, &mut random, out);
+            return vary(view, Part::whole(view), &self.variation, random, self.window, out);
         }
         let most = (view.width() as f64 / width as f64).min(view.height() as f64 / height as f64);
         let scale = most.powf(random.f64());
@@ -105,8 +123,7 @@ impl<'a> Miner<'a> {
                 row.reverse();
             }
         }
-        relight(&self.variation, &mut random, width, out);
-        fade(&self.variation, &mut random, out);
+        relight(&self.variation, random, width, out);
     }
 
     /// The first `count` windows of a round that pass all stages of `cascade`, fewer when they

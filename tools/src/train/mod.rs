@@ -42,6 +42,10 @@ pub enum TrainError {
     Picture(#[from] crate::picture::PictureError),
 }
 
+/// Most trees of the first stage, which sees every window; each stage behind it may have twice as
+/// many as the one before, up to [`StageParameters::max_trees`].
+const FIRST_TREES: usize = 16;
+
 /// Which features trees are made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -114,9 +118,9 @@ impl TrainParameters {
             pool: 4000,
             stages: 17,
             stage: StageParameters {
-                hit_rate: 0.998,
+                hit_rate: 0.995,
                 false_alarm_rate: 0.5,
-                max_trees: 200,
+                max_trees: 100,
                 learning_rate: 0.5,
                 chained: true,
                 tree: TreeParameters {
@@ -300,8 +304,10 @@ pub fn train(
             judged_objects: builder.sums(judging.objects, p),
             judged_rest: builder.sums(judging.rest, p),
         };
+        let limits =
+            StageParameters { max_trees: p.stage.max_trees.min(FIRST_TREES << index.min(16)), ..p.stage };
         let trained =
-            stage::train(&p.stage, &pool, (&codes, objects_now), judging, begin, p.threads, &mut each)
+            stage::train(&limits, &pool, (&codes, objects_now), judging, begin, p.threads, &mut each)
                 .ok_or_else(|| {
                     TrainError::Data(format!(
                         "stage {index}: no feature tells objects from the rest: are the folders right?"

@@ -155,7 +155,18 @@ fn a_cascade_labels_what_it_recognises() {
 #[test]
 fn help_has_examples() {
     let bench = Bench::new();
-    for word in ["demo", "run", "replay", "status", "disparity", "obstacles", "evaluate", "check-config"] {
+    for word in [
+        "demo",
+        "run",
+        "replay",
+        "status",
+        "disparity",
+        "obstacles",
+        "train",
+        "detect",
+        "evaluate",
+        "check-config",
+    ] {
         let output = bench.command(&["--log", "warn", word, "--help"]).output().unwrap();
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(output.status.success() && text.contains("Examples:"), "{word}: {text}");

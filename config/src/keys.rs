@@ -203,8 +203,17 @@ pub const KEYS: &[Key] = &[
     ),
     key("regions.pixels_min", Whole(1, 100_000), "Regions of fewer pixels are noise."),
     key("regions.count_max", Whole(1, 64), "Most regions per frame; the nearest are kept."),
-    key("recognition.cascade", Path, "OpenCV LBP cascade XML; empty labels every region `obstacle`."),
+    key(
+        "recognition.cascade",
+        Path,
+        "OpenCV cascade XML, LBP or Haar; `vehicle` is the one that ships (models/README.md); empty labels every region `obstacle`.",
+    ),
     key("recognition.label", Name(15), "Class that the cascade recognises, as it is printed."),
+    key(
+        "recognition.window_m",
+        Number(0.0, 50.0),
+        "Width that the cascade's window has at the object, in metres: a region's distance then gives the two window sizes that are tried. 0 tries all sizes of the range below.",
+    ),
     key("recognition.window_min_px", Whole(8, 2000), "Least side of a search window, in px."),
     key(
         "recognition.window_max_px",

@@ -100,6 +100,7 @@ pub struct Regions {
 pub struct Recognition {
     pub cascade: PathBuf,
     pub label: String,
+    pub window_m: f64,
     pub window_min_px: i64,
     pub window_max_px: i64,
     pub growth: f64,

@@ -22,6 +22,7 @@ use tools::evaluate::disturb::Disturbance;
   lookout evaluate stereo KITTI                   its errors against ground truth
   lookout evaluate weather                        obstacles found in six weathers
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
+  lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          what the running daemon is doing
 
 Exit code: 0 on success, 2 for bad usage, 1 for everything else."
@@ -106,10 +107,36 @@ Writes left.png, right.png and lines.png: both pictures before (above) and after
   lookout rig rig.toml --format ros -o left.yaml       writes left.yaml and right.yaml
   lookout rig extrinsics.yml intrinsics.yml --size 640x480 --format toml -o rig.toml")]
     Rig(crate::cli_rig::RigCommand),
+    /// Objects in pictures, by a cascade
+    #[command(after_help = "Examples:
+  lookout detect haarcascade_frontalface_default.xml people.jpg
+  lookout detect vehicle.xml road.png --growth 1.3 --min-px 30 --max-px 90 --json
+  lookout detect cascade.xml a.png b.png --neighbours 0     every window that passes
+  lookout detect vehicle.xml road.png --overlay found.png
+
+CASCADE is an OpenCV cascade XML, boosted LBP or Haar, of the current or the older format. The
+boxes are those of OpenCV's detectMultiScale with the same image and options; so are the defaults.")]
+    Detect(crate::cli_cascade::Detect),
+    /// Trains a cascade
+    #[command(after_help = "Examples:
+  lookout train --positives vehicles --negatives others -o vehicle.xml
+  lookout train --positives vehicles --negatives others -o v.xml --report out/training --threads 4
+  lookout train --positives vehicles --negatives others -o v.xml --features haar --window 24x20
+  lookout train --positives vehicles --negatives others -o v.xml --sweep
+
+Each picture of --positives holds one object that fills it; those of --negatives hold none and may
+have any size from the window's on: windows are cut out of them. Of every folder below, the last
+part judges and is not learned from (--validation): keep pictures of one drive in one folder, in
+order. The same pictures and options give the same cascade, on any number of threads.
+
+A run that is stopped goes on where it was when it is started again; its stages are kept in
+CASCADE.part. The cascade is OpenCV's XML.")]
+    Train(Box<crate::cli_cascade::Train>),
     /// Tables against ground truth: recorded data sets, and synthetic scenes
     #[command(after_help = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015
   lookout evaluate stereo KITTI MIDDLEBURY --out results --json
+  lookout evaluate detection vehicle.xml --positives vehicles --negatives others
   lookout evaluate weather                       synthetic scenes, six weathers
   lookout evaluate distance                      approaches, and scenes without danger
   lookout evaluate stereo --help")]
@@ -317,6 +344,15 @@ false. What counts as found, false and stray is told by lookout evaluate weather
 
 --out writes SCENE.png, a filmstrip, for each approach, and evaluation.json.")]
     Distance(EvaluateDistance),
+    /// A cascade on patches with and without objects
+    #[command(after_help = "Examples:
+  lookout evaluate detection vehicle.xml --positives vehicles --negatives others
+  lookout evaluate detection vehicle.xml --positives vehicles --negatives others --roc roc.png --json
+
+Every picture in and below the folders is brought to the size of the cascade's window, each pixel
+the mean of what it covers, and classified. Use pictures that the cascade was not trained on. The
+ROC is that of moving all stages' thresholds together.")]
+    Detection(crate::cli_cascade::EvaluateDetection),
 }
 
 #[derive(Args, Debug)]
@@ -439,7 +475,7 @@ fn fps(text: &str) -> Result<f64, String> {
     number(text, 0.01, 1000.0)
 }
 
-fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
+pub fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (low..=high).contains(&value) => Ok(value),
         _ => Err(format!("give a number from {low} to {high}")),

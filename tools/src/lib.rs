@@ -10,4 +10,5 @@ pub mod picture;
 pub mod plot;
 pub mod record;
 pub mod summary;
+pub mod train;
 pub mod v_disparity;

@@ -3,8 +3,10 @@
 mod calibrate;
 mod check_config;
 mod demo;
+mod detect;
 mod disparity;
 mod evaluate;
+mod evaluate_detection;
 mod evaluate_distance;
 mod evaluate_weather;
 mod obstacles;
@@ -13,6 +15,7 @@ mod replay;
 mod run;
 mod scene_run;
 mod status;
+mod train;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
@@ -62,6 +65,9 @@ pub enum CommandError {
     /// A calibration's report.
     #[error(transparent)]
     Report(#[from] tools::calibrate::report::ReportError),
+    /// Training.
+    #[error(transparent)]
+    Train(#[from] tools::train::TrainError),
     /// Results.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
@@ -92,6 +98,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Demo(args) => demo::run(&args, log),
         Command::Run(args) => run::run(&args, log),
         Command::Replay(args) => replay::run(&args, log),
+        Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
@@ -99,8 +106,10 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rectify::convert(&args),
         Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),
+        Command::Evaluate { what: Evaluate::Detection(args) } => evaluate_detection::run(&args, log),
         Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
         Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
+        Command::Detect(args) => detect::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),
     }

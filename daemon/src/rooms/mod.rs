@@ -9,7 +9,7 @@ pub mod stereo;
 use config::Config;
 use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
-use perception::recognition::{CascadeRecogniser, ScanParameters};
+use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
 use perception::road::{RegionParameters, RoadParameters};
 use perception::stereo::cost::CostParameters;
 use perception::stereo::fill::BridgeParameters;
@@ -20,7 +20,8 @@ use perception::stereo::winner::{SubPixel, WinnerParameters};
 use perception::stereo::{MatchError, MatcherError, MpvParameters};
 use perception::tracking::TrackerParameters;
 use perception::tracking::alarm::AlarmParameters;
-use std::path::PathBuf;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The work of one stage: a message in, a message out.
@@ -43,7 +44,11 @@ pub enum RoomError {
     #[error(transparent)]
     Matcher(#[from] MatcherError),
     /// The cascade cannot be read.
-    #[error("recognition.cascade: {}: {source}", path.display())]
+    #[error(
+        "recognition.cascade: {}: {source}: give an OpenCV cascade XML, vehicle for the one that ships \
+         (not in a build without the feature models), or \"\" for none",
+        path.display()
+    )]
     CascadeFile {
         /// The file.
         path: PathBuf,
@@ -166,6 +171,17 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     }
 }
 
+/// The text of a cascade that ships with the daemon, by its name. It is no part of the program and
+/// has its own terms: see models/README.md.
+fn shipped(name: &Path) -> Option<&'static str> {
+    #[cfg(feature = "models")]
+    if name == Path::new("vehicle") {
+        return Some(include_str!("../../../models/vehicle.xml"));
+    }
+    let _ = name;
+    None
+}
+
 /// The recogniser that the configuration names, for crops of up to `width` × `height`; `None`
 /// when it names none.
 ///
@@ -181,16 +197,25 @@ pub fn recogniser(
         return Ok(None);
     }
     let path = || c.cascade.clone();
-    let text = std::fs::read_to_string(&c.cascade)
-        .map_err(|source| RoomError::CascadeFile { path: path(), source })?;
+    let text = match shipped(&c.cascade) {
+        Some(text) => Cow::Borrowed(text),
+        None => std::fs::read_to_string(&c.cascade)
+            .map_err(|source| RoomError::CascadeFile { path: path(), source })?
+            .into(),
+    };
     let cascade = perception::recognition::xml::read(&text)
         .map_err(|source| RoomError::Cascade { path: path(), source })?;
-    let scan = ScanParameters {
-        least_px: whole(c.window_min_px),
-        greatest_px: whole(c.window_max_px),
+    let parameters = RecogniserParameters {
+        sizes: Sizes::Range {
+            least_px: whole(c.window_min_px),
+            greatest_px: whole(c.window_max_px),
+            growth: c.growth,
+        },
         growth: c.growth,
+        window_m: c.window_m,
+        least_neighbours: whole(c.neighbours_min),
     };
-    Ok(Some(CascadeRecogniser::new(cascade, scan, whole(c.neighbours_min), width, height)))
+    Ok(Some(CascadeRecogniser::new(&cascade, parameters, width, height)))
 }
 
 /// Refuses a frame of another size than the run's.

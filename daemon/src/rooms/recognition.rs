@@ -16,10 +16,16 @@ use perception::tracking::{Detection, Track, Tracker};
 /// The word for what no class recognised.
 pub const UNRECOGNISED: &str = "obstacle";
 
+/// Regions narrower or lower than this share of the recogniser's window are parts at most and are
+/// not looked at: posts, kerbs.
+const LEAST_SHARE: f64 = 0.35;
+
 /// Recogniser, tracker and alarm between their messages.
 pub struct RecognitionRoom {
     recogniser: Option<Box<dyn Recogniser>>,
     label: String,
+    /// Least width and height of a region that is looked at, in metres.
+    least_m: f64,
     tracker: Tracker,
     alarm: Alarm,
     rig: Rig,
@@ -41,6 +47,7 @@ impl RecognitionRoom {
         Ok(Self {
             recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
             label: config.recognition.label.clone(),
+            least_m: LEAST_SHARE * config.recognition.window_m,
             tracker: Tracker::new(tracker_parameters(config)),
             alarm: Alarm::new(alarm_parameters(config)),
             rig: format.rig(),
@@ -64,10 +71,11 @@ impl RecognitionRoom {
         self.detections.clear();
         for record in message.regions {
             let score = match (&mut self.recogniser, message.crop(record)) {
-                (Some(recogniser), Some(pixels)) => {
+                (Some(recogniser), Some(pixels)) if record.width_m.min(record.height_m) >= self.least_m => {
                     let [_, _, width, height] = record.crop.map(|v| v as usize);
                     let crop = GreyView::new(pixels, width, height, width)?;
-                    recogniser.recognise(crop).map(|found| found.score)
+                    let metre_px = record.disparity_px / self.rig.baseline_m;
+                    recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
                 }
                 _ => None,
             };

@@ -1,8 +1,11 @@
-//! A boosted cascade over multi-block local binary patterns: its model and its verdict on one
-//! window.
+//! A boosted cascade: its model, and its verdict on one window, written as it is defined.
+//!
+//! [`super::program`] lays the same cascade out for speed; tests hold the two equal.
+
+use super::integral::Integral;
 
 /// A multi-block LBP feature: 3 × 3 equal blocks, the first one at (`x`, `y`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LbpFeature {
     /// Left column of the first block.
     pub x: u16,
@@ -14,90 +17,17 @@ pub struct LbpFeature {
     pub height: u16,
 }
 
-/// Where a decision leads.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Branch {
-    /// To another decision of the tree, which lies behind this one.
-    Node(u16),
-    /// To a leaf with this value.
-    Leaf(f32),
-}
-
-/// One decision: the feature's code is looked up in a set of 256 bits.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Node {
-    /// Index of the feature.
-    pub feature: u16,
-    /// Code c leads left when bit c & 31 of word c >> 5 is set.
-    pub subset: [u32; 8],
-    /// Taken when the bit is set.
-    pub left: Branch,
-    /// Taken when it is not.
-    pub right: Branch,
-}
-
-/// Trees whose leaves are summed, and the sum that a window needs.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Stage {
-    /// The sum must reach this (less 1e-5).
-    pub threshold: f32,
-    /// Each a list of nodes, the root first.
-    pub trees: Vec<Vec<Node>>,
-}
-
-/// A cascade of stages for windows of one size.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Cascade {
-    /// Width of the window that it was trained on, in pixels.
-    pub width: u16,
-    /// Height of that window.
-    pub height: u16,
-    /// The features that nodes name.
-    pub features: Vec<LbpFeature>,
-    /// Cheapest first.
-    pub stages: Vec<Stage>,
-}
-
-/// Sums of all pixels above and left, for images that change in size.
-#[derive(Clone, Debug)]
-pub struct Integral {
-    sums: Vec<u32>,
-    stride: usize,
-}
-
-impl Integral {
-    /// Memory for images of up to `width` × `height` pixels.
-    pub fn new(width: usize, height: usize) -> Self {
-        Self { sums: vec![0; (width + 1) * (height + 1)], stride: 0 }
-    }
-
-    /// Sums up `pixels`, rows of `width`.
-    pub fn fill(&mut self, pixels: &[u8], width: usize) {
-        self.stride = width + 1;
-        self.sums[..self.stride].fill(0);
-        for (y, row) in pixels.chunks_exact(width).enumerate() {
-            let (above, here) = self.sums.split_at_mut((y + 1) * self.stride);
-            let above = &above[y * self.stride..];
-            let mut sum = 0_u32;
-            here[0] = 0;
-            for ((target, &before), &v) in here[1..].iter_mut().zip(&above[1..]).zip(row) {
-                sum = sum.wrapping_add(u32::from(v));
-                // Wraps in huge images; differences of sums stay right.
-                *target = before.wrapping_add(sum);
-            }
-        }
-    }
-
-    /// The LBP code of a feature in the window at (`x`, `y`): one bit per outer block whose sum is
+impl LbpFeature {
+    /// The code of the feature in the window at (`x`, `y`): one bit per outer block whose sum is
     /// not below the centre's, clockwise from the upper left, highest bit first.
     #[inline]
-    fn code(&self, feature: &LbpFeature, x: usize, y: usize) -> u8 {
-        let (w, h) = (usize::from(feature.width), usize::from(feature.height));
+    pub fn code(&self, integral: &Integral, x: usize, y: usize) -> u8 {
+        let (w, h) = (usize::from(self.width), usize::from(self.height));
+        let (x, y) = (x + usize::from(self.x), y + usize::from(self.y));
         let mut corners = [[0_u32; 4]; 4];
-        let start = (y + usize::from(feature.y)) * self.stride + x + usize::from(feature.x);
         for (j, row) in corners.iter_mut().enumerate() {
             for (i, corner) in row.iter_mut().enumerate() {
-                *corner = self.sums[start + j * h * self.stride + i * w];
+                *corner = integral.sum_at(x + i * w, y + j * h);
             }
         }
         let block = |i: usize, j: usize| {
@@ -112,28 +42,216 @@ impl Integral {
     }
 }
 
+/// A rectangle of a Haar feature.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WeightedRect {
+    /// Left column; the column of the apex when tilted.
+    pub x: u16,
+    /// Top row; the row of the apex when tilted.
+    pub y: u16,
+    /// Width; the length of the arm that runs down to the right when tilted.
+    pub width: u16,
+    /// Height; the length of the arm that runs down to the left when tilted.
+    pub height: u16,
+    /// Factor of the sum of its pixels.
+    pub weight: f32,
+}
+
+/// A Haar feature: up to three weighted rectangles, upright or turned by 45°. A rectangle that is
+/// not there has weight 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HaarFeature {
+    /// The rectangles.
+    pub rects: [WeightedRect; 3],
+    /// Turned by 45°.
+    pub tilted: bool,
+}
+
+impl HaarFeature {
+    /// Its value in the window at (`x`, `y`), in single precision in this order, as OpenCV has it;
+    /// `inverse` is [`Contrast::inverse`].
+    #[inline]
+    pub fn value(&self, integral: &Integral, x: usize, y: usize, inverse: f32) -> f32 {
+        let sum = |r: &WeightedRect| {
+            let sum = if self.tilted { integral.tilted_sum(r, x, y) } else { integral.rect_sum(r, x, y) };
+            r.weight * sum as i32 as f32
+        };
+        let mut value = sum(&self.rects[0]) + sum(&self.rects[1]);
+        if self.rects[2].weight != 0.0 {
+            value += sum(&self.rects[2]);
+        }
+        value * inverse
+    }
+
+    /// The rectangles that are there.
+    pub fn rects(&self) -> impl Iterator<Item = &WeightedRect> {
+        self.rects.iter().filter(|r| r.weight != 0.0)
+    }
+}
+
+/// The contrast of a window, by which Haar values are divided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contrast {
+    /// One over its area × standard deviation, over the window less one pixel on each side.
+    pub inverse: f32,
+    /// False when the window is too flat to be judged: standard deviation of 10 grey levels or less.
+    pub sound: bool,
+}
+
+impl Contrast {
+    /// From the sum and the sum of squares of `area` pixels; squares wrap as OpenCV's do.
+    #[inline]
+    pub fn new(sum: u32, squares: u32, area: f64) -> Self {
+        let sum = f64::from(sum as i32);
+        let spread = area * f64::from(squares) - sum * sum;
+        if spread > 0.0 {
+            let inverse = (1.0 / spread.sqrt()) as f32;
+            Self { inverse, sound: area * f64::from(inverse) < 0.1 }
+        } else {
+            Self { inverse: 1.0, sound: false }
+        }
+    }
+}
+
+/// The features that nodes name, all of one kind.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Features {
+    /// Multi-block local binary patterns.
+    Lbp(Vec<LbpFeature>),
+    /// Haar features.
+    Haar(Vec<HaarFeature>),
+}
+
+impl Features {
+    /// How many.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Lbp(features) => features.len(),
+            Self::Haar(features) => features.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// Where a decision leads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Branch {
+    /// To another decision of the tree, which lies behind this one.
+    Node(u16),
+    /// To a leaf with this value.
+    Leaf(f32),
+}
+
+/// How a decision is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Split {
+    /// LBP: code c leads left when bit c & 31 of word c >> 5 is set.
+    Subset([u32; 8]),
+    /// Haar: a value below this leads left.
+    Threshold(f32),
+}
+
+impl Split {
+    /// Whether LBP code `code` leads left; false for Haar.
+    pub fn has(&self, code: u8) -> bool {
+        match self {
+            Self::Subset(words) => words[usize::from(code >> 5)] >> (code & 31) & 1 == 1,
+            Self::Threshold(_) => false,
+        }
+    }
+}
+
+/// One decision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Node {
+    /// Index of the feature.
+    pub feature: u32,
+    /// Of the kind that the feature has.
+    pub split: Split,
+    /// Taken when the split says so.
+    pub left: Branch,
+    /// Taken when it does not.
+    pub right: Branch,
+}
+
+/// Trees whose leaves are summed, and the sum that a window needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// The sum must reach this (less 1e-5).
+    pub threshold: f32,
+    /// Each a list of nodes, the root first.
+    pub trees: Vec<Vec<Node>>,
+}
+
+impl Stage {
+    /// What a sum is compared with: the threshold with OpenCV's tolerance, in single precision.
+    pub fn least_sum(&self) -> f64 {
+        f64::from(self.threshold - 1e-5)
+    }
+}
+
+/// A cascade of stages for windows of one size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cascade {
+    /// Width of the window that it was trained on, in pixels.
+    pub width: u16,
+    /// Height of that window.
+    pub height: u16,
+    /// The features that nodes name.
+    pub features: Features,
+    /// Cheapest first.
+    pub stages: Vec<Stage>,
+}
+
 impl Cascade {
-    /// Number of stages that the window at (`x`, `y`) passes; it is a hit when it passes all.
-    /// The window must lie within the image that `integral` was filled with.
-    pub fn stages_passed(&self, integral: &Integral, x: usize, y: usize) -> usize {
+    /// Number of stages that the window at (`x`, `y`) passes; it is a hit when it passes all;
+    /// `None` when a Haar cascade cannot judge it for want of contrast. The window must lie within
+    /// the image that `integral` was filled with.
+    pub fn stages_passed(&self, integral: &Integral, x: usize, y: usize) -> Option<usize> {
+        let inverse = match &self.features {
+            Features::Lbp(_) => 1.0,
+            Features::Haar(_) => {
+                let contrast = integral.contrast(self.width, self.height, x, y);
+                if !contrast.sound {
+                    return None;
+                }
+                contrast.inverse
+            }
+        };
+        let goes_left = |node: &Node| match (&self.features, node.split) {
+            (Features::Haar(features), Split::Threshold(threshold)) => {
+                features[node.feature as usize].value(integral, x, y, inverse) < threshold
+            }
+            (Features::Lbp(features), split) => {
+                split.has(features[node.feature as usize].code(integral, x, y))
+            }
+            (Features::Haar(_), Split::Subset(_)) => false,
+        };
         for (i, stage) in self.stages.iter().enumerate() {
             let mut sum = 0.0_f64;
             for tree in &stage.trees {
                 let mut node = &tree[0];
                 sum += loop {
-                    let code = integral.code(&self.features[usize::from(node.feature)], x, y);
-                    let bit = node.subset[usize::from(code >> 5)] >> (code & 31) & 1;
-                    match if bit == 1 { node.left } else { node.right } {
+                    match if goes_left(node) { node.left } else { node.right } {
                         Branch::Leaf(value) => break f64::from(value),
                         Branch::Node(next) => node = &tree[usize::from(next)],
                     }
                 };
             }
-            if sum < f64::from(stage.threshold - 1e-5) {
-                return i;
+            if sum < stage.least_sum() {
+                return Some(i);
             }
         }
-        self.stages.len()
+        Some(self.stages.len())
+    }
+
+    /// Number of trees in all stages.
+    pub fn trees(&self) -> usize {
+        self.stages.iter().map(|s| s.trees.len()).sum()
     }
 }
 
@@ -154,31 +272,52 @@ mod tests {
         paint(1, 1, 50);
         paint(0, 0, 60);
         paint(2, 1, 50);
-        let mut integral = Integral::new(width, height);
-        integral.fill(&pixels, width);
+        let integral = Integral::of(&pixels, width);
         let feature = LbpFeature { x: 1, y: 0, width: 2, height: 2 };
-        assert_eq!(integral.code(&feature, 0, 1), 128 | 16);
+        assert_eq!(feature.code(&integral, 0, 1), 128 | 16);
         // A flat patch: equal blocks set every bit.
-        integral.fill(&[7; 49], 7);
-        assert_eq!(integral.code(&LbpFeature { x: 0, y: 0, width: 2, height: 2 }, 0, 0), 255);
+        let flat = Integral::of(&[7; 49], 7);
+        assert_eq!(LbpFeature { x: 0, y: 0, width: 2, height: 2 }.code(&flat, 0, 0), 255);
     }
 
     #[test]
     fn trees_are_walked_and_summed() {
         let feature = LbpFeature { x: 0, y: 0, width: 1, height: 1 };
         let all = [u32::MAX; 8];
-        let node = |subset, left, right| Node { feature: 0, subset, left, right };
+        let node = |subset, left, right| Node { feature: 0, split: Split::Subset(subset), left, right };
         let tree = vec![
             node(all, Branch::Node(1), Branch::Leaf(-9.0)),
             node([0; 8], Branch::Leaf(5.0), Branch::Leaf(0.25)),
         ];
         let stage = |threshold| Stage { threshold, trees: vec![tree.clone(), tree.clone()] };
-        let mut cascade =
-            Cascade { width: 3, height: 3, features: vec![feature], stages: vec![stage(0.5), stage(0.6)] };
-        let mut integral = Integral::new(3, 3);
-        integral.fill(&[1; 9], 3);
-        assert_eq!(cascade.stages_passed(&integral, 0, 0), 1);
+        let mut cascade = Cascade {
+            width: 3,
+            height: 3,
+            features: Features::Lbp(vec![feature]),
+            stages: vec![stage(0.5), stage(0.6)],
+        };
+        let integral = Integral::of(&[1; 9], 3);
+        assert_eq!(cascade.stages_passed(&integral, 0, 0), Some(1));
         cascade.stages.pop();
-        assert_eq!(cascade.stages_passed(&integral, 0, 0), 1);
+        assert_eq!(cascade.stages_passed(&integral, 0, 0), Some(1));
+    }
+
+    #[test]
+    fn haar_values_are_weighted_sums_over_the_contrast() {
+        // Left half 0, right half 200: the part is the right half.
+        let pixels: Vec<u8> = (0..64).map(|i| if i % 8 < 4 { 0 } else { 200 }).collect();
+        let integral = Integral::of(&pixels, 8);
+        let rect = |x, width, weight| WeightedRect { x, y: 0, width, height: 8, weight };
+        let feature = HaarFeature {
+            rects: [rect(0, 8, -1.0), rect(4, 4, 2.0), WeightedRect::default()],
+            tilted: false,
+        };
+        let contrast = integral.contrast(8, 8, 0, 0);
+        // Inside: 36 pixels, half of them 200: a standard deviation of 100.
+        assert!(contrast.sound);
+        assert!((1.0 / contrast.inverse - 36.0 * 100.0).abs() < 0.01);
+        let value = feature.value(&integral, 0, 0, contrast.inverse);
+        assert!((value - (2.0 * 6400.0 - 6400.0) / 3600.0).abs() < 1e-5, "{value}");
+        assert!(!Integral::of(&[9; 64], 8).contrast(8, 8, 0, 0).sound);
     }
 }

@@ -1,6 +1,6 @@
 //! Groups overlapping hits into objects, as OpenCV's `groupRectangles` does with eps 0.2.
 
-use super::scan::{MOST_HITS, Window};
+use super::scan::Window;
 
 /// Overlapping hits, and their mean window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,11 +14,12 @@ pub struct Group {
 const EPS: f64 = 0.2;
 
 /// Groups hits, keeping its memory.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Grouper {
-    parent: Vec<usize>,
+    parent: Vec<u32>,
+    order: Vec<u32>,
+    class: Vec<u32>,
     sums: Vec<([i64; 4], u32)>,
-    class: Vec<usize>,
     means: Vec<Group>,
     groups: Vec<Group>,
 }
@@ -32,29 +33,26 @@ fn similar(a: &Window, b: &Window) -> bool {
         && near(a.y + a.height, b.y + b.height)
 }
 
-impl Default for Grouper {
-    fn default() -> Self {
-        Self::new()
+/// The first hit of the class that hit `i` is in; shortens the way there.
+fn root(parent: &mut [u32], mut i: u32) -> u32 {
+    while parent[i as usize] != i {
+        parent[i as usize] = parent[parent[i as usize] as usize];
+        i = parent[i as usize];
     }
+    i
 }
 
 impl Grouper {
-    /// A grouper with memory for all hits of a scan.
-    pub fn new() -> Self {
+    /// A grouper with memory for `most` hits.
+    pub fn new(most: usize) -> Self {
         Self {
-            parent: Vec::with_capacity(MOST_HITS),
-            sums: Vec::with_capacity(MOST_HITS),
-            class: Vec::with_capacity(MOST_HITS),
-            means: Vec::with_capacity(MOST_HITS),
-            groups: Vec::with_capacity(MOST_HITS),
+            parent: Vec::with_capacity(most),
+            order: Vec::with_capacity(most),
+            class: Vec::with_capacity(most),
+            sums: Vec::with_capacity(most),
+            means: Vec::with_capacity(most),
+            groups: Vec::with_capacity(most),
         }
-    }
-
-    fn root(&self, mut i: usize) -> usize {
-        while self.parent[i] != i {
-            i = self.parent[i];
-        }
-        i
     }
 
     /// Groups of more than `least_neighbours` hits, in the order of their first hits, without
@@ -65,35 +63,26 @@ impl Grouper {
             self.groups.extend(hits.iter().map(|&window| Group { window, hits: 1 }));
             return &self.groups;
         }
-        self.parent.clear();
-        self.parent.extend(0..hits.len());
-        for i in 0..hits.len() {
-            for j in 0..i {
-                if similar(&hits[i], &hits[j]) {
-                    let (a, b) = (self.root(i), self.root(j));
-                    // The first hit stays root.
-                    let (low, high) = (a.min(b), a.max(b));
-                    self.parent[high] = low;
-                }
-            }
-        }
+        self.join(hits);
         self.sums.clear();
         self.class.clear();
-        self.class.resize(hits.len(), usize::MAX);
+        self.class.resize(hits.len(), u32::MAX);
         for (i, hit) in hits.iter().enumerate() {
-            let root = self.root(i);
-            if self.class[root] == usize::MAX {
-                self.class[root] = self.sums.len();
+            let root = root(&mut self.parent, i as u32) as usize;
+            if self.class[root] == u32::MAX {
+                self.class[root] = self.sums.len() as u32;
                 self.sums.push(([0; 4], 0));
             }
-            let (sum, count) = &mut self.sums[self.class[root]];
+            let (sum, count) = &mut self.sums[self.class[root] as usize];
             for (sum, value) in sum.iter_mut().zip([hit.x, hit.y, hit.width, hit.height]) {
                 *sum += i64::from(value);
             }
             *count += 1;
         }
         self.means.clear();
-        self.means.extend(self.sums.iter().map(|&(sum, hits)| {
+        // Only classes of enough hits are kept, and only those can hide others.
+        let sure = self.sums.iter().filter(|&&(_, hits)| hits > least_neighbours);
+        self.means.extend(sure.map(|&(sum, hits)| {
             let share = 1.0 / hits as f32;
             let mean = |v: i64| f64::from(v as f32 * share).round_ties_even() as i32;
             let window =
@@ -101,14 +90,10 @@ impl Grouper {
             Group { window, hits }
         }));
         for (i, a) in self.means.iter().enumerate() {
-            if a.hits <= least_neighbours {
-                continue;
-            }
             let inside_another = self.means.iter().enumerate().any(|(j, b)| {
                 let slack = |side: i32| (f64::from(side) * EPS).round_ties_even() as i32;
                 let (dx, dy) = (slack(b.window.width), slack(b.window.height));
                 j != i
-                    && b.hits > least_neighbours
                     && a.window.x >= b.window.x - dx
                     && a.window.y >= b.window.y - dy
                     && a.window.x + a.window.width <= b.window.x + b.window.width + dx
@@ -120,6 +105,31 @@ impl Grouper {
             }
         }
         &self.groups
+    }
+
+    /// Joins all pairs of similar hits. In the order of their left columns, a hit's partners on the
+    /// right are no farther away than its own size allows.
+    fn join(&mut self, hits: &[Window]) {
+        self.parent.clear();
+        self.parent.extend(0..hits.len() as u32);
+        self.order.clear();
+        self.order.extend(0..hits.len() as u32);
+        self.order.sort_unstable_by_key(|&i| (hits[i as usize].x, i));
+        for (k, &i) in self.order.iter().enumerate() {
+            let a = &hits[i as usize];
+            let farthest = a.x + (EPS * 0.5 * f64::from(a.width + a.height)).ceil() as i32;
+            for &j in &self.order[k + 1..] {
+                let b = &hits[j as usize];
+                if b.x > farthest {
+                    break;
+                }
+                if similar(a, b) {
+                    let (i, j) = (root(&mut self.parent, i), root(&mut self.parent, j));
+                    // The first hit stays root.
+                    self.parent[i.max(j) as usize] = i.min(j);
+                }
+            }
+        }
     }
 }
 
@@ -134,7 +144,7 @@ mod tests {
     #[test]
     fn near_hits_become_their_mean() {
         let hits = [window(10, 10, 30), window(12, 10, 30), window(80, 10, 30), window(11, 13, 30)];
-        let mut grouper = Grouper::new();
+        let mut grouper = Grouper::new(4);
         assert_eq!(grouper.group(&hits, 2), [Group { window: window(11, 11, 30), hits: 3 }]);
         assert_eq!(grouper.group(&hits, 3), []);
         assert_eq!(grouper.group(&hits, 0).len(), 4);
@@ -145,7 +155,30 @@ mod tests {
     fn a_weak_group_inside_a_sure_one_goes() {
         let mut hits = vec![window(10, 10, 60); 6];
         hits.extend([window(20, 20, 30); 2]);
-        let groups = Grouper::new().group(&hits, 1).to_vec();
+        let groups = Grouper::default().group(&hits, 1).to_vec();
         assert_eq!(groups, [Group { window: window(10, 10, 60), hits: 6 }]);
+    }
+
+    #[test]
+    fn chains_are_joined_as_all_pairs_would_join_them() {
+        let mut random = fastrand::Rng::with_seed(4);
+        for round in 0..50 {
+            let hits: Vec<Window> =
+                (0..60).map(|_| window(random.i32(0..120), random.i32(0..60), random.i32(20..50))).collect();
+            let mut grouper = Grouper::default();
+            grouper.join(&hits);
+            let mut class: Vec<usize> = (0..hits.len()).collect();
+            for i in 0..hits.len() {
+                for j in 0..i {
+                    if similar(&hits[i], &hits[j]) {
+                        let (a, b) = (class[i].min(class[j]), class[i].max(class[j]));
+                        class.iter_mut().filter(|c| **c == b).for_each(|c| *c = a);
+                    }
+                }
+            }
+            for (i, &expected) in class.iter().enumerate() {
+                assert_eq!(root(&mut grouper.parent, i as u32) as usize, expected, "round {round}");
+            }
+        }
     }
 }

@@ -6,7 +6,8 @@ use crate::image::GreyView;
 #[derive(Debug)]
 pub struct Resizer {
     columns: Vec<(u32, u16)>,
-    rows: [Vec<u16>; 2],
+    /// A row between two of the source, its last pixel twice.
+    blend: Vec<u16>,
     pixels: Vec<u8>,
 }
 
@@ -25,16 +26,13 @@ fn place(target: usize, source_len: usize, target_len: usize) -> (u32, u16) {
 }
 
 impl Resizer {
-    /// Memory for results of up to `width` × `height` pixels.
+    /// Memory for images and results of up to `width` × `height` pixels.
     pub fn new(width: usize, height: usize) -> Self {
-        Self {
-            columns: vec![(0, 0); width],
-            rows: [vec![0; width], vec![0; width]],
-            pixels: vec![0; width * height],
-        }
+        Self { columns: vec![(0, 0); width], blend: vec![0; width + 1], pixels: vec![0; width * height] }
     }
 
-    /// `image` scaled to `width` × `height` pixels, rows without gaps.
+    /// `image` scaled to `width` × `height` pixels, rows without gaps. Nothing is rounded before the
+    /// end, so rows can be blended first, where they lie side by side.
     ///
     /// # Panics
     /// When the result is larger than the memory, or empty.
@@ -43,28 +41,25 @@ impl Resizer {
         for (x, column) in columns.iter_mut().enumerate() {
             *column = place(x, image.width(), width);
         }
-        // Which source row each of the two scaled rows holds.
-        let mut held = [usize::MAX; 2];
+        let source = image.width();
+        if self.blend.len() <= source {
+            self.blend.resize(source + 1, 0);
+        }
+        let blend = &mut self.blend[..=source];
         for y in 0..height {
             let (first, weight) = place(y, image.height(), height);
             let first = first as usize;
-            let second = (first + 1).min(image.height() - 1);
-            for source in [first, second] {
-                let slot = source % 2;
-                if held[slot] != source {
-                    let row = image.row(source);
-                    for (target, &(x, weight)) in self.rows[slot].iter_mut().zip(columns.iter()) {
-                        let x = x as usize;
-                        let next = row[(x + 1).min(row.len() - 1)];
-                        *target = u16::from(row[x]) * (256 - weight) + u16::from(next) * weight;
-                    }
-                    held[slot] = source;
-                }
+            let upper = image.row(first);
+            let lower = image.row((first + 1).min(image.height() - 1));
+            for ((blend, &a), &b) in blend.iter_mut().zip(upper).zip(lower) {
+                *blend = u16::from(a) * (256 - weight) + u16::from(b) * weight;
             }
-            let (upper, lower) = (&self.rows[first % 2], &self.rows[second % 2]);
+            blend[source] = blend[source - 1];
             let target = &mut self.pixels[y * width..(y + 1) * width];
-            for ((target, &a), &b) in target.iter_mut().zip(upper).zip(lower) {
-                let sum = u32::from(a) * u32::from(256 - weight) + u32::from(b) * u32::from(weight);
+            for (target, &(x, weight)) in target.iter_mut().zip(columns.iter()) {
+                let pair = &blend[x as usize..][..2];
+                let sum =
+                    u32::from(pair[0]) * u32::from(256 - weight) + u32::from(pair[1]) * u32::from(weight);
                 *target = ((sum + (1 << 15)) >> 16) as u8;
             }
         }

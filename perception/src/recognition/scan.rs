@@ -1,11 +1,15 @@
-//! Slides the cascade's window over an image at several scales, as OpenCV's detector does.
+//! Slides the cascade's window over an image at several scales, as OpenCV's detector does: the
+//! same windows, the same steps, the same hits.
 
-use super::cascade::{Cascade, Integral};
+use super::cascade::{Cascade, Features};
+use super::integral::{Layout, Plane, TiltedRows};
+use super::program::{self, Grid, HaarPlanes, HaarTest, LbpTest, Program};
 use super::resize::Resizer;
 use crate::image::GreyView;
+use crate::simd::{LANES, Level};
 
 /// A window that passed all stages, in pixels of the scanned image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Window {
     /// Left column.
     pub x: i32,
@@ -17,37 +21,74 @@ pub struct Window {
     pub height: i32,
 }
 
-/// Which windows are tried.
+/// Which sizes of window are tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScanParameters {
-    /// Least width and height of a window, in pixels.
-    pub least_px: u32,
-    /// Greatest width and height, in pixels.
-    pub greatest_px: u32,
-    /// From one size to the next, above 1.
-    pub growth: f64,
+pub enum Sizes {
+    /// The cascade's own size, and that grown again and again, as far as it lies in the range; the
+    /// one nearest to `least_px` when none does. OpenCV's rule.
+    Range {
+        /// Least width and height of a window, in pixels; 0 for no limit.
+        least_px: u32,
+        /// Greatest width and height, in pixels; 0 for no limit.
+        greatest_px: u32,
+        /// From one size to the next, above 1.
+        growth: f64,
+    },
+    /// Two sizes about one that is expected: half a growth below it and half a growth above.
+    Around {
+        /// Width of the window that is expected, in pixels.
+        width_px: f64,
+        /// From the one size to the other, above 1.
+        growth: f64,
+    },
 }
 
-impl Default for ScanParameters {
+impl Default for Sizes {
     /// The paper's: 30 to 90 px, growing by 1.3.
     fn default() -> Self {
-        Self { least_px: 30, greatest_px: 90, growth: 1.3 }
+        Self::Range { least_px: 30, greatest_px: 90, growth: 1.3 }
     }
+}
+
+/// Least factor from one size to the next; what is less is taken as this.
+pub const LEAST_GROWTH: f64 = 1.01;
+
+/// An expected window may be smaller than the cascade's by this factor: the image is enlarged.
+const SMALLEST_SCALE: f64 = 0.6;
+
+/// The cascade, laid out for windows one and two columns apart, with its integral images.
+#[derive(Debug)]
+enum Engine {
+    /// LBP whose block sums fit into 16 bits.
+    Narrow { programs: [Program<LbpTest<u16>>; 2], sums: Plane<u16> },
+    /// Any other LBP.
+    Wide { programs: [Program<LbpTest<u32>>; 2], sums: Plane<u32> },
+    /// Haar.
+    Haar {
+        programs: [Program<HaarTest>; 2],
+        sums: Plane<u32>,
+        squares: Plane<u32>,
+        /// When a feature is tilted.
+        tilted: Option<(Plane<u32>, TiltedRows)>,
+    },
 }
 
 /// Scans images of up to one size, with memory allocated once.
 #[derive(Debug)]
 pub struct Scanner {
-    cascade: Cascade,
-    parameters: ScanParameters,
+    level: Level,
+    /// Width and height of the cascade's window.
+    window: (i32, i32),
+    /// Greatest width and height of an image.
+    limit: (usize, usize),
+    layouts: [Layout; 2],
+    engine: Engine,
     resizer: Resizer,
-    integral: Integral,
     scales: Vec<f32>,
+    places: Vec<(u32, u32)>,
     hits: Vec<Window>,
+    most_hits: usize,
 }
-
-/// Hits kept per scan: more than this in one crop is no find, and grouping is quadratic.
-pub const MOST_HITS: usize = 1024;
 
 /// Rounds like OpenCV: half to even.
 fn round(value: f64) -> i32 {
@@ -60,46 +101,99 @@ fn scaled(length: i32, scale: f32) -> i32 {
 }
 
 impl Scanner {
-    /// A scanner for images of up to `width` × `height` pixels. A growth of 1.01 or less is taken
-    /// as 1.01.
-    pub fn new(cascade: Cascade, parameters: ScanParameters, width: usize, height: usize) -> Self {
-        let parameters = ScanParameters { growth: parameters.growth.max(1.01), ..parameters };
+    /// A scanner for images of up to `width` × `height` pixels that stops after `most_hits` hits;
+    /// with usize::MAX it finds all, and its memory grows with them.
+    pub fn new(cascade: &Cascade, width: usize, height: usize, most_hits: usize) -> Self {
+        Self::at_level(cascade, width, height, most_hits, Level::best())
+    }
+
+    /// The same on a level of one's choice.
+    pub fn at_level(cascade: &Cascade, width: usize, height: usize, most_hits: usize, level: Level) -> Self {
+        let layouts = [Layout::new(width, 1), Layout::new(width, 2)];
+        let plane = || Plane::<u32>::new(width, height, LANES);
+        let engine = match &cascade.features {
+            Features::Lbp(features) => {
+                let narrow =
+                    features.iter().all(|f| u32::from(f.width) * u32::from(f.height) * 255 < 1 << 16);
+                if narrow {
+                    Engine::Narrow {
+                        programs: layouts.map(|layout| Program::lbp(cascade, features, layout)),
+                        sums: Plane::new(width, height, LANES),
+                    }
+                } else {
+                    let programs = layouts.map(|layout| Program::lbp(cascade, features, layout));
+                    Engine::Wide { programs, sums: plane() }
+                }
+            }
+            Features::Haar(features) => Engine::Haar {
+                programs: layouts.map(|layout| Program::haar(cascade, features, layout)),
+                sums: plane(),
+                squares: plane(),
+                tilted: program::has_tilted(cascade).then(|| (plane(), TiltedRows::new(width))),
+            },
+        };
+        let reserve = if most_hits == usize::MAX { 0 } else { most_hits };
         Self {
+            level,
+            window: (cascade.width.into(), cascade.height.into()),
+            limit: (width, height),
+            layouts,
+            engine,
             resizer: Resizer::new(width, height),
-            integral: Integral::new(width, height),
             scales: Vec::with_capacity(1024),
-            hits: Vec::with_capacity(MOST_HITS),
-            cascade,
-            parameters,
+            places: Vec::with_capacity(reserve),
+            hits: Vec::with_capacity(reserve),
+            most_hits,
         }
     }
 
-    /// Scales whose window lies between the least and the greatest size and in the image; if
-    /// there are none, the one that comes nearest to the least size.
-    fn choose_scales(&mut self, width: i32, height: i32) {
+    /// Factors by which the window is enlarged.
+    fn choose_scales(&mut self, sizes: Sizes, width: i32, height: i32) {
         self.scales.clear();
-        let (least, greatest) = (self.parameters.least_px as i32, self.parameters.greatest_px as i32);
-        let mut nearest: Option<(i64, f32)> = None;
-        let mut factor = 1.0_f64;
-        loop {
-            let w = scaled(i32::from(self.cascade.width), factor as f32);
-            let h = scaled(i32::from(self.cascade.height), factor as f32);
-            if w > width || h > height {
-                break;
+        let (window_width, window_height) = self.window;
+        match sizes {
+            Sizes::Range { least_px, greatest_px, growth } => {
+                let side = |px: u32| i32::try_from(px).unwrap_or(i32::MAX);
+                let least = side(least_px);
+                let greatest =
+                    if greatest_px == 0 { (width, height) } else { (side(greatest_px), side(greatest_px)) };
+                let mut nearest: Option<(i64, f32)> = None;
+                let mut factor = 1.0_f64;
+                while round(f64::from(window_width) * factor) <= width
+                    && round(f64::from(window_height) * factor) <= height
+                    && self.scales.len() < self.scales.capacity()
+                {
+                    let scale = factor as f32;
+                    let (w, h) = (scaled(window_width, scale), scaled(window_height, scale));
+                    if w >= least && h >= least && w <= greatest.0 && h <= greatest.1 {
+                        self.scales.push(scale);
+                    }
+                    let away = i64::from(w - least).pow(2) + i64::from(h - least).pow(2);
+                    if nearest.is_none_or(|(d, _)| away < d) {
+                        nearest = Some((away, scale));
+                    }
+                    factor *= growth.max(LEAST_GROWTH);
+                }
+                if self.scales.is_empty() {
+                    self.scales.extend(nearest.map(|(_, scale)| scale));
+                }
             }
-            if w >= least && h >= least && w <= greatest && h <= greatest {
-                self.scales.push(factor as f32);
+            Sizes::Around { width_px, growth } => {
+                let half = growth.max(LEAST_GROWTH).sqrt();
+                let expected = width_px / f64::from(window_width);
+                // No window is larger than the image, no image larger than the memory.
+                let greatest = (f64::from(width) / f64::from(window_width))
+                    .min(f64::from(height) / f64::from(window_height));
+                let least = SMALLEST_SCALE
+                    .max(f64::from(width) / (self.limit.0 as f64 + 0.4))
+                    .max(f64::from(height) / (self.limit.1 as f64 + 0.4));
+                for scale in [expected / half, expected * half] {
+                    let scale = scale.min(greatest).max(least) as f32;
+                    if f64::from(scale) <= greatest * 1.000_001 && !self.scales.contains(&scale) {
+                        self.scales.push(scale);
+                    }
+                }
             }
-            let away = i64::from(w - least).pow(2) + i64::from(h - least).pow(2);
-            if nearest.is_none_or(|(d, _)| away < d) {
-                nearest = Some((away, factor as f32));
-            }
-            factor *= self.parameters.growth;
-        }
-        if self.scales.is_empty()
-            && let Some((_, scale)) = nearest
-        {
-            self.scales.push(scale);
         }
     }
 
@@ -107,106 +201,91 @@ impl Scanner {
     ///
     /// # Panics
     /// When the image is larger than the scanner was made for.
-    pub fn scan(&mut self, image: GreyView<'_>) -> &[Window] {
+    pub fn scan(&mut self, image: GreyView<'_>, sizes: Sizes) -> &[Window] {
         self.hits.clear();
-        self.choose_scales(image.width() as i32, image.height() as i32);
-        let window = (i32::from(self.cascade.width), i32::from(self.cascade.height));
-        for &scale in &self.scales {
-            let width = round((image.width() as f32 / scale).into()).max(1);
-            let height = round((image.height() as f32 / scale).into()).max(1);
-            if width < window.0 || height < window.1 {
-                continue;
+        self.choose_scales(sizes, image.width() as i32, image.height() as i32);
+        // OpenCV cuts the rows of every scale into as many stripes as the first one has columns / 32.
+        let stripes = match (sizes, self.scales.first()) {
+            (Sizes::Range { .. }, Some(&first)) => {
+                let width = round((image.width() as f32 / first).into());
+                Some(usize::try_from(width - self.window.0 + 1).unwrap_or(0).div_ceil(32))
             }
-            let pixels = self.resizer.scale(image, width as usize, height as usize);
-            self.integral.fill(pixels, width as usize);
-            let step = if scale >= 2.0 { 1 } else { 2 };
-            let size = (scaled(window.0, scale), scaled(window.1, scale));
-            for y in (0..height - window.1 + 1).step_by(step) {
-                let mut x = 0;
-                while x < width - window.0 + 1 {
-                    let passed = self.cascade.stages_passed(&self.integral, x as usize, y as usize);
-                    if passed == self.cascade.stages.len() {
-                        if self.hits.len() == MOST_HITS {
-                            return &self.hits;
-                        }
-                        self.hits.push(Window {
-                            x: scaled(x, scale),
-                            y: scaled(y, scale),
-                            width: size.0,
-                            height: size.1,
-                        });
-                    } else if passed == 0 {
-                        // A window that fails the first stage has a poor neighbour too.
-                        x += step as i32;
-                    }
-                    x += step as i32;
-                }
-            }
+            _ => None,
+        };
+        for i in 0..self.scales.len() {
+            self.scan_scale(image, self.scales[i], stripes);
         }
         &self.hits
+    }
+
+    /// Whether an image of the window's own size passes every stage.
+    ///
+    /// # Panics
+    /// When the image is larger than the scanner was made for.
+    pub fn passes(&mut self, window: GreyView<'_>) -> bool {
+        self.hits.clear();
+        self.scan_scale(window, 1.0, None);
+        !self.hits.is_empty()
+    }
+
+    /// Scans at one scale. Stripes are of whole steps; what their rounding leaves over, less than a
+    /// step, OpenCV does not look at, and neither is it looked at here.
+    fn scan_scale(&mut self, image: GreyView<'_>, scale: f32, stripes: Option<usize>) {
+        let width = round((image.width() as f32 / scale).into());
+        let height = round((image.height() as f32 / scale).into());
+        if width < self.window.0 || height < self.window.1 {
+            return;
+        }
+        // About an expected size the image is never scaled less: two pixels apart are near enough.
+        let step = if scale >= 2.0 && stripes.is_some() { 1 } else { 2 };
+        let layout = self.layouts[step - 1];
+        let pixels = self.resizer.scale(image, width as usize, height as usize);
+        let rows = (height - self.window.1) as usize + 1;
+        let covered = stripes.map_or(rows, |n| (rows / step).div_ceil(n.max(1)).max(1) * n);
+        let grid = Grid {
+            columns: ((width - self.window.0) as usize / step) + 1,
+            rows: rows.div_ceil(step).min(covered),
+            down: layout.index(0, step),
+            skip: true,
+            most: self.most_hits - self.hits.len().min(self.most_hits),
+        };
+        let (level, width, places) = (self.level, width as usize, &mut self.places);
+        places.clear();
+        match &mut self.engine {
+            Engine::Narrow { programs, sums } => {
+                sums.fill(layout, pixels, width, u32::from);
+                program::scan_narrow(level, &programs[step - 1], sums.entries(), &grid, places);
+            }
+            Engine::Wide { programs, sums } => {
+                sums.fill(layout, pixels, width, u32::from);
+                program::scan_wide(level, &programs[step - 1], sums.entries(), &grid, places);
+            }
+            Engine::Haar { programs, sums, squares, tilted } => {
+                sums.fill(layout, pixels, width, u32::from);
+                squares.fill(layout, pixels, width, |v| u32::from(v) * u32::from(v));
+                if let Some((plane, rows)) = tilted {
+                    plane.fill_tilted(layout, pixels, width, rows);
+                }
+                let (w, h) = (self.window.0 as u16, self.window.1 as u16);
+                let planes = HaarPlanes {
+                    sums: sums.entries(),
+                    squares: squares.entries(),
+                    tilted: tilted.as_ref().map_or(&[], |(plane, _)| plane.entries()),
+                    inner: program::inner_corners(w, h, layout),
+                    area: (f64::from(w) - 2.0) * (f64::from(h) - 2.0),
+                };
+                program::scan_haar(level, &programs[step - 1], planes, &grid, places);
+            }
+        }
+        let size = (scaled(self.window.0, scale), scaled(self.window.1, scale));
+        self.hits.extend(places.iter().map(|&(column, row)| Window {
+            x: scaled(column as i32 * step as i32, scale),
+            y: scaled(row as i32 * step as i32, scale),
+            width: size.0,
+            height: size.1,
+        }));
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::cascade::{Branch, LbpFeature, Node, Stage};
-    use super::*;
-    use crate::image::GreyImage;
-
-    /// Passes windows whose upper left block is darker than the centre.
-    fn dark_corner() -> Cascade {
-        let mut subset = [0; 8];
-        for code in (0..=255_u8).filter(|code| code & 128 == 0) {
-            subset[usize::from(code >> 5)] |= 1_u32 << (code & 31);
-        }
-        let node = Node { feature: 0, subset, left: Branch::Leaf(1.0), right: Branch::Leaf(-1.0) };
-        Cascade {
-            width: 24,
-            height: 24,
-            features: vec![LbpFeature { x: 0, y: 0, width: 8, height: 8 }],
-            stages: vec![Stage { threshold: 0.0, trees: vec![vec![node]] }],
-        }
-    }
-
-    fn scanner(width: usize, height: usize) -> Scanner {
-        Scanner::new(dark_corner(), ScanParameters::default(), width, height)
-    }
-
-    #[test]
-    fn the_papers_range_gives_five_sizes_of_a_24_pixel_window() {
-        let mut scanner = scanner(640, 480);
-        scanner.choose_scales(640, 480);
-        let sizes: Vec<i32> = scanner.scales.iter().map(|&s| round(24.0 * f64::from(s))).collect();
-        assert_eq!(sizes, [31, 41, 53, 69, 89]);
-        // A crop too small for the least size gets the nearest one, a tiny one none.
-        scanner.choose_scales(28, 28);
-        assert_eq!(scanner.scales, [1.0]);
-        scanner.choose_scales(23, 50);
-        assert!(scanner.scales.is_empty());
-    }
-
-    #[test]
-    fn hits_are_where_the_pattern_is() {
-        let (width, height) = (60, 50);
-        let mut image = GreyImage::new(width, height);
-        // One bright 10×10 patch on black.
-        for y in 20..30 {
-            for x in 30..40 {
-                image.as_mut_slice()[y * width + x] = 200;
-            }
-        }
-        let mut scanner = scanner(width, height);
-        let hits = scanner.scan(image.view()).to_vec();
-        assert!(!hits.is_empty());
-        for hit in &hits {
-            // The patch touches the centre block of each hit.
-            let (third_x, third_y) = (hit.width / 3 + 2, hit.height / 3 + 2);
-            assert!(hit.x + third_x - 2 < 42 && hit.x + 2 * third_x > 28, "{hit:?}");
-            assert!(hit.y + third_y - 2 < 32 && hit.y + 2 * third_y > 18, "{hit:?}");
-        }
-        // A black image: no centre is brighter than its corner.
-        assert!(scanner.scan(GreyImage::new(width, height).view()).is_empty());
-        // Too small for any window.
-        assert!(scanner.scan(GreyImage::new(5, 5).view()).is_empty());
-    }
-}
+mod tests;

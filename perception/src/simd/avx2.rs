@@ -122,6 +122,23 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn contains(self, set: &Lanes, values: __m256i) -> __m256i {
+        // SAFETY: the token exists, so AVX2 is there; `Lanes` is two times 16 bytes.
+        unsafe {
+            let halves: *const __m128i = std::ptr::from_ref(set).cast();
+            let low = _mm256_broadcastsi128_si256(_mm_load_si128(halves));
+            let high = _mm256_broadcastsi128_si256(_mm_load_si128(halves.add(1)));
+            // The top bit of a value says which half of the set its byte lies in.
+            let byte = _mm256_and_si256(_mm256_srli_epi16::<3>(values), _mm256_set1_epi8(15));
+            let word =
+                _mm256_blendv_epi8(_mm256_shuffle_epi8(low, byte), _mm256_shuffle_epi8(high, byte), values);
+            let powers = _mm256_set1_epi64x(0x8040_2010_0804_0201_u64 as i64);
+            let bit = _mm256_shuffle_epi8(powers, _mm256_and_si256(values, _mm256_set1_epi8(7)));
+            _mm256_cmpeq_epi8(_mm256_and_si256(word, bit), bit)
+        }
+    }
+
+    #[inline(always)]
     fn shift_right(self, own: __m256i, left: __m256i) -> __m256i {
         // SAFETY: the token exists, so AVX2 is there.
         unsafe { _mm256_alignr_epi8::<15>(own, _mm256_permute2x128_si256::<0x03>(own, left)) }

@@ -90,6 +90,11 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn contains(self, set: &Lanes, values: __m256i) -> __m256i {
+        self.0.contains(set, values)
+    }
+
+    #[inline(always)]
     fn shift_right(self, own: __m256i, left: __m256i) -> __m256i {
         self.0.shift_right(own, left)
     }

@@ -129,6 +129,8 @@ pub trait Simd: Copy {
     fn select_equal(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
     /// `yes` where `a` < `b`, `no` elsewhere.
     fn select_less(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
+    /// 255 where `set` has the lane's value, 0 elsewhere: value c is bit c & 7 of byte c >> 3.
+    fn contains(self, set: &Lanes, values: Self::Bytes) -> Self::Bytes;
     /// Lane i is lane i − 1 of `own`, lane 0 the last of `left`.
     fn shift_right(self, own: Self::Bytes, left: Self::Bytes) -> Self::Bytes;
     /// Lane i is lane i + 1 of `own`, the last lane the first of `right`.

@@ -110,6 +110,21 @@ impl Simd for Neon {
     }
 
     #[inline(always)]
+    fn contains(self, set: &Lanes, values: Halves) -> Halves {
+        let set = self.load(set);
+        let mut found = values;
+        for found in &mut found {
+            // SAFETY: every AArch64 processor that runs this has NEON.
+            unsafe {
+                let word = vqtbl2q_u8(uint8x16x2_t(set[0], set[1]), vshrq_n_u8::<3>(*found));
+                let place = vreinterpretq_s8_u8(vandq_u8(*found, vdupq_n_u8(7)));
+                *found = vtstq_u8(word, vshlq_u8(vdupq_n_u8(1), place));
+            }
+        }
+        found
+    }
+
+    #[inline(always)]
     fn shift_right(self, own: Halves, left: Halves) -> Halves {
         // SAFETY: every AArch64 processor that runs this has NEON.
         unsafe { [vextq_u8::<15>(left[1], own[0]), vextq_u8::<15>(own[0], own[1])] }

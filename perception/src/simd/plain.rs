@@ -77,6 +77,15 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
+    fn contains(self, set: &Lanes, values: Lanes) -> Lanes {
+        let mut found = Lanes::ZERO;
+        for (found, &value) in found.0.iter_mut().zip(&values.0) {
+            *found = 0_u8.wrapping_sub(set.0[usize::from(value >> 3)] >> (value & 7) & 1);
+        }
+        found
+    }
+
+    #[inline(always)]
     fn shift_right(self, own: Lanes, left: Lanes) -> Lanes {
         Lanes(std::array::from_fn(|i| if i == 0 { left.0[LANES - 1] } else { own.0[i - 1] }))
     }

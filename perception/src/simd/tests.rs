@@ -18,6 +18,7 @@ fn operations<S: Simd>(s: S, a: &Lanes, b: &Lanes, block: &mut [Lanes], out: &mu
         s.select_less(x, y, y, x),
         s.shift_right(x, y),
         s.shift_left(x, y),
+        s.contains(a, y),
     ];
     for result in results {
         let mut lanes = Lanes::ZERO;

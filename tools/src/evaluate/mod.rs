@@ -3,6 +3,7 @@
 //! what the whole system makes of synthetic scenes.
 
 pub mod approach;
+pub mod detection;
 pub mod disturb;
 pub mod error_picture;
 pub mod files;

@@ -1,11 +1,17 @@
-//! Reads OpenCV's cascade XML (`opencv_storage/cascade`, boosted LBP).
+//! Reads and writes OpenCV's cascade XML: boosted LBP and Haar cascades in the format of its trainer
+//! (`opencv_storage/cascade`), and Haar cascades in the format before that.
 //!
-//! Every index is checked here, so that [`Cascade::stages_passed`] needs no checks: features lie
-//! within the window, children behind their parents, leaves and features exist.
+//! Every index is checked here, so that the evaluators need no checks: features lie within the
+//! window, children behind their parents, leaves and features exist.
 
-use super::cascade::{Branch, Cascade, LbpFeature, Node, Stage};
+mod current;
+mod old;
+mod write;
+
+use super::cascade::{Cascade, HaarFeature, WeightedRect};
 use roxmltree::{Document, Node as XmlNode};
 use thiserror::Error;
+pub use write::{TrainedWith, write};
 
 /// Why a text is not a cascade that can be used. The line is that of the element at fault.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -14,7 +20,7 @@ pub enum CascadeError {
     #[error("not well-formed XML: {0}")]
     Xml(String),
     /// An element is missing.
-    #[error("line {line}: <{element}> is missing in <{parent}>; is this an OpenCV cascade (new format)?")]
+    #[error("line {line}: <{element}> is missing in <{parent}>; is this an OpenCV cascade?")]
     Missing {
         /// Line of the parent.
         line: u32,
@@ -40,7 +46,7 @@ pub enum CascadeError {
 /// The largest window side that is accepted, in pixels.
 const LARGEST_WINDOW: u16 = 512;
 
-/// Reads a cascade from the text of an XML file.
+/// Reads a cascade from the text of an XML file, in either format.
 ///
 /// # Errors
 /// Names the line and the element at fault.
@@ -48,27 +54,17 @@ pub fn read(text: &str) -> Result<Cascade, CascadeError> {
     let text = without_comments(text);
     let document = Document::parse(&text).map_err(|e| CascadeError::Xml(e.to_string()))?;
     let root = document.root_element();
-    let cascade = child(root, "cascade")?;
-    expect_text(cascade, "stageType", "BOOST", "only boosted cascades can be read")?;
-    expect_text(cascade, "featureType", "LBP", "only LBP cascades can be read")?;
-    let side = |name| {
-        let element = child(cascade, name)?;
-        number::<u16>(element).and_then(|v| {
-            let fits = (3..=LARGEST_WINDOW).contains(&v);
-            fits.then_some(v)
-                .ok_or_else(|| value_error(element, "a window has 3 to 512 pixels a side".into()))
-        })
-    };
-    let (width, height) = (side("width")?, side("height")?);
-    let features = items(child(cascade, "features")?)
-        .map(|f| feature(f, width, height))
-        .collect::<Result<Vec<_>, _>>()?;
-    let stages_element = child(cascade, "stages")?;
-    let stages = items(stages_element).map(|s| stage(s, features.len())).collect::<Result<Vec<_>, _>>()?;
-    if stages.is_empty() {
-        return Err(value_error(stages_element, "a cascade has at least one stage".into()));
+    // The older format names its kind in an attribute, whatever its element is called.
+    let elements = || root.children().filter(XmlNode::is_element);
+    if let Some(cascade) = elements().find(|e| e.attribute("type_id") == Some("opencv-haar-classifier")) {
+        return old::read(cascade);
     }
-    Ok(Cascade { width, height, features, stages })
+    let cascade = elements().find(|e| e.has_tag_name("cascade")).ok_or_else(|| CascadeError::Missing {
+        line: line(root),
+        element: "cascade",
+        parent: root.tag_name().name().to_owned(),
+    })?;
+    current::read(cascade)
 }
 
 /// The text with comments blanked out, lines kept. OpenCV's own files have comments with `--`
@@ -87,80 +83,61 @@ fn without_comments(text: &str) -> String {
     out
 }
 
-fn feature(element: XmlNode<'_, '_>, width: u16, height: u16) -> Result<LbpFeature, CascadeError> {
-    let rect = child(element, "rect")?;
-    let [x, y, w, h] = numbers::<u16>(rect)?[..] else {
-        return Err(value_error(rect, "four numbers: x y width height of the first block".into()));
-    };
-    let fits = |start: u16, block: u16, side: u16| {
-        block > 0 && u32::from(start) + 3 * u32::from(block) <= u32::from(side)
-    };
-    if !fits(x, w, width) || !fits(y, h, height) {
-        return Err(value_error(rect, format!("its 3x3 blocks must lie within the {width}x{height} window")));
-    }
-    Ok(LbpFeature { x, y, width: w, height: h })
+/// A window side from its text.
+fn side(element: XmlNode<'_, '_>, value: Option<u16>, least: u16) -> Result<u16, CascadeError> {
+    value.filter(|v| (least..=LARGEST_WINDOW).contains(v)).ok_or_else(|| {
+        value_error(element, format!("a window has {least} to {LARGEST_WINDOW} pixels a side"))
+    })
 }
 
-fn stage(element: XmlNode<'_, '_>, features: usize) -> Result<Stage, CascadeError> {
-    let threshold_element = child(element, "stageThreshold")?;
-    let threshold = number::<f32>(threshold_element)?;
-    if !threshold.is_finite() {
-        return Err(value_error(threshold_element, "a finite number".into()));
-    }
-    let weak = child(element, "weakClassifiers")?;
-    let trees = items(weak).map(|t| tree(t, features)).collect::<Result<Vec<_>, _>>()?;
-    if trees.is_empty() {
-        return Err(value_error(weak, "a stage has at least one tree".into()));
-    }
-    Ok(Stage { threshold, trees })
-}
-
-fn tree(element: XmlNode<'_, '_>, features: usize) -> Result<Vec<Node>, CascadeError> {
-    const ROW: usize = 3 + 8;
-    let leaves_element = child(element, "leafValues")?;
-    let leaves = numbers::<f32>(leaves_element)?;
-    if let Some(bad) = leaves.iter().find(|v| !v.is_finite()) {
-        return Err(value_error(leaves_element, format!("{bad} is not a finite number")));
-    }
-    let nodes_element = child(element, "internalNodes")?;
-    let words = numbers::<i64>(nodes_element)?;
-    let error = |expected| Err(value_error(nodes_element, expected));
-    if words.is_empty() || words.len() % ROW != 0 {
-        return error(format!(
-            "{} numbers, an LBP node has {ROW}: left right feature and 8 words",
-            words.len()
-        ));
-    }
-    let count = words.len() / ROW;
-    let mut nodes = Vec::with_capacity(count);
-    for (i, row) in words.chunks_exact(ROW).enumerate() {
-        let branch = |child: i64| {
-            if child > 0 {
-                // Behind its parent: a walk always ends.
-                let there = child > i as i64 && child < count as i64;
-                u16::try_from(child).ok().filter(|_| there).map(Branch::Node)
-            } else {
-                leaves.get(usize::try_from(child.unsigned_abs()).ok()?).map(|&v| Branch::Leaf(v))
-            }
+/// A Haar feature from its `<rects>` and `<tilted>`.
+fn haar_feature(element: XmlNode<'_, '_>, width: u16, height: u16) -> Result<HaarFeature, CascadeError> {
+    let tilted = match element.children().find(|c| c.has_tag_name("tilted")) {
+        Some(tilted) => number::<i64>(tilted)? != 0,
+        None => false,
+    };
+    let list = child(element, "rects")?;
+    let mut rects = [WeightedRect::default(); 3];
+    let mut count = 0;
+    for rect in items(list) {
+        let values = numbers::<f64>(rect)?;
+        let whole =
+            |v: f64| (v.fract() == 0.0 && (0.0..=f64::from(LARGEST_WINDOW)).contains(&v)).then_some(v as u16);
+        let parts = match values[..] {
+            [x, y, w, h, weight] => Some((whole(x), whole(y), whole(w), whole(h), weight as f32)),
+            _ => None,
         };
-        let (Some(left), Some(right)) = (branch(row[0]), branch(row[1])) else {
-            return error(format!("node {i} leads to {} and {}, which are not there", row[0], row[1]));
+        let Some((Some(x), Some(y), Some(w), Some(h), weight)) = parts else {
+            return Err(value_error(rect, "five numbers: x y width height weight".into()));
         };
-        let known = |f: &u16| usize::from(*f) < features;
-        let Some(feature) = u16::try_from(row[2]).ok().filter(known) else {
-            return error(format!("node {i} names feature {} of {features}", row[2]));
-        };
-        let mut subset = [0; 8];
-        for (word, &value) in subset.iter_mut().zip(&row[3..]) {
-            // Written as signed, but some writers give unsigned words.
-            let Ok(fits) = i32::try_from(value).map(|v| v as u32).or_else(|_| u32::try_from(value)) else {
-                return error(format!("{value} is not a 32-bit word"));
-            };
-            *word = fits;
+        if !weight.is_finite() || weight == 0.0 {
+            return Err(value_error(rect, "a weight is a finite number and not 0".into()));
         }
-        nodes.push(Node { feature, subset, left, right });
+        let inside = if tilted {
+            h <= x && x + w <= width && y + w + h <= height
+        } else {
+            x + w <= width && y + h <= height
+        };
+        if !inside || w == 0 || h == 0 {
+            let what = if tilted { "tilted rectangle" } else { "rectangle" };
+            return Err(value_error(rect, format!("a {what} must lie within the {width}x{height} window")));
+        }
+        let Some(place) = rects.get_mut(count) else {
+            return Err(value_error(list, "a Haar feature has one to three rectangles".into()));
+        };
+        *place = WeightedRect { x, y, width: w, height: h, weight };
+        count += 1;
     }
-    Ok(nodes)
+    if count == 0 {
+        return Err(value_error(list, "a Haar feature has one to three rectangles".into()));
+    }
+    Ok(HaarFeature { rects, tilted })
+}
+
+/// A single-precision number, by way of double precision as OpenCV reads it.
+fn single(element: XmlNode<'_, '_>) -> Result<f32, CascadeError> {
+    let value = number::<f64>(element)? as f32;
+    if value.is_finite() { Ok(value) } else { Err(value_error(element, "a finite number".into())) }
 }
 
 fn line(element: XmlNode<'_, '_>) -> u32 {
@@ -210,24 +187,12 @@ fn number<T: std::str::FromStr + Copy>(element: XmlNode<'_, '_>) -> Result<T, Ca
     }
 }
 
-fn expect_text(
-    parent: XmlNode<'_, '_>,
-    name: &'static str,
-    expected: &str,
-    remedy: &str,
-) -> Result<(), CascadeError> {
-    let element = child(parent, name)?;
-    if element.text().map(str::trim) == Some(expected) {
-        return Ok(());
-    }
-    Err(value_error(element, format!("{remedy}: give one with {expected}")))
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::cascade::{Branch, Features, LbpFeature, Split};
     use super::*;
 
-    const GOOD: &str = "<?xml version=\"1.0\"?>
+    pub(super) const GOOD: &str = "<?xml version=\"1.0\"?>
 <opencv_storage>
 <cascade>
   <stageType>BOOST</stageType>
@@ -250,11 +215,12 @@ mod tests {
     fn a_cascade_is_read_as_written() {
         let cascade = read(GOOD).unwrap();
         assert_eq!((cascade.width, cascade.height), (20, 24));
-        assert_eq!(cascade.features, [LbpFeature { x: 1, y: 2, width: 5, height: 7 }]);
+        assert_eq!(cascade.features, Features::Lbp(vec![LbpFeature { x: 1, y: 2, width: 5, height: 7 }]));
         let tree = &cascade.stages[0].trees[0];
         assert_eq!(cascade.stages[0].threshold, -0.5);
         assert_eq!((tree[0].left, tree[0].right), (Branch::Node(1), Branch::Leaf(-0.75)));
-        assert_eq!(tree[0].subset[..3], [u32::MAX, u32::MAX - 1, 3]);
+        let Split::Subset(subset) = tree[0].split else { panic!("{:?}", tree[0].split) };
+        assert_eq!(subset[..3], [u32::MAX, u32::MAX - 1, 3]);
         assert_eq!((tree[1].left, tree[1].right), (Branch::Leaf(0.5), Branch::Leaf(1.0)));
         // Leaf 1 is written as −1, leaf 2 as −2.
     }
@@ -273,7 +239,7 @@ mod tests {
     fn every_fault_is_named_with_its_line() {
         for (from, to, expected) in [
             ("</opencv_storage>", "", "not well-formed"),
-            ("<featureType>LBP", "<featureType>HAAR", "line 5: <featureType> is \"HAAR\": only LBP"),
+            ("<featureType>LBP", "<featureType>HOG", "line 5: <featureType> is \"HOG\": LBP or HAAR"),
             ("<stageType>BOOST</stageType>", "", "line 3: <stageType> is missing in <cascade>"),
             ("<height>24", "<height>2", "line 6"),
             ("<width>20", "<width>twenty", "\"twenty\" is not a number"),
@@ -284,7 +250,7 @@ mod tests {
             ("1 0 0 -1", "2 0 0 -1", "leads to 2 and 0"),
             ("8 -1 -2 0", "8 1 -2 0", "node 1 leads to 1 and -2"),
             ("8 -1 -2 0", "8 -9 -2 0", "node 1 leads to -9"),
-            ("8 -1 -2 0", "8 -9223372036854775808 -2 0", "node 1 leads to -9223372036854775808"),
+            ("8 -1 -2 0", "8 -9223372036854775808 -2 0", "node 1 leads to -9223372036854776000"),
             ("8 -1 -2 0", "8 65536 -2 0", "node 1 leads to 65536"),
             ("4294967295", "4294967296", "32-bit word"),
             ("4294967295", "", "21 numbers"),

@@ -1,0 +1,46 @@
+//! `lookout evaluate detection`.
+
+use super::detect::read_cascade;
+use super::{CommandError, say};
+use crate::cli_cascade::EvaluateDetection;
+use tools::evaluate::detection::{judge_all, report};
+use tools::train::pictures::{self, SourcePicture};
+use tools::train::report::roc_plot;
+
+pub fn run(args: &EvaluateDetection, log: Option<&str>) -> Result<(), CommandError> {
+    crate::logging::start("evaluate", log.unwrap_or("info"));
+    let cascade = read_cascade(&args.cascade)?;
+    let threads = usize::from(args.threads);
+    let read = |folder| -> Result<Vec<SourcePicture>, CommandError> {
+        Ok(pictures::read(folder)?.into_iter().flatten().collect())
+    };
+    let positives = judge_all(&cascade, &read(&args.positives)?, threads);
+    let negatives = judge_all(&cascade, &read(&args.negatives)?, threads);
+    let report = report(&positives, &negatives, cascade.stages.len())?;
+    if let Some(path) = &args.roc {
+        roc_plot("ROC", &report).save(path)?;
+    }
+    if args.json {
+        return say(serde_json::to_string_pretty(&report)?);
+    }
+    say("stages  hits %  false alarms %")?;
+    for (i, p) in report.stages.iter().enumerate() {
+        say(format_args!("{:>6} {:>7.2} {:>15.2}", i + 1, 100.0 * p.hit_rate, 100.0 * p.false_alarm_rate))?;
+    }
+    say(format_args!(
+        "\n{} of {} objects found: {:.2} %; {} false alarms in {}: {:.2} %; balanced accuracy {:.2} %",
+        report.hits,
+        report.positives,
+        100.0 * report.hit_rate,
+        report.false_alarms,
+        report.negatives,
+        100.0 * report.false_alarm_rate,
+        100.0 * report.balanced_accuracy
+    ))?;
+    say(format_args!(
+        "all thresholds moved: {:.2} % found at 1 % false alarms, {:.2} % at 2 %; area under the ROC {:.4}",
+        100.0 * report.hit_rate_at_1_percent,
+        100.0 * report.hit_rate_at_2_percent,
+        report.area
+    ))
+}

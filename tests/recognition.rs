@@ -1,0 +1,136 @@
+//! `lookout train`, `lookout detect` and `lookout evaluate detection`, from pictures to boxes.
+
+mod support;
+
+use serde_json::Value;
+use std::path::Path;
+use support::{Bench, save_grey};
+
+/// Noise with a dark roof, a bright window and dark wheels where `object` (left, top, side) is.
+fn scene(seed: u64, width: usize, height: usize, object: Option<(usize, usize, usize)>) -> Vec<u8> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            let noise = random.u8(..90);
+            let Some((left, top, side)) = object else { return noise + (x / 9 * 37 % 80) as u8 };
+            if !(left..left + side).contains(&x) || !(top..top + side).contains(&y) {
+                return noise + (x / 9 * 37 % 80) as u8;
+            }
+            noise / 2
+                + match ((x - left) * 8 / side, (y - top) * 8 / side) {
+                    (1..7, 0..2) => 20,
+                    (1..7, 2..5) => 190,
+                    (0..2 | 6..8, 6..8) => 5,
+                    _ => 100,
+                }
+        })
+        .collect()
+}
+
+fn patches(folder: &Path, from: u64, count: u64, object: bool) {
+    std::fs::create_dir_all(folder).expect("a folder");
+    for i in 0..count {
+        let side = 32;
+        let pixels = scene(from + i, side, side, object.then_some((0, 0, side)));
+        save_grey(&folder.join(format!("{i}.png")), &pixels, side as u32, side as u32);
+    }
+}
+
+const SMALL: [&str; 12] = [
+    "--stages",
+    "3",
+    "--pool",
+    "300",
+    "--negative-windows",
+    "300",
+    "--variants",
+    "3",
+    "--max-trees",
+    "8",
+    "--false-alarm-rate",
+    "0.2",
+];
+
+#[test]
+fn a_cascade_is_trained_judged_and_finds_objects() {
+    let bench = Bench::new();
+    for (name, from, object) in [("p", 0, true), ("n", 500, false), ("tp", 1000, true), ("tn", 1500, false)] {
+        patches(&bench.path(name), from, 60, object);
+    }
+    for (features, threads) in [("lbp", "1"), ("lbp", "3"), ("haar", "2")] {
+        let name = format!("{features}{threads}.xml");
+        let mut args = vec!["train", "--positives", "p", "--negatives", "n", "-o", &name];
+        args.extend(SMALL);
+        args.extend(["--features", features, "--threads", threads, "--report", "report", "--json"]);
+        let result: Value = serde_json::from_str(&bench.ok(&args)).expect("JSON");
+        assert_eq!(result["positives"], 60, "{result}");
+        assert!(result["validation"]["hit_rate"].as_f64() > Some(0.8), "{result}");
+        assert!(!bench.path(&format!("{name}.part")).exists());
+        for file in ["training.json", "stages.txt", "stages.png", "roc.png", "features.png"] {
+            assert!(bench.path("report").join(file).is_file(), "{file}");
+        }
+        let judge = ["evaluate", "detection", &name, "--positives", "tp", "--negatives", "tn"];
+        let judged: Value =
+            serde_json::from_str(&bench.ok(&[&judge[..], &["--json"]].concat())).expect("JSON");
+        assert!(judged["hit_rate"].as_f64() > Some(0.8), "{judged}");
+        assert!(judged["false_alarm_rate"].as_f64() < Some(0.1), "{judged}");
+        assert_eq!(judged["positives"], 60);
+        assert!(bench.ok(&judge).contains("of 60 objects found"));
+        // The object in a larger picture.
+        let pixels = scene(7, 150, 110, Some((60, 30, 44)));
+        save_grey(&bench.path("scene.png"), &pixels, 150, 110);
+        let detect = ["detect", &name, "scene.png", "--json", "--overlay", "found.png"];
+        let found: Value = serde_json::from_str(&bench.ok(&detect)).expect("JSON");
+        let boxes = found.as_array().expect("a list");
+        let near = |b: &Value| {
+            let at = |key: &str| b[key].as_i64().expect("a number");
+            (at("x") - 60).abs() < 12 && (at("y") - 30).abs() < 12 && (at("width") - 44).abs() < 16
+        };
+        assert!(boxes.iter().any(near), "{features}: {found}");
+        assert!(boxes.iter().all(|b| b["image"] == "scene.png" && b["score"].as_u64() > Some(3)));
+        assert!(bench.path("found.png").is_file());
+    }
+    let bytes = |name: &str| std::fs::read(bench.path(name)).expect("a cascade");
+    assert_eq!(bytes("lbp1.xml"), bytes("lbp3.xml"));
+}
+
+#[test]
+fn a_sweep_prints_both_tables() {
+    let bench = Bench::new();
+    patches(&bench.path("p"), 0, 40, true);
+    patches(&bench.path("n"), 500, 40, false);
+    let mut args = vec!["train", "--positives", "p", "--negatives", "n", "-o", "none.xml", "--sweep"];
+    args.extend(SMALL);
+    let text = bench.ok(&args);
+    assert!(text.contains("depth  stages") && text.contains("growth  window px"), "{text}");
+    args.push("--json");
+    let sweep: Value = serde_json::from_str(&bench.ok(&args)).expect("JSON");
+    for depth in 1..=3 {
+        let rows = sweep["stages"].as_array().expect("a list");
+        assert!(rows.iter().any(|r| r["max_depth"] == depth && r["ms"].as_f64() > Some(0.0)));
+    }
+    assert_eq!(sweep["windows"].as_array().map(Vec::len), Some(15));
+    assert!(!bench.path("none.xml").exists());
+}
+
+#[test]
+fn what_cannot_be_used_is_named() {
+    let bench = Bench::new();
+    patches(&bench.path("p"), 0, 4, true);
+    std::fs::create_dir(bench.path("empty")).expect("a folder");
+    std::fs::write(bench.path("bad.xml"), "<opencv_storage><cascade/></opencv_storage>").expect("a file");
+    let detect = bench.fails(&["detect", "bad.xml", "p/0.png"]);
+    assert!(detect.contains("bad.xml") && detect.contains("<stageType> is missing"), "{detect}");
+    assert!(bench.fails(&["detect", "no.xml", "p/0.png"]).contains("no.xml"));
+    let train = bench.fails(&["train", "--positives", "p", "--negatives", "empty", "-o", "x.xml"]);
+    assert!(train.contains("empty") && train.contains("no pictures"), "{train}");
+    for args in [
+        &["train", "--positives", "p", "--negatives", "p", "-o", "x", "--window", "4x4"][..],
+        &["train", "--positives", "p", "--negatives", "p", "-o", "x", "--hit-rate", "1.5"],
+        &["detect", "bad.xml"],
+        &["detect", "bad.xml", "p/0.png", "--growth", "1"],
+    ] {
+        assert_eq!(bench.run(args).status.code(), Some(2), "{args:?}");
+    }
+}

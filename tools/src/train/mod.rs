@@ -1,0 +1,443 @@
+//! Trains boosted cascades: Gentle AdaBoost over trees of LBP or Haar features, stage by stage, on
+//! what the stages before let pass (paper, section 3.6).
+//!
+//! The format is OpenCV's; what OpenCV's trainer lacks is there: varied samples, means that are drawn
+//! to a prior, least leaf weights, and thresholds and ends of stages judged by pictures that were
+//! not learned from.
+
+pub mod augment;
+pub mod checkpoint;
+pub mod features;
+pub mod mine;
+pub mod pictures;
+pub mod report;
+pub mod stage;
+pub mod sweep;
+pub mod threads;
+pub mod tree;
+
+use augment::{Part, Sampling, Variation};
+use fastrand::Rng;
+use features::{Codes, Sums};
+use mine::Miner;
+use perception::recognition::cascade::{Branch, Cascade, Features, Node, Stage};
+use pictures::{SourcePicture, Split};
+use serde::{Deserialize, Serialize};
+use stage::{Samples, StageParameters, Start, TrainedStage};
+use std::collections::HashMap;
+use thiserror::Error;
+use tree::{Child, TreeNode, TreeParameters};
+
+/// Why training cannot go on. The text names the file or value and the remedy.
+#[derive(Debug, Error)]
+pub enum TrainError {
+    /// The pictures.
+    #[error("{0}")]
+    Data(String),
+    /// A picture cannot be read.
+    #[error(transparent)]
+    Source(#[from] sources::SourceError),
+    /// A picture or report cannot be written.
+    #[error(transparent)]
+    Picture(#[from] crate::picture::PictureError),
+}
+
+/// Most trees of the first stage, which sees every window; each stage behind it may have twice as
+/// many as the one before, up to [`StageParameters::max_trees`].
+const FIRST_TREES: usize = 16;
+
+/// Which features trees are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureKind {
+    /// Multi-block local binary patterns.
+    Lbp,
+    /// Upright Haar features.
+    Haar,
+    /// Haar features, tilted ones too.
+    HaarTilted,
+}
+
+impl FeatureKind {
+    /// What a cascade's features need.
+    pub fn of(features: &Features) -> Self {
+        match features {
+            Features::Lbp(_) => Self::Lbp,
+            Features::Haar(list) if list.iter().any(|f| f.tilted) => Self::HaarTilted,
+            Features::Haar(_) => Self::Haar,
+        }
+    }
+
+    /// Every feature of a window.
+    pub fn all(self, width: u16, height: u16) -> Features {
+        match self {
+            Self::Lbp => Features::Lbp(features::all_lbp(width, height)),
+            Self::Haar => Features::Haar(features::all_haar(width, height, false)),
+            Self::HaarTilted => Features::Haar(features::all_haar(width, height, true)),
+        }
+    }
+}
+
+/// How a cascade is trained.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrainParameters {
+    /// Width and height of the window, in pixels.
+    pub window: (u16, u16),
+    /// Features.
+    pub features: FeatureKind,
+    /// Features that a stage chooses from, drawn anew for each; all when there are no more.
+    pub pool: usize,
+    /// Stages.
+    pub stages: usize,
+    /// How a stage is trained.
+    pub stage: StageParameters,
+    /// Varied windows made of each object, besides the object as it is.
+    pub variants: usize,
+    /// How they are varied.
+    pub variation: Variation,
+    /// Windows without objects that each stage learns from.
+    pub negatives: usize,
+    /// Share of each folder's pictures that judge and are not learned from; with 0 the samples
+    /// that are learned from judge themselves.
+    pub validation: f64,
+    /// Share of the judging objects that the whole cascade lets pass: all thresholds are moved
+    /// together until it does. `None` leaves them as the stages set them.
+    pub final_hit_rate: Option<f64>,
+    /// Random numbers come from this.
+    pub seed: u64,
+    /// Threads; the result is the same for any number.
+    pub threads: usize,
+}
+
+impl TrainParameters {
+    /// What the trainer does unless told otherwise.
+    pub const fn usual(features: FeatureKind) -> Self {
+        Self {
+            window: (24, 24),
+            features,
+            pool: 4000,
+            stages: 17,
+            stage: StageParameters {
+                hit_rate: 0.995,
+                false_alarm_rate: 0.5,
+                max_trees: 100,
+                learning_rate: 0.5,
+                chained: true,
+                tree: TreeParameters {
+                    max_depth: 2,
+                    least_leaf: 0.01,
+                    leaf_prior: 10.0,
+                    category_prior: 20.0,
+                },
+            },
+            variants: 7,
+            variation: Variation::USUAL,
+            negatives: 8000,
+            validation: 0.2,
+            final_hit_rate: None,
+            seed: 1,
+            threads: 1,
+        }
+    }
+}
+
+/// Figures of a stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageFigures {
+    /// Its trees.
+    pub trees: usize,
+    /// Share of the judging objects that passes it.
+    pub hit_rate: f64,
+    /// Share of the judging rest (that reached it) that passes it.
+    pub false_alarm_rate: f64,
+    /// The same of what it learned from.
+    pub learned_hit_rate: f64,
+    /// The same of what it learned from.
+    pub learned_false_alarm_rate: f64,
+    /// Share of all windows without objects that reached it.
+    pub acceptance: f64,
+    /// Windows without objects that it learned from.
+    pub negatives: usize,
+}
+
+/// What happens during training.
+#[derive(Clone, Copy, Debug)]
+pub enum Progress<'a> {
+    /// A stage begins with this share of windows still in the race.
+    Stage {
+        /// From 0.
+        index: usize,
+        /// Share of windows without objects that reach it.
+        acceptance: f64,
+    },
+    /// It has one more tree.
+    Tree {
+        /// Its stage.
+        stage: usize,
+        /// How many it has.
+        trees: usize,
+        /// Share of the judging rest that passes it.
+        false_alarm_rate: f64,
+    },
+    /// A stage is done; the cascade so far can be kept.
+    Done {
+        /// All stages so far.
+        cascade: &'a Cascade,
+        /// Its figures.
+        figures: &'a StageFigures,
+    },
+}
+
+/// A trained cascade.
+#[derive(Clone, Debug)]
+pub struct Trained {
+    /// The cascade.
+    pub cascade: Cascade,
+    /// Figures of the stages that were trained now.
+    pub stages: Vec<StageFigures>,
+    /// Whether it ended before the last stage because hardly any window without object was left.
+    pub exhausted: bool,
+}
+
+/// The windows of one class: each picture as it is, and varied.
+fn object_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usize, salt: u64) -> Vec<Sums> {
+    let window = (usize::from(p.window.0), usize::from(p.window.1));
+    let made = threads::map(p.threads, pictures.len(), |i| {
+        let view = pictures[i].grey.view();
+        let mut random = Rng::with_seed(p.seed ^ salt ^ (i as u64) << 20);
+        let mut out = Vec::new();
+        (0..=variants)
+            .map(|variant| {
+                if variant == 0 {
+                    augment::window(view, Part::whole(view), Sampling::Area, window, &mut out);
+                } else {
+                    augment::vary(view, Part::whole(view), &p.variation, &mut random, window, &mut out);
+                }
+                Sums::of(&out, p.window, p.features)
+            })
+            .filter(|sums| sums.sound)
+            .collect::<Vec<_>>()
+    });
+    made.into_iter().flatten().collect()
+}
+
+/// Trains a cascade. `begun` holds stages that were trained before with the same parameters and
+/// pictures; training goes on behind them, to the same cascade.
+///
+/// # Errors
+/// When the pictures do not suffice.
+pub fn train(
+    p: &TrainParameters,
+    objects: Split,
+    rest: Split,
+    begun: Option<Cascade>,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Trained, TrainError> {
+    let window = (usize::from(p.window.0), usize::from(p.window.1));
+    let all = p.features.all(p.window.0, p.window.1);
+    let miner = Miner::new(&rest.training, window, p.variation, p.seed);
+    let judge_miner = Miner::new(&rest.validation, window, p.variation, p.seed ^ 0x5EED);
+    let judged_apart = p.validation > 0.0;
+    if objects.training.is_empty() || judged_apart && objects.validation.is_empty() {
+        let text = "too few pictures of objects to learn from some and be judged by others: give more, or --validation 0";
+        return Err(TrainError::Data(text.into()));
+    }
+    if miner.is_empty() || judged_apart && judge_miner.is_empty() {
+        let text = format!(
+            "too few pictures without objects of at least {}x{} pixels to learn from some and be judged by others: give more",
+            window.0, window.1
+        );
+        return Err(TrainError::Data(text));
+    }
+    let mut learned = object_windows(&objects.training, p, p.variants, 1);
+    let mut judges = object_windows(&objects.validation, p, p.variants, 2);
+    let mut builder = Builder::new(p, begun);
+    let mut margins = vec![f64::INFINITY; judges.len()];
+    let mut figures = Vec::new();
+    let mut exhausted = false;
+    // Stages that were there before: whom they refuse does not come back.
+    for stage in &builder.cascade.stages.clone() {
+        let single = Cascade { stages: vec![stage.clone()], ..builder.cascade.clone() };
+        let passes = |s: &Sums| single.stages_passed(s.integral(), 0, 0) == Some(1);
+        for (margin, judge) in margins.iter_mut().zip(&judges) {
+            *margin = margin.min(builder.margin(stage, judge));
+        }
+        learned.retain(passes);
+    }
+    let mut alive: Vec<bool> = margins.iter().map(|&m| m >= -1e-5).collect();
+    while builder.cascade.stages.len() < p.stages {
+        let index = builder.cascade.stages.len();
+        let round = index as u64 + 1;
+        let mined = miner.mine(&builder.cascade, round, p.negatives, p.threads);
+        let acceptance = mined.acceptance();
+        if mined.windows.len() < (p.negatives / 16).max(8) || learned.len() < 8 {
+            exhausted = true;
+            break;
+        }
+        progress(Progress::Stage { index, acceptance });
+        let sums_of = |windows: &[Vec<u8>]| -> Vec<Sums> {
+            threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, p.features))
+        };
+        let objects_now = learned.len();
+        let rest_now = sums_of(&mined.windows);
+        let rest_count = rest_now.len();
+        let mut samples = std::mem::take(&mut learned);
+        samples.extend(rest_now);
+        let mut random = Rng::with_seed(p.seed ^ round << 48);
+        let pool = features::draw(&all, p.pool, &mut random);
+        let codes = Codes::new(&pool, &samples, p.threads);
+        let judge_objects: Vec<Sums>;
+        let judge_rest: Vec<Sums>;
+        let judging = if judged_apart {
+            let mined = judge_miner.mine(&builder.cascade, round, (p.negatives / 3).max(500), p.threads);
+            judge_rest = sums_of(&mined.windows);
+            judge_objects = judges.iter().zip(&alive).filter(|(_, a)| **a).map(|(j, _)| j.clone()).collect();
+            Samples { objects: &judge_objects, rest: &judge_rest }
+        } else {
+            Samples { objects: &samples[..objects_now], rest: &samples[objects_now..] }
+        };
+        let mut each = |trees, false_alarm_rate| {
+            progress(Progress::Tree { stage: index, trees, false_alarm_rate });
+        };
+        let begin = Start {
+            learned: builder.sums(&samples, p),
+            judged_objects: builder.sums(judging.objects, p),
+            judged_rest: builder.sums(judging.rest, p),
+        };
+        let limits =
+            StageParameters { max_trees: p.stage.max_trees.min(FIRST_TREES << index.min(16)), ..p.stage };
+        let trained =
+            stage::train(&limits, &pool, (&codes, objects_now), judging, begin, p.threads, &mut each)
+                .ok_or_else(|| {
+                    TrainError::Data(format!(
+                        "stage {index}: no feature tells objects from the rest: are the folders right?"
+                    ))
+                })?;
+        let stage_figures = StageFigures {
+            trees: trained.trees.len(),
+            hit_rate: trained.judged.0,
+            false_alarm_rate: trained.judged.1,
+            learned_hit_rate: trained.learned.0,
+            learned_false_alarm_rate: trained.learned.1,
+            acceptance,
+            negatives: rest_count,
+        };
+        builder.push(&trained, &pool, p.stage.chained);
+        samples.truncate(objects_now);
+        learned = samples;
+        let mut kept = trained.learned_sums.iter().map(|&s| stage::passes(s, trained.threshold));
+        learned.retain(|_| kept.next().unwrap_or(false));
+        if let Some(stage) = builder.cascade.stages.last() {
+            for ((margin, judge), alive) in margins.iter_mut().zip(&judges).zip(&mut alive) {
+                *margin = margin.min(builder.margin(stage, judge));
+                *alive = *margin >= -1e-5;
+            }
+        }
+        progress(Progress::Done { cascade: &builder.cascade, figures: &stage_figures });
+        figures.push(stage_figures);
+    }
+    if let Some(share) = p.final_hit_rate.filter(|_| !margins.is_empty()) {
+        let moved = stage::threshold_for(&margins, share);
+        for stage in &mut builder.cascade.stages {
+            stage.threshold += moved;
+        }
+    }
+    judges.clear();
+    Ok(Trained { cascade: builder.cascade, stages: figures, exhausted })
+}
+
+/// Puts a cascade together from stages over changing pools of features.
+struct Builder {
+    cascade: Cascade,
+}
+
+impl Builder {
+    fn new(p: &TrainParameters, begun: Option<Cascade>) -> Self {
+        let features = match p.features {
+            FeatureKind::Lbp => Features::Lbp(Vec::new()),
+            _ => Features::Haar(Vec::new()),
+        };
+        let empty = Cascade { width: p.window.0, height: p.window.1, features, stages: Vec::new() };
+        Self { cascade: begun.unwrap_or(empty) }
+    }
+
+    /// The sum of a stage's trees for a sample.
+    fn sum(&self, stage: &Stage, sample: &Sums) -> f64 {
+        let mut sum = 0.0;
+        for tree in &stage.trees {
+            let mut node = &tree[0];
+            sum += loop {
+                let left = sample.goes_left(&self.cascade.features, node.feature as usize, &node.split);
+                match if left { node.left } else { node.right } {
+                    Branch::Leaf(value) => break f64::from(value),
+                    Branch::Node(next) => node = &tree[usize::from(next)],
+                }
+            };
+        }
+        sum
+    }
+
+    /// How far a sample's sum lies above a stage's threshold.
+    fn margin(&self, stage: &Stage, sample: &Sums) -> f64 {
+        self.sum(stage, sample) - f64::from(stage.threshold)
+    }
+
+    /// What samples bring along into the next stage.
+    fn sums(&self, samples: &[Sums], p: &TrainParameters) -> Vec<f64> {
+        match self.cascade.stages.last().filter(|_| p.stage.chained) {
+            Some(stage) => {
+                const RUN: usize = 256;
+                let runs = threads::map(p.threads, samples.len().div_ceil(RUN), |run| {
+                    let part = &samples[run * RUN..samples.len().min((run + 1) * RUN)];
+                    part.iter().map(|s| self.sum(stage, s)).collect::<Vec<f64>>()
+                });
+                runs.into_iter().flatten().collect()
+            }
+            None => vec![0.0; samples.len()],
+        }
+    }
+
+    fn push(&mut self, trained: &TrainedStage, pool: &Features, chained: bool) {
+        // Features of the pool that are in the cascade by now.
+        let mut names: HashMap<usize, u32> = HashMap::new();
+        let features = &mut self.cascade.features;
+        let trees = trained.trees.iter().map(|tree| {
+            let nodes = tree.iter().map(|node: &TreeNode| {
+                let branch = |child: Child| match child {
+                    Child::Node(n) => Branch::Node(n as u16),
+                    Child::Leaf(value) => Branch::Leaf(value),
+                };
+                Node {
+                    feature: *names.entry(node.feature).or_insert_with(|| add(features, pool, node.feature)),
+                    split: node.split,
+                    left: branch(node.children[0]),
+                    right: branch(node.children[1]),
+                }
+            });
+            nodes.collect()
+        });
+        let before = self.cascade.stages.last().filter(|_| chained).map(|s| s.trees.clone());
+        let trees = before.unwrap_or_default().into_iter().chain(trees).collect();
+        self.cascade.stages.push(Stage { threshold: trained.threshold, trees });
+    }
+}
+
+/// The number of a pool's feature in the cascade, which gets it when it has not.
+fn add(features: &mut Features, pool: &Features, index: usize) -> u32 {
+    fn place<T: PartialEq + Copy>(list: &mut Vec<T>, item: T) -> u32 {
+        let at = list.iter().position(|f| *f == item).unwrap_or_else(|| {
+            list.push(item);
+            list.len() - 1
+        });
+        at as u32
+    }
+    match (features, pool) {
+        (Features::Lbp(list), Features::Lbp(pool)) => place(list, pool[index]),
+        (Features::Haar(list), Features::Haar(pool)) => place(list, pool[index]),
+        // A cascade and its pools are of one kind.
+        _ => 0,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,139 @@
+use super::checkpoint::Checkpoint;
+use super::*;
+use crate::evaluate::detection::{judge_all, report as figures};
+use perception::image::GreyImage;
+use perception::recognition::xml::TrainedWith;
+use std::path::Path;
+
+/// A picture of noise, with a dark roof over a bright window when it holds an object.
+fn picture(seed: u64, side: usize, object: bool) -> SourcePicture {
+    let mut random = Rng::with_seed(seed);
+    let mut grey = GreyImage::new(side, side);
+    for (i, v) in grey.as_mut_slice().iter_mut().enumerate() {
+        let (x, y) = (i % side * 8 / side, i / side * 8 / side);
+        let shape = match (x, y) {
+            (1..7, 1..3) => 40,
+            (2..6, 3..6) => 180,
+            (_, 6..8) => 70,
+            _ => 110,
+        };
+        let noise = random.u8(..120);
+        *v = if object { shape / 2 + noise } else { noise + (x * 11 % 60) as u8 };
+    }
+    SourcePicture { path: format!("{seed}.png").into(), grey }
+}
+
+fn pictures(count: u64, side: usize, object: bool) -> Split {
+    let of = |from: u64, count: u64| (from..from + count).map(|s| picture(s, side, object)).collect();
+    Split {
+        training: of(u64::from(object) * 1000, count),
+        validation: of(5000 + u64::from(object) * 1000, count / 2),
+    }
+}
+
+fn parameters(features: FeatureKind) -> TrainParameters {
+    let mut p = TrainParameters::usual(features);
+    p.window = (12, 12);
+    p.stages = 3;
+    p.stage.max_trees = 4;
+    p.stage.false_alarm_rate = 0.2;
+    p.pool = 150;
+    p.variants = 2;
+    p.negatives = 200;
+    p
+}
+
+#[test]
+fn objects_are_told_apart_and_threads_change_nothing() {
+    for features in [FeatureKind::Lbp, FeatureKind::Haar, FeatureKind::HaarTilted] {
+        let p = parameters(features);
+        let run = |threads| {
+            let p = TrainParameters { threads, ..p };
+            let mut events = 0;
+            let trained =
+                train(&p, pictures(60, 20, true), pictures(60, 40, false), None, &mut |_| events += 1);
+            (trained.expect("a cascade"), events)
+        };
+        let (one, events) = run(1);
+        assert!(events > one.cascade.stages.len(), "{features:?}: progress is told");
+        let (three, _) = run(3);
+        assert_eq!(one.cascade, three.cascade, "{features:?}");
+        assert_eq!(one.stages, three.stages, "{features:?}");
+        let fresh = |object| -> Vec<SourcePicture> {
+            (9000..9100).map(|s| picture(s + u64::from(object) * 500, 24, object)).collect()
+        };
+        let hits = judge_all(&one.cascade, &fresh(true), 2);
+        let alarms = judge_all(&one.cascade, &fresh(false), 2);
+        let figures = figures(&hits, &alarms, one.cascade.stages.len()).expect("figures");
+        assert!(figures.balanced_accuracy > 0.9, "{features:?}: {figures:?}");
+    }
+}
+
+#[test]
+fn a_run_that_was_stopped_goes_on_to_the_same_cascade() {
+    let with = TrainedWith { hit_rate: 0.9, false_alarm_rate: 0.5, max_depth: 2, max_trees: 10 };
+    let folder = tempfile::tempdir().expect("a folder");
+    let (objects, rest) = (pictures(50, 20, true), pictures(50, 40, false));
+    for chained in [true, false] {
+        let mut p = parameters(FeatureKind::Haar);
+        p.stage.chained = chained;
+        p.final_hit_rate = Some(0.9);
+        let output = folder.path().join(format!("{chained}.xml"));
+        let checkpoint = Checkpoint::new(&output, &p, &objects, &rest);
+        assert!(checkpoint.load().expect("nothing there").is_none());
+        let mut figures = Vec::new();
+        let whole = train(&p, objects.clone(), rest.clone(), None, &mut |event| {
+            if let Progress::Done { cascade, figures: stage } = event {
+                figures.push(*stage);
+                // Stopped after the first stage.
+                if figures.len() == 1 {
+                    checkpoint.save(cascade, &with, &figures).expect("kept");
+                }
+            }
+        })
+        .expect("a cascade");
+        assert!(whole.cascade.stages.len() > 1);
+        let (begun, kept) = checkpoint.load().expect("sound").expect("there");
+        assert_eq!(kept, figures[..1]);
+        let rest_of_it =
+            train(&p, objects.clone(), rest.clone(), Some(begun), &mut |_| ()).expect("a cascade");
+        assert_eq!(rest_of_it.cascade, whole.cascade, "chained: {chained}");
+        assert_eq!(rest_of_it.stages, figures[1..]);
+        // Other options make another cascade.
+        let other = Checkpoint::new(&output, &TrainParameters { seed: 2, ..p }, &objects, &rest);
+        let error = other.load().expect_err("another seed").to_string();
+        assert!(error.contains("--restart") && error.contains(".part"), "{error}");
+        std::fs::write(checkpoint.path(), "{").expect("written");
+        assert!(checkpoint.load().expect_err("broken").to_string().contains("not a checkpoint"));
+        checkpoint.remove().expect("removed");
+        checkpoint.remove().expect("nothing to remove");
+    }
+}
+
+#[test]
+fn too_few_pictures_are_refused_with_the_remedy() {
+    let p = parameters(FeatureKind::Lbp);
+    let run = |objects, rest| train(&p, objects, rest, None, &mut |_| ()).expect_err("too few").to_string();
+    assert!(run(Split::default(), pictures(10, 40, false)).contains("--validation 0"));
+    let small = run(pictures(10, 20, true), pictures(10, 8, false));
+    assert!(small.contains("at least 12x12 pixels"), "{small}");
+}
+
+#[test]
+fn a_report_has_all_its_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let p = parameters(FeatureKind::HaarTilted);
+    let (objects, rest) = (pictures(40, 20, true), pictures(40, 40, false));
+    let trained = train(&p, objects.clone(), rest.clone(), None, &mut |_| ()).expect("a cascade");
+    let hits = judge_all(&trained.cascade, &objects.validation, 1);
+    let alarms = judge_all(&trained.cascade, &rest.validation, 1);
+    let validation = figures(&hits, &alarms, trained.cascade.stages.len()).expect("figures");
+    report::write(folder.path(), &trained.cascade, &trained.stages, Some(&validation), &objects.training)
+        .expect("written");
+    for file in ["training.json", "stages.txt", "stages.png", "roc.png", "features.png"] {
+        assert!(folder.path().join(file).is_file(), "{file}");
+    }
+    let blocked = folder.path().join("stages.txt");
+    let error = report::write(Path::new(&blocked), &trained.cascade, &trained.stages, None, &[]);
+    assert!(error.expect_err("a file is no folder").to_string().contains("stages.txt"));
+}

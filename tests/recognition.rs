@@ -19,9 +19,9 @@ fn scene(seed: u64, width: usize, height: usize, object: Option<(usize, usize, u
             }
             noise / 2
                 + match ((x - left) * 8 / side, (y - top) * 8 / side) {
-                    (1..7, 0..2) => 20,
-                    (1..7, 2..5) => 190,
-                    (0..2 | 6..8, 6..8) => 5,
+                    (1..=6, 0..=1) => 20,
+                    (1..=6, 2..=4) => 190,
+                    (0..=1 | 6..=7, 6..=7) => 5,
                     _ => 100,
                 }
         })

@@ -39,7 +39,7 @@ fn parameters(features: FeatureKind) -> TrainParameters {
     p.stage.false_alarm_rate = 0.2;
     p.pool = 150;
     p.variants = 2;
-    p.negatives = 200;
+    p.negatives = 100;
     p
 }
 

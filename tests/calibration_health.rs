@@ -48,7 +48,9 @@ fn a_camera_that_turns_in_flight_is_noticed_within_30_frames_and_corrected() {
     let at = |change: &Value| change["sequence"].as_u64().expect("a frame");
     assert!(at(&found[0]) < 25 && (25..=55).contains(&at(&found[1])));
     let text = found[1]["text"].as_str().expect("words");
-    assert!(text.starts_with("degraded: vertical offset 1.") && text.contains("(bound 0.5)"), "{text}");
+    assert!(text.starts_with("degraded: vertical offset ") && text.contains("(bound 0.5)"), "{text}");
+    let worst_px = found[1]["worst_px"].as_f64().expect("an offset");
+    assert!(worst_px > 0.5 && worst_px < -TURNED_PX + 0.3, "{worst_px}");
     assert!(log.contains(text) && log.contains("calibrate again"), "{log}");
 
     let (found, _) = changes(&bench, &turned, &["--set", "calibration.correct_px=3"]);

@@ -335,7 +335,7 @@ mod tests {
 
     #[test]
     fn totals_go_on_over_restarts() {
-        let roles = [Role::Capture, Role::Recognition];
+        let roles = [Role::Capture, Role::Stereo, Role::Recognition];
         let mut collector = Collector::new(&roles, 0);
         let mut header = Header::new(Kind::Report);
         header.capture_ns = 1_000_000;
@@ -349,6 +349,14 @@ mod tests {
         header.sequence = 4;
         assert!(collector.report(&header, &report(Role::Recognition, 11, 1), 3_000_000_000));
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
+        // Changes of the calibration alone are kept; not to know is no change.
+        for (sequence, state) in [(0, 1), (1, 2), (2, 2), (3, 3), (4, 1), (5, 3), (6, 2)] {
+            let calibration = CalibrationRecord { state, worst_px: 0.75, ..CalibrationRecord::default() };
+            header.sequence = sequence;
+            let report = ReportRecord { calibration, ..report(Role::Stereo, 12, sequence) };
+            collector.report(&header, &report, 3_000_000_000);
+        }
+        assert_eq!(collector.calibration().state(), CalibrationState::Good);
         for level in [1, 2, 2, 0, 2] {
             collector.alarm(level);
         }
@@ -357,7 +365,9 @@ mod tests {
         let plan = CorePlan::new(&cores, &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
         assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
-        let recognition = &summary.processes[1];
+        let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
+        assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
+        let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);
         assert!((recognition.work.p50_ms - 4.0).abs() < 0.01);
         assert!((summary.latency.p50_ms - 40.0).abs() < 0.1);

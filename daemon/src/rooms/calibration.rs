@@ -78,7 +78,7 @@ impl CalibrationRoom {
         disparity: DisparityView<'_>,
         confidence: &[u8],
     ) {
-        let is_due = self.frames % self.every == 0;
+        let is_due = self.frames.is_multiple_of(self.every);
         self.frames += 1;
         if !is_due {
             return;

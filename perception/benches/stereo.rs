@@ -192,6 +192,18 @@ fn frames(c: &mut Criterion) {
                 });
             }
         }
+        // Also when the matchers above are not asked for: a check without a map has nothing to do.
+        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+        if let Ok(mut matcher) = Mpv::at_level(
+            Level::best(),
+            MpvParameters::default(),
+            Search::Windows,
+            width,
+            height,
+            disparities,
+        ) {
+            let _ = matcher.compute(left.view(), right.view(), output);
+        }
         let mut check = EpipolarCheck::new(EpipolarParameters::default());
         group.bench_function("calibration check", |b| {
             b.iter(|| {

@@ -165,6 +165,26 @@ pub const KEYS: &[Key] = &[
         "Fills all other holes, too, along the edges of the image: nice to look at, not to brake by.",
     ),
     key(
+        "calibration.check",
+        Switch,
+        "Checks while running whether rows of both pictures still match; when they do not, the daemon is degraded.",
+    ),
+    key(
+        "calibration.every_frames",
+        Whole(1, 1000),
+        "Every how many frames the check looks at one: more costs less time and notices later.",
+    ),
+    key(
+        "calibration.bound_px",
+        Number(0.1, 5.0),
+        "Vertical offset of matching points anywhere in the picture, in px, above which the calibration counts as degraded.",
+    ),
+    key(
+        "calibration.correct_px",
+        Number(0.0, 20.0),
+        "Vertical offsets of up to this many px are corrected by shifting the right picture's rows; 0 only reports them.",
+    ),
+    key(
         "road.camera_height_min_m",
         Number(0.1, 10.0),
         "Least height of the camera above the road, in metres.",

@@ -13,6 +13,7 @@ pub struct Config {
     pub log: Log,
     pub source: Source,
     pub stereo: Stereo,
+    pub calibration: Calibration,
     pub road: Road,
     pub regions: Regions,
     pub recognition: Recognition,
@@ -72,6 +73,15 @@ pub struct Stereo {
     pub confidence_min: i64,
     pub bridge_px: i64,
     pub fill: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    pub check: bool,
+    pub every_frames: i64,
+    pub bound_px: f64,
+    pub correct_px: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -9,6 +9,7 @@
 //! compiled once.
 
 pub mod bus;
+pub mod calibration;
 pub mod clock;
 pub mod command;
 pub mod depth;

@@ -1,5 +1,6 @@
 //! `report`: every stage → scheduler. One record per frame, and a heartbeat when idle.
 
+use crate::calibration::CalibrationRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
@@ -48,6 +49,8 @@ pub struct ReportRecord {
     pub age_ns: u64,
     /// Time of the stage's own work on the frame, in nanoseconds.
     pub work_ns: u64,
+    /// What the stereo stage says of the calibration; zeros from the others.
+    pub calibration: CalibrationRecord,
     /// Why, in words, padded with zeros.
     pub text: [u8; 256],
 }

@@ -7,6 +7,7 @@ use lookout_perception::simd::{Lanes, Level};
 use lookout_perception::stereo::blocks::Block;
 use lookout_perception::stereo::cost::{CostParameters, CostStrip, STRIP};
 use lookout_perception::stereo::energy::EnergyRow;
+use lookout_perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters};
 use lookout_perception::stereo::fill::{BridgeParameters, Fill};
 use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
@@ -14,7 +15,7 @@ use lookout_perception::stereo::speckle::{SpeckleFilter, SpeckleParameters};
 use lookout_perception::stereo::trust::Trust;
 use lookout_perception::stereo::viterbi::{Energies, Merge, PAD, Span, Sum, single, triple};
 use lookout_perception::stereo::winner::{Winner, WinnerParameters};
-use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
+use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::hint::black_box;
 
 /// A textured pair with a slanted ground and three upright boxes.
@@ -191,6 +192,25 @@ fn frames(c: &mut Criterion) {
                 });
             }
         }
+        // Also when the matchers above are not asked for: a check without a map has nothing to do.
+        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+        if let Ok(mut matcher) = Mpv::at_level(
+            Level::best(),
+            MpvParameters::default(),
+            Search::Windows,
+            width,
+            height,
+            disparities,
+        ) {
+            let _ = matcher.compute(left.view(), right.view(), output);
+        }
+        let mut check = EpipolarCheck::new(EpipolarParameters::default());
+        group.bench_function("calibration check", |b| {
+            b.iter(|| {
+                let map = DisparityView::new(&disparity, width, height)?;
+                Some(check.update(left.view(), right.view(), map, &confidence))
+            });
+        });
         group.finish();
     }
 }

@@ -90,6 +90,21 @@ pub struct ProcessSummary {
     pub restarts: u32,
 }
 
+/// A change of what the check of the calibration says.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CalibrationChange {
+    /// The frame that it was found in.
+    pub sequence: u64,
+    /// `good` or `degraded`.
+    pub state: String,
+    /// The same in words, with the figures.
+    pub text: String,
+    /// Largest offset of rows in the picture, in pixels.
+    pub worst_px: f64,
+    /// By how much the right picture's rows were shifted then, in pixels.
+    pub corrected_px: f64,
+}
+
 /// A run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunSummary {
@@ -119,6 +134,8 @@ pub struct RunSummary {
     pub alarms: u32,
     /// Restarts of all stages together.
     pub restarts: u32,
+    /// When the calibration was found good or degraded; the first hundred times.
+    pub calibration: Vec<CalibrationChange>,
 }
 
 impl fmt::Display for RunSummary {
@@ -186,7 +203,14 @@ impl fmt::Display for RunSummary {
             self.alarms,
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
-        )
+        )?;
+        // Good all the time is nothing to speak of.
+        if self.calibration.iter().any(|change| change.state != "good") {
+            for change in &self.calibration {
+                write!(f, "\ncalibration, frame {}: {}", change.sequence, change.text)?;
+            }
+        }
+        Ok(())
     }
 }
 

@@ -4,6 +4,7 @@ use super::{CommandError, load, say};
 use crate::cli::Status;
 use crate::frame_record::ALARM_LEVELS;
 use ipc::bus::Bus;
+use ipc::calibration::CalibrationState;
 use ipc::instance::{Instance, InstanceError};
 use ipc::service;
 use ipc::status::{self, StatusRecord};
@@ -93,7 +94,21 @@ struct StatusJson {
     alarms: u32,
     obstacles: u32,
     nearest_m: Option<f64>,
+    calibration: CalibrationJson,
     processes: Vec<ProcessJson>,
+}
+
+#[derive(Serialize)]
+struct CalibrationJson {
+    state: &'static str,
+    text: String,
+    offset_px: f32,
+    across_px: f32,
+    down_px: f32,
+    worst_px: f32,
+    sigma_px: f32,
+    bound_px: f32,
+    corrected_px: f32,
 }
 
 #[derive(Serialize)]
@@ -128,6 +143,17 @@ impl StatusJson {
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
+            calibration: CalibrationJson {
+                state: status.calibration.state().name(),
+                text: status.calibration.to_string(),
+                offset_px: status.calibration.offset_px,
+                across_px: status.calibration.across_px,
+                down_px: status.calibration.down_px,
+                worst_px: status.calibration.worst_px,
+                sigma_px: status.calibration.sigma_px,
+                bound_px: status.calibration.bound_px,
+                corrected_px: status.calibration.corrected_px,
+            },
             processes: status
                 .processes()
                 .map(|(role, p)| ProcessJson {
@@ -156,6 +182,10 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let mut out = String::new();
     let reason = status.reason();
     let because = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
+    let calibration = match status.calibration.state() {
+        CalibrationState::Off => String::new(),
+        _ => format!("calibration: {}\n", status.calibration),
+    };
     let nearest = if status.nearest_m.is_finite() {
         format!(", nearest in the path {:.1} m", status.nearest_m)
     } else {
@@ -164,7 +194,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms so far\n",
+         alarm {}{nearest}; {} obstacles, {} alarms so far\n{calibration}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,

@@ -1,12 +1,14 @@
 //! The work of each stage, from message to message: the same code in the daemon's processes and
 //! in one process.
 
+pub mod calibration;
 pub mod matcher;
 pub mod recognition;
 pub mod road;
 pub mod stereo;
 
 use config::Config;
+use ipc::calibration::CalibrationRecord;
 use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
@@ -35,6 +37,11 @@ pub trait Room {
     /// # Errors
     /// When the message is not sound.
     fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError>;
+
+    /// What the frames so far say of the calibration; zeros where it is not checked.
+    fn calibration(&self) -> CalibrationRecord {
+        CalibrationRecord::default()
+    }
 }
 
 /// Why a room cannot be furnished. The text names the key or file and the remedy.
@@ -86,6 +93,9 @@ pub enum FrameError {
     /// The matcher refuses the images.
     #[error(transparent)]
     Match(#[from] MatchError),
+    /// The right image cannot be shifted.
+    #[error(transparent)]
+    Remap(#[from] perception::rectify::RemapError),
     /// The bytes are no image.
     #[error(transparent)]
     Image(#[from] perception::image::ImageError),

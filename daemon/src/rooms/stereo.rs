@@ -1,18 +1,21 @@
 //! Pair to depth.
 
+use super::calibration::CalibrationRoom;
 use super::matcher::Method;
 use super::{FrameError, Room, RoomError, check_size};
 use crate::launch::FrameFormat;
 use config::Config;
+use ipc::calibration::CalibrationRecord;
 use ipc::header::Header;
 use ipc::{depth, pair};
 use perception::image::GreyView;
-use perception::stereo::{MatchOutput, Matcher};
+use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use std::time::{Duration, Instant};
 
 /// The matcher between its messages.
 pub struct StereoRoom {
     matcher: Box<dyn Matcher>,
+    calibration: Option<CalibrationRoom>,
     /// A frame gets no more time than this; None is all that it takes.
     budget: Option<Duration>,
     /// Frames that were given at a coarser scale, for want of time.
@@ -32,7 +35,8 @@ impl StereoRoom {
         let matcher = Method::configured(config).matcher(config, width, height, disparities)?;
         let budget =
             (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
-        Ok(Self { matcher, budget, coarse: 0, width, height })
+        let calibration = CalibrationRoom::new(config, width, height);
+        Ok(Self { matcher, calibration, budget, coarse: 0, width, height })
     }
 }
 
@@ -49,11 +53,15 @@ impl Room for StereoRoom {
         out.left.copy_from_slice(pair.left);
         let view = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (view(pair.left)?, view(pair.right)?);
-        let output = MatchOutput { disparity: out.disparity, confidence: out.confidence };
+        let shifted = match &mut self.calibration {
+            Some(calibration) => calibration.right(right)?,
+            None => right,
+        };
+        let output = MatchOutput { disparity: &mut *out.disparity, confidence: &mut *out.confidence };
         let started = Instant::now();
         let budget = self.budget;
         let mut go_on = || budget.is_none_or(|budget| started.elapsed() < budget);
-        let halved = self.matcher.compute_within(left, right, output, &mut go_on)?;
+        let halved = self.matcher.compute_within(left, shifted, output, &mut go_on)?;
         if halved > 0 {
             self.coarse += 1;
             // The first, then ever more rarely: a log must not grow with every frame.
@@ -65,6 +73,16 @@ impl Room for StereoRoom {
                 );
             }
         }
+        // A coarse map is too blunt to find points by.
+        if let (Some(calibration), 0) = (&mut self.calibration, halved)
+            && let Some(map) = DisparityView::new(out.disparity, self.width, self.height)
+        {
+            calibration.update(left, right, map, out.confidence);
+        }
         Ok(self.output_bytes())
+    }
+
+    fn calibration(&self) -> CalibrationRecord {
+        self.calibration.as_ref().map(CalibrationRoom::record).unwrap_or_default()
     }
 }

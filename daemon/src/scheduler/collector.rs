@@ -2,14 +2,18 @@
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
+use ipc::calibration::{CalibrationRecord, CalibrationState};
 use ipc::header::{Header, put_text};
 use ipc::report::ReportRecord;
 use ipc::role::Role;
 use ipc::status::ProcessRecord;
-use tools::summary::{Latency, Percentiles, ProcessSummary, RunSummary};
+use tools::summary::{CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
 
 /// Frames whose times are kept one by one, for plots.
 const KEPT_TRACES: usize = 20_000;
+
+/// Changes of the calibration's state that are kept.
+const KEPT_CHANGES: usize = 100;
 
 /// Times of one frame, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,6 +75,10 @@ pub struct Collector {
     pub alarms: u32,
     alarm_on: bool,
     status_ns: u64,
+    calibration: CalibrationRecord,
+    /// Good or degraded, whichever was said last.
+    calibration_said: CalibrationState,
+    calibration_changes: Vec<CalibrationChange>,
 }
 
 impl Collector {
@@ -98,6 +106,9 @@ impl Collector {
             alarms: 0,
             alarm_on: false,
             status_ns: now_ns,
+            calibration: CalibrationRecord::default(),
+            calibration_said: CalibrationState::Unknown,
+            calibration_changes: Vec::new(),
         }
     }
 
@@ -119,6 +130,9 @@ impl Collector {
             }
             if role == Role::Recognition {
                 self.result(header, now_ns);
+            }
+            if role == Role::Stereo {
+                self.take_calibration(header.sequence, report.calibration);
             }
         }
         is_new
@@ -149,6 +163,38 @@ impl Collector {
                 latency_ms: latency_ns as f64 * 1e-6,
             });
         }
+    }
+
+    fn take_calibration(&mut self, sequence: u64, calibration: CalibrationRecord) {
+        self.calibration = calibration;
+        let state = calibration.state();
+        let is_verdict = matches!(state, CalibrationState::Good | CalibrationState::Degraded);
+        if !is_verdict || state == self.calibration_said {
+            return;
+        }
+        if state == CalibrationState::Degraded {
+            tracing::warn!(
+                sequence,
+                "calibration {calibration}: the cameras have moved: calibrate again, or set calibration.correct_px"
+            );
+        } else {
+            tracing::info!(sequence, "calibration {calibration}");
+        }
+        self.calibration_said = state;
+        if self.calibration_changes.len() < KEPT_CHANGES {
+            self.calibration_changes.push(CalibrationChange {
+                sequence,
+                state: state.name().into(),
+                text: calibration.to_string(),
+                worst_px: calibration.worst_px.into(),
+                corrected_px: calibration.corrected_px.into(),
+            });
+        }
+    }
+
+    /// What the last frame says of the calibration.
+    pub fn calibration(&self) -> CalibrationRecord {
+        self.calibration
     }
 
     /// Takes in the alarm level of a frame (2 = on).
@@ -265,6 +311,7 @@ impl Collector {
             processes,
             shared_bytes,
             alarms: self.alarms,
+            calibration: self.calibration_changes.clone(),
         }
     }
 }
@@ -288,7 +335,7 @@ mod tests {
 
     #[test]
     fn totals_go_on_over_restarts() {
-        let roles = [Role::Capture, Role::Recognition];
+        let roles = [Role::Capture, Role::Stereo, Role::Recognition];
         let mut collector = Collector::new(&roles, 0);
         let mut header = Header::new(Kind::Report);
         header.capture_ns = 1_000_000;
@@ -302,6 +349,14 @@ mod tests {
         header.sequence = 4;
         assert!(collector.report(&header, &report(Role::Recognition, 11, 1), 3_000_000_000));
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
+        // Changes of the calibration alone are kept; not to know is no change.
+        for (sequence, state) in [(0, 1), (1, 2), (2, 2), (3, 3), (4, 1), (5, 3), (6, 2)] {
+            let calibration = CalibrationRecord { state, worst_px: 0.75, ..CalibrationRecord::default() };
+            header.sequence = sequence;
+            let report = ReportRecord { calibration, ..report(Role::Stereo, 12, sequence) };
+            collector.report(&header, &report, 3_000_000_000);
+        }
+        assert_eq!(collector.calibration().state(), CalibrationState::Good);
         for level in [1, 2, 2, 0, 2] {
             collector.alarm(level);
         }
@@ -310,7 +365,9 @@ mod tests {
         let plan = CorePlan::new(&cores, &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
         assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
-        let recognition = &summary.processes[1];
+        let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
+        assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
+        let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);
         assert!((recognition.work.p50_ms - 4.0).abs() < 0.01);
         assert!((summary.latency.p50_ms - 40.0).abs() < 0.1);

@@ -13,6 +13,7 @@ use crate::rooms::recognition::RecognitionRoom;
 use crate::stage::pin;
 use config::Config;
 use ipc::bus::{Bus, IpcError};
+use ipc::calibration::CalibrationState;
 use ipc::clock::{monotonic_ns, process_cpu_ns};
 use ipc::header::{GREATEST_SIDE, Header, Kind};
 use ipc::instance::{Instance, InstanceLock};
@@ -428,10 +429,13 @@ impl Run {
         let latency = self.collector.latency();
         let is_running = self.phase == Phase::Running && self.supervisor.all_running();
         let mut status = StatusRecord::empty();
+        status.calibration = self.collector.calibration();
+        let is_off = status.calibration.state() == CalibrationState::Degraded;
         status.pid = std::process::id();
         status.state = match (self.phase, self.supervisor.given_up()) {
             (Phase::Draining { .. } | Phase::Stopping, _) => 3,
             (Phase::Running, Some(_)) => 2,
+            (Phase::Running, None) if is_running && is_off => 2,
             (Phase::Running, None) => u32::from(self.collector.results() > 0 && is_running),
         };
         // What an old frame said is no judgement of the road now.
@@ -446,7 +450,12 @@ impl Run {
         status.frames = self.collector.results();
         status.latency_p50_ms = latency.p50_ms as f32;
         status.latency_p99_ms = latency.p99_ms as f32;
-        status.set_reason(self.failure.as_ref().unwrap_or(&self.reason));
+        match self.failure.as_ref().unwrap_or(&self.reason) {
+            reason if reason.is_empty() && is_off => {
+                status.set_reason(&format!("calibration {}", status.calibration));
+            }
+            reason => status.set_reason(reason),
+        }
         let processes = self.collector.processes(&self.supervisor, &self.plan, now);
         for (place, process) in status.process.iter_mut().zip(processes) {
             *place = process;

@@ -8,6 +8,7 @@ use crate::launch::Launch;
 use crate::memory::MemoryProbe;
 use crate::rooms::RoomError;
 use ipc::bus::{Bus, IpcError};
+use ipc::calibration::CalibrationRecord;
 use ipc::clock::{monotonic_ns, process_cpu_ns};
 use ipc::header::{Header, Kind};
 use ipc::instance::Instance;
@@ -160,6 +161,11 @@ impl Stage {
         self.report.work_ns = work_ns;
         self.header = header.forward(Kind::Report);
         self.send_report(true)
+    }
+
+    /// What the next report says of the calibration.
+    pub fn set_calibration(&mut self, calibration: CalibrationRecord) {
+        self.report.calibration = calibration;
     }
 
     /// Counts frames that newer ones overtook.

@@ -68,6 +68,7 @@ fn run(
                     loan.truncate(bytes);
                     *loan.header_mut() = header;
                     publisher.send(loan)?;
+                    stage.set_calibration(room.calibration());
                     stage.frame_done(&header, age_ns, end_ns - begin_ns)?;
                 }
                 Err(error) => {

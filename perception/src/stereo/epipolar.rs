@@ -132,26 +132,47 @@ impl Patch {
         patch
     }
 
-    /// The smaller eigenvalue of the structure, per pixel.
-    fn corner(&self) -> f32 {
-        let [a, b, c] = self.structure;
-        let root = ((a - c) * (a - c) + 4.0 * b * b).sqrt();
-        0.5 * (a + c - root) / (SIDE * SIDE) as f32
-    }
-
-    /// Sum of squared differences to a patch of another picture, means taken off.
+    /// Sum of squared differences to a patch of another picture, means taken off, from every other row.
     fn difference(&self, image: GreyView<'_>, x: usize, y: usize) -> f32 {
-        let (mut sum, mut squares) = (0.0_f32, 0.0_f32);
-        for j in 0..SIDE {
+        let mut sums = [0.0_f32; SIDE];
+        let mut squares = [0.0_f32; SIDE];
+        for j in (0..SIDE).step_by(2) {
             let row = &image.row(y + j - HALF)[x - HALF..x + HALF + 1];
-            for (own, other) in self.grey[j * SIDE..(j + 1) * SIDE].iter().zip(row) {
-                let d = own - f32::from(*other);
-                sum += d;
-                squares += d * d;
+            let own = &self.grey[j * SIDE..(j + 1) * SIDE];
+            for i in 0..SIDE {
+                let d = own[i] - f32::from(row[i]);
+                sums[i] += d;
+                squares[i] += d * d;
             }
         }
-        squares - sum * sum / (SIDE * SIDE) as f32
+        let (sum, squares) = (sums.iter().sum::<f32>(), squares.iter().sum::<f32>());
+        squares - sum * sum / (SIDE * SIDE.div_ceil(2)) as f32
     }
+}
+
+/// How clear a corner stands at a place: the smaller eigenvalue of the patch's structure, per pixel, from
+/// every other pixel of every other row.
+fn corner(image: GreyView<'_>, x: usize, y: usize) -> f32 {
+    const TAKEN: usize = HALF + 1;
+    let (mut a, mut b, mut c) = (0_i32, 0_i32, 0_i32);
+    for j in 0..TAKEN {
+        let v = y + 2 * j - HALF;
+        let span = x - HALF - 1..x + HALF + 2;
+        let (above, row, below) =
+            (&image.row(v - 1)[span.clone()], &image.row(v)[span.clone()], &image.row(v + 1)[span]);
+        for i in 0..TAKEN {
+            let at = 2 * i + 1;
+            // Twice the derivatives.
+            let dx = i32::from(row[at + 1]) - i32::from(row[at - 1]);
+            let dy = i32::from(below[at]) - i32::from(above[at]);
+            a += dx * dx;
+            b += dx * dy;
+            c += dy * dy;
+        }
+    }
+    let [a, b, c] = [a, b, c].map(|sum| sum as f32 / 4.0);
+    let root = ((a - c) * (a - c) + 4.0 * b * b).sqrt();
+    0.5 * (a + c - root) / (TAKEN * TAKEN) as f32
 }
 
 impl EpipolarCheck {
@@ -226,7 +247,7 @@ impl EpipolarCheck {
     ) -> Option<[f64; 3]> {
         let (width, height) = (left.width(), left.height());
         let margin = HALF + self.parameters.reach_px.max(ASIDE) + 3;
-        let mut best: Option<(f32, usize, usize, Patch)> = None;
+        let mut best: Option<(f32, usize, usize)> = None;
         for y in (rows.0..rows.1).step_by(3) {
             let (disparities, grey, next) = (disparity.row(y), left.row(y), left.row(y + 1));
             for x in (columns.0..columns.1).step_by(3) {
@@ -239,14 +260,14 @@ impl EpipolarCheck {
                 {
                     continue;
                 }
-                let patch = Patch::new(left, x, y);
-                let corner = patch.corner();
-                if corner > LEAST_CORNER && best.as_ref().is_none_or(|b| corner > b.0) {
-                    best = Some((corner, x, y, patch));
+                let corner = corner(left, x, y);
+                if corner > LEAST_CORNER && best.is_none_or(|b| corner > b.0) {
+                    best = Some((corner, x, y));
                 }
             }
         }
-        let (_, x, y, patch) = best?;
+        let (_, x, y) = best?;
+        let patch = Patch::new(left, x, y);
         let offset = self.offset(&patch, right, x, y, f32::from(disparity.row(y)[x]) / 256.0)?;
         let place = |v: usize, length: usize| 2.0 * v as f64 / (length - 1) as f64 - 1.0;
         Some([place(x, width), place(y, height), offset])

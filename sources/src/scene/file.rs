@@ -155,6 +155,9 @@ pub struct CameraFile {
     /// How far the body sways in roll, in degrees.
     #[serde(default, deserialize_with = "angle_deg")]
     pub sway_roll_deg: f64,
+    /// How far the right camera's nose is turned down against the left one's, as when a mount gives way,
+    /// in degrees; a number or a list of `[seconds, degrees]`. Truth and rig do not know.
+    pub right_pitch_deg: Option<Waypoints>,
     /// Left sensor, in place of the weather's.
     pub left: Option<Sensor>,
     /// Right sensor, in place of the weather's.
@@ -489,6 +492,9 @@ impl SceneFile {
                 "camera.pitch_deg and roll_deg: give angles from -20 to 20 degrees".into(),
             ));
         }
+        if scene.camera.right_pitch_deg.as_ref().is_some_and(|angle| angle.greatest() > 2.0) {
+            return Err(fault(None, "camera.right_pitch_deg: give angles from -2 to 2 degrees".into()));
+        }
         if scene.ego.speed_m_s.greatest() > 70.0 {
             return Err(fault(None, "ego.speed_m_s: give speeds from -70 to 70 m/s".into()));
         }
@@ -540,6 +546,7 @@ mod tests {
             ("[[objects]]\nkind = \"car\"\nalong_m = \"far\"\n", "x.toml:5: invalid type: string \"far\""),
             ("[road]\ngrade_percent = [[0, 1], [0, 2]]\n", "x.toml:4: give a list of [place, value]"),
             ("[road]\ngrade_percent = 45\n", "x.toml: road.grade_percent: give grades"),
+            ("[camera]\nright_pitch_deg = 5\n", "x.toml: camera.right_pitch_deg: give angles from -2"),
             ("[road\n", "x.toml:3: "),
             ("[camera]\nbaseline_m = -0.1\n", "a negative one means swapped cameras"),
             ("[[beside]]\nkind = \"trees\"\nlateral_m = 5\nto_m = -5\n", "x.toml:3: from_m = 0"),

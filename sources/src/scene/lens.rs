@@ -138,7 +138,7 @@ impl Lens {
     }
 
     fn glare(camera: &Camera, glare: Glare, seed: u64, light: &mut [f32]) {
-        let rig = camera.rig;
+        let rig = camera.level();
         let (width, height) = camera.size;
         // Dirt scatters differently on each glass.
         let strength = glare.strength * (0.85 + 0.3 * unit(seed) as f32);
@@ -211,7 +211,7 @@ mod tests {
     const RIG: Rig = Rig { focal_px: 400.0, baseline_m: 0.12, cx_px: 160.0, cy_px: 120.0 };
 
     fn seen(lens: Lens, seed: u64, frame: u64) -> Vec<f32> {
-        let camera = Camera { rig: RIG, size: (320, 240), x_m: 0.0 };
+        let camera = Camera { rig: RIG, size: (320, 240), x_m: 0.0, pitch_rad: 0.0 };
         let mut light: Vec<f32> = (0..320 * 240).map(|i| if i / 320 < 120 { 200.0 } else { 80.0 }).collect();
         lens.apply(&camera, seed, frame, &mut light, &mut Coarse::default());
         light

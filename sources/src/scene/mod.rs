@@ -145,12 +145,15 @@ impl Scene {
 
     fn camera(&self, right: bool) -> Camera {
         let rig = self.world.rig;
-        Camera { rig, size: self.world.size, x_m: if right { rig.baseline_m } else { 0.0 } }
+        Camera { rig, size: self.world.size, x_m: if right { rig.baseline_m } else { 0.0 }, pitch_rad: 0.0 }
     }
 
     /// Draws one image of the world as it is placed.
     fn draw(&mut self, index: u64, right: bool, grey: &mut [u8]) {
-        let camera = self.camera(right);
+        let turned = self.world.file.camera.right_pitch_deg.as_ref().filter(|_| right);
+        // The truth stays that of the rectified pair.
+        let pitch_rad = turned.map_or(0.0, |line| line.value(self.time_s(index)).to_radians());
+        let camera = Camera { pitch_rad, ..self.camera(right) };
         let (width, height) = camera.size;
         let world = &self.world;
         self.view.look(&camera, &world.surfaces);
@@ -294,6 +297,35 @@ mod tests {
             wrong.truth.disparity_px.iter_mut().for_each(|d| *d += 0.5);
             assert!(warp_error(&wrong, 1.0, 0.0).0 > 1.6 * mean, "{name}");
         }
+    }
+
+    #[test]
+    fn a_turned_right_camera_shows_the_same_scene_in_other_rows() {
+        let open = |pitch_deg: f64| {
+            let mut file = library::load("street?weather=overcast").unwrap();
+            file.camera.right_pitch_deg = motion::Waypoints::new(vec![(0.0, 0.0), (1.0, pitch_deg)]);
+            Scene::new(file).unwrap()
+        };
+        let (mut still, mut turned) = (open(0.0), open(0.2));
+        let (first, moved) = (still.frame(0), turned.frame(0));
+        assert!(first.left == moved.left && first.right == moved.right && first.truth == moved.truth);
+        let (still, turned) = (still.frame(60), turned.frame(60));
+        assert!(still.left == turned.left && still.truth == turned.truth);
+        // 879 px · tan 0.2° = 3.07 px: the nose goes down, the picture up.
+        let difference = |rows: usize| {
+            let (mut sum, mut count) = (0.0, 0);
+            for y in 120..320 {
+                for x in 200..440 {
+                    sum += f64::from(still.right[y * 640 + x].abs_diff(turned.right[(y - rows) * 640 + x]));
+                    count += 1;
+                }
+            }
+            sum / f64::from(count)
+        };
+        let found = (0..8).min_by(|a, b| difference(*a).total_cmp(&difference(*b))).unwrap();
+        println!("{} levels, unmoved {}", difference(found), difference(0));
+        assert_eq!(found, 3);
+        assert!(difference(3) < 0.5 * difference(0), "{} {}", difference(3), difference(0));
     }
 
     #[test]

@@ -116,7 +116,8 @@ impl Painter {
             }
             let y = row.y as f32;
             if number == 0 {
-                (x..end).for_each(|x| grey[x] = self.sky(&row.camera.rig, x as f32, y));
+                let level = row.camera.level();
+                (x..end).for_each(|x| grey[x] = self.sky(&level, x as f32, y));
             } else {
                 let patch = row.view.patches[number as usize - 1];
                 let surface = row.surfaces[patch.surface as usize];
@@ -144,7 +145,7 @@ impl Painter {
             let (px, py) = (x as f32 + right / n, row.y as f32 + down / n);
             grey += n / 4.0
                 * if number == 0 {
-                    self.sky(&row.camera.rig, px, py)
+                    self.sky(&row.camera.level(), px, py)
                 } else {
                     let patch = &row.view.patches[number as usize - 1];
                     self.lone_point(row, patch, &row.surfaces[patch.surface as usize], x, px, py)
@@ -237,7 +238,8 @@ impl Painter {
         let share = self.style.wet * (0.04 + 0.62 * flat) * (0.8 + 0.006 * patchy).clamp(0.2, 1.0);
         let number = mirror.seen[x];
         let seen = if number == 0 {
-            self.sky(&row.camera.rig, px, 2.0 * row.camera.rig.cy_px as f32 - py)
+            let level = row.camera.level();
+            self.sky(&level, px, 2.0 * level.cy_px as f32 - py)
         } else {
             let patch = &mirror.view.patches[number as usize - 1];
             self.lone_point(row, patch, &mirror.surfaces[patch.surface as usize], x, px, py)

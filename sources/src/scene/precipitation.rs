@@ -46,6 +46,7 @@ impl Precipitation {
                 (z - speed_m_s * self.exposure_s).max(0.4),
             ];
             let project = |p: [f64; 3]| {
+                let p = camera.turn(p);
                 (
                     rig.cx_px + (p[0] - camera.x_m) * rig.focal_px / p[2],
                     rig.cy_px + p[1] * rig.focal_px / p[2],
@@ -126,7 +127,7 @@ mod tests {
             opacity: 1.0,
         };
         let centre = |x_m: f64, seed: u64, depth: f32| {
-            let camera = Camera { rig, size: (320, 240), x_m };
+            let camera = Camera { rig, size: (320, 240), x_m, pitch_rad: 0.0 };
             let mut light = vec![0.0; 320 * 240];
             snow.draw(&camera, seed, 0.0, &mut light, &vec![depth; 320 * 240]);
             let sum: f32 = light.iter().sum();

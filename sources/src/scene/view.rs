@@ -183,11 +183,44 @@ pub struct Camera {
     pub size: (usize, usize),
     /// Metres right of the left camera.
     pub x_m: f64,
+    /// How far its nose is turned down against the left camera: 0 in a rectified pair.
+    pub pitch_rad: f64,
 }
 
 impl Camera {
+    /// A direction, or a place, of the left camera's frame as this one sees it, but for `x_m`: both stand
+    /// on the axis about which it is turned.
+    pub fn turn(&self, p: Point) -> Point {
+        let (sin, cos) = self.pitch_rad.sin_cos();
+        [p[0], cos * p[1] - sin * p[2], sin * p[1] + cos * p[2]]
+    }
+
+    /// The rig of a camera that is not turned and sees what is far away near the middle column as this
+    /// one does.
+    pub fn level(&self) -> Rig {
+        Rig { cy_px: self.rig.cy_px - self.rig.focal_px * self.pitch_rad.tan(), ..self.rig }
+    }
+
     /// The patch of a surface; `None` when it lies outside the image.
     fn patch(&self, surface: &Surface, index: u32) -> Option<Patch> {
+        if self.pitch_rad == 0.0 {
+            return self.patch_of(surface, index);
+        }
+        let axis = |axis: Axis| Axis { gradient: self.turn(axis.gradient), ..axis };
+        let (corners, count) = clip(surface.corners[..surface.count].iter().map(|&p| self.turn(p)));
+        let turned = Surface {
+            corners,
+            count,
+            normal: self.turn(surface.normal),
+            u: axis(surface.u),
+            v: axis(surface.v),
+            ..*surface
+        };
+        if count < 3 { None } else { self.patch_of(&turned, index) }
+    }
+
+    /// The patch of a surface in this camera's own directions.
+    fn patch_of(&self, surface: &Surface, index: u32) -> Option<Patch> {
         let Rig { focal_px, cx_px, cy_px, .. } = self.rig;
         let shift = surface.distance - surface.normal[0] * self.x_m;
         // Seen edge-on there is nothing to see.

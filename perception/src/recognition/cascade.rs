@@ -1,6 +1,6 @@
 //! A boosted cascade: its model, and its verdict on one window, written as it is defined.
 //!
-//! The module `program` lays the same cascade out for speed; tests hold the two equal.
+//! `program` lays the same cascade out for speed; tests hold the two equal.
 
 use super::integral::Integral;
 

@@ -96,7 +96,7 @@ fn one_pair_gives_disparity_and_obstacles() {
         // 0.4 px, as above.
         o["lateral_m"].as_f64().unwrap().abs() < 0.5 && (o["distance_m"].as_f64().unwrap() - 16.0).abs() < 2.0
     });
-    assert!(car.is_some_and(|c| c["class"] == "obstacle"), "{record}");
+    assert!(car.is_some_and(|c| c["class"] == "vehicle"), "{record}");
     assert!(image::open(bench.path("o.png")).is_ok());
     assert!(bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml"]).contains("alarm: clear"));
 }

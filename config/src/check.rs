@@ -1,6 +1,6 @@
 //! Reading and checking: every error at once, each with its line, key and remedy.
 
-use crate::keys::{KEYS, Key, Kind};
+use crate::keys::{self, Key, Kind};
 use crate::model::Config;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -156,8 +156,8 @@ impl Checker<'_> {
                 continue;
             }
             let prefix = format!("{}.", name.get_ref());
-            if !KEYS.iter().any(|key| key.name.starts_with(&prefix)) {
-                let known = KEYS.iter().filter_map(|key| key.name.split_once('.')).map(|(table, _)| table);
+            if !keys::all().any(|key| key.name.starts_with(&prefix)) {
+                let known = keys::all().filter_map(|key| key.name.split_once('.')).map(|(table, _)| table);
                 let hint = nearest(name.get_ref(), known);
                 self.add(Some(name.span().start), format!("unknown table [{}]{hint}", name.get_ref()));
                 continue;
@@ -168,10 +168,10 @@ impl Checker<'_> {
             };
             for (key_name, value) in keys {
                 let full = format!("{prefix}{}", key_name.get_ref());
-                if let Some(key) = KEYS.iter().find(|key| key.name == full) {
+                if let Some(key) = keys::all().find(|key| key.name == full) {
                     self.value(key, value);
                 } else {
-                    let known = KEYS.iter().filter_map(|key| key.name.strip_prefix(&prefix));
+                    let known = keys::all().filter_map(|key| key.name.strip_prefix(&prefix));
                     let hint = nearest(key_name.get_ref(), known);
                     self.add(Some(key_name.span().start), format!("unknown key {full}{hint}"));
                 }
@@ -304,7 +304,7 @@ mod tests {
         for (table, keys) in &config {
             typed.extend(keys.as_table().unwrap().keys().map(|key| format!("{table}.{key}")));
         }
-        let mut listed: Vec<String> = KEYS.iter().map(|key| key.name.to_owned()).collect();
+        let mut listed: Vec<String> = keys::all().map(|key| key.name.to_owned()).collect();
         typed.sort();
         listed.sort();
         assert_eq!(typed, listed);

@@ -1,7 +1,7 @@
 //! `docs/configuration.md`, written from the table of keys.
 
 use crate::check::{load, profile_names};
-use crate::keys::KEYS;
+use crate::keys;
 use std::fmt::Write;
 
 /// The text of `docs/configuration.md`: every key with its default, range and effect.
@@ -17,7 +17,7 @@ pub fn reference() -> String {
     let _ = writeln!(out, "Profiles: {}.\n", names.join(", "));
     out.push_str("This page is written by `lookout check-config --reference`; a test keeps it true.\n");
     let mut table = "";
-    for key in KEYS {
+    for key in keys::all() {
         let Some((name, last)) = key.name.split_once('.') else { continue };
         if name != table {
             table = name;
@@ -39,7 +39,7 @@ mod tests {
             page == super::reference(),
             "docs/configuration.md is stale: run `lookout check-config --reference > docs/configuration.md`"
         );
-        for key in crate::keys::KEYS {
+        for key in crate::keys::all() {
             assert!(key.text.len() > 20, "{} needs a sentence", key.name);
         }
     }

@@ -1,0 +1,116 @@
+//! Keys of what is made of a disparity map: road, regions, recognition, tracking, alarm.
+
+use super::Kind::{Name, Number, Path, Whole};
+use super::{Key, key};
+
+/// `[road]`.
+pub(super) const ROAD: &[Key] = &[
+    key(
+        "road.camera_height_min_m",
+        Number(0.1, 10.0),
+        "Least height of the camera above the road, in metres.",
+    ),
+    key(
+        "road.camera_height_max_m",
+        Number(0.1, 10.0),
+        "Greatest height of the camera above the road, in metres.",
+    ),
+    key(
+        "road.horizon_share",
+        Number(0.02, 0.5),
+        "How far pitch may move the horizon from the principal row, as a share of the image height.",
+    ),
+    key(
+        "road.least_support",
+        Number(0.0, 1.0),
+        "A road that is seen in a smaller share of its rows counts as not seen; the alarm is then off.",
+    ),
+];
+
+/// `[regions]`.
+pub(super) const REGIONS: &[Key] = &[
+    key(
+        "regions.height_min_m",
+        Number(0.05, 3.0),
+        "What reaches less far above the road, in metres, is road.",
+    ),
+    key(
+        "regions.height_max_m",
+        Number(0.5, 20.0),
+        "What is higher above the road, in metres, is not in the way.",
+    ),
+    key("regions.distance_max_m", Number(3.0, 300.0), "Nothing is reported farther away, in metres."),
+    key("regions.width_min_m", Number(0.02, 5.0), "Narrower regions, in metres, are noise."),
+    key(
+        "regions.depth_span_m",
+        Number(0.5, 100.0),
+        "Depth of one region, in metres: a longer hedge is cut into pieces.",
+    ),
+    key("regions.pixels_min", Whole(1, 100_000), "Regions of fewer pixels are noise."),
+    key("regions.count_max", Whole(1, 64), "Most regions per frame; the nearest are kept."),
+];
+
+/// `[recognition]`.
+pub(super) const RECOGNITION: &[Key] = &[
+    key(
+        "recognition.cascade",
+        Path,
+        "OpenCV cascade XML, LBP or Haar; `vehicle` is the one that ships (models/README.md); empty labels every region `obstacle`.",
+    ),
+    key("recognition.label", Name(15), "Class that the cascade recognises, as it is printed."),
+    key(
+        "recognition.window_m",
+        Number(0.0, 50.0),
+        "Width that the cascade's window has at the object, in metres: a region's distance then gives the two window sizes that are tried. 0 tries all sizes of the range below.",
+    ),
+    key("recognition.window_min_px", Whole(8, 2000), "Least side of a search window, in px."),
+    key(
+        "recognition.window_max_px",
+        Whole(8, 2000),
+        "Greatest side of a search window, in px: more finds nearer objects and costs time.",
+    ),
+    key(
+        "recognition.growth",
+        Number(1.01, 4.0),
+        "Factor from one window size to the next: less finds more and costs time.",
+    ),
+    key(
+        "recognition.neighbours_min",
+        Whole(1, 100),
+        "A find needs more overlapping hits than this: more is surer and misses more.",
+    ),
+];
+
+/// `[tracking]`.
+pub(super) const TRACKING: &[Key] = &[
+    key(
+        "tracking.confirm_frames",
+        Whole(1, 100),
+        "Frames in which an obstacle must be seen before it can raise an alarm.",
+    ),
+    key(
+        "tracking.forget_frames",
+        Whole(1, 100),
+        "A confirmed obstacle ends after this many frames out of sight.",
+    ),
+    key(
+        "tracking.overlap_min",
+        Number(0.01, 0.99),
+        "Least overlap (shared ÷ joint area) of a region with its track.",
+    ),
+];
+
+/// `[alarm]`.
+pub(super) const ALARM: &[Key] = &[
+    key(
+        "alarm.distance_m",
+        Number(0.5, 200.0),
+        "The alarm sounds when an obstacle in the path is nearer, in metres.",
+    ),
+    key("alarm.path_width_m", Number(0.5, 20.0), "Width of the vehicle's path, in metres."),
+    key(
+        "alarm.hold_ms",
+        Whole(0, 60_000),
+        "The alarm stays on this long after its cause is gone, in milliseconds.",
+    ),
+];

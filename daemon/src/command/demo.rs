@@ -8,7 +8,7 @@ use crate::scheduler::{self, Ends, RunOptions};
 use crate::{input, scheduler::RunOutcome};
 use config::Config;
 use ipc::role::Role;
-use perception::road::RoadDetector;
+use perception::road::{DepthView, RoadDetector};
 use perception::stereo::DisparityView;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -92,7 +92,10 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     let source = input::open(config).map_err(scheduler::RunError::from)?;
     let rig = input::rig(config, source.as_ref()).map_err(scheduler::RunError::from)?;
     let mut detector = RoadDetector::new(road_parameters(config), rig, width, height, disparities);
-    if let Some(view) = DisparityView::new(&map, width, height) {
+    // The picture of a map does not tell its confidence.
+    let certain = vec![u8::MAX; width * height];
+    let view = DisparityView::new(&map, width, height).and_then(|map| DepthView::new(map, &certain));
+    if let Some(view) = view {
         let profile = detector.detect(view).profile_px.to_vec();
         v_disparity::draw(detector.v_disparity(), &profile).save(&out.join("v-disparity.png"))?;
     }

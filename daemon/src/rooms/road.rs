@@ -7,7 +7,7 @@ use ipc::header::{Header, MessageError};
 use ipc::regions::{RegionRecord, RoadRecord, Writer};
 use ipc::{depth, regions};
 use perception::image::GreyView;
-use perception::road::{Region, RoadDetector};
+use perception::road::{DepthView, Region, RoadDetector};
 use perception::stereo::DisparityView;
 
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
@@ -45,7 +45,9 @@ impl Room for RoadRoom {
         let left = GreyView::new(depth.left, self.width, self.height, self.width)?;
         let disparity = DisparityView::new(depth.disparity, self.width, self.height)
             .ok_or(MessageError::Length { given: depth.disparity.len(), needed: header.pixels() })?;
-        let scene = self.detector.detect(disparity);
+        let depth_view = DepthView::new(disparity, depth.confidence)
+            .ok_or(MessageError::Length { given: depth.confidence.len(), needed: header.pixels() })?;
+        let scene = self.detector.detect(depth_view);
         let road = scene.road.map_or_else(RoadRecord::default, |road| RoadRecord {
             seen: 1,
             regions: 0,

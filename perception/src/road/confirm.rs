@@ -1,25 +1,43 @@
-//! Which regions are believed: those that stand out in one frame, and weaker ones that come back.
+//! Which regions are believed: what stands out at once, what is weaker when it comes back.
 //!
-//! A small or distant thing rises little above the noise of one frame. Noise does not come back at
-//! the same place, things do: a weak region counts once it was seen in three frames, none too long
-//! ago.
+//! Each sighting of a region has some evidence (log-odds that something stands there). Noise does not
+//! come back at the same place, things do: so the evidence of one place adds up over the frames, and
+//! fades. What was well believed is still reported, moved on, in a frame that does not show it.
 
 use super::regions::{PixelBox, Region};
+use crate::rig::Rig;
 
-/// Sightings that make a weak region believed.
-const SIGHTINGS: u8 = 3;
-/// Sightings beyond this are not counted, so that what vanishes is soon doubted.
-const MOST_SIGHTINGS: u8 = 5;
+/// Evidence summed up from which a region is reported.
+const BELIEVED: f64 = 3.5;
+/// No more is summed up, so that what vanishes is soon doubted.
+const MOST: f64 = 9.0;
+/// Evidence of one sighting counts within these bounds.
+const SIGHTING: (f64, f64) = (-2.0, 3.0);
+/// Share that is left of the sum from one frame to the next.
+const MEMORY: f64 = 0.8;
+/// What a frame without a sighting takes away.
+const MISS: f64 = 1.0;
+/// Below this a candidate is forgotten.
+const FORGOTTEN: f64 = 0.3;
+/// Frames for which a region that was well believed is reported unseen.
+const COASTING: u8 = 2;
+/// Metres across the road that something may move from frame to frame.
+const ACROSS_M: f64 = 0.1;
 /// The most candidates that are remembered.
 const CAPACITY: usize = 256;
 
 /// Something that was seen, or may have been.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    bounds: PixelBox,
-    disparity_px: f64,
-    sightings: u8,
-    seen_now: bool,
+    /// Its last sighting.
+    region: Region,
+    /// Movement a frame of the box's middle, its foot, and the disparity, smoothed.
+    step: [f64; 3],
+    /// Evidence summed up.
+    belief: f64,
+    sightings: u32,
+    /// Frames since the last sighting.
+    unseen: u8,
 }
 
 /// Remembers the regions of the last frames, with memory allocated once.
@@ -40,74 +58,137 @@ impl Confirmation {
         self.candidates.clear();
     }
 
-    /// Takes the regions of a frame and leaves those that are believed: `stands_out` says which need no
-    /// confirmation.
-    pub fn filter(&mut self, regions: &mut Vec<Region>, stands_out: impl Fn(&Region) -> bool) {
-        self.candidates.iter_mut().for_each(|candidate| candidate.seen_now = false);
+    /// Takes the regions of a frame, nearest first, and leaves those that are believed; adds those that
+    /// were and are not seen just now, as far as there is room. `size` is the image's width and height.
+    pub fn filter(
+        &mut self,
+        regions: &mut Vec<Region>,
+        size: (usize, usize),
+        rig: &Rig,
+        evidence: impl Fn(&Region) -> f64,
+    ) {
+        for candidate in &mut self.candidates {
+            candidate.unseen += 1;
+        }
         let known = self.candidates.len();
         regions.retain(|region| {
-            let strong = stands_out(region);
+            let seen = evidence(region).clamp(SIGHTING.0, SIGHTING.1);
             let before = self.candidates[..known]
                 .iter_mut()
-                .filter(|candidate| !candidate.seen_now && comes_back(candidate, region))
-                .max_by(|a, b| {
-                    a.sightings.cmp(&b.sightings).then(nearness(a, region).total_cmp(&nearness(b, region)))
-                });
-            let gain = if strong { 2 } else { 1 };
+                .filter(|candidate| candidate.unseen > 0)
+                .filter_map(|candidate| Some((distance(candidate, region, rig)?, candidate)))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
             match before {
-                Some(candidate) => {
-                    candidate.sightings = (candidate.sightings + gain).min(MOST_SIGHTINGS);
-                    candidate.seen_now = true;
-                    (candidate.bounds, candidate.disparity_px) = (region.bounds, region.disparity_px);
-                    strong || candidate.sightings >= SIGHTINGS
+                Some((_, candidate)) => {
+                    candidate.take(region, seen);
+                    candidate.belief >= BELIEVED
                 }
                 None => {
-                    if self.candidates.len() < 2 * CAPACITY {
-                        self.candidates.push(Candidate {
-                            bounds: region.bounds,
-                            disparity_px: region.disparity_px,
-                            sightings: gain,
-                            seen_now: true,
-                        });
+                    if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
+                        let (step, belief) = ([0.0; 3], seen);
+                        self.candidates.push(Candidate { region: *region, step, belief, sightings: 1, unseen: 0 });
                     }
-                    strong
+                    seen >= BELIEVED
                 }
             }
         });
         self.candidates.retain_mut(|candidate| {
-            if !candidate.seen_now {
-                candidate.sightings -= 1;
+            if candidate.unseen > 0 {
+                let was_believed = candidate.belief >= 5.0 && candidate.sightings >= 5;
+                candidate.belief = MEMORY * candidate.belief - MISS;
+                if was_believed
+                    && candidate.unseen <= COASTING
+                    && regions.len() < regions.capacity()
+                    && let Some(region) = candidate.ahead(size)
+                {
+                    regions.push(region);
+                }
             }
-            candidate.sightings > 0
+            candidate.belief >= FORGOTTEN
         });
         self.candidates.truncate(CAPACITY);
     }
 }
 
-/// How near a region is to where a candidate was: 0 and less, the more the nearer.
-fn nearness(candidate: &Candidate, region: &Region) -> f64 {
-    let middle = |b: &PixelBox| f64::from(2 * b.x + b.width);
-    -(middle(&candidate.bounds) - middle(&region.bounds)).abs()
-        - 20.0 * (candidate.disparity_px - region.disparity_px).abs()
+/// Middle, foot and disparity of a region.
+fn place(region: &Region) -> [f64; 3] {
+    let b = &region.bounds;
+    [f64::from(b.x) + 0.5 * f64::from(b.width), f64::from(b.y + b.height), region.disparity_px]
 }
 
-/// Whether a region may be what a candidate was, a frame or so ago.
-fn comes_back(candidate: &Candidate, region: &Region) -> bool {
-    let depth = region.disparity_px - candidate.disparity_px;
-    // Vehicles close in faster than they fall back.
-    let reach = 0.4 + 0.06 * candidate.disparity_px;
-    if !(-reach..=2.5 * reach).contains(&depth) {
-        return false;
+impl Candidate {
+    /// A new sighting.
+    fn take(&mut self, region: &Region, seen: f64) {
+        let (before, now) = (place(&self.region), place(region));
+        let frames = f64::from(self.unseen);
+        let share = if self.sightings == 1 { 0.6 } else { 0.35 };
+        for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
+            *step += share * ((now - before) / frames - *step);
+        }
+        self.belief = (MEMORY * self.belief + seen).min(MOST);
+        self.sightings += 1;
+        (self.region, self.unseen) = (*region, 0);
     }
-    let (a, b) = (&candidate.bounds, &region.bounds);
-    let apart = |a: u32, al: u32, b: u32, bl: u32| i64::from(a.max(b)) - i64::from((a + al).min(b + bl));
-    let slack = 4 + (2.0 * region.disparity_px) as i64 / 2;
-    apart(a.x, a.width, b.x, b.width) <= slack && apart(a.y, a.height, b.y, b.height) <= 2
+
+    /// Where it should be now.
+    fn expected(&self) -> [f64; 3] {
+        let frames = f64::from(self.unseen);
+        let [x, foot, disparity_px] = place(&self.region);
+        let [dx, dfoot, rate] = self.step;
+        [x + frames * dx, foot + frames * dfoot, (disparity_px + frames * rate).max(0.5 * disparity_px)]
+    }
+
+    /// The region where it should be now, if that is inside the image.
+    fn ahead(&self, size: (usize, usize)) -> Option<Region> {
+        let (old, [x, foot, disparity_px]) = (&self.region, self.expected());
+        let nearer = disparity_px / old.disparity_px;
+        let width = (f64::from(old.bounds.width) * nearer).max(1.0);
+        let height = (f64::from(old.bounds.height) * nearer).max(1.0);
+        let (left, top) = (x - 0.5 * width, foot - height);
+        // What leaves the image is not missed.
+        if left < 0.0 || top < 0.0 || left + width > size.0 as f64 || foot > size.1 as f64 {
+            return None;
+        }
+        let [left, top, width, height] = [left, top, width, height].map(|v| v as u32);
+        Some(Region {
+            bounds: PixelBox { x: left, y: top, width, height },
+            disparity_px,
+            disparity_sigma_px: old.disparity_sigma_px * (1.0 + 0.5 * f64::from(self.unseen)),
+            distance_m: old.distance_m / nearer,
+            ..*old
+        })
+    }
+}
+
+/// How far a region is from where a candidate should be, 0 to 1; `None` when it cannot be it.
+fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
+    let (expected, now) = (candidate.expected(), place(region));
+    let depth = now[2] - expected[2];
+    let frames = f64::from(candidate.unseen);
+    // Vehicles close in faster than they fall back; what was seen once has no speed yet.
+    let reach = if candidate.sightings == 1 {
+        (0.35 + 0.05 * now[2]) * if depth > 0.0 { 2.5 } else { 1.0 }
+    } else {
+        0.3 + 0.045 * now[2]
+    };
+    // What hardly moves across the road moves outwards in the image as it comes nearer.
+    let [x, _, disparity_px] = place(&candidate.region);
+    let across = if candidate.sightings == 1 {
+        now[0] - (rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px)
+    } else {
+        now[0] - expected[0]
+    };
+    let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
+    let slack = 2.0 + 0.3 * widest + frames * ACROSS_M * now[2] / rig.baseline_m;
+    let cost = (depth.abs() / reach).max(across.abs() / slack);
+    (cost <= 1.0).then_some(cost)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
 
     fn region(x: u32, disparity_px: f64) -> Region {
         Region {
@@ -119,40 +200,50 @@ mod tests {
             width_m: 0.4,
             height_m: 0.5,
             pixels: 100,
+            confidence: 0.9,
         }
     }
 
     /// How many are believed of each frame's regions.
-    fn believed(frames: &[&[Region]], strong: bool) -> Vec<usize> {
+    fn believed(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
         let mut confirmation = Confirmation::default();
         frames
             .iter()
             .map(|frame| {
-                let mut regions = frame.to_vec();
-                confirmation.filter(&mut regions, |_| strong);
+                let mut regions = Vec::with_capacity(8);
+                regions.extend_from_slice(frame);
+                confirmation.filter(&mut regions, (640, 480), &RIG, |_| evidence);
                 regions.len()
             })
             .collect()
     }
 
     #[test]
-    fn a_weak_region_counts_from_its_third_sighting() {
+    fn weak_evidence_adds_up() {
         let seen = [region(300, 5.0)];
-        assert_eq!(believed(&[&seen, &seen, &seen, &seen], false), [0, 0, 1, 1]);
-        assert_eq!(believed(&[&seen], true), [1], "a strong one at once");
-        // One that was believed may be missed once; one that comes and goes is not.
-        assert_eq!(believed(&[&seen, &seen, &seen, &seen, &[], &seen], false), [0, 0, 1, 1, 0, 1]);
-        assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], false), [0; 6]);
+        assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.6), [0, 0, 1, 1]);
+        assert_eq!(believed(&[&seen], 3.8), [1], "strong evidence at once");
+        assert_eq!(believed(&[&seen[..]; 12], 0.5), [0; 12], "too little never does");
+        // What comes and goes is not believed.
+        assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
+    }
+
+    #[test]
+    fn what_was_believed_may_be_missed_for_a_moment() {
+        let seen = [region(300, 5.0)];
+        let none: &[Region] = &[];
+        let frames = [&seen[..], &seen, &seen, &seen, none, none, none, none];
+        assert_eq!(believed(&frames, 3.6), [1, 1, 1, 1, 1, 1, 0, 0]);
     }
 
     #[test]
     fn noise_elsewhere_confirms_nothing() {
         let frames: Vec<[Region; 1]> = (0..20).map(|i| [region(60 * (i * 7 % 10), 5.0)]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert!(believed(&frames, false).iter().all(|&n| n == 0));
+        assert!(believed(&frames, 1.6).iter().all(|&n| n == 0));
         let depths: Vec<[Region; 1]> = (0..20).map(|i| [region(300, 3.0 + f64::from(i * 7 % 10))]).collect();
         let depths: Vec<&[Region]> = depths.iter().map(|f| &f[..]).collect();
-        assert!(believed(&depths, false).iter().all(|&n| n == 0));
+        assert!(believed(&depths, 1.6).iter().all(|&n| n == 0));
     }
 
     #[test]
@@ -161,6 +252,6 @@ mod tests {
         let frames: Vec<[Region; 1]> =
             (0..8).map(|i| [region(300 + i * 2, 105.0 / (20.0 - 1.6 * f64::from(i)))]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert_eq!(believed(&frames, false), [0, 0, 1, 1, 1, 1, 1, 1]);
+        assert_eq!(believed(&frames, 1.6), [0, 0, 1, 1, 1, 1, 1, 1]);
     }
 }

@@ -1,6 +1,6 @@
 //! v-disparity: how often each disparity occurs in each row (paper, H_x).
 
-use crate::stereo::DisparityView;
+use super::depth::DepthView;
 
 /// Bins per pixel of disparity.
 pub const BINS_PER_PX: usize = 4;
@@ -23,17 +23,19 @@ impl VDisparity {
         Self { counts: vec![0; bins * height], bins, height }
     }
 
-    /// Counts a map anew. Unknown disparities and those beyond the last bin are left out.
+    /// Counts a map anew. Unknown disparities, those beyond the last bin and those below a confidence
+    /// are left out.
     ///
     /// # Panics
     /// When the map has another height.
-    pub fn fill(&mut self, disparity: DisparityView<'_>) {
-        assert_eq!(disparity.height(), self.height, "the histogram was made for another height");
+    pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8) {
+        assert_eq!(depth.height(), self.height, "the histogram was made for another height");
         self.counts.fill(0);
         for y in 0..self.height {
             let counts = &mut self.counts[y * self.bins..(y + 1) * self.bins];
-            for &d in disparity.row(y) {
+            for (&d, &confidence) in depth.disparity(y).iter().zip(depth.confidence(y)) {
                 if d > 0
+                    && confidence >= least_confidence
                     && let Some(count) = counts.get_mut(usize::from(d / BIN_STEP))
                 {
                     *count = count.saturating_add(1);
@@ -61,17 +63,23 @@ impl VDisparity {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stereo::DisparityView;
 
     #[test]
     fn every_known_pixel_is_counted_in_its_row() {
         let map = [0, 256, 300, 320, 64 * 256, u16::MAX, 1, 63];
         let mut histogram = VDisparity::new(2, 8);
-        histogram.fill(DisparityView::new(&map, 4, 2).unwrap());
+        let certain = [255; 8];
+        let depth =
+            |map, confidence| DepthView::new(DisparityView::new(map, 4, 2).unwrap(), confidence).unwrap();
+        histogram.fill(depth(&map, &certain), 1);
         assert_eq!(histogram.row(0)[4], 2);
         assert_eq!(histogram.row(0)[5], 1);
         assert_eq!(histogram.row(0).iter().map(|&c| u32::from(c)).sum::<u32>(), 3);
         assert_eq!(histogram.row(1)[0], 2, "too large ones are left out");
-        histogram.fill(DisparityView::new(&[0; 8], 4, 2).unwrap());
+        histogram.fill(depth(&[0; 8], &certain), 1);
         assert!(histogram.row(1).iter().all(|&c| c == 0));
+        histogram.fill(depth(&map, &[99, 99, 100, 100, 100, 100, 100, 100]), 100);
+        assert_eq!(histogram.row(0)[4], 1, "doubtful ones are left out");
     }
 }

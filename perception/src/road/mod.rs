@@ -1,6 +1,7 @@
 //! From disparity to the road, and to what stands on it (paper, section 3.5).
 
 pub mod confirm;
+pub mod depth;
 pub mod histogram;
 pub mod profile;
 pub mod radon;
@@ -9,7 +10,7 @@ pub mod stixels;
 pub mod surface;
 
 use crate::rig::Rig;
-use crate::stereo::DisparityView;
+pub use depth::DepthView;
 use histogram::VDisparity;
 use profile::ProfileFinder;
 use radon::{Radon, RadonRange, RoadLine};
@@ -17,6 +18,10 @@ use regions::RegionFinder;
 pub use regions::{PixelBox, Region, RegionParameters};
 use stixels::{StixelParameters, Stixels};
 use surface::Surface;
+
+/// Pixels of less confidence (0 to 255) tell nothing of the road, and nothing of what stands on it.
+const ROAD_CONFIDENCE: u8 = 100;
+const REGION_CONFIDENCE: u8 = 100;
 
 /// What shapes the road model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,9 +120,9 @@ impl RoadDetector {
     ///
     /// # Panics
     /// When the map has another size than the detector was made for.
-    pub fn detect(&mut self, disparity: DisparityView<'_>) -> Scene<'_> {
-        assert_eq!((disparity.width(), disparity.height()), (self.width, self.height));
-        self.histogram.fill(disparity);
+    pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
+        assert_eq!((depth.width(), depth.height()), (self.width, self.height));
+        self.histogram.fill(depth, ROAD_CONFIDENCE);
         let cap = (self.width / 24).clamp(4, u16::MAX as usize) as u16;
         let (lowest, highest) = self.parameters.camera_height_m;
         let slack = self.parameters.horizon_share * self.height as f64;
@@ -132,15 +137,16 @@ impl RoadDetector {
             return Scene { road: None, profile_px: self.profile.profile().disparity_px(), regions: &[] };
         };
         let profile = self.profile.profile();
-        self.surface.take(profile, disparity);
+        self.surface.take(profile, depth, ROAD_CONFIDENCE);
         let p = &self.parameters.regions;
         let standing = StixelParameters {
             least_height_m: 0.4 * p.least_height_m,
             sigmas: 1.0,
             greatest_height_m: p.greatest_height_m,
             least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),
+            least_confidence: REGION_CONFIDENCE,
         };
-        self.stixels.find(disparity, &self.surface, line.slope, &standing);
+        self.stixels.find(depth, &self.surface, line.slope, &standing);
         let size = (self.width, self.height);
         let regions = self.finder.find(&self.stixels, &self.surface, line.slope, &self.rig, size);
         let road = RoadModel {
@@ -156,6 +162,7 @@ impl RoadDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stereo::DisparityView;
 
     const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 160.0, cy_px: 100.0 };
     const CAMERA_HEIGHT_M: f64 = 1.5;
@@ -185,6 +192,11 @@ mod tests {
         out
     }
 
+    /// A map that is believed everywhere.
+    fn certain(map: &[u16]) -> DepthView<'_> {
+        DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
+    }
+
     fn detector() -> RoadDetector {
         RoadDetector::new(RoadParameters::default(), RIG, 320, 240, 64)
     }
@@ -194,7 +206,7 @@ mod tests {
         let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
         let map = map(&boxes, 0.0);
         let mut detector = detector();
-        let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
+        let scene = detector.detect(certain(&map));
         let road = scene.road.expect("the road is in plain sight");
         assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
         assert!(road.confidence > 0.8, "{road:?}");
@@ -213,7 +225,7 @@ mod tests {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
-            let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
+            let scene = detector.detect(certain(&map));
             let road = scene.road.expect("the road is in plain sight");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
@@ -226,7 +238,7 @@ mod tests {
         for roll in [0.01, -0.01] {
             let map = map(&boxes, roll);
             let mut detector = detector();
-            let scene = detector.detect(DisparityView::new(&map, 320, 240).unwrap());
+            let scene = detector.detect(certain(&map));
             assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
             for region in scene.regions {
                 assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");

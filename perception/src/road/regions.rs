@@ -50,6 +50,8 @@ pub struct Region {
     pub height_m: f64,
     /// Obstacle pixels.
     pub pixels: u32,
+    /// Mean confidence of these, 0 to 1.
+    pub confidence: f64,
 }
 
 /// What makes a region.
@@ -87,11 +89,8 @@ impl Default for RegionParameters {
 
 /// Regions that are measured before the nearest are chosen.
 const CAPACITY: usize = 512;
-/// What rises fewer standard deviations above the road is noise; what rises so many stands out.
-const LEAST_PROMINENCE: f64 = 3.0;
-const GREAT_PROMINENCE: f64 = 8.0;
-/// What has so many pixels stands out when it is prominent, too.
-const MANY_PIXELS: u32 = 150;
+/// What rises fewer standard deviations above the road is noise.
+const LEAST_PROMINENCE: f64 = 2.0;
 /// What remains of a disparity's error after averaging, in px, and as a share of the distance: the
 /// near side of a thing is seldom a plane across the view.
 const SYSTEMATIC_PX: f64 = 0.08;
@@ -102,6 +101,10 @@ const LOW_M: f64 = 0.8;
 const STANDING: f64 = 0.4;
 /// The widest shadow of an edge, in px.
 const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
+/// Confidence from which a region is no such shadow.
+const SURE: f64 = 0.85;
+/// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
+const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Strips over which stixels are linked.
 const REACH: usize = 3;
 /// Bins of a pixel of disparity in which the near side is sought.
@@ -169,9 +172,7 @@ impl RegionFinder {
             }
         }
         self.drop_shadows();
-        self.confirmation.filter(&mut self.regions, |region| {
-            prominence(region, surface, slope) >= GREAT_PROMINENCE && region.pixels >= MANY_PIXELS
-        });
+        self.confirmation.filter(&mut self.regions, size, rig, evidence);
         // The seed is the nearest stray stixel; what counts is where the region stands.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
@@ -214,6 +215,7 @@ impl RegionFinder {
         for i in 0..regions.len() {
             let (near, far) = (&regions[..], regions[i]);
             let shadow = far.bounds.width <= SHADOW_PX
+                && far.confidence < SURE
                 && near.iter().any(|near| {
                     let (a, b) = (&near.bounds, &far.bounds);
                     let (right, bottom) = (a.x + a.width + 2 * STRIP_COLUMNS as u32, a.y + a.height);
@@ -245,6 +247,7 @@ impl RegionFinder {
         let members = || self.members.iter().map(|&i| &list[i as usize]);
         let rows: u32 = members().map(|s| u32::from(s.rows)).sum();
         let pixels = rows * STRIP_COLUMNS as u32;
+        let confidence: f64 = members().map(|s| f64::from(s.rows) * f64::from(s.confidence)).sum();
         if pixels < p.least_pixels {
             return None;
         }
@@ -280,6 +283,7 @@ impl RegionFinder {
             width_m: metres(bounds.width),
             height_m,
             pixels,
+            confidence: confidence / (255.0 * f64::from(rows.max(1))),
         };
         let kept = stands
             && region.height_m >= p.least_height_m
@@ -354,6 +358,19 @@ impl RegionFinder {
         let sigma = (SYSTEMATIC_PX.powi(2) + shape_px.powi(2) + variance / (n / 10.0).max(1.0)).sqrt();
         Some((centre / per_px, sigma))
     }
+}
+
+/// Log-odds that a region of one frame is something: what is surely matched, fills its box, is tall and
+/// wide stands out. The weights are a logistic regression over regions of our scenes in six weathers.
+fn evidence(region: &Region) -> f64 {
+    let sure = region.confidence.clamp(0.3, 0.98);
+    let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
+    let fill = (f64::from(region.pixels) / area.max(1.0)).clamp(0.05, 1.0);
+    EVIDENCE[0]
+        + EVIDENCE[1] * (sure / (1.0 - sure)).ln()
+        + EVIDENCE[2] * fill.ln()
+        + EVIDENCE[3] * region.height_m.max(0.05).ln()
+        + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
 }
 
 /// Standard deviations of the frame's noise that a region's top is above the road.

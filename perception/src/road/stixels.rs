@@ -1,7 +1,7 @@
 //! What stands in each narrow strip of columns: runs of rows of one depth above the road (stixels).
 
+use super::depth::DepthView;
 use super::surface::Surface;
-use crate::stereo::DisparityView;
 
 /// Image columns of a strip.
 pub const STRIP_COLUMNS: usize = 4;
@@ -23,6 +23,8 @@ pub struct Stixel {
     pub rows: u16,
     /// Mean disparity, in px.
     pub disparity_px: f32,
+    /// Mean confidence, 0 to 255.
+    pub confidence: f32,
     /// Height of the first row above the road, in metres.
     pub high_m: f32,
     /// Height of the last row above the road, in metres.
@@ -41,6 +43,8 @@ pub struct StixelParameters {
     pub greatest_height_m: f64,
     /// Nothing is looked for farther away, in px of disparity.
     pub least_disparity_px: f64,
+    /// Pixels of less confidence are left out.
+    pub least_confidence: u8,
 }
 
 /// The stixels of a frame, with memory allocated once.
@@ -48,6 +52,8 @@ pub struct StixelParameters {
 pub struct Stixels {
     /// Disparity by strip and row, in 1/256 px; 0 = unknown.
     depths: Vec<u16>,
+    /// Confidence of each.
+    confidence: Vec<u8>,
     strips: usize,
     height: usize,
     list: Vec<Stixel>,
@@ -61,6 +67,7 @@ impl Stixels {
         let strips = width.div_ceil(STRIP_COLUMNS);
         Self {
             depths: vec![0; strips * height],
+            confidence: vec![0; strips * height],
             strips,
             height,
             list: Vec::with_capacity(strips * (RUNS + 1)),
@@ -104,18 +111,20 @@ impl Stixels {
     /// When the map has another size than the workspace.
     pub fn find(
         &mut self,
-        disparity: DisparityView<'_>,
+        depth: DepthView<'_>,
         surface: &Surface,
         slope: f64,
         parameters: &StixelParameters,
     ) {
-        assert_eq!(
-            (disparity.width().div_ceil(STRIP_COLUMNS), disparity.height()),
-            (self.strips, self.height)
-        );
+        assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
         for y in 0..self.height {
-            for (strip, columns) in disparity.row(y).chunks(STRIP_COLUMNS).enumerate() {
-                self.depths[strip * self.height + y] = middle(columns);
+            let columns = depth.disparity(y).chunks(STRIP_COLUMNS);
+            for (strip, (columns, confidence)) in
+                columns.zip(depth.confidence(y).chunks(STRIP_COLUMNS)).enumerate()
+            {
+                let place = strip * self.height + y;
+                (self.depths[place], self.confidence[place]) =
+                    middle(columns, confidence, parameters.least_confidence);
             }
         }
         self.list.clear();
@@ -128,7 +137,8 @@ impl Stixels {
 
     fn find_in(&mut self, strip: usize, surface: &Surface, slope: f64, parameters: &StixelParameters) {
         let x = Self::column(strip);
-        let depths = &self.depths[strip * self.height..(strip + 1) * self.height];
+        let places = strip * self.height..(strip + 1) * self.height;
+        let (depths, confidence) = (&self.depths[places.clone()], &self.confidence[places]);
         let least = (parameters.least_disparity_px * 256.0).max(1.0) as u16;
         let mut run = Run::default();
         let mut found = 0;
@@ -153,7 +163,7 @@ impl Stixels {
                 }
                 run = Run::default();
             }
-            run.add(y, d, height as f32);
+            run.add(y, d, confidence[y], height as f32);
         }
         if let Some(stixel) = run.end(strip)
             && found < RUNS
@@ -170,6 +180,7 @@ struct Run {
     bottom: usize,
     rows: u32,
     sum: u64,
+    confidence: u32,
     /// Smoothed disparity of the last rows, in px.
     last_px: f32,
     low_m: f32,
@@ -184,7 +195,7 @@ impl Run {
         self.rows == 0 || (self.top - y <= GAP && (px - self.last_px).abs() <= tolerance)
     }
 
-    fn add(&mut self, y: usize, d: u16, height_m: f32) {
+    fn add(&mut self, y: usize, d: u16, confidence: u8, height_m: f32) {
         let px = f32::from(d) / 256.0;
         if self.rows == 0 {
             *self = Run { bottom: y, last_px: px, low_m: height_m, ..Run::default() };
@@ -192,6 +203,7 @@ impl Run {
         self.top = y;
         self.rows += 1;
         self.sum += u64::from(d);
+        self.confidence += u32::from(confidence);
         self.last_px += (px - self.last_px) * 0.4;
         self.high_m = height_m;
     }
@@ -203,25 +215,33 @@ impl Run {
             bottom: self.bottom as u16,
             rows: self.rows as u16,
             disparity_px: (self.sum as f64 / f64::from(self.rows) / 256.0) as f32,
+            confidence: self.confidence as f32 / self.rows as f32,
             low_m: self.low_m,
             high_m: self.high_m,
         })
     }
 }
 
-/// What the columns of a strip agree on: the median of those that are known, two at least; of an even
-/// number the mean of the middle two.
+/// What the columns of a strip agree on: the median of those that are known well enough, two at least;
+/// of an even number the mean of the middle two. With it, their mean confidence.
 #[inline]
-fn middle(columns: &[u16]) -> u16 {
+fn middle(columns: &[u16], confidence: &[u8], least_confidence: u8) -> (u16, u8) {
     let mut sorted = [0; STRIP_COLUMNS];
-    sorted[..columns.len()].copy_from_slice(columns);
+    let (mut count, mut sum) = (0, 0);
+    for ((place, &d), &c) in sorted.iter_mut().zip(columns).zip(confidence) {
+        let known = d > 0 && c >= least_confidence;
+        *place = if known { d } else { 0 };
+        count += u16::from(known);
+        sum += if known { u16::from(c) } else { 0 };
+    }
     // Unknown ones come first.
     sorted.sort_unstable();
-    match sorted {
+    let depth = match sorted {
         [0, 0, 0, _] => 0,
         [0, 0, a, b] | [_, a, b, _] if sorted[0] > 0 || sorted[1] == 0 => a.midpoint(b),
         [_, _, median, _] => median,
-    }
+    };
+    (depth, (sum / count.max(1)) as u8)
 }
 
 #[cfg(test)]
@@ -230,11 +250,13 @@ mod tests {
 
     #[test]
     fn a_strip_is_the_median_of_what_is_known() {
-        assert_eq!(middle(&[0, 0, 0, 9]), 0);
-        assert_eq!(middle(&[4, 0, 0, 8]), 6);
-        assert_eq!(middle(&[4, 0, 100, 8]), 8);
-        assert_eq!(middle(&[4, 6, 100, 8]), 7);
-        assert_eq!(middle(&[4, 6]), 5);
-        assert_eq!(middle(&[4]), 0);
+        let depth = |columns: &[u16]| middle(columns, &[200; 4], 100).0;
+        assert_eq!(depth(&[0, 0, 0, 9]), 0);
+        assert_eq!(depth(&[4, 0, 0, 8]), 6);
+        assert_eq!(depth(&[4, 0, 100, 8]), 8);
+        assert_eq!(depth(&[4, 6, 100, 8]), 7);
+        assert_eq!(depth(&[4, 6]), 5);
+        assert_eq!(depth(&[4]), 0);
+        assert_eq!(middle(&[4, 6, 100, 8], &[110, 120, 99, 130], 100), (6, 120), "one is not believed");
     }
 }

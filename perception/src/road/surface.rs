@@ -1,8 +1,8 @@
 //! The road's surface as heights are measured from it: profile, tilt and noise of one frame.
 
+use super::depth::DepthView;
 use super::profile::RoadProfile;
 use crate::rig::Rig;
-use crate::stereo::DisparityView;
 use nalgebra::{Matrix2, Vector2};
 
 /// How the road lies across: what its disparity adds to the profile.
@@ -63,24 +63,24 @@ impl Surface {
         self.noise_px
     }
 
-    /// Takes the road of a frame: its profile, with the tilt and the noise that `disparity` shows
-    /// around it.
-    pub fn take(&mut self, profile: &RoadProfile, disparity: DisparityView<'_>) {
+    /// Takes the road of a frame: its profile, with the tilt and the noise that pixels of some
+    /// confidence show around it.
+    pub fn take(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
         for (i, row) in self.rows.iter_mut().enumerate() {
             *row = profile.row_at(i as f32 / FINE as f32).unwrap_or(f32::NAN);
         }
-        self.tilt = tilt(profile, disparity, self.rig.cx_px);
-        self.measure_noise(profile, disparity);
+        self.tilt = tilt(profile, depth, least_confidence, self.rig.cx_px);
+        self.measure_noise(profile, depth, least_confidence);
     }
 
     /// The median distance of road pixels from the surface, as a standard deviation.
-    fn measure_noise(&mut self, profile: &RoadProfile, disparity: DisparityView<'_>) {
+    fn measure_noise(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
         self.residuals.fill(0);
-        for y in (profile.top()..disparity.height()).step_by(4) {
+        for y in (profile.top()..depth.height()).step_by(4) {
             let road = f64::from(profile.disparity_px()[y]);
-            for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
+            for (x, d) in known(depth, y, least_confidence) {
                 let residual = (self.tilt.level(x as f64, f64::from(d) / 256.0) - road).abs();
-                if d > 0 && residual < 2.0 {
+                if residual < 2.0 {
                     self.residuals[(residual * 0.5 * RESIDUALS as f64) as usize] += 1;
                 }
             }
@@ -118,19 +118,26 @@ impl Surface {
     }
 }
 
+/// Every fourth pixel of a row that is known well enough: column and disparity.
+fn known(depth: DepthView<'_>, y: usize, least_confidence: u8) -> impl Iterator<Item = (usize, u16)> {
+    let row = depth.disparity(y).iter().zip(depth.confidence(y)).enumerate().step_by(4);
+    row.filter(move |(_, (d, confidence))| **d > 0 && **confidence >= least_confidence)
+        .map(|(x, (d, _))| (x, *d))
+}
+
 /// Fits the sideways tilt of the road to what is left after the profile, on every fourth pixel that
 /// lies near it.
-fn tilt(profile: &RoadProfile, disparity: DisparityView<'_>, cx_px: f64) -> Tilt {
+fn tilt(profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8, cx_px: f64) -> Tilt {
     let level = Tilt { cx_px, ..Tilt::default() };
     let mut tilt = level;
     for tolerance_px in [2.0, 1.0, 0.6] {
         let mut normal = Matrix2::<f64>::zeros();
         let mut right = Vector2::<f64>::zeros();
-        for y in (profile.top()..disparity.height()).step_by(4) {
+        for y in (profile.top()..depth.height()).step_by(4) {
             let road = f64::from(profile.disparity_px()[y]);
-            for (x, &d) in disparity.row(y).iter().enumerate().step_by(4) {
+            for (x, d) in known(depth, y, least_confidence) {
                 let px = f64::from(d) / 256.0;
-                if d > 0 && (tilt.level(x as f64, px) - road).abs() < tolerance_px {
+                if (tilt.level(x as f64, px) - road).abs() < tolerance_px {
                     let (across, residual) = (x as f64 - cx_px, px - road);
                     normal += Matrix2::new(across * across, across, across, 1.0);
                     right += Vector2::new(across * residual, residual);

@@ -103,6 +103,7 @@ pub struct Regions {
     pub depth_span_m: f64,
     pub pixels_min: i64,
     pub count_max: i64,
+    pub confirm: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -45,6 +45,8 @@ pub struct RegionRecord {
     pub width_m: f64,
     /// Height, in metres.
     pub height_m: f64,
+    /// Mean confidence of its disparities, 0 to 1.
+    pub confidence: f64,
     /// The box: left, top, width, height.
     pub bounds: [u32; 4],
     /// The crop, a margin around the box: left, top, width, height. All 0 when there was no room.
@@ -128,6 +130,7 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
             region.lateral_m,
             region.width_m,
             region.height_m,
+            region.confidence,
         ];
         if numbers.iter().any(|v| !v.is_finite()) || region.disparity_px <= 0.0 {
             return Err(MessageError::Value {

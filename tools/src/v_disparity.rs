@@ -28,13 +28,16 @@ pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use perception::road::DepthView;
+    use perception::road::histogram::Corridor;
     use perception::stereo::DisparityView;
 
     #[test]
     fn counts_are_bright_and_the_path_is_red() {
         let mut histogram = VDisparity::new(40, 16);
         let map: Vec<u16> = (0..40 * 50).map(|i| (i / 50 * 64) as u16).collect();
-        histogram.fill(DisparityView::new(&map, 50, 40).unwrap());
+        let map = DisparityView::new(&map, 50, 40).unwrap();
+        histogram.fill(DepthView::new(map, &[255; 2000]).unwrap(), 1, Corridor::ALL);
         let mut profile = vec![0.0; 40];
         profile[30] = 3.0;
         let picture = draw(&histogram, &profile);

@@ -1,6 +1,6 @@
 //! Keys of what is made of a disparity map: road, regions, recognition, tracking, alarm.
 
-use super::Kind::{Name, Number, Path, Whole};
+use super::Kind::{Name, Number, Path, Switch, Whole};
 use super::{Key, key};
 
 /// `[road]`.
@@ -48,6 +48,11 @@ pub(super) const REGIONS: &[Key] = &[
     ),
     key("regions.pixels_min", Whole(1, 100_000), "Regions of fewer pixels are noise."),
     key("regions.count_max", Whole(1, 64), "Most regions per frame; the nearest are kept."),
+    key(
+        "regions.confirm",
+        Switch,
+        "A region must come back in a second frame before it counts. Off shows what one frame alone shows, and more that is not there.",
+    ),
 ];
 
 /// `[recognition]`.

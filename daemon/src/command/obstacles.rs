@@ -43,6 +43,7 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;
     // One frame is all there is: what is seen in it counts.
     config.tracking.confirm_frames = 1;
+    config.regions.confirm = false;
     let rig_path = args.rig.as_ref().unwrap_or(&config.source.rig);
     if rig_path.as_os_str().is_empty() {
         return Err(CommandError::Other(

@@ -156,6 +156,7 @@ pub fn road_parameters(config: &Config) -> RoadParameters {
             depth_span_m: r.depth_span_m,
             least_pixels: whole(r.pixels_min),
             greatest_count: whole(r.count_max),
+            confirm: r.confirm,
         },
     }
 }

@@ -137,6 +137,7 @@ fn region(record: &RegionRecord) -> Region {
         lateral_m: record.lateral_m,
         width_m: record.width_m,
         height_m: record.height_m,
+        confidence: record.confidence,
         pixels: record.pixels,
     }
 }

@@ -1,4 +1,4 @@
-//! Which regions are believed: what stands out at once, what is weaker when it comes back.
+//! Which regions are believed: what stands out when it comes back, what is weaker a little later.
 //!
 //! Each sighting of a region has some evidence (log-odds that something stands there). Noise does not
 //! come back at the same place, things do: so the evidence of one place adds up over the frames, and
@@ -11,7 +11,7 @@ use crate::rig::Rig;
 const BELIEVED: f64 = 3.5;
 /// No more is summed up, so that what vanishes is soon doubted.
 const MOST: f64 = 9.0;
-/// Evidence of one sighting counts within these bounds.
+/// Evidence of one sighting counts within these bounds: none is enough by itself.
 const SIGHTING: (f64, f64) = (-2.0, 3.0);
 /// Share that is left of the sum from one frame to the next.
 const MEMORY: f64 = 0.8;
@@ -44,15 +44,17 @@ struct Candidate {
 #[derive(Debug)]
 pub struct Confirmation {
     candidates: Vec<Candidate>,
-}
-
-impl Default for Confirmation {
-    fn default() -> Self {
-        Self { candidates: Vec::with_capacity(2 * CAPACITY) }
-    }
+    /// The most that one sighting counts.
+    most: f64,
 }
 
 impl Confirmation {
+    /// Nothing seen yet. Unless a region must come back (`again`), strong evidence counts at once.
+    pub fn new(again: bool) -> Self {
+        let most = if again { SIGHTING.1 } else { MOST };
+        Self { candidates: Vec::with_capacity(2 * CAPACITY), most }
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.candidates.clear();
@@ -72,7 +74,7 @@ impl Confirmation {
         }
         let known = self.candidates.len();
         regions.retain(|region| {
-            let seen = evidence(region).clamp(SIGHTING.0, SIGHTING.1);
+            let seen = evidence(region).clamp(SIGHTING.0, self.most);
             let before = self.candidates[..known]
                 .iter_mut()
                 .filter(|candidate| candidate.unseen > 0)
@@ -86,7 +88,13 @@ impl Confirmation {
                 None => {
                     if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
                         let (step, belief) = ([0.0; 3], seen);
-                        self.candidates.push(Candidate { region: *region, step, belief, sightings: 1, unseen: 0 });
+                        self.candidates.push(Candidate {
+                            region: *region,
+                            step,
+                            belief,
+                            sightings: 1,
+                            unseen: 0,
+                        });
                     }
                     seen >= BELIEVED
                 }
@@ -206,7 +214,7 @@ mod tests {
 
     /// How many are believed of each frame's regions.
     fn believed(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
-        let mut confirmation = Confirmation::default();
+        let mut confirmation = Confirmation::new(true);
         frames
             .iter()
             .map(|frame| {
@@ -222,18 +230,26 @@ mod tests {
     fn weak_evidence_adds_up() {
         let seen = [region(300, 5.0)];
         assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.6), [0, 0, 1, 1]);
-        assert_eq!(believed(&[&seen], 3.8), [1], "strong evidence at once");
+        assert_eq!(believed(&[&seen, &seen], 3.8), [0, 1], "strong evidence when it comes back");
         assert_eq!(believed(&[&seen[..]; 12], 0.5), [0; 12], "too little never does");
         // What comes and goes is not believed.
         assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
     }
 
     #[test]
+    fn single_pictures_need_strong_evidence_only() {
+        let mut regions = vec![region(300, 5.0), region(100, 5.0)];
+        let evidence = |region: &Region| if region.bounds.x == 300 { 3.8 } else { 2.0 };
+        Confirmation::new(false).filter(&mut regions, (640, 480), &RIG, evidence);
+        assert_eq!(regions, [region(300, 5.0)]);
+    }
+
+    #[test]
     fn what_was_believed_may_be_missed_for_a_moment() {
         let seen = [region(300, 5.0)];
         let none: &[Region] = &[];
-        let frames = [&seen[..], &seen, &seen, &seen, none, none, none, none];
-        assert_eq!(believed(&frames, 3.6), [1, 1, 1, 1, 1, 1, 0, 0]);
+        let frames = [&seen[..], &seen, &seen, &seen, &seen, none, none, none, none];
+        assert_eq!(believed(&frames, 3.6), [0, 1, 1, 1, 1, 1, 1, 0, 0]);
     }
 
     #[test]

@@ -8,6 +8,21 @@ pub const BINS_PER_PX: usize = 4;
 /// 1/256 px in one bin.
 const BIN_STEP: u16 = (256 / BINS_PER_PX) as u16;
 
+/// Where a map is counted: so many columns to either side of a centre for each pixel of disparity,
+/// which is as many metres to either side of the camera at any distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corridor {
+    /// Its middle column.
+    pub centre_px: f32,
+    /// Columns to either side, per px of disparity.
+    pub columns_per_px: f32,
+}
+
+impl Corridor {
+    /// Everything that is seen.
+    pub const ALL: Corridor = Corridor { centre_px: 0.0, columns_per_px: f32::INFINITY };
+}
+
 /// The v-disparity histogram: `height` rows of bins of 1/4 px.
 #[derive(Clone, Debug)]
 pub struct VDisparity {
@@ -28,14 +43,15 @@ impl VDisparity {
     ///
     /// # Panics
     /// When the map has another height.
-    pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8) {
+    pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8, corridor: Corridor) {
         assert_eq!(depth.height(), self.height, "the histogram was made for another height");
         self.counts.fill(0);
         for y in 0..self.height {
             let counts = &mut self.counts[y * self.bins..(y + 1) * self.bins];
-            for (&d, &confidence) in depth.disparity(y).iter().zip(depth.confidence(y)) {
+            for (x, (&d, &confidence)) in depth.disparity(y).iter().zip(depth.confidence(y)).enumerate() {
                 if d > 0
                     && confidence >= least_confidence
+                    && (x as f32 - corridor.centre_px).abs() <= corridor.columns_per_px * f32::from(d) / 256.0
                     && let Some(count) = counts.get_mut(usize::from(d / BIN_STEP))
                 {
                     *count = count.saturating_add(1);
@@ -72,14 +88,14 @@ mod tests {
         let certain = [255; 8];
         let depth =
             |map, confidence| DepthView::new(DisparityView::new(map, 4, 2).unwrap(), confidence).unwrap();
-        histogram.fill(depth(&map, &certain), 1);
+        histogram.fill(depth(&map, &certain), 1, Corridor::ALL);
         assert_eq!(histogram.row(0)[4], 2);
         assert_eq!(histogram.row(0)[5], 1);
         assert_eq!(histogram.row(0).iter().map(|&c| u32::from(c)).sum::<u32>(), 3);
         assert_eq!(histogram.row(1)[0], 2, "too large ones are left out");
-        histogram.fill(depth(&[0; 8], &certain), 1);
+        histogram.fill(depth(&[0; 8], &certain), 1, Corridor::ALL);
         assert!(histogram.row(1).iter().all(|&c| c == 0));
-        histogram.fill(depth(&map, &[99, 99, 100, 100, 100, 100, 100, 100]), 100);
+        histogram.fill(depth(&map, &[99, 99, 100, 100, 100, 100, 100, 100]), 100, Corridor::ALL);
         assert_eq!(histogram.row(0)[4], 1, "doubtful ones are left out");
     }
 }

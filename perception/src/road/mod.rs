@@ -11,7 +11,7 @@ pub mod surface;
 
 use crate::rig::Rig;
 pub use depth::DepthView;
-use histogram::VDisparity;
+use histogram::{Corridor, VDisparity};
 use profile::ProfileFinder;
 use radon::{Radon, RadonRange, RoadLine};
 use regions::RegionFinder;
@@ -22,6 +22,9 @@ use surface::Surface;
 /// Pixels of less confidence (0 to 255) tell nothing of the road, and nothing of what stands on it.
 const ROAD_CONFIDENCE: u8 = 100;
 const REGION_CONFIDENCE: u8 = 100;
+
+/// The road is sought within so many metres to either side of the camera.
+const CORRIDOR_M: f64 = 5.0;
 
 /// What shapes the road model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +125,11 @@ impl RoadDetector {
     /// When the map has another size than the detector was made for.
     pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
         assert_eq!((depth.width(), depth.height()), (self.width, self.height));
-        self.histogram.fill(depth, ROAD_CONFIDENCE);
+        let corridor = Corridor {
+            centre_px: self.rig.cx_px as f32,
+            columns_per_px: (CORRIDOR_M / self.rig.baseline_m) as f32,
+        };
+        self.histogram.fill(depth, ROAD_CONFIDENCE, corridor);
         let cap = (self.width / 24).clamp(4, u16::MAX as usize) as u16;
         let (lowest, highest) = self.parameters.camera_height_m;
         let slack = self.parameters.horizon_share * self.height as f64;
@@ -131,7 +138,8 @@ impl RoadDetector {
             horizon_px: (self.rig.cy_px - slack, self.rig.cy_px + slack),
         };
         let line = self.radon.strongest(&self.histogram, range, cap);
-        let support = line.map_or(0.0, |line| self.profile.find(&self.histogram, line, cap).support());
+        let support =
+            line.map_or(0.0, |line| self.profile.find(&self.histogram, line, cap, corridor).support());
         let Some(line) = line.filter(|_| support >= self.parameters.least_support) else {
             self.profile.clear();
             return Scene { road: None, profile_px: self.profile.profile().disparity_px(), regions: &[] };
@@ -141,14 +149,14 @@ impl RoadDetector {
         let p = &self.parameters.regions;
         let standing = StixelParameters {
             least_height_m: 0.4 * p.least_height_m,
-            sigmas: 1.0,
+            sigmas: 0.6,
             greatest_height_m: p.greatest_height_m,
             least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),
             least_confidence: REGION_CONFIDENCE,
         };
-        self.stixels.find(depth, &self.surface, line.slope, &standing);
+        self.stixels.find(depth, &self.surface, &standing);
         let size = (self.width, self.height);
-        let regions = self.finder.find(&self.stixels, &self.surface, line.slope, &self.rig, size);
+        let regions = self.finder.find(&self.stixels, &self.surface, &self.rig, size);
         let road = RoadModel {
             line,
             roll: self.surface.tilt().roll,
@@ -197,6 +205,14 @@ mod tests {
         DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
     }
 
+    /// What is found once a map has been seen a few times.
+    fn settled<'a>(detector: &'a mut RoadDetector, map: &[u16]) -> Scene<'a> {
+        for _ in 0..3 {
+            detector.detect(certain(map));
+        }
+        detector.detect(certain(map))
+    }
+
     fn detector() -> RoadDetector {
         RoadDetector::new(RoadParameters::default(), RIG, 320, 240, 64)
     }
@@ -206,7 +222,7 @@ mod tests {
         let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
         let map = map(&boxes, 0.0);
         let mut detector = detector();
-        let scene = detector.detect(certain(&map));
+        let scene = settled(&mut detector, &map);
         let road = scene.road.expect("the road is in plain sight");
         assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
         assert!(road.confidence > 0.8, "{road:?}");
@@ -225,7 +241,7 @@ mod tests {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
-            let scene = detector.detect(certain(&map));
+            let scene = settled(&mut detector, &map);
             let road = scene.road.expect("the road is in plain sight");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
@@ -238,7 +254,7 @@ mod tests {
         for roll in [0.01, -0.01] {
             let map = map(&boxes, roll);
             let mut detector = detector();
-            let scene = detector.detect(certain(&map));
+            let scene = settled(&mut detector, &map);
             assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
             for region in scene.regions {
                 assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");
@@ -250,12 +266,12 @@ mod tests {
     #[test]
     fn nothing_known_is_no_road() {
         let mut detector = detector();
-        let scene = detector.detect(DisparityView::new(&[0; 320 * 240], 320, 240).unwrap());
+        let scene = detector.detect(certain(&[0; 320 * 240]));
         assert!(scene.road.is_none() && scene.regions.is_empty());
         // A wall that fills the view is no road either, and is no reason to panic.
-        let scene = detector.detect(DisparityView::new(&[10 * 256; 320 * 240], 320, 240).unwrap());
+        let scene = detector.detect(certain(&[10 * 256; 320 * 240]));
         assert!(scene.road.is_none_or(|road| road.confidence < 0.6));
-        let scene = detector.detect(DisparityView::new(&[u16::MAX; 320 * 240], 320, 240).unwrap());
+        let scene = detector.detect(certain(&[u16::MAX; 320 * 240]));
         assert!(scene.regions.is_empty());
     }
 

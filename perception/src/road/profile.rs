@@ -1,12 +1,43 @@
-//! The road profile: a Viterbi path through v-disparity, near the Radon line (paper, e(i, j)).
+//! The road profile: a Viterbi path through v-disparity from a Radon start (paper, e(i, j)).
 //!
-//! From the bottom row up, every row takes the bin j that maximises
-//! `e(y, j) = H(y, j) + max { e(y+1, j′) : 0 ≤ j′ − j ≤ η }`: the road's disparity never grows with
-//! distance, and η bounds how fast it may fall. So crests, dips and slopes are followed where the
-//! road is not a plane.
+//! From the bottom up, every block of rows i takes the bin j that maximises
+//! `e(i, j) = H(i, j) + max { e(i+1, j′) − κ·|Δ| : η₀ ≤ j′ − j ≤ η₁ }`, where H sums the block's rows along
+//! the Radon line's slope, and Δ is how much the move j′ − j differs from the one before (the paper has
+//! moves alone; the price of a bend is what keeps the path off walls). The path must fall with
+//! distance, at least a little (η₀ > 0: what stands upright cannot be followed), at most some (η₁): so
+//! crests, dips and slopes are followed where the road is not a plane, up to where it is last seen.
 
-use super::histogram::{BINS_PER_PX, VDisparity};
+use super::histogram::{BINS_PER_PX, Corridor, VDisparity};
 use super::radon::RoadLine;
+
+/// Rows of a block.
+const BLOCK: usize = 8;
+/// Least and greatest fall of a path, as shares of the line's.
+const FALL: (f64, f64) = (0.5, 2.2);
+/// The same where the road may rise ahead.
+const RISING_FALL: (f64, f64) = (0.3, 2.2);
+/// What a bend by one bin a block costs, as a share of a block's greatest count.
+const STIFFNESS: f32 = 0.02;
+/// What a fall by a bin a block more or less than the line's costs, likewise.
+const PULL: f32 = 0.15;
+/// The greatest bend at once, in bins a block.
+const BEND: usize = 2;
+/// What is counted this many bins farther than the road lies beyond it, and counts so much against it.
+const CLEAR: usize = 6;
+const BEYOND: f32 = 0.3;
+/// Moves that are told apart.
+const MOVES: usize = 24;
+/// A block is supported by this share of its greatest count.
+const SUPPORTED: f32 = 0.2;
+/// Blocks without support that end the road.
+const LOST: usize = 3;
+/// Rows above the line's horizon in which a rising road is followed, as a share of the height.
+const RISE: f64 = 0.15;
+/// How much nearer than the line's a rising road may be, in px.
+const RISE_PX: f64 = 3.0;
+/// Share of the corridor that a rising road fills, and the least number of such blocks.
+const PLAIN: f32 = 0.4;
+const RISEN: usize = 3;
 
 /// The road's disparity in every row.
 #[derive(Clone, Debug)]
@@ -66,23 +97,30 @@ impl RoadProfile {
 pub struct ProfileFinder {
     profile: RoadProfile,
     bins: usize,
-    /// Best sum up to each cell, and how many bins the path moved to get there.
+    /// Counts of a block at each bin.
+    counts: Vec<f32>,
+    /// Best sum up to each bin and its last move, for the block below and for this one.
     energy: [Vec<f32>; 2],
-    moved: Vec<u8>,
-    path: Vec<f32>,
-    weight: Vec<f32>,
+    /// The move before the last of each, block by block from below.
+    came: Vec<u8>,
+    /// Disparity and weight of each block, from below.
+    path: Vec<(f32, f32)>,
+    /// Share of the corridor that shows the path in each block.
+    shares: Vec<f32>,
 }
 
 impl ProfileFinder {
     /// A workspace for histograms of `bins` × `height` cells.
     pub fn new(bins: usize, height: usize) -> Self {
+        let blocks = height / BLOCK;
         Self {
             profile: RoadProfile::new(height, bins),
             bins,
-            energy: [vec![0.0; bins], vec![0.0; bins]],
-            moved: vec![0; bins * height],
-            path: vec![0.0; height],
-            weight: vec![0.0; height],
+            counts: vec![0.0; bins],
+            energy: [vec![0.0; bins * MOVES], vec![0.0; bins * MOVES]],
+            came: vec![0; bins * MOVES * blocks],
+            path: Vec::with_capacity(blocks),
+            shares: Vec::with_capacity(blocks),
         }
     }
 
@@ -99,120 +137,223 @@ impl ProfileFinder {
         self.profile.support = 0.0;
     }
 
-    /// Follows the road from the bottom row to the horizon of `line`. One cell counts at most
-    /// `cap`.
-    pub fn find(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16) -> &RoadProfile {
+    /// Follows the road from the bottom row, along `line` at first. One cell counts at most `cap`.
+    pub fn find(
+        &mut self,
+        histogram: &VDisparity,
+        line: RoadLine,
+        cap: u16,
+        corridor: Corridor,
+    ) -> &RoadProfile {
         let height = histogram.height();
-        let top = (line.horizon_px + 0.5 / line.slope).ceil().clamp(0.0, height as f64) as usize;
-        if top + 8 > height {
+        let horizon = line.horizon_px.clamp(0.0, height as f64);
+        let blocks_above = |row: f64| ((height as f64 - row).max(0.0) / BLOCK as f64) as usize;
+        let below = blocks_above(horizon + 0.5 / line.slope);
+        if below < 2 {
             self.clear();
             return &self.profile;
         }
-        self.follow(histogram, line, cap, top);
-        self.smooth(line, top);
-        self.invert(line, top);
+        // A rising road goes on above the horizon of its near part: if so, it is in plain sight.
+        let level = blocks_above(horizon).min(height / BLOCK);
+        let rising = blocks_above((horizon - RISE * height as f64).max(0.0)).min(height / BLOCK);
+        self.follow(histogram, line, cap, rising, true);
+        self.measure_shares(histogram, corridor);
+        let plain = |share: &&f32| **share >= PLAIN;
+        let risen = self.shares.iter().skip(below).take_while(plain).count();
+        if risen >= RISEN {
+            self.path.truncate(below + risen);
+        } else {
+            self.follow(histogram, line, cap, level, false);
+        }
+        let supported = |&&(_, weight): &&(f32, f32)| weight >= SUPPORTED * (usize::from(cap) * BLOCK) as f32;
+        self.profile.support =
+            self.path[..below.min(self.path.len())].iter().filter(supported).count() as f64 / below as f64;
+        // The road ends where nothing has been seen of it for a while.
+        let (mut end, mut lost) = (0, 0);
+        for (block, place) in self.path.iter().enumerate() {
+            if supported(&place) {
+                (end, lost) = (block + 1, 0);
+            } else {
+                lost += 1;
+                if lost > LOST {
+                    break;
+                }
+            }
+        }
+        self.path.truncate(end);
+        if end < 2 {
+            self.clear();
+            return &self.profile;
+        }
+        let slope = self.smooth(line);
+        self.invert(line, slope);
         &self.profile
     }
 
+    /// Middle row of a block, counted from below.
+    fn middle(&self, block: usize) -> f64 {
+        (self.profile.disparity_px.len() - BLOCK * block) as f64 - 0.5 * (BLOCK + 1) as f64
+    }
+
     /// The bins in which the road of row `y` may lie.
-    fn band(&self, line: RoadLine, y: usize) -> (usize, usize) {
+    fn band(&self, line: RoadLine, y: f64, rise_px: f64) -> (usize, usize) {
         let per_px = BINS_PER_PX as f64;
-        let centre = line.at(y as f64);
-        let half = 1.5 + 0.08 * centre.max(0.0);
-        let low = ((centre - half) * per_px).max(0.0) as usize;
-        let high = ((centre + half) * per_px).max(0.0) as usize;
+        let centre = line.at(y).max(0.0);
+        let half = 2.5 + 0.1 * centre;
+        let low = ((centre - half).max(0.5) * per_px) as usize;
+        let high = ((centre + half + rise_px) * per_px) as usize;
         (low.min(self.bins - 1), high.min(self.bins - 1))
     }
 
-    fn follow(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, top: usize) {
-        let height = histogram.height();
-        let per_px = BINS_PER_PX as f64;
-        let reach = ((2.0 * line.slope * per_px).ceil() as usize + 1).min(usize::from(u8::MAX));
-        // Where nothing was counted the path keeps to the line.
-        let pull = f32::from(cap) * 0.004;
-        let score = |row: &[u16], bin: usize, centre: f64| {
-            let near = |b: usize| row.get(b).map_or(0.0, |&c| f32::from(c.min(cap)));
-            let sum = 0.5 * near(bin.wrapping_sub(1)) + near(bin) + 0.5 * near(bin + 1);
-            sum - pull * (bin as f64 + 0.5 - centre * per_px).abs() as f32
-        };
-        let mut current = 0;
-        for y in (top..height).rev() {
-            let (low, high) = self.band(line, y);
-            let (a, b) = self.energy.split_at_mut(1);
-            let (old, new) = if current == 0 { (&a[0], &mut b[0]) } else { (&b[0], &mut a[0]) };
-            new.fill(f32::NEG_INFINITY);
-            let row = histogram.row(y);
-            for bin in low..=high {
-                let (mut best, mut moved) = (0.0, 0);
-                if y + 1 < height {
-                    best = f32::NEG_INFINITY;
-                    for step in 0..=reach.min(self.bins - 1 - bin) {
-                        if old[bin + step] > best {
-                            (best, moved) = (old[bin + step], step);
-                        }
-                    }
-                }
-                new[bin] = best + score(row, bin, line.at(y as f64));
-                self.moved[y * self.bins + bin] = moved as u8;
+    /// What speaks for each bin of a band in a block, along the line's slope: what is counted there, less
+    /// what is counted beyond, for nothing is seen through the road.
+    fn gather(
+        histogram: &VDisparity,
+        block: usize,
+        fall: f64,
+        cap: u16,
+        (low, high): (usize, usize),
+        out: &mut [f32],
+    ) {
+        out[low..=high].fill(0.0);
+        let bottom = histogram.height() - 1 - BLOCK * block;
+        for up in 0..BLOCK {
+            let row = histogram.row(bottom - up);
+            let shift = ((0.5 * (BLOCK - 1) as f64 - up as f64) * fall / BLOCK as f64).round() as isize;
+            let count = |b: usize| row.get(b).map_or(0.0, |&c| f32::from(c.min(cap)));
+            let first = low.saturating_add_signed(shift);
+            let mut beyond: f32 =
+                row[..first.saturating_sub(CLEAR).min(row.len())].iter().map(|&c| f32::from(c)).sum();
+            for (at, sum) in (first..).zip(&mut out[low..=high]) {
+                beyond += count(at.wrapping_sub(CLEAR));
+                *sum += 0.5 * count(at.wrapping_sub(1)) + count(at) + 0.5 * count(at + 1);
+                *sum -= BEYOND * beyond.min(f32::from(cap));
             }
-            current = 1 - current;
         }
-        // Back from the best end in the top row.
-        let ends = &self.energy[current];
-        let mut bin = (0..self.bins).fold(0, |best, b| if ends[b] > ends[best] { b } else { best });
-        let mut supported = 0;
-        for y in top..height {
-            let row = histogram.row(y);
-            let (mut sum, mut moment) = (0.0, 0.0);
-            for b in bin.saturating_sub(2)..(bin + 3).min(self.bins) {
-                let count = f32::from(row[b].min(cap));
-                sum += count;
-                moment += count * (b as f32 + 0.5);
-            }
-            supported += usize::from(sum >= f32::from(cap) * 0.5);
-            self.weight[y] = sum;
-            let place = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
-            self.path[y] = place / BINS_PER_PX as f32;
-            bin = (bin + usize::from(self.moved[y * self.bins + bin])).min(self.bins - 1);
-        }
-        self.profile.support = supported as f64 / (height - top) as f64;
     }
 
-    /// A straight line fitted to the rows around each row, weighted by their counts, so that the
-    /// profile is finer than a bin; rows without counts follow their neighbours.
-    fn smooth(&mut self, line: RoadLine, top: usize) {
-        let height = self.path.len();
-        let reach = (height / 24).max(6);
-        self.profile.disparity_px[..top].fill(0.0);
-        let mut nearest = f32::INFINITY;
-        for y in (top..height).rev() {
-            let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0_f64, 0.0, 0.0, 0.0, 0.0);
-            for row in y.saturating_sub(reach).max(top)..(y + reach + 1).min(height) {
-                // A small weight on the line keeps empty stretches defined.
-                for (weight, value) in
-                    [(f64::from(self.weight[row]), f64::from(self.path[row])), (0.05, line.at(row as f64))]
-                {
-                    let x = row as f64 - y as f64;
-                    s += weight;
-                    sx += weight * x;
-                    sy += weight * value;
-                    sxx += weight * x * x;
-                    sxy += weight * x * value;
+    /// How much of the corridor shows the path, block by block.
+    fn measure_shares(&mut self, histogram: &VDisparity, corridor: Corridor) {
+        self.shares.clear();
+        for (block, &(place, _)) in self.path.iter().enumerate() {
+            let mut sum = 0.0;
+            for up in 0..BLOCK {
+                let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
+                let bin = (place * BINS_PER_PX as f32) as usize;
+                sum += row.iter().skip(bin.saturating_sub(2)).take(5).map(|&c| f32::from(c)).sum::<f32>();
+            }
+            let columns = 2.0 * corridor.columns_per_px * place.max(0.25);
+            self.shares.push(sum / (BLOCK as f32 * columns));
+        }
+    }
+
+    fn follow(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize, rises: bool) {
+        let (bins, states) = (self.bins, self.bins * MOVES);
+        let (fall_share, rise_px) = if rises { (RISING_FALL, RISE_PX) } else { (FALL, 0.0) };
+        let fall = line.slope * (BLOCK * BINS_PER_PX) as f64;
+        let least = ((fall_share.0 * fall).round() as usize).max(1);
+        let moves = (((fall_share.1 * fall).ceil() as usize).max(least + 1) + 1 - least).min(MOVES);
+        let bend = STIFFNESS * (usize::from(cap) * BLOCK) as f32;
+        let pull = PULL * (usize::from(cap) * BLOCK) as f32;
+        let [mut old, mut new] = std::mem::take(&mut self.energy);
+        // Where the best path ends: block, state, energy.
+        let mut best_end = (0, 0, f32::NEG_INFINITY);
+        for block in 0..blocks {
+            let (low, high) = self.band(line, self.middle(block), rise_px);
+            new.fill(f32::NEG_INFINITY);
+            Self::gather(histogram, block, fall, cap, (low, high), &mut self.counts);
+            for bin in low..=high {
+                for step in 0..moves {
+                    let (mut best, mut from) = (f32::NEG_INFINITY, step);
+                    if block == 0 {
+                        best = -bend * ((least + step) as f32 - fall as f32).abs();
+                    } else if bin + least + step < bins {
+                        let before = &old[(bin + least + step) * MOVES..][..moves];
+                        for last in step.saturating_sub(BEND)..(step + BEND + 1).min(moves) {
+                            let energy = before[last] - bend * step.abs_diff(last) as f32;
+                            if energy > best {
+                                (best, from) = (energy, last);
+                            }
+                        }
+                    }
+                    let state = bin * MOVES + step;
+                    let off = pull * ((least + step) as f32 - fall as f32).abs();
+                    new[state] = best + self.counts[bin] - off;
+                    self.came[block * states + state] = from as u8;
+                    if new[state] > best_end.2 {
+                        best_end = (block, state, new[state]);
+                    }
                 }
             }
+            std::mem::swap(&mut old, &mut new);
+        }
+        self.energy = [old, new];
+        let (end, mut state, _) = best_end;
+        self.path.clear();
+        self.path.resize(blocks.max(end + 1), (0.0, 0.0));
+        for block in (0..=end).rev() {
+            let (bin, step) = (state / MOVES, state % MOVES);
+            let (mut sum, mut moment) = (0.0, 0.0);
+            for up in 0..BLOCK {
+                let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
+                let shift = (0.5 * (BLOCK - 1) as f32 - up as f32) * (least + step) as f32 / BLOCK as f32;
+                let centre = bin as f32 + shift;
+                let first = (centre.round() as usize).saturating_sub(2);
+                for (b, &count) in row.iter().enumerate().skip(first).take(5) {
+                    let count = f32::from(count.min(cap));
+                    sum += count;
+                    moment += count * (b as f32 + 0.5 - shift);
+                }
+            }
+            let place = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
+            self.path[block] = (place / BINS_PER_PX as f32, sum);
+            let from = usize::from(self.came[block * states + state]);
+            state = (bin + least + step).min(bins - 1) * MOVES + from;
+        }
+    }
+
+    /// A straight line fitted to the blocks around each row, weighted by their counts, so that the
+    /// profile is finer than a bin. Gives the slope at the far end.
+    fn smooth(&mut self, line: RoadLine) -> f64 {
+        let height = self.profile.disparity_px.len();
+        let top = height - BLOCK * self.path.len();
+        let reach = (height as f64 / 24.0).max(1.5 * BLOCK as f64);
+        self.profile.disparity_px[..top].fill(0.0);
+        let mut nearest = f32::INFINITY;
+        let mut slope = line.slope;
+        for y in (top..height).rev() {
+            let here = (height - 1 - y) / BLOCK;
+            let span = (reach / BLOCK as f64).ceil() as usize + 1;
+            let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0_f64, 0.0, 0.0, 0.0, 0.0);
+            for block in here.saturating_sub(span)..(here + span + 1).min(self.path.len()) {
+                let x = self.middle(block) - y as f64;
+                let (value, weight) = self.path[block];
+                let weight = f64::from(weight) * (1.0 - (x / (reach + BLOCK as f64)).abs()).max(0.0);
+                let value = f64::from(value);
+                s += weight;
+                sx += weight * x;
+                sy += weight * value;
+                sxx += weight * x * x;
+                sxy += weight * x * value;
+            }
             let determinant = s * sxx - sx * sx;
-            let value =
-                if determinant > 1e-9 { (sy * sxx - sx * sxy) / determinant } else { line.at(y as f64) };
+            let value = if determinant > 1e-9 {
+                slope = (s * sxy - sx * sy) / determinant;
+                (sy * sxx - sx * sxy) / determinant
+            } else {
+                f64::from(self.path[here.min(self.path.len() - 1)].0)
+            };
             // Never growing with distance.
             nearest = (value.max(0.0) as f32).min(nearest);
             self.profile.disparity_px[y] = nearest;
         }
         self.profile.top = top;
+        slope.clamp(0.8 * line.slope, 1.2 * line.slope)
     }
 
-    fn invert(&mut self, line: RoadLine, top: usize) {
-        let height = self.path.len();
+    fn invert(&mut self, line: RoadLine, far_slope: f64) {
         let profile = &mut self.profile;
+        let (top, height) = (profile.top, profile.disparity_px.len());
         profile.near_slope = line.slope as f32;
         profile.row_of_bin.fill(f32::NAN);
         let mut y = top;
@@ -228,8 +369,8 @@ impl ProfileFinder {
             }
             let (a, b) = (profile.disparity_px[y], profile.disparity_px[(y + 1).min(height - 1)]);
             if a > d {
-                // Beyond the far end of the road.
-                profile.row_of_bin[bin] = (top as f32 - (a - d) / profile.near_slope).max(0.0);
+                // Beyond the far end of the road it goes on as it was there.
+                profile.row_of_bin[bin] = (top as f32 - (a - d) / far_slope as f32).max(0.0);
             } else {
                 let share = if b > a { (d - a) / (b - a) } else { 0.0 };
                 profile.row_of_bin[bin] = y as f32 + share;
@@ -241,6 +382,7 @@ impl ProfileFinder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::road::DepthView;
     use crate::stereo::DisparityView;
 
     fn find(road: impl Fn(f64) -> f64, line: RoadLine) -> RoadProfile {
@@ -262,8 +404,11 @@ mod tests {
             }
         }
         let mut histogram = VDisparity::new(height, 64);
-        histogram.fill(DisparityView::new(&map, width, height).unwrap());
-        ProfileFinder::new(histogram.bins(), height).find(&histogram, line, 12).clone()
+        let certain = vec![255; width * height];
+        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &certain).unwrap();
+        histogram.fill(depth, 1, Corridor::ALL);
+        let corridor = Corridor { centre_px: 60.0, columns_per_px: 10.0 };
+        ProfileFinder::new(histogram.bins(), height).find(&histogram, line, 12, corridor).clone()
     }
 
     #[test]

@@ -100,6 +100,8 @@ impl Radon {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::road::DepthView;
+    use crate::road::histogram::Corridor;
     use crate::stereo::DisparityView;
 
     #[test]
@@ -116,7 +118,9 @@ mod tests {
                 }
             }
             let mut histogram = VDisparity::new(height, 64);
-            histogram.fill(DisparityView::new(&map, width, height).unwrap());
+            let certain = vec![255; width * height];
+            let map = DisparityView::new(&map, width, height).unwrap();
+            histogram.fill(DepthView::new(map, &certain).unwrap(), 1, Corridor::ALL);
             let range = RadonRange { slope: (0.04, 1.0), horizon_px: (60.0, 160.0) };
             let line = Radon::new(histogram.bins(), height).strongest(&histogram, range, 20).unwrap();
             for y in [150.0, 200.0, 239.0] {
@@ -130,7 +134,8 @@ mod tests {
     #[test]
     fn an_empty_map_has_no_line() {
         let mut histogram = VDisparity::new(50, 16);
-        histogram.fill(DisparityView::new(&[0; 2500], 50, 50).unwrap());
+        let map = DisparityView::new(&[0; 2500], 50, 50).unwrap();
+        histogram.fill(DepthView::new(map, &[255; 2500]).unwrap(), 1, Corridor::ALL);
         let range = RadonRange { slope: (0.04, 1.0), horizon_px: (0.0, 40.0) };
         assert_eq!(Radon::new(histogram.bins(), 50).strongest(&histogram, range, 5), None);
     }

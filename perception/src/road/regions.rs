@@ -71,6 +71,8 @@ pub struct RegionParameters {
     pub least_pixels: u32,
     /// At most this many regions are kept, nearest first.
     pub greatest_count: usize,
+    /// Whether a region must come back before it counts; not so for single pictures.
+    pub confirm: bool,
 }
 
 impl Default for RegionParameters {
@@ -83,6 +85,7 @@ impl Default for RegionParameters {
             depth_span_m: 4.5,
             least_pixels: 40,
             greatest_count: 64,
+            confirm: true,
         }
     }
 }
@@ -90,7 +93,9 @@ impl Default for RegionParameters {
 /// Regions that are measured before the nearest are chosen.
 const CAPACITY: usize = 512;
 /// What rises fewer standard deviations above the road is noise.
-const LEAST_PROMINENCE: f64 = 2.0;
+const LEAST_PROMINENCE: f64 = 1.5;
+/// What rises by fewer px of disparity is doubtful: a matcher's steps on a road rise as much.
+const STEP_PX: f64 = 1.0;
 /// What remains of a disparity's error after averaging, in px, and as a share of the distance: the
 /// near side of a thing is seldom a plane across the view.
 const SYSTEMATIC_PX: f64 = 0.08;
@@ -137,7 +142,7 @@ impl RegionFinder {
             members: Vec::with_capacity(most),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
-            confirmation: Confirmation::default(),
+            confirmation: Confirmation::new(parameters.confirm),
         }
     }
 
@@ -147,7 +152,6 @@ impl RegionFinder {
         &mut self,
         stixels: &Stixels,
         surface: &Surface,
-        slope: f64,
         rig: &Rig,
         size: (usize, usize),
     ) -> &[Region] {
@@ -165,14 +169,14 @@ impl RegionFinder {
                 continue;
             }
             self.gather(stixels, surface, rig, seed);
-            if let Some(region) = self.measure(stixels, surface, slope, rig, size)
+            if let Some(region) = self.measure(stixels, surface, rig, size)
                 && self.regions.len() < CAPACITY
             {
                 self.regions.push(region);
             }
         }
         self.drop_shadows();
-        self.confirmation.filter(&mut self.regions, size, rig, evidence);
+        self.confirmation.filter(&mut self.regions, size, rig, |region| evidence(region, surface));
         // The seed is the nearest stray stixel; what counts is where the region stands.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
@@ -238,7 +242,6 @@ impl RegionFinder {
         &mut self,
         stixels: &Stixels,
         surface: &Surface,
-        slope: f64,
         rig: &Rig,
         (width, height): (usize, usize),
     ) -> Option<Region> {
@@ -287,7 +290,7 @@ impl RegionFinder {
         };
         let kept = stands
             && region.height_m >= p.least_height_m
-            && prominence(&region, surface, slope) >= LEAST_PROMINENCE
+            && prominence(&region, surface) >= LEAST_PROMINENCE
             && region.width_m >= p.least_width_m;
         kept.then_some(region)
     }
@@ -362,11 +365,13 @@ impl RegionFinder {
 
 /// Log-odds that a region of one frame is something: what is surely matched, fills its box, is tall and
 /// wide stands out. The weights are a logistic regression over regions of our scenes in six weathers.
-fn evidence(region: &Region) -> f64 {
+fn evidence(region: &Region, surface: &Surface) -> f64 {
     let sure = region.confidence.clamp(0.3, 0.98);
     let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
     let fill = (f64::from(region.pixels) / area.max(1.0)).clamp(0.05, 1.0);
+    let rise_px = prominence(region, surface) * surface.noise_px();
     EVIDENCE[0]
+        + 3.0 * (rise_px / STEP_PX).min(1.0).ln()
         + EVIDENCE[1] * (sure / (1.0 - sure)).ln()
         + EVIDENCE[2] * fill.ln()
         + EVIDENCE[3] * region.height_m.max(0.05).ln()
@@ -374,13 +379,13 @@ fn evidence(region: &Region) -> f64 {
 }
 
 /// Standard deviations of the frame's noise that a region's top is above the road.
-fn prominence(region: &Region, surface: &Surface, slope: f64) -> f64 {
-    region.height_m / surface.height_noise_m(region.disparity_px, slope)
+fn prominence(region: &Region, surface: &Surface) -> f64 {
+    region.height_m / surface.height_noise_m(region.disparity_px)
 }
 
 /// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side.
 fn linked(a: &Stixel, b: &Stixel, surface: &Surface) -> bool {
-    let tolerance = 0.15 + 2.0 * surface.noise_px() as f32 + 0.015 * a.disparity_px;
+    let tolerance = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
     let beside = a.top <= b.bottom && b.top <= a.bottom;
     beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }

@@ -105,17 +105,11 @@ impl Stixels {
         (strip * STRIP_COLUMNS) as f64 + 0.5 * (STRIP_COLUMNS - 1) as f64
     }
 
-    /// Finds what stands on a road whose disparity grows by `slope` px a row.
+    /// Finds what stands on the road.
     ///
     /// # Panics
     /// When the map has another size than the workspace.
-    pub fn find(
-        &mut self,
-        depth: DepthView<'_>,
-        surface: &Surface,
-        slope: f64,
-        parameters: &StixelParameters,
-    ) {
+    pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
         assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
         for y in 0..self.height {
             let columns = depth.disparity(y).chunks(STRIP_COLUMNS);
@@ -130,12 +124,12 @@ impl Stixels {
         self.list.clear();
         for strip in 0..self.strips {
             self.starts[strip] = self.list.len() as u32;
-            self.find_in(strip, surface, slope, parameters);
+            self.find_in(strip, surface, parameters);
         }
         self.starts[self.strips] = self.list.len() as u32;
     }
 
-    fn find_in(&mut self, strip: usize, surface: &Surface, slope: f64, parameters: &StixelParameters) {
+    fn find_in(&mut self, strip: usize, surface: &Surface, parameters: &StixelParameters) {
         let x = Self::column(strip);
         let places = strip * self.height..(strip + 1) * self.height;
         let (depths, confidence) = (&self.depths[places.clone()], &self.confidence[places]);
@@ -148,8 +142,7 @@ impl Stixels {
             }
             let px = f64::from(d) / 256.0;
             let height = surface.height_m(x, y as f64, px);
-            let standing =
-                parameters.least_height_m.max(parameters.sigmas * surface.height_noise_m(px, slope));
+            let standing = parameters.least_height_m.max(parameters.sigmas * surface.height_noise_m(px));
             // Written so that NaN is left out.
             if !(height >= standing && height <= parameters.greatest_height_m) {
                 continue;
@@ -191,7 +184,7 @@ impl Run {
     /// Whether row `y` goes on with the run: near it, and of its depth.
     fn takes(&self, y: usize, d: u16, noise_px: f64) -> bool {
         let px = f32::from(d) / 256.0;
-        let tolerance = 0.25 + 3.0 * noise_px as f32 + 0.01 * px;
+        let tolerance = 0.25 + 3.0 * (noise_px as f32).min(0.12) + 0.01 * px;
         self.rows == 0 || (self.top - y <= GAP && (px - self.last_px).abs() <= tolerance)
     }
 

@@ -111,10 +111,16 @@ impl Surface {
         self.rig.baseline_m * (f64::from(self.row_at(x_px, disparity_px)) - y_px) / disparity_px
     }
 
-    /// One standard deviation of such a height, in metres, where the road's disparity grows by
-    /// `slope` px a row.
-    pub fn height_noise_m(&self, disparity_px: f64, slope: f64) -> f64 {
-        self.rig.baseline_m * self.noise_px / (slope * disparity_px)
+    /// One standard deviation of such a height, in metres: what the frame's noise comes to where the road
+    /// lies as it does there.
+    #[inline]
+    pub fn height_noise_m(&self, disparity_px: f64) -> f64 {
+        let place = (self.tilt.level(self.rig.cx_px, disparity_px).max(0.0) * FINE as f64) as usize;
+        let reach = FINE / 2;
+        let (below, above) = (place.saturating_sub(reach), (place + reach).min(self.rows.len() - 1));
+        let rows_per_px = f64::from(self.rows[above] - self.rows[below.min(above)]) * FINE as f64
+            / (above - below.min(above)).max(1) as f64;
+        self.rig.baseline_m * self.noise_px * rows_per_px / disparity_px
     }
 }
 

@@ -206,6 +206,7 @@ mod tests {
             width_m: 1.8,
             height_m: 1.5,
             pixels: 2000,
+            confidence: 0.9,
         };
         Detection { region, score: None }
     }

@@ -1,13 +1,16 @@
 //! `regions`: road → recognition. The road, up to [`GREATEST_COUNT`] regions, and their crops.
 //!
-//! Payload: [`RoadRecord`], the road's profile (f32 per image row), the regions
-//! ([`RegionRecord`] each), the crops (grey bytes).
+//! Payload: [`RoadRecord`], the road's profile (f32 per image row), the free space (f32 per
+//! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey bytes).
 
 use crate::header::{Header, Kind, MessageError};
 use bytemuck::{Pod, Zeroable};
 
 /// The most regions of a message.
 pub const GREATEST_COUNT: usize = 64;
+
+/// Columns that share one distance of the free space.
+pub const FREE_COLUMNS: usize = 8;
 
 /// The road as it was seen.
 #[repr(C)]
@@ -59,12 +62,13 @@ pub struct RegionRecord {
 
 /// Bytes of the payload for images of `width` × `height` at its longest.
 pub fn greatest_payload_bytes(width: usize, height: usize) -> usize {
-    fixed_bytes(height) + GREATEST_COUNT * size_of::<RegionRecord>() + width * height
+    fixed_bytes(width, height) + GREATEST_COUNT * size_of::<RegionRecord>() + width * height
 }
 
-fn fixed_bytes(height: usize) -> usize {
-    // The profile is padded to eight bytes, so that the records behind it are aligned.
-    size_of::<RoadRecord>() + height.next_multiple_of(2) * size_of::<f32>()
+fn fixed_bytes(width: usize, height: usize) -> usize {
+    // Padded to eight bytes, so that the records behind are aligned.
+    let numbers = (height + width.div_ceil(FREE_COLUMNS)).next_multiple_of(2);
+    size_of::<RoadRecord>() + numbers * size_of::<f32>()
 }
 
 /// The parts of a message.
@@ -74,6 +78,8 @@ pub struct Regions<'a> {
     pub road: RoadRecord,
     /// Disparity of the road in each row, in px; 0 above it.
     pub profile_px: &'a [f32],
+    /// Metres that are free ahead of each [`FREE_COLUMNS`] columns, from the left; 0 without a road.
+    pub free_m: &'a [f32],
     /// The regions, nearest first.
     pub regions: &'a [RegionRecord],
     crops: &'a [u8],
@@ -94,14 +100,15 @@ impl<'a> Regions<'a> {
 /// When anything is out of range.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, MessageError> {
     header.check(Kind::Regions)?;
-    let height = header.height as usize;
-    let fixed = fixed_bytes(height);
+    let (width, height) = (header.width as usize, header.height as usize);
+    let fixed = fixed_bytes(width, height);
     let least = MessageError::Length { given: payload.len(), needed: fixed };
     let (start, rest) = payload.split_at_checked(fixed).ok_or(least)?;
     let misaligned = |_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 };
     let (road, profile) = start.split_at(size_of::<RoadRecord>());
     let road: RoadRecord = bytemuck::pod_read_unaligned(road);
-    let profile: &[f32] = bytemuck::try_cast_slice(profile).map_err(misaligned)?;
+    let numbers: &[f32] = bytemuck::try_cast_slice(profile).map_err(misaligned)?;
+    let (profile_px, free_m) = numbers.split_at(height);
     let count = road.regions as usize;
     if count > GREATEST_COUNT || road.seen > 1 {
         return Err(MessageError::Value { what: "count of regions", value: u64::from(road.regions) });
@@ -139,21 +146,23 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
             });
         }
     }
-    Ok(Regions { road, profile_px: &profile[..height], regions, crops })
+    let free_m = &free_m[..width.div_ceil(FREE_COLUMNS)];
+    Ok(Regions { road, profile_px, free_m, regions, crops })
 }
 
 /// Writes a message piece by piece into a payload of [`greatest_payload_bytes`].
 #[derive(Debug)]
 pub struct Writer<'a> {
     payload: &'a mut [u8],
-    height: usize,
+    /// Bytes before the records.
+    fixed: usize,
     records: usize,
     count: usize,
     crop_bytes: usize,
 }
 
 impl<'a> Writer<'a> {
-    /// Starts a message with the road, its profile and how many regions will come (at most
+    /// Starts a message with the road, its profile, the free space and how many regions will come (at most
     /// [`GREATEST_COUNT`]; the rest is left out).
     ///
     /// # Errors
@@ -162,11 +171,13 @@ impl<'a> Writer<'a> {
         payload: &'a mut [u8],
         road: RoadRecord,
         profile_px: &[f32],
+        free_m: &[f32],
         regions: usize,
     ) -> Result<Self, MessageError> {
-        let height = profile_px.len();
         let records = regions.min(GREATEST_COUNT);
-        let needed = fixed_bytes(height) + records * size_of::<RegionRecord>();
+        let numbers = (profile_px.len() + free_m.len()).next_multiple_of(2);
+        let fixed = size_of::<RoadRecord>() + numbers * size_of::<f32>();
+        let needed = fixed + records * size_of::<RegionRecord>();
         if payload.len() < needed {
             return Err(MessageError::Length { given: payload.len(), needed });
         }
@@ -174,14 +185,16 @@ impl<'a> Writer<'a> {
         let (start, rest) = payload.split_at_mut(size_of::<RoadRecord>());
         start.copy_from_slice(bytemuck::bytes_of(&road));
         let profile: &[u8] = bytemuck::cast_slice(profile_px);
+        let free: &[u8] = bytemuck::cast_slice(free_m);
         rest[..profile.len()].copy_from_slice(profile);
-        rest[profile.len()..height.next_multiple_of(2) * 4].fill(0);
-        Ok(Self { payload, height, records, count: 0, crop_bytes: 0 })
+        rest[profile.len()..][..free.len()].copy_from_slice(free);
+        rest[profile.len() + free.len()..numbers * size_of::<f32>()].fill(0);
+        Ok(Self { payload, fixed, records, count: 0, crop_bytes: 0 })
     }
 
     /// Bytes of the payload that were used.
     pub fn bytes(&self) -> usize {
-        fixed_bytes(self.height) + self.records * size_of::<RegionRecord>() + self.crop_bytes
+        self.fixed + self.records * size_of::<RegionRecord>() + self.crop_bytes
     }
 
     /// Adds a region and the rows of its crop. Where the crop no longer fits, the region goes
@@ -190,7 +203,7 @@ impl<'a> Writer<'a> {
         if self.count == self.records {
             return false;
         }
-        let crops = fixed_bytes(self.height) + self.records * size_of::<RegionRecord>();
+        let crops = self.fixed + self.records * size_of::<RegionRecord>();
         let size = region.crop[2] as usize * region.crop[3] as usize;
         let start = crops + self.crop_bytes;
         let fits = start + size <= self.payload.len();
@@ -207,7 +220,7 @@ impl<'a> Writer<'a> {
         } else {
             (record.crop, record.crop_offset) = ([0; 4], 0);
         }
-        let at = fixed_bytes(self.height) + self.count * size_of::<RegionRecord>();
+        let at = self.fixed + self.count * size_of::<RegionRecord>();
         self.payload[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(&record));
         self.count += 1;
         fits
@@ -230,13 +243,13 @@ mod tests {
         let payload = bytemuck::cast_slice_mut(&mut memory);
         let road = RoadRecord { seen: 1, slope: 0.1, ..RoadRecord::default() };
         let profile: Vec<f32> = (0..9).map(|y| y as f32).collect();
-        let mut writer = Writer::new(payload, road, &profile, 2).unwrap();
+        let mut writer = Writer::new(payload, road, &profile, &[30.0, 12.5], 2).unwrap();
         let pixels = [7_u8; 20];
         assert!(writer.push(region(1, [1, 2, 4, 5]), pixels.chunks(4)));
         // This crop is larger than what is left.
         assert!(!writer.push(region(2, [0, 0, 4096, 4096]), std::iter::empty()));
         assert!(!writer.push(region(3, [0; 4]), std::iter::empty()), "more than announced");
-        assert_eq!(writer.bytes(), fixed_bytes(9) + 2 * size_of::<RegionRecord>() + 20);
+        assert_eq!(writer.bytes(), fixed_bytes(16, 9) + 2 * size_of::<RegionRecord>() + 20);
         (header, memory)
     }
 
@@ -246,6 +259,7 @@ mod tests {
         let regions = view(&header, bytemuck::cast_slice(&memory)).unwrap();
         assert_eq!((regions.road.seen, regions.road.slope), (1, 0.1));
         assert_eq!(regions.profile_px[8], 8.0);
+        assert_eq!(regions.free_m, [30.0, 12.5]);
         assert_eq!(regions.regions.len(), 2);
         assert_eq!(regions.crop(&regions.regions[0]), Some(&[7_u8; 20][..]));
         assert_eq!(regions.crop(&regions.regions[1]), None);
@@ -260,7 +274,7 @@ mod tests {
             let mut memory = memory.clone();
             let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
             for _ in 0..random.usize(1..6) {
-                let at = random.usize(0..good.len().min(360));
+                let at = random.usize(0..good.len().min(376));
                 bytes[at] = random.u8(..);
             }
             let header = if round % 5 == 0 {

@@ -10,6 +10,9 @@ use perception::image::GreyView;
 use perception::road::{DepthView, Region, RoadDetector};
 use perception::stereo::DisparityView;
 
+// What the algorithm gives and what the message holds are the same columns.
+const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
+
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
 /// room.
 const CROP_MARGIN: f64 = 0.2;
@@ -57,7 +60,7 @@ impl Room for RoadRoom {
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
         });
-        let mut writer = Writer::new(output, road, scene.profile_px, scene.regions.len())?;
+        let mut writer = Writer::new(output, road, scene.profile_px, scene.free_m, scene.regions.len())?;
         for region in scene.regions {
             let record = record(region, self.width as u32, self.height as u32);
             let [x, y, width, height] = record.crop.map(|v| v as usize);

@@ -2,6 +2,7 @@
 
 pub mod confirm;
 pub mod depth;
+pub mod free_space;
 pub mod histogram;
 pub mod profile;
 pub mod radon;
@@ -11,6 +12,7 @@ pub mod surface;
 
 use crate::rig::Rig;
 pub use depth::DepthView;
+use free_space::FreeSpace;
 use histogram::{Corridor, VDisparity};
 use profile::ProfileFinder;
 use radon::{Radon, RadonRange, RoadLine};
@@ -72,6 +74,8 @@ pub struct Scene<'a> {
     pub profile_px: &'a [f32],
     /// What stands on it, nearest first.
     pub regions: &'a [Region],
+    /// Metres that are free ahead, for each [`free_space::COLUMNS`] columns; 0 without a road.
+    pub free_m: &'a [f32],
 }
 
 /// Finds the road and the regions in disparity maps of one size, with memory allocated once.
@@ -87,6 +91,7 @@ pub struct RoadDetector {
     surface: Surface,
     stixels: Stixels,
     finder: RegionFinder,
+    free_space: FreeSpace,
 }
 
 impl RoadDetector {
@@ -105,6 +110,7 @@ impl RoadDetector {
             profile: ProfileFinder::new(histogram.bins(), height),
             finder: RegionFinder::new(parameters.regions, &stixels, disparities),
             surface: Surface::new(rig, disparities),
+            free_space: FreeSpace::new(width),
             histogram,
             stixels,
             parameters,
@@ -142,7 +148,9 @@ impl RoadDetector {
             line.map_or(0.0, |line| self.profile.find(&self.histogram, line, cap, corridor).support());
         let Some(line) = line.filter(|_| support >= self.parameters.least_support) else {
             self.profile.clear();
-            return Scene { road: None, profile_px: self.profile.profile().disparity_px(), regions: &[] };
+            self.free_space.clear();
+            let profile_px = self.profile.profile().disparity_px();
+            return Scene { road: None, profile_px, regions: &[], free_m: self.free_space.free_m() };
         };
         let profile = self.profile.profile();
         self.surface.take(profile, depth, ROAD_CONFIDENCE);
@@ -163,7 +171,12 @@ impl RoadDetector {
             confidence: support,
             camera_height_m: self.rig.baseline_m / line.slope,
         };
-        Scene { road: Some(road), profile_px: profile.disparity_px(), regions }
+        let farthest_px = profile.disparity_px().get(profile.top()).copied().unwrap_or(0.0);
+        let least_px = self.rig.disparity_px(p.greatest_distance_m);
+        let seen_m = self.rig.distance_m(f64::from(farthest_px).max(least_px));
+        self.free_space.take(regions, seen_m);
+        let free_m = self.free_space.free_m();
+        Scene { road: Some(road), profile_px: profile.disparity_px(), regions, free_m }
     }
 }
 

@@ -1,0 +1,69 @@
+//! Where the way is free: per column the distance to what stands first.
+
+use super::regions::Region;
+
+/// Columns that share one distance.
+pub const COLUMNS: usize = 8;
+
+/// The free space, with memory allocated once.
+#[derive(Debug)]
+pub struct FreeSpace {
+    free_m: Vec<f32>,
+}
+
+impl FreeSpace {
+    /// Nothing known, for images of `width`.
+    pub fn new(width: usize) -> Self {
+        Self { free_m: vec![0.0; width.div_ceil(COLUMNS)] }
+    }
+
+    /// Metres that are free ahead of each [`COLUMNS`] columns, from the left: to the nearest region, or
+    /// where none stands to the end of the road that is seen; all 0 without a road.
+    pub fn free_m(&self) -> &[f32] {
+        &self.free_m
+    }
+
+    /// Without a road nothing is known to be free.
+    pub fn clear(&mut self) {
+        self.free_m.fill(0.0);
+    }
+
+    /// Takes a frame: its regions, and how far its road is seen.
+    pub fn take(&mut self, regions: &[Region], seen_m: f64) {
+        self.free_m.fill(seen_m as f32);
+        for region in regions {
+            let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);
+            let end = to.div_ceil(COLUMNS).min(self.free_m.len());
+            for free in &mut self.free_m[(from / COLUMNS).min(end)..end] {
+                *free = free.min(region.distance_m as f32);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::road::PixelBox;
+
+    #[test]
+    fn the_nearest_region_ends_what_is_free() {
+        let region = |x, width, distance_m| Region {
+            bounds: PixelBox { x, y: 100, width, height: 40 },
+            disparity_px: 100.0 / distance_m,
+            disparity_sigma_px: 0.1,
+            distance_m,
+            lateral_m: 0.0,
+            width_m: 1.0,
+            height_m: 1.0,
+            pixels: 500,
+            confidence: 0.9,
+        };
+        let mut free = FreeSpace::new(60);
+        assert_eq!(free.free_m(), [0.0; 8]);
+        free.take(&[region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)], 45.0);
+        assert_eq!(free.free_m(), [45.0, 20.0, 12.0, 12.0, 45.0, 45.0, 45.0, 9.0]);
+        free.clear();
+        assert_eq!(free.free_m(), [0.0; 8]);
+    }
+}

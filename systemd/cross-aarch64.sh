@@ -57,7 +57,8 @@ case ${1:-} in
     ;;
   build)
     prepare
-    cargo build --release --locked --target $target -p lookout
+    shift
+    cargo build --release --locked --target $target -p lookout "$@"
     readelf --version-info "$CARGO_TARGET_DIR/$target/release/lookout" | grep -o 'GLIBC_[0-9.]*' | sort -uV | tail -1
     ;;
   test)

@@ -146,7 +146,7 @@ fn flapping_is_held_to_one_change_in_30_seconds_and_five_degrees() {
     assert_eq!(changes.iter().map(|c| c.1).collect::<Vec<_>>(), [Rung::FrameRate]);
     // A wave across everything but the last limit.
     let mut heat = ladder();
-    let swing = wave(60.0, 94.8, 20.0);
+    let swing = wave(60.0, 94.8, 200.0);
     let changes = drive(&mut heat, 0.0, 3600.0, |at| both(swing(at)));
     assert!(changes.len() > 10, "{changes:?}");
     assert!(changes.windows(2).all(|w| w[1].0 - w[0].0 >= 30.0), "{changes:?}");

@@ -9,7 +9,7 @@
 #
 # Needs root's packages gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static. The compiler is
 # Debian's own rustc-web, unpacked, not installed: nothing of the system changes. Its libraries do not fit
-# other compilers. What it builds asks for glibc 2.35 at most, so it runs on Debian 12 and Ubuntu 22.04.
+# other compilers. build prints the newest glibc that the program asks for: Debian 12 has 2.36, Ubuntu 22.04 2.35.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cross=$PWD/target/cross

@@ -140,7 +140,10 @@ fn a_reload_starts_the_stages_concerned_anew_and_refuses_what_cannot_change() {
     assert!(text.contains("is not taken: source.seed cannot change while the daemon runs"), "{text}");
     configure("[alarm]\ndistance_m = \"near\"\n");
     let text = answer();
-    assert!(text.contains("is not taken") && text.contains("car.toml:13: alarm.distance_m"), "{text}");
+    assert!(
+        text.contains("is not taken") && text.contains("car.toml:17: alarm.distance_m = \"near\""),
+        "{text}"
+    );
     assert_eq!(text.lines().count(), 2, "{text}");
     configure("[recognition]\ncascade = \"gone.xml\"\n");
     let text = answer();

@@ -5,7 +5,7 @@ say() { echo "$*"; }
 fail() {
   echo "FAILED: $*"
   systemctl status lookout --no-pager -l || true
-  journalctl --no-pager -o short-monotonic -n 100 || true
+  journalctl -u lookout -u lookout-poweroff.service --no-pager -o short-monotonic -n 80 || true
   exit 1
 }
 logged() { journalctl -u lookout --no-pager -o cat | grep -q "$1"; }
@@ -161,8 +161,8 @@ if [ -e /opt/test/lookout.deb ]; then
   apt-get purge -y lookout >/run/apt.log 2>&1 || { cat /run/apt.log; fail "the package does not go"; }
   apt-get clean
   find / -xdev \( -path /proc -o -path /sys -o -path /opt/test -o -path /run \) -prune -o -print | sort >/run/after
-  # What any installation changes: caches and logs of the package manager.
-  comm -13 /run/before /run/after | grep -vE '^/var/(cache|log|lib/(apt|dpkg|systemd))|^/etc/[a-z-]*-$|^/tmp|^/dev|^/old' >/run/left || true
+  # What any installation changes: caches and logs of the package manager, folders of systemd's own services.
+  comm -13 /run/before /run/after | grep -vE '^/var/(cache|log|lib/(apt|dpkg|systemd))|^/etc/[a-z-]*-$|^/tmp|^/dev|^/old|^/var/tmp/systemd-private-[0-9a-f]*-systemd-' >/run/left || true
   [ ! -s /run/left ] || fail "left after purge: $(cat /run/left)"
   say "purged: nothing left; users: $(getent passwd lookout || echo none)"
 fi

@@ -48,8 +48,8 @@ pub enum Command {
   lookout run -c /etc/lookout/car.toml
   lookout run -c tk1
 
-Stop it with SIGTERM or Ctrl-C: frames in flight come out first. SIGHUP reads the configuration again;
-what may change then, and what it tells systemd, is in docs/operations.md.")]
+Stop it with SIGTERM or Ctrl-C: frames in flight come out first. SIGHUP reads the configuration
+again; what may change then, and what it tells systemd, is in docs/operations.md.")]
     Run(Run),
     /// The daemon on recorded pairs, or on a synthetic scene
     #[command(after_help = "Examples:

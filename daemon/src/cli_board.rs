@@ -7,8 +7,8 @@ use std::path::PathBuf;
 pub const RESTORE_CLOCKS_HELP: &str = "Examples:
   lookout restore-clocks -c /etc/lookout/lookout.toml
 
-The daemon puts clocks back by itself when it ends. This is for one that was killed; the service runs
-it after every stop. Without anything to put back it does nothing and succeeds.";
+The daemon puts clocks back by itself when it ends. This is for one that was killed; the service
+runs it after every stop. Without anything to put back it does nothing and succeeds.";
 
 pub const COMPLETIONS_HELP: &str = "Examples:
   lookout completions bash > /usr/share/bash-completion/completions/lookout

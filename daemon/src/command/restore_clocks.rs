@@ -20,7 +20,7 @@ pub fn run(args: &RestoreClocks, log: Option<&str>) -> Result<(), CommandError> 
         Some(count) => {
             // The folder of a run that was killed is not needed any more, unless it holds more.
             let _ = std::fs::remove_dir(instance.directory());
-            say(format_args!("{count} clocks are as they were"))
+            say(format_args!("clocks put back: {count}"))
         }
         None => say("no clocks to put back"),
     }

@@ -172,3 +172,31 @@ fn help_has_examples() {
         assert!(output.status.success() && text.contains("Examples:"), "{word}: {text}");
     }
 }
+
+#[test]
+fn every_word_has_a_manual_page_and_shells_know_it() {
+    let bench = Bench::new();
+    bench.ok(&["man", "pages"]);
+    let help = bench.ok(&["--help"]);
+    let words =
+        help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    // A word is indented by two; what goes on from the line before, by more.
+    let words =
+        words.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
+    let words: Vec<&str> = words.filter(|word| *word != "help").collect();
+    assert!(
+        words.contains(&"run") && words.contains(&"restore-clocks") && !words.contains(&"man"),
+        "{words:?}"
+    );
+    for shell in ["bash", "zsh", "fish"] {
+        let script = bench.ok(&["completions", shell]);
+        for word in &words {
+            assert!(script.contains(word), "{shell} does not know {word}");
+        }
+    }
+    for word in words {
+        let page = std::fs::read_to_string(bench.path("pages").join(format!("lookout-{word}.1")));
+        assert!(page.expect("a page").contains(".TH lookout"), "{word}");
+    }
+    assert!(!bench.path("pages/lookout-stage.1").exists(), "stages are started by the scheduler alone");
+}

@@ -199,6 +199,9 @@ impl Checker<'_> {
                     && v.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
             }),
             Kind::Path => value.get_ref().as_str().is_some_and(|v| !v.contains('\0')),
+            Kind::Text(most) => {
+                value.get_ref().as_str().is_some_and(|v| v.len() <= most && !v.contains(char::is_control))
+            }
         };
         if !fits {
             let remedy = key.kind.to_string();
@@ -247,6 +250,24 @@ impl Checker<'_> {
             ("alarm.distance_m", c.alarm.distance_m),
             ("regions.distance_max_m", c.regions.distance_max_m),
         );
+        // The ladder: each rung at or above the one before.
+        let h = &c.heat;
+        for pair in [
+            ("heat.frame_rate_above_c", h.frame_rate_above_c),
+            ("heat.clocks_above_c", h.clocks_above_c),
+            ("heat.recognition_above_c", h.recognition_above_c),
+            ("heat.stop_above_c", h.stop_above_c),
+            ("heat.power_off_above_c", h.power_off_above_c),
+        ]
+        .windows(2)
+        {
+            ordered(pair[0], pair[1]);
+        }
+        ordered(("heat.start_below_c", h.start_below_c), ("heat.stop_above_c", h.stop_above_c));
+        if c.board.power_off == "command" && c.board.power_off_command.as_os_str().is_empty() {
+            let text = "board.power_off = \"command\": name the program with board.power_off_command";
+            self.add(place("board.power_off"), text.into());
+        }
         if c.source.fps > 0.0 && c.source.fps < 0.01 {
             let text = format!("source.fps = {}: give 0, or at least 0.01", c.source.fps);
             self.add(place("source.fps"), text);
@@ -263,6 +284,7 @@ impl fmt::Display for Kind {
             Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),
             Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
             Kind::Path => f.write_str("a path in quotes"),
+            Kind::Text(most) => write!(f, "one line of at most {most} characters, in quotes"),
         }
     }
 }

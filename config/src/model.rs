@@ -2,6 +2,9 @@
 
 #![allow(missing_docs, reason = "every key is described once, in the table of keys")]
 
+mod board;
+
+pub use board::{Board, Clocks, Heat};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -21,6 +24,9 @@ pub struct Config {
     pub alarm: Alarm,
     pub cores: Cores,
     pub supervision: Supervision,
+    pub heat: Heat,
+    pub clocks: Clocks,
+    pub board: Board,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -48,7 +48,8 @@ pub enum Command {
   lookout run -c /etc/lookout/car.toml
   lookout run -c tk1
 
-Stop it with SIGTERM or Ctrl-C: frames in flight come out first.")]
+Stop it with SIGTERM or Ctrl-C: frames in flight come out first. SIGHUP reads the configuration
+again; what may change then, and what it tells systemd, is in docs/operations.md.")]
     Run(Run),
     /// The daemon on recorded pairs, or on a synthetic scene
     #[command(after_help = "Examples:
@@ -151,6 +152,15 @@ CASCADE.part. The cascade is OpenCV's XML.")]
   lookout check-config rpi5
   lookout check-config --reference > docs/configuration.md")]
     CheckConfig(CheckConfig),
+    /// Puts the board's clocks back as they were before a daemon that was killed had set them
+    #[command(after_help = crate::cli_board::RESTORE_CLOCKS_HELP)]
+    RestoreClocks(crate::cli_board::RestoreClocks),
+    /// Words of the command line for a shell
+    #[command(after_help = crate::cli_board::COMPLETIONS_HELP)]
+    Completions(crate::cli_board::Completions),
+    /// Manual pages; for packages
+    #[command(hide = true)]
+    Man(crate::cli_board::Man),
     /// A stage process; started by the scheduler
     #[command(hide = true)]
     Stage {

@@ -2,11 +2,14 @@
 
 use std::fmt;
 use std::io::IsTerminal;
+use std::sync::OnceLock;
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::fmt::FmtContext;
 use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
+use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
+use tracing_subscriber::{Registry, reload};
 
 /// One line per event: `<6>stereo: message key=value` under systemd, which adds the time itself;
 /// `INFO stereo: message key=value` elsewhere.
@@ -16,20 +19,33 @@ struct Lines {
     colour: bool,
 }
 
+/// Changes the least severe level that is logged.
+static LEVEL: OnceLock<reload::Handle<LevelFilter, Registry>> = OnceLock::new();
+
+/// Logs from `level` on, from now on.
+pub fn set_level(level: &str) {
+    if let (Some(handle), Ok(filter)) = (LEVEL.get(), level.parse::<LevelFilter>()) {
+        // Fails only when logging is gone.
+        let _ = handle.reload(filter);
+    }
+}
+
 /// Starts logging to standard error. `process` leads every line; `level` is one of `error`, `warn`,
 /// `info`, `debug` and `trace`.
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
     let journal = std::env::var_os("JOURNAL_STREAM").is_some();
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let subscriber = tracing_subscriber::fmt()
-        .with_max_level(filter)
+    let (filter, handle) = reload::Layer::new(filter);
+    let lines = tracing_subscriber::fmt::layer()
         .with_ansi(colour)
         .with_writer(std::io::stderr)
-        .event_format(Lines { process, journal, colour })
-        .finish();
+        .event_format(Lines { process, journal, colour });
+    let subscriber = tracing_subscriber::registry().with(filter).with(lines);
     // Fails only when logging was started before.
-    let _ = tracing::subscriber::set_global_default(subscriber);
+    if tracing::subscriber::set_global_default(subscriber).is_ok() {
+        let _ = LEVEL.set(handle);
+    }
     ipc::bus::set_library_log_level();
 }
 

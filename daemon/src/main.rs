@@ -1,6 +1,7 @@
 //! `lookout`: watches the road ahead of a vehicle with two cameras.
 
 mod cli;
+mod cli_board;
 mod cli_cascade;
 mod cli_rig;
 mod command;

@@ -15,10 +15,14 @@ pub struct CommandRecord {
     pub credit: u64,
     /// Grows when the pair `credit` is to be published once more, because a stage died with it.
     pub attempt: u32,
-    /// Padding; 0.
-    pub reserved: u32,
+    /// 1 while no pairs are wanted: the board is too hot.
+    pub hold: u32,
     /// Time between pairs at live rate, in nanoseconds.
     pub period_ns: u64,
+    /// What every header says of how the frame is to be treated: bits of [`crate::header::modes`].
+    pub modes: u32,
+    /// Padding; 0.
+    pub reserved: u32,
 }
 
 /// Bytes of the payload.

@@ -44,6 +44,13 @@ pub enum Kind {
     Status = 7,
 }
 
+/// Bits of [`Header::modes`]: what the scheduler wants of the stages, told by capture with each frame, so
+/// that a frame is treated the same way by every stage that looks.
+pub mod modes {
+    /// Regions are tracked, but not recognised: the board is too hot.
+    pub const RECOGNITION_OFF: u32 = 1;
+}
+
 /// When a stage worked on a frame, in nanoseconds of the monotonic clock; 0 = not yet.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
@@ -77,6 +84,9 @@ pub struct Header {
     pub width: u32,
     /// Height of the frame's images in pixels; 0 where there are none.
     pub height: u32,
+    /// How stages are to treat the frame: bits of [`modes`].
+    pub modes: u32,
+    pub(crate) reserved: u32,
     /// One stamp per stage, in the order of [`crate::role::Role::STAGES`].
     pub stamps: [Stamp; 4],
 }

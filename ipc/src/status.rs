@@ -2,6 +2,7 @@
 
 use crate::calibration::CalibrationRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
+use crate::heat::HeatRecord;
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
 
@@ -47,7 +48,7 @@ pub struct StatusRecord {
     pub pid: u32,
     /// Processes that follow.
     pub processes: u32,
-    /// 0 = starting, 1 = running, 2 = degraded (a stage was given up, or the calibration is), 3 = stopping.
+    /// 0 = starting, 1 = running, 2 = degraded (the reason says why), 3 = stopping.
     pub state: u32,
     /// Alarm level of the last frame: 0 = off, 1 = clear, 2 = alarm.
     pub alarm: u32,
@@ -67,6 +68,8 @@ pub struct StatusRecord {
     pub latency_p99_ms: f32,
     /// Whether the cameras still stand as they were calibrated.
     pub calibration: CalibrationRecord,
+    /// How hot the board is, and how fast its clocks run.
+    pub heat: HeatRecord,
     /// Why the daemon is in its state, in words.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].
@@ -76,7 +79,7 @@ pub struct StatusRecord {
 impl StatusRecord {
     /// A status without processes; all else zero.
     pub fn empty() -> Self {
-        Self::zeroed()
+        Self { heat: HeatRecord::empty(), ..Self::zeroed() }
     }
 
     /// Sets the words for the state.

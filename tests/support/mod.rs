@@ -51,7 +51,10 @@ impl Bench {
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lookout"));
         command.args(args).current_dir(self.folder.path());
-        if matches!(args[0], "run" | "replay" | "demo" | "status" | "obstacles" | "disparity") {
+        if matches!(
+            args[0],
+            "run" | "replay" | "demo" | "status" | "obstacles" | "disparity" | "restore-clocks"
+        ) {
             command.arg("-c").arg(self.path("car.toml"));
         }
         command
@@ -80,8 +83,14 @@ impl Bench {
 
     /// Starts `lookout` in the background.
     pub fn start(&self, args: &[&str]) -> Daemon {
+        self.start_with(args, &[])
+    }
+
+    /// The same, with variables of the environment.
+    pub fn start_with(&self, args: &[&str], variables: &[(&str, &str)]) -> Daemon {
         let child = self
             .command(args)
+            .envs(variables.iter().copied())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()

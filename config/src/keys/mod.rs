@@ -1,5 +1,6 @@
 //! Every key of the configuration: what it is, its unit, its range and what turning it up does.
 
+mod board;
 mod daemon;
 mod decisions;
 mod frames;
@@ -19,6 +20,8 @@ pub enum Kind {
     Name(usize),
     /// A path; may be empty.
     Path,
+    /// One line of at most this many characters; may be empty.
+    Text(usize),
 }
 
 /// One key.
@@ -50,6 +53,9 @@ const TABLES: &[&[Key]] = &[
     decisions::ALARM,
     daemon::CORES,
     daemon::SUPERVISION,
+    board::HEAT,
+    board::CLOCKS,
+    board::BOARD,
 ];
 
 /// All keys, table by table.

@@ -9,12 +9,15 @@ mod evaluate;
 mod evaluate_detection;
 mod evaluate_distance;
 mod evaluate_weather;
+mod manual;
 mod obstacles;
 mod rectify;
 mod replay;
+mod restore_clocks;
 mod run;
 mod scene_run;
 mod status;
+mod status_heat;
 mod train;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
@@ -83,6 +86,9 @@ pub enum CommandError {
     /// JSON.
     #[error("the result cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
+    /// Clocks.
+    #[error(transparent)]
+    Clock(#[from] crate::scheduler::clocks::ClockError),
     /// Anything else, in words.
     #[error("{0}")]
     Other(String),
@@ -111,6 +117,9 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
         Command::Detect(args) => detect::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
+        Command::RestoreClocks(args) => restore_clocks::run(&args, log),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::pages(&args),
         Command::Stage { role } => stage(&role),
     }
 }
@@ -131,6 +140,13 @@ fn load(
     process: &'static str,
     default_level: Option<&str>,
 ) -> Result<Config, CommandError> {
+    let config = read(args, log, default_level)?;
+    crate::logging::start(process, &config.log.level);
+    Ok(config)
+}
+
+/// Reads the configuration that the arguments name.
+fn read(args: &ConfigArgs, log: Option<&str>, default_level: Option<&str>) -> Result<Config, CommandError> {
     let mut config = with_set(config::load(args.config.as_deref())?, &args.set)?;
     if let Some(name) = &args.instance {
         // The same check as for instance.name.
@@ -144,7 +160,6 @@ fn load(
         _ => &config.log.level,
     };
     config.log.level = level.to_owned();
-    crate::logging::start(process, &config.log.level);
     Ok(config)
 }
 

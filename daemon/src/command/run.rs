@@ -1,6 +1,6 @@
 //! `lookout run`.
 
-use super::{CommandError, load};
+use super::{CommandError, load, read};
 use crate::cli::Run;
 use crate::scheduler::{self, Ends, RunOptions};
 
@@ -11,7 +11,8 @@ pub fn run(args: &Run, log: Option<&str>) -> Result<(), CommandError> {
     }
     let options = RunOptions { lockstep: false, limit: None, out: None, ends: Ends::Never };
     let mut last = String::new();
-    let outcome = scheduler::run(&config, &options, &mut |status| {
+    let mut reload = || read(&args.config, log, None).map_err(|error| error.to_string());
+    let outcome = scheduler::run_service(&config, &options, &mut reload, &mut |status| {
         // Each change of state is said once.
         let state = format!("{} {}", status.state_name(), status.reason());
         if state != last {

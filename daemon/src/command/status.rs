@@ -1,5 +1,6 @@
 //! `lookout status`.
 
+use super::status_heat::HeatJson;
 use super::{CommandError, load, say};
 use crate::cli::Status;
 use crate::frame_record::ALARM_LEVELS;
@@ -95,6 +96,7 @@ struct StatusJson {
     obstacles: u32,
     nearest_m: Option<f64>,
     calibration: CalibrationJson,
+    heat: HeatJson,
     processes: Vec<ProcessJson>,
 }
 
@@ -154,6 +156,7 @@ impl StatusJson {
                 bound_px: status.calibration.bound_px,
                 corrected_px: status.calibration.corrected_px,
             },
+            heat: HeatJson::new(&status.heat),
             processes: status
                 .processes()
                 .map(|(role, p)| ProcessJson {
@@ -194,7 +197,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms so far\n{calibration}",
+         alarm {}{nearest}; {} obstacles, {} alarms so far\n{calibration}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,
@@ -203,6 +206,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         ALARM_LEVELS[status.alarm.min(2) as usize],
         status.obstacles,
         status.alarms,
+        super::status_heat::lines(&status.heat),
     );
     let _ = writeln!(
         out,

@@ -3,7 +3,7 @@
 use super::{FrameError, Room, RoomError, alarm_parameters, check_size, recogniser, tracker_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
-use ipc::header::{Header, put_text};
+use ipc::header::{Header, modes, put_text};
 use ipc::obstacles::{self, AlarmRecord, GREATEST_COUNT, ObstacleRecord};
 use ipc::regions::{self, RegionRecord};
 use perception::image::GreyView;
@@ -69,9 +69,12 @@ impl RecognitionRoom {
             return Ok(alarm);
         }
         self.detections.clear();
+        let recognises = header.modes & modes::RECOGNITION_OFF == 0;
         for record in message.regions {
             let score = match (&mut self.recogniser, message.crop(record)) {
-                (Some(recogniser), Some(pixels)) if record.width_m.min(record.height_m) >= self.least_m => {
+                (Some(recogniser), Some(pixels))
+                    if recognises && record.width_m.min(record.height_m) >= self.least_m =>
+                {
                     let [_, _, width, height] = record.crop.map(|v| v as usize);
                     let crop = GreyView::new(pixels, width, height, width)?;
                     let metre_px = record.disparity_px / self.rig.baseline_m;

@@ -1,5 +1,6 @@
 //! The stage processes as children of the scheduler.
 
+use super::notify::VARIABLES;
 use crate::launch::Launch;
 use ipc::role::Role;
 use rustix::process::{Pid, Signal, kill_process};
@@ -24,6 +25,10 @@ impl Children {
         let mut child = Command::new("/proc/self/exe")
             .arg0("lookout")
             .args(["stage", role.name()])
+            // Only the scheduler talks to systemd.
+            .env_remove(VARIABLES[0])
+            .env_remove(VARIABLES[1])
+            .env_remove(VARIABLES[2])
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             // A group of its own: Ctrl-C in a terminal reaches the scheduler alone.

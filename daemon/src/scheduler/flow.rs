@@ -5,7 +5,9 @@
 //! the source is asked for it once more, by a higher `attempt`; stages that had already worked on it
 //! give the same answer again.
 
+use super::heat::HeatAction;
 use ipc::command::CommandRecord;
+use ipc::header::modes;
 use ipc::role::Role;
 
 /// How long the last frame may be on its way once the source has stopped.
@@ -18,6 +20,8 @@ const MOST_AHEAD: u64 = 1024;
 #[derive(Clone, Debug)]
 pub struct Flow {
     command: CommandRecord,
+    /// Time between pairs when the board is not hot.
+    period_ns: u64,
     with_writer: bool,
     /// Last pair that capture published.
     published: Option<u64>,
@@ -41,6 +45,7 @@ impl Flow {
     pub fn new(lockstep: bool, with_writer: bool, period_ns: u64, patience_ns: u64, now_ns: u64) -> Self {
         Self {
             command: CommandRecord { lockstep: u32::from(lockstep), period_ns, ..CommandRecord::default() },
+            period_ns,
             with_writer,
             published: None,
             recognised: None,
@@ -140,6 +145,20 @@ impl Flow {
             self.moved_ns = now_ns;
         }
         stuck && self.ask()
+    }
+
+    /// Whether any pair has come.
+    pub fn has_pair(&self) -> bool {
+        self.published.is_some()
+    }
+
+    /// What heat leaves of the work. Gives whether the source has to be told.
+    pub fn limit(&mut self, heat: &HeatAction) -> bool {
+        let before = self.command;
+        self.command.period_ns = (self.period_ns as f64 / heat.frame_rate_share) as u64;
+        self.command.hold = u32::from(!heat.run);
+        self.command.modes = if heat.recognition { 0 } else { modes::RECOGNITION_OFF };
+        self.command != before
     }
 
     /// The source is to stop.

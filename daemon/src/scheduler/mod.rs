@@ -1,17 +1,25 @@
 //! The scheduler: starts, paces, watches and stops the stages, and sums up what they report.
 
+pub mod board;
 pub mod children;
+pub mod clocks;
 pub mod collector;
 pub mod cores;
 pub mod flow;
+pub mod heat;
+mod notify;
+mod reload;
 mod run;
 pub mod supervisor;
+pub mod sysfs;
+mod systemd;
 
 use crate::input::InputError;
 use crate::rooms::RoomError;
 use collector::FrameTrace;
 use config::Config;
 use ipc::bus::IpcError;
+use ipc::clock::monotonic_ns;
 use ipc::instance::InstanceError;
 use ipc::service;
 use ipc::status::StatusRecord;
@@ -66,6 +74,9 @@ pub enum RunError {
     /// The stages cannot be told what to do.
     #[error("a path of the configuration is not text: {0}")]
     Launch(#[from] serde_json::Error),
+    /// The board is too hot, or lacks what is required of it.
+    #[error(transparent)]
+    Board(#[from] board::BoardError),
     /// Signals or /proc.
     #[error("{0}")]
     System(#[from] std::io::Error),
@@ -117,10 +128,28 @@ pub fn run(
     options: &RunOptions,
     watch: &mut dyn FnMut(&StatusRecord),
 ) -> Result<RunOutcome, RunError> {
+    run_service(config, options, &mut || Err("this run does not read its configuration again".into()), watch)
+}
+
+/// The same; with [`Ends::Never`], SIGHUP takes over what `reload` reads.
+///
+/// # Errors
+/// When it cannot start. What goes wrong later is in the outcome.
+pub fn run_service(
+    config: &Config,
+    options: &RunOptions,
+    reload: &mut dyn FnMut() -> Result<Config, String>,
+    watch: &mut dyn FnMut(&StatusRecord),
+) -> Result<RunOutcome, RunError> {
     let mut run = Run::start(config, options)?;
     let reports = run.bus.subscriber(&service::REPORT)?;
     let results = run.bus.subscriber(&service::OBSTACLES)?;
-    wait::run(&[&reports, &results], || run.step(&reports, &results, watch))?;
+    wait::run(&[&reports, &results], || {
+        if run.takes_reload() {
+            run.reload(&mut *reload, monotonic_ns());
+        }
+        run.step(&reports, &results, watch)
+    })?;
     drop((reports, results));
     Ok(run.finish())
 }

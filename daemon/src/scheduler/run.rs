@@ -1,9 +1,11 @@
 //! One run of the daemon: the scheduler's state and what it does at each wake-up.
 
+use super::board::Board;
 use super::children::Children;
 use super::collector::Collector;
 use super::cores::CorePlan;
 use super::flow::{DRAIN_NS, Flow};
+use super::notify::Notify;
 use super::supervisor::{Action, Supervisor, SupervisorParameters};
 use super::{Ends, RunError, RunOptions, RunOutcome};
 use crate::input;
@@ -38,7 +40,7 @@ const STATUS_PERIOD_NS: u64 = 1_000_000_000;
 
 /// What the run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+pub(super) enum Phase {
     Running,
     /// The source is asked to stop; frames in flight come out until then.
     Draining {
@@ -60,13 +62,17 @@ struct LastResult {
 /// See the module.
 pub struct Run {
     options: RunOptions,
-    launch: Launch,
+    pub(super) launch: Launch,
     plan: CorePlan,
-    supervisor: Supervisor,
-    collector: Collector,
+    pub(super) supervisor: Supervisor,
+    pub(super) collector: Collector,
     children: Children,
-    flow: Flow,
-    phase: Phase,
+    pub(super) flow: Flow,
+    pub(super) phase: Phase,
+    pub(super) board: Board,
+    pub(super) notify: Notify,
+    /// SIGHUP has come.
+    pub(super) hangup: Arc<AtomicBool>,
     failure: Option<String>,
     reason: String,
     stop: Arc<AtomicBool>,
@@ -116,11 +122,15 @@ impl Run {
 
         // Before anything is made that a signal would leave behind.
         let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGTERM, SIGINT, SIGHUP] {
+        let hangup = Arc::new(AtomicBool::new(false));
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))?;
+        }
+        if options.ends == Ends::Never {
+            signal_hook::flag::register(SIGHUP, Arc::clone(&hangup))?;
+        } else if !ignores_hangup() {
             // nohup means: go on when the terminal is gone.
-            if !(signal == SIGHUP && ignores_hangup()) {
-                signal_hook::flag::register(signal, Arc::clone(&stop))?;
-            }
+            signal_hook::flag::register(SIGHUP, Arc::clone(&stop))?;
         }
         // Only to be woken when a child ends.
         signal_hook::flag::register(SIGCHLD, Arc::new(AtomicBool::new(false)))?;
@@ -130,6 +140,7 @@ impl Run {
         if lock.stale > 0 {
             tracing::warn!(files = lock.stale, "removed what a dead run had left behind");
         }
+        let board = Board::start(config, instance.directory(), started_ns)?;
         if let Some(out) = &options.out {
             tools::output::prepare(out)?;
         }
@@ -187,6 +198,9 @@ impl Run {
             children: Children::default(),
             flow: Flow::new(options.lockstep, options.out.is_some(), period_ns, patience_ns, now),
             phase: Phase::Running,
+            board,
+            notify: Notify::from_environment(),
+            hangup,
             failure: None,
             reason: String::new(),
             stop,
@@ -238,11 +252,18 @@ impl Run {
             tracing::warn!("the frame in lock-step does not move: asking for it again");
             self.send_command()?;
         }
+        if let Some(heat) = self.board.tick(now)
+            && self.flow.limit(&heat)
+        {
+            self.send_command()?;
+        }
         self.advance(now)?;
+        self.notify(now);
         if now >= self.status_due_ns {
             self.status_due_ns = now + STATUS_PERIOD_NS;
             let status = self.status(now);
             self.statuses.send_record(Header::new(Kind::Status), &status)?;
+            self.notify_status(&status, now);
             watch(&status);
         } else {
             // Late comers get the last one.
@@ -310,7 +331,7 @@ impl Run {
     }
 
     fn take_exit(&mut self, role: Role, how: &str, now: u64) {
-        if self.phase == Phase::Stopping {
+        if self.phase == Phase::Stopping || self.supervisor.is_renewing(role) {
             tracing::debug!(%role, how, "stage ended");
         } else {
             tracing::warn!(%role, how, "stage ended unasked");
@@ -331,7 +352,7 @@ impl Run {
         }
     }
 
-    fn act(&mut self, action: Action, now: u64) {
+    pub(super) fn act(&mut self, action: Action, now: u64) {
         match action {
             Action::Spawn(role) => self.spawn(role, now),
             Action::Terminate(role) => self.children.terminate(role),
@@ -430,12 +451,17 @@ impl Run {
         let is_running = self.phase == Phase::Running && self.supervisor.all_running();
         let mut status = StatusRecord::empty();
         status.calibration = self.collector.calibration();
-        let is_off = status.calibration.state() == CalibrationState::Degraded;
+        status.heat = self.board.record();
+        // The first counts.
+        let fault = self.board.fault().or_else(|| {
+            let is_off = status.calibration.state() == CalibrationState::Degraded;
+            is_off.then(|| format!("calibration {}", status.calibration))
+        });
         status.pid = std::process::id();
         status.state = match (self.phase, self.supervisor.given_up()) {
             (Phase::Draining { .. } | Phase::Stopping, _) => 3,
             (Phase::Running, Some(_)) => 2,
-            (Phase::Running, None) if is_running && is_off => 2,
+            (Phase::Running, None) if is_running && fault.is_some() => 2,
             (Phase::Running, None) => u32::from(self.collector.results() > 0 && is_running),
         };
         // What an old frame said is no judgement of the road now.
@@ -451,9 +477,7 @@ impl Run {
         status.latency_p50_ms = latency.p50_ms as f32;
         status.latency_p99_ms = latency.p99_ms as f32;
         match self.failure.as_ref().unwrap_or(&self.reason) {
-            reason if reason.is_empty() && is_off => {
-                status.set_reason(&format!("calibration {}", status.calibration));
-            }
+            reason if reason.is_empty() => status.set_reason(fault.as_deref().unwrap_or("")),
             reason => status.set_reason(reason),
         }
         let processes = self.collector.processes(&self.supervisor, &self.plan, now);

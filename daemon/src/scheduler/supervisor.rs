@@ -91,6 +91,8 @@ struct Stage {
     /// Times of the restarts within the window.
     recent: Vec<u64>,
     restarts: u32,
+    /// Asked to end so that it starts anew: no failure.
+    renewing: bool,
 }
 
 /// Watches over the stages.
@@ -110,6 +112,7 @@ impl Supervisor {
             state: StageState::Waiting { at_ns: now_ns },
             recent: Vec::new(),
             restarts: 0,
+            renewing: false,
         };
         Self { parameters, stages: roles.iter().map(stage).collect(), stopping: false, last_tick_ns: now_ns }
     }
@@ -172,6 +175,10 @@ impl Supervisor {
             stage.state = StageState::Ended;
             return None;
         }
+        if std::mem::take(&mut stage.renewing) {
+            stage.state = StageState::Waiting { at_ns: now_ns };
+            return None;
+        }
         stage.recent.retain(|&at| now_ns.saturating_sub(at) < p.restart_window_ns);
         if stage.recent.len() >= p.restart_count {
             stage.state = StageState::GivenUp;
@@ -187,6 +194,32 @@ impl Supervisor {
         stage.recent.push(now_ns);
         stage.restarts += 1;
         None
+    }
+
+    /// Ends a stage and starts it anew at once, for a new launch document. That is no failure; one that was
+    /// given up gets another chance.
+    pub fn renew(&mut self, role: Role, now_ns: u64) -> Option<Action> {
+        let kill_ns = Some(now_ns + self.parameters.stop_grace_ns);
+        let stopping = self.stopping;
+        let stage = self.stage_mut(role).filter(|_| !stopping)?;
+        match stage.state {
+            StageState::Starting { .. } | StageState::Running { .. } => {
+                stage.state = StageState::Ending { kill_ns };
+                stage.renewing = true;
+                Some(Action::Terminate(role))
+            }
+            StageState::GivenUp => {
+                stage.recent.clear();
+                stage.state = StageState::Waiting { at_ns: now_ns };
+                None
+            }
+            StageState::Waiting { .. } | StageState::Ending { .. } | StageState::Ended => None,
+        }
+    }
+
+    /// Whether a stage was asked to end so that it starts anew.
+    pub fn is_renewing(&self, role: Role) -> bool {
+        self.stages.iter().any(|s| s.role == role && s.renewing)
     }
 
     /// Asks all stages to stop; none is started any more.
@@ -348,6 +381,32 @@ pub mod tests {
             assert_eq!(supervisor.tick(now * S), []);
         }
         assert_eq!(supervisor.tick(504 * S).len(), 2);
+    }
+
+    #[test]
+    fn a_stage_that_starts_anew_has_not_failed() {
+        let mut supervisor = started();
+        for round in 2..20 {
+            let now = round * S;
+            assert_eq!(supervisor.renew(Role::Road, now), Some(Action::Terminate(Role::Road)));
+            assert_eq!(supervisor.renew(Role::Road, now), None, "it is on its way");
+            assert!(supervisor.is_renewing(Role::Road));
+            assert_eq!(supervisor.exited(Role::Road, "exited with code 0", now), None);
+            supervisor.reported(Role::Stereo, now);
+            assert_eq!(supervisor.tick(now), [Action::Spawn(Role::Road)]);
+            supervisor.spawned(Role::Road, now);
+            supervisor.reported(Role::Road, now);
+        }
+        assert_eq!((supervisor.restarts(Role::Road), supervisor.all_running()), (0, true));
+        // One that does not end is killed, and still no failure.
+        supervisor.renew(Role::Road, 20 * S);
+        supervisor.reported(Role::Stereo, 25 * S);
+        let kill = Action::Kill(Role::Road, "it did not stop when asked");
+        assert_eq!(tick_until(&mut supervisor, 25 * S), [kill]);
+        supervisor.exited(Role::Road, "was killed", 25 * S);
+        assert_eq!(supervisor.restarts(Role::Road), 0);
+        supervisor.stop(25 * S);
+        assert_eq!(supervisor.renew(Role::Stereo, 25 * S), None);
     }
 
     #[test]

@@ -99,6 +99,9 @@ impl Capture {
         if command.drain == 1 {
             return self.finish(stage, "drained").map(|()| None);
         }
+        if command.hold == 1 {
+            return Ok(None);
+        }
         if command.lockstep == 1 {
             self.repeat(stage, &command)?;
             while self.state == State::Flowing && self.next <= command.credit {
@@ -156,6 +159,7 @@ impl Capture {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
         header.attempt = attempt;
+        header.modes = self.command.map_or(0, |command| command.modes);
         header.source_ns = sequence.saturating_mul(stage.launch.source_period_ns);
         // A recorded pair is "captured" when it is whole in shared memory.
         header.capture_ns = end_ns;

@@ -1,0 +1,86 @@
+//! The run as a service: what systemd is told, and a configuration that is read again.
+
+use super::notify::View;
+use super::reload;
+use super::run::{Phase, Run};
+use crate::rooms::recognition::RecognitionRoom;
+use config::Config;
+use ipc::role::Role;
+use ipc::status::StatusRecord;
+use std::sync::atomic::Ordering;
+
+impl Run {
+    /// Tells systemd what is due.
+    pub(super) fn notify(&mut self, now: u64) {
+        let view = View {
+            has_result: self.collector.results() > 0,
+            has_pair: self.flow.has_pair(),
+            all_live: self.supervisor.all_running(),
+            is_stopping: self.phase != Phase::Running,
+        };
+        self.notify.step(now, view);
+    }
+
+    /// Tells systemd how the daemon is doing.
+    pub(super) fn notify_status(&mut self, status: &StatusRecord, now: u64) {
+        let state = format!("{} {}", status.state_name(), status.reason());
+        let hottest = self.board.hottest();
+        self.notify.status(now, state.trim_end(), || {
+            let reason = status.reason();
+            let because = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
+            let rate_hz = status
+                .processes()
+                .find(|(role, _)| *role == Role::Recognition)
+                .map_or(0.0, |(_, p)| p.rate_hz);
+            let heat = hottest.map_or(String::new(), |at| format!(", {at}"));
+            format!(
+                "{}{because}: {rate_hz:.1} frames a second, {:.0} ms end to end, {} obstacles{heat}",
+                status.state_name(),
+                status.latency_p50_ms,
+                status.obstacles
+            )
+        });
+    }
+
+    /// Whether SIGHUP has come since the last call.
+    pub fn takes_reload(&self) -> bool {
+        self.hangup.swap(false, Ordering::Relaxed) && self.phase == Phase::Running
+    }
+
+    /// Takes over a configuration that was read again; one that cannot be used leaves everything as
+    /// it was, and says why.
+    pub fn reload(&mut self, read: impl FnOnce() -> Result<Config, String>, now: u64) {
+        self.notify.reloading();
+        match read().and_then(|new| self.take_over(new, now)) {
+            Ok(text) => {
+                tracing::info!("{text}");
+                self.notify.reloaded(&text);
+            }
+            Err(reason) => {
+                let text = format!("the configuration was read again and is not taken: {reason}");
+                tracing::error!("{text}");
+                self.notify.reloaded(&text);
+            }
+        }
+    }
+
+    fn take_over(&mut self, new: Config, now: u64) -> Result<String, String> {
+        let plan = reload::plan(&self.launch.config, &new).map_err(|refused| refused.to_string())?;
+        if plan.keys.is_empty() {
+            return Ok("the configuration was read again: nothing has changed".into());
+        }
+        // What it names must be there before a stage is asked to end.
+        RecognitionRoom::new(&new, &self.launch.frames).map_err(|error| error.to_string())?;
+        if plan.board {
+            self.board.reload(&new).map_err(|error| error.to_string())?;
+        }
+        crate::logging::set_level(&new.log.level);
+        self.launch.config = new;
+        for role in plan.roles {
+            if let Some(action) = self.supervisor.renew(role, now) {
+                self.act(action, now);
+            }
+        }
+        Ok(format!("the configuration was read again; changed: {}", plan.keys.join(", ")))
+    }
+}

@@ -1,0 +1,166 @@
+#!/usr/bin/env bash
+# Makes the Debian package, out of a binary that is already built.
+#
+#   systemd/package.sh [--binary FILE] [--tool FILE] [--out DIR]
+#
+# --binary FILE  the program that is packaged, for amd64 or arm64     [target/release/lookout]
+# --tool FILE    the same version for this machine: it writes manual pages and completions [the binary]
+# --out DIR      where the package goes                               [target/package]
+#
+# Needs dpkg-deb, strip (for arm64, aarch64-linux-gnu-strip), readelf and gzip. Prints the package's path.
+# For arm64: systemd/cross-aarch64.sh builds the binary.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+binary=target/release/lookout tool= out=target/package
+while [ $# -gt 0 ]; do
+  case $1 in
+    --binary) binary=$2; shift 2 ;;
+    --tool) tool=$2; shift 2 ;;
+    --out) out=$2; shift 2 ;;
+    *) sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+  esac
+done
+tool=${tool:-$binary}
+[ -x "$binary" ] || { echo "package.sh: $binary is not there: cargo build --release" >&2; exit 1; }
+
+case $(readelf -h "$binary" | sed -n 's/ *Machine: *//p') in
+  *X86-64*) arch=amd64 strip=strip ;;
+  AArch64) arch=arm64 strip=aarch64-linux-gnu-strip ;;
+  *) echo "package.sh: $binary is for no known machine" >&2; exit 1 ;;
+esac
+if [ "$arch" = "$(dpkg --print-architecture)" ]; then strip=strip; fi
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -1)
+# What the binary asks of the C library.
+libc=$(readelf --version-info "$binary" | grep -o 'GLIBC_[0-9.]*' | sort -uV | tail -1)
+libc=${libc#GLIBC_}
+date=$(git log -1 --format=%cD 2>/dev/null || date -R)
+export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(date -d "$date" +%s)}
+
+root=$(mktemp -d)
+trap 'rm -rf "$root"' EXIT
+chmod 755 "$root"
+put() { install -D -m 644 "$1" "$root/$2"; } # FILE TO
+text() { put "$1" "$2"; gzip -9nf "$root/$2"; }
+
+install -D -m 755 "$binary" "$root/usr/bin/lookout"
+"$strip" --strip-unneeded --remove-section=.comment "$root/usr/bin/lookout"
+for unit in lookout.service lookout-poweroff.service lookout-poweroff.path; do
+  put "systemd/$unit" "usr/lib/systemd/system/$unit"
+done
+put systemd/lookout.sysusers usr/lib/sysusers.d/lookout.conf
+put systemd/lookout.tmpfiles usr/lib/tmpfiles.d/lookout.conf
+put systemd/70-lookout.rules usr/lib/udev/rules.d/70-lookout.rules
+put systemd/lookout.toml etc/lookout/lookout.toml
+for profile in config/profiles/*.toml; do
+  put "$profile" "usr/share/lookout/profiles/$(basename "$profile")"
+done
+put models/vehicle.xml usr/share/lookout/models/vehicle.xml
+put models/README.md usr/share/lookout/models/README.md
+put models/LICENSE usr/share/doc/lookout/models-license
+text README.md usr/share/doc/lookout/README.md
+for page in operations configuration architecture calibration scenes; do
+  text "docs/$page.md" "usr/share/doc/lookout/$page.md"
+done
+
+"$tool" man "$root/usr/share/man/man1"
+gzip -9n "$root"/usr/share/man/man1/*
+chmod 644 "$root"/usr/share/man/man1/*
+complete() { mkdir -p "$(dirname "$root/$2")"; "$tool" completions "$1" >"$root/$2"; }
+complete bash usr/share/bash-completion/completions/lookout
+complete zsh usr/share/zsh/vendor-completions/_lookout
+complete fish usr/share/fish/vendor_completions.d/lookout.fish
+
+cat >"$root/usr/share/doc/lookout/copyright" <<EOF
+Format: https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/
+Upstream-Name: lookout
+
+Files: *
+Copyright: the lookout contributors
+License: MIT or Apache-2.0
+
+Files: models/*
+Copyright: the lookout contributors
+License: research
+ For research and non-commercial use: /usr/share/lookout/models/README.md says why and
+ /usr/share/doc/lookout/models-license is the text. The program holds this cascade, too.
+
+License: MIT
+$(sed 's/^$/./; s/^/ /' LICENSE-MIT)
+
+License: Apache-2.0
+ On Debian systems, the text is in /usr/share/common-licenses/Apache-2.0.
+EOF
+printf 'lookout (%s) unstable; urgency=medium\n\n  * As docs/ and README.md describe.\n\n -- The lookout project <lookout@lookout.invalid>  %s\n' \
+  "$version" "$date" | gzip -9n >"$root/usr/share/doc/lookout/changelog.gz"
+
+mkdir "$root/DEBIAN"
+echo /etc/lookout/lookout.toml >"$root/DEBIAN/conffiles"
+cat >"$root/DEBIAN/control" <<EOF
+Package: lookout
+Version: $version
+Architecture: $arch
+Maintainer: The lookout project <lookout@lookout.invalid>
+Installed-Size: $(du -sk --exclude=DEBIAN "$root" | cut -f1)
+Depends: libc6 (>= $libc), libgcc-s1, passwd, systemd | systemd-standalone-sysusers
+Section: misc
+Priority: optional
+Description: watches the road ahead of a vehicle with two cameras
+ Turns stereo pairs into a dense disparity map, a road model, obstacles and
+ alarms, in separate processes that hand each other frames through shared
+ memory without a copy. Made for small ARM boards.
+ .
+ An aid, not a safety element: it actuates nothing and is not certified. The
+ cascade that comes along is for research and non-commercial use.
+EOF
+cat >"$root/DEBIAN/postinst" <<'EOF'
+#!/bin/sh
+set -e
+if [ "$1" = configure ]; then
+  systemd-sysusers lookout.conf
+  if command -v systemd-tmpfiles >/dev/null; then
+    systemd-tmpfiles --create lookout.conf || true
+  fi
+  if command -v udevadm >/dev/null && [ -S /run/udev/control ]; then
+    udevadm control --reload || true
+    udevadm trigger --subsystem-match=video4linux --subsystem-match=devfreq || true
+  fi
+  if [ -d /run/systemd/system ]; then
+    systemctl daemon-reload || true
+    if [ -n "$2" ]; then
+      systemctl try-restart lookout.service || true
+    fi
+  fi
+fi
+EOF
+cat >"$root/DEBIAN/prerm" <<'EOF'
+#!/bin/sh
+set -e
+if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
+  systemctl disable --now lookout.service lookout-poweroff.path || true
+fi
+EOF
+cat >"$root/DEBIAN/postrm" <<'EOF'
+#!/bin/sh
+set -e
+if [ "$1" = purge ]; then
+  rm -rf /etc/lookout /var/lib/lookout /run/lookout
+  if getent passwd lookout >/dev/null; then
+    userdel lookout || true
+  fi
+  if getent group lookout >/dev/null; then
+    groupdel lookout || true
+  fi
+fi
+if [ "$1" != upgrade ] && [ -d /run/systemd/system ]; then
+  systemctl daemon-reload || true
+fi
+EOF
+chmod 755 "$root"/DEBIAN/p*
+(cd "$root" && find . -type f ! -path './DEBIAN/*' -printf '%P\0' | sort -z | xargs -0 md5sum >DEBIAN/md5sums)
+find "$root" -type d -exec chmod 755 {} +
+find "$root" -type f ! -perm 755 -exec chmod 644 {} +
+find "$root" -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
+mkdir -p "$out"
+package=$out/lookout_${version}_$arch.deb
+dpkg-deb --root-owner-group -Zxz --build "$root" "$package" >/dev/null
+echo "$package"

@@ -1,11 +1,14 @@
-//! Log lines: readable on a terminal, with priorities under systemd.
+//! Log lines: readable on a terminal; under systemd entries of the journal with fields, or lines with
+//! priorities where only standard error goes there.
 
+use crate::journal::Journal;
 use std::fmt;
 use std::io::IsTerminal;
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::fmt::FmtContext;
 use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
+use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 
 /// One line per event: `<6>stereo: message key=value` under systemd, which adds the time itself;
@@ -20,6 +23,13 @@ struct Lines {
 /// `info`, `debug` and `trace`.
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
+    ipc::bus::set_library_log_level();
+    if let Some(journal) = Journal::open(process) {
+        let subscriber = tracing_subscriber::registry().with(filter).with(journal);
+        // Fails only when logging was started before.
+        let _ = tracing::subscriber::set_global_default(subscriber);
+        return;
+    }
     let journal = std::env::var_os("JOURNAL_STREAM").is_some();
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let subscriber = tracing_subscriber::fmt()
@@ -30,7 +40,6 @@ pub fn start(process: &'static str, level: &str) {
         .finish();
     // Fails only when logging was started before.
     let _ = tracing::subscriber::set_global_default(subscriber);
-    ipc::bus::set_library_log_level();
 }
 
 impl<S, N> FormatEvent<S, N> for Lines
@@ -58,7 +67,7 @@ where
 }
 
 /// The priority of sd-daemon(3).
-fn priority(level: Level) -> u8 {
+pub fn priority(level: Level) -> u8 {
     match level {
         Level::ERROR => 3,
         Level::WARN => 4,

@@ -3,16 +3,19 @@
 mod cli;
 mod cli_cascade;
 mod cli_rig;
+mod cli_view;
 mod command;
 mod frame_record;
 mod in_process;
 mod input;
+mod journal;
 mod launch;
 mod logging;
 mod memory;
 mod rooms;
 mod scheduler;
 mod stage;
+mod view;
 
 use clap::Parser;
 use std::process::ExitCode;

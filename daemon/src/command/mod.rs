@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod check_config;
+mod dashboard;
 mod demo;
 mod detect;
 mod disparity;
@@ -10,12 +11,14 @@ mod evaluate_detection;
 mod evaluate_distance;
 mod evaluate_weather;
 mod obstacles;
+mod point_cloud;
 mod rectify;
 mod replay;
 mod run;
 mod scene_run;
-mod status;
+pub mod status;
 mod train;
+mod view;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
@@ -100,6 +103,8 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Replay(args) => replay::run(&args, log),
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
+        Command::View(args) => view::run(&args, log),
+        Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
         Command::Calibrate(args) => calibrate::run(&args),

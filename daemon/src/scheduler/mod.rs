@@ -3,6 +3,7 @@
 pub mod children;
 pub mod collector;
 pub mod cores;
+mod figures;
 pub mod flow;
 mod run;
 pub mod supervisor;

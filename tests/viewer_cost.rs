@@ -12,13 +12,18 @@ use ipc::bus::Bus;
 use ipc::instance::Instance;
 use ipc::wait::{self, Next};
 use ipc::{obstacles, service};
+use sources::PairSource;
+use sources::scene::Drive;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use support::{Bench, pid_of};
+use support::{Bench, pid_of, save_grey};
 use viewer::Viewer;
 
 /// The rate of the paper.
 const FPS: f64 = 12.5;
+
+/// Pairs that are recorded, and come again and again.
+const RECORDED: u64 = 40;
 
 /// What comes before this in a turn is not counted: viewers start, or their memory is given back.
 const SETTLE: Duration = Duration::from_secs(1);
@@ -30,6 +35,7 @@ struct Figures {
     seconds: f64,
     missed: u64,
     skipped: u64,
+    shared_bytes: u64,
 }
 
 impl Figures {
@@ -42,6 +48,28 @@ impl Figures {
 
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+/// The drive as the paper's cameras see it, drawn beforehand: what is measured is the daemon.
+fn record(bench: &Bench) {
+    let mut drive = Drive::paper(1);
+    let (mut left, mut right) = (vec![0; 640 * 480], vec![0; 640 * 480]);
+    for side in ["left", "right"] {
+        std::fs::create_dir_all(bench.path("drive").join(side)).expect("folders");
+    }
+    for index in 0..RECORDED {
+        drive.read(index + 40, &mut left, &mut right).expect("the drive never ends");
+        for (side, pixels) in [("left", &left), ("right", &right)] {
+            let path = bench.path("drive").join(side).join(format!("{index:06}.pgm"));
+            save_grey(&path, pixels, 640, 480);
+        }
+    }
+    let rig = drive.rig().expect("a scene has a rig");
+    let text = format!(
+        "focal_px = {:?}\nbaseline_m = {:?}\ncx_px = {:?}\ncy_px = {:?}\n",
+        rig.focal_px, rig.baseline_m, rig.cx_px, rig.cy_px
+    );
+    std::fs::write(bench.path("drive/rig.toml"), text).expect("the rig is written");
 }
 
 /// Frames that stages have dropped so far.
@@ -77,6 +105,7 @@ fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
     })
     .expect("the bus works");
     figures.seconds += time.as_secs_f64();
+    figures.shared_bytes = figures.shared_bytes.max(instance.shared_bytes());
 }
 
 #[test]
@@ -84,7 +113,12 @@ fn viewers_take_what_is_left_over() {
     let seconds = number("LOOKOUT_COST_SECONDS", 3);
     let rounds = number("LOOKOUT_COST_ROUNDS", 2);
     let bench = Bench::new();
-    bench.configure(&format!("[source]\nkind = \"scene\"\nseed = 1\nfps = {FPS}\n"));
+    record(&bench);
+    let source = bench.path("drive");
+    bench.configure(&format!(
+        "[source]\nkind = \"folder\"\npath = \"{}\"\nrepeat = true\nfps = {FPS}\n",
+        source.display()
+    ));
     let daemon = bench.start(&["run"]);
     let before = bench.status_when(|s| s["state"] == "running" && s["frames"].as_u64() > Some(5));
     let instance = Instance::new(&bench.instance, &bench.path("run"));
@@ -123,14 +157,16 @@ fn viewers_take_what_is_left_over() {
     let after = bench.status_when(|_| true);
     for (name, f) in [("without viewers", &off), ("two viewers", &on)] {
         println!(
-            "{name:<16} {:>6} frames in {:>4.0} s, p50 {:>6.1} ms, p90 {:>6.1} ms, p99 {:>6.1} ms, {} missing, {} skipped by stages",
+            "{name:<16} {:>6} frames in {:>4.0} s, p50 {:>6.1} ms, p90 {:>6.1} ms, p99 {:>6.1} ms, \
+             {} missing, {} skipped by stages, {:.1} MiB of shared memory",
             f.latency_ms.len(),
             f.seconds,
             f.percentile(0.5),
             f.percentile(0.9),
             f.percentile(0.99),
             f.missed,
-            f.skipped
+            f.skipped,
+            f.shared_bytes as f64 / (1 << 20) as f64
         );
     }
     let ratio = |share| on.percentile(share) / off.percentile(share);

@@ -3,16 +3,10 @@
 use crate::picture::Picture;
 use perception::road::histogram::{BINS_PER_PX, VDisparity};
 
-/// Draws counts in grey (by their logarithm), the road's profile in red. One column per bin of
+/// Draws counts in grey (by their logarithm), the road's profile in red, with a legend. One column per bin of
 /// 1/4 px, one row per image row.
 pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
-    let (width, height) = (histogram.bins(), histogram.height());
-    let shade = |count: u16| {
-        let v = (f32::from(count) + 1.0).log2() * 28.0;
-        [v.min(255.0) as u8; 3]
-    };
-    let pixels = (0..height).flat_map(|y| histogram.row(y).iter().map(|&c| shade(c)));
-    let mut picture = Picture::from_pixels(pixels, width, height);
+    let mut picture = counts(histogram);
     for (y, &road) in profile_px.iter().enumerate() {
         if road > 0.0 {
             let x = (road * BINS_PER_PX as f32) as usize;
@@ -23,6 +17,17 @@ pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
     }
     picture.text("disparity ->, red = road", 70, 4, [240, 240, 240]);
     picture
+}
+
+/// The counts alone.
+pub fn counts(histogram: &VDisparity) -> Picture {
+    let (width, height) = (histogram.bins(), histogram.height());
+    let shade = |count: u16| {
+        let v = (f32::from(count) + 1.0).log2() * 28.0;
+        [v.min(255.0) as u8; 3]
+    };
+    let pixels = (0..height).flat_map(|y| histogram.row(y).iter().map(|&c| shade(c)));
+    Picture::from_pixels(pixels, width, height)
 }
 
 #[cfg(test)]

@@ -117,7 +117,6 @@ pub struct Frame {
     line: FrameLine,
     images: Images,
     rig: Rig,
-    profile_px: Vec<f32>,
     parts: [OnceLock<Vec<u8>>; 4],
 }
 
@@ -151,7 +150,6 @@ impl Frame {
             },
             images,
             rig,
-            profile_px: road.profile_px.to_vec(),
             parts: [const { OnceLock::new() }; 4],
         }
     }
@@ -188,7 +186,7 @@ impl Frame {
         let Some(map) = self.map() else { return Vec::new() };
         let mut histogram = VDisparity::new(map.height(), self.line.disparities);
         histogram.fill(map);
-        picture(&v_disparity::draw(&histogram, &self.profile_px))
+        picture(&v_disparity::counts(&histogram))
     }
 
     fn points(&self) -> Vec<u8> {

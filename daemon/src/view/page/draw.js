@@ -22,6 +22,7 @@ function drawBoxes(frame) {
   view.setAttribute("viewBox", `0 0 ${frame.width} ${frame.height}`);
   view.dataset.sequence = frame.sequence;
   const scale = frame.width / Math.max(1, view.clientWidth || frame.width);
+  const labels = placeLabels(frame, scale);
   const boxes = [...frame.obstacles].sort((a, b) => b.distance_m - a.distance_m).map((o) => {
     const isCause = frame.alarm.level === "alarm" && frame.alarm.track === o.track;
     const group = svg("g", { class: `box${o.confirmed ? " confirmed" : ""}${isCause ? " cause" : ""}` });
@@ -31,12 +32,9 @@ function drawBoxes(frame) {
       ttc: o.time_to_collision_s === null ? "" : o.time_to_collision_s,
     });
     group.append(svg("rect", { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px }));
-    if (o.confirmed && o.width_px * 1 > 18 * scale) {
-      const soon = o.time_to_collision_s !== null && o.time_to_collision_s < 20;
-      const label = `${o.class === "obstacle" ? "" : o.class + " "}${o.distance_m.toFixed(1)} m` +
-        (soon ? ` · ${o.time_to_collision_s.toFixed(1)} s` : "");
-      const y = o.y_px > 16 * scale ? o.y_px - 4 * scale : o.y_px + o.height_px + 13 * scale;
-      const text = svg("text", { x: o.x_px, y }, label);
+    const label = labels.get(o.track);
+    if (label) {
+      const text = svg("text", { x: label.x, y: label.y }, label.text);
       text.style.fontSize = `${13 * scale}px`;
       text.style.strokeWidth = `${3 * scale}px`;
       group.append(text);
@@ -44,6 +42,23 @@ function drawBoxes(frame) {
     return group;
   });
   view.replaceChildren(...boxes);
+}
+
+// A label above each box, the nearest first; what would cover another is left to the table.
+function placeLabels(frame, scale) {
+  const placed = new Map();
+  for (const o of [...frame.obstacles].sort((a, b) => a.distance_m - b.distance_m)) {
+    if (!o.confirmed) continue;
+    const soon = o.time_to_collision_s !== null && o.time_to_collision_s < 20;
+    const text = `${o.class === "obstacle" ? "" : o.class + " "}${o.distance_m.toFixed(1)} m` +
+      (soon ? ` · ${o.time_to_collision_s.toFixed(1)} s` : "");
+    const width = text.length * 7.5 * scale;
+    const x = Math.max(0, Math.min(o.x_px, frame.width - width));
+    const y = o.y_px > 16 * scale ? o.y_px - 4 * scale : o.y_px + o.height_px + 13 * scale;
+    const covers = (b) => x < b.x + b.width && b.x < x + width && Math.abs(y - b.y) < 14 * scale;
+    if (![...placed.values()].some(covers)) placed.set(o.track, { text, x, y, width });
+  }
+  return placed;
 }
 
 function drawObstacles(frame) {

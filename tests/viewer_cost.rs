@@ -82,6 +82,18 @@ fn skipped(status: &serde_json::Value) -> u64 {
         .sum()
 }
 
+/// Processor time in milliseconds (clock ticks of 10 ms) and resident memory of its own in MiB of a process.
+fn spent(pid: u32) -> (f64, f64) {
+    let read = |name: &str| std::fs::read_to_string(format!("/proc/{pid}/{name}")).expect("it runs");
+    let stat = read("stat");
+    let fields: Vec<&str> = stat.rsplit_once(')').expect("a name").1.split_whitespace().collect();
+    let ticks: f64 = fields[11..13].iter().map(|f| f.parse::<f64>().expect("ticks")).sum();
+    let status = read("status");
+    let own = status.lines().find_map(|l| l.strip_prefix("RssAnon:")).expect("its memory");
+    let kib: f64 = own.trim().trim_end_matches(" kB").parse().expect("KiB");
+    (10.0 * ticks, kib / 1024.0)
+}
+
 /// Listens to the results for a while.
 fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
     let bus = Bus::join(instance).expect("the daemon is there");
@@ -124,6 +136,8 @@ fn viewers_take_what_is_left_over() {
     let instance = Instance::new(&bench.instance, &bench.path("run"));
     let (mut off, mut on) = (Figures::default(), Figures::default());
     let shown = [AtomicU64::new(0), AtomicU64::new(0)];
+    let mut viewer_ms = 0.0;
+    let mut viewer_mib: f64 = 0.0;
     for round in 0..2 * rounds {
         let with_viewers = round % 2 == 1;
         let figures = if with_viewers { &mut on } else { &mut off };
@@ -146,6 +160,11 @@ fn viewers_take_what_is_left_over() {
                 listen(&instance, Duration::from_secs(seconds), figures);
                 stop.store(true, Ordering::Relaxed);
             });
+            for viewer in &viewers {
+                let (ms, mib) = spent(viewer.pid());
+                viewer_ms += ms;
+                viewer_mib = viewer_mib.max(mib);
+            }
             let [first, second] = viewers;
             first.stop();
             second.stop();
@@ -171,7 +190,11 @@ fn viewers_take_what_is_left_over() {
     }
     let ratio = |share| on.percentile(share) / off.percentile(share);
     println!("ratio: p50 {:.2}, p90 {:.2}, p99 {:.2}", ratio(0.5), ratio(0.9), ratio(0.99));
-    println!("frames shown: {shown:?}");
+    let count: u64 = shown.iter().map(|count| count.load(Ordering::Relaxed)).sum();
+    println!(
+        "frames shown: {shown:?}; a viewer takes {:.1} ms of processor a frame with all parts, {viewer_mib:.1} MiB of its own",
+        viewer_ms / count.max(1) as f64
+    );
 
     // Whatever the machine has left: frames come out, pages see them, nobody dies and nothing is refused.
     for f in [&off, &on] {

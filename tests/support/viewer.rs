@@ -84,10 +84,15 @@ pub struct Client {
 }
 
 impl Client {
-    /// Asks for everything; gives the figures and the bytes of each part.
-    pub fn ask(&mut self) -> (Value, Vec<Vec<u8>>) {
+    /// Asks for everything, and leaves the answer where it is.
+    pub fn ask_only(&mut self) {
         let question = r#"{"want":["left","disparity","v_disparity","points"],"frames":true}"#;
         self.socket.send(Message::text(question)).expect("it takes a question");
+    }
+
+    /// Asks for everything; gives the figures and the bytes of each part.
+    pub fn ask(&mut self) -> (Value, Vec<Vec<u8>>) {
+        self.ask_only();
         let bytes = loop {
             match self.socket.read().expect("it answers") {
                 Message::Binary(bytes) => break bytes,

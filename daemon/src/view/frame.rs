@@ -6,7 +6,6 @@ use ipc::header::Header;
 use ipc::regions::{RegionRecord, Regions};
 use perception::point_cloud::{self, PointCloudParameters};
 use perception::rig::Rig;
-use perception::road::histogram::VDisparity;
 use perception::stereo::DisparityView;
 use serde::Serialize;
 use std::sync::OnceLock;
@@ -184,9 +183,7 @@ impl Frame {
 
     fn v_disparity(&self) -> Vec<u8> {
         let Some(map) = self.map() else { return Vec::new() };
-        let mut histogram = VDisparity::new(map.height(), self.line.disparities);
-        histogram.fill(map);
-        picture(&v_disparity::counts(&histogram))
+        picture(&v_disparity::of_map(map, self.line.disparities))
     }
 
     fn points(&self) -> Vec<u8> {

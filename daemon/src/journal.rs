@@ -75,7 +75,11 @@ fn key(name: &str) -> String {
 
 /// `KEY=value`; with a line break in it, the key, the length and the value.
 fn put(entry: &mut Vec<u8>, key: &str, value: &str) {
-    let value = &value[..value.floor_char_boundary(GREATEST_MESSAGE)];
+    let mut end = value.len().min(GREATEST_MESSAGE);
+    while !value.is_char_boundary(end) {
+        end -= 1;
+    }
+    let value = &value[..end];
     entry.extend_from_slice(key.as_bytes());
     if value.contains('\n') {
         entry.push(b'\n');

@@ -14,6 +14,7 @@ pub mod clock;
 pub mod command;
 pub mod depth;
 pub mod header;
+pub mod idle;
 pub mod instance;
 pub mod obstacles;
 pub mod pair;

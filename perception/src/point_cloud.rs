@@ -193,7 +193,7 @@ mod tests {
         let column = 200.0_f32;
         let veil = |p: &&Point| {
             let u = p[0] * RIG.focal_px as f32 / p[2] + RIG.cx_px as f32;
-            (u - column).abs() < 0.01 && p[1] < 0.8 && p[2] > 13.0 && p[2] < 25.0
+            (u - column).abs() < 0.01 && p[1] < 1.4 && p[2] > 13.0 && p[2] < 25.0
         };
         let kept = points.iter().filter(veil).count();
         let all = PointCloudParameters { neighbours_min: 0, ..PointCloudParameters::default() };

@@ -81,6 +81,9 @@ fn invitation(address: SocketAddr, name: &str, token: Option<&str>) -> String {
 
 /// Takes the last place for the processor, and the first when memory runs out.
 fn yield_to_the_daemon() {
+    if let Err(error) = ipc::idle::run_when_idle() {
+        tracing::warn!(%error, "does not wait until the processor is idle");
+    }
     if let Err(error) = rustix::process::nice(NICE) {
         tracing::warn!(%error, "runs at normal priority");
     }

@@ -2,6 +2,8 @@
 
 mod support;
 
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
 use support::{Bench, json, lines, shared_data};
 
 #[test]
@@ -48,6 +50,28 @@ fn the_status_shows_every_process() {
     }
     daemon.signal("TERM");
     assert!(daemon.wait().status.success());
+}
+
+#[test]
+fn watching_prints_a_line_each_second_until_the_daemon_ends() {
+    let bench = Bench::new();
+    bench.configure("[source]\nkind = \"scene\"\n");
+    let daemon = bench.start(&["run"]);
+    bench.status_when(|s| s["state"] == "running");
+    let watch = bench.command(&["status", "--watch"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    let mut watch = watch.unwrap();
+    let mut lines = BufReader::new(watch.stdout.take().unwrap()).lines();
+    for _ in 0..2 {
+        let line = lines.next().unwrap().unwrap();
+        assert!(line.contains(": running") && line.contains(" fps, p50 "), "{line}");
+        // No terminal, no control characters.
+        assert!(!line.contains('\x1b') && line.to_lowercase().contains("alarm"), "{line}");
+    }
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+    // The line of a daemon that is stopping may follow; then it ends well, too.
+    assert!(lines.all(|line| !line.unwrap().is_empty()));
+    assert!(watch.wait_with_output().unwrap().status.success());
 }
 
 #[test]
@@ -160,7 +184,9 @@ fn help_has_examples() {
         "run",
         "replay",
         "status",
+        "view",
         "disparity",
+        "point-cloud",
         "obstacles",
         "train",
         "detect",

@@ -24,6 +24,7 @@ use tools::evaluate::disturb::Disturbance;
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          what the running daemon is doing
+  lookout view                                    the same in a browser, with pictures
 
 Exit code: 0 on success, 2 for bad usage, 1 for everything else."
 )]
@@ -78,6 +79,12 @@ debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings m
   lookout status --watch
   lookout status --json")]
     Status(Status),
+    /// A running daemon in a browser: pictures, bird's-eye view, figures over time
+    #[command(after_help = crate::cli_view::VIEW_HELP)]
+    View(crate::cli_view::View),
+    /// One pair to a cloud of points
+    #[command(after_help = crate::cli_view::POINT_CLOUD_HELP)]
+    PointCloud(crate::cli_view::PointCloudCommand),
     /// Dense disparity of one pair
     #[command(after_help = "Examples:
   lookout disparity left.png right.png -o disparity.png
@@ -237,7 +244,8 @@ pub struct Replay {
 pub struct Status {
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Print again every second until Ctrl-C, or until the daemon ends
+    /// Show it every second until Ctrl-C, or until the daemon ends: a screen of its own on a terminal,
+    /// a line each time elsewhere
     #[arg(long)]
     pub watch: bool,
     /// Print as JSON, one document (with --watch: one a line)

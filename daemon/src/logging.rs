@@ -1,5 +1,7 @@
-//! Log lines: readable on a terminal, with priorities under systemd.
+//! Log lines: readable on a terminal; under systemd entries of the journal with fields, or lines with
+//! priorities where only standard error goes there.
 
+use crate::journal::Journal;
 use std::fmt;
 use std::io::IsTerminal;
 use std::sync::OnceLock;
@@ -34,9 +36,18 @@ pub fn set_level(level: &str) {
 /// `info`, `debug` and `trace`.
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
+    ipc::bus::set_library_log_level();
+    let (filter, handle) = reload::Layer::new(filter);
+    if let Some(journal) = Journal::open(process) {
+        let subscriber = tracing_subscriber::registry().with(filter).with(journal);
+        // Fails only when logging was started before.
+        if tracing::subscriber::set_global_default(subscriber).is_ok() {
+            let _ = LEVEL.set(handle);
+        }
+        return;
+    }
     let journal = std::env::var_os("JOURNAL_STREAM").is_some();
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let (filter, handle) = reload::Layer::new(filter);
     let lines = tracing_subscriber::fmt::layer()
         .with_ansi(colour)
         .with_writer(std::io::stderr)
@@ -46,7 +57,6 @@ pub fn start(process: &'static str, level: &str) {
     if tracing::subscriber::set_global_default(subscriber).is_ok() {
         let _ = LEVEL.set(handle);
     }
-    ipc::bus::set_library_log_level();
 }
 
 impl<S, N> FormatEvent<S, N> for Lines
@@ -74,7 +84,7 @@ where
 }
 
 /// The priority of sd-daemon(3).
-fn priority(level: Level) -> u8 {
+pub fn priority(level: Level) -> u8 {
     match level {
         Level::ERROR => 3,
         Level::WARN => 4,

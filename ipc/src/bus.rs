@@ -178,3 +178,9 @@ fn service_name(spec: &ServiceSpec) -> Result<ServiceName, IpcError> {
 pub fn set_library_log_level() {
     set_log_level(LogLevel::Warn);
 }
+
+/// Quietens it further, for a reader that outlives the daemon's runs: that what it holds of a run has been
+/// removed with the run is no news to it.
+pub fn set_library_log_level_of_reader() {
+    set_log_level(LogLevel::Error);
+}

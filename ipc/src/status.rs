@@ -3,6 +3,7 @@
 use crate::calibration::CalibrationRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
+use crate::rig::RigRecord;
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
 
@@ -70,6 +71,8 @@ pub struct StatusRecord {
     pub calibration: CalibrationRecord,
     /// How hot the board is, and how fast its clocks run.
     pub heat: HeatRecord,
+    /// What the frames are, and what turns their disparities into metres.
+    pub rig: RigRecord,
     /// Why the daemon is in its state, in words.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].

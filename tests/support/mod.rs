@@ -53,7 +53,15 @@ impl Bench {
         command.args(args).current_dir(self.folder.path());
         if matches!(
             args[0],
-            "run" | "replay" | "demo" | "status" | "obstacles" | "disparity" | "restore-clocks"
+            "run"
+                | "replay"
+                | "demo"
+                | "status"
+                | "view"
+                | "obstacles"
+                | "disparity"
+                | "point-cloud"
+                | "restore-clocks"
         ) {
             command.arg("-c").arg(self.path("car.toml"));
         }

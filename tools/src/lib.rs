@@ -8,6 +8,7 @@ pub mod output;
 pub mod overlay;
 pub mod picture;
 pub mod plot;
+pub mod ply;
 pub mod record;
 pub mod summary;
 pub mod train;

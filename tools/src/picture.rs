@@ -64,6 +64,11 @@ impl Picture {
         self.height
     }
 
+    /// Red, green and blue of every pixel, row after row.
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.data
+    }
+
     /// The colour of a pixel inside the picture.
     pub fn at(&self, x: usize, y: usize) -> Colour {
         let i = 3 * (y * self.width + x);

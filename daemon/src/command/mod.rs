@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod check_config;
+mod dashboard;
 mod demo;
 mod detect;
 mod disparity;
@@ -11,14 +12,16 @@ mod evaluate_distance;
 mod evaluate_weather;
 mod manual;
 mod obstacles;
+mod point_cloud;
 mod rectify;
 mod replay;
 mod restore_clocks;
 mod run;
 mod scene_run;
-mod status;
+pub mod status;
 mod status_heat;
 mod train;
+mod view;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
@@ -106,6 +109,8 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Replay(args) => replay::run(&args, log),
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
+        Command::View(args) => view::run(&args, log),
+        Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
         Command::Calibrate(args) => calibrate::run(&args),

@@ -8,11 +8,11 @@ use perception::rig::Rig;
 use sources::{PairSource, SourceError, calibration_file};
 
 /// One pair that is already in memory.
-struct OnePair {
-    left: Vec<u8>,
-    right: Vec<u8>,
-    size: (usize, usize),
-    rig: Rig,
+pub(super) struct OnePair {
+    pub left: Vec<u8>,
+    pub right: Vec<u8>,
+    pub size: (usize, usize),
+    pub rig: Rig,
 }
 
 impl PairSource for OnePair {

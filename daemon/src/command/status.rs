@@ -1,6 +1,7 @@
 //! `lookout status`.
 
 use super::status_heat::HeatJson;
+use super::dashboard::Dashboard;
 use super::{CommandError, load, say};
 use crate::cli::Status;
 use crate::frame_record::ALARM_LEVELS;
@@ -13,7 +14,6 @@ use ipc::wait::{self, Next};
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fmt::Write;
-use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -45,18 +45,17 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let bus = Bus::join(&instance)?;
     let statuses = bus.subscriber(&service::STATUS)?;
     let mut heard = Instant::now();
+    let mut dashboard = (args.watch && !args.json).then(|| Dashboard::open(instance.name()));
     let (mut shown, mut ended) = (false, false);
     wait::run::<CommandError>(&[&statuses], || {
         while let Some(sample) = statuses.receive()? {
             let Ok(status) = status::view(sample.header(), sample.payload()) else { continue };
             heard = Instant::now();
-            match (args.json, args.watch) {
-                (true, true) => say(serde_json::to_string(&StatusJson::new(&status))?)?,
-                (true, false) => say(serde_json::to_string_pretty(&StatusJson::new(&status))?)?,
-                (false, watch) => {
-                    let clear = if watch && std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
-                    say(format_args!("{clear}{}", table(instance.name(), &status)))?;
-                }
+            match (&mut dashboard, args.json, args.watch) {
+                (Some(dashboard), ..) => dashboard.show(&status)?,
+                (None, true, true) => say(serde_json::to_string(&StatusJson::new(&status))?)?,
+                (None, true, false) => say(serde_json::to_string_pretty(&StatusJson::new(&status))?)?,
+                (None, false, _) => say(table(instance.name(), &status))?,
             }
             shown = true;
             if !args.watch {
@@ -72,6 +71,8 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
         }
         Ok(Next::Wait(Duration::from_millis(200)))
     })?;
+    // Gives the terminal back.
+    drop(dashboard);
     match (shown, ended) {
         (true, true) => {
             eprintln!("lookout: the daemon has ended");
@@ -82,8 +83,9 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     }
 }
 
+/// The status as programs read it.
 #[derive(Serialize)]
-struct StatusJson {
+pub struct StatusJson {
     pid: u32,
     state: &'static str,
     reason: String,
@@ -132,7 +134,8 @@ struct ProcessJson {
 }
 
 impl StatusJson {
-    fn new(status: &StatusRecord) -> Self {
+    /// That of a message.
+    pub fn new(status: &StatusRecord) -> Self {
         Self {
             pid: status.pid,
             state: status.state_name(),

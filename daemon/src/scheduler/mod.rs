@@ -5,6 +5,7 @@ pub mod children;
 pub mod clocks;
 pub mod collector;
 pub mod cores;
+mod figures;
 pub mod flow;
 pub mod heat;
 mod notify;

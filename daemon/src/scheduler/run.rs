@@ -4,6 +4,7 @@ use super::board::Board;
 use super::children::Children;
 use super::collector::Collector;
 use super::cores::CorePlan;
+use super::figures::MinuteFigures;
 use super::flow::{DRAIN_NS, Flow};
 use super::notify::Notify;
 use super::supervisor::{Action, Supervisor, SupervisorParameters};
@@ -22,6 +23,7 @@ use ipc::instance::{Instance, InstanceLock};
 use ipc::obstacles::Obstacles;
 use ipc::port::{Publisher, Subscriber};
 use ipc::report::{Health, ReportRecord};
+use ipc::rig::RigRecord;
 use ipc::role::Role;
 use ipc::status::StatusRecord;
 use ipc::wait::Next;
@@ -83,6 +85,7 @@ pub struct Run {
     stale_after_ns: u64,
     shared_bytes: u64,
     last_result: Option<LastResult>,
+    figures: MinuteFigures,
     // Last, in this order: the ports go before the bus, the bus before what it lives in.
     commands: Publisher,
     statuses: Publisher,
@@ -211,6 +214,7 @@ impl Run {
             stale_after_ns: patience_ns,
             shared_bytes: 0,
             last_result: None,
+            figures: MinuteFigures::default(),
             options: options.clone(),
             launch,
             plan,
@@ -265,6 +269,7 @@ impl Run {
             self.statuses.send_record(Header::new(Kind::Status), &status)?;
             self.notify_status(&status, now);
             watch(&status);
+            self.figures.tick(&status);
         } else {
             // Late comers get the last one.
             self.statuses.refresh()?;
@@ -452,6 +457,7 @@ impl Run {
         let mut status = StatusRecord::empty();
         status.calibration = self.collector.calibration();
         status.heat = self.board.record();
+        status.rig = self.rig_record();
         // The first counts.
         let fault = self.board.fault().or_else(|| {
             let is_off = status.calibration.state() == CalibrationState::Degraded;
@@ -486,6 +492,21 @@ impl Run {
             status.processes += 1;
         }
         status
+    }
+
+    fn rig_record(&self) -> RigRecord {
+        let f = &self.launch.frames;
+        RigRecord {
+            width: f.width as u32,
+            height: f.height as u32,
+            disparities: u32::try_from(self.launch.config.stereo.disparities).unwrap_or(0),
+            lockstep: u32::from(self.options.lockstep),
+            focal_px: f.focal_px,
+            baseline_m: f.baseline_m,
+            cx_px: f.cx_px,
+            cy_px: f.cy_px,
+            period_ns: self.flow.command().period_ns,
+        }
     }
 
     /// The figures of the run, once all stages have ended.

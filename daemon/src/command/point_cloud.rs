@@ -1,0 +1,122 @@
+//! `lookout point-cloud`.
+
+use super::disparity::read_pair;
+use super::obstacles::OnePair;
+use super::{CommandError, load, say};
+use crate::cli_view::{PointCloudCommand, PointColour};
+use crate::in_process::Pipeline;
+use perception::point_cloud::{self, Point, PointCloudParameters};
+use perception::rig::Rig;
+use perception::stereo::DisparityView;
+use serde_json::json;
+use sources::calibration_file;
+use tools::colour::rainbow;
+use tools::picture::Colour;
+use tools::ply;
+use tools::record::{RoadLine, tidy};
+
+/// Heights up to this are told apart by colour, in metres.
+const HEIGHT_SPAN_M: f64 = 3.0;
+
+/// Nearer points are as red as this one, in metres.
+const NEAREST_M: f64 = 2.0;
+
+pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "point-cloud", Some("warn"))?;
+    let rig_path = args.rig.as_ref().unwrap_or(&config.source.rig);
+    if rig_path.as_os_str().is_empty() {
+        return Err(CommandError::Other(
+            "points need a rig: give --rig with a KITTI calib.txt or a TOML file with focal_px, \
+             baseline_m, cx_px and cy_px"
+                .into(),
+        ));
+    }
+    let rig = calibration_file::read(rig_path, true)?;
+    let (left, right, width, height) = read_pair(&args.left, &args.right)?;
+    let source = OnePair { left, right, size: (width, height), rig };
+    let mut pipeline = Pipeline::new(&config, Box::new(source), rig)
+        .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
+    let result = pipeline.frame(0, 0)?;
+    let images = result.images;
+    let map = DisparityView::new(images.disparity, images.width, images.height)
+        .ok_or_else(|| CommandError::Other(format!("{}: no disparity", args.left.display())))?;
+    let parameters = PointCloudParameters {
+        every: args.every as usize,
+        distance_max_m: args.distance_max,
+        neighbours_min: args.neighbours as usize,
+        ..PointCloudParameters::default()
+    };
+    let mut points = Vec::new();
+    let tally = point_cloud::fill(map, images.left, &rig, &parameters, &mut points);
+    if points.is_empty() {
+        return Err(CommandError::Other(format!(
+            "{}: no point is left: {} pixels without disparity, {} beyond --distance-max {} m, {} outliers",
+            args.left.display(),
+            tally.unknown,
+            tally.far,
+            args.distance_max,
+            tally.outliers
+        )));
+    }
+    let road = result.record.road;
+    let colour = |point: &Point| match args.color {
+        PointColour::Grey => [point[3] as u8; 3],
+        PointColour::Height => height_colour(point, road, &rig),
+        PointColour::Distance => rainbow(((NEAREST_M / f64::from(point[2]).max(NEAREST_M)) as f32).sqrt()),
+    };
+    ply::save(&args.out, &points, colour).map_err(|e| CommandError::Other(e.to_string()))?;
+    if args.json {
+        return say(serde_json::to_string_pretty(&json!({
+            "points": tally.points,
+            "unknown": tally.unknown,
+            "far": tally.far,
+            "outliers": tally.outliers,
+            "road_seen": road.is_some(),
+            "camera_height_m": road.map(|r| tidy(r.camera_height_m)),
+        }))?);
+    }
+    let no_road = match (args.color, road) {
+        (PointColour::Height, None) => "; no road was seen: heights are not told apart",
+        _ => "",
+    };
+    say(format_args!(
+        "{}: {} points; left out: {} without disparity, {} farther than {} m, {} outliers{no_road}",
+        args.out.display(),
+        tally.points,
+        tally.unknown,
+        tally.far,
+        args.distance_max,
+        tally.outliers
+    ))
+}
+
+/// Blue on the road, red at [`HEIGHT_SPAN_M`] above it; the grey level without a road.
+fn height_colour(point: &Point, road: Option<RoadLine>, rig: &Rig) -> Colour {
+    let Some(road) = road else { return [point[3] as u8; 3] };
+    rainbow((height_m(point, road, rig) / HEIGHT_SPAN_M) as f32)
+}
+
+/// Height of a point above the road's plane.
+fn height_m(point: &Point, road: RoadLine, rig: &Rig) -> f64 {
+    // The plane passes below the camera and through the horizon.
+    let tilt = (road.horizon_px - rig.cy_px) / rig.focal_px;
+    road.camera_height_m + tilt * f64::from(point[2]) - f64::from(point[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_are_above_the_road_wherever_the_horizon_is() {
+        let rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 320.0, cy_px: 240.0 };
+        let road = RoadLine { camera_height_m: 1.5, horizon_px: 230.0, confidence: 1.0 };
+        // A point of the road at 20 m: 20 px above the principal point's row would be its horizon.
+        let on_road = [0.0, 1.5 - 10.0 / 500.0 * 20.0, 20.0, 0.0];
+        assert!(height_m(&on_road, road, &rig).abs() < 1e-6);
+        assert_eq!(height_colour(&on_road, Some(road), &rig), rainbow(0.0));
+        let above = [0.0, on_road[1] - 3.0, 20.0, 0.0];
+        assert_eq!(height_colour(&above, Some(road), &rig), rainbow(1.0));
+        assert_eq!(height_colour(&[0.0, 0.0, 5.0, 88.0], None, &rig), [88; 3]);
+    }
+}

@@ -1,0 +1,280 @@
+//! One whole frame as the page shows it. Pictures are encoded when they are first asked for.
+
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use ipc::header::Header;
+use ipc::regions::{RegionRecord, Regions};
+use perception::point_cloud::{self, PointCloudParameters};
+use perception::rig::Rig;
+use perception::stereo::DisparityView;
+use serde::Serialize;
+use std::sync::OnceLock;
+use tools::picture::Picture;
+use tools::record::{FrameRecord, tidy};
+use tools::{colour, v_disparity};
+
+/// Quality of the pictures, of 100.
+const QUALITY: u8 = 75;
+
+/// About as many points are shown.
+const POINTS: usize = 6000;
+
+/// Points farther than this are not shown.
+const POINTS_DISTANCE_MAX_M: f64 = 60.0;
+
+/// Rows from one point of the road's path to the next.
+const PROFILE_STEP: usize = 4;
+
+/// The disparity is shown in half its size, in pictures at least this wide.
+const HALVED_WIDTH: usize = 400;
+
+/// What a client may ask for besides the figures of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The left image: JPEG.
+    Left,
+    /// The disparity in colour: JPEG.
+    Disparity,
+    /// The v-disparity histogram: JPEG, a column for each 1/4 px.
+    VDisparity,
+    /// Points: 8 bytes each: x, y, z in centimetres (i16, little-endian), grey (u8), 0.
+    Points,
+}
+
+impl Part {
+    /// All parts.
+    pub const ALL: [Part; 4] = [Part::Left, Part::Disparity, Part::VDisparity, Part::Points];
+
+    /// Its name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Part::Left => "left",
+            Part::Disparity => "disparity",
+            Part::VDisparity => "v_disparity",
+            Part::Points => "points",
+        }
+    }
+}
+
+/// A region, before it was tracked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct RegionLine {
+    x_px: u32,
+    y_px: u32,
+    width_px: u32,
+    height_px: u32,
+    distance_m: f64,
+    lateral_m: f64,
+    width_m: f64,
+}
+
+impl RegionLine {
+    fn new(region: &RegionRecord) -> Self {
+        let [x_px, y_px, width_px, height_px] = region.bounds;
+        let (distance_m, lateral_m, width_m) =
+            (tidy(region.distance_m), tidy(region.lateral_m), tidy(region.width_m));
+        Self { x_px, y_px, width_px, height_px, distance_m, lateral_m, width_m }
+    }
+}
+
+/// The figures of a frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameLine {
+    /// What `obstacles.jsonl` says of it.
+    #[serde(flatten)]
+    record: FrameRecord,
+    width: usize,
+    height: usize,
+    /// Disparities that are searched: the right end of the v-disparity, and red in the disparity.
+    disparities: usize,
+    focal_px: f64,
+    baseline_m: f64,
+    cx_px: f64,
+    /// Capture to obstacles.
+    latency_ms: f64,
+    /// Work of each stage.
+    stage_ms: [f64; 4],
+    /// Slope of the road: rows from the principal point to the horizon, by the focal length.
+    road_tilt: Option<f64>,
+    /// (row, disparity of the road in px), from the top down.
+    profile: Vec<(usize, f32)>,
+    regions: Vec<RegionLine>,
+}
+
+/// The images of a frame, as they were in shared memory.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Images {
+    /// The left image.
+    pub left: Vec<u8>,
+    /// In 1/256 px, 0 = unknown.
+    pub disparity: Vec<u16>,
+}
+
+/// One frame.
+#[derive(Debug)]
+pub struct Frame {
+    line: FrameLine,
+    images: Images,
+    rig: Rig,
+    parts: [OnceLock<Vec<u8>>; 4],
+}
+
+impl Frame {
+    /// Joins what belongs together. The sizes have been checked by the messages' own checks.
+    pub fn new(
+        header: &Header,
+        record: FrameRecord,
+        images: Images,
+        road: &Regions<'_>,
+        rig: Rig,
+        disparities: usize,
+    ) -> Self {
+        let ms = |from: u64, to: u64| tidy(to.saturating_sub(from) as f64 * 1e-6);
+        let profile = road.profile_px.iter().enumerate().filter(|(_, d)| **d > 0.0);
+        let tilt = record.road.map(|r| tidy((r.horizon_px - rig.cy_px) / rig.focal_px));
+        Self {
+            line: FrameLine {
+                width: header.width as usize,
+                height: header.height as usize,
+                disparities: disparities.max(1),
+                focal_px: rig.focal_px,
+                baseline_m: rig.baseline_m,
+                cx_px: rig.cx_px,
+                latency_ms: ms(header.capture_ns, header.stamps[3].end_ns),
+                stage_ms: header.stamps.map(|s| ms(s.begin_ns, s.end_ns)),
+                road_tilt: tilt,
+                profile: profile.step_by(PROFILE_STEP).map(|(y, &d)| (y, d)).collect(),
+                regions: road.regions.iter().map(RegionLine::new).collect(),
+                record,
+            },
+            images,
+            rig,
+            parts: [const { OnceLock::new() }; 4],
+        }
+    }
+
+    /// Its figures.
+    pub fn line(&self) -> &FrameLine {
+        &self.line
+    }
+
+    /// A part; made once, for all clients.
+    pub fn part(&self, part: Part) -> &[u8] {
+        self.parts[part as usize].get_or_init(|| match part {
+            Part::Left => jpeg(&self.images.left, self.line.width, self.line.height, ExtendedColorType::L8),
+            Part::Disparity => self.disparity(),
+            Part::VDisparity => self.v_disparity(),
+            Part::Points => self.points(),
+        })
+    }
+
+    fn map(&self) -> Option<DisparityView<'_>> {
+        DisparityView::new(&self.images.disparity, self.line.width, self.line.height)
+    }
+
+    fn disparity(&self) -> Vec<u8> {
+        let Some(map) = self.map() else { return Vec::new() };
+        let step = if map.width() >= HALVED_WIDTH { 2 } else { 1 };
+        let rows = (0..map.height()).step_by(step);
+        let small: Vec<u16> = rows.flat_map(|y| map.row(y).iter().step_by(step).copied()).collect();
+        let (width, height) = (map.width().div_ceil(step), map.height().div_ceil(step));
+        picture(&colour::disparity(&small, width, height, self.line.disparities as f32))
+    }
+
+    fn v_disparity(&self) -> Vec<u8> {
+        let Some(map) = self.map() else { return Vec::new() };
+        let counts = v_disparity::of_map(map, self.line.disparities);
+        // Grey, and a third of the work so.
+        let grey: Vec<u8> = counts.as_bytes().iter().step_by(3).copied().collect();
+        jpeg(&grey, counts.width(), counts.height(), ExtendedColorType::L8)
+    }
+
+    fn points(&self) -> Vec<u8> {
+        let Some(map) = self.map() else { return Vec::new() };
+        let every = ((map.as_slice().len() as f64 / POINTS as f64).sqrt() as usize).max(1);
+        let parameters = PointCloudParameters {
+            every,
+            distance_max_m: POINTS_DISTANCE_MAX_M,
+            ..PointCloudParameters::default()
+        };
+        let mut points = Vec::new();
+        point_cloud::fill(map, &self.images.left, &self.rig, &parameters, &mut points);
+        let cm = |metres: f32| ((metres * 100.0).round() as i16).to_le_bytes();
+        let bytes = |[x, y, z, grey]: [f32; 4]| {
+            let (x, y, z) = (cm(x), cm(y), cm(z));
+            [x[0], x[1], y[0], y[1], z[0], z[1], grey as u8, 0]
+        };
+        points.into_iter().flat_map(bytes).collect()
+    }
+}
+
+fn picture(picture: &Picture) -> Vec<u8> {
+    jpeg(picture.as_bytes(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
+}
+
+/// Encodes a picture; empty when it has no size that JPEG knows.
+fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(pixels.len() / 8);
+    let done = JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
+        pixels,
+        width as u32,
+        height as u32,
+        colour,
+    );
+    match done {
+        Ok(()) => bytes,
+        Err(error) => {
+            tracing::debug!(%error, "a picture cannot be encoded");
+            Vec::new()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ipc::header::Kind;
+    use ipc::regions::{self, RoadRecord, Writer};
+
+    const RIG: Rig = Rig { focal_px: 400.0, baseline_m: 0.2, cx_px: 32.0, cy_px: 16.0 };
+
+    fn frame() -> Frame {
+        let mut header = Header::new(Kind::Regions);
+        (header.width, header.height, header.sequence) = (64, 48, 5);
+        let profile: Vec<f32> = (0..48).map(|y| if y > 20 { y as f32 / 4.0 } else { 0.0 }).collect();
+        let mut memory = vec![0_u64; 4096];
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let bytes = Writer::new(payload, RoadRecord::default(), &profile, &[0.0; 8], 0).unwrap().bytes();
+        let road = regions::view(&header, &payload[..bytes]).unwrap();
+        let images = Images { left: vec![77; 64 * 48], disparity: vec![4 * 256; 64 * 48] };
+        let record = FrameRecord { sequence: 5, ..FrameRecord::default() };
+        Frame::new(&header, record, images, &road, RIG, 16)
+    }
+
+    #[test]
+    fn parts_are_what_their_names_say() {
+        let frame = frame();
+        let open = |part| image::load_from_memory(frame.part(part)).unwrap();
+        let left = open(Part::Left).into_luma8();
+        assert_eq!((left.width(), left.height()), (64, 48));
+        assert!(left.pixels().all(|p| p[0].abs_diff(77) < 3));
+        assert_eq!(open(Part::Disparity).color(), image::ColorType::Rgb8);
+        let histogram = open(Part::VDisparity);
+        assert_eq!((histogram.width(), histogram.height()), (64, 48));
+        // 400 px × 0.2 m ÷ 4 px = 20 m.
+        let points = frame.part(Part::Points);
+        assert!(!points.is_empty() && points.len().is_multiple_of(8));
+        for point in points.chunks_exact(8) {
+            assert_eq!((i16::from_le_bytes([point[4], point[5]]), point[6]), (2000, 77));
+        }
+        assert!(std::ptr::eq(frame.part(Part::Left), frame.part(Part::Left)), "made once");
+    }
+
+    #[test]
+    fn figures_are_flat_json() {
+        let line = serde_json::to_value(frame().line()).unwrap();
+        assert_eq!((&line["sequence"], &line["width"]), (&5.into(), &64.into()));
+        assert_eq!(line["profile"][0], serde_json::json!([21, 5.25]));
+        assert!(line["obstacles"].is_array() && line["regions"].is_array() && line["alarm"].is_object());
+    }
+}

@@ -1,0 +1,172 @@
+//! The last minutes, second by second: what the charts show to one who comes late, too.
+
+use super::board::{Reading, Readings};
+use ipc::header::Header;
+use ipc::role::Role;
+use ipc::status::StatusRecord;
+use serde::Serialize;
+use std::collections::VecDeque;
+
+/// Seconds that are kept.
+const KEPT: usize = 300;
+
+/// One second. Times are in milliseconds, processes in the order of [`Role::STAGES`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sample {
+    /// Its number, growing by one.
+    pub number: u64,
+    /// Seconds since 1970.
+    pub time_s: f64,
+    /// Frames per second out of the last stage; `None` when it did not run.
+    pub rate_hz: Option<f32>,
+    /// Mean of capture to obstacles, over the frames that were seen; `None` when there was none.
+    pub latency_ms: Option<f64>,
+    /// The longest of these.
+    pub latency_worst_ms: Option<f64>,
+    /// Mean work of each stage.
+    pub stage_ms: Option<[f64; 4]>,
+    /// Frames that newer ones overtook, in all stages, in this second.
+    pub dropped: u64,
+    /// Processor time of all processes, in percent of one core.
+    pub cpu_percent: f32,
+    /// `starting`, `running`, `degraded` or `stopping`.
+    pub state: &'static str,
+    /// `off`, `unknown`, `good` or `degraded`.
+    pub calibration: &'static str,
+    /// Temperatures, in degrees Celsius.
+    pub temperatures: Vec<Reading>,
+    /// Clocks, in hertz.
+    pub clocks: Vec<Reading>,
+}
+
+/// Gathers frames into seconds.
+#[derive(Clone, Debug, Default)]
+pub struct History {
+    samples: VecDeque<Sample>,
+    next: u64,
+    frames: u32,
+    latency_ms: f64,
+    latency_worst_ms: f64,
+    stage_ms: [f64; 4],
+    dropped: Option<u64>,
+}
+
+impl History {
+    /// Takes in the times of a frame that came out at the end.
+    pub fn frame(&mut self, header: &Header) {
+        let ms = |from: u64, to: u64| to.saturating_sub(from) as f64 * 1e-6;
+        let latency_ms = ms(header.capture_ns, header.stamps[3].end_ns);
+        self.frames += 1;
+        self.latency_ms += latency_ms;
+        self.latency_worst_ms = self.latency_worst_ms.max(latency_ms);
+        for (sum, stamp) in self.stage_ms.iter_mut().zip(&header.stamps) {
+            *sum += ms(stamp.begin_ns, stamp.end_ns);
+        }
+    }
+
+    /// Ends a second with the daemon's status.
+    pub fn second(&mut self, status: &StatusRecord, board: Readings, time_s: f64) {
+        let is_stage = |role: &Role| Role::STAGES.contains(role);
+        let dropped: u64 = status.processes().filter(|(r, _)| is_stage(r)).map(|(_, p)| p.skipped).sum();
+        let last = status.processes().find(|(role, _)| *role == Role::Recognition);
+        let count = f64::from(self.frames);
+        let mean = |sum: f64| (self.frames > 0).then(|| sum / count);
+        let sample = Sample {
+            number: self.next,
+            time_s,
+            rate_hz: last.map(|(_, p)| p.rate_hz),
+            latency_ms: mean(self.latency_ms),
+            latency_worst_ms: mean(self.latency_worst_ms * count),
+            stage_ms: (self.frames > 0).then(|| self.stage_ms.map(|sum| sum / count)),
+            // A daemon that was restarted counts from zero.
+            dropped: self.dropped.map_or(0, |before| dropped.saturating_sub(before)),
+            cpu_percent: status.processes().map(|(_, p)| p.cpu_percent).sum(),
+            state: status.state_name(),
+            calibration: status.calibration.state().name(),
+            temperatures: board.temperatures,
+            clocks: board.clocks,
+        };
+        let before = std::mem::take(self);
+        *self = Self {
+            samples: before.samples,
+            next: before.next + 1,
+            dropped: Some(dropped),
+            ..Self::default()
+        };
+        if self.samples.len() == KEPT {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(sample);
+    }
+
+    /// The daemon is gone: what comes next is another's.
+    pub fn daemon_gone(&mut self) {
+        self.dropped = None;
+    }
+
+    /// The seconds from number `from` on.
+    pub fn since(&self, from: u64) -> Vec<Sample> {
+        self.samples.iter().filter(|s| s.number >= from).cloned().collect()
+    }
+
+    /// The number of the second that comes next.
+    pub fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// The last second.
+    pub fn last(&self) -> Option<&Sample> {
+        self.samples.back()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ipc::header::{Kind, Stamp};
+    use ipc::status::ProcessRecord;
+
+    fn status(skipped: u64) -> StatusRecord {
+        let mut status = StatusRecord::empty();
+        (status.state, status.processes) = (1, 2);
+        let process = status.process[0];
+        let of = |role: Role| ProcessRecord { role: role as u32, cpu_percent: 20.0, skipped, ..process };
+        (status.process[0], status.process[1]) = (of(Role::Stereo), of(Role::Recognition));
+        status.process[1].rate_hz = 12.5;
+        status
+    }
+
+    #[test]
+    fn seconds_are_means_of_their_frames() {
+        let mut history = History::default();
+        for latency_ms in [20, 40] {
+            let end_ns = 1_000_000 * (100 + latency_ms);
+            let stamp = Stamp { begin_ns: end_ns - 5_000_000, end_ns };
+            let mut header = Header::new(Kind::Obstacles);
+            (header.capture_ns, header.stamps) = (100_000_000, [stamp; 4]);
+            history.frame(&header);
+        }
+        history.second(&status(100), Readings::default(), 7.0);
+        history.second(&status(103), Readings::default(), 8.0);
+        history.daemon_gone();
+        history.second(&status(1), Readings::default(), 9.0);
+        let samples = history.since(0);
+        assert_eq!((samples[0].latency_ms, samples[0].latency_worst_ms), (Some(30.0), Some(40.0)));
+        assert_eq!(samples[0].stage_ms, Some([5.0; 4]));
+        assert_eq!((samples[0].cpu_percent, samples[0].rate_hz), (40.0, Some(12.5)));
+        assert_eq!((samples[1].latency_ms, samples[1].stage_ms), (None, None));
+        assert_eq!([samples[0].dropped, samples[1].dropped, samples[2].dropped], [0, 6, 0]);
+        assert_eq!(history.since(2).len(), 1);
+    }
+
+    #[test]
+    fn only_the_last_minutes_are_kept() {
+        let mut history = History::default();
+        for second in 0..KEPT + 20 {
+            history.second(&status(0), Readings::default(), second as f64);
+        }
+        let samples = history.since(0);
+        assert_eq!((samples.len(), samples[0].number), (KEPT, 20));
+        assert_eq!(history.next(), (KEPT + 20) as u64);
+    }
+}

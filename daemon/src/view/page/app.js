@@ -1,0 +1,198 @@
+// The connection, and what is to be done with what comes. One question is under way at a time: the next is
+// asked when the last answer has been drawn, so a slow phone gets fewer frames and never old ones.
+"use strict";
+
+const STALE_MS = 2500;
+const KEPT = 300;
+
+const page = {
+  socket: null,
+  wait_ms: 250,
+  is_paused: false,
+  live: false,
+  frames: 0,
+  connections: 0,
+  frame: null,
+  points: null,
+  samples: [],
+  stages: [],
+  frame_at: 0,
+  said: "",
+  said_at: 0,
+};
+
+function connect() {
+  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
+  socket.binaryType = "arraybuffer";
+  page.socket = socket;
+  socket.onopen = () => {
+    page.wait_ms = 250;
+    page.connections += 1;
+    ask();
+  };
+  socket.onmessage = async (event) => {
+    await take(event.data).catch((error) => console.error(error));
+    // Not before the browser has drawn it; hidden pages are not drawn, and need nothing.
+    if (document.hidden) setTimeout(ask, 1000);
+    else requestAnimationFrame(ask);
+  };
+  socket.onclose = () => {
+    if (page.socket !== socket) return;
+    page.socket = null;
+    away("viewer not reachable: trying again");
+    setTimeout(connect, page.wait_ms);
+    page.wait_ms = Math.min(page.wait_ms * 2, 5000);
+  };
+}
+
+// Asks for what can be seen of the page, and nothing else.
+function ask() {
+  const socket = page.socket;
+  if (!socket || socket.readyState !== WebSocket.OPEN) return;
+  const want = [...document.querySelectorAll("[data-part]")].filter(isInView).map((p) => p.dataset.part);
+  socket.send(JSON.stringify({ want, frames: !page.is_paused && !document.hidden }));
+}
+
+function isInView(panel) {
+  const box = panel.getBoundingClientRect();
+  return box.bottom > -200 && box.top < innerHeight + 200;
+}
+
+async function take(data) {
+  const view = new DataView(data);
+  const length = view.getUint32(0, true);
+  const answer = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  page.stages = answer.stages;
+  const parts = {};
+  let at = 4 + length;
+  for (const part of answer.parts) {
+    parts[part.name] = new DataView(data, at, part.bytes);
+    at += part.bytes;
+  }
+  if (answer.absent) away(answer.absent);
+  else if (answer.status || answer.frame) present();
+  if (answer.status) takeStatus(answer.status, answer.history);
+  if (answer.frame && !page.is_paused) await takeFrame(answer.frame, parts);
+  tellAge();
+}
+
+function away(why) {
+  page.live = false;
+  const link = byId("link");
+  link.className = "away";
+  if (link.textContent !== why) link.textContent = why;
+  setAlarm("off", "alarm off", "no daemon");
+}
+
+function present() {
+  if (page.live) return;
+  page.live = true;
+  byId("link").className = "live";
+  byId("link").textContent = "live";
+}
+
+async function takeFrame(frame, parts) {
+  const pictures = ["left", "disparity", "v_disparity"].filter((name) => parts[name] && parts[name].byteLength);
+  // All pictures of a frame are decoded before any is shown, and the decoded ones take the places of the
+  // old: so boxes and image belong together at every moment.
+  const images = pictures.map((name) => {
+    const image = new Image(frame.width, frame.height);
+    image.src = URL.createObjectURL(new Blob([parts[name]], { type: "image/jpeg" }));
+    return image;
+  });
+  const decoded = await Promise.allSettled(images.map((image) => image.decode()));
+  pictures.forEach((name, i) => {
+    URL.revokeObjectURL(images[i].src);
+    if (decoded[i].status !== "fulfilled") return;
+    const before = byId(name);
+    images[i].alt = before.alt;
+    images[i].id = name;
+    images[i].dataset.sequence = frame.sequence;
+    before.replaceWith(images[i]);
+  });
+  page.frame = frame;
+  page.points = parts.points || null;
+  page.frame_at = performance.now();
+  page.frames += 1;
+  drawBoxes(frame);
+  drawObstacles(frame);
+  if (parts.points) drawBirds(frame, parts.points);
+  if (parts.v_disparity) drawPath(frame);
+  if (parts.disparity) drawScale(frame);
+  byId("left-caption").textContent =
+    `frame ${frame.sequence}, ${frame.time_s.toFixed(1)} s; ${frame.latency_ms.toFixed(0)} ms from capture to result`;
+  const { level, nearest_m: nearest } = frame.alarm;
+  const first = frame.obstacles.find((o) => o.track === frame.alarm.track);
+  const more = nearest === null ? "" : `${metres(nearest)} ahead`;
+  const ttc = first && first.time_to_collision_s !== null ? `, ${seconds(first.time_to_collision_s)} to collision` : "";
+  if (level === "alarm") setAlarm("alarm", "ALARM", more + ttc);
+  else if (level === "clear") setAlarm("clear", "clear", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
+  else setAlarm("off", "alarm off", "no road seen");
+}
+
+// What is shown changes with every frame; what is spoken only when the level does, or an alarm goes on.
+function setAlarm(level, text, more) {
+  const element = byId("alarm");
+  element.className = level;
+  byId("alarm-level").textContent = text;
+  byId("alarm-more").textContent = more && `· ${more}`;
+  const now = performance.now();
+  if (level !== page.said || (level === "alarm" && now - page.said_at > 5000)) {
+    byId("spoken").textContent = level === "clear" ? "alarm over: clear" : `${text} ${more}`;
+    [page.said, page.said_at] = [level, now];
+  }
+}
+
+function takeStatus(status, history) {
+  const before = page.samples[page.samples.length - 1];
+  // A viewer that was restarted counts anew.
+  if (before && history.length && history[0].number <= before.number) page.samples = [];
+  page.samples = [...page.samples, ...history].slice(-KEPT);
+  drawCharts(page.samples, page.stages);
+  drawProcesses(status);
+  const last = page.samples[page.samples.length - 1];
+  const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames a second, ` : "";
+  const why = status.reason ? ` (${status.reason})` : "";
+  byId("health").textContent =
+    `${status.state}${why}: ${rate}median ${status.latency_p50_ms.toFixed(0)} ms, 99 % ${status.latency_p99_ms.toFixed(0)} ms`;
+}
+
+// An old picture must not pass for the road now.
+function tellAge() {
+  const age = performance.now() - page.frame_at;
+  const stale = document.querySelector(".stale");
+  const is_old = page.frame !== null && age > STALE_MS;
+  stale.hidden = !is_old && !page.is_paused;
+  if (is_old || page.is_paused) {
+    const why = page.is_paused ? "paused" : "no new frame";
+    const text = `${why}: this is ${(age / 1000).toFixed(0)} s old`;
+    if (stale.textContent !== text) stale.textContent = text;
+  }
+  if (is_old && !page.is_paused && page.live) setAlarm("off", "alarm off", "no new frame");
+}
+
+function pause() {
+  page.is_paused = !page.is_paused;
+  const button = byId("pause");
+  button.setAttribute("aria-pressed", String(page.is_paused));
+  button.textContent = page.is_paused ? "Go on" : "Pause";
+  tellAge();
+}
+
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  const panels = [...document.querySelectorAll(".panel")];
+  if (event.key === "p") pause();
+  else if (event.key >= "1" && event.key <= "9" && panels[event.key - 1]) panels[event.key - 1].focus();
+  else if (event.key === "f") {
+    const panel = document.activeElement.closest(".panel");
+    if (document.fullscreenElement) document.exitFullscreen();
+    else if (panel && panel.requestFullscreen) panel.requestFullscreen();
+  }
+});
+byId("pause").addEventListener("click", pause);
+setInterval(tellAge, 1000);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  if (page.frame && page.points) drawBirds(page.frame, page.points);
+});
+connect();

@@ -1,0 +1,331 @@
+// Draws figures: boxes, bird's-eye view, charts, tables. Knows nothing of the connection.
+"use strict";
+
+const SVG = "http://www.w3.org/2000/svg";
+const byId = (id) => document.getElementById(id);
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const SERIES = ["--s1", "--s2", "--s3", "--s4", "--s5", "--s6"];
+
+function svg(name, attributes, text) {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (text !== undefined) element.textContent = text;
+  return element;
+}
+
+const metres = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} m`);
+const seconds = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} s`);
+
+// Boxes over the left image, in its own pixels. The farthest first, so that near ones lie on top.
+function drawBoxes(frame) {
+  const view = byId("boxes");
+  view.setAttribute("viewBox", `0 0 ${frame.width} ${frame.height}`);
+  view.dataset.sequence = frame.sequence;
+  const scale = frame.width / Math.max(1, view.clientWidth || frame.width);
+  const labels = placeLabels(frame, scale);
+  const boxes = [...frame.obstacles].sort((a, b) => b.distance_m - a.distance_m).map((o) => {
+    const isCause = frame.alarm.level === "alarm" && frame.alarm.track === o.track;
+    const group = svg("g", { class: `box${o.confirmed ? " confirmed" : ""}${isCause ? " cause" : ""}` });
+    Object.assign(group.dataset, {
+      track: o.track, class: o.class, confirmed: o.confirmed, distance: o.distance_m,
+      x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px,
+      ttc: o.time_to_collision_s === null ? "" : o.time_to_collision_s,
+    });
+    group.append(svg("rect", { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px }));
+    const label = labels.get(o.track);
+    if (label) {
+      const text = svg("text", { x: label.x, y: label.y }, label.text);
+      text.style.fontSize = `${13 * scale}px`;
+      text.style.strokeWidth = `${3 * scale}px`;
+      group.append(text);
+    }
+    return group;
+  });
+  view.replaceChildren(...boxes);
+}
+
+// A label above each box, the nearest first; what would cover another is left to the table.
+function placeLabels(frame, scale) {
+  const placed = new Map();
+  for (const o of [...frame.obstacles].sort((a, b) => a.distance_m - b.distance_m)) {
+    if (!o.confirmed) continue;
+    const soon = o.time_to_collision_s !== null && o.time_to_collision_s < 20;
+    const text = `${o.class === "obstacle" ? "" : o.class + " "}${o.distance_m.toFixed(1)} m` +
+      (soon ? ` · ${o.time_to_collision_s.toFixed(1)} s` : "");
+    const width = text.length * 7.5 * scale;
+    const x = Math.max(0, Math.min(o.x_px, frame.width - width));
+    const y = o.y_px > 16 * scale ? o.y_px - 4 * scale : o.y_px + o.height_px + 13 * scale;
+    const covers = (b) => x < b.x + b.width && b.x < x + width && Math.abs(y - b.y) < 14 * scale;
+    if (![...placed.values()].some(covers)) placed.set(o.track, { text, x, y, width });
+  }
+  return placed;
+}
+
+function drawObstacles(frame) {
+  const rows = [...frame.obstacles].sort((a, b) => a.distance_m - b.distance_m).filter((o) => o.confirmed);
+  const body = byId("obstacles").tBodies[0];
+  if (rows.length === 0) {
+    body.replaceChildren(row(["nothing in sight"], "none"));
+    return;
+  }
+  body.replaceChildren(...rows.map((o) => {
+    const side = Math.abs(o.lateral_m) < 0.05 ? "ahead" :
+      `${Math.abs(o.lateral_m).toFixed(1)} m ${o.lateral_m > 0 ? "right" : "left"}`;
+    const closing = o.closing_m_s === null ? "–" : `${o.closing_m_s.toFixed(1)} m/s`;
+    const cells = [o.track, o.class, `${o.distance_m.toFixed(1)} ± ${o.distance_sigma_m.toFixed(1)} m`, side,
+      closing, seconds(o.time_to_collision_s), `${o.width_m.toFixed(1)} × ${o.height_m.toFixed(1)} m`];
+    return row(cells, frame.alarm.level === "alarm" && frame.alarm.track === o.track ? "cause" : "");
+  }));
+}
+
+function row(cells, kind) {
+  const line = document.createElement("tr");
+  if (kind) line.className = kind;
+  cells.forEach((text, i) => {
+    const cell = document.createElement(i === 0 && cells.length > 1 ? "th" : "td");
+    if (i === 0 && cells.length > 1) cell.scope = "row";
+    if (cells.length === 1) { cell.colSpan = 12; cell.className = "none"; }
+    cell.textContent = text;
+    line.append(cell);
+  });
+  return line;
+}
+
+// The road from above: the camera below the middle, 40 m ahead, as wide as the panel.
+const AHEAD_M = 40;
+
+function drawBirds(frame, points) {
+  const canvas = byId("birds");
+  const dots = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (!width || !height) return;
+  if (canvas.width !== Math.round(width * dots)) canvas.width = Math.round(width * dots);
+  if (canvas.height !== Math.round(height * dots)) canvas.height = Math.round(height * dots);
+  const c = canvas.getContext("2d");
+  c.setTransform(dots, 0, 0, dots, 0, 0);
+  c.fillStyle = colour("--road");
+  c.fillRect(0, 0, width, height);
+  const perMetre = (height - 14) / AHEAD_M;
+  const at = (x, z) => [width / 2 + x * perMetre, height - 6 - z * perMetre];
+  // What the left camera sees.
+  const reach = AHEAD_M * 1.2;
+  const edge = (u) => ((u - frame.cx_px) * reach) / frame.focal_px;
+  c.beginPath();
+  c.moveTo(...at(0, 0));
+  c.lineTo(...at(edge(0), reach));
+  c.lineTo(...at(edge(frame.width), reach));
+  c.closePath();
+  c.fillStyle = colour("--panel");
+  c.fill();
+  c.strokeStyle = colour("--line");
+  c.fillStyle = colour("--soft");
+  c.font = "11px system-ui, sans-serif";
+  c.lineWidth = 1;
+  for (let z = 10; z <= AHEAD_M; z += 10) {
+    const [, y] = at(0, z);
+    c.beginPath(); c.moveTo(0, y); c.lineTo(width, y); c.stroke();
+    c.fillText(`${z} m`, 4, y - 3);
+  }
+  if (points) drawPoints(c, frame, points, at);
+  c.lineWidth = 1;
+  c.strokeStyle = colour("--s6");
+  for (const r of frame.regions) {
+    const [x, y] = at(r.lateral_m - r.width_m / 2, r.distance_m);
+    c.strokeRect(x, y - 2, r.width_m * perMetre, 2);
+  }
+  for (const o of frame.obstacles.filter((o) => o.confirmed)) {
+    const isCause = frame.alarm.level === "alarm" && frame.alarm.track === o.track;
+    const depth = Math.max(0.6, Math.min(o.width_m, 4) * 0.8);
+    const [x, y] = at(o.lateral_m - o.width_m / 2, o.distance_m + depth);
+    c.fillStyle = c.strokeStyle = colour(isCause ? "--bad" : "--accent");
+    c.globalAlpha = 0.35;
+    c.fillRect(x, y, o.width_m * perMetre, depth * perMetre);
+    c.globalAlpha = 1;
+    c.lineWidth = isCause ? 3 : 1.5;
+    c.strokeRect(x, y, o.width_m * perMetre, depth * perMetre);
+    // Where it will be in a second, as seen from here; and how sure its distance is.
+    if (o.closing_m_s !== null && Math.abs(o.closing_m_s) > 0.5) {
+      c.beginPath(); c.moveTo(...at(o.lateral_m, o.distance_m));
+      c.lineTo(...at(o.lateral_m, o.distance_m - o.closing_m_s)); c.stroke();
+    }
+    c.beginPath(); c.moveTo(...at(o.lateral_m, o.distance_m - 2 * o.distance_sigma_m));
+    c.lineTo(...at(o.lateral_m, o.distance_m + 2 * o.distance_sigma_m)); c.stroke();
+    c.fillText(o.distance_m.toFixed(0), x + o.width_m * perMetre + 3, y + 8);
+  }
+  c.fillStyle = colour("--ink");
+  const [mx, my] = at(0, 0);
+  c.beginPath(); c.moveTo(mx, my - 9); c.lineTo(mx - 6, my + 4); c.lineTo(mx + 6, my + 4); c.fill();
+  const near = frame.obstacles.filter((o) => o.confirmed).length;
+  const text = `${near} tracks, ${frame.regions.length} regions, ${points ? points.byteLength / 8 : 0} points`;
+  canvas.setAttribute("aria-label", `Road from above: ${text}`);
+  byId("birds-caption").textContent = `${text}; lines from tracks: where they are in a second`;
+}
+
+// Points by their height above the road: what lies on it faint, what stands strong.
+function drawPoints(c, frame, points, at) {
+  const tilt = frame.road_tilt;
+  const height = frame.road ? frame.road.camera_height_m : null;
+  const [flat, tall] = [colour("--soft"), colour("--s2")];
+  for (let i = 0; i + 8 <= points.byteLength; i += 8) {
+    const x = points.getInt16(i, true) / 100;
+    const y = points.getInt16(i + 2, true) / 100;
+    const z = points.getInt16(i + 4, true) / 100;
+    const up = height === null ? 1 : height + tilt * z - y;
+    if (up > 3) continue;
+    c.fillStyle = up > 0.3 ? tall : flat;
+    c.globalAlpha = up > 0.3 ? 0.8 : 0.25;
+    const [px, py] = at(x, z);
+    c.fillRect(px - 0.75, py - 0.75, 1.5, 1.5);
+  }
+  c.globalAlpha = 1;
+}
+
+function drawPath(frame) {
+  const view = byId("path");
+  view.setAttribute("viewBox", `0 0 ${frame.disparities} ${frame.height}`);
+  const list = frame.profile.map(([y, d]) => `${d.toFixed(2)},${y}`).join(" ");
+  view.replaceChildren(svg("polyline", { points: list }));
+  byId("v-caption").textContent = frame.road
+    ? `road: camera ${frame.road.camera_height_m.toFixed(2)} m above it, horizon in row ` +
+      `${frame.road.horizon_px.toFixed(0)}, seen in ${(frame.road.confidence * 100).toFixed(0)} % of its rows`
+    : "no road seen";
+}
+
+// The colours of the disparity, as the server has them.
+const RAINBOW = [[48, 18, 59], [70, 107, 227], [40, 187, 236], [49, 242, 153], [162, 252, 60], [237, 208, 58],
+  [251, 128, 34], [210, 49, 5], [122, 4, 3]];
+
+function drawScale(frame) {
+  const canvas = byId("scale");
+  const c = canvas.getContext("2d");
+  const gradient = c.createLinearGradient(0, 0, canvas.width, 0);
+  RAINBOW.forEach((rgb, i) => gradient.addColorStop(i / (RAINBOW.length - 1), `rgb(${rgb})`));
+  c.fillStyle = gradient;
+  c.fillRect(0, 0, canvas.width, canvas.height);
+  const near = (frame.focal_px * frame.baseline_m) / frame.disparities;
+  // The middle of the scale is a quarter of the range: it is that of the square root.
+  byId("scale-text").textContent = `far · ${(near * 4).toFixed(0)} m · ${near.toFixed(1)} m; black is unknown`;
+}
+
+// Lines over the last minutes. Each series: name, colour, value of a sample (null breaks the line).
+function drawChart(name, samples, series, unit, least) {
+  const view = byId(`c-${name}`);
+  const [width, height, left, bottom] = [400, 120, 34, 14];
+  view.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  view.setAttribute("preserveAspectRatio", "none");
+  view.setAttribute("role", "img");
+  const values = series.map((s) => samples.map(s.value));
+  const known = values.flat().filter((v) => v !== null && v !== undefined && isFinite(v));
+  if (known.length === 0) {
+    view.replaceChildren(svg("text", { x: 10, y: 60 }, "nothing to show"));
+    view.setAttribute("aria-label", "nothing to show");
+    byId(`k-${name}`).textContent = "the machine tells none";
+    return;
+  }
+  const top = niceTop(Math.max(...known, least));
+  const last = samples[samples.length - 1];
+  const x = (s) => left + ((s.number - last.number + 299) / 299) * (width - left - 2);
+  const y = (v) => 6 + (1 - v / top) * (height - bottom - 6);
+  const children = [];
+  for (const share of [0, 0.5, 1]) {
+    const level = y(top * share);
+    children.push(svg("line", { class: "grid", x1: left, x2: width, y1: level, y2: level }));
+    children.push(svg("text", { x: 2, y: level + 4 }, short(top * share)));
+  }
+  children.push(svg("text", { x: left, y: height - 2 }, "5 min ago"));
+  children.push(svg("text", { x: width - 22, y: height - 2 }, "now"));
+  series.forEach((s, k) => {
+    let path = "";
+    let pen = "M";
+    samples.forEach((sample, i) => {
+      const v = values[k][i];
+      if (v === null || v === undefined) { pen = "M"; return; }
+      path += `${pen}${x(sample).toFixed(1)} ${y(v).toFixed(1)}`;
+      pen = "L";
+    });
+    const line = svg("path", { d: path });
+    line.style.stroke = `var(${s.colour})`;
+    children.push(line);
+  });
+  view.replaceChildren(...children);
+  const now = series.map((s) => ({ ...s, now: s.value(last) }));
+  const words = now.map((s) => `${s.name} ${s.now === null || s.now === undefined ? "–" : short(s.now)}`);
+  view.setAttribute("aria-label", `${words.join(", ")} ${unit}`);
+  const caption = byId(`k-${name}`);
+  caption.replaceChildren(...now.flatMap((s, i) => {
+    const mark = document.createElement("i");
+    mark.style.color = `var(${s.colour})`;
+    mark.textContent = "■ ";
+    return [mark, document.createTextNode(`${words[i]}${i + 1 < now.length ? "  " : ` ${unit}`}`)];
+  }));
+}
+
+function niceTop(value) {
+  const power = 10 ** Math.floor(Math.log10(Math.max(value, 1e-6)));
+  for (const step of [1, 1.5, 2, 3, 4, 5, 6, 8, 10]) if (value <= step * power) return step * power;
+  return 10 * power;
+}
+
+const short = (v) => (v >= 100 ? v.toFixed(0) : v >= 10 ? v.toFixed(v % 1 ? 1 : 0) : v.toFixed(v % 1 ? 2 : 0));
+
+function drawCharts(samples, stages) {
+  if (samples.length === 0) return;
+  const stage = stages.map((name, i) => ({
+    name, colour: SERIES[i], value: (s) => (s.stage_ms ? s.stage_ms[i] : null),
+  }));
+  drawChart("latency", samples, [...stage,
+    { name: "end to end", colour: "--s6", value: (s) => s.latency_ms },
+    { name: "longest", colour: "--s5", value: (s) => s.latency_worst_ms }], "ms", 10);
+  drawChart("rate", samples, [
+    { name: "frames", colour: "--s1", value: (s) => s.rate_hz },
+    { name: "dropped", colour: "--s5", value: (s) => s.dropped }], "a second", 5);
+  drawChart("cpu", samples, [{ name: "all processes", colour: "--s1", value: (s) => s.cpu_percent }],
+    "% of one core", 20);
+  const last = samples[samples.length - 1];
+  const sensors = (key, scale) => last[key].slice(0, 6).map((sensor, i) => ({
+    name: sensor.name, colour: SERIES[i % SERIES.length],
+    value: (s) => { const r = s[key].find((r) => r.name === sensor.name); return r ? r.value * scale : null; },
+  }));
+  drawChart("heat", samples, sensors("temperatures", 1), "°C", 60);
+  drawChart("clock", samples, sensors("clocks", 1e-6), "MHz", 1000);
+  drawHealth(samples);
+}
+
+// A bar: one slice for each second.
+function drawHealth(samples) {
+  const view = byId("c-health");
+  view.setAttribute("viewBox", "0 0 300 30");
+  view.setAttribute("preserveAspectRatio", "none");
+  view.setAttribute("role", "img");
+  const last = samples[samples.length - 1];
+  const fill = { running: "--good", starting: "--warn", stopping: "--warn", degraded: "--bad" };
+  const calibrated = { good: "--good", degraded: "--bad", unknown: "--warn", off: "--line" };
+  const slices = (value, table, y) => {
+    // Neighbours of one colour are one slice.
+    const found = [];
+    for (const s of samples) {
+      const x = 299 - (last.number - s.number);
+      const kind = value(s);
+      const before = found[found.length - 1];
+      if (before && before.kind === kind && before.end === x) before.end = x + 1;
+      else found.push({ kind, x, end: x + 1 });
+    }
+    return found.map((f) => {
+      const slice = svg("rect", { x: f.x, width: f.end - f.x, y, height: 12 });
+      slice.style.fill = `var(${table[f.kind] || "--line"})`;
+      return slice;
+    });
+  };
+  view.replaceChildren(...slices((s) => s.state, fill, 0), ...slices((s) => s.calibration, calibrated, 16));
+  const text = `above: daemon, now ${last.state}; below: calibration, now ${last.calibration}`;
+  view.setAttribute("aria-label", text);
+  byId("k-health").textContent = `${text}; 5 minutes`;
+}
+
+function drawProcesses(status) {
+  const mib = (bytes) => `${(bytes / 1048576).toFixed(1)} MiB`;
+  byId("processes").tBodies[0].replaceChildren(...status.processes.map((p) => row([
+    p.role, p.state, p.core === null ? "–" : p.core, `${p.rate_hz.toFixed(1)} /s`, `${p.p50_ms.toFixed(1)} ms`,
+    `${p.p99_ms.toFixed(1)} ms`, p.skipped, `${p.cpu_percent.toFixed(0)} %`, mib(p.private_bytes), p.restarts,
+  ], p.state === "running" ? "" : "cause")));
+}

@@ -1,0 +1,240 @@
+//! Connections: at most so many, each with a thread of its own and one request.
+
+use super::access::{Access, Verdict};
+use super::hub::Hub;
+use super::request::{Request, RequestError};
+use super::{metrics, session};
+use crate::command::status::StatusJson;
+use std::io::{self, Write};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+use tungstenite::handshake::derive_accept_key;
+
+/// Connections at once, whatever they want.
+const GREATEST_CONNECTIONS: usize = 32;
+
+/// Clients that look at once.
+const GREATEST_CLIENTS: usize = 8;
+
+/// An answer must be taken within this.
+const STALL: Duration = Duration::from_secs(10);
+
+/// Stack of a connection's thread.
+const STACK_BYTES: usize = 512 * 1024;
+
+/// The page and what belongs to it. There is nothing else to be had by name.
+const FILES: [(&str, &str, &str); 5] = [
+    ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
+    ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("/app.js", "text/javascript; charset=utf-8", include_str!("page/app.js")),
+    ("/draw.js", "text/javascript; charset=utf-8", include_str!("page/draw.js")),
+    ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
+];
+
+/// Only what comes from here runs, and nobody puts the page into one of his own.
+const POLICY: &str = "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; \
+     img-src 'self' blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
+     X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n\
+     Cross-Origin-Resource-Policy: same-origin\r\n";
+
+/// Serves the page.
+#[derive(Debug)]
+pub struct Server {
+    listener: TcpListener,
+    access: Access,
+    hub: Arc<Hub>,
+    connections: AtomicUsize,
+}
+
+impl Server {
+    /// Takes the address; [`Self::run`] answers.
+    ///
+    /// # Errors
+    /// When it cannot be had.
+    pub fn bind(
+        address: SocketAddr,
+        access: impl FnOnce(SocketAddr) -> Access,
+        hub: Arc<Hub>,
+    ) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
+        let access = access(listener.local_addr()?);
+        Ok(Self { listener, access, hub, connections: AtomicUsize::new(0) })
+    }
+
+    /// Where it is.
+    ///
+    /// # Errors
+    /// When the system does not tell.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// Answers without end.
+    pub fn run(self: Arc<Self>) {
+        loop {
+            let stream = match self.listener.accept() {
+                Ok((stream, _)) => stream,
+                Err(error) => {
+                    // Too many open files, perhaps: better soon.
+                    tracing::warn!(%error, "a connection cannot be taken");
+                    std::thread::sleep(Duration::from_millis(200));
+                    continue;
+                }
+            };
+            if self.connections.fetch_add(1, Ordering::Relaxed) >= GREATEST_CONNECTIONS {
+                self.connections.fetch_sub(1, Ordering::Relaxed);
+                self.turned_away();
+                let _ = answer(&stream, "503 Service Unavailable", TEXT, "", "too many connections\n", true);
+                continue;
+            }
+            let server = Arc::clone(&self);
+            let thread = std::thread::Builder::new().name("client".into()).stack_size(STACK_BYTES);
+            let spawned = thread.spawn(move || {
+                server.serve(stream);
+                server.connections.fetch_sub(1, Ordering::Relaxed);
+            });
+            if let Err(error) = spawned {
+                self.connections.fetch_sub(1, Ordering::Relaxed);
+                tracing::warn!(%error, "no thread for a connection");
+            }
+        }
+    }
+
+    fn turned_away(&self) {
+        self.hub.counters.turned_away.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// One connection. What goes wrong is the client's business.
+    fn serve(&self, mut stream: TcpStream) {
+        if stream.set_write_timeout(Some(STALL)).is_err() {
+            return;
+        }
+        let (request, rest) = match Request::read(&mut stream) {
+            Ok(read) => read,
+            Err(RequestError::Io(_) | RequestError::Closed) => return,
+            Err(error) => {
+                let status = match error {
+                    RequestError::TooSlow => "408 Request Timeout",
+                    RequestError::TooLong => "431 Request Header Fields Too Large",
+                    _ => "400 Bad Request",
+                };
+                let _ = answer(&stream, status, TEXT, "", &format!("{error}\n"), true);
+                // What is left unread would reset the connection before the answer is read.
+                let _ = stream.shutdown(Shutdown::Write);
+                return;
+            }
+        };
+        if request.path == "/socket" {
+            self.socket(stream, &request, rest);
+        } else {
+            let _ = self.page(&stream, &request);
+        }
+    }
+
+    fn page(&self, stream: &TcpStream, request: &Request) -> io::Result<()> {
+        let with_body = request.method != "HEAD";
+        if !matches!(request.method.as_str(), "GET" | "HEAD") {
+            return answer(
+                stream,
+                "405 Method Not Allowed",
+                TEXT,
+                "Allow: GET, HEAD\r\n",
+                "only GET\n",
+                true,
+            );
+        }
+        match self.access.judge(request) {
+            Verdict::Welcome => {}
+            Verdict::WelcomeByLink if request.path == "/" => {
+                let cookie = self.access.set_cookie().unwrap_or_default();
+                let more = format!("Location: /\r\nSet-Cookie: {cookie}\r\n");
+                return answer(stream, "303 See Other", TEXT, &more, "", with_body);
+            }
+            Verdict::WelcomeByLink => {}
+            Verdict::NoToken => {
+                self.turned_away();
+                let text = "open the link that lookout view has printed: it holds the token\n";
+                return answer(
+                    stream,
+                    "401 Unauthorized",
+                    TEXT,
+                    "WWW-Authenticate: Bearer\r\n",
+                    text,
+                    with_body,
+                );
+            }
+            Verdict::Foreign => {
+                self.turned_away();
+                let text = "asked for under a name, or by a page, that is not this viewer's own: open \
+                            http://127.0.0.1 with its port, or start lookout view with --token\n";
+                return answer(stream, "403 Forbidden", TEXT, "", text, with_body);
+            }
+        }
+        if let Some((_, kind, text)) = FILES.iter().find(|(path, ..)| *path == request.path) {
+            return answer(stream, "200 OK", kind, "", text, with_body);
+        }
+        match request.path.as_str() {
+            "/metrics" => {
+                let (status, second) = self.hub.now();
+                let text = metrics::text(status.as_ref(), second.as_ref(), &self.hub);
+                answer(stream, "200 OK", metrics::CONTENT_TYPE, "", &text, with_body)
+            }
+            "/status.json" => match self.hub.now().0 {
+                Some(status) => {
+                    let text = serde_json::to_string(&StatusJson::new(&status)).unwrap_or_default();
+                    answer(stream, "200 OK", "application/json", "", &text, with_body)
+                }
+                None => answer(stream, "503 Service Unavailable", TEXT, "", "no daemon\n", with_body),
+            },
+            _ => answer(stream, "404 Not Found", TEXT, "", "not here: try / or /metrics\n", with_body),
+        }
+    }
+
+    fn socket(&self, stream: TcpStream, request: &Request, rest: Vec<u8>) {
+        let refuse = |status: &str, text: &str| {
+            self.turned_away();
+            let _ = answer(&stream, status, TEXT, "", text, true);
+        };
+        let Some(key) = &request.socket_key else {
+            return refuse("426 Upgrade Required", "this is a WebSocket, version 13\n");
+        };
+        if !matches!(self.access.judge(request), Verdict::Welcome | Verdict::WelcomeByLink) {
+            return refuse("403 Forbidden", "not from this page, or without its token\n");
+        }
+        let Some(_place) = self.hub.enter(GREATEST_CLIENTS) else {
+            return refuse("503 Service Unavailable", "too many are looking\n");
+        };
+        let accept = derive_accept_key(key.as_bytes());
+        let head = format!(
+            "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+             Sec-WebSocket-Accept: {accept}\r\n\r\n"
+        );
+        if (&stream).write_all(head.as_bytes()).is_ok() {
+            session::run(stream, rest, &self.hub);
+        }
+    }
+}
+
+const TEXT: &str = "text/plain; charset=utf-8";
+
+fn answer(
+    mut stream: &TcpStream,
+    status: &str,
+    kind: &str,
+    more: &str,
+    body: &str,
+    with_body: bool,
+) -> io::Result<()> {
+    let length = body.len();
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n\
+         Connection: close\r\n{POLICY}{more}\r\n"
+    );
+    stream.write_all(head.as_bytes())?;
+    if with_body {
+        stream.write_all(body.as_bytes())?;
+    }
+    stream.flush()
+}

@@ -1,0 +1,224 @@
+//! Reads what a daemon publishes, joins its frames, and waits for the next daemon when it ends.
+
+use super::board::Board;
+use super::frame::{Frame, Images};
+use super::hub::Hub;
+use crate::frame_record::frame_record;
+use ipc::bus::{Bus, IpcError};
+use ipc::header::Header;
+use ipc::instance::Instance;
+use ipc::port::Subscriber;
+use ipc::rig::RigRecord;
+use ipc::wait::{self, Next};
+use ipc::{depth, obstacles, regions, service, status};
+use perception::rig::Rig;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+/// How often it is looked whether the daemon is still, or again, there.
+const LOOK: Duration = Duration::from_millis(250);
+
+/// Frames whose images are kept until their obstacles come.
+const KEPT: usize = 3;
+
+/// What has come of one frame.
+#[derive(Default)]
+struct Kept {
+    images_of: Option<u64>,
+    images: Images,
+    road_of: Option<u64>,
+    /// The message as it was: aligned as in shared memory.
+    road: Vec<u64>,
+    road_bytes: usize,
+    road_header: Header,
+}
+
+/// Watches an instance, run after run, until `stop` is set.
+pub struct Watcher {
+    instance: Instance,
+    hub: Arc<Hub>,
+    stop: Arc<AtomicBool>,
+    board: Board,
+    rig: RigRecord,
+    kept: [Kept; KEPT],
+}
+
+impl Watcher {
+    /// A watcher of an instance.
+    pub fn new(instance: Instance, hub: Arc<Hub>, stop: Arc<AtomicBool>) -> Self {
+        Self {
+            instance,
+            hub,
+            stop,
+            board: Board::find(Path::new("/sys")),
+            rig: RigRecord::default(),
+            kept: std::array::from_fn(|_| Kept::default()),
+        }
+    }
+
+    /// Watches until it is stopped. What goes wrong with one run is told to the clients and tried again.
+    pub fn run(&mut self) {
+        let mut last_error = None;
+        while !self.stop.load(Ordering::Relaxed) {
+            if let Some(why) = self.why_absent() {
+                self.hub.absent(&why);
+            } else if let Err(error) = self.follow() {
+                let text = error.to_string();
+                self.hub.absent(&text);
+                // Once, not four times a second: a daemon that is just starting has no services yet.
+                if last_error.as_ref() != Some(&text) {
+                    tracing::warn!("{text}");
+                    last_error = Some(text);
+                }
+            } else {
+                last_error = None;
+            }
+            // Signals cut it short.
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    fn why_absent(&self) -> Option<String> {
+        let name = self.instance.name();
+        if !self.instance.is_running() || self.instance.prefix().is_none() {
+            return Some(format!("no daemon named \"{name}\" is running: waiting for one"));
+        }
+        let user = rustix::process::geteuid().as_raw();
+        let owner = self.instance.owner().filter(|owner| *owner != user)?;
+        Some(format!("the daemon \"{name}\" belongs to user {owner}, this is user {user}"))
+    }
+
+    /// Follows one run to its end.
+    fn follow(&mut self) -> Result<(), IpcError> {
+        let prefix = self.instance.prefix();
+        let bus = Bus::join(&self.instance)?;
+        let depths = bus.subscriber(&service::DEPTH)?;
+        let roads = bus.subscriber(&service::REGIONS)?;
+        let results = bus.subscriber(&service::OBSTACLES)?;
+        let statuses = bus.subscriber(&service::STATUS)?;
+        self.kept = std::array::from_fn(|_| Kept::default());
+        let mut looked = Instant::now();
+        tracing::info!("watching {}", self.instance.name());
+        wait::run::<IpcError>(&[&depths, &roads, &results, &statuses], || {
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(Next::Stop);
+            }
+            if looked.elapsed() >= LOOK {
+                looked = Instant::now();
+                if !self.instance.is_running() || self.instance.prefix() != prefix {
+                    tracing::info!("the daemon has ended");
+                    return Ok(Next::Stop);
+                }
+            }
+            self.take_status(&statuses)?;
+            // Obstacles first: whatever they were made from was sent before, and is there by now.
+            let result = results.receive()?;
+            self.take_depth(&depths)?;
+            self.take_road(&roads)?;
+            if let Some(sample) = result {
+                self.take_result(sample.header(), sample.payload());
+            }
+            Ok(Next::Wait(LOOK))
+        })
+    }
+
+    fn refused(&self, service: &str, error: &dyn std::fmt::Display) {
+        if self.hub.counters.refused.fetch_add(1, Ordering::Relaxed) == 0 {
+            tracing::warn!(service, %error, "message refused; further ones are only counted");
+        }
+    }
+
+    fn take_status(&mut self, statuses: &Subscriber) -> Result<(), IpcError> {
+        while let Some(sample) = statuses.receive()? {
+            match status::view(sample.header(), sample.payload()) {
+                Ok(status) => {
+                    self.rig = status.rig;
+                    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+                    let time_s = now.map_or(0.0, |t| t.as_secs_f64());
+                    self.hub.status(status, self.board.read(), time_s);
+                }
+                Err(error) => self.refused("status", &error),
+            }
+        }
+        Ok(())
+    }
+
+    fn take_depth(&mut self, depths: &Subscriber) -> Result<(), IpcError> {
+        while let Some(sample) = depths.receive()? {
+            let header = sample.header();
+            if self.hub.clients() == 0 {
+                continue;
+            }
+            match depth::view(header, sample.payload()) {
+                Ok(message) => {
+                    let slot = &mut self.kept[(header.sequence % KEPT as u64) as usize];
+                    slot.images_of = Some(header.sequence);
+                    slot.images.left.clear();
+                    slot.images.left.extend_from_slice(message.left);
+                    slot.images.disparity.clear();
+                    slot.images.disparity.extend_from_slice(message.disparity);
+                }
+                Err(error) => self.refused("depth", &error),
+            }
+        }
+        Ok(())
+    }
+
+    fn take_road(&mut self, roads: &Subscriber) -> Result<(), IpcError> {
+        while let Some(sample) = roads.receive()? {
+            let (header, payload) = (sample.header(), sample.payload());
+            if self.hub.clients() == 0 {
+                continue;
+            }
+            match regions::view(header, payload) {
+                Ok(_) => {
+                    let slot = &mut self.kept[(header.sequence % KEPT as u64) as usize];
+                    slot.road_of = Some(header.sequence);
+                    slot.road_header = *header;
+                    slot.road.resize(payload.len().div_ceil(8), 0);
+                    slot.road_bytes = payload.len();
+                    bytemuck::cast_slice_mut(&mut slot.road)[..payload.len()].copy_from_slice(payload);
+                }
+                Err(error) => self.refused("regions", &error),
+            }
+        }
+        Ok(())
+    }
+
+    fn take_result(&mut self, header: &Header, payload: &[u8]) {
+        let message = match obstacles::view(header, payload) {
+            Ok(message) => message,
+            Err(error) => return self.refused("obstacles", &error),
+        };
+        self.hub.result(header);
+        if self.hub.clients() == 0 {
+            return;
+        }
+        let of = Some(header.sequence);
+        let slot = &mut self.kept[(header.sequence % KEPT as u64) as usize];
+        let pixels = header.pixels();
+        let is_whole = slot.images_of == of && slot.road_of == of && slot.images.left.len() == pixels;
+        let rig = Rig {
+            focal_px: self.rig.focal_px,
+            baseline_m: self.rig.baseline_m,
+            cx_px: self.rig.cx_px,
+            cy_px: self.rig.cy_px,
+        };
+        let bytes: &[u8] = bytemuck::cast_slice(&slot.road);
+        let road = regions::view(&slot.road_header, &bytes[..slot.road_bytes]);
+        match (is_whole, rig.checked(), road) {
+            (true, Ok(rig), Ok(road)) => {
+                slot.images_of = None;
+                let record = frame_record(header, &message);
+                let images = std::mem::take(&mut slot.images);
+                let disparities = self.rig.disparities.min(1024) as usize;
+                self.hub.frame(Frame::new(header, record, images, &road, rig, disparities));
+            }
+            _ => {
+                self.hub.counters.incomplete.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+}

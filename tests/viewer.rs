@@ -1,0 +1,380 @@
+//! The viewer: in a real browser against the scene's truth, and against bad manners.
+
+#[path = "support/browser.rs"]
+mod browser;
+mod support;
+#[path = "support/viewer.rs"]
+mod viewer;
+
+use browser::Browser;
+use perception::road::PixelBox;
+use serde_json::Value;
+use sources::scene::Drive;
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::net::TcpStream;
+use support::{Bench, Daemon, WATCHDOG, files, send};
+use viewer::Viewer;
+
+/// Frames that are compared with the truth.
+const COMPARED: usize = 8;
+
+/// The drive: 640 × 480, few frames a second, so that a busy machine shows them all.
+const FPS: f64 = 5.0;
+
+fn bench_with_drive() -> (Bench, Daemon) {
+    let bench = Bench::new();
+    bench.configure(&format!("[source]\nkind = \"scene\"\nseed = 1\nfps = {FPS}\n"));
+    let daemon = bench.start(&["run"]);
+    (bench, daemon)
+}
+
+/// What the page shows: the picture's number, its grey levels on a coarse grid, and the boxes as they lie
+/// on the screen, in pixels of the picture.
+const SHOWN: &str = r#"(() => {
+  const left = document.getElementById("left");
+  const view = document.getElementById("boxes");
+  const sequence = Number(left.dataset.sequence);
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [left.naturalWidth, left.naturalHeight];
+  const c = canvas.getContext("2d");
+  c.drawImage(left, 0, 0);
+  const pixels = c.getImageData(0, 0, canvas.width, canvas.height).data;
+  const grid = [];
+  for (let y = 0; y < canvas.height; y += 16)
+    for (let x = 0; x < canvas.width; x += 16) grid.push(pixels[4 * (y * canvas.width + x)]);
+  const frame = left.getBoundingClientRect();
+  const scale = left.naturalWidth / frame.width;
+  const boxes = [...view.querySelectorAll(".box.confirmed")].map((g) => {
+    const r = g.querySelector("rect").getBoundingClientRect();
+    return { x: (r.left - frame.left) * scale, y: (r.top - frame.top) * scale, width: r.width * scale,
+      height: r.height * scale, distance: Number(g.dataset.distance) };
+  });
+  return { sequence, boxes_of: Number(view.dataset.sequence), width: canvas.width, grid, boxes };
+})()"#;
+
+/// How often a picture is the one of its number, and the car ahead lies in a box with its distance.
+fn compare(browser: &mut Browser, drive: &mut Drive) -> (usize, usize, String) {
+    let (mut seen, mut same, mut boxed, mut told) = (BTreeSet::new(), 0, 0, String::new());
+    while seen.len() < COMPARED {
+        // A paused page does not change while it is looked at.
+        browser.value("if (!page.is_paused) pause()");
+        let shown = browser.value(SHOWN);
+        browser.value("if (page.is_paused) pause()");
+        let sequence = shown["sequence"].as_u64().expect("a number");
+        let lead_m = Drive::lead_distance_m(drive.time_s(sequence));
+        // Tracks take a few frames to be confirmed, and far cars are small.
+        if sequence < 8 || !(7.0..26.0).contains(&lead_m) || !seen.insert(sequence) {
+            browser.value(&format!("new Promise((go) => setTimeout(go, {}))", 500.0 / FPS));
+            continue;
+        }
+        assert_eq!(shown["boxes_of"], sequence, "boxes of another frame than the picture's");
+        let frame = drive.frame(sequence);
+        let grid = shown["grid"].as_array().expect("grey levels");
+        let truth: Vec<u8> = (0..480)
+            .step_by(16)
+            .flat_map(|y| (0..640).step_by(16).map(move |x| (x, y)))
+            .map(|(x, y)| frame.left[y * 640 + x])
+            .collect();
+        assert_eq!((grid.len(), shown["width"].as_u64()), (truth.len(), Some(640)));
+        let differences: u64 =
+            grid.iter().zip(&truth).map(|(a, b)| a.as_u64().unwrap().abs_diff(u64::from(*b))).sum();
+        let mean = differences as f64 / truth.len() as f64;
+        same += usize::from(mean < 4.0);
+        let car = frame
+            .truth
+            .objects
+            .iter()
+            .find(|o| o.in_path && o.subject && (o.distance_m - lead_m).abs() < 0.5);
+        let car = car.expect("the car ahead is in sight");
+        let number = |b: &Value, key: &str| b[key].as_f64().expect("a number");
+        let best = shown["boxes"].as_array().expect("boxes").iter().map(|b| {
+            let side = |key| number(b, key).round() as u32;
+            let drawn = PixelBox { x: side("x"), y: side("y"), width: side("width"), height: side("height") };
+            (drawn.overlap(&car.bounds), number(b, "distance"))
+        });
+        let (overlap, distance) = best.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
+        boxed += usize::from(overlap > 0.5 && (distance - car.distance_m).abs() < 0.1 * car.distance_m);
+        told += &format!(
+            "frame {sequence}: grey levels differ by {mean:.1}; the car at {:.1} m, box overlap {overlap:.2}, {distance:.1} m\n",
+            car.distance_m
+        );
+    }
+    (same, boxed, told)
+}
+
+#[test]
+fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
+    let Some(mut browser) = Browser::start() else { return };
+    let (bench, daemon) = bench_with_drive();
+    let viewer = Viewer::start(&bench, &[]);
+    browser.open(&viewer.link);
+    browser.look(1280, 900, false, "light");
+    browser.until("typeof page === 'object' && page.frames >= 3");
+    let (same, boxed, told) = compare(&mut browser, &mut Drive::paper(1).at_rate(FPS));
+    println!("{told}");
+    assert_eq!(same, COMPARED, "pictures are not those of their numbers:\n{told}");
+    assert!(boxed + 1 >= COMPARED, "the car ahead is not in its box:\n{told}");
+
+    // The rest of the page has come, too.
+    for part in ["disparity", "v_disparity"] {
+        browser.until(&format!("document.getElementById('{part}').naturalWidth > 100"));
+    }
+    browser.until("document.querySelectorAll('#path polyline')[0].getAttribute('points').length > 200");
+    browser.until("page.points && page.points.byteLength > 8000");
+    browser.until("document.querySelectorAll('#c-latency path').length === 6");
+    browser.until("document.querySelectorAll('#processes tbody tr').length === 5");
+    browser.until("document.querySelectorAll('#obstacles tbody tr').length > 0");
+    // Everything that can be reached by key has a name; every picture has words.
+    let unnamed = "[...document.querySelectorAll('.panel')].filter((p) => p.tabIndex !== 0 || \
+         !document.getElementById(p.getAttribute('aria-labelledby'))).length + \
+         [...document.querySelectorAll('img')].filter((i) => !i.alt).length";
+    assert_eq!(browser.value(unnamed), 0);
+    browser.press("2");
+    assert_eq!(browser.value("document.activeElement.getAttribute('aria-labelledby')"), "t-birds");
+    browser.press("p");
+    assert_eq!(browser.value("document.getElementById('pause').getAttribute('aria-pressed')"), "true");
+    browser.until("document.querySelector('.stale').textContent.startsWith('paused')");
+    browser.press("p");
+    // The alarm is spoken when it changes: the drive comes near enough.
+    browser.until("document.getElementById('spoken').textContent.length > 0");
+
+    // The daemon is restarted, well and badly: the same page goes on.
+    let mut daemons = vec![daemon];
+    for signal in ["TERM", "KILL"] {
+        let daemon_pid = bench.status_when(|s| s["state"] == "running")["pid"].as_u64().unwrap() as u32;
+        send(daemon_pid, signal);
+        browser.until("document.getElementById('link').className === 'away'");
+        browser.until("document.getElementById('alarm').className === 'off'");
+        let shown = browser.value("page.frames").as_u64().unwrap();
+        daemons.push(bench.start(&["run"]));
+        browser.until(&format!("page.frames > {} && page.live", shown + 3));
+        assert_eq!(browser.value("page.connections"), 1, "the page kept its connection");
+    }
+    // The viewer itself is restarted.
+    let address = viewer.address.clone();
+    viewer.stop();
+    browser.until("document.getElementById('link').className === 'away'");
+    let viewer = Viewer::start(&bench, &["--bind", &address]);
+    browser.until("page.connections === 2 && page.live");
+    let shown = browser.value("page.frames").as_u64().unwrap();
+    browser.until(&format!("page.frames > {shown}"));
+    assert!(viewer.get("/metrics", "").contains("lookout_viewer_clients 1\n"));
+    let last = bench.status_when(|s| s["state"] == "running")["pid"].as_u64().unwrap() as u32;
+    send(last, "TERM");
+    browser.until("document.getElementById('link').className === 'away'");
+    viewer.stop();
+}
+
+/// Looks at the page as three people would; keeps the pictures where `LOOKOUT_PICTURES` says.
+#[test]
+fn the_page_fits_a_desk_a_phone_and_the_night() {
+    let Some(mut browser) = Browser::start() else { return };
+    let bench = Bench::new();
+    // Every frame, however slow the machine is: so tracks are what they would be on a fast one.
+    let daemon = bench.start(&["replay", "scene:drive", "--lockstep", "--loop", "--limit", "1000000"]);
+    let viewer = Viewer::start(&bench, &[]);
+    browser.open(&viewer.link);
+    let keep = std::env::var_os("LOOKOUT_PICTURES").map(std::path::PathBuf::from);
+    let mut brightness = Vec::new();
+    let looks = [
+        ("light", 1280, 1000, false, "light"),
+        ("dark", 1280, 1000, false, "dark"),
+        ("phone", 390, 844, true, "dark"),
+    ];
+    for (name, width, height, is_phone, scheme) in looks {
+        browser.look(width, height, is_phone, scheme);
+        browser.until("typeof page === 'object' && page.frames >= 3 && page.samples.length >= 2");
+        if keep.is_some() {
+            // With a history to show, and the car ahead near.
+            browser.until("page.samples.length > 45 && page.frame.alarm.nearest_m < 11");
+        }
+        let before = browser.value("page.frames").as_u64().unwrap();
+        browser.until(&format!("page.frames > {}", before + 1));
+        // No wider than the window, and what matters is in sight.
+        let overflow = "document.documentElement.scrollWidth - innerWidth";
+        assert!(browser.value(overflow).as_i64().unwrap() <= 0, "{name} is wider than its window");
+        let bottom = browser.value("document.getElementById('left').getBoundingClientRect().bottom");
+        assert!(bottom.as_f64().unwrap() < f64::from(height), "{name}: the left image is below the window");
+        let picture = browser.screenshot();
+        let image = image::load_from_memory(&picture).unwrap().into_luma8();
+        assert_eq!((image.width(), image.height()), (width, height));
+        // The ground between the panels.
+        brightness.push(image.get_pixel(2, height / 2)[0]);
+        if let Some(folder) = &keep {
+            let rgb = image::load_from_memory(&picture).unwrap().into_rgb8();
+            let mut bytes = Vec::new();
+            image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 80).encode_image(&rgb).unwrap();
+            std::fs::write(folder.join(format!("viewer-{name}.jpg")), bytes).unwrap();
+        }
+    }
+    assert!(brightness[0] > 200 && brightness[1] < 60 && brightness[2] < 60, "{brightness:?}");
+    viewer.stop();
+    // A replay that is stopped has not come to its end, and says so.
+    daemon.signal("TERM");
+    assert_eq!(daemon.wait().status.code(), Some(1));
+    bench.assert_clean();
+}
+
+#[test]
+fn two_viewers_change_no_byte_of_the_results() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 30);
+    bench.ok(&["replay", &recording, "--lockstep", "--out", "alone"]);
+    let viewers = [Viewer::start(&bench, &[]), Viewer::start(&bench, &[])];
+    let frames = std::thread::scope(|scope| {
+        let watched = scope.spawn(|| bench.ok(&["replay", &recording, "--lockstep", "--out", "watched"]));
+        let pages: Vec<_> = viewers
+            .iter()
+            .map(|viewer| {
+                scope.spawn(|| {
+                    let (mut page, mut frames) = (viewer.socket(), BTreeSet::new());
+                    let start = std::time::Instant::now();
+                    let mut was_there = false;
+                    loop {
+                        let (answer, _) = page.ask();
+                        frames.extend(answer["frame"]["sequence"].as_u64());
+                        was_there |= answer["absent"].is_null();
+                        if was_there && !answer["absent"].is_null() {
+                            return frames.len();
+                        }
+                        assert!(start.elapsed() < WATCHDOG, "the replay never came, or never ended");
+                    }
+                })
+            })
+            .collect();
+        watched.join().expect("the replay ends well");
+        pages.into_iter().map(|page| page.join().expect("a page ends well")).collect::<Vec<_>>()
+    });
+    println!("frames seen of 30: {frames:?}");
+    assert!(frames.iter().all(|&count| count > 0), "{frames:?}");
+    let (alone, watched) = (files(&bench.path("alone")), files(&bench.path("watched")));
+    assert!(alone.len() > 60);
+    assert_eq!(alone.len(), watched.len());
+    for ((name, a), (_, b)) in alone.iter().zip(&watched) {
+        assert!(a == b, "{} differs when it is watched", name.display());
+    }
+    let [first, second] = viewers;
+    first.stop();
+    second.stop();
+    bench.assert_clean();
+}
+
+#[test]
+fn parts_and_figures_come_without_a_browser() {
+    let (bench, daemon) = bench_with_drive();
+    let viewer = Viewer::start(&bench, &[]);
+    let mut page = viewer.socket();
+    let (frame, parts) = page.frame();
+    assert_eq!((&frame["width"], &frame["height"], parts.len()), (&640.into(), &480.into(), 4));
+    for part in &parts[..3] {
+        assert!(image::load_from_memory(part).unwrap().width() > 100);
+    }
+    assert!(parts[3].len().is_multiple_of(8) && parts[3].len() > 8000, "{}", parts[3].len());
+    assert!(frame["latency_ms"].as_f64().unwrap() > 1.0);
+    // One that asks and asks and takes no answer holds nobody up.
+    let mut mute = viewer.socket();
+    (0..100).for_each(|_| mute.ask_only());
+    // Frames come in order, each once.
+    let (next, _) = page.frame();
+    assert!(next["sequence"].as_u64() > frame["sequence"].as_u64());
+    drop(mute);
+
+    let start = std::time::Instant::now();
+    let text = loop {
+        // The first status is from before the stages were there.
+        let text = viewer.get("/metrics", "");
+        if text.contains("lookout_state{state=\"running\"} 1\n") {
+            break text;
+        }
+        assert!(start.elapsed() < WATCHDOG, "it never ran: {text}");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    };
+    for line in [
+        "lookout_up 1\n",
+        "lookout_process_up{process=\"stereo\"} 1\n",
+        "# TYPE lookout_frames_total counter\n",
+    ] {
+        assert!(text.contains(line), "{line} is missing in {text}");
+    }
+    let status = viewer.get("/status.json", "");
+    assert!(status.contains("\"processes\""), "{status}");
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+    let start = std::time::Instant::now();
+    while !viewer.get("/metrics", "").contains("lookout_up 0\n") {
+        assert!(start.elapsed() < WATCHDOG, "the end of the daemon was never noticed");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    assert!(viewer.get("/status.json", "").starts_with("HTTP/1.1 503"));
+    viewer.stop();
+    bench.assert_clean();
+}
+
+#[test]
+fn strangers_and_bad_manners_are_turned_away() {
+    let bench = Bench::new();
+    let viewer = Viewer::start(&bench, &[]);
+    let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
+                   Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    let starts =
+        |answer: String, code: &str| assert!(answer.starts_with(&format!("HTTP/1.1 {code} ")), "{answer}");
+    starts(viewer.get("/", ""), "200");
+    starts(viewer.raw(b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n"), "403");
+    starts(viewer.raw(b"GET / HTTP/1.1\r\n\r\n"), "403");
+    starts(viewer.get("/socket", &format!("{upgrade}Origin: http://evil.example\r\n")), "403");
+    starts(viewer.get("/socket", ""), "426");
+    starts(viewer.get("/../../etc/passwd", ""), "404");
+    starts(viewer.raw(b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\n"), "405");
+    starts(viewer.get("/", &format!("X: {}\r\n", "y".repeat(20_000))), "431");
+    starts(viewer.raw(b"\x16\x03\x01\x00\xa5\r\n\r\n"), "400");
+    // RFC 6455 gives the answer to this key.
+    let mut stream = TcpStream::connect(&viewer.address).unwrap();
+    write!(stream, "GET /socket HTTP/1.1\r\nHost: {}\r\n{upgrade}\r\n", viewer.address).unwrap();
+    let mut head = [0; 128];
+    let count = std::io::Read::read(&mut stream, &mut head).unwrap();
+    let head = String::from_utf8_lossy(&head[..count]);
+    assert!(head.contains("101") && head.contains("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="), "{head}");
+    drop(stream);
+    // Eight may look; the ninth is told so, and those who only hold a connection keep nobody out.
+    let idle: Vec<TcpStream> = (0..8).map(|_| TcpStream::connect(&viewer.address).unwrap()).collect();
+    let start = std::time::Instant::now();
+    while !viewer.get("/metrics", "").contains("lookout_viewer_clients 0\n") {
+        assert!(start.elapsed() < WATCHDOG, "a place was never given back");
+    }
+    let pages: Vec<_> = (0..8).map(|_| viewer.socket()).collect();
+    starts(viewer.get("/socket", upgrade), "503");
+    starts(viewer.get("/", ""), "200");
+    drop((pages, idle));
+    viewer.stop();
+
+    let token = "a-token-of-our-own";
+    let viewer = Viewer::start(&bench, &["--token", token]);
+    assert!(viewer.link.ends_with(&format!("/?token={token}")), "{}", viewer.link);
+    starts(viewer.get("/", ""), "401");
+    starts(viewer.get("/metrics", "Authorization: Bearer wrong-wrong-wrong\r\n"), "401");
+    starts(viewer.get("/metrics", &format!("Authorization: Bearer {token}\r\n")), "200");
+    starts(viewer.get("/socket", upgrade), "403");
+    let answer = viewer.get(&format!("/?token={token}"), "");
+    assert!(answer.starts_with("HTTP/1.1 303 ") && answer.contains("HttpOnly; SameSite=Strict"), "{answer}");
+    let cookie = answer.split("Set-Cookie: ").nth(1).and_then(|c| c.split(';').next()).unwrap();
+    starts(viewer.get("/", &format!("Cookie: {cookie}\r\n")), "200");
+    viewer.stop();
+}
+
+#[test]
+fn what_cannot_be_served_is_told_with_a_remedy() {
+    let bench = Bench::new();
+    let viewer = Viewer::start(&bench, &[]);
+    let taken = bench.fails(&["view", "--bind", &viewer.address]);
+    assert!(taken.contains(&viewer.address) && taken.contains("another port"), "{taken}");
+    let weak = bench.fails(&["view", "--bind", "127.0.0.1:0", "--token", "1234"]);
+    assert!(weak.contains("--token") && weak.contains("16"), "{weak}");
+    let elsewhere = bench.fails(&["view", "--bind", "192.0.2.1:0"]);
+    assert!(elsewhere.contains("address of this machine"), "{elsewhere}");
+    // On any other address than the machine's own there is a token, asked for or not.
+    let open = Viewer::start(&bench, &["--bind", "0.0.0.0:0"]);
+    assert!(open.link.contains("/?token="), "{}", open.link);
+    open.stop();
+    viewer.stop();
+}

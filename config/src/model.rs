@@ -2,6 +2,10 @@
 
 #![allow(missing_docs, reason = "every key is described once, in the table of keys")]
 
+mod soak;
+
+pub use soak::Soak;
+
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -21,6 +25,7 @@ pub struct Config {
     pub alarm: Alarm,
     pub cores: Cores,
     pub supervision: Supervision,
+    pub soak: Soak,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

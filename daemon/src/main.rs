@@ -3,6 +3,7 @@
 mod cli;
 mod cli_cascade;
 mod cli_rig;
+mod cli_soak;
 mod command;
 mod frame_record;
 mod in_process;
@@ -12,6 +13,7 @@ mod logging;
 mod memory;
 mod rooms;
 mod scheduler;
+mod soak;
 mod stage;
 
 use clap::Parser;

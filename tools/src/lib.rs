@@ -9,6 +9,8 @@ pub mod overlay;
 pub mod picture;
 pub mod plot;
 pub mod record;
+pub mod soak;
 pub mod summary;
+pub mod svg;
 pub mod train;
 pub mod v_disparity;

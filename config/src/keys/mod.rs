@@ -3,6 +3,7 @@
 mod daemon;
 mod decisions;
 mod frames;
+mod soak;
 
 /// What a key holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +51,7 @@ const TABLES: &[&[Key]] = &[
     decisions::ALARM,
     daemon::CORES,
     daemon::SUPERVISION,
+    soak::SOAK,
 ];
 
 /// All keys, table by table.

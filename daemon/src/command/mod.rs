@@ -14,6 +14,8 @@ mod rectify;
 mod replay;
 mod run;
 mod scene_run;
+mod soak;
+mod soak_tables;
 mod status;
 mod train;
 
@@ -80,6 +82,9 @@ pub enum CommandError {
     /// A room.
     #[error(transparent)]
     Room(#[from] crate::rooms::RoomError),
+    /// A soak.
+    #[error(transparent)]
+    Soak(#[from] crate::soak::SoakError),
     /// JSON.
     #[error("the result cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -110,6 +115,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
         Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
         Command::Detect(args) => detect::run(&args, log),
+        Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Stage { role } => stage(&role),
     }

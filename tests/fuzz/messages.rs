@@ -38,14 +38,14 @@ fn message(input: &[u8]) -> Option<(Kind, Header, Vec<u64>, usize)> {
     header.stamps = [Stamp { begin_ns: long(24), end_ns: long(32) }; 4];
     (header.width, header.height) = (short(40), short(44));
     let mut memory = vec![0_u64; payload.len().div_ceil(8)];
-    bytemuck::cast_slice_mut(&mut memory)[..payload.len()].copy_from_slice(payload);
+    bytemuck::cast_slice_mut::<u64, u8>(&mut memory)[..payload.len()].copy_from_slice(payload);
     Some((kind, header, memory, payload.len()))
 }
 
 /// Reads a message as its reader does, and everything in it.
 fn read(bytes: &[u8], _: &Path) -> String {
     let Some((kind, header, memory, length)) = message(bytes) else { return "short".into() };
-    let payload: &[u8] = &bytemuck::cast_slice(&memory)[..length];
+    let payload: &[u8] = &bytemuck::cast_slice::<u64, u8>(&memory)[..length];
     let said = match kind {
         Kind::Pair => pair::view(&header, payload).map(|p| p.left.len() + p.right.len()),
         Kind::Depth => depth::view(&header, payload).map(|d| {
@@ -105,7 +105,7 @@ fn seeds() -> Vec<Vec<u8>> {
         writer.push(region, (0..5).map(|row| &noise[row * 6..(row + 1) * 6]));
     }
     let length = writer.bytes();
-    seeds.push(input(2, width, height, &bytemuck::cast_slice(&memory)[..length]));
+    seeds.push(input(2, width, height, &bytemuck::cast_slice::<u64, u8>(&memory)[..length]));
 
     let mut memory = vec![0_u64; obstacles::payload_bytes(2) / 8];
     let obstacle = obstacles::ObstacleRecord { track: 3, bounds: [1, 1, 4, 4], ..Default::default() };

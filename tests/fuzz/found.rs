@@ -1,1 +1,0 @@
-//! What fuzzing has found, each as a test of its own.

@@ -48,6 +48,8 @@ impl Observer {
         let base = self.base.clone().map_or_else(Counts::default, |base| base.counts);
         let from_s = base_ns.saturating_sub(self.started_ns) as f64 * 1e-9;
         let seconds = (self.end_ns.saturating_sub(base_ns) as f64 * 1e-9).max(1e-9);
+        // Counts are as old as the last status.
+        let counted_s = (self.status_ns.saturating_sub(base_ns) as f64 * 1e-9).max(1e-9);
         let since = |role: Role, field: usize| {
             let i = role as usize;
             self.counts.roles[i][field].saturating_sub(base.roles[i][field])
@@ -146,7 +148,7 @@ impl Observer {
                 .map_or(0.0, |first| first.saturating_sub(self.started_ns) as f64 * 1e-9),
             offered,
             lost: offered.saturating_sub(frames).saturating_sub(dropped),
-            rate_hz: frames as f64 / seconds,
+            rate_hz: frames as f64 / counted_s,
             faults: recoveries.count(),
             kills: recoveries.kills(),
             seed: plan.faults.map_or(0, |faults| faults.seed),

@@ -107,7 +107,7 @@ pub struct Observer {
     tail_ns: Option<u64>,
     sampled_ns: u64,
     sampled_cpu_ns: [u64; 6],
-    status_ns: u64,
+    pub(super) status_ns: u64,
     gave_up: Option<String>,
 }
 

@@ -68,6 +68,8 @@ fn kilobytes(status: &str, name: &str) -> Option<u64> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Usage {
     pid: u32,
+    /// The process before: its last words may still come.
+    gone: u32,
     before_ns: u64,
     now_ns: u64,
     reading: Reading,
@@ -83,10 +85,13 @@ impl Processes {
     /// A process has a role, and says how much processor time it has used; gives whether it is new.
     pub fn heard(&mut self, role: Role, pid: u32, cpu_ns: u64) -> bool {
         let usage = self.roles.entry(role).or_default();
+        if pid == usage.gone && pid != 0 {
+            return false;
+        }
         let is_new = usage.pid != pid;
         if is_new {
-            usage.before_ns += usage.now_ns;
-            *usage = Usage { pid, before_ns: usage.before_ns, ..Usage::default() };
+            let before_ns = usage.before_ns + usage.now_ns;
+            *usage = Usage { pid, gone: usage.pid, before_ns, ..Usage::default() };
         }
         usage.now_ns = usage.now_ns.max(cpu_ns);
         is_new
@@ -194,6 +199,7 @@ mod tests {
         assert!(processes.heard(Role::Road, 10, 500));
         assert!(!processes.heard(Role::Road, 10, 700));
         assert!(processes.heard(Role::Road, 11, 50));
+        assert!(!processes.heard(Role::Road, 10, 800), "last words of the one before");
         assert_eq!((processes.cpu_ns(Role::Road), processes.pid(Role::Road)), (750, Some(11)));
         assert_eq!((processes.cpu_ns(Role::Stereo), processes.pid(Role::Stereo)), (0, None));
         let own = std::process::id();

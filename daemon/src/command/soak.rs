@@ -3,6 +3,7 @@
 use super::replay::set_source;
 use super::{CommandError, load, say, soak_tables};
 use crate::cli_soak::Soak;
+use crate::soak::pairs::{COUNT, DrawnPairs};
 use crate::soak::{self, Plan, Progress, Soaked};
 use config::Config;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -28,17 +29,23 @@ const PATIENCE_NS: u64 = 30_000_000_000;
 const FLOOD_FPS: f64 = 500.0;
 
 pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
-    let (config, settings) = prepare(args, log)?;
+    let (mut config, mut settings) = prepare(args, log)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|e| CommandError::Other(format!("cannot catch signals: {e}")))?;
     }
+    let source = source_name(&config);
+    // Removed at the end.
+    let _pairs = draw(args, &mut config, &mut settings)?;
     if args.tables {
-        return soak_tables::run(args, &config, &settings, &stop);
+        return soak_tables::run(args, &config, &settings, &source, &stop);
     }
-    let (config, plan) =
-        if args.overload { overload(args, config, settings, &stop)? } else { plan(args, config, settings) };
+    let (config, plan) = if args.overload {
+        overload(args, config, settings, source, &stop)?
+    } else {
+        plan(args, config, settings, source)
+    };
     eprintln!(
         "soak of {} at {:.4} pairs a second, {}; report in {}",
         plan.source,
@@ -88,6 +95,35 @@ fn prepare(args: &Soak, log: Option<&str>) -> Result<(Config, Vec<Setting>), Com
     Ok((config, settings))
 }
 
+/// Draws the pairs of a scene, and has the daemon read them.
+fn draw(
+    args: &Soak,
+    config: &mut Config,
+    settings: &mut Vec<Setting>,
+) -> Result<Option<DrawnPairs>, CommandError> {
+    if config.source.kind != "scene" {
+        return Ok(None);
+    }
+    let mut wanted = config.clone();
+    wanted.source.fps = if args.tables { PAPER_FPS } else { rate(args, config).0 };
+    eprintln!("drawing {COUNT} pairs of {}", source_name(config));
+    let pairs = DrawnPairs::draw(&wanted, args.out.join(format!("pairs-{}", std::process::id())))?;
+    config.source.kind = "folder".into();
+    config.source.path.clone_from(&pairs.folder);
+    let value = pairs.folder.display().to_string();
+    settings.push(Setting { key: "source.path", value, why: "the scene's pairs, drawn before" });
+    Ok(Some(pairs))
+}
+
+/// Pairs a second, and why so many.
+fn rate(args: &Soak, config: &Config) -> (f64, &'static str) {
+    match args.fps {
+        Some(fps) => (fps, "as asked"),
+        None if config.source.fps > 0.0 => (config.source.fps, "as configured"),
+        None => (PAPER_FPS, "the paper's rate"),
+    }
+}
+
 /// The configuration at a rate.
 pub fn at_rate(config: &Config, settings: &[Setting], fps: f64, why: &'static str) -> (Config, Vec<Setting>) {
     let mut config = config.clone();
@@ -98,11 +134,11 @@ pub fn at_rate(config: &Config, settings: &[Setting], fps: f64, why: &'static st
 }
 
 /// What the pairs are, in words.
-pub fn source_name(config: &Config) -> String {
+fn source_name(config: &Config) -> String {
     let path = config.source.path.display();
     match (config.source.kind.as_str(), config.source.path.as_os_str().is_empty()) {
-        ("scene", true) => "the built-in drive (640x480, drawn as it runs)".into(),
-        ("scene", false) => format!("the scene {path} (drawn as it runs)"),
+        ("scene", true) => "the built-in drive".into(),
+        ("scene", false) => format!("the scene {path}"),
         _ => path.to_string(),
     }
 }
@@ -111,12 +147,8 @@ pub fn time(minutes: f64) -> Duration {
     Duration::from_secs_f64(minutes * 60.0)
 }
 
-fn plan(args: &Soak, config: Config, settings: Vec<Setting>) -> (Config, Plan) {
-    let (fps, why) = match args.fps {
-        Some(fps) => (fps, "as asked"),
-        None if config.source.fps > 0.0 => (config.source.fps, "as configured"),
-        None => (PAPER_FPS, "the paper's rate"),
-    };
+fn plan(args: &Soak, config: Config, settings: Vec<Setting>, source: String) -> (Config, Plan) {
+    let (fps, why) = rate(args, &config);
     let (mut config, mut settings) = at_rate(&config, &settings, fps, why);
     let with_faults = args.faults || args.kills.is_some();
     if with_faults {
@@ -160,7 +192,7 @@ fn plan(args: &Soak, config: Config, settings: Vec<Setting>) -> (Config, Plan) {
         time: minutes.map(time),
         faults,
         settings,
-        source: source_name(&config),
+        source,
         out: args.out.clone(),
     };
     (config, plan)
@@ -171,12 +203,12 @@ fn overload(
     args: &Soak,
     config: Config,
     settings: Vec<Setting>,
+    source: String,
     stop: &Arc<AtomicBool>,
 ) -> Result<(Config, Plan), CommandError> {
     eprintln!("finding out what the daemon sustains: {FLOOD_FPS} pairs a second for 10 s");
     let (mut flood, _) = at_rate(&config, &settings, FLOOD_FPS, "");
     flood.soak.warm_up_s = 3.0;
-    let source = source_name(&config);
     let plan = Plan {
         kind: Kind::Overload,
         time: Some(Duration::from_secs(10)),
@@ -190,7 +222,7 @@ fn overload(
     if soaked.report.dropped == 0 {
         return Err(CommandError::Other(format!(
             "the source brings {capacity_fps:.1} pairs a second, and the stages keep up: it cannot overload them; \
-             try a recording of PGM images, or --set stereo.method=full"
+             try --set stereo.method=full"
         )));
     }
     eprintln!("it sustains {capacity_fps:.1}");

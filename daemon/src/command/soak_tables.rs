@@ -1,6 +1,6 @@
 //! `lookout soak --tables`: the paper's tables of its section 4.4 beside ours.
 
-use super::soak::{at_rate, line, save, source_name, time};
+use super::soak::{at_rate, line, save, time};
 use super::{CommandError, say};
 use crate::cli_soak::Soak;
 use crate::soak::{self, Plan, processor};
@@ -26,6 +26,7 @@ pub fn run(
     args: &Soak,
     config: &Config,
     settings: &[Setting],
+    source: &str,
     stop: &Arc<AtomicBool>,
 ) -> Result<(), CommandError> {
     let mut runs: Vec<RateRun> = Vec::new();
@@ -36,7 +37,7 @@ pub fn run(
             time: Some(time(args.minutes.unwrap_or(1.0))),
             faults: None,
             settings,
-            source: source_name(&config),
+            source: source.to_owned(),
             out: args.out.join(format!("{fps:.0}-fps")),
         };
         eprintln!("{fps:.0} pairs a second");
@@ -52,7 +53,7 @@ pub fn run(
     let place = Place {
         processor: processor(),
         cores: std::thread::available_parallelism().map_or(1, usize::from),
-        source: source_name(config),
+        source: source.to_owned(),
         // There is no GPU whose clock could be set.
         backend: format!("CPU {} (no GPU clock here)", Level::best().name()),
         rectify_ms: Some(rectify_ms()?),

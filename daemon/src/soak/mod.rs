@@ -5,6 +5,7 @@
 mod child;
 mod figures;
 mod observer;
+pub mod pairs;
 mod probe;
 mod processes;
 

@@ -39,7 +39,7 @@ pub struct RateRun {
     pub processed_fps: f64,
     /// Cores' worth of processor time of all processes.
     pub cpu_cores: f64,
-    /// That of the capture stage, which draws the picture where the source is a scene.
+    /// That of the capture stage.
     pub capture_cores: f64,
     /// Resident memory of all processes.
     pub memory_bytes: f64,

@@ -2,7 +2,7 @@
 
 use super::child::DaemonChild;
 use super::probe::Probes;
-use super::processes::{MachineTime, Processes, Reading};
+use super::processes::{MachineTime, Processes, Reading, waited_ns};
 use super::{Plan, Progress, SoakError, stage_index};
 use config::Config;
 use ipc::bus::Bus;
@@ -28,6 +28,9 @@ const TICK: Duration = Duration::from_millis(10);
 
 /// How often it reads /proc and /dev/shm.
 const SAMPLE_NS: u64 = 1_000_000_000;
+
+/// How often it reads how long the stages waited for their cores.
+const DELAY_NS: u64 = 5_000_000;
 
 /// No fault in the last part of a run, so that all that follows from one is seen.
 const TAIL_NS: u64 = 3_000_000_000;
@@ -106,6 +109,7 @@ pub struct Observer {
     last_result_ns: u64,
     tail_ns: Option<u64>,
     sampled_ns: u64,
+    delays_ns: u64,
     sampled_cpu_ns: [u64; 6],
     pub(super) status_ns: u64,
     gave_up: Option<String>,
@@ -142,6 +146,7 @@ impl Observer {
             last_result_ns: now,
             tail_ns: None,
             sampled_ns: 0,
+            delays_ns: 0,
             sampled_cpu_ns: [0; 6],
             status_ns: now,
             gave_up: None,
@@ -265,6 +270,14 @@ impl Observer {
         self.direct(now);
         let open = self.open_fault_ns();
         if let Some(latencies) = &mut self.latencies {
+            if now.saturating_sub(self.delays_ns) >= DELAY_NS {
+                self.delays_ns = now;
+                for (delays, role) in latencies.delays.iter_mut().zip(Role::STAGES) {
+                    if let Some(total_ns) = self.processes.pid(role).and_then(waited_ns) {
+                        delays.add(monotonic_ns(), total_ns);
+                    }
+                }
+            }
             latencies.settle(now, open, &self.stalls);
         }
         self.stalls.forget_before(now.saturating_sub(PATIENCE_NS));

@@ -64,6 +64,13 @@ fn kilobytes(status: &str, name: &str) -> Option<u64> {
     Some(line.split_ascii_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
+/// How long the first thread of a process was ready to run and did not, in nanoseconds; `None` where the
+/// kernel keeps no account.
+pub fn waited_ns(pid: u32) -> Option<u64> {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/schedstat")).ok()?;
+    text.split_ascii_whitespace().nth(1)?.parse().ok()
+}
+
 /// Processor time of one role, over all processes that had it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Usage {

@@ -1,6 +1,7 @@
 //! Where the time of each frame goes: by stage, end to end, and what of it was the machine's own
 //! stalls.
 
+use super::delays::Delays;
 use super::stalls::Stalls;
 use super::trend::Trend;
 use crate::summary::Latency;
@@ -82,6 +83,8 @@ pub struct Latencies {
     intervals: (f64, f64, u64),
     /// Frames whose stamps make no sense.
     pub unsound: u64,
+    /// How long each stage's process waited for its core.
+    pub delays: [Delays; STAGES],
     held: VecDeque<Trace>,
     /// Faults, each with the end of its aftermath.
     faults: VecDeque<(u64, u64)>,
@@ -115,6 +118,7 @@ impl Latencies {
             longest_gap_ns: 0,
             intervals: (0.0, 0.0, 0),
             unsound: 0,
+            delays: Default::default(),
             held: VecDeque::with_capacity(64),
             faults: VecDeque::new(),
             last: None,
@@ -191,7 +195,10 @@ impl Latencies {
             // where the probe had to wait for it.
             let usual_ns = (stage.both.percentile_ms(50.0) * 1e6) as u64;
             let beyond_ns = (end - before).saturating_sub(usual_ns);
-            stalled_ns += stalls.overlap_ns(self.cores[i], before, end).min(beyond_ns);
+            // Nor where the stage was not kept from its core: then it was the stage that was slow, and
+            // the probe that had to wait for it.
+            let waited_ns = self.delays[i].between_ns(before, end).unwrap_or(u64::MAX);
+            stalled_ns += stalls.overlap_ns(self.cores[i], before, end).min(beyond_ns).min(waited_ns);
             stage.both.add_ns(end - before);
             before = end;
         }
@@ -225,6 +232,7 @@ impl Latencies {
         let old = std::mem::replace(self, fresh);
         self.held = old.held;
         self.faults = old.faults;
+        self.delays = old.delays;
         for (stage, old) in self.stages.iter_mut().zip(old.stages) {
             // The usual is known.
             stage.both = old.both;
@@ -297,6 +305,27 @@ mod tests {
         }
         let all = run(100, |_| 0, &ordinary);
         assert!(all.less_stalls.percentile_ms(50.0) > 31.0, "{}", all.less_stalls.percentile_ms(50.0));
+    }
+
+    #[test]
+    fn a_stage_that_had_its_core_has_no_excuse() {
+        let late = |i: u64| if i == 50 { 100 * MS } else { 0 };
+        let begin = frame(50, 0).stamps[1].0 + 5 * MS;
+        let mut stalls = Stalls::default();
+        stalls.add(Some(1), begin, begin + 90 * MS);
+        for (waited, expected) in [(0, 132.0), (60 * MS, 72.0), (500 * MS, 42.0)] {
+            let mut all = Latencies::new(0, 80 * MS, [Some(0), Some(1), Some(0), Some(1)]);
+            let at = frame(50, 0).capture_ns;
+            for (reading, total) in [(0, 0), (at - MS, 0), (at + 200 * MS, waited), (u64::MAX, waited)] {
+                all.delays[1].add(reading, total);
+            }
+            for i in 0..100 {
+                all.add(frame(i, late(i)), &stalls);
+            }
+            all.settle(u64::MAX, None, &stalls);
+            let longest = all.less_stalls.percentile_ms(100.0);
+            assert!((longest - expected).abs() < 1.0, "{waited}: {longest}");
+        }
     }
 
     #[test]

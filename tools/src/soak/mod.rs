@@ -2,6 +2,7 @@
 //! budgets, the report. All of it is pure; `lookout soak` feeds it.
 
 pub mod budget;
+pub mod delays;
 pub mod director;
 pub mod fault;
 pub mod latency;

@@ -362,7 +362,8 @@ impl SoakReport {
         let _ = write!(
             out,
             "The machine's own stalls: a probe on each core ({}) asked to be woken every 2 ms, and came late by more than \
-             1 ms. Of a stage's time at most what is beyond its median is taken off for a stall of its core.\n\n{}\n",
+             1 ms. Taken off a stage's time is what of it was a stall of its core, at most what is beyond its median, and at most \
+             what the kernel says that it was kept from its core.\n\n{}\n",
             self.machine.probe_policy,
             table(&["core", "stalls", "% of time", "p99.9 ms", "longest ms"], &rows)
         );

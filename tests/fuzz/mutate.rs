@@ -34,7 +34,8 @@ const BYTES: [u8; 16] = [0, 1, 9, 10, 13, 32, 34, 35, 45, 60, 91, 93, 0x7f, 0x80
 /// A changed copy of one of the inputs, at most `longest` bytes.
 pub fn mutate(random: &mut Rng, corpus: &[Vec<u8>], longest: usize) -> Vec<u8> {
     let mut input = corpus[random.usize(0..corpus.len())].clone();
-    for _ in 0..1 + random.usize(0..1 << random.u8(0..5)) {
+    let most = 1 << random.u8(0..5);
+    for _ in 0..1 + random.usize(0..most) {
         change(random, &mut input, corpus);
     }
     input.truncate(longest);
@@ -44,7 +45,8 @@ pub fn mutate(random: &mut Rng, corpus: &[Vec<u8>], longest: usize) -> Vec<u8> {
 fn change(random: &mut Rng, input: &mut Vec<u8>, corpus: &[Vec<u8>]) {
     let at = random.usize(0..=input.len());
     // Most pieces are short.
-    let piece = 1 + random.usize(0..1 << random.u8(0..9));
+    let longest = 1 << random.u8(0..9);
+    let piece = 1 + random.usize(0..longest);
     let end = (at + piece).min(input.len());
     match random.u8(0..12) {
         0 if at < input.len() => input[at] ^= 1 << random.u8(0..8),

@@ -9,7 +9,7 @@ use tools::soak::budget::{Budgets, Figures, Kind, SLOPE_SPAN_S, Verdict, judge};
 use tools::soak::latency::{Latencies, STAGES};
 use tools::soak::paper::RateRun;
 use tools::soak::recovery::Recoveries;
-use tools::soak::report::{Machine, Percentiles, ProcessRow, SoakReport, StageRow, StallRow};
+use tools::soak::report::{Machine, ProcessRow, SoakReport, StageRow, StallRow};
 use tools::soak::trend::Trend;
 use tools::summary::Latency;
 use tools::svg::{Plot, Series};

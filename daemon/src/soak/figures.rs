@@ -67,7 +67,10 @@ impl Observer {
         };
         let cpu_cores: f64 = Role::ALL.into_iter().map(cpu).sum();
         let cpu_percent = cpu_cores / cores as f64 * 100.0;
-        let slope = self.memory.slope(from_s);
+        // A new publisher's pool is empty and fills as readers come and go: up and down by megabytes. What
+        // is left of a fault shows in private memory, and in entries.
+        let grows = if plan.kind == Kind::Faults { &self.private } else { &self.memory };
+        let slope = grows.slope(from_s);
         let rise = self.entries.floor_rise(from_s).unwrap_or(0.0).max(0.0) as u64;
         let leaked = left + rise;
         let nothing = Latencies::new(0, self.period_ns, [None; STAGES]);

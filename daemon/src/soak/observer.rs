@@ -93,9 +93,10 @@ pub struct Observer {
     pub(super) probe_policy: String,
     pub(super) latencies: Option<Latencies>,
     pub(super) director: Option<Director>,
-    /// Memory of all, of each role, processor time of each role in percent of one core, and entries in
+    /// Memory of all, private memory of all, memory of each role, processor time of each role in percent of one core, and entries in
     /// shared memory, all over seconds since the start.
     pub(super) memory: Trend,
+    pub(super) private: Trend,
     pub(super) role_memory: [Trend; 6],
     pub(super) role_cpu: [Trend; 6],
     pub(super) entries: Trend,
@@ -133,6 +134,7 @@ impl Observer {
             latencies: None,
             director: None,
             memory: Trend::new(1.0),
+            private: Trend::new(1.0),
             role_memory: std::array::from_fn(|_| Trend::new(1.0)),
             role_cpu: std::array::from_fn(|_| Trend::new(1.0)),
             entries: Trend::new(1.0),
@@ -317,6 +319,7 @@ impl Observer {
         self.shared_bytes = self.instance.shared_bytes();
         let (private, file) = self.processes.memory();
         self.memory.add(at_s, (private + file + self.shared_bytes) as f64);
+        self.private.add(at_s, private as f64);
         self.entries.add(at_s, self.instance.shared_memory().len() as f64);
         for role in Role::ALL {
             let i = role as usize;

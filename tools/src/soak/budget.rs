@@ -176,7 +176,7 @@ pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
         measured: f.slope.map(|(slope, _)| slope),
         ..line(
             "slope_bytes_per_hour",
-            "growth of resident memory",
+            growing,
             "bytes/h",
             b.slope_bytes_per_hour,
             f.slope.map_or(f64::NAN, |(slope, _)| slope),

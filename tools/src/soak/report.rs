@@ -159,7 +159,7 @@ pub struct SoakReport {
     pub cpu_percent: f64,
     /// Greatest resident memory of all processes, shared memory and program counted once.
     pub rss_bytes: u64,
-    /// Its growth; `None` when the run was too short to tell.
+    /// Its growth, with faults that of private memory; `None` when the run was too short to tell.
     pub rss_slope_bytes_per_hour: Option<f64>,
     /// Longest time from a fault to the next result; 0 when there was no fault.
     pub next_result_s_max: f64,

@@ -128,7 +128,7 @@ pub fn run(
     let entries_before = ipc::instance::shared_entries("lookout.").len() as u64;
     let mut daemon = DaemonChild::start(config, &plan.out)?;
     let (bus, prefix) = daemon.join(stop)?;
-    let mut observer = Observer::new(config, plan, &daemon)?;
+    let mut observer = Observer::new(config, plan, &daemon);
     let ended = observer.watch(&bus, &mut daemon, stop, progress)?;
     // Before the daemon removes what they live in.
     drop(bus);

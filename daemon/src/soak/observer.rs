@@ -118,9 +118,9 @@ pub struct Observer {
 
 impl Observer {
     /// An observer of a daemon that was just started.
-    pub fn new(config: &Config, plan: &Plan, daemon: &DaemonChild) -> Result<Self, SoakError> {
+    pub fn new(config: &Config, plan: &Plan, daemon: &DaemonChild) -> Self {
         let now = monotonic_ns();
-        Ok(Self {
+        Self {
             period_ns: (1e9 / config.source.fps) as u64,
             started_ns: now,
             first_result_ns: None,
@@ -152,7 +152,7 @@ impl Observer {
             sampled_cpu_ns: [0; 6],
             status_ns: now,
             gave_up: None,
-        })
+        }
     }
 
     /// Watches until the run is over.

@@ -3,6 +3,7 @@
 use super::SoakError;
 use config::Config;
 use ipc::bus::Bus;
+use ipc::clock::monotonic_ns;
 use ipc::instance::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::File;
@@ -26,6 +27,8 @@ pub struct DaemonChild {
     child: Child,
     /// Its instance.
     pub instance: Instance,
+    /// When it was started.
+    pub started_ns: u64,
     log: PathBuf,
 }
 
@@ -37,6 +40,7 @@ impl DaemonChild {
         let text = toml::to_string(config).map_err(|e| SoakError::Config(e.to_string()))?;
         std::fs::write(&file, text).map_err(SoakError::io(&file))?;
         let errors = File::create(&log).map_err(SoakError::io(&log))?;
+        let started_ns = monotonic_ns();
         // This very program, even when its file was replaced by an upgrade.
         let child = Command::new("/proc/self/exe")
             .arg0("lookout")
@@ -55,7 +59,7 @@ impl DaemonChild {
             .spawn()
             .map_err(SoakError::io(Path::new("/proc/self/exe")))?;
         let instance = Instance::new(&config.instance.name, &config.instance.directory);
-        Ok(Self { child, instance, log })
+        Ok(Self { child, instance, started_ns, log })
     }
 
     /// Its process id.

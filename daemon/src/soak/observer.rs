@@ -122,7 +122,7 @@ impl Observer {
         let now = monotonic_ns();
         Self {
             period_ns: (1e9 / config.source.fps) as u64,
-            started_ns: now,
+            started_ns: daemon.started_ns,
             first_result_ns: None,
             base: None,
             end_ns: now,

@@ -77,7 +77,7 @@ impl Observer {
         let latencies = self.latencies.as_ref().unwrap_or(&nothing);
         let memory_bytes = self.memory.greatest(from_s).unwrap_or(f64::NAN);
         let stereo = &latencies.stages[1];
-        let age_bound_ms = self.period_ns as f64 * 1e-6 + stereo.work.percentile_ms(100.0);
+        let age_bound_ms = self.period_ns as f64 * 1e-6 + stereo.work.percentile_ms(50.0);
         let age_slope = latencies.age_trend.slope(0.0).filter(|s| s.span_s >= 20.0);
         let figures = Figures {
             kind: plan.kind,

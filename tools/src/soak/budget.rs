@@ -77,7 +77,7 @@ pub struct Figures {
     pub processed_percent: f64,
     /// 99th percentile of the age at which stereo takes a frame up, in milliseconds.
     pub age_p99_ms: f64,
-    /// What bounds it under overload: one period, and the longest that stereo takes.
+    /// What bounds it under overload: one period, and the median of stereo's work.
     pub age_bound_ms: f64,
     /// Growth of the age over the run, in milliseconds.
     pub age_growth_ms: Option<f64>,
@@ -242,7 +242,7 @@ pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
     if f.kind == Kind::Overload {
         lines.push(line(
             "age",
-            "age of frames when stereo takes them up, 99 %: at most a period and the longest of stereo's work",
+            "age of frames when stereo takes them up, 99 %: a period and stereo's median work",
             "ms",
             f.age_bound_ms,
             f.age_p99_ms,
@@ -251,7 +251,7 @@ pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
         let short = f.age_growth_ms.is_none().then_some("too short a run");
         lines.push(line(
             "age_growth",
-            "growth of that age over the run: at most half of its bound",
+            "growth of that age over the run: half of its bound",
             "ms",
             f.age_bound_ms / 2.0,
             f.age_growth_ms.unwrap_or(f64::NAN),

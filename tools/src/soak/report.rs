@@ -282,7 +282,7 @@ impl SoakReport {
              Machine: {}, {} cores, Linux {}. Others used {:.0} % of all cores meanwhile, a hypervisor took {:.1} %; load {:.1} \
              at the end.\n\n## Budgets\n\n{}\n",
             self.minutes,
-            self.fps,
+            figure(self.fps),
             self.source,
             self.warm_up_s,
             self.frames,

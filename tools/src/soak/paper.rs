@@ -100,7 +100,7 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
         clocks.push(vec![
             format!("here, {}", place.backend),
             format!("{fps:.0}"),
-            place.rectify_ms.map_or_else(|| "-".into(), one),
+            place.rectify_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.2}")),
             ours(fps, &|r| one(r.work_p50_ms[1])),
             ours(fps, &|r| one(r.work_p50_ms[2] + r.work_p50_ms[3])),
         ]);

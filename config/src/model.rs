@@ -3,8 +3,10 @@
 #![allow(missing_docs, reason = "every key is described once, in the table of keys")]
 
 mod board;
+mod soak;
 
 pub use board::{Board, Clocks, Heat};
+pub use soak::Soak;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -27,6 +29,7 @@ pub struct Config {
     pub heat: Heat,
     pub clocks: Clocks,
     pub board: Board,
+    pub soak: Soak,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -153,6 +153,9 @@ CASCADE.part. The cascade is OpenCV's XML.")]
         #[command(subcommand)]
         what: Evaluate,
     },
+    /// The board's qualification: rates, latencies, memory, processor time and faults survived, judged
+    #[command(after_help = crate::cli_soak::HELP)]
+    Soak(crate::cli_soak::Soak),
     /// Every error of a configuration with line and remedy; the effective configuration
     #[command(after_help = "Examples:
   lookout check-config car.toml
@@ -206,6 +209,9 @@ pub struct Demo {
 pub struct Run {
     #[command(flatten)]
     pub config: ConfigArgs,
+    /// Ends when the process that started it does
+    #[arg(long, hide = true)]
+    pub with_parent: bool,
 }
 
 #[derive(Args, Debug)]
@@ -489,7 +495,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
     number(text, 0.0, 10_000.0)
 }
 
-fn fps(text: &str) -> Result<f64, String> {
+pub fn fps(text: &str) -> Result<f64, String> {
     number(text, 0.01, 1000.0)
 }
 

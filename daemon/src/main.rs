@@ -4,6 +4,7 @@ mod cli;
 mod cli_board;
 mod cli_cascade;
 mod cli_rig;
+mod cli_soak;
 mod cli_view;
 mod command;
 mod frame_record;
@@ -15,6 +16,7 @@ mod logging;
 mod memory;
 mod rooms;
 mod scheduler;
+mod soak;
 mod stage;
 mod view;
 

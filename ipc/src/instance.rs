@@ -206,7 +206,12 @@ impl Instance {
     }
 }
 
-/// Files in shared memory whose names start with a prefix.
+/// Files in shared memory whose names start with a prefix: those of a run, or of all of them
+/// (`lookout.`).
+pub fn shared_entries(prefix: &str) -> Vec<PathBuf> {
+    shared_files(prefix)
+}
+
 fn shared_files(prefix: &str) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(SHM) else { return Vec::new() };
     let ours = |path: &PathBuf| {

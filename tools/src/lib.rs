@@ -10,6 +10,8 @@ pub mod picture;
 pub mod plot;
 pub mod ply;
 pub mod record;
+pub mod soak;
 pub mod summary;
+pub mod svg;
 pub mod train;
 pub mod v_disparity;

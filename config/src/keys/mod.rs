@@ -4,6 +4,7 @@ mod board;
 mod daemon;
 mod decisions;
 mod frames;
+mod soak;
 
 /// What a key holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +57,7 @@ const TABLES: &[&[Key]] = &[
     board::HEAT,
     board::CLOCKS,
     board::BOARD,
+    soak::SOAK,
 ];
 
 /// All keys, table by table.

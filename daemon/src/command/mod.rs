@@ -18,6 +18,8 @@ mod replay;
 mod restore_clocks;
 mod run;
 mod scene_run;
+mod soak;
+mod soak_tables;
 pub mod status;
 mod status_heat;
 mod train;
@@ -86,6 +88,9 @@ pub enum CommandError {
     /// A room.
     #[error(transparent)]
     Room(#[from] crate::rooms::RoomError),
+    /// A soak.
+    #[error(transparent)]
+    Soak(#[from] crate::soak::SoakError),
     /// JSON.
     #[error("the result cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -121,6 +126,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
         Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
         Command::Detect(args) => detect::run(&args, log),
+        Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::RestoreClocks(args) => restore_clocks::run(&args, log),
         Command::Completions(args) => manual::completions(&args),

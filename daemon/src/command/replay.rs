@@ -7,6 +7,7 @@ use crate::scheduler::{self, Ends, RunOptions};
 use config::Config;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::path::Path;
 use std::time::Instant;
 use tools::output::{FrameWriter, prepare, write_summary};
 use tools::summary::RunSummary;
@@ -16,16 +17,7 @@ const SCENE: &str = "scene:";
 
 pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
-    match args.path.to_str().and_then(|path| path.strip_prefix(SCENE)) {
-        Some(scene) => {
-            config.source.kind = "scene".into();
-            config.source.path = scene.into();
-        }
-        None => {
-            config.source.kind = "folder".into();
-            config.source.path.clone_from(&args.path);
-        }
-    }
+    set_source(&mut config, &args.path);
     config.source.repeat = args.repeat;
     if let Some(fps) = args.fps {
         config.source.fps = fps;
@@ -58,6 +50,20 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
             )))
         }
         None => Ok(()),
+    }
+}
+
+/// Takes pairs from a folder, or from `scene:NAME`.
+pub fn set_source(config: &mut Config, path: &Path) {
+    match path.to_str().and_then(|path| path.strip_prefix(SCENE)) {
+        Some(scene) => {
+            config.source.kind = "scene".into();
+            config.source.path = scene.into();
+        }
+        None => {
+            config.source.kind = "folder".into();
+            config.source.path = path.to_owned();
+        }
     }
 }
 

@@ -3,9 +3,14 @@
 use super::{CommandError, load, read};
 use crate::cli::Run;
 use crate::scheduler::{self, Ends, RunOptions};
+use rustix::process::{Signal, set_parent_process_death_signal};
 
 pub fn run(args: &Run, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "scheduler", None)?;
+    if args.with_parent {
+        set_parent_process_death_signal(Some(Signal::TERM))
+            .map_err(|e| CommandError::Other(format!("asking to end with the parent: {e}")))?;
+    }
     if config.source.kind == "scene" {
         tracing::warn!("source.kind is scene: this watches the built-in synthetic street, not a camera");
     }

@@ -9,7 +9,7 @@ use ipc::role::Role;
 use ipc::status::ProcessRecord;
 use tools::summary::{CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
 
-/// Frames whose times are kept one by one, for plots.
+/// Frames whose times are kept one by one where they are drawn.
 const KEPT_TRACES: usize = 20_000;
 
 /// Changes of the calibration's state that are kept.
@@ -66,6 +66,7 @@ pub struct Collector {
     roles: Vec<RoleFigures>,
     latency: Latency,
     traces: Vec<FrameTrace>,
+    keeps_traces: bool,
     started_ns: u64,
     first_result_ns: Option<u64>,
     last_result_ns: u64,
@@ -97,7 +98,8 @@ impl Collector {
         Self {
             roles: roles.iter().map(figures).collect(),
             latency: Latency::new(),
-            traces: Vec::with_capacity(1024),
+            traces: Vec::new(),
+            keeps_traces: false,
             started_ns: now_ns,
             first_result_ns: None,
             last_result_ns: now_ns,
@@ -156,7 +158,7 @@ impl Collector {
         self.results += 1;
         self.first_result_ns.get_or_insert(now_ns);
         self.last_result_ns = now_ns;
-        if self.traces.len() < KEPT_TRACES {
+        if self.keeps_traces && self.traces.len() < KEPT_TRACES {
             self.traces.push(FrameTrace {
                 sequence: header.sequence,
                 work_ms: header.stamps.map(|s| s.end_ns.saturating_sub(s.begin_ns) as f64 * 1e-6),
@@ -221,7 +223,13 @@ impl Collector {
         self.latency.percentiles()
     }
 
-    /// Times frame by frame.
+    /// Keeps the times of each frame. A daemon that runs for days has no use for them.
+    pub fn keep_traces(&mut self) {
+        self.keeps_traces = true;
+        self.traces.reserve(1024);
+    }
+
+    /// Times frame by frame, where they are kept.
     pub fn traces(&self) -> &[FrameTrace] {
         &self.traces
     }
@@ -365,6 +373,7 @@ mod tests {
         let plan = CorePlan::new(&cores, &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
         assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
+        assert!(collector.traces().is_empty(), "nobody asked for them");
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
         let recognition = &summary.processes[2];

@@ -112,7 +112,7 @@ pub struct RunOptions {
 pub struct RunOutcome {
     /// Its figures.
     pub summary: RunSummary,
-    /// Times frame by frame.
+    /// Times frame by frame, of a run that ends after a set time.
     pub traces: Vec<FrameTrace>,
     /// Why it failed, if it did.
     pub failure: Option<String>,

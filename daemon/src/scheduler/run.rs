@@ -195,9 +195,14 @@ impl Run {
         let parameters = supervisor_parameters(config);
         let period_ns = input::period_ns(config, source.as_ref());
         let patience_ns = parameters.liveness_deadline_ns;
+        let mut collector = Collector::new(&all, started_ns);
+        if matches!(options.ends, Ends::After(_)) {
+            // The demo draws them.
+            collector.keep_traces();
+        }
         Ok(Self {
             supervisor: Supervisor::new(parameters, &roles, now),
-            collector: Collector::new(&all, started_ns),
+            collector,
             children: Children::default(),
             flow: Flow::new(options.lockstep, options.out.is_some(), period_ns, patience_ns, now),
             phase: Phase::Running,

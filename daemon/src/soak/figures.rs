@@ -1,0 +1,362 @@
+//! The report of what an observer has seen.
+
+use super::observer::{Counts, Observer};
+use super::processes::MachineTime;
+use super::{Plan, Soaked};
+use config::Config;
+use ipc::role::Role;
+use tools::soak::budget::{Budgets, Figures, Kind, SLOPE_SPAN_S, Verdict, judge};
+use tools::soak::latency::{Latencies, STAGES};
+use tools::soak::paper::RateRun;
+use tools::soak::recovery::Recoveries;
+use tools::soak::report::{Machine, ProcessRow, SoakReport, StageRow, StallRow};
+use tools::soak::trend::Trend;
+use tools::summary::Latency;
+use tools::svg::{Plot, Series};
+
+const HOUR_S: f64 = 3600.0;
+
+/// The budgets of a configuration.
+pub fn budgets(config: &Config) -> Budgets {
+    let c = &config.soak;
+    Budgets {
+        memory_bytes: c.memory_bytes as f64,
+        slope_bytes_per_hour: c.slope_bytes_per_hour as f64,
+        next_result_s: c.next_result_s,
+        latency_p50_ms: c.latency_p50_ms,
+        latency_p99_ms: c.latency_p99_ms,
+        latency_p999_ms: c.latency_p999_ms,
+        cpu_percent: c.cpu_percent,
+        processed_percent: c.processed_percent,
+        leaked_entries: c.leaked_entries.unsigned_abs(),
+        failed_restarts: c.failed_restarts.unsigned_abs(),
+    }
+}
+
+impl Observer {
+    /// The report, once the daemon has ended; `left` entries of it are still there.
+    pub fn conclude(
+        self,
+        plan: &Plan,
+        config: &Config,
+        entries_before: u64,
+        left: u64,
+        mut reasons: Vec<String>,
+    ) -> Soaked {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let base_ns = self.base.as_ref().map_or(self.end_ns, |base| base.at_ns);
+        let base = self.base.clone().map_or_else(Counts::default, |base| base.counts);
+        let from_s = base_ns.saturating_sub(self.started_ns) as f64 * 1e-9;
+        let seconds = (self.end_ns.saturating_sub(base_ns) as f64 * 1e-9).max(1e-9);
+        // Counts are as old as the last status.
+        let counted_s = (self.status_ns.saturating_sub(base_ns) as f64 * 1e-9).max(1e-9);
+        let since = |role: Role, field: usize| {
+            let i = role as usize;
+            self.counts.roles[i][field].saturating_sub(base.roles[i][field])
+        };
+        let frames = self.counts.frames.saturating_sub(base.frames);
+        let offered = since(Role::Capture, 0);
+        let dropped: u64 = Role::STAGES.iter().map(|&role| since(role, 1)).sum();
+        let restarts: u64 = Role::STAGES.iter().map(|&role| since(role, 3)).sum();
+        let no_faults = Recoveries::default();
+        let recoveries = self.director.as_ref().map_or(&no_faults, |director| &director.recoveries);
+        let failed_restarts = recoveries.failures() + restarts.saturating_sub(recoveries.expected_restarts());
+        let cpu = |role: Role| {
+            let before = self.base.as_ref().map_or(0, |base| base.cpu_ns[role as usize]);
+            self.processes.cpu_ns(role).saturating_sub(before) as f64 * 1e-9 / seconds
+        };
+        let cpu_cores: f64 = Role::ALL.into_iter().map(cpu).sum();
+        let cpu_percent = cpu_cores / cores as f64 * 100.0;
+        // A new publisher's pool is empty and fills as readers come and go: up and down by megabytes. What
+        // is left of a fault shows in private memory, and in entries.
+        let grows = if plan.kind == Kind::Faults { &self.private } else { &self.memory };
+        let slope = grows.slope(from_s);
+        let rise = self.entries.floor_rise(from_s).unwrap_or(0.0).max(0.0) as u64;
+        let leaked = left + rise;
+        let nothing = Latencies::new(0, self.period_ns, [None; STAGES]);
+        let latencies = self.latencies.as_ref().unwrap_or(&nothing);
+        let memory_bytes = self.memory.greatest(from_s).unwrap_or(f64::NAN);
+        let stereo = &latencies.stages[1];
+        let age_bound_ms = self.period_ns as f64 * 1e-6 + stereo.work.percentile_ms(50.0);
+        let age_slope = latencies.age_trend.slope(0.0).filter(|s| s.span_s >= 20.0);
+        let figures = Figures {
+            kind: plan.kind,
+            frames,
+            judged_frames: latencies.end_to_end.count(),
+            memory_bytes,
+            slope: slope.map(|s| (s.per_s * HOUR_S, s.span_s)),
+            faults: recoveries.count(),
+            next_result_s: recoveries.longest_s(),
+            failed_restarts,
+            leaked_entries: leaked,
+            latency_p50_ms: or_nan(&latencies.end_to_end, 50.0),
+            latency_p99_ms: or_nan(&latencies.less_stalls, 99.0),
+            latency_p999_ms: or_nan(&latencies.less_stalls, 99.9),
+            cpu_percent,
+            processed_percent: if offered > 0 { frames as f64 / offered as f64 * 100.0 } else { 0.0 },
+            age_p99_ms: or_nan(&stereo.wait, 99.0),
+            age_bound_ms,
+            age_growth_ms: age_slope.map(|s| s.per_s * s.span_s),
+        };
+        let lines = judge(&figures, &budgets(config));
+        if frames == 0 {
+            reasons.push("no result came out".into());
+        }
+        reasons.extend(lines.iter().filter(|l| l.verdict == Verdict::Fail).map(|l| l.reason()));
+        let is_long = |s: &tools::soak::trend::Slope| s.span_s >= SLOPE_SPAN_S;
+        let machine = self
+            .base
+            .as_ref()
+            .map_or_else(MachineTime::default, |base| MachineTime::now().since(&base.machine));
+        let whole = machine.total.max(1) as f64;
+        let (_, file_bytes) = self.processes.memory();
+        let process = |role: Role| {
+            let i = role as usize;
+            let own = self.role_memory[i].slope(from_s).filter(is_long).filter(|_| since(role, 3) == 0);
+            ProcessRow {
+                role: role.name().into(),
+                core: self.cores[i],
+                policy: self.processes.reading(role).policy(),
+                cpu_percent: cpu(role) * 100.0,
+                private_bytes: self.role_memory[i].greatest(from_s).unwrap_or(0.0) as u64,
+                slope_bytes_per_hour: own.map(|s| s.per_s * HOUR_S),
+                frames: since(role, 0),
+                skipped: since(role, 1),
+                refused: since(role, 2),
+                restarts: since(role, 3) as u32,
+            }
+        };
+        let there = |role: &Role| self.processes.pid(*role).is_some();
+        let steadiness = latencies.steadiness();
+        let report = SoakReport {
+            frames,
+            dropped,
+            restarts,
+            failed_restarts,
+            leaked_shm_entries: leaked,
+            latency_ms: (&latencies.end_to_end).into(),
+            cpu_percent,
+            rss_bytes: memory_bytes.max(0.0) as u64,
+            rss_slope_bytes_per_hour: slope.filter(is_long).map(|s| s.per_s * HOUR_S),
+            next_result_s_max: recoveries.longest_s(),
+            verdict: if reasons.is_empty() { "pass" } else { "fail" },
+            reasons,
+            kind: plan.kind,
+            source: plan.source.clone(),
+            fps: config.source.fps,
+            minutes: seconds / 60.0,
+            warm_up_s: config.soak.warm_up_s,
+            first_result_s: self
+                .first_result_ns
+                .map_or(0.0, |first| first.saturating_sub(self.started_ns) as f64 * 1e-9),
+            offered,
+            lost: offered.saturating_sub(frames).saturating_sub(dropped),
+            rate_hz: frames as f64 / counted_s,
+            faults: recoveries.count(),
+            kills: recoveries.kills(),
+            seed: plan.faults.map_or(0, |faults| faults.seed),
+            rss_slope_interval_bytes_per_hour: slope
+                .filter(is_long)
+                .map(|s| [s.low_per_s * HOUR_S, s.high_per_s * HOUR_S]),
+            shared_bytes: self.shared_bytes,
+            file_bytes,
+            shm_entries: [entries_before, self.entries.greatest(0.0).unwrap_or(0.0) as u64, left],
+            cpu_cores,
+            latency_less_stalls_ms: (&latencies.less_stalls).into(),
+            latency_disturbed_ms: (&latencies.disturbed).into(),
+            judged_frames: [latencies.end_to_end.count(), latencies.disturbed.count()],
+            jitter_ms: (&latencies.jitter).into(),
+            period_mean_ms: steadiness.mean_ms,
+            period_spread: steadiness.spread,
+            longest_gap_ms: latencies.longest_gap_ns as f64 * 1e-6,
+            stages: StageRow::all(latencies),
+            processes: Role::ALL.into_iter().filter(there).map(process).collect(),
+            fault_rows: recoveries.rows(),
+            worst: recoveries.worst().to_vec(),
+            stalls: self.stalls.figures().iter().map(|f| StallRow::new(f, seconds)).collect(),
+            budgets: lines,
+            settings: plan.settings.clone(),
+            machine: Machine {
+                processor: processor(),
+                cores,
+                kernel: read_line("/proc/sys/kernel/osrelease"),
+                others_cpu_percent: (machine.busy as f64 / whole * 100.0 - cpu_percent).max(0.0),
+                stolen_percent: machine.stolen as f64 / whole * 100.0,
+                load: read_line("/proc/loadavg")
+                    .split(' ')
+                    .next()
+                    .and_then(|v| v.parse().ok())
+                    .unwrap_or(0.0),
+                probe_policy: self.probe_policy.clone(),
+            },
+        };
+        let rate = self.rate_run(config, &report, from_s, seconds, cpu(Role::Capture));
+        let plots = self.plots(config, latencies, recoveries, plan.kind);
+        Soaked { report, plots, rate }
+    }
+
+    /// The row of the paper's tables.
+    fn rate_run(
+        &self,
+        config: &Config,
+        report: &SoakReport,
+        from_s: f64,
+        seconds: f64,
+        capture_cores: f64,
+    ) -> RateRun {
+        let total = memory_total_bytes().max(1) as f64;
+        let part = |i: usize| {
+            let (from, to) = (from_s + seconds / 5.0 * i as f64, from_s + seconds / 5.0 * (i + 1) as f64);
+            let sum = |trends: &[Trend; 6]| {
+                let both = [Role::Road, Role::Recognition].map(|role| trends[role as usize].mean(from, to));
+                Some(both[0]? + both[1]?)
+            };
+            Some((sum(&self.role_cpu)?, sum(&self.role_memory)? / total * 100.0))
+        };
+        let mut work_p50_ms = [0.0; STAGES];
+        for (p50, stage) in work_p50_ms.iter_mut().zip(&report.stages) {
+            *p50 = stage.work_ms.p50;
+        }
+        RateRun {
+            fps: config.source.fps,
+            processed_fps: report.rate_hz,
+            cpu_cores: report.cpu_cores,
+            capture_cores,
+            memory_bytes: report.rss_bytes as f64,
+            work_p50_ms,
+            obstacles: (0..5).filter_map(part).collect(),
+        }
+    }
+
+    fn plots(
+        &self,
+        config: &Config,
+        latencies: &Latencies,
+        recoveries: &Recoveries,
+        kind: Kind,
+    ) -> Vec<(String, String, Plot)> {
+        let over = |trend: &Trend, scale: f64| -> Vec<(f64, f64)> {
+            trend.points().map(|p| (p.at_s / 60.0, p.mean * scale)).collect()
+        };
+        let line = |name: &str, points: Vec<(f64, f64)>| Series { name: name.into(), points, dots: false };
+        let minutes = || "minutes since the start".to_owned();
+        let roles = |trends: &[Trend; 6], scale: f64| -> Vec<Series> {
+            let seen = |role: &Role| trends[*role as usize].points().next().is_some();
+            let series = |role: Role| line(role.name(), over(&trends[role as usize], scale));
+            Role::ALL.into_iter().filter(seen).map(series).collect()
+        };
+        let mut memory = vec![line("all", over(&self.memory, 1e-6))];
+        memory.extend(roles(&self.role_memory, 1e-6));
+        let percentiles = |latency: &Latency| -> Vec<(f64, f64)> {
+            (0..=400)
+                .map(|i| f64::from(i) * 0.01)
+                .map(|nines| (nines, latency.percentile_ms(100.0 - 100.0 * 10_f64.powf(-nines))))
+                .collect()
+        };
+        let greatest: Vec<(f64, f64)> =
+            latencies.trend.points().map(|p| (p.at_s / 60.0, p.greatest)).collect();
+        let marks = [(0.0, "0"), (0.301, "50"), (1.0, "90"), (2.0, "99"), (3.0, "99.9"), (4.0, "99.99")];
+        let c = &config.soak;
+        let judged = kind != Kind::Overload;
+        let mut plots = vec![
+            (
+                "memory.svg",
+                "Resident memory",
+                Plot {
+                    x_name: minutes(),
+                    y_name: "MB".into(),
+                    series: memory,
+                    limit: Some(("budget of all".into(), c.memory_bytes as f64 * 1e-6)),
+                    ..Plot::default()
+                },
+            ),
+            (
+                "latency.svg",
+                "Capture to obstacles",
+                Plot {
+                    x_name: minutes(),
+                    y_name: "ms".into(),
+                    series: vec![line("mean", over(&latencies.trend, 1.0)), line("greatest", greatest)],
+                    limit: judged.then(|| ("budget of the median".into(), c.latency_p50_ms)),
+                    ..Plot::default()
+                },
+            ),
+            (
+                "percentiles.svg",
+                "Capture to obstacles, by percentile",
+                Plot {
+                    x_name: "percentile".into(),
+                    y_name: "ms".into(),
+                    series: vec![
+                        line("as it was", percentiles(&latencies.end_to_end)),
+                        line("less the machine's stalls", percentiles(&latencies.less_stalls)),
+                    ],
+                    limit: judged.then(|| ("budget of 99.9 %, less stalls".into(), c.latency_p999_ms)),
+                    x_marks: marks.map(|(at, name)| (at, name.to_owned())).to_vec(),
+                    ..Plot::default()
+                },
+            ),
+            (
+                "cpu.svg",
+                "Processor time, percent of one core",
+                Plot {
+                    x_name: minutes(),
+                    y_name: "%".into(),
+                    series: roles(&self.role_cpu, 1.0),
+                    ..Plot::default()
+                },
+            ),
+        ];
+        if recoveries.count() > 0 {
+            let points = recoveries.trend.points().map(|p| (p.at_s / 60.0, p.greatest)).collect();
+            plots.push((
+                "recovery.svg",
+                "Time from a fault to the next result",
+                Plot {
+                    x_name: "minutes since the first pause".into(),
+                    y_name: "s".into(),
+                    series: vec![Series { name: "faults".into(), points, dots: true }],
+                    limit: Some(("budget".into(), c.next_result_s)),
+                    ..Plot::default()
+                },
+            ));
+        }
+        plots
+            .into_iter()
+            .map(|(file, title, plot)| {
+                (file.to_owned(), title.to_owned(), Plot { title: title.into(), ..plot })
+            })
+            .collect()
+    }
+}
+
+/// A percentile in milliseconds, which is no number where there is none.
+fn or_nan(latency: &Latency, percentile: f64) -> f64 {
+    if latency.count() == 0 { f64::NAN } else { latency.percentile_ms(percentile) }
+}
+
+fn read_line(path: &str) -> String {
+    std::fs::read_to_string(path).unwrap_or_default().trim().to_owned()
+}
+
+/// Name of the processor, as far as the kernel tells.
+pub fn processor() -> String {
+    let text = read_line("/proc/cpuinfo");
+    let named = |name: &str| {
+        text.lines()
+            .find_map(|l| l.strip_prefix(name)?.trim_start().strip_prefix(':'))
+            .map(|v| v.trim().to_owned())
+    };
+    let model = read_line("/sys/firmware/devicetree/base/model").trim_end_matches('\0').to_owned();
+    match named("model name").filter(|n| !n.is_empty()) {
+        Some(name) => name,
+        None if !model.is_empty() => model,
+        None => named("Hardware").unwrap_or_else(|| std::env::consts::ARCH.into()),
+    }
+}
+
+fn memory_total_bytes() -> u64 {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:")).unwrap_or_default();
+    line.split_ascii_whitespace().next().and_then(|v| v.parse::<u64>().ok()).unwrap_or(0) * 1024
+}

@@ -1,0 +1,166 @@
+//! Runs a reader on changed inputs in a process of its own, so that whatever it does is seen: a panic,
+//! an abort, an input that takes too long, an allocation that no input of its size deserves.
+//!
+//! `LOOKOUT_FUZZ_SECONDS` is the time for each target (2 by default, for every commit),
+//! `LOOKOUT_FUZZ_SEED` the seed (1 by default, `clock` for another every time). There is no coverage to
+//! steer by; what steers is what the reader says: an input with a new answer joins the corpus.
+
+use super::mutate::mutate;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::Write;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Says to the child which target it is, and where its input goes.
+const CHILD: &str = "LOOKOUT_FUZZ_CHILD";
+
+/// Processor time that one input may take: a thousand times what it should.
+const MOST_CPU_NS: u64 = 10_000_000_000;
+
+/// Memory that a reader may take beyond what the process has.
+const MOST_BYTES: u64 = 256 << 20;
+
+/// Inputs that have joined the corpus, at most.
+const MOST_INPUTS: usize = 2000;
+
+/// Fuzzes a reader: it is called with inputs and says what it made of each, in words. `name` is the
+/// name of the test that calls this.
+pub fn fuzz(name: &str, seeds: Vec<Vec<u8>>, longest: usize, mut read: impl FnMut(&[u8], &Path) -> String) {
+    assert!(!seeds.is_empty() && seeds.iter().any(|s| !s.is_empty()));
+    if let Some(folder) = std::env::var_os(CHILD) {
+        return child(name, seeds, longest, Path::new(&folder), &mut read);
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut process = Command::new(std::env::current_exe().expect("this program"))
+        .args(["--exact", name, "--nocapture", "--test-threads=1"])
+        .env(CHILD, folder.path())
+        // A backtrace takes longer than a run.
+        .env("RUST_BACKTRACE", "0")
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the child starts");
+    let start = Instant::now();
+    let most = Duration::from_secs(seconds() + 120);
+    let status = loop {
+        if let Some(status) = process.try_wait().expect("the child can be waited for") {
+            break status;
+        }
+        if start.elapsed() > most {
+            let _ = process.kill();
+            let _ = process.wait();
+            panic!("an input never ended: {}", keep(name, folder.path()));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let output = process.wait_with_output().expect("its output");
+    let text = String::from_utf8_lossy(&output.stdout);
+    println!("{}", text.lines().find(|l| l.starts_with("fuzz ")).unwrap_or("fuzz: no runs"));
+    assert!(status.success(), "{status}: {}\n{text}", keep(name, folder.path()));
+    assert!(text.contains("fuzz "), "the child did not run {name}:\n{text}");
+}
+
+fn seconds() -> u64 {
+    std::env::var("LOOKOUT_FUZZ_SECONDS").map_or(2, |s| s.parse().expect("LOOKOUT_FUZZ_SECONDS is a number"))
+}
+
+fn seed() -> u64 {
+    match std::env::var("LOOKOUT_FUZZ_SEED").as_deref() {
+        Ok("clock") => fastrand::u64(..),
+        Ok(text) => text.parse().expect("LOOKOUT_FUZZ_SEED is a number or clock"),
+        Err(_) => 1,
+    }
+}
+
+/// Keeps the input that broke the reader.
+fn keep(name: &str, folder: &Path) -> String {
+    let kept = std::env::temp_dir().join(format!("fuzz-{name}"));
+    match std::fs::copy(folder.join("input"), &kept) {
+        Ok(bytes) => format!("the input of {bytes} bytes is kept in {}: make it a test", kept.display()),
+        Err(error) => format!("the input could not be kept: {error}"),
+    }
+}
+
+fn child(
+    name: &str,
+    seeds: Vec<Vec<u8>>,
+    longest: usize,
+    folder: &Path,
+    read: &mut dyn FnMut(&[u8], &Path) -> String,
+) {
+    let seed = seed();
+    limit_memory();
+    let input_file = File::create(folder.join("input")).expect("the file of the input");
+    let path = folder.join("read");
+    let mut random = fastrand::Rng::with_seed(seed);
+    let (mut seen, mut corpus) = (HashSet::new(), seeds.clone());
+    let (mut runs, mut slowest_ns) = (0_u64, 0);
+    let until = Instant::now() + Duration::from_secs(seconds());
+    while Instant::now() < until {
+        let input = match seeds.get(runs as usize) {
+            // As they are, first.
+            Some(seed) => seed.clone(),
+            None => mutate(&mut random, &corpus, longest),
+        };
+        // On disk before it is read: whatever happens, it is known.
+        input_file.set_len(0).expect("the input is written");
+        input_file.write_all_at(&input, 0).expect("the input is written");
+        let before = ipc::clock::process_cpu_ns();
+        let answer = read(&input, &path);
+        let taken_ns = ipc::clock::process_cpu_ns() - before;
+        slowest_ns = slowest_ns.max(taken_ns);
+        assert!(taken_ns < MOST_CPU_NS, "an input of {} bytes took {} ms", input.len(), taken_ns / 1_000_000);
+        if corpus.len() < MOST_INPUTS && seen.insert(shape(&answer)) {
+            corpus.push(input);
+        }
+        runs += 1;
+    }
+    println!(
+        "fuzz {name}: seed {seed}, {runs} inputs, {} different answers, slowest {:.1} ms",
+        seen.len(),
+        slowest_ns as f64 * 1e-6
+    );
+    std::io::stdout().flush().expect("standard output");
+}
+
+/// An answer without its figures and names, so that each kind of fault counts once.
+fn shape(answer: &str) -> String {
+    let mut shape: String =
+        answer.chars().map(|c| if c.is_ascii_digit() { '0' } else { c }).take(120).collect();
+    while shape.contains("00") {
+        shape = shape.replace("00", "0");
+    }
+    shape
+}
+
+/// An allocation that no input deserves ends the child.
+fn limit_memory() {
+    let status = std::fs::read_to_string("/proc/self/status").expect("/proc/self/status");
+    let line = status.lines().find_map(|l| l.strip_prefix("VmSize:")).expect("VmSize");
+    let now: u64 = line.trim().trim_end_matches(" kB").parse().expect("a number of kB");
+    let limit = Rlimit { current: Some(now * 1024 + MOST_BYTES), maximum: getrlimit(Resource::As).maximum };
+    setrlimit(Resource::As, limit).expect("the limit of memory");
+}
+
+/// Files of the project below a folder with an ending, as inputs.
+pub fn files(folder: &str, ending: &str) -> Vec<Vec<u8>> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(&root)
+        .unwrap_or_else(|e| panic!("{}: {e}", root.display()))
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|e| e == ending))
+        .collect();
+    paths.sort();
+    paths.iter().map(|path| std::fs::read(path).expect("a file of the project")).collect()
+}
+
+/// Writes an input to a file for a reader that takes paths.
+pub fn written(path: &Path, ending: &str, input: &[u8]) -> PathBuf {
+    let path = path.with_extension(ending);
+    std::fs::write(&path, input).expect("the input is written");
+    path
+}

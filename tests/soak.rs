@@ -1,0 +1,130 @@
+//! `lookout soak`: faults are survived, budgets are judged, nothing is left behind.
+
+mod support;
+
+use std::path::Path;
+use std::process::Output;
+use support::{Bench, json};
+
+/// A configuration that any machine keeps, so that what the test asserts is not its speed.
+const EASY: &str = "[soak]\nwarm_up_s = 1\nfault_pause_ms = 300\nnext_result_s = 60\nlatency_p50_ms = 10000\n\
+                    latency_p99_ms = 20000\nlatency_p999_ms = 30000\ncpu_percent = 100\nprocessed_percent = 1\n\
+                    memory_bytes = 1000000000\n";
+
+fn soak(bench: &Bench, args: &[&str]) -> Output {
+    let mut all = vec!["soak"];
+    all.extend(args);
+    bench.command(&all).arg("-c").arg(bench.path("car.toml")).output().expect("the binary runs")
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn number(report: &serde_json::Value, key: &str) -> f64 {
+    report[key].as_f64().unwrap_or_else(|| panic!("{key} in {report}"))
+}
+
+fn line<'a>(report: &'a serde_json::Value, name: &str) -> &'a serde_json::Value {
+    let lines = report["budgets"].as_array().expect("budgets");
+    lines.iter().find(|l| l["name"] == name).unwrap_or_else(|| panic!("no budget {name}"))
+}
+
+fn assert_report_files(out: &Path, plots: &[&str]) {
+    for name in ["soak.md", "soak.json", "daemon.toml", "daemon.log"] {
+        assert!(out.join(name).is_file(), "{name}");
+    }
+    for name in plots {
+        let svg = std::fs::read_to_string(out.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(svg.starts_with("<svg") && svg.contains("<path"), "{name}");
+    }
+}
+
+#[test]
+fn kills_are_survived_and_reported() {
+    let bench = Bench::new();
+    bench.configure(EASY);
+    let recording = bench.record("drive", 10);
+    let output =
+        soak(&bench, &[&recording, "--kills", "6", "--seed", "11", "--fps", "10", "--out", "seen", "--json"]);
+    assert!(output.status.success(), "{}", text(&output));
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("standard output is JSON");
+    assert_eq!(json(&bench.path("seen/soak.json")), report);
+    for (key, value) in [
+        ("kills", 6.0),
+        ("restarts", 6.0),
+        ("failed_restarts", 0.0),
+        ("leaked_shm_entries", 0.0),
+        ("seed", 11.0),
+    ] {
+        assert_eq!(number(&report, key), value, "{key}: {report}");
+    }
+    assert_eq!((&report["verdict"], &report["reasons"]), (&"pass".into(), &serde_json::json!([])));
+    assert!(number(&report, "frames") > 10.0 && number(&report, "cpu_percent") > 0.0);
+    assert!(number(&report, "rss_bytes") > 5e6 && number(&report, "next_result_s_max") > 0.05);
+    for key in ["p50", "p99", "p999"] {
+        assert!(report["latency_ms"][key].as_f64().is_some_and(|v| v > 0.0), "{report}");
+    }
+    // Half a minute is too short for a slope, and it says so.
+    assert_eq!(line(&report, "slope_bytes_per_hour")["verdict"], "not_judged");
+    assert_eq!(report["rss_slope_bytes_per_hour"], serde_json::Value::Null);
+    let kills: u64 =
+        report["fault_rows"].as_array().unwrap().iter().map(|r| r["count"].as_u64().unwrap()).sum();
+    assert_eq!(kills, 6);
+    assert_report_files(
+        &bench.path("seen"),
+        &["memory.svg", "latency.svg", "percentiles.svg", "cpu.svg", "recovery.svg"],
+    );
+    let page = std::fs::read_to_string(bench.path("seen/soak.md")).unwrap();
+    assert!(page.contains("# Soak: pass") && page.contains("supervision.restart_count"), "{page}");
+    bench.assert_clean();
+}
+
+#[test]
+fn every_kind_of_fault_is_survived() {
+    let bench = Bench::new();
+    // Other tests may load the machine: only a stage that hangs may miss its deadline.
+    bench.configure(EASY);
+    let recording = bench.record("drive", 10);
+    let output = soak(
+        &bench,
+        &[&recording, "--faults", "--minutes", "0.4", "--seed", "2", "--fps", "10", "--out", "seen"],
+    );
+    let report = json(&bench.path("seen/soak.json"));
+    assert!(number(&report, "faults") >= 5.0, "{report}");
+    assert_eq!(number(&report, "leaked_shm_entries"), 0.0, "{report}");
+    for row in report["fault_rows"].as_array().unwrap() {
+        assert_eq!(row["failed"], 0, "{report}");
+    }
+    assert!(output.status.success(), "{}\n{}", text(&output), String::from_utf8_lossy(&output.stdout));
+    bench.assert_clean();
+}
+
+#[test]
+fn a_budget_that_is_not_kept_fails_the_soak() {
+    let bench = Bench::new();
+    bench.configure(&EASY.replace("memory_bytes = 1000000000", "memory_bytes = 1000000"));
+    let recording = bench.record("drive", 10);
+    let output = soak(&bench, &[&recording, "--minutes", "0.1", "--fps", "10", "--out", "seen"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    assert!(text(&output).contains("(soak.memory_bytes)"), "{}", text(&output));
+    let report = json(&bench.path("seen/soak.json"));
+    assert_eq!(report["verdict"], "fail");
+    assert_eq!(line(&report, "memory_bytes")["verdict"], "fail");
+    assert_eq!(line(&report, "latency_p50_ms")["verdict"], "pass");
+    assert_eq!(line(&report, "next_result_s")["verdict"], "not_judged");
+    assert!(std::fs::read_to_string(bench.path("seen/soak.md")).unwrap().contains("# Soak: FAIL"));
+    bench.assert_clean();
+}
+
+#[test]
+fn a_soak_that_cannot_start_says_why() {
+    let bench = Bench::new();
+    bench.configure(EASY);
+    let output = soak(&bench, &["nowhere", "--minutes", "0.1", "--out", "seen"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output).contains("nowhere"), "{}", text(&output));
+    let output = soak(&bench, &["--overload", "--faults"]);
+    assert_eq!(output.status.code(), Some(2));
+    bench.assert_clean();
+}

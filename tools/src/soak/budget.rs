@@ -1,0 +1,373 @@
+//! Budgets, and the judgement of a run by them.
+
+use serde::Serialize;
+use std::fmt;
+
+/// A slope is judged when its points span this many seconds: extrapolating less to an hour makes a
+/// leak of every page.
+pub const SLOPE_SPAN_S: f64 = 240.0;
+
+/// What a run may take; `[soak]` of the configuration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Budgets {
+    /// Resident memory of all processes, shared memory and program counted once.
+    pub memory_bytes: f64,
+    /// Its growth.
+    pub slope_bytes_per_hour: f64,
+    /// Time from a fault to the next result.
+    pub next_result_s: f64,
+    /// Capture to result, median.
+    pub latency_p50_ms: f64,
+    /// 99th percentile, less the machine's own stalls.
+    pub latency_p99_ms: f64,
+    /// 99.9th percentile, less the machine's own stalls.
+    pub latency_p999_ms: f64,
+    /// Processor time of all processes, in percent of all cores.
+    pub cpu_percent: f64,
+    /// Results per offered pair, at least.
+    pub processed_percent: f64,
+    /// Entries left in shared memory.
+    pub leaked_entries: u64,
+    /// Restarts that failed.
+    pub failed_restarts: u64,
+}
+
+/// What was asked of the daemon; it decides which budgets count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A rate that it is to keep.
+    Steady,
+    /// The same with faults.
+    Faults,
+    /// Twice what it sustains.
+    Overload,
+}
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    /// What was asked.
+    pub kind: Kind,
+    /// Results.
+    pub frames: u64,
+    /// Frames whose latency was judged: those that no fault disturbed.
+    pub judged_frames: u64,
+    /// See [`Budgets::memory_bytes`].
+    pub memory_bytes: f64,
+    /// Growth in bytes an hour, and the seconds that its points span.
+    pub slope: Option<(f64, f64)>,
+    /// Faults that were made.
+    pub faults: u64,
+    /// The longest time to the next result.
+    pub next_result_s: f64,
+    /// See [`Budgets::failed_restarts`].
+    pub failed_restarts: u64,
+    /// See [`Budgets::leaked_entries`].
+    pub leaked_entries: u64,
+    /// See [`Budgets::latency_p50_ms`].
+    pub latency_p50_ms: f64,
+    /// See [`Budgets::latency_p99_ms`].
+    pub latency_p99_ms: f64,
+    /// See [`Budgets::latency_p999_ms`].
+    pub latency_p999_ms: f64,
+    /// See [`Budgets::cpu_percent`].
+    pub cpu_percent: f64,
+    /// See [`Budgets::processed_percent`].
+    pub processed_percent: f64,
+    /// 99th percentile of the age at which stereo takes a frame up, in milliseconds.
+    pub age_p99_ms: f64,
+    /// What bounds it under overload: one period, and the median of stereo's work.
+    pub age_bound_ms: f64,
+    /// Growth of the age over the run, in milliseconds.
+    pub age_growth_ms: Option<f64>,
+}
+
+/// How a budget was kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Kept.
+    Pass,
+    /// Not kept.
+    Fail,
+    /// This run says nothing of it.
+    NotJudged,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Pass => "pass",
+            Self::Fail => "FAIL",
+            Self::NotJudged => "not judged",
+        })
+    }
+}
+
+/// One budget with what was measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Line {
+    /// The key of the budget.
+    pub name: &'static str,
+    /// What it is.
+    pub what: &'static str,
+    /// Unit of both figures.
+    pub unit: &'static str,
+    /// The budget.
+    pub limit: f64,
+    /// Whether it is the least rather than the most.
+    pub at_least: bool,
+    /// What was measured; `None` where there is nothing.
+    pub measured: Option<f64>,
+    /// Kept or not.
+    pub verdict: Verdict,
+    /// Why it is not judged.
+    pub why: &'static str,
+}
+
+impl Line {
+    /// In one sentence, for the reasons of a verdict.
+    pub fn reason(&self) -> String {
+        let measured = self.measured.unwrap_or(f64::NAN);
+        let bound = if self.at_least { "at least" } else { "at most" };
+        format!(
+            "{}: {measured:.6} {}, budget {bound} {} (soak.{})",
+            self.what, self.unit, self.limit, self.name
+        )
+    }
+}
+
+const FAULTY: &str = "restarts are part of this run";
+const OVERLOADED: &str = "more is offered than can be done";
+
+/// Judges a run, budget by budget.
+pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
+    let line = |name, what, unit, limit, measured: f64, not_judged: Option<&'static str>| {
+        let verdict = match not_judged {
+            Some(_) => Verdict::NotJudged,
+            // Written so that what is no number fails.
+            None if measured <= limit => Verdict::Pass,
+            None => Verdict::Fail,
+        };
+        let why = not_judged.unwrap_or_default();
+        Line { name, what, unit, limit, at_least: false, measured: Some(measured), verdict, why }
+    };
+    let steady_only = match f.kind {
+        Kind::Steady => None,
+        Kind::Faults => Some(FAULTY),
+        Kind::Overload => Some(OVERLOADED),
+    };
+    let latency = |frames: u64| match f.kind {
+        Kind::Overload => Some(OVERLOADED),
+        // Without any frame there is no run to excuse.
+        _ if f.frames > 0 && f.judged_frames < frames => {
+            Some("too few undisturbed frames for this percentile")
+        }
+        _ => None,
+    };
+    let growth = match f.slope {
+        Some((_, span_s)) if span_s >= SLOPE_SPAN_S => None,
+        _ => Some("too short a run: its samples must span four minutes"),
+    };
+    let growing = match f.kind {
+        Kind::Faults => "growth of private memory, all processes",
+        Kind::Steady | Kind::Overload => "growth of resident memory, all processes",
+    };
+    let memory =
+        line("memory_bytes", "resident memory, all processes", "bytes", b.memory_bytes, f.memory_bytes, None);
+    let slope = Line {
+        measured: f.slope.map(|(slope, _)| slope),
+        ..line(
+            "slope_bytes_per_hour",
+            growing,
+            "bytes/h",
+            b.slope_bytes_per_hour,
+            f.slope.map_or(f64::NAN, |(slope, _)| slope),
+            growth,
+        )
+    };
+    let (waits, none) = (f.next_result_s, (f.faults == 0).then_some("no fault was made"));
+    let failed = f.failed_restarts as f64;
+    let processed = Line {
+        at_least: true,
+        verdict: match steady_only {
+            Some(_) => Verdict::NotJudged,
+            None if f.processed_percent >= b.processed_percent => Verdict::Pass,
+            None => Verdict::Fail,
+        },
+        ..line(
+            "processed_percent",
+            "results per offered pair",
+            "%",
+            b.processed_percent,
+            f.processed_percent,
+            steady_only,
+        )
+    };
+    let (p50, p99, p999) = (f.latency_p50_ms, f.latency_p99_ms, f.latency_p999_ms);
+    let mut lines = vec![
+        line("failed_restarts", "restarts that failed", "", b.failed_restarts as f64, failed, None),
+        line(
+            "leaked_entries",
+            "entries left in shared memory",
+            "",
+            b.leaked_entries as f64,
+            f.leaked_entries as f64,
+            None,
+        ),
+        line(
+            "next_result_s",
+            "longest time from a fault to the next result",
+            "s",
+            b.next_result_s,
+            waits,
+            none,
+        ),
+        memory,
+        slope,
+        line("latency_p50_ms", "end to end, median", "ms", b.latency_p50_ms, p50, latency(1)),
+        line("latency_p99_ms", "end to end, 99 %, less stalls", "ms", b.latency_p99_ms, p99, latency(100)),
+        line(
+            "latency_p999_ms",
+            "end to end, 99.9 %, less stalls",
+            "ms",
+            b.latency_p999_ms,
+            p999,
+            latency(1000),
+        ),
+        line("cpu_percent", "processor time, of all cores", "%", b.cpu_percent, f.cpu_percent, steady_only),
+        processed,
+    ];
+    if f.kind == Kind::Overload {
+        lines.push(line(
+            "age",
+            "age of frames when stereo takes them up, 99 %: a period and stereo's median work",
+            "ms",
+            f.age_bound_ms,
+            f.age_p99_ms,
+            None,
+        ));
+        let short = f.age_growth_ms.is_none().then_some("too short a run");
+        lines.push(line(
+            "age_growth",
+            "growth of that age over the run: half of its bound",
+            "ms",
+            f.age_bound_ms / 2.0,
+            f.age_growth_ms.unwrap_or(f64::NAN),
+            short,
+        ));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BUDGETS: Budgets = Budgets {
+        memory_bytes: 54e6,
+        slope_bytes_per_hour: 1_048_576.0,
+        next_result_s: 3.0,
+        latency_p50_ms: 80.0,
+        latency_p99_ms: 120.0,
+        latency_p999_ms: 160.0,
+        cpu_percent: 37.0,
+        processed_percent: 97.0,
+        leaked_entries: 0,
+        failed_restarts: 0,
+    };
+
+    fn good(kind: Kind) -> Figures {
+        Figures {
+            kind,
+            frames: 15_000,
+            judged_frames: 14_000,
+            memory_bytes: 54e6,
+            slope: Some((1_048_576.0, 1000.0)),
+            faults: 10,
+            next_result_s: 3.0,
+            failed_restarts: 0,
+            leaked_entries: 0,
+            latency_p50_ms: 80.0,
+            latency_p99_ms: 120.0,
+            latency_p999_ms: 160.0,
+            cpu_percent: 37.0,
+            processed_percent: 97.0,
+            age_p99_ms: 30.0,
+            age_bound_ms: 30.0,
+            age_growth_ms: Some(15.0),
+        }
+    }
+
+    fn verdict(lines: &[Line], name: &str) -> Verdict {
+        lines.iter().find(|l| l.name == name).unwrap_or_else(|| panic!("no line {name}")).verdict
+    }
+
+    #[test]
+    fn what_just_keeps_its_budget_passes() {
+        let steady = judge(&good(Kind::Steady), &BUDGETS);
+        assert!(steady.iter().all(|l| l.verdict == Verdict::Pass), "{steady:#?}");
+        assert_eq!(steady.len(), 10);
+        for kind in [Kind::Faults, Kind::Overload] {
+            assert!(judge(&good(kind), &BUDGETS).iter().all(|l| l.verdict != Verdict::Fail));
+        }
+    }
+
+    /// Each budget can fail, by itself, and by a figure that is no number.
+    #[test]
+    fn every_budget_can_fail() {
+        type Change = fn(&mut Figures);
+        let changes: [(&str, Kind, Change); 12] = [
+            ("failed_restarts", Kind::Faults, |f| f.failed_restarts = 1),
+            ("leaked_entries", Kind::Faults, |f| f.leaked_entries = 1),
+            ("next_result_s", Kind::Faults, |f| f.next_result_s = 3.01),
+            ("memory_bytes", Kind::Steady, |f| f.memory_bytes = 54e6 + 1.0),
+            ("slope_bytes_per_hour", Kind::Steady, |f| f.slope = Some((1_048_577.0, 240.0))),
+            ("latency_p50_ms", Kind::Steady, |f| f.latency_p50_ms = 80.1),
+            ("latency_p99_ms", Kind::Steady, |f| f.latency_p99_ms = 120.1),
+            ("latency_p999_ms", Kind::Steady, |f| f.latency_p999_ms = 160.1),
+            ("cpu_percent", Kind::Steady, |f| f.cpu_percent = 37.1),
+            ("processed_percent", Kind::Steady, |f| f.processed_percent = 96.9),
+            ("age", Kind::Overload, |f| f.age_p99_ms = 30.1),
+            ("age_growth", Kind::Overload, |f| f.age_growth_ms = Some(15.1)),
+        ];
+        for (name, kind, change) in changes {
+            let mut figures = good(kind);
+            change(&mut figures);
+            let lines = judge(&figures, &BUDGETS);
+            for line in &lines {
+                assert_eq!(line.verdict == Verdict::Fail, line.name == name, "{name}: {line:?}");
+            }
+            let failed = lines.iter().find(|l| l.name == name).unwrap();
+            assert!(failed.reason().contains(&format!("soak.{name}")), "{}", failed.reason());
+        }
+        let nan: [(&str, Change); 4] = [
+            ("memory_bytes", |f| f.memory_bytes = f64::NAN),
+            ("latency_p999_ms", |f| f.latency_p999_ms = f64::NAN),
+            ("cpu_percent", |f| f.cpu_percent = f64::NAN),
+            ("processed_percent", |f| f.processed_percent = f64::NAN),
+        ];
+        for (name, change) in nan {
+            let mut figures = good(Kind::Steady);
+            change(&mut figures);
+            assert_eq!(verdict(&judge(&figures, &BUDGETS), name), Verdict::Fail);
+        }
+    }
+
+    #[test]
+    fn what_a_run_cannot_tell_is_not_judged() {
+        let lines = judge(&Figures { slope: Some((1e9, 239.0)), ..good(Kind::Steady) }, &BUDGETS);
+        assert_eq!(verdict(&lines, "slope_bytes_per_hour"), Verdict::NotJudged);
+        let lines =
+            judge(&Figures { slope: None, faults: 0, next_result_s: 0.0, ..good(Kind::Steady) }, &BUDGETS);
+        assert_eq!(verdict(&lines, "slope_bytes_per_hour"), Verdict::NotJudged);
+        assert_eq!(verdict(&lines, "next_result_s"), Verdict::NotJudged);
+        let few = Figures { judged_frames: 120, latency_p999_ms: 1e9, ..good(Kind::Faults) };
+        let lines = judge(&few, &BUDGETS);
+        assert_eq!(verdict(&lines, "latency_p999_ms"), Verdict::NotJudged);
+        assert_eq!(verdict(&lines, "latency_p99_ms"), Verdict::Pass);
+        assert_eq!(verdict(&lines, "cpu_percent"), Verdict::NotJudged);
+        assert_eq!(verdict(&lines, "processed_percent"), Verdict::NotJudged);
+    }
+}

@@ -1,0 +1,65 @@
+//! How long a process was ready to run and did not: the kernel's own account of it, read again and
+//! again.
+
+use std::collections::VecDeque;
+
+/// Readings that are kept: some seconds of them, more than a frame waits to be judged.
+const KEPT: usize = 2048;
+
+/// Readings of one stage's process.
+#[derive(Clone, Debug, Default)]
+pub struct Delays {
+    /// When, and the total until then.
+    readings: VecDeque<(u64, u64)>,
+}
+
+impl Delays {
+    /// Takes in a reading. A total that falls is that of another process.
+    pub fn add(&mut self, at_ns: u64, total_ns: u64) {
+        if self.readings.back().is_some_and(|&(_, last)| total_ns < last) {
+            self.readings.clear();
+        }
+        if self.readings.len() >= KEPT {
+            self.readings.pop_front();
+        }
+        self.readings.push_back((at_ns, total_ns));
+    }
+
+    /// How long the process waited for its core between two times, at most: from the last reading
+    /// before to the first after. `None` when there are none about them.
+    pub fn between_ns(&self, from_ns: u64, to_ns: u64) -> Option<u64> {
+        let after = self.readings.partition_point(|&(at, _)| at < to_ns);
+        let before = self.readings.partition_point(|&(at, _)| at <= from_ns).checked_sub(1)?;
+        let (_, end) = self.readings.get(after)?;
+        let (_, begin) = self.readings.get(before)?;
+        Some(end.saturating_sub(*begin))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wait_is_found_between_the_readings_about_it() {
+        let mut delays = Delays::default();
+        assert_eq!(delays.between_ns(0, 10), None);
+        for (at, total) in [(10, 5), (20, 5), (30, 12), (40, 12), (50, 13)] {
+            delays.add(at, total);
+        }
+        assert_eq!(delays.between_ns(10, 20), Some(0));
+        assert_eq!(delays.between_ns(22, 28), Some(7));
+        assert_eq!(delays.between_ns(15, 45), Some(8));
+        assert_eq!(delays.between_ns(31, 39), Some(0));
+        // Beyond what was read nothing is known.
+        assert_eq!((delays.between_ns(5, 20), delays.between_ns(40, 60)), (None, None));
+        // Another process begins anew.
+        delays.add(60, 1);
+        assert_eq!(delays.between_ns(10, 60), None);
+        for i in 0..10_000 {
+            delays.add(100 + i, i);
+        }
+        assert_eq!(delays.readings.len(), KEPT);
+        assert_eq!(delays.between_ns(10_000, 10_050), Some(50));
+    }
+}

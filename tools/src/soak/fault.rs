@@ -1,0 +1,109 @@
+//! What is done to the daemon while it runs.
+
+use super::latency::STAGES;
+use serde::Serialize;
+use std::fmt;
+
+/// Names of the stages, in the order of their numbers here.
+pub const STAGE_NAMES: [&str; STAGES] = ["capture", "stereo", "road", "recognition"];
+
+/// A kind of fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FaultKind {
+    /// SIGKILL: the stage is gone at once.
+    Kill,
+    /// SIGTERM that the scheduler did not send: the stage ends by itself.
+    Exit,
+    /// SIGSTOP for good: the daemon has to notice, kill and restart. Of capture it is a source that
+    /// never comes back.
+    Hang,
+    /// SIGSTOP for less than the liveness deadline: the daemon has to sit it out. Of capture it is a
+    /// source that stalls.
+    Stall,
+}
+
+impl FaultKind {
+    /// All kinds.
+    pub const ALL: [Self; 4] = [Self::Kill, Self::Exit, Self::Hang, Self::Stall];
+
+    /// Whether the daemon must restart the stage, once.
+    pub fn restarts(self) -> bool {
+        self != Self::Stall
+    }
+
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Kill => "kill",
+            Self::Exit => "exit",
+            Self::Hang => "hang",
+            Self::Stall => "stall",
+        }
+    }
+}
+
+/// One fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// What is done.
+    pub kind: FaultKind,
+    /// To which stage.
+    pub stage: usize,
+    /// How long a stall lasts.
+    pub stall_ns: u64,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {}", self.kind.name(), STAGE_NAMES[self.stage % STAGES])
+    }
+}
+
+/// Which faults are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mix {
+    /// SIGKILL alone.
+    Kills,
+    /// Half of them kills, the rest of all other kinds.
+    All,
+}
+
+impl Mix {
+    /// Draws a fault. Stalls are at most two fifths of the liveness deadline long, so that a daemon
+    /// that keeps its deadline does not take them for hangs.
+    pub fn draw(self, random: &mut fastrand::Rng, liveness_ns: u64) -> Fault {
+        let kind = match (self, random.u8(0..6)) {
+            (Self::Kills, _) | (Self::All, 0..=2) => FaultKind::Kill,
+            (Self::All, 3) => FaultKind::Exit,
+            (Self::All, 4) => FaultKind::Hang,
+            (Self::All, _) => FaultKind::Stall,
+        };
+        let longest_ns = (liveness_ns / 5 * 2).max(2);
+        Fault { kind, stage: random.usize(0..STAGES), stall_ns: random.u64(longest_ns / 4..longest_ns) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_seed_draws_the_same_faults_and_all_come() {
+        let draw = |mix: Mix, seed| {
+            let mut random = fastrand::Rng::with_seed(seed);
+            (0..400).map(|_| mix.draw(&mut random, 1_000_000_000)).collect::<Vec<_>>()
+        };
+        assert_eq!(draw(Mix::All, 3), draw(Mix::All, 3));
+        assert_ne!(draw(Mix::All, 3), draw(Mix::All, 4));
+        let all = draw(Mix::All, 3);
+        for stage in 0..STAGES {
+            for kind in FaultKind::ALL {
+                assert!(all.iter().any(|f| f.kind == kind && f.stage == stage), "{kind:?} {stage}");
+            }
+        }
+        assert!(all.iter().all(|f| (100_000_000..400_000_000).contains(&f.stall_ns)));
+        assert!(draw(Mix::Kills, 3).iter().all(|f| f.kind == FaultKind::Kill));
+        assert_eq!(all[0].to_string().split(" of ").count(), 2);
+    }
+}

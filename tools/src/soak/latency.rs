@@ -1,0 +1,371 @@
+//! Where the time of each frame goes: by stage, end to end, and what of it was the machine's own
+//! stalls.
+
+use super::delays::Delays;
+use super::stalls::Stalls;
+use super::trend::Trend;
+use crate::summary::Latency;
+use std::collections::VecDeque;
+
+/// Stages that a frame passes: capture, stereo, road, recognition.
+pub const STAGES: usize = 4;
+
+/// A frame is judged this long after it came out: by then the probes have told of stalls in it.
+const HOLD_NS: u64 = 500_000_000;
+
+/// Frames that wait to be judged; more than a second of any rate that is judged.
+const HELD: usize = 4096;
+
+/// After a recovery frames count as disturbed for this long: a new process finds cold caches.
+const AFTERMATH_NS: u64 = 500_000_000;
+
+/// The trace of one frame, on the monotonic clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Trace {
+    /// Its number.
+    pub sequence: u64,
+    /// When it was captured.
+    pub capture_ns: u64,
+    /// When each stage took it up, and when its result was there.
+    pub stamps: [(u64, u64); STAGES],
+}
+
+impl Trace {
+    /// When it came out.
+    pub fn end_ns(&self) -> u64 {
+        self.stamps[STAGES - 1].1
+    }
+
+    fn is_sound(&self) -> bool {
+        let mut before = self.capture_ns;
+        let in_order = self.stamps[1..].iter().all(|&(begin, end)| {
+            let sound = before <= begin && begin <= end;
+            before = end;
+            sound
+        });
+        in_order && self.capture_ns > 0
+    }
+}
+
+/// Times of one stage.
+#[derive(Clone, Debug, Default)]
+pub struct StageTimes {
+    /// From taking a frame up to its result.
+    pub work: Latency,
+    /// From the result of the stage before to taking the frame up: hand-over, and waiting for the
+    /// frame before.
+    pub wait: Latency,
+    /// Both, from which the usual is known.
+    both: Latency,
+}
+
+/// Times of all frames of a run.
+#[derive(Clone, Debug)]
+pub struct Latencies {
+    /// By stage.
+    pub stages: [StageTimes; STAGES],
+    /// Capture to result.
+    pub end_to_end: Latency,
+    /// The same less the machine's stalls.
+    pub less_stalls: Latency,
+    /// Capture to result of frames that a fault or its aftermath touched; they are in no other
+    /// figure.
+    pub disturbed: Latency,
+    /// Capture to result over time, in milliseconds.
+    pub trend: Trend,
+    /// The same of the age at which stereo takes frames up.
+    pub age_trend: Trend,
+    /// Deviation of the time between two results from the period.
+    pub jitter: Latency,
+    /// The longest time between two results in a row, without faults, in nanoseconds.
+    pub longest_gap_ns: u64,
+    /// Sum, sum of squares (both in seconds) and count of times between results.
+    intervals: (f64, f64, u64),
+    /// Frames whose stamps make no sense.
+    pub unsound: u64,
+    /// How long each stage's process waited for its core.
+    pub delays: [Delays; STAGES],
+    held: VecDeque<Trace>,
+    /// Faults, each with the end of its aftermath.
+    faults: VecDeque<(u64, u64)>,
+    last: Option<Trace>,
+    start_ns: u64,
+    period_ns: u64,
+    cores: [Option<u32>; STAGES],
+}
+
+/// How steadily results come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steadiness {
+    /// Mean time between results, in milliseconds.
+    pub mean_ms: f64,
+    /// Its standard deviation as a share of the period.
+    pub spread: f64,
+}
+
+impl Latencies {
+    /// Of a run that begins at `start_ns` with a pair every `period_ns`, its stages on `cores`
+    /// (`None` = not pinned).
+    pub fn new(start_ns: u64, period_ns: u64, cores: [Option<u32>; STAGES]) -> Self {
+        Self {
+            stages: Default::default(),
+            end_to_end: Latency::new(),
+            less_stalls: Latency::new(),
+            disturbed: Latency::new(),
+            trend: Trend::new(1.0),
+            age_trend: Trend::new(1.0),
+            jitter: Latency::new(),
+            longest_gap_ns: 0,
+            intervals: (0.0, 0.0, 0),
+            unsound: 0,
+            delays: Default::default(),
+            held: VecDeque::with_capacity(64),
+            faults: VecDeque::new(),
+            last: None,
+            start_ns,
+            period_ns,
+            cores,
+        }
+    }
+
+    /// Takes in a frame that has come out.
+    pub fn add(&mut self, trace: Trace, stalls: &Stalls) {
+        if !trace.is_sound() {
+            self.unsound += 1;
+            return;
+        }
+        if self.held.len() >= HELD
+            && let Some(oldest) = self.held.pop_front()
+        {
+            self.judge(&oldest, stalls);
+        }
+        self.held.push_back(trace);
+    }
+
+    /// Frames between these times are disturbed: a fault was made and recovered from.
+    pub fn disturb(&mut self, from_ns: u64, recovered_ns: u64) {
+        if self.faults.len() >= 64 {
+            self.faults.pop_front();
+        }
+        self.faults.push_back((from_ns, recovered_ns.saturating_add(AFTERMATH_NS)));
+    }
+
+    /// Judges the frames that were held long enough; `open_fault_ns` is the beginning of a fault that
+    /// is not yet recovered from.
+    pub fn settle(&mut self, now_ns: u64, open_fault_ns: Option<u64>, stalls: &Stalls) {
+        if let Some(from_ns) = open_fault_ns {
+            self.disturb(from_ns, now_ns);
+        }
+        while self.held.front().is_some_and(|t| t.end_ns().saturating_add(HOLD_NS) <= now_ns) {
+            if let Some(trace) = self.held.pop_front() {
+                self.judge(&trace, stalls);
+            }
+        }
+        if open_fault_ns.is_some() {
+            // Its end will be told.
+            self.faults.pop_back();
+        }
+    }
+
+    fn is_disturbed(&self, from_ns: u64, to_ns: u64) -> bool {
+        self.faults.iter().any(|&(begin, end)| begin <= to_ns && from_ns <= end)
+    }
+
+    fn judge(&mut self, trace: &Trace, stalls: &Stalls) {
+        let total_ns = trace.end_ns() - trace.capture_ns;
+        let last = self.last.replace(*trace);
+        if self.is_disturbed(trace.capture_ns, trace.end_ns()) {
+            self.disturbed.add_ns(total_ns);
+            return;
+        }
+        let at_s = trace.end_ns().saturating_sub(self.start_ns) as f64 * 1e-9;
+        self.end_to_end.add_ns(total_ns);
+        self.trend.add(at_s, total_ns as f64 * 1e-6);
+        let (begin, end) = trace.stamps[0];
+        self.stages[0].work.add_ns(end.saturating_sub(begin));
+        let age_ns = trace.stamps[1].0 - trace.capture_ns;
+        self.age_trend.add(at_s, age_ns as f64 * 1e-6);
+        let mut before = trace.capture_ns;
+        let mut stalled_ns = 0;
+        for (i, stage) in self.stages.iter_mut().enumerate().skip(1) {
+            let (begin, end) = trace.stamps[i];
+            stage.wait.add_ns(begin - before);
+            stage.work.add_ns(end - begin);
+            // A stall explains at most what is beyond the usual: ordinary work is no stall, even
+            // where the probe had to wait for it.
+            let usual_ns = (stage.both.percentile_ms(50.0) * 1e6) as u64;
+            let beyond_ns = (end - before).saturating_sub(usual_ns);
+            // Nor where the stage was not kept from its core: then it was the stage that was slow, and
+            // the probe that had to wait for it.
+            let waited_ns = self.delays[i].between_ns(before, end).unwrap_or(u64::MAX);
+            stalled_ns += stalls.overlap_ns(self.cores[i], before, end).min(beyond_ns).min(waited_ns);
+            stage.both.add_ns(end - before);
+            before = end;
+        }
+        self.less_stalls.add_ns(total_ns - stalled_ns.min(total_ns));
+        let Some(last) = last.filter(|l| !self.is_disturbed(l.capture_ns, l.end_ns())) else { return };
+        let interval_ns = trace.end_ns().saturating_sub(last.end_ns());
+        self.longest_gap_ns = self.longest_gap_ns.max(interval_ns);
+        let seconds = interval_ns as f64 * 1e-9;
+        self.intervals.0 += seconds;
+        self.intervals.1 += seconds * seconds;
+        self.intervals.2 += 1;
+        // Over a frame that was dropped, the period is twice as long; that is counted as a drop.
+        let steps = trace.sequence.saturating_sub(last.sequence).max(1);
+        self.jitter.add_ns(interval_ns.abs_diff(steps.saturating_mul(self.period_ns)));
+    }
+
+    /// How steadily results come.
+    pub fn steadiness(&self) -> Steadiness {
+        let (sum, squares, count) = self.intervals;
+        if count == 0 {
+            return Steadiness::default();
+        }
+        let mean = sum / count as f64;
+        let deviation = (squares / count as f64 - mean * mean).max(0.0).sqrt();
+        Steadiness { mean_ms: mean * 1e3, spread: deviation / (self.period_ns as f64 * 1e-9) }
+    }
+
+    /// Forgets all figures but what is held: the warm-up is over.
+    pub fn forget(&mut self) {
+        let fresh = Self::new(self.start_ns, self.period_ns, self.cores);
+        let old = std::mem::replace(self, fresh);
+        self.held = old.held;
+        self.faults = old.faults;
+        self.delays = old.delays;
+        for (stage, old) in self.stages.iter_mut().zip(old.stages) {
+            // The usual is known.
+            stage.both = old.both;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// A frame of 2 + 20 + 1 + 5 + 1 + 3 ms.
+    fn frame(sequence: u64, late_ns: u64) -> Trace {
+        let capture_ns = 10_000 * MS + sequence * 80 * MS;
+        let at = |ms: u64| capture_ns + ms * MS;
+        let stamps = [
+            (capture_ns - 3 * MS, capture_ns),
+            (at(2), at(22) + late_ns),
+            (at(23) + late_ns, at(28) + late_ns),
+            (at(29) + late_ns, at(32) + late_ns),
+        ];
+        Trace { sequence, capture_ns, stamps }
+    }
+
+    fn run(count: u64, late: impl Fn(u64) -> u64, stalls: &Stalls) -> Latencies {
+        let mut all = Latencies::new(0, 80 * MS, [Some(0), Some(1), Some(0), Some(1)]);
+        for i in 0..count {
+            all.add(frame(i, late(i)), stalls);
+        }
+        all.settle(u64::MAX, None, stalls);
+        all
+    }
+
+    #[test]
+    fn times_are_told_apart_by_stage() {
+        let all = run(100, |_| 0, &Stalls::default());
+        let p50 = |l: &Latency| l.percentile_ms(50.0).round();
+        assert_eq!(p50(&all.end_to_end), 32.0);
+        assert_eq!(all.stages.each_ref().map(|s| p50(&s.work)), [3.0, 20.0, 5.0, 3.0]);
+        assert_eq!(all.stages.each_ref().map(|s| p50(&s.wait)), [0.0, 2.0, 1.0, 1.0]);
+        assert_eq!(all.end_to_end.count(), 100);
+        let steady = all.steadiness();
+        assert!((steady.mean_ms - 80.0).abs() < 1e-6 && steady.spread < 1e-6, "{steady:?}");
+        assert!(all.jitter.percentile_ms(100.0) < 0.01);
+        assert_eq!(all.longest_gap_ns, 80 * MS);
+    }
+
+    #[test]
+    fn a_stall_explains_what_is_beyond_the_usual_and_no_more() {
+        let late = |i: u64| if i == 50 { 100 * MS } else { 0 };
+        let begin = frame(50, 0).stamps[1].0 + 5 * MS;
+        // On the core of stereo, within its work.
+        let mut stalls = Stalls::default();
+        stalls.add(Some(1), begin, begin + 90 * MS);
+        let all = run(100, late, &stalls);
+        assert!((all.end_to_end.percentile_ms(100.0) - 132.0).abs() < 1.0);
+        assert!((all.less_stalls.percentile_ms(100.0) - 42.0).abs() < 1.0);
+        // On another core: no excuse.
+        let mut elsewhere = Stalls::default();
+        elsewhere.add(Some(0), begin, begin + 90 * MS);
+        let all = run(100, late, &elsewhere);
+        assert!((all.less_stalls.percentile_ms(100.0) - 132.0).abs() < 1.0);
+        // A probe that waited for the stage's ordinary work explains nothing.
+        let mut ordinary = Stalls::default();
+        for i in 0..100 {
+            let (begin, end) = frame(i, 0).stamps[1];
+            ordinary.add(Some(1), begin, end);
+        }
+        let all = run(100, |_| 0, &ordinary);
+        assert!(all.less_stalls.percentile_ms(50.0) > 31.0, "{}", all.less_stalls.percentile_ms(50.0));
+    }
+
+    #[test]
+    fn a_stage_that_had_its_core_has_no_excuse() {
+        let late = |i: u64| if i == 50 { 100 * MS } else { 0 };
+        let begin = frame(50, 0).stamps[1].0 + 5 * MS;
+        let mut stalls = Stalls::default();
+        stalls.add(Some(1), begin, begin + 90 * MS);
+        for (waited, expected) in [(0, 132.0), (60 * MS, 72.0), (500 * MS, 42.0)] {
+            let mut all = Latencies::new(0, 80 * MS, [Some(0), Some(1), Some(0), Some(1)]);
+            let at = frame(50, 0).capture_ns;
+            for (reading, total) in [(0, 0), (at - MS, 0), (at + 200 * MS, waited), (u64::MAX, waited)] {
+                all.delays[1].add(reading, total);
+            }
+            for i in 0..100 {
+                all.add(frame(i, late(i)), &stalls);
+            }
+            all.settle(u64::MAX, None, &stalls);
+            let longest = all.less_stalls.percentile_ms(100.0);
+            assert!((longest - expected).abs() < 1.0, "{waited}: {longest}");
+        }
+    }
+
+    #[test]
+    fn frames_around_a_fault_are_counted_apart() {
+        let stalls = Stalls::default();
+        let mut all = Latencies::new(0, 80 * MS, [None; STAGES]);
+        let fault = frame(40, 0).capture_ns;
+        for i in 0..100 {
+            if !(40..60).contains(&i) {
+                all.add(frame(i, 0), &stalls);
+            }
+            // The fault is not over when the frames before it are judged.
+            let open = (40..60).contains(&i).then_some(fault);
+            all.settle(frame(i, 0).end_ns(), open, &stalls);
+            if i == 60 {
+                all.disturb(fault, frame(60, 0).end_ns());
+            }
+        }
+        all.settle(u64::MAX, None, &stalls);
+        // The frame of the recovery, and half a second after it.
+        assert_eq!(all.disturbed.count(), 7);
+        assert_eq!(all.end_to_end.count(), 73);
+        assert_eq!(all.longest_gap_ns, 80 * MS, "the gap of the fault is the recovery's figure");
+    }
+
+    #[test]
+    fn stamps_without_sense_are_counted_and_drops_are_no_jitter() {
+        let stalls = Stalls::default();
+        let mut all = Latencies::new(0, 80 * MS, [None; STAGES]);
+        let mut wrong = frame(0, 0);
+        wrong.stamps[2].1 = 5;
+        all.add(wrong, &stalls);
+        all.add(Trace::default(), &stalls);
+        for i in [1, 2, 4, 5] {
+            all.add(frame(i, 0), &stalls);
+        }
+        all.settle(u64::MAX, None, &stalls);
+        assert_eq!((all.unsound, all.end_to_end.count()), (2, 4));
+        assert!(all.jitter.percentile_ms(50.0) < 0.01);
+        all.forget();
+        assert_eq!(all.end_to_end.count(), 0);
+    }
+}

@@ -1,0 +1,208 @@
+//! Plots as SVG: lines or dots over axes with round numbers.
+
+use std::fmt::Write;
+
+/// One line, or one colour of dots.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What it shows.
+    pub name: String,
+    /// (x, y); what is no number is left out.
+    pub points: Vec<(f64, f64)>,
+    /// Dots instead of a line.
+    pub dots: bool,
+}
+
+/// A plot.
+#[derive(Clone, Debug, Default)]
+pub struct Plot {
+    /// Above it.
+    pub title: String,
+    /// Below it, with unit.
+    pub x_name: String,
+    /// Beside it, with unit.
+    pub y_name: String,
+    /// What is shown.
+    pub series: Vec<Series>,
+    /// A line across, with its name: a budget.
+    pub limit: Option<(String, f64)>,
+    /// Marks of the x axis; empty takes round numbers.
+    pub x_marks: Vec<(f64, String)>,
+}
+
+const WIDTH: f64 = 900.0;
+const HEIGHT: f64 = 420.0;
+const LEFT: f64 = 78.0;
+const RIGHT: f64 = 20.0;
+const TOP: f64 = 58.0;
+const BOTTOM: f64 = 52.0;
+const COLOURS: [&str; 6] = ["#1f6fc5", "#d1540f", "#1d8a3c", "#9133b5", "#5d6570", "#b08900"];
+
+/// A step of 1, 2 or 5 times a power of ten that divides a range into about five.
+fn step(range: f64) -> f64 {
+    let rough = (range / 5.0).max(1e-12);
+    let power = 10_f64.powf(rough.log10().floor());
+    let factor = match rough / power {
+        r if r <= 1.0 => 1.0,
+        r if r <= 2.0 => 2.0,
+        r if r <= 5.0 => 5.0,
+        _ => 10.0,
+    };
+    factor * power
+}
+
+/// A number with as many decimals as its step needs.
+fn number(value: f64, step: f64) -> String {
+    let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{value:.decimals$}")
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+impl Plot {
+    /// The file's text. The upright axis starts at zero.
+    pub fn to_svg(&self) -> String {
+        let finite = |s: &Series| -> Vec<(f64, f64)> {
+            s.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect()
+        };
+        let series: Vec<Vec<(f64, f64)>> = self.series.iter().map(finite).collect();
+        let all = || series.iter().flatten();
+        let left = all().map(|p| p.0).fold(f64::INFINITY, f64::min);
+        let right = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+        let (left, right) = if left < right { (left, right) } else { (0.0, 1.0) };
+        let limit = self.limit.as_ref().map_or(0.0, |(_, y)| *y);
+        let top = all().map(|p| p.1).fold(limit.max(1e-9), f64::max) * 1.08;
+        let x = |v: f64| LEFT + (v - left) / (right - left) * (WIDTH - LEFT - RIGHT);
+        let y = |v: f64| HEIGHT - BOTTOM - v / top * (HEIGHT - TOP - BOTTOM);
+        let mut out = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" \
+             font-family=\"sans-serif\" font-size=\"12\">\n\
+             <rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"#ffffff\"/>\n\
+             <text x=\"{LEFT}\" y=\"20\" font-size=\"15\">{}</text>\n",
+            escape(&self.title)
+        );
+        let (floor, ceiling) = (y(0.0), y(top));
+        let y_step = step(top);
+        for i in 0..=(top / y_step) as u32 {
+            let value = f64::from(i) * y_step;
+            let at = y(value);
+            let _ = writeln!(
+                out,
+                "<path d=\"M{LEFT} {at:.1}H{:.1}\" stroke=\"#dddddd\"/><text x=\"{:.1}\" y=\"{:.1}\" \
+                 text-anchor=\"end\">{}</text>",
+                WIDTH - RIGHT,
+                LEFT - 6.0,
+                at + 4.0,
+                number(value, y_step)
+            );
+        }
+        let mut marks = self.x_marks.clone();
+        if marks.is_empty() {
+            let x_step = step(right - left);
+            let (first, last) = ((left / x_step).ceil() as i64, (right / x_step).floor() as i64);
+            marks = (first..=last)
+                .map(|i| i as f64 * x_step)
+                .map(|value| (value, number(value, x_step)))
+                .collect();
+        }
+        for (value, name) in marks.iter().filter(|(value, _)| (left..=right).contains(value)) {
+            let at = x(*value);
+            let _ = writeln!(
+                out,
+                "<path d=\"M{at:.1} {floor:.1}V{ceiling:.1}\" stroke=\"#dddddd\"/><text x=\"{at:.1}\" y=\"{:.1}\" \
+                 text-anchor=\"middle\">{}</text>",
+                floor + 16.0,
+                escape(name)
+            );
+        }
+        let _ = writeln!(
+            out,
+            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>\n\
+             <text transform=\"translate(16 {:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
+            (LEFT + WIDTH - RIGHT) / 2.0,
+            HEIGHT - 12.0,
+            escape(&self.x_name),
+            (floor + ceiling) / 2.0,
+            escape(&self.y_name)
+        );
+        if let Some((name, value)) = &self.limit {
+            let at = y(*value);
+            let _ = writeln!(
+                out,
+                "<path d=\"M{LEFT} {at:.1}H{:.1}\" stroke=\"#c00000\" stroke-dasharray=\"6 4\"/>\
+                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\" fill=\"#c00000\">{}</text>",
+                WIDTH - RIGHT,
+                WIDTH - RIGHT - 4.0,
+                at - 5.0,
+                escape(name)
+            );
+        }
+        let mut legend = LEFT;
+        for ((points, s), colour) in series.iter().zip(&self.series).zip(COLOURS.iter().cycle()) {
+            if s.dots {
+                for &(px, py) in points {
+                    let _ = writeln!(
+                        out,
+                        "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"2\" fill=\"{colour}\"/>",
+                        x(px),
+                        y(py)
+                    );
+                }
+            } else if !points.is_empty() {
+                let path: Vec<String> =
+                    points.iter().map(|&(px, py)| format!("{:.1} {:.1}", x(px), y(py))).collect();
+                let _ = writeln!(
+                    out,
+                    "<path d=\"M{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>",
+                    path.join("L")
+                );
+            }
+            let _ = writeln!(
+                out,
+                "<text x=\"{legend:.1}\" y=\"42\" fill=\"{colour}\">{}</text>",
+                escape(&s.name)
+            );
+            legend += 7.0 * s.name.chars().count() as f64 + 24.0;
+        }
+        out.push_str("</svg>\n");
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plot_shows_its_lines_its_dots_and_its_limit() {
+        let plot = Plot {
+            title: "a < b & c".into(),
+            x_name: "s".into(),
+            y_name: "ms".into(),
+            series: vec![
+                Series {
+                    name: "line".into(),
+                    points: vec![(0.0, 1.0), (5.0, f64::NAN), (10.0, 2.0)],
+                    dots: false,
+                },
+                Series { name: "dots".into(), points: vec![(2.0, 1.5), (3.0, 0.5)], dots: true },
+            ],
+            limit: Some(("budget 4 ms".into(), 4.0)),
+            x_marks: Vec::new(),
+        };
+        let svg = plot.to_svg();
+        assert!(svg.contains("a &lt; b &amp; c") && svg.contains("budget 4 ms"), "{svg}");
+        assert_eq!(svg.matches("<circle").count(), 2);
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        // The limit lies within the picture, above all points.
+        let from = |text: &str| svg[svg.find(text).unwrap()..].to_owned();
+        let limit = from("stroke=\"#c00000\"");
+        assert!(limit.contains("budget"));
+        let document = roxmltree::Document::parse(&svg).unwrap();
+        assert_eq!(document.root_element().tag_name().name(), "svg");
+        // Nothing to show is no reason to panic.
+        roxmltree::Document::parse(&Plot::default().to_svg()).unwrap();
+    }
+}

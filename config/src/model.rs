@@ -115,6 +115,8 @@ pub struct Recognition {
     pub window_max_px: i64,
     pub growth: f64,
     pub neighbours_min: i64,
+    pub looks_max: i64,
+    pub again_frames: i64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -129,8 +131,16 @@ pub struct Tracking {
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
     pub distance_m: f64,
+    pub ttc_warning_s: f64,
+    pub ttc_alarm_s: f64,
+    pub deceleration_warning_m_s2: f64,
+    pub deceleration_alarm_m_s2: f64,
     pub path_width_m: f64,
+    pub confirm_frames: i64,
+    pub clear_share: f64,
     pub hold_ms: i64,
+    pub frame_age_max_ms: i64,
+    pub self_check: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use thiserror::Error;
 const MAGIC: u32 = 0x4c4b_5431;
 
 /// Changes whenever the layout of any message does.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 
 /// A cache line: what payloads are made of, so that they are aligned for every kernel.
 #[repr(C, align(64))]
@@ -77,6 +77,9 @@ pub struct Header {
     pub width: u32,
     /// Height of the frame's images in pixels; 0 where there are none.
     pub height: u32,
+    /// Self-checks that failed on the frame's way so far: [`crate::alarm::Faults`].
+    pub faults: u32,
+    pub(crate) reserved: u32,
     /// One stamp per stage, in the order of [`crate::role::Role::STAGES`].
     pub stamps: [Stamp; 4],
 }

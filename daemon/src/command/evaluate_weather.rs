@@ -12,7 +12,7 @@ use sources::scene::library;
 use std::path::PathBuf;
 use tools::evaluate::files::{prepare, write_report};
 use tools::evaluate::scene_match::{Found, match_frame};
-use tools::evaluate::weather::{FrameResult, PAPER, Tally, WeatherReport};
+use tools::evaluate::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport};
 use tools::overlay;
 use tools::picture::Picture;
 
@@ -69,7 +69,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
             let (truth, result) = run.frame(index)?;
             let regions: Vec<Found> = result.regions.iter().map(|region| found(region, &rig)).collect();
             let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
-            let tracks: Vec<(u32, Found)> = result
+            let tracks: Vec<(u32, Labelled)> = result
                 .record
                 .obstacles
                 .iter()
@@ -77,7 +77,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 .map(|o| {
                     let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
                     let found = Found { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
-                    (o.track, found)
+                    (o.track, Labelled { found, is_vehicle: o.class == config.recognition.label })
                 })
                 .collect();
             let is_false = |found: &Found| {
@@ -85,10 +85,12 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                     > 0
             };
             let false_tracks: Vec<u32> =
-                tracks.iter().filter(|(_, found)| is_false(found)).map(|(track, _)| *track).collect();
+                tracks.iter().filter(|(_, t)| is_false(&t.found)).map(|(track, _)| *track).collect();
+            let labelled: Vec<Labelled> = tracks.iter().map(|(_, t)| *t).collect();
             tally.add(&FrameResult {
                 matched: &matched,
                 false_tracks: &false_tracks,
+                tracks: &labelled,
                 profile_px: result.road_seen.then_some(result.images.profile_px),
                 road: &truth.road,
             });

@@ -2,7 +2,7 @@
 
 use super::{CommandError, load, say};
 use crate::cli::Status;
-use crate::frame_record::ALARM_LEVELS;
+use ipc::alarm::{Faults, level_name, rule_name};
 use ipc::bus::Bus;
 use ipc::calibration::CalibrationState;
 use ipc::instance::{Instance, InstanceError};
@@ -91,6 +91,8 @@ struct StatusJson {
     latency_p50_ms: f32,
     latency_p99_ms: f32,
     alarm: &'static str,
+    alarm_rule: Option<&'static str>,
+    alarm_reason: Option<String>,
     alarms: u32,
     obstacles: u32,
     nearest_m: Option<f64>,
@@ -139,7 +141,9 @@ impl StatusJson {
             frames: status.frames,
             latency_p50_ms: status.latency_p50_ms,
             latency_p99_ms: status.latency_p99_ms,
-            alarm: ALARM_LEVELS[status.alarm.min(2) as usize],
+            alarm: level_name(status.alarm),
+            alarm_rule: rule_name(status.alarm_rule),
+            alarm_reason: (status.alarm == ipc::alarm::OFF).then(|| Faults(status.alarm_faults).to_string()),
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
@@ -177,6 +181,18 @@ impl StatusJson {
     }
 }
 
+/// The alarm's level and why.
+fn alarm_words(status: &StatusRecord) -> String {
+    let level = level_name(status.alarm);
+    match (status.alarm, rule_name(status.alarm_rule)) {
+        (ipc::alarm::OFF, _) if status.alarm_faults != 0 => {
+            format!("{level}: {}", Faults(status.alarm_faults))
+        }
+        (_, Some(rule)) => format!("{level} ({})", rule.replace('_', " ")),
+        _ => level.to_owned(),
+    }
+}
+
 /// The status as a person reads it.
 pub fn table(name: &str, status: &StatusRecord) -> String {
     let mut out = String::new();
@@ -200,7 +216,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         status.frames,
         status.latency_p50_ms,
         status.latency_p99_ms,
-        ALARM_LEVELS[status.alarm.min(2) as usize],
+        alarm_words(status),
         status.obstacles,
         status.alarms,
     );

@@ -3,11 +3,14 @@
 use super::{FrameError, Room, check_size, road_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
+use ipc::alarm::Faults;
 use ipc::header::{Header, MessageError};
 use ipc::regions::{RegionRecord, RoadRecord, Writer};
 use ipc::{depth, regions};
 use perception::image::GreyView;
+use perception::rig::Rig;
 use perception::road::{Region, RoadDetector};
+use perception::sight::{TextureCheck, road_texture};
 use perception::stereo::DisparityView;
 
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
@@ -20,6 +23,11 @@ const CROP_LEAST: u32 = 32;
 /// The road detector between its messages.
 pub struct RoadRoom {
     detector: RoadDetector,
+    rig: Rig,
+    path_width_m: f64,
+    /// Whether the road has texture to be matched by, if it is asked for.
+    texture: Option<TextureCheck>,
+    is_sparse: bool,
     width: usize,
     height: usize,
 }
@@ -30,7 +38,15 @@ impl RoadRoom {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         let detector = RoadDetector::new(road_parameters(config), format.rig(), width, height, disparities);
-        Self { detector, width, height }
+        Self {
+            detector,
+            rig: format.rig(),
+            path_width_m: config.alarm.path_width_m,
+            texture: config.alarm.self_check.then(TextureCheck::default),
+            is_sparse: false,
+            width,
+            height,
+        }
     }
 }
 
@@ -46,6 +62,10 @@ impl Room for RoadRoom {
         let disparity = DisparityView::new(depth.disparity, self.width, self.height)
             .ok_or(MessageError::Length { given: depth.disparity.len(), needed: header.pixels() })?;
         let scene = self.detector.detect(disparity);
+        if let Some(check) = &mut self.texture {
+            let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
+            self.is_sparse = check.update(texture);
+        }
         let road = scene.road.map_or_else(RoadRecord::default, |road| RoadRecord {
             seen: 1,
             regions: 0,
@@ -64,6 +84,10 @@ impl Room for RoadRoom {
             writer.push(record, rows);
         }
         Ok(writer.bytes())
+    }
+
+    fn faults(&self) -> Faults {
+        Faults::SPARSE.when(self.is_sparse)
     }
 }
 

@@ -15,6 +15,7 @@ use perception::recognition::Recogniser;
 use perception::rig::Rig;
 use perception::road::{PixelBox, Region};
 use perception::tracking::alarm::{Alarm, Candidate};
+use perception::tracking::growth::GrowthMeter;
 use perception::tracking::looks::LookParameters;
 use perception::tracking::path::Course;
 use perception::tracking::{Track, Tracker};
@@ -34,6 +35,7 @@ pub struct RecognitionRoom {
     least_m: f64,
     looks: LookParameters,
     tracker: Tracker,
+    growth: GrowthMeter,
     alarm: Alarm,
     path_width_m: f64,
     rig: Rig,
@@ -59,6 +61,7 @@ impl RecognitionRoom {
             least_m: LEAST_SHARE * config.recognition.window_m,
             looks: look_parameters(config),
             tracker: Tracker::new(tracker_parameters(config), rig, size),
+            growth: GrowthMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
             path_width_m: config.alarm.path_width_m,
             rig,
@@ -82,6 +85,13 @@ impl RecognitionRoom {
         self.regions.clear();
         self.regions.extend(message.regions.iter().map(region));
         self.tracker.update(header.source_ns, &self.regions);
+        let crop = |track: &Track| {
+            let record = message.regions.get(track.detection?)?;
+            let [x, y, width, height] = record.crop;
+            let pixels = message.crop(record)?;
+            Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
+        };
+        self.tracker.measure_growth(&mut self.growth, header.source_ns, crop);
         self.recognise(&message);
         let tracker = &self.tracker;
         let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(candidate);

@@ -4,6 +4,7 @@
 pub mod alarm;
 pub mod assign;
 pub mod filter;
+pub mod growth;
 pub mod looks;
 pub mod path;
 
@@ -28,6 +29,8 @@ pub struct Track {
     pub across: LateralFilter,
     /// Width, in metres, smoothed.
     pub width_m: f64,
+    /// Height above the road, in metres, smoothed.
+    pub height_m: f64,
     /// Frames in which it was seen.
     pub seen: u32,
     /// Frames in a row in which it was not.
@@ -105,8 +108,12 @@ const UNLIKE: f64 = 3.0;
 /// Error of a box's middle: in px (strips of four), and as a share of the width.
 const MIDDLE_PX: f64 = 3.0;
 const MIDDLE_SHARE: f64 = 0.04;
-/// How much a frame's width counts.
+/// How much a frame's width counts, and its height.
 const WIDTH_GAIN: f64 = 0.25;
+const TALLER_GAIN: f64 = 0.15;
+const LOWER_GAIN: f64 = 0.5;
+/// Errors of a region's disparity last for some frames, the filter thinks that they do not.
+const LASTING: f64 = 1.5;
 
 /// Follows obstacles, with memory allocated once.
 #[derive(Debug)]
@@ -225,9 +232,10 @@ impl Tracker {
             id,
             region: *region,
             detection: Some(detection),
-            along: DistanceFilter::new(scale, region.disparity_px, region.disparity_sigma_px),
+            along: DistanceFilter::new(scale, region.disparity_px, LASTING * region.disparity_sigma_px),
             across: LateralFilter::new(region.lateral_m, middle_sigma_m(region, &self.rig, self.size)),
             width_m: region.width_m,
+            height_m: region.height_m,
             seen: 1,
             missed: 0,
             class: Class::default(),
@@ -238,9 +246,12 @@ impl Tracker {
 
 /// A track goes on with region `d`.
 fn take(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
-    track.along.update(region.disparity_px, region.disparity_sigma_px);
+    track.along.update(region.disparity_px, LASTING * region.disparity_sigma_px);
     track.across.update(region.lateral_m, middle_sigma_m(region, &rig, size));
     track.width_m += WIDTH_GAIN * (region.width_m - track.width_m);
+    // Boxes more often reach into what is behind than they are too low.
+    let taller = region.height_m - track.height_m;
+    track.height_m += if taller > 0.0 { TALLER_GAIN } else { LOWER_GAIN } * taller;
     track.region = *region;
     track.detection = Some(d);
     track.last = (region.bounds, region.distance_m);

@@ -79,7 +79,7 @@ pub struct Labelled {
 
 /// Whether an object is what the recogniser calls a vehicle.
 pub fn is_vehicle(class: ObjectClass) -> bool {
-    matches!(class, ObjectClass::Car | ObjectClass::Van | ObjectClass::Bus)
+    matches!(class, ObjectClass::Car | ObjectClass::Bus)
 }
 
 /// One weather, or one scene.

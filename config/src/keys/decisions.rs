@@ -157,6 +157,6 @@ pub(super) const ALARM: &[Key] = &[
     key(
         "alarm.self_check",
         Switch,
-        "Turns the alarm off, with the reason, while the pictures are too dark, too bright, covered or too unlike.",
+        "Turns the alarm off, with the reason, while the pictures are too dark, too bright, covered or too unlike, or the road has too little texture.",
     ),
 ];

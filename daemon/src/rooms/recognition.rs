@@ -17,7 +17,6 @@ use perception::road::{PixelBox, Region};
 use perception::tracking::alarm::{Alarm, Candidate};
 use perception::tracking::growth::GrowthMeter;
 use perception::tracking::looks::LookParameters;
-use perception::tracking::path::Course;
 use perception::tracking::{Track, Tracker};
 
 /// The word for what no class recognised.
@@ -94,7 +93,7 @@ impl RecognitionRoom {
         self.tracker.measure_growth(&mut self.growth, header.source_ns, crop);
         self.recognise(&message);
         let tracker = &self.tracker;
-        let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(candidate);
+        let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
         let road = &message.road;
         let faults = Faults(header.faults).and(Faults::NO_ROAD.when(road.seen == 0));
         let state = self.alarm.update(header.source_ns, faults.is_none(), candidates);
@@ -139,24 +138,6 @@ impl RecognitionRoom {
             let metre_px = record.disparity_px / baseline_m;
             recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
         });
-    }
-}
-
-/// A track as the alarm sees it.
-fn candidate(track: &Track) -> Candidate {
-    Candidate {
-        track: track.id,
-        seen: track.seen,
-        is_seen: track.missed == 0,
-        distance_m: track.distance_m(),
-        closing_m_s: track.closing_m_s(),
-        time_to_collision: track.time_to_collision(),
-        course: Course {
-            lateral_m: track.across.lateral_m(),
-            speed_m_s: track.across.speed_m_s(),
-            speed_sigma_m_s: track.across.speed_sigma_m_s(),
-            width_m: track.width_m,
-        },
     }
 }
 
@@ -207,7 +188,7 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
         closing_sigma_m_s: track.along.closing_sigma_m_s(),
         time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
         time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
-        in_path: u32::from(candidate(track).is_in_the_way(path_width_m)),
+        in_path: u32::from(Candidate::of(track).is_in_the_way(path_width_m)),
         reserved: 0,
         score: score.map_or(0.0, f64::from),
         class,

@@ -8,6 +8,7 @@
 //! takes, so that it costs no time while things move on as they do. A level that is on is left only when
 //! its rule is clearly no longer fulfilled, and not before it was held for a while.
 
+use super::Track;
 use super::filter::TimeToCollision;
 use super::path::Course;
 
@@ -100,6 +101,24 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// A track as the alarm sees it.
+    pub fn of(track: &Track) -> Self {
+        Self {
+            track: track.id,
+            seen: track.seen,
+            is_seen: track.missed == 0,
+            distance_m: track.distance_m(),
+            closing_m_s: track.closing_m_s(),
+            time_to_collision: track.time_to_collision(),
+            course: Course {
+                lateral_m: track.across.lateral_m(),
+                speed_m_s: track.across.speed_m_s(),
+                speed_sigma_m_s: track.across.speed_sigma_m_s(),
+                width_m: track.width_m,
+            },
+        }
+    }
+
     /// Whether the vehicle would meet it in its path.
     pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
         let arrival_s = self.time_to_collision.map(|t| t.seconds);

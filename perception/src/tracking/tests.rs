@@ -1,3 +1,4 @@
+use super::alarm::{Alarm, AlarmLevel, AlarmParameters, Candidate};
 use super::looks::LookParameters;
 use super::*;
 
@@ -265,6 +266,57 @@ fn any_regions_are_survived() {
             assert!(b.x + b.width <= 640 && b.y + b.height <= 480, "{b:?}");
             assert!(t.distance_m().is_finite() && t.closing_m_s().is_finite());
             assert!(t.across.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
+        }
+    }
+}
+
+/// Judges a frame as the recognition stage does.
+fn judge(tracker: &mut Tracker, alarm: &mut Alarm, time_ns: u64, regions: &[Region]) -> AlarmLevel {
+    tracker.update(time_ns, regions);
+    let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
+    alarm.update(time_ns, true, confirmed.map(Candidate::of)).level
+}
+
+#[test]
+fn a_single_bad_frame_raises_no_alarm() {
+    for seed in 0..60 {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let mut tracker = tracker();
+        let mut alarm = Alarm::new(AlarmParameters::default());
+        for frame in 0..60 {
+            // A car is followed at 16 m; in frame 40 everything is somewhere else.
+            let mut regions =
+                vec![noisy(region(16.0, 0.0), &mut random), noisy(region(22.0, 4.5), &mut random)];
+            if frame == 40 {
+                let wrong = 3.0 + 9.0 * random.f64();
+                for r in &mut regions {
+                    (r.disparity_px, r.distance_m) = (RIG.disparity_px(wrong), wrong);
+                }
+                regions.push(region(4.0 + 4.0 * random.f64(), random.f64() - 0.5));
+            }
+            let level = judge(&mut tracker, &mut alarm, frame * PERIOD_NS, &regions);
+            assert_eq!(level, AlarmLevel::Standby, "seed {seed}, frame {frame}");
+        }
+    }
+}
+
+#[test]
+fn the_next_lane_raises_no_alarm_and_a_car_in_the_way_does() {
+    for seed in 0..40 {
+        let mut random = fastrand::Rng::with_seed(seed);
+        for (lateral, expected) in
+            [(3.5, AlarmLevel::Standby), (-3.3, AlarmLevel::Standby), (0.4, AlarmLevel::Alarm)]
+        {
+            let mut tracker = tracker();
+            let mut alarm = Alarm::new(AlarmParameters::default());
+            let (mut z, mut frame, mut worst) = (60.0, 0, AlarmLevel::Standby);
+            while z > 3.0 {
+                let car = noisy(region(z, lateral), &mut random);
+                worst = worst.max(judge(&mut tracker, &mut alarm, frame * PERIOD_NS, &[car]));
+                z -= 13.9 * 0.08;
+                frame += 1;
+            }
+            assert_eq!(worst, expected, "seed {seed}, {lateral} m");
         }
     }
 }

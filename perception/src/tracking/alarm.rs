@@ -88,8 +88,10 @@ pub struct Candidate {
     pub track: u32,
     /// Frames in which it was seen.
     pub seen: u32,
-    /// Whether it was seen in this one.
-    pub is_seen: bool,
+    /// Frames in a row, up to this one, in which it was; 0 when it is out of sight.
+    pub steady: u32,
+    /// By how much its width changes from frame to frame, as a logarithm.
+    pub wobble: f64,
     /// Distance, in metres.
     pub distance_m: f64,
     /// Closing speed, in m/s.
@@ -106,7 +108,8 @@ impl Candidate {
         Self {
             track: track.id,
             seen: track.seen,
-            is_seen: track.missed == 0,
+            steady: track.steady,
+            wobble: track.wobble,
             distance_m: track.distance_m(),
             closing_m_s: track.closing_m_s(),
             time_to_collision: track.time_to_collision(),
@@ -153,7 +156,12 @@ pub struct AlarmState {
 }
 
 /// A closing speed is known well enough for the rules that need it after so many frames,
-const KNOWN_FRAMES: u32 = 5;
+const KNOWN_FRAMES: u32 = 8;
+/// the last of them in a row,
+const STEADY_FRAMES: u32 = 4;
+/// while the obstacle's width stays the same to this factor's logarithm: what changes more is now one thing,
+/// now another,
+const GREATEST_WOBBLE: f64 = 0.5;
 /// when the time to collision is sure to this share,
 const SURE_SHARE: f64 = 0.3;
 /// and above this, in m/s: creeping up to a queue is no danger.
@@ -285,7 +293,7 @@ impl Alarm {
         for (count, rule) in [(&mut tally.alarm, alarm), (&mut tally.warning, warning)] {
             *count = match rule {
                 // What is out of sight confirms nothing, and what was confirmed stays so.
-                Some(_) => count.saturating_add(u32::from(candidate.is_seen)),
+                Some(_) => count.saturating_add(u32::from(candidate.steady > 0)),
                 None => 0,
             };
         }
@@ -303,7 +311,7 @@ impl Alarm {
     fn rule(&self, c: &Candidate, level: AlarmLevel, ahead_s: f64, holds: bool) -> Option<AlarmRule> {
         let p = &self.parameters;
         let ease = if holds { 1.0 + p.clear_share } else { 1.0 };
-        let ahead_s = if c.is_seen && !holds { ahead_s } else { 0.0 };
+        let ahead_s = if c.steady > 0 && !holds { ahead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
         let distance_m = c.distance_m - closing * ahead_s;
         if level == AlarmLevel::Alarm && distance_m < p.distance_m * ease {
@@ -311,6 +319,8 @@ impl Alarm {
         }
         let ttc = c.time_to_collision?;
         let is_known = c.seen >= KNOWN_FRAMES
+            && c.steady >= STEADY_FRAMES
+            && c.wobble <= GREATEST_WOBBLE
             && ttc.sigma_s <= SURE_SHARE * ttc.seconds
             && c.closing_m_s >= LEAST_CLOSING_M_S;
         if !is_known && !holds {
@@ -339,7 +349,8 @@ mod tests {
         Candidate {
             track: 7,
             seen: 20,
-            is_seen: true,
+            steady: 20,
+            wobble: 0.1,
             distance_m,
             closing_m_s,
             time_to_collision: (closing_m_s > 0.5)
@@ -408,7 +419,7 @@ mod tests {
             assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
         }
         // Something out of sight confirms nothing either.
-        let gone = Candidate { is_seen: false, ..at(4.0, 0.0) };
+        let gone = Candidate { steady: 0, ..at(4.0, 0.0) };
         for frame in 20..25 {
             assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
         }
@@ -458,7 +469,9 @@ mod tests {
     #[test]
     fn an_unsure_speed_raises_nothing_but_the_distance() {
         for wrong in [
-            Candidate { seen: 3, ..at(20.0, 14.0) },
+            Candidate { seen: 5, ..at(20.0, 14.0) },
+            Candidate { steady: 2, ..at(20.0, 14.0) },
+            Candidate { wobble: 0.8, ..at(20.0, 14.0) },
             Candidate {
                 time_to_collision: Some(TimeToCollision { seconds: 1.4, sigma_s: 0.6 }),
                 ..at(20.0, 14.0)

@@ -35,10 +35,16 @@ pub struct Track {
     pub seen: u32,
     /// Frames in a row in which it was not.
     pub missed: u32,
+    /// Frames in a row, up to this one, in which it was.
+    pub steady: u32,
+    /// By how much its width changes from frame to frame, as a logarithm, of late.
+    pub wobble: f64,
     /// What the recogniser says of it.
     pub class: Class,
     /// Box and distance when it was last seen.
     last: (PixelBox, f64),
+    /// Whether the rim of what both cameras see cut that box.
+    is_cut: bool,
 }
 
 impl Track {
@@ -60,14 +66,20 @@ impl Track {
 
     /// Where its box is expected, as left, top, right, bottom in px: the last one brought to the distance
     /// and the place across that are expected.
-    fn expected(&self, rig: &Rig) -> [f64; 4] {
+    fn expected(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
         let (bounds, distance_m) = &self.last;
         let z = self.along.distance_m();
         let growth = distance_m / z;
-        let half = f64::from(bounds.width) * growth / 2.0;
         let middle = rig.cx_px + rig.focal_px * self.across.lateral_m() / z;
+        // Of what is cut only a part is seen: its whole width reaches beyond the rim.
+        let half = if self.is_cut {
+            rig.focal_px * self.width_m / z / 2.0
+        } else {
+            f64::from(bounds.width) * growth / 2.0
+        };
         let row = |y: u32| rig.cy_px + (f64::from(y) - rig.cy_px) * growth;
-        [middle - half, row(bounds.y), middle + half, row(bounds.y + bounds.height)]
+        let (left, right) = ((middle - half).max(0.0), (middle + half).min(f64::from(size.0)));
+        [left, row(bounds.y), right.max(left), row(bounds.y + bounds.height)]
     }
 }
 
@@ -108,6 +120,10 @@ const UNLIKE: f64 = 3.0;
 /// Error of a box's middle: in px (strips of four), and as a share of the width.
 const MIDDLE_PX: f64 = 3.0;
 const MIDDLE_SHARE: f64 = 0.04;
+/// A box that ends so near the rim is cut, in px.
+const RIM_PX: f64 = 8.0;
+/// How much the width is taken to change before it is known.
+const FIRST_WOBBLE: f64 = 0.3;
 /// How much a frame's width counts, and its height.
 const WIDTH_GAIN: f64 = 0.25;
 const TALLER_GAIN: f64 = 0.15;
@@ -188,7 +204,8 @@ impl Tracker {
         let (forget, confirm) = (self.parameters.forget_frames, self.parameters.confirm_frames);
         self.tracks.retain(|t| t.missed == 0 || (t.seen >= confirm && t.missed < forget));
         for track in self.tracks.iter_mut().filter(|t| t.missed > 0) {
-            track.region.bounds = clip(track.expected(&self.rig), self.size);
+            track.steady = 0;
+            track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
         }
         for (d, region) in regions.iter().enumerate() {
             if !self.taken[d] && self.tracks.len() < self.parameters.greatest_count {
@@ -203,7 +220,7 @@ impl Tracker {
     fn price(&mut self, regions: &[Region]) {
         self.assignment.begin(regions.len(), self.tracks.len());
         for (t, track) in self.tracks.iter().enumerate() {
-            let expected = track.expected(&self.rig);
+            let expected = track.expected(&self.rig, self.size);
             let disparity = track.along.disparity_px();
             let spread_px = track.along.disparity_sigma_px();
             for (d, region) in regions.iter().enumerate() {
@@ -228,14 +245,18 @@ impl Tracker {
         let id = self.next_id;
         self.next_id = self.next_id.wrapping_add(1).max(1);
         let scale = self.rig.focal_px * self.rig.baseline_m;
+        let is_cut = cuts(region, self.size) != (false, false);
         Track {
             id,
             region: *region,
             detection: Some(detection),
             along: DistanceFilter::new(scale, region.disparity_px, LASTING * region.disparity_sigma_px),
-            across: LateralFilter::new(region.lateral_m, middle_sigma_m(region, &self.rig, self.size)),
+            across: LateralFilter::new(region.lateral_m, middle_sigma_m(region, &self.rig, is_cut)),
             width_m: region.width_m,
             height_m: region.height_m,
+            steady: 1,
+            wobble: FIRST_WOBBLE,
+            is_cut,
             seen: 1,
             missed: 0,
             class: Class::default(),
@@ -247,8 +268,26 @@ impl Tracker {
 /// A track goes on with region `d`.
 fn take(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
     track.along.update(region.disparity_px, LASTING * region.disparity_sigma_px);
-    track.across.update(region.lateral_m, middle_sigma_m(region, &rig, size));
-    track.width_m += WIDTH_GAIN * (region.width_m - track.width_m);
+    let cut = cuts(region, size);
+    let is_cut = cut != (false, false);
+    let change = (region.width_m / track.width_m.max(0.05)).max(0.05).ln().abs();
+    if is_cut {
+        track.width_m = track.width_m.max(region.width_m);
+    }
+    let other = region.width_m - track.width_m;
+    // Where one side is cut off, the other one tells where the middle is.
+    let (lateral_m, sigma_m) = match cut {
+        (true, false) => (region.lateral_m + other / 2.0, middle_sigma_m(region, &rig, false)),
+        (false, true) => (region.lateral_m - other / 2.0, middle_sigma_m(region, &rig, false)),
+        // A box that is wider or narrower than before may have gained or lost a side.
+        _ => (region.lateral_m, middle_sigma_m(region, &rig, is_cut).hypot(other / 2.0)),
+    };
+    track.across.update(lateral_m, sigma_m);
+    track.is_cut = is_cut;
+    if !is_cut {
+        track.wobble += WIDTH_GAIN * (change - track.wobble);
+        track.width_m += WIDTH_GAIN * other;
+    }
     // Boxes more often reach into what is behind than they are too low.
     let taller = region.height_m - track.height_m;
     track.height_m += if taller > 0.0 { TALLER_GAIN } else { LOWER_GAIN } * taller;
@@ -256,16 +295,21 @@ fn take(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u
     track.detection = Some(d);
     track.last = (region.bounds, region.distance_m);
     track.seen = track.seen.saturating_add(1);
+    track.steady = track.steady.saturating_add(1);
     track.missed = 0;
 }
 
-/// One standard deviation of a box's middle, in metres. A box that the image cuts has its middle
-/// anywhere in what is cut off.
-fn middle_sigma_m(region: &Region, rig: &Rig, (width, _): (u32, u32)) -> f64 {
+/// Whether a box ends on the left and on the right where the pictures do. The right camera does not see as
+/// many columns of the left picture's left rim as the disparity is.
+fn cuts(region: &Region, (width, _): (u32, u32)) -> (bool, bool) {
+    let (left, right) = (f64::from(region.bounds.x), region.bounds.x + region.bounds.width);
+    (left <= region.disparity_px + RIM_PX, f64::from(right) >= f64::from(width) - RIM_PX)
+}
+
+/// One standard deviation of a box's middle, in metres. Of a box that is cut it may be anywhere.
+fn middle_sigma_m(region: &Region, rig: &Rig, is_cut: bool) -> f64 {
     let strips = MIDDLE_PX * region.distance_m / rig.focal_px;
-    let is_cut = region.bounds.x == 0 || region.bounds.x + region.bounds.width >= width;
-    let share = if is_cut { 0.5 } else { MIDDLE_SHARE };
-    strips.hypot(share * region.width_m)
+    strips.hypot(if is_cut { 0.5 } else { MIDDLE_SHARE } * region.width_m)
 }
 
 /// Shared ÷ joint area, or a good part of the share of the smaller one that lies in the larger.

@@ -34,6 +34,7 @@ pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
                 class: get_text(&o.class),
                 score: (o.score > 0.0).then(|| tidy(o.score)),
                 confirmed: o.confirmed == 1,
+                missed: o.missed,
                 x_px: o.bounds[0],
                 y_px: o.bounds[1],
                 width_px: o.bounds[2],

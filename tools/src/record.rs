@@ -60,6 +60,8 @@ pub struct ObstacleLine {
     pub score: Option<f64>,
     /// Whether it was seen often enough to count.
     pub confirmed: bool,
+    /// Frames in a row in which it was out of sight; its place is then the one expected.
+    pub missed: u32,
     /// Left column.
     pub x_px: u32,
     /// Top row.

@@ -342,8 +342,9 @@ mod tests {
                 most[100],
                 most[190]
             );
-            // Below 2 there is room for accelerations, which these runs do not have.
-            assert!((0.8..2.4).contains(&nees), "NEES {nees}");
+            // Below 2 there is room for accelerations, which these runs do not have; above it at 25 m/s,
+            // which is twice the first guess's spread.
+            assert!((0.8..3.0).contains(&nees), "NEES {nees}");
             assert!(most[190] < 3.5, "{}", most[190]);
         }
     }

@@ -261,7 +261,7 @@ impl GrowthMeter {
     }
 }
 
-/// How well a view fits at a place, from a quarter of its points: their correlation.
+/// How well a view fits at a place, from a third of its points: their correlation.
 fn likeness(points: &[Point], picture: &Shrunk, place: Place) -> Option<f64> {
     let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points.iter().step_by(3) {

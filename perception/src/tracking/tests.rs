@@ -168,12 +168,12 @@ fn a_near_side_that_jumps_is_followed_without_a_false_speed() {
     let (mut tracker, time) = settled(&[region(14.0, 0.0)]);
     let mut fastest = 0.0_f64;
     for frame in 1..12 {
-        let tracks = tracker.update(time + frame * PERIOD_NS, &[region(12.6, 0.0)]);
+        let tracks = tracker.update(time + frame * PERIOD_NS, &[region(12.0, 0.0)]);
         assert_eq!((tracks.len(), tracks[0].id), (1, 1));
         fastest = fastest.max(tracks[0].closing_m_s());
     }
     let track = &tracker.tracks()[0];
-    assert!((track.distance_m() - 12.6).abs() < 0.2, "{track:?}");
+    assert!((track.distance_m() - 12.0).abs() < 0.3, "{track:?}");
     assert!(fastest < 2.0, "{fastest} m/s");
 }
 

@@ -122,6 +122,12 @@ impl Candidate {
         }
     }
 
+    /// Whether this frame's place of it can be relied on: it was seen, or is known for long and went on as
+    /// expected.
+    fn is_sure(&self) -> bool {
+        self.steady > 0 || self.seen >= KNOWN_FRAMES
+    }
+
     /// Whether the vehicle would meet it in its path.
     pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
         let arrival_s = self.time_to_collision.map(|t| t.seconds);
@@ -292,8 +298,8 @@ impl Alarm {
             self.rule(candidate, AlarmLevel::Warning, ahead_s, holds(AlarmLevel::Warning)).or(alarm);
         for (count, rule) in [(&mut tally.alarm, alarm), (&mut tally.warning, warning)] {
             *count = match rule {
-                // What is out of sight confirms nothing, and what was confirmed stays so.
-                Some(_) => count.saturating_add(u32::from(candidate.steady > 0)),
+                // What is out of sight and new confirms nothing, and what was confirmed stays so.
+                Some(_) => count.saturating_add(u32::from(candidate.is_sure())),
                 None => 0,
             };
         }
@@ -311,7 +317,7 @@ impl Alarm {
     fn rule(&self, c: &Candidate, level: AlarmLevel, ahead_s: f64, holds: bool) -> Option<AlarmRule> {
         let p = &self.parameters;
         let ease = if holds { 1.0 + p.clear_share } else { 1.0 };
-        let ahead_s = if c.steady > 0 && !holds { ahead_s } else { 0.0 };
+        let ahead_s = if c.is_sure() && !holds { ahead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
         let distance_m = c.distance_m - closing * ahead_s;
         if level == AlarmLevel::Alarm && distance_m < p.distance_m * ease {
@@ -418,8 +424,8 @@ mod tests {
             let state = alarm.update(frame * PERIOD_NS, true, [at(z, 0.0)]);
             assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
         }
-        // Something out of sight confirms nothing either.
-        let gone = Candidate { steady: 0, ..at(4.0, 0.0) };
+        // Something new and out of sight confirms nothing either.
+        let gone = Candidate { steady: 0, seen: 4, ..at(4.0, 0.0) };
         for frame in 20..25 {
             assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
         }

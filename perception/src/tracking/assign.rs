@@ -59,7 +59,7 @@ impl Assignment {
     /// For each row its column; `None` for one that stays alone, which costs `alone`.
     pub fn solve(&mut self, alone: f64) -> &[Option<u32>] {
         let columns = self.columns;
-        let rows = if columns == 0 { 0 } else { self.costs.len() / columns };
+        let rows = self.costs.len().checked_div(columns).unwrap_or(0);
         let all = columns + rows;
         fill(&mut self.row_price, rows, 0.0);
         fill(&mut self.column_price, all, 0.0);

@@ -37,6 +37,9 @@ pub struct RecognitionRoom {
     growth: GrowthMeter,
     alarm: Alarm,
     path_width_m: f64,
+    /// When a road was seen last, in the scene's time, and for how long an alarm goes on without.
+    road_ns: u64,
+    hold_ns: u64,
     rig: Rig,
     width: usize,
     height: usize,
@@ -62,6 +65,8 @@ impl RecognitionRoom {
             tracker: Tracker::new(tracker_parameters(config), rig, size),
             growth: GrowthMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
+            road_ns: 0,
+            hold_ns: alarm_parameters(config).hold_ns,
             path_width_m: config.alarm.path_width_m,
             rig,
             width: format.width,
@@ -95,7 +100,14 @@ impl RecognitionRoom {
         let tracker = &self.tracker;
         let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
         let road = &message.road;
-        let faults = Faults(header.faults).and(Faults::NO_ROAD.when(road.seen == 0));
+        if road.seen == 1 || header.source_ns < self.road_ns {
+            self.road_ns = header.source_ns;
+        }
+        // What the alarm is about may itself cover the road.
+        let is_raised = matches!(self.last, Some((_, alarm)) if alarm.track > 0);
+        let is_covered = is_raised && header.source_ns - self.road_ns <= self.hold_ns;
+        let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
+        let faults = Faults(header.faults).and(no_road);
         let state = self.alarm.update(header.source_ns, faults.is_none(), candidates);
         let alarm = AlarmRecord {
             level: state.level as u32,

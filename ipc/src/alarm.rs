@@ -8,6 +8,9 @@ pub const LEVELS: [&str; 4] = ["off", "standby", "warning", "alarm"];
 /// The number of the level `off`: it cannot judge.
 pub const OFF: u32 = 0;
 
+/// The number of the level `standby`: it judges, and nothing is dangerous.
+pub const STANDBY: u32 = 1;
+
 /// The number of the level `alarm`.
 pub const ALARM: u32 = 3;
 

@@ -225,7 +225,7 @@ impl Collector {
             required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
             reason,
         };
-        if record.level > before || record.level == alarm::OFF {
+        if record.level > before.max(alarm::STANDBY) || record.level == alarm::OFF {
             tracing::warn!("{change}");
         } else {
             tracing::info!("{change}");

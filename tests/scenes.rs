@@ -97,3 +97,47 @@ fn approaches_and_silent_scenes_are_told_apart() {
     assert!(strip.width() > 3 * 320 && strip.height() > 240);
     assert!(!bench.path("out/slope.png").exists());
 }
+
+#[test]
+fn a_stopped_car_is_warned_of_in_time_and_the_next_lane_is_not() {
+    let bench = Bench::new();
+    let args = ["evaluate", "distance", "stopped-car", "car-rear", "next-lane", "overtaken", "--json"];
+    let report = document(&bench, &args);
+    let [stopped, rear] = [0, 1].map(|i| &report["approaches"][i]);
+    assert!(stopped["warning_ttc_s"].as_f64() >= Some(2.4), "{stopped}");
+    for approach in [stopped, rear] {
+        assert!(approach["ttc_worst_percent"].as_f64() <= Some(10.0), "{approach}");
+        assert_eq!(approach["ttc_missed"], 0, "{approach}");
+    }
+    // The preset distance, within a frame: 0.4 m at 5 m/s.
+    let alarm = rear["alarm_m"].as_f64().expect("the car raises the alarm");
+    assert!((9.6..=10.4).contains(&alarm), "{rear}");
+    for silent in report["silent"].as_array().expect("silent scenes") {
+        assert_eq!((&silent["alarms"], &silent["warning_frames"]), (&0.into(), &0.into()), "{silent}");
+        assert_eq!(silent["off_frames"], 0, "it judges all the while: {silent}");
+    }
+}
+
+#[test]
+fn an_alarm_that_cannot_judge_is_off_and_says_why() {
+    let bench = Bench::new();
+    bench.ok(&["replay", "scene:textureless", "--in-process", "--limit", "10", "--out", "a"]);
+    let lines = lines(&bench.path("a"));
+    let alarm = &lines[9]["alarm"];
+    assert_eq!(
+        (&alarm["level"], &alarm["reason"]),
+        (&"off".into(), &"too little texture on the road".into())
+    );
+    bench.ok(&[
+        "replay",
+        "scene:textureless",
+        "--in-process",
+        "--limit",
+        "10",
+        "--out",
+        "b",
+        "--set",
+        "alarm.self_check=false",
+    ]);
+    assert_eq!(support::lines(&bench.path("b"))[9]["alarm"]["level"], "standby");
+}

@@ -250,6 +250,19 @@ impl Checker<'_> {
             ("alarm.distance_m", c.alarm.distance_m),
             ("regions.distance_max_m", c.regions.distance_max_m),
         );
+        // A limit of 0 is none.
+        if c.alarm.ttc_alarm_s > 0.0 && c.alarm.ttc_warning_s > 0.0 {
+            ordered(
+                ("alarm.ttc_alarm_s", c.alarm.ttc_alarm_s),
+                ("alarm.ttc_warning_s", c.alarm.ttc_warning_s),
+            );
+        }
+        if c.alarm.deceleration_alarm_m_s2 > 0.0 {
+            ordered(
+                ("alarm.deceleration_warning_m_s2", c.alarm.deceleration_warning_m_s2),
+                ("alarm.deceleration_alarm_m_s2", c.alarm.deceleration_alarm_m_s2),
+            );
+        }
         // The ladder: each rung at or above the one before.
         let h = &c.heat;
         for pair in [

@@ -6,8 +6,8 @@ mod board;
 mod soak;
 
 pub use board::{Board, Clocks, Heat};
-pub use soak::Soak;
 use serde::{Deserialize, Serialize};
+pub use soak::Soak;
 use std::path::PathBuf;
 
 /// The whole configuration.
@@ -125,6 +125,8 @@ pub struct Recognition {
     pub window_max_px: i64,
     pub growth: f64,
     pub neighbours_min: i64,
+    pub looks_max: i64,
+    pub again_frames: i64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -139,8 +141,16 @@ pub struct Tracking {
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
     pub distance_m: f64,
+    pub ttc_warning_s: f64,
+    pub ttc_alarm_s: f64,
+    pub deceleration_warning_m_s2: f64,
+    pub deceleration_alarm_m_s2: f64,
     pub path_width_m: f64,
+    pub confirm_frames: i64,
+    pub clear_share: f64,
     pub hold_ms: i64,
+    pub frame_age_max_ms: i64,
+    pub self_check: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

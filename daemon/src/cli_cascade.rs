@@ -107,6 +107,10 @@ pub struct Train {
     /// Prints the paper's tables, stages x depth and growth x window, instead of writing a cascade
     #[arg(long, conflicts_with_all = ["restart", "report"])]
     pub sweep: bool,
+    /// Prints what each measure of the trainer is worth, judged by the last 30 % of each folder, instead of
+    /// writing a cascade
+    #[arg(long, conflicts_with_all = ["restart", "report", "sweep"])]
+    pub ablation: bool,
     /// Print as JSON
     #[arg(long)]
     pub json: bool,

@@ -1,11 +1,9 @@
 //! From a message to the record that people read.
 
+use ipc::alarm::{Faults, level_name, rule_name};
 use ipc::header::{Header, get_text};
 use ipc::obstacles::Obstacles;
 use tools::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
-
-/// Names of the alarm levels, by their number in messages.
-pub const ALARM_LEVELS: [&str; 3] = ["off", "clear", "alarm"];
 
 /// The record of a frame.
 pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
@@ -19,9 +17,14 @@ pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
             confidence: tidy(alarm.confidence),
         }),
         alarm: AlarmLine {
-            level: ALARM_LEVELS[alarm.level.min(2) as usize].into(),
+            level: level_name(alarm.level).into(),
+            rule: rule_name(alarm.rule).map(Into::into),
             track: (alarm.track > 0).then_some(alarm.track),
+            changed: alarm.changed == 1,
             nearest_m: tidy_finite(alarm.nearest_m),
+            time_to_collision_s: tidy_finite(alarm.time_to_collision_s),
+            required_deceleration_m_s2: (alarm.track > 0).then(|| tidy(alarm.required_deceleration_m_s2)),
+            reason: (alarm.level == ipc::alarm::OFF).then(|| Faults(alarm.faults).to_string()),
         },
         obstacles: message
             .obstacles
@@ -31,6 +34,7 @@ pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
                 class: get_text(&o.class),
                 score: (o.score > 0.0).then(|| tidy(o.score)),
                 confirmed: o.confirmed == 1,
+                missed: o.missed,
                 x_px: o.bounds[0],
                 y_px: o.bounds[1],
                 width_px: o.bounds[2],
@@ -40,8 +44,13 @@ pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
                 lateral_m: tidy(o.lateral_m),
                 width_m: tidy(o.width_m),
                 height_m: tidy(o.height_m),
+                across_m_s: (o.seen > 1).then(|| tidy(o.across_m_s)),
                 closing_m_s: (o.seen > 1).then(|| tidy(o.closing_m_s)),
+                closing_sigma_m_s: (o.seen > 1).then(|| tidy(o.closing_sigma_m_s)),
                 time_to_collision_s: tidy_finite(o.time_to_collision_s),
+                time_to_collision_sigma_s: (o.time_to_collision_sigma_s > 0.0)
+                    .then(|| tidy(o.time_to_collision_sigma_s)),
+                in_path: o.in_path == 1,
             })
             .collect(),
     }

@@ -138,9 +138,11 @@ impl Pipeline {
         let (left, right) = pair::split_mut(self.pair.get_mut());
         self.source.read(index, left, right)?;
         self.stereo.process(&header, self.pair.get(), self.depth.get_mut())?;
-        let header = header.forward(Kind::Depth);
+        let mut header = header.forward(Kind::Depth);
+        header.faults |= self.stereo.faults().0;
         self.road.process(&header, self.depth.get(), self.regions.get_mut())?;
-        let header = header.forward(Kind::Regions);
+        let mut header = header.forward(Kind::Regions);
+        header.faults |= self.road.faults().0;
         let bytes = self.recognition.process(&header, self.regions.get(), self.obstacles.get_mut())?;
         let obstacles_header = header.forward(Kind::Obstacles);
         let message = obstacles::view(&obstacles_header, &self.obstacles.get()[..bytes])?;

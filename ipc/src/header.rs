@@ -86,6 +86,8 @@ pub struct Header {
     pub height: u32,
     /// How stages are to treat the frame: bits of [`modes`].
     pub modes: u32,
+    /// Self-checks that failed on the frame's way so far: [`crate::alarm::Faults`].
+    pub faults: u32,
     pub(crate) reserved: u32,
     /// One stamp per stage, in the order of [`crate::role::Role::STAGES`].
     pub stamps: [Stamp; 4],

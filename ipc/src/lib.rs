@@ -8,6 +8,7 @@
 //! iceoryx2 is used in this crate only, in its non-generic ports, so that its generic code is
 //! compiled once.
 
+pub mod alarm;
 pub mod bus;
 pub mod calibration;
 pub mod clock;

@@ -1,6 +1,7 @@
 //! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road in brief
 //! and up to [`GREATEST_COUNT`] tracked obstacles.
 
+use crate::alarm::{LEVELS, RULES};
 use crate::header::{Header, Kind, MessageError};
 use bytemuck::{Pod, Zeroable};
 
@@ -11,12 +12,24 @@ pub const GREATEST_COUNT: usize = 128;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct AlarmRecord {
-    /// 0 = off (cannot judge), 1 = clear, 2 = alarm.
+    /// 0 = off (cannot judge), 1 = standby, 2 = warning, 3 = alarm: [`crate::alarm::LEVELS`].
     pub level: u32,
+    /// The rule that raised it: [`crate::alarm::RULES`].
+    pub rule: u32,
     /// The track that caused it; 0 = none.
     pub track: u32,
+    /// Self-checks that failed: [`crate::alarm::Faults`]; not 0 while the level is off.
+    pub faults: u32,
+    /// 1 when the level is another than in the frame before.
+    pub changed: u32,
+    /// Unused.
+    pub reserved: u32,
     /// Nearest obstacle in the path, in metres; infinite when there is none.
     pub nearest_m: f64,
+    /// The track's time to collision, in seconds; infinite when it does not close in, or is gone.
+    pub time_to_collision_s: f64,
+    /// Braking that would stop the vehicle before the track, in m/s²; 0 when none is needed.
+    pub required_deceleration_m_s2: f64,
     /// 1 when a road was seen.
     pub road_seen: u32,
     /// Obstacles that follow.
@@ -55,10 +68,20 @@ pub struct ObstacleRecord {
     pub width_m: f64,
     /// Height in metres.
     pub height_m: f64,
+    /// Speed to the right of the camera axis, in m/s.
+    pub across_m_s: f64,
     /// Closing speed in m/s, above zero while it comes nearer.
     pub closing_m_s: f64,
+    /// One standard deviation of that.
+    pub closing_sigma_m_s: f64,
     /// Time to collision in seconds; infinite when it does not close in.
     pub time_to_collision_s: f64,
+    /// One standard deviation of that; 0 when it does not close in.
+    pub time_to_collision_sigma_s: f64,
+    /// 1 when the vehicle would meet it in its path.
+    pub in_path: u32,
+    /// Unused.
+    pub reserved: u32,
     /// Score of the recognised class; 0 when none was.
     pub score: f64,
     /// Name of the class, padded with zeros.
@@ -110,8 +133,12 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
     let (start, rest) = payload.split_at_checked(size_of::<AlarmRecord>()).ok_or(short)?;
     let alarm: AlarmRecord = bytemuck::pod_read_unaligned(start);
     let count = alarm.obstacles as usize;
-    if count > GREATEST_COUNT || alarm.level > 2 || alarm.road_seen > 1 {
+    if count > GREATEST_COUNT {
         return Err(MessageError::Value { what: "count of obstacles", value: count as u64 });
+    }
+    let known = (alarm.level as usize) < LEVELS.len() && (alarm.rule as usize) < RULES.len();
+    if !known || alarm.road_seen > 1 {
+        return Err(MessageError::Value { what: "level of the alarm", value: alarm.level.into() });
     }
     if rest.len() != count * size_of::<ObstacleRecord>() {
         return Err(MessageError::Length { given: payload.len(), needed: payload_bytes(count) });
@@ -144,7 +171,7 @@ mod tests {
         assert!(view(&header, &[]).is_err());
         assert!(view(&Header { width: 25, ..header }, payload).is_err(), "box outside the image");
         let mut wrong = payload.to_vec();
-        wrong[0] = 3;
+        wrong[0] = 4;
         assert!(view(&header, &wrong).is_err(), "unknown level");
         assert!(write(&mut payload[..64], AlarmRecord::default(), &[obstacle]).is_err());
     }

@@ -51,8 +51,12 @@ pub struct StatusRecord {
     pub processes: u32,
     /// 0 = starting, 1 = running, 2 = degraded (the reason says why), 3 = stopping.
     pub state: u32,
-    /// Alarm level of the last frame: 0 = off, 1 = clear, 2 = alarm.
+    /// Alarm level of the last frame: [`crate::alarm::LEVELS`].
     pub alarm: u32,
+    /// The rule that raised it: [`crate::alarm::RULES`].
+    pub alarm_rule: u32,
+    /// Why it is off: [`crate::alarm::Faults`].
+    pub alarm_faults: u32,
     /// Alarms that were raised so far.
     pub alarms: u32,
     /// Obstacles confirmed in the last frame.

@@ -11,6 +11,7 @@ pub mod recognition;
 pub mod rectify;
 pub mod rig;
 pub mod road;
+pub mod sight;
 pub mod simd;
 pub mod stereo;
 pub mod tracking;

@@ -3,7 +3,7 @@
 use super::harness::fuzz;
 use perception::image::GreyView;
 use perception::rig::Rig;
-use perception::road::{RoadDetector, RoadParameters};
+use perception::road::{DepthView, RoadDetector, RoadParameters};
 use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 
 const WIDTH: usize = 96;
@@ -29,14 +29,18 @@ fn road(wall_px: f64) -> Vec<u8> {
 #[test]
 fn disparity() {
     let seeds = vec![road(0.0), road(1.5), road(2.5), vec![0xff; 2 * WIDTH * HEIGHT], vec![0; 8]];
-    fuzz("frames::disparity", seeds, 2 * WIDTH * HEIGHT, |input, _| {
-        let mut map: Vec<u16> = input.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+    fuzz("frames::disparity", seeds, 3 * WIDTH * HEIGHT, |input, _| {
+        let (map, confidence) = input.split_at(input.len().min(2 * WIDTH * HEIGHT));
+        let mut confidence = confidence.to_vec();
+        confidence.resize(WIDTH * HEIGHT, u8::MAX);
+        let mut map: Vec<u16> = map.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         map.resize(WIDTH * HEIGHT, 0);
         let mut detector = RoadDetector::new(RoadParameters::default(), RIG, WIDTH, HEIGHT, 32);
         let mut said = String::new();
         // What rises little is believed in the third frame.
         for _ in 0..3 {
-            let scene = detector.detect(DisparityView::new(&map, WIDTH, HEIGHT).expect("the map fits"));
+            let view = DisparityView::new(&map, WIDTH, HEIGHT).expect("the map fits");
+            let scene = detector.detect(DepthView::new(view, &confidence).expect("the confidences fit"));
             for r in scene.regions {
                 // What a reader of regions insists on.
                 let b = r.bounds;

@@ -94,7 +94,7 @@ fn seeds() -> Vec<Vec<u8>> {
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = regions::RoadRecord { seen: 1, ..Default::default() };
     let profile = vec![1.5_f32; height as usize];
-    let mut writer = regions::Writer::new(payload, road, &profile, 3).expect("it fits");
+    let mut writer = regions::Writer::new(payload, road, &profile, &[20.0, 30.0], 3).expect("it fits");
     for _ in 0..3 {
         let region = regions::RegionRecord {
             disparity_px: 4.0,

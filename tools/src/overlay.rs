@@ -56,17 +56,15 @@ pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
             picture.text(&label, obstacle.x_px as i32, obstacle.y_px as i32 - 13, colour);
         }
     }
-    let (text, colour) = match (record.alarm.level.as_str(), record.alarm.nearest_m) {
-        ("alarm", Some(nearest)) => (format!("ALARM {nearest:.1} m"), RED),
-        ("alarm", None) => ("ALARM (held)".to_owned(), RED),
-        ("clear", Some(nearest)) => (format!("clear, nearest in path {nearest:.1} m"), WHITE),
-        ("clear", None) => ("clear".to_owned(), WHITE),
-        _ => ("alarm off: no road seen".to_owned(), ORANGE),
+    let colour = match record.alarm.level.as_str() {
+        "alarm" => RED,
+        "standby" => WHITE,
+        _ => ORANGE,
     };
-    if record.alarm.level == "alarm" {
-        picture.frame([0, 0, width as u32, height as u32], RED, 4);
+    if ["warning", "alarm"].contains(&record.alarm.level.as_str()) {
+        picture.frame([0, 0, width as u32, height as u32], colour, 4);
     }
-    picture.text(&format!("frame {}  {text}", record.sequence), 6, 5, colour);
+    picture.text(&format!("frame {}  {}", record.sequence, record.alarm.text()), 6, 5, colour);
     picture
 }
 
@@ -91,7 +89,13 @@ mod tests {
             ..ObstacleLine::default()
         };
         let record = FrameRecord {
-            alarm: AlarmLine { level: "alarm".into(), track: Some(1), nearest_m: Some(6.1) },
+            alarm: AlarmLine {
+                level: "alarm".into(),
+                rule: Some("distance".into()),
+                track: Some(1),
+                nearest_m: Some(6.1),
+                ..AlarmLine::default()
+            },
             // A box that reaches outside must not panic.
             obstacles: vec![obstacle(20, true), obstacle(100, false), obstacle(190, true)],
             ..FrameRecord::default()

@@ -31,12 +31,22 @@ pub struct RoadLine {
 /// The alarm of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AlarmLine {
-    /// `off`, `clear` or `alarm`.
+    /// `off`, `standby`, `warning` or `alarm`.
     pub level: String,
+    /// The rule that raised it: `distance`, `time_to_collision` or `deceleration`.
+    pub rule: Option<String>,
     /// The track that caused it.
     pub track: Option<u32>,
+    /// Whether the level is another than in the frame before.
+    pub changed: bool,
     /// Nearest obstacle in the path.
     pub nearest_m: Option<f64>,
+    /// The track's time to collision.
+    pub time_to_collision_s: Option<f64>,
+    /// Braking that would stop the vehicle before it.
+    pub required_deceleration_m_s2: Option<f64>,
+    /// Why it is off.
+    pub reason: Option<String>,
 }
 
 /// One obstacle.
@@ -50,6 +60,8 @@ pub struct ObstacleLine {
     pub score: Option<f64>,
     /// Whether it was seen often enough to count.
     pub confirmed: bool,
+    /// Frames in a row in which it was out of sight; its place is then the one expected.
+    pub missed: u32,
     /// Left column.
     pub x_px: u32,
     /// Top row.
@@ -68,10 +80,38 @@ pub struct ObstacleLine {
     pub width_m: f64,
     /// Height.
     pub height_m: f64,
+    /// Speed to the right; `null` where one frame cannot tell.
+    pub across_m_s: Option<f64>,
     /// Closing speed; `null` where one frame cannot tell.
     pub closing_m_s: Option<f64>,
+    /// One standard deviation of it.
+    pub closing_sigma_m_s: Option<f64>,
     /// Time to collision; `null` when it does not close in.
     pub time_to_collision_s: Option<f64>,
+    /// One standard deviation of it.
+    pub time_to_collision_sigma_s: Option<f64>,
+    /// Whether the vehicle would meet it in its path.
+    pub in_path: bool,
+}
+
+impl AlarmLine {
+    /// The alarm in a few words: the level, and why.
+    pub fn text(&self) -> String {
+        let nearest = self.nearest_m.map_or(String::new(), |m| format!(", nearest in path {m:.1} m"));
+        match (self.level.as_str(), self.rule.as_deref()) {
+            ("off", _) => format!("alarm off: {}", self.reason.as_deref().unwrap_or("it cannot judge")),
+            (level, Some(rule)) => {
+                let why = match (rule, self.time_to_collision_s, self.required_deceleration_m_s2) {
+                    ("time_to_collision", Some(s), _) => format!("{s:.1} s to collision"),
+                    ("deceleration", _, Some(a)) if a > 0.0 => format!("brake with {a:.1} m/s2"),
+                    ("distance", ..) => "near".into(),
+                    _ => "held".into(),
+                };
+                format!("{} ({why}{nearest})", level.to_uppercase())
+            }
+            (level, None) => format!("{level}{nearest}"),
+        }
+    }
 }
 
 /// Four decimals are enough for anything measured here, and keep lines readable. What is not

@@ -105,6 +105,52 @@ pub struct CalibrationChange {
     pub corrected_px: f64,
 }
 
+/// A change of the alarm.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct AlarmChange {
+    /// The frame that it came with.
+    pub sequence: u64,
+    /// `off`, `standby`, `warning` or `alarm`.
+    pub level: String,
+    /// The rule that raised it.
+    pub rule: Option<String>,
+    /// The track that did.
+    pub track: Option<u32>,
+    /// Nearest obstacle in the path.
+    pub nearest_m: Option<f64>,
+    /// The track's time to collision.
+    pub time_to_collision_s: Option<f64>,
+    /// Braking that would stop the vehicle before it.
+    pub required_deceleration_m_s2: Option<f64>,
+    /// Why it is off; empty otherwise.
+    pub reason: String,
+}
+
+impl fmt::Display for AlarmChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "alarm {} at frame {}", self.level, self.sequence)?;
+        if !self.reason.is_empty() {
+            write!(f, ": {}", self.reason)?;
+        }
+        if let Some(rule) = &self.rule {
+            write!(f, ": rule {}", rule.replace('_', " "))?;
+        }
+        if let Some(track) = self.track {
+            write!(f, ", track {track}")?;
+        }
+        if let Some(nearest) = self.nearest_m {
+            write!(f, ", nearest in the path {nearest:.1} m")?;
+        }
+        if let Some(ttc) = self.time_to_collision_s {
+            write!(f, ", {ttc:.1} s to collision")?;
+        }
+        if let Some(braking) = self.required_deceleration_m_s2 {
+            write!(f, ", {braking:.1} m/s2 needed")?;
+        }
+        Ok(())
+    }
+}
+
 /// A run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunSummary {
@@ -136,6 +182,9 @@ pub struct RunSummary {
     pub restarts: u32,
     /// When the calibration was found good or degraded; the first hundred times.
     pub calibration: Vec<CalibrationChange>,
+    /// When the alarm changed, and why; the first hundred times.
+    #[serde(default)]
+    pub alarm_changes: Vec<AlarmChange>,
 }
 
 impl fmt::Display for RunSummary {

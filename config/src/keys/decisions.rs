@@ -84,6 +84,16 @@ pub(super) const RECOGNITION: &[Key] = &[
         Whole(1, 100),
         "A find needs more overlapping hits than this: more is surer and misses more.",
     ),
+    key(
+        "recognition.looks_max",
+        Whole(1, 64),
+        "Most obstacles that the cascade looks at in a frame, the nearest unknown ones first: more knows them sooner and costs time. The others stay obstacles.",
+    ),
+    key(
+        "recognition.again_frames",
+        Whole(1, 1000),
+        "An obstacle that is known is looked at again after this many frames.",
+    ),
 ];
 
 /// `[tracking]`.
@@ -107,15 +117,51 @@ pub(super) const TRACKING: &[Key] = &[
 
 /// `[alarm]`.
 pub(super) const ALARM: &[Key] = &[
+    key("alarm.distance_m", Number(0.5, 200.0), "Alarm when an obstacle in the path is nearer, in metres."),
     key(
-        "alarm.distance_m",
-        Number(0.5, 200.0),
-        "The alarm sounds when an obstacle in the path is nearer, in metres.",
+        "alarm.ttc_warning_s",
+        Number(0.0, 10.0),
+        "Warning when an obstacle in the path would be met within this many seconds at constant closing speed; 0 for never.",
+    ),
+    key(
+        "alarm.ttc_alarm_s",
+        Number(0.0, 10.0),
+        "Alarm when an obstacle in the path would be met within this many seconds; 0 for never.",
+    ),
+    key(
+        "alarm.deceleration_warning_m_s2",
+        Number(0.0, 20.0),
+        "Warning when braking harder than this, in m/s², would be needed to stop before an obstacle in the path; 0 for never.",
+    ),
+    key(
+        "alarm.deceleration_alarm_m_s2",
+        Number(0.0, 20.0),
+        "Alarm when braking harder than this would be needed, in m/s²; 0 for never.",
     ),
     key("alarm.path_width_m", Number(0.5, 20.0), "Width of the vehicle's path, in metres."),
     key(
+        "alarm.confirm_frames",
+        Whole(1, 100),
+        "Frames in a row in which a rule must be fulfilled; rules look as far ahead as that takes.",
+    ),
+    key(
+        "alarm.clear_share",
+        Number(0.0, 2.0),
+        "A level that is on ends when its limit is missed by this share: more keeps it steadier and longer.",
+    ),
+    key(
         "alarm.hold_ms",
         Whole(0, 60_000),
-        "The alarm stays on this long after its cause is gone, in milliseconds.",
+        "A level stays on this long after its cause is gone, in milliseconds.",
+    ),
+    key(
+        "alarm.frame_age_max_ms",
+        Whole(0, 60_000),
+        "The alarm is off for frames that are older than this when a stage takes them up, in milliseconds; 0 for any age. Not in lock-step.",
+    ),
+    key(
+        "alarm.self_check",
+        Switch,
+        "Turns the alarm off, with the reason, while the pictures are too dark, too bright, covered or too unlike, or the road has too little texture.",
     ),
 ];

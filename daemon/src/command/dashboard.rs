@@ -1,7 +1,7 @@
 //! `lookout status --watch`: on a terminal a screen that is drawn anew each second, elsewhere a line each.
 
 use super::CommandError;
-use crate::frame_record::ALARM_LEVELS;
+use ipc::alarm::{ALARM, level_name};
 use ipc::calibration::CalibrationState;
 use ipc::role::Role;
 use ipc::status::{ProcessRecord, StatusRecord};
@@ -240,8 +240,8 @@ fn cpu(status: &StatusRecord) -> f64 {
 }
 
 fn alarm(status: &StatusRecord) -> String {
-    let level = ALARM_LEVELS[status.alarm.min(2) as usize];
-    let level = if status.alarm == 2 { level.to_uppercase() } else { format!("alarm {level}") };
+    let level = level_name(status.alarm);
+    let level = if status.alarm == ALARM { level.to_uppercase() } else { format!("alarm {level}") };
     if status.nearest_m.is_finite() { format!("{level}, nearest {:.1} m", status.nearest_m) } else { level }
 }
 

@@ -48,7 +48,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
             drop(say(format_args!(
                 "{:>3} frames, alarm {}, {} obstacles",
                 record.frames,
-                crate::frame_record::ALARM_LEVELS[record.alarm.min(2) as usize],
+                ipc::alarm::level_name(record.alarm),
                 record.obstacles
             )));
         }

@@ -5,29 +5,33 @@ use super::scene_run::{SceneRun, found};
 use super::{CommandError, load, say};
 use crate::cli::EvaluateDistance;
 use crate::rooms::matcher::Method;
+use perception::road::PixelBox;
 use sources::PairSource;
-use sources::scene::{ObjectClass, Scene, SceneTruth};
+use sources::scene::{ObjectClass, ObjectTruth, Scene, SceneTruth};
 use std::path::{Path, PathBuf};
 use tools::evaluate::approach::{Approach, ApproachFrame, DistanceReport, Silent, filmstrip, shown_frames};
 use tools::evaluate::files::{prepare, write_report};
 use tools::evaluate::scene_match::{Found, is_found, match_frame};
 use tools::overlay;
 use tools::picture::Picture;
+use tools::record::ObstacleLine;
 
 /// The scenes that are looked at when none are named: approaches, then silent ones.
-const SCENES: [&str; 16] = [
+const SCENES: [&str; 18] = [
     "bus",
     "car-body",
     "green-belt",
     "cone",
     "car-rear",
     "debris",
+    "stopped-car",
     "crest",
     "dip",
     "slope",
     "bend",
     "roll",
     "overtaken",
+    "next-lane",
     "bridge",
     "lamps",
     "wet",
@@ -108,14 +112,29 @@ fn approach_frames(
                 .filter(|found| is_found(object, found))
                 .min_by(|a: &Found, b| a.distance_m.total_cmp(&b.distance_m))
         };
+        let level = result.record.alarm.level.as_str();
+        let track = object.and_then(|object| tracked(object, &result.record.obstacles));
         frames.push(ApproachFrame {
             truth_m: object.map(|o| o.distance_m),
             found: object.and_then(by),
-            alarm: result.record.alarm.level == "alarm",
+            ttc_truth_s: object.filter(|o| o.closing_m_s > 0.1).map(|o| o.distance_m / o.closing_m_s),
+            ttc_s: track.and_then(|t| t.time_to_collision_s.zip(t.time_to_collision_sigma_s)),
+            warning: level == "warning" || level == "alarm",
+            alarm: level == "alarm",
         });
         bar.inc(1);
     }
     Ok(frames)
+}
+
+/// The confirmed track that is an object: the nearest of several.
+fn tracked<'a>(object: &ObjectTruth, obstacles: &'a [ObstacleLine]) -> Option<&'a ObstacleLine> {
+    let is_it = |o: &&ObstacleLine| {
+        let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
+        o.confirmed
+            && is_found(object, &Found { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m })
+    };
+    obstacles.iter().filter(is_it).min_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
 }
 
 fn save_strip(mut run: SceneRun, frames: &[ApproachFrame], file: &Path) -> Result<(), CommandError> {
@@ -127,6 +146,7 @@ fn save_strip(mut run: SceneRun, frames: &[ApproachFrame], file: &Path) -> Resul
             let truth = frames[index].truth_m.map_or("out of the picture".into(), |m| format!("{m:.1} m"));
             let what = match (frames[index].alarm, frames[index].found) {
                 (true, _) => "alarm",
+                (false, _) if frames[index].warning => "warning",
                 (false, Some(_)) => "found",
                 (false, None) => "not found",
             };
@@ -151,6 +171,8 @@ fn silent(name: &str, run: &mut SceneRun, bar: &indicatif::ProgressBar) -> Resul
         row.frames += 1;
         row.alarm_frames += usize::from(alarm);
         row.alarms += usize::from(alarm && !before);
+        row.warning_frames += usize::from(result.record.alarm.level == "warning");
+        row.off_frames += usize::from(result.record.alarm.level == "off");
         row.blind_frames += usize::from(!result.road_seen);
         row.false_regions += matched.unexplained.0;
         row.stray_regions += matched.unexplained.1;

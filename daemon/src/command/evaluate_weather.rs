@@ -12,9 +12,10 @@ use sources::scene::library;
 use std::path::PathBuf;
 use tools::evaluate::files::{prepare, write_report};
 use tools::evaluate::scene_match::{Found, match_frame};
-use tools::evaluate::weather::{FrameResult, PAPER, Tally, WeatherReport};
+use tools::evaluate::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport};
 use tools::overlay;
 use tools::picture::Picture;
+use tools::record::ObstacleLine;
 
 /// A scene in one weather.
 struct Condition {
@@ -69,7 +70,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
             let (truth, result) = run.frame(index)?;
             let regions: Vec<Found> = result.regions.iter().map(|region| found(region, &rig)).collect();
             let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
-            let tracks: Vec<(u32, Found)> = result
+            let tracks: Vec<(&ObstacleLine, Labelled)> = result
                 .record
                 .obstacles
                 .iter()
@@ -77,18 +78,24 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 .map(|o| {
                     let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
                     let found = Found { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
-                    (o.track, found)
+                    (o, Labelled { found, is_vehicle: o.class == config.recognition.label })
                 })
                 .collect();
             let is_false = |found: &Found| {
                 match_frame(&truth, rig.focal_px * rig.baseline_m, std::slice::from_ref(found)).unexplained.0
                     > 0
             };
-            let false_tracks: Vec<u32> =
-                tracks.iter().filter(|(_, found)| is_false(found)).map(|(track, _)| *track).collect();
+            // What is out of sight is no region.
+            let false_tracks: Vec<u32> = tracks
+                .iter()
+                .filter(|(o, t)| o.missed == 0 && is_false(&t.found))
+                .map(|(o, _)| o.track)
+                .collect();
+            let labelled: Vec<Labelled> = tracks.iter().map(|(_, t)| *t).collect();
             tally.add(&FrameResult {
                 matched: &matched,
                 false_tracks: &false_tracks,
+                tracks: &labelled,
                 profile_px: result.road_seen.then_some(result.images.profile_px),
                 road: &truth.road,
             });

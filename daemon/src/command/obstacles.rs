@@ -44,6 +44,8 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     // One frame is all there is: what is seen in it counts.
     config.tracking.confirm_frames = 1;
     config.regions.confirm = false;
+    config.alarm.confirm_frames = 1;
+    config.recognition.looks_max = 64;
     let rig_path = args.rig.as_ref().unwrap_or(&config.source.rig);
     if rig_path.as_os_str().is_empty() {
         return Err(CommandError::Other(
@@ -88,6 +90,5 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
             format!("{}x{} at {},{}", o.width_px, o.height_px, o.x_px, o.y_px)
         ))?;
     }
-    let nearest = record.alarm.nearest_m.map_or(String::new(), |m| format!(", nearest in the path {m:.1} m"));
-    say(format_args!("alarm: {}{nearest}", record.alarm.level))
+    say(format_args!("alarm: {}", record.alarm.text()))
 }

@@ -1,10 +1,10 @@
 //! `lookout status`.
 
-use super::status_heat::HeatJson;
 use super::dashboard::Dashboard;
+use super::status_heat::HeatJson;
 use super::{CommandError, load, say};
 use crate::cli::Status;
-use crate::frame_record::ALARM_LEVELS;
+use ipc::alarm::{Faults, level_name, rule_name};
 use ipc::bus::Bus;
 use ipc::calibration::CalibrationState;
 use ipc::instance::{Instance, InstanceError};
@@ -94,6 +94,8 @@ pub struct StatusJson {
     latency_p50_ms: f32,
     latency_p99_ms: f32,
     alarm: &'static str,
+    alarm_rule: Option<&'static str>,
+    alarm_reason: Option<String>,
     alarms: u32,
     obstacles: u32,
     nearest_m: Option<f64>,
@@ -144,7 +146,9 @@ impl StatusJson {
             frames: status.frames,
             latency_p50_ms: status.latency_p50_ms,
             latency_p99_ms: status.latency_p99_ms,
-            alarm: ALARM_LEVELS[status.alarm.min(2) as usize],
+            alarm: level_name(status.alarm),
+            alarm_rule: rule_name(status.alarm_rule),
+            alarm_reason: (status.alarm == ipc::alarm::OFF).then(|| Faults(status.alarm_faults).to_string()),
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
@@ -183,6 +187,18 @@ impl StatusJson {
     }
 }
 
+/// The alarm's level and why.
+fn alarm_words(status: &StatusRecord) -> String {
+    let level = level_name(status.alarm);
+    match (status.alarm, rule_name(status.alarm_rule)) {
+        (ipc::alarm::OFF, _) if status.alarm_faults != 0 => {
+            format!("{level}: {}", Faults(status.alarm_faults))
+        }
+        (_, Some(rule)) => format!("{level} ({})", rule.replace('_', " ")),
+        _ => level.to_owned(),
+    }
+}
+
 /// The status as a person reads it.
 pub fn table(name: &str, status: &StatusRecord) -> String {
     let mut out = String::new();
@@ -206,7 +222,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         status.frames,
         status.latency_p50_ms,
         status.latency_p99_ms,
-        ALARM_LEVELS[status.alarm.min(2) as usize],
+        alarm_words(status),
         status.obstacles,
         status.alarms,
         super::status_heat::lines(&status.heat),

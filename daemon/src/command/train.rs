@@ -8,10 +8,9 @@ use serde::Serialize;
 use std::io::IsTerminal;
 use std::time::Instant;
 use tools::evaluate::detection::{self, DetectionReport};
-use tools::train::augment::Variation;
 use tools::train::checkpoint::Checkpoint;
 use tools::train::pictures::{self, Split};
-use tools::train::{FeatureKind, Progress, StageFigures, TrainParameters, report, sweep, train};
+use tools::train::{FeatureKind, Progress, StageFigures, TrainParameters, ablation, report, sweep, train};
 
 #[derive(Serialize)]
 struct Figures {
@@ -58,15 +57,7 @@ fn parameters(args: &Train) -> TrainParameters {
     set(&mut p.stage.tree.least_leaf, args.least_leaf);
     set(&mut p.stage.tree.leaf_prior, args.leaf_prior);
     set(&mut p.stage.tree.category_prior, args.category_prior);
-    let v = p.variation;
-    let times = args.variation;
-    p.variation = Variation {
-        shift: v.shift * times,
-        scale: v.scale * times,
-        mirror: v.mirror && times > 0.0,
-        light: (v.light * times).min(1.0),
-        blur: v.blur * times,
-    };
+    p.variation = p.variation.times(args.variation);
     p
 }
 
@@ -141,9 +132,29 @@ impl Show {
     }
 }
 
+/// Share of each folder that judges the ablation.
+const HELD_OUT: f64 = 0.3;
+
+fn ablation_table(args: &Train, p: &TrainParameters) -> Result<(), CommandError> {
+    let mut rest = Vec::new();
+    for folder in &args.negatives {
+        rest.extend(pictures::read(folder)?);
+    }
+    let mut show = Show::new(p.stages);
+    let objects = pictures::read(&args.positives)?;
+    let table = ablation::ablation(p, objects, rest, HELD_OUT, &mut |change, event| {
+        show.event(&format!("{change}: "), event, p.stage.max_trees);
+    })?;
+    show.bar.finish_and_clear();
+    if args.json { say(serde_json::to_string_pretty(&table)?) } else { say(table.text()) }
+}
+
 pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
     crate::logging::start("train", log.unwrap_or("info"));
     let p = parameters(args);
+    if args.ablation {
+        return ablation_table(args, &p);
+    }
     let objects = pictures::split(pictures::read(&args.positives)?, p.validation);
     let mut rest = Split::default();
     for folder in &args.negatives {

@@ -8,6 +8,7 @@ pub mod road;
 pub mod stereo;
 
 use config::Config;
+use ipc::alarm::Faults;
 use ipc::calibration::CalibrationRecord;
 use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
@@ -22,6 +23,7 @@ use perception::stereo::winner::{SubPixel, WinnerParameters};
 use perception::stereo::{MatchError, MatcherError, MpvParameters};
 use perception::tracking::TrackerParameters;
 use perception::tracking::alarm::AlarmParameters;
+use perception::tracking::looks::LookParameters;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -41,6 +43,11 @@ pub trait Room {
     /// What the frames so far say of the calibration; zeros where it is not checked.
     fn calibration(&self) -> CalibrationRecord {
         CalibrationRecord::default()
+    }
+
+    /// Self-checks that failed on the last frame; they travel on in its header.
+    fn faults(&self) -> Faults {
+        Faults::NONE
     }
 }
 
@@ -177,9 +184,21 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     let c = &config.alarm;
     AlarmParameters {
         distance_m: c.distance_m,
+        ttc_warning_s: c.ttc_warning_s,
+        ttc_alarm_s: c.ttc_alarm_s,
+        deceleration_warning_m_s2: c.deceleration_warning_m_s2,
+        deceleration_alarm_m_s2: c.deceleration_alarm_m_s2,
         path_width_m: c.path_width_m,
+        confirm_frames: whole(c.confirm_frames),
+        clear_share: c.clear_share,
         hold_ns: whole::<u64>(c.hold_ms) * 1_000_000,
     }
+}
+
+/// How often the recogniser looks at tracks.
+pub fn look_parameters(config: &Config) -> LookParameters {
+    let c = &config.recognition;
+    LookParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
 }
 
 /// The text of a cascade that ships with the daemon, by its name. It is no part of the program and

@@ -1,8 +1,12 @@
 //! Regions to tracked obstacles and the alarm.
 
-use super::{FrameError, Room, RoomError, alarm_parameters, check_size, recogniser, tracker_parameters};
+use super::{
+    FrameError, Room, RoomError, alarm_parameters, check_size, look_parameters, recogniser,
+    tracker_parameters,
+};
 use crate::launch::FrameFormat;
 use config::Config;
+use ipc::alarm::Faults;
 use ipc::header::{Header, modes, put_text};
 use ipc::obstacles::{self, AlarmRecord, GREATEST_COUNT, ObstacleRecord};
 use ipc::regions::{self, RegionRecord};
@@ -10,8 +14,10 @@ use perception::image::GreyView;
 use perception::recognition::Recogniser;
 use perception::rig::Rig;
 use perception::road::{PixelBox, Region};
-use perception::tracking::alarm::{Alarm, AlarmLevel, Candidate};
-use perception::tracking::{Detection, Track, Tracker};
+use perception::tracking::alarm::{Alarm, Candidate};
+use perception::tracking::growth::GrowthMeter;
+use perception::tracking::looks::LookParameters;
+use perception::tracking::{Track, Tracker};
 
 /// The word for what no class recognised.
 pub const UNRECOGNISED: &str = "obstacle";
@@ -26,12 +32,18 @@ pub struct RecognitionRoom {
     label: String,
     /// Least width and height of a region that is looked at, in metres.
     least_m: f64,
+    looks: LookParameters,
     tracker: Tracker,
+    growth: GrowthMeter,
     alarm: Alarm,
+    path_width_m: f64,
+    /// When a road was seen last, in the scene's time, and for how long an alarm goes on without.
+    road_ns: u64,
+    hold_ns: u64,
     rig: Rig,
     width: usize,
     height: usize,
-    detections: Vec<Detection>,
+    regions: Vec<Region>,
     records: Vec<ObstacleRecord>,
     /// Sequence and alarm of the last frame: a frame that comes again gets the same answer.
     last: Option<(u64, AlarmRecord)>,
@@ -44,22 +56,28 @@ impl RecognitionRoom {
     /// When the cascade cannot be used.
     pub fn new(config: &Config, format: &FrameFormat) -> Result<Self, RoomError> {
         let recogniser = recogniser(config, format.width, format.height)?;
+        let (rig, size) = (format.rig(), (format.width, format.height));
         Ok(Self {
             recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
             label: config.recognition.label.clone(),
             least_m: LEAST_SHARE * config.recognition.window_m,
-            tracker: Tracker::new(tracker_parameters(config)),
+            looks: look_parameters(config),
+            tracker: Tracker::new(tracker_parameters(config), rig, size),
+            growth: GrowthMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
-            rig: format.rig(),
+            road_ns: 0,
+            hold_ns: alarm_parameters(config).hold_ns,
+            path_width_m: config.alarm.path_width_m,
+            rig,
             width: format.width,
             height: format.height,
-            detections: Vec::with_capacity(regions::GREATEST_COUNT),
+            regions: Vec::with_capacity(regions::GREATEST_COUNT),
             records: Vec::with_capacity(GREATEST_COUNT),
             last: None,
         })
     }
 
-    /// Recognises and tracks the regions of a message, to `records`; gives the alarm.
+    /// Tracks and recognises the regions of a message, to `records`; gives the alarm.
     fn judge(&mut self, header: &Header, payload: &[u8]) -> Result<AlarmRecord, FrameError> {
         let message = regions::view(header, payload)?;
         check_size(header, self.width, self.height)?;
@@ -68,40 +86,41 @@ impl RecognitionRoom {
         {
             return Ok(alarm);
         }
-        self.detections.clear();
-        let recognises = header.modes & modes::RECOGNITION_OFF == 0;
-        for record in message.regions {
-            let score = match (&mut self.recogniser, message.crop(record)) {
-                (Some(recogniser), Some(pixels))
-                    if recognises && record.width_m.min(record.height_m) >= self.least_m =>
-                {
-                    let [_, _, width, height] = record.crop.map(|v| v as usize);
-                    let crop = GreyView::new(pixels, width, height, width)?;
-                    let metre_px = record.disparity_px / self.rig.baseline_m;
-                    recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
-                }
-                _ => None,
-            };
-            self.detections.push(Detection { region: region(record), score });
+        self.regions.clear();
+        self.regions.extend(message.regions.iter().map(region));
+        self.tracker.update(header.source_ns, &self.regions);
+        let crop = |track: &Track| {
+            let record = message.regions.get(track.detection?)?;
+            let [x, y, width, height] = record.crop;
+            let pixels = message.crop(record)?;
+            Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
+        };
+        self.tracker.measure_growth(&mut self.growth, header.source_ns, crop);
+        if header.modes & modes::RECOGNITION_OFF == 0 {
+            self.recognise(&message);
         }
-        self.tracker.update(header.source_ns, &self.detections);
-        let (tracker, rig) = (&self.tracker, &self.rig);
-        let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(|t| Candidate {
-            track: t.id,
-            distance_m: t.distance_m(rig),
-            lateral_m: t.region.lateral_m,
-            width_m: t.region.width_m,
-        });
+        let tracker = &self.tracker;
+        let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
         let road = &message.road;
-        let state = self.alarm.update(header.source_ns, road.seen == 1, candidates);
+        if road.seen == 1 || header.source_ns < self.road_ns {
+            self.road_ns = header.source_ns;
+        }
+        // What the alarm is about may itself cover the road.
+        let is_raised = matches!(self.last, Some((_, alarm)) if alarm.track > 0);
+        let is_covered = is_raised && header.source_ns - self.road_ns <= self.hold_ns;
+        let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
+        let faults = Faults(header.faults).and(no_road);
+        let state = self.alarm.update(header.source_ns, faults.is_none(), candidates);
         let alarm = AlarmRecord {
-            level: match state.level {
-                AlarmLevel::Off => 0,
-                AlarmLevel::Clear => 1,
-                AlarmLevel::Alarm => 2,
-            },
+            level: state.level as u32,
+            rule: state.rule as u32,
             track: state.track.unwrap_or(0),
+            faults: faults.0,
+            changed: u32::from(state.changed),
+            reserved: 0,
             nearest_m: state.nearest_m.unwrap_or(f64::INFINITY),
+            time_to_collision_s: state.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
+            required_deceleration_m_s2: state.required_deceleration_m_s2,
             road_seen: road.seen,
             obstacles: 0,
             slope: road.slope,
@@ -112,10 +131,27 @@ impl RecognitionRoom {
         self.records.clear();
         for track in tracker.tracks().iter().take(GREATEST_COUNT) {
             let confirmed = tracker.is_confirmed(track);
-            self.records.push(obstacle(track, confirmed, rig, &self.label));
+            self.records.push(obstacle(track, confirmed, self.path_width_m, &self.label));
         }
         self.last = Some((header.sequence, alarm));
         Ok(alarm)
+    }
+
+    /// Lets the recogniser look at some of the tracks. A crop that cannot be used is not recognised.
+    fn recognise(&mut self, message: &regions::Regions<'_>) {
+        let Some(recogniser) = &mut self.recogniser else { return };
+        let (least_m, baseline_m) = (self.least_m, self.rig.baseline_m);
+        let record = |track: &Track| track.detection.and_then(|d| message.regions.get(d));
+        let may = |track: &Track| {
+            record(track).is_some_and(|r| r.width_m.min(r.height_m) >= least_m && message.crop(r).is_some())
+        };
+        self.tracker.look(self.looks, may, |track| {
+            let record = record(track)?;
+            let [_, _, width, height] = record.crop.map(|v| v as usize);
+            let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
+            let metre_px = record.disparity_px / baseline_m;
+            recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
+        });
     }
 }
 
@@ -145,24 +181,47 @@ fn region(record: &RegionRecord) -> Region {
     }
 }
 
-fn obstacle(track: &Track, confirmed: bool, rig: &Rig, label: &str) -> ObstacleRecord {
+fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> ObstacleRecord {
     let b = track.region.bounds;
     let mut class = [0; 16];
-    put_text(&mut class, if track.score.is_some() { label } else { UNRECOGNISED });
+    let score = track.class.score();
+    put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
+    let ttc = track.time_to_collision();
     ObstacleRecord {
         track: track.id,
         confirmed: u32::from(confirmed),
         seen: track.seen,
         missed: track.missed,
         bounds: [b.x, b.y, b.width, b.height],
-        distance_m: track.distance_m(rig),
-        distance_sigma_m: track.distance_sigma_m(rig),
-        lateral_m: track.region.lateral_m,
-        width_m: track.region.width_m,
+        distance_m: track.distance_m(),
+        distance_sigma_m: track.along.distance_sigma_m(),
+        lateral_m: track.across.lateral_m(),
+        width_m: track.width_m,
         height_m: track.region.height_m,
-        closing_m_s: track.closing_m_s(rig),
-        time_to_collision_s: track.time_to_collision_s().unwrap_or(f64::INFINITY),
-        score: track.score.map_or(0.0, f64::from),
+        across_m_s: track.across.speed_m_s(),
+        closing_m_s: track.closing_m_s(),
+        closing_sigma_m_s: track.along.closing_sigma_m_s(),
+        time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
+        time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
+        in_path: u32::from(Candidate::of(track).is_in_the_way(path_width_m)),
+        reserved: 0,
+        score: score.map_or(0.0, f64::from),
         class,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ipc::alarm::{LEVELS, RULES, level_name, rule_name};
+    use perception::tracking::alarm::{AlarmLevel, AlarmRule};
+
+    #[test]
+    fn levels_and_rules_have_the_numbers_of_their_names() {
+        let levels = [AlarmLevel::Off, AlarmLevel::Standby, AlarmLevel::Warning, AlarmLevel::Alarm];
+        assert_eq!(levels.map(|l| level_name(l as u32)), LEVELS);
+        assert_eq!(levels[3] as u32, ipc::alarm::ALARM);
+        let rules = [AlarmRule::Distance, AlarmRule::TimeToCollision, AlarmRule::Deceleration];
+        assert_eq!(rules.map(|r| rule_name(r as u32).unwrap()), RULES[1..]);
+        assert_eq!(rule_name(AlarmRule::None as u32), None);
     }
 }

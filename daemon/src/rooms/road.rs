@@ -3,11 +3,14 @@
 use super::{FrameError, Room, check_size, road_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
+use ipc::alarm::Faults;
 use ipc::header::{Header, MessageError};
 use ipc::regions::{RegionRecord, RoadRecord, Writer};
 use ipc::{depth, regions};
 use perception::image::GreyView;
+use perception::rig::Rig;
 use perception::road::{DepthView, Region, RoadDetector};
+use perception::sight::{TextureCheck, road_texture};
 use perception::stereo::DisparityView;
 
 // What the algorithm gives and what the message holds are the same columns.
@@ -23,6 +26,11 @@ const CROP_LEAST: u32 = 32;
 /// The road detector between its messages.
 pub struct RoadRoom {
     detector: RoadDetector,
+    rig: Rig,
+    path_width_m: f64,
+    /// Whether the road has texture to be matched by, if it is asked for.
+    texture: Option<TextureCheck>,
+    is_sparse: bool,
     width: usize,
     height: usize,
 }
@@ -33,7 +41,15 @@ impl RoadRoom {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         let detector = RoadDetector::new(road_parameters(config), format.rig(), width, height, disparities);
-        Self { detector, width, height }
+        Self {
+            detector,
+            rig: format.rig(),
+            path_width_m: config.alarm.path_width_m,
+            texture: config.alarm.self_check.then(TextureCheck::default),
+            is_sparse: false,
+            width,
+            height,
+        }
     }
 }
 
@@ -51,6 +67,10 @@ impl Room for RoadRoom {
         let depth_view = DepthView::new(disparity, depth.confidence)
             .ok_or(MessageError::Length { given: depth.confidence.len(), needed: header.pixels() })?;
         let scene = self.detector.detect(depth_view);
+        if let Some(check) = &mut self.texture {
+            let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
+            self.is_sparse = check.update(texture);
+        }
         let road = scene.road.map_or_else(RoadRecord::default, |road| RoadRecord {
             seen: 1,
             regions: 0,
@@ -69,6 +89,10 @@ impl Room for RoadRoom {
             writer.push(record, rows);
         }
         Ok(writer.bytes())
+    }
+
+    fn faults(&self) -> Faults {
+        Faults::SPARSE.when(self.is_sparse)
     }
 }
 

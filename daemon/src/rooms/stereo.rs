@@ -5,10 +5,12 @@ use super::matcher::Method;
 use super::{FrameError, Room, RoomError, check_size};
 use crate::launch::FrameFormat;
 use config::Config;
-use ipc::calibration::CalibrationRecord;
+use ipc::alarm::Faults;
+use ipc::calibration::{CalibrationRecord, CalibrationState};
 use ipc::header::Header;
 use ipc::{depth, pair};
 use perception::image::GreyView;
+use perception::sight::{SightCheck, SightFaults};
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use std::time::{Duration, Instant};
 
@@ -16,6 +18,9 @@ use std::time::{Duration, Instant};
 pub struct StereoRoom {
     matcher: Box<dyn Matcher>,
     calibration: Option<CalibrationRoom>,
+    /// Looks at the pictures themselves, if it is asked for.
+    sight: Option<SightCheck>,
+    seen: SightFaults,
     /// A frame gets no more time than this; None is all that it takes.
     budget: Option<Duration>,
     /// Frames that were given at a coarser scale, for want of time.
@@ -36,7 +41,9 @@ impl StereoRoom {
         let budget =
             (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
         let calibration = CalibrationRoom::new(config, width, height);
-        Ok(Self { matcher, calibration, budget, coarse: 0, width, height })
+        let sight = config.alarm.self_check.then(SightCheck::default);
+        let seen = SightFaults::default();
+        Ok(Self { matcher, calibration, sight, seen, budget, coarse: 0, width, height })
     }
 }
 
@@ -53,6 +60,9 @@ impl Room for StereoRoom {
         out.left.copy_from_slice(pair.left);
         let view = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (view(pair.left)?, view(pair.right)?);
+        if let Some(sight) = &mut self.sight {
+            self.seen = sight.update(left, right);
+        }
         let shifted = match &mut self.calibration {
             Some(calibration) => calibration.right(right)?,
             None => right,
@@ -84,5 +94,16 @@ impl Room for StereoRoom {
 
     fn calibration(&self) -> CalibrationRecord {
         self.calibration.as_ref().map(CalibrationRoom::record).unwrap_or_default()
+    }
+
+    fn faults(&self) -> Faults {
+        let SightFaults { dark, bright, blocked, unlike } = self.seen;
+        let is_degraded = self.calibration().state() == CalibrationState::Degraded;
+        Faults::DARK
+            .when(dark)
+            .and(Faults::BRIGHT.when(bright))
+            .and(Faults::BLOCKED.when(blocked))
+            .and(Faults::UNLIKE.when(unlike))
+            .and(Faults::CALIBRATION.when(is_degraded))
     }
 }

@@ -2,12 +2,14 @@
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
+use ipc::alarm::{self, Faults};
 use ipc::calibration::{CalibrationRecord, CalibrationState};
 use ipc::header::{Header, put_text};
+use ipc::obstacles::AlarmRecord;
 use ipc::report::ReportRecord;
 use ipc::role::Role;
 use ipc::status::ProcessRecord;
-use tools::summary::{CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
+use tools::summary::{AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
 
 /// Frames whose times are kept one by one where they are drawn.
 const KEPT_TRACES: usize = 20_000;
@@ -72,9 +74,11 @@ pub struct Collector {
     last_result_ns: u64,
     results: u64,
     last_sequence: Option<u64>,
-    /// How often the alarm was raised.
+    /// How often the alarm was raised to its highest level.
     pub alarms: u32,
-    alarm_on: bool,
+    /// Level and rule of the alarm that were told last.
+    alarm_said: Option<(u32, u32)>,
+    alarm_changes: Vec<AlarmChange>,
     status_ns: u64,
     calibration: CalibrationRecord,
     /// Good or degraded, whichever was said last.
@@ -106,7 +110,8 @@ impl Collector {
             results: 0,
             last_sequence: None,
             alarms: 0,
-            alarm_on: false,
+            alarm_said: None,
+            alarm_changes: Vec::new(),
             status_ns: now_ns,
             calibration: CalibrationRecord::default(),
             calibration_said: CalibrationState::Unknown,
@@ -199,13 +204,53 @@ impl Collector {
         self.calibration
     }
 
-    /// Takes in the alarm level of a frame (2 = on).
-    pub fn alarm(&mut self, level: u32) {
-        let on = level == 2;
-        if on && !self.alarm_on {
+    /// Takes in the alarm of a frame, and logs it when it says something new.
+    pub fn alarm(&mut self, sequence: u64, record: &AlarmRecord) {
+        let now = (record.level, record.rule);
+        if self.alarm_said == Some(now) {
+            return;
+        }
+        let before = self.alarm_said.replace(now).map_or(alarm::OFF, |(level, _)| level);
+        let (level, rule) = (alarm::level_name(record.level), alarm::rule_name(record.rule));
+        let reason = match record.level {
+            alarm::OFF => Faults(record.faults).to_string(),
+            _ => String::new(),
+        };
+        let finite = |v: f64| v.is_finite().then_some((v * 100.0).round() / 100.0);
+        let change = AlarmChange {
+            sequence,
+            level: level.into(),
+            rule: rule.map(Into::into),
+            track: (record.track > 0).then_some(record.track),
+            nearest_m: finite(record.nearest_m),
+            time_to_collision_s: finite(record.time_to_collision_s),
+            required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
+            reason,
+        };
+        if record.level > before.max(alarm::STANDBY) || record.level == alarm::OFF {
+            tracing::warn!("{change}");
+        } else {
+            tracing::info!("{change}");
+        }
+        if record.level == alarm::ALARM && before != alarm::ALARM {
             self.alarms += 1;
         }
-        self.alarm_on = on;
+        if self.alarm_changes.len() < KEPT_CHANGES {
+            self.alarm_changes.push(change);
+        }
+    }
+
+    /// The alarm is off for a reason that no frame tells; nothing when there is none.
+    pub fn alarm_off(&mut self, faults: Faults) {
+        if !faults.is_none() && self.alarm_said.is_some_and(|(level, _)| level != alarm::OFF) {
+            let record = AlarmRecord {
+                faults: faults.0,
+                nearest_m: f64::INFINITY,
+                time_to_collision_s: f64::INFINITY,
+                ..AlarmRecord::default()
+            };
+            self.alarm(self.last_sequence.unwrap_or(0), &record);
+        }
     }
 
     /// When the first result came, if one did.
@@ -319,6 +364,7 @@ impl Collector {
             processes,
             shared_bytes,
             alarms: self.alarms,
+            alarm_changes: self.alarm_changes.clone(),
             calibration: self.calibration_changes.clone(),
         }
     }
@@ -365,9 +411,13 @@ mod tests {
             collector.report(&header, &report, 3_000_000_000);
         }
         assert_eq!(collector.calibration().state(), CalibrationState::Good);
-        for level in [1, 2, 2, 0, 2] {
-            collector.alarm(level);
+        for (sequence, level) in [1, 3, 3, 0, 3, 2, 1].into_iter().enumerate() {
+            let record = AlarmRecord { level, rule: u32::from(level > 1), ..AlarmRecord::default() };
+            collector.alarm(sequence as u64, &record);
         }
+        collector.alarm_off(Faults::NONE);
+        collector.alarm_off(Faults::STAGE);
+        collector.alarm_off(Faults::STALE);
         let supervisor = Supervisor::new(PARAMETERS, &roles, 0);
         let cores = config::Cores { pin: true, scheduler: 0, capture: 0, stereo: 0, road: 0, recognition: 0 };
         let plan = CorePlan::new(&cores, &[0]);
@@ -376,6 +426,9 @@ mod tests {
         assert!(collector.traces().is_empty(), "nobody asked for them");
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
+        let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();
+        assert_eq!(changes, ["standby", "alarm", "off", "alarm", "warning", "standby", "off"]);
+        assert_eq!(summary.alarm_changes[6].reason, "a stage is not running");
         let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);
         assert!((recognition.work.p50_ms - 4.0).abs() < 0.01);

@@ -15,12 +15,13 @@ use crate::memory::MemoryProbe;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::stage::pin;
 use config::Config;
+use ipc::alarm::{self, Faults};
 use ipc::bus::{Bus, IpcError};
 use ipc::calibration::CalibrationState;
 use ipc::clock::{monotonic_ns, process_cpu_ns};
 use ipc::header::{GREATEST_SIDE, Header, Kind};
 use ipc::instance::{Instance, InstanceLock};
-use ipc::obstacles::Obstacles;
+use ipc::obstacles::{AlarmRecord, Obstacles};
 use ipc::port::{Publisher, Subscriber};
 use ipc::report::{Health, ReportRecord};
 use ipc::rig::RigRecord;
@@ -55,9 +56,8 @@ pub(super) enum Phase {
 /// The last result.
 #[derive(Clone, Copy, Debug)]
 struct LastResult {
-    alarm: u32,
+    alarm: AlarmRecord,
     confirmed: u32,
-    nearest_m: f64,
     at_ns: u64,
 }
 
@@ -246,7 +246,7 @@ impl Run {
         }
         while let Some(sample) = results.receive()? {
             match obstacles::view(sample.header(), sample.payload()) {
-                Ok(message) => self.take_result(&message),
+                Ok(message) => self.take_result(sample.header(), &message),
                 Err(error) => tracing::warn!(%error, "obstacles were refused"),
             }
         }
@@ -268,6 +268,9 @@ impl Run {
         }
         self.advance(now)?;
         self.notify(now);
+        if self.phase == Phase::Running && self.last_result.is_some() {
+            self.collector.alarm_off(self.staleness(now));
+        }
         if now >= self.status_due_ns {
             self.status_due_ns = now + STATUS_PERIOD_NS;
             let status = self.status(now);
@@ -330,14 +333,21 @@ impl Run {
         self.commands.send_record(Header::new(Kind::Command), &self.flow.command())
     }
 
-    fn take_result(&mut self, message: &Obstacles<'_>) {
+    fn take_result(&mut self, header: &Header, message: &Obstacles<'_>) {
         self.last_result = Some(LastResult {
-            alarm: message.alarm.level,
+            alarm: message.alarm,
             confirmed: message.obstacles.iter().filter(|o| o.confirmed == 1).count() as u32,
-            nearest_m: message.alarm.nearest_m,
             at_ns: monotonic_ns(),
         });
-        self.collector.alarm(message.alarm.level);
+        self.collector.alarm(header.sequence, &message.alarm);
+    }
+
+    /// Why what the last frame said is no judgement of the road now.
+    fn staleness(&self, now: u64) -> Faults {
+        let is_running = self.phase == Phase::Running && self.supervisor.all_running();
+        let is_fresh =
+            self.last_result.is_some_and(|last| now.saturating_sub(last.at_ns) < self.stale_after_ns);
+        Faults::STAGE.when(!is_running).and(Faults::STALE.when(is_running && !is_fresh))
     }
 
     fn take_exit(&mut self, role: Role, how: &str, now: u64) {
@@ -475,13 +485,13 @@ impl Run {
             (Phase::Running, None) if is_running && fault.is_some() => 2,
             (Phase::Running, None) => u32::from(self.collector.results() > 0 && is_running),
         };
-        // What an old frame said is no judgement of the road now.
-        let fresh = self
-            .last_result
-            .filter(|last| is_running && now.saturating_sub(last.at_ns) < self.stale_after_ns);
-        status.alarm = fresh.map_or(0, |last| last.alarm);
+        let staleness = self.staleness(now);
+        let fresh = self.last_result.filter(|_| staleness.is_none());
+        status.alarm = fresh.map_or(alarm::OFF, |last| last.alarm.level);
+        status.alarm_rule = fresh.map_or(0, |last| last.alarm.rule);
+        status.alarm_faults = fresh.map_or(staleness.0, |last| last.alarm.faults);
         status.obstacles = fresh.map_or(0, |last| last.confirmed);
-        status.nearest_m = fresh.map_or(f64::INFINITY, |last| last.nearest_m);
+        status.nearest_m = fresh.map_or(f64::INFINITY, |last| last.alarm.nearest_m);
         status.alarms = self.collector.alarms;
         status.uptime_ns = now.saturating_sub(self.started_ns);
         status.frames = self.collector.results();

@@ -5,6 +5,7 @@ use crate::rooms::Room;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::road::RoadRoom;
 use crate::rooms::stereo::StereoRoom;
+use ipc::alarm::Faults;
 use ipc::clock::monotonic_ns;
 use ipc::header::Stamp;
 use ipc::service::{self, ServiceSpec};
@@ -47,6 +48,10 @@ fn run(
     mut room: impl Room,
 ) -> Result<(), StageError> {
     let format = stage.launch.frames;
+    // In lock-step a frame may be as old as it likes: it waits for whoever is slow.
+    let greatest_ms = stage.launch.config.alarm.frame_age_max_ms.unsigned_abs();
+    let oldest_ns =
+        if stage.launch.lockstep || greatest_ms == 0 { u64::MAX } else { greatest_ms * 1_000_000 };
     let messages = stage.bus.subscriber(input)?;
     let publisher = stage.bus.publisher(output, format.width, format.height)?;
     stage.ready()?;
@@ -59,11 +64,14 @@ fn run(
             stage.skipped(messages.take_missed());
             // The capture time comes from another process: it may be anything.
             let age_ns = begin_ns.saturating_sub(sample.header().capture_ns);
+            let mut header = *sample.header();
+            header.faults |= Faults::OLD.when(age_ns > oldest_ns).0;
             let mut loan = publisher.loan(room.output_bytes())?;
-            match room.process(sample.header(), sample.payload(), loan.payload_mut()) {
+            match room.process(&header, sample.payload(), loan.payload_mut()) {
                 Ok(bytes) => {
                     let end_ns = monotonic_ns();
-                    let mut header = sample.header().forward(output.kind);
+                    let mut header = header.forward(output.kind);
+                    header.faults |= room.faults().0;
                     header.stamps[place] = Stamp { begin_ns, end_ns };
                     loan.truncate(bytes);
                     *loan.header_mut() = header;

@@ -2,7 +2,7 @@
 
 use super::history::Sample;
 use super::hub::Hub;
-use crate::frame_record::ALARM_LEVELS;
+use ipc::alarm::LEVELS;
 use ipc::calibration::CalibrationState;
 use ipc::status::StatusRecord;
 use std::fmt::{Display, Write};
@@ -98,7 +98,7 @@ pub fn text(status: Option<&StatusRecord>, second: Option<&Sample>, hub: &Hub) -
 fn daemon(page: &mut Page, status: &StatusRecord) {
     let states = one_of("state", &STATES, status.state.min(3) as usize);
     page.family("state", "gauge", "What the daemon is doing: 1 for the state that holds.", states);
-    let alarms = one_of("level", &ALARM_LEVELS, status.alarm.min(2) as usize);
+    let alarms = one_of("level", &LEVELS, status.alarm.min(3) as usize);
     page.family("alarm", "gauge", "The alarm: 1 for the level that holds.", alarms);
     page.one("alarms_total", "counter", "Alarms that were raised.", status.alarms);
     page.one("uptime_seconds", "gauge", "Time since the daemon started.", status.uptime_ns as f64 * 1e-9);
@@ -226,7 +226,7 @@ mod tests {
 
     fn status() -> StatusRecord {
         let mut status = StatusRecord::empty();
-        (status.state, status.alarm, status.processes, status.frames) = (1, 2, 2, 77);
+        (status.state, status.alarm, status.processes, status.frames) = (1, 3, 2, 77);
         (status.latency_p50_ms, status.nearest_m) = (20.0, f64::INFINITY);
         (status.process[0].role, status.process[1].role) = (0, Role::Stereo as u32);
         status.process[1].cpu_percent = 50.0;
@@ -246,7 +246,7 @@ mod tests {
             samples.iter().find(|(l, _)| l.contains(label)).expect(name).1
         };
         assert_eq!((value("up", ""), value("frames_total", "")), (1.0, 77.0));
-        assert_eq!((value("alarm", "alarm"), value("alarm", "clear")), (1.0, 0.0));
+        assert_eq!((value("alarm", "alarm"), value("alarm", "standby")), (1.0, 0.0));
         assert_eq!(value("process_cpu_ratio", "stereo"), 0.5);
         assert!((value("latency_seconds", "0.5") - 0.02).abs() < 1e-9);
         assert_eq!(value("temperature_celsius", r#"sensor="a \"b\"\\""#), 48.5);

@@ -1,60 +1,85 @@
-//! Obstacles over time: association, filtering in disparity space and the distance alarm.
+//! Obstacles over time: which region continues which track, where it is, how fast it comes, and what
+//! follows from that for the vehicle.
 
 pub mod alarm;
+pub mod assign;
 pub mod filter;
+pub mod growth;
+pub mod looks;
+pub mod path;
 
 use crate::rig::Rig;
-use crate::road::Region;
-use filter::DisparityFilter;
-
-/// A region of one frame, with what recognition says of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Detection {
-    /// The region.
-    pub region: Region,
-    /// Score of the recogniser's class; `None` when it did not recognise it.
-    pub score: Option<f32>,
-}
+use crate::road::{PixelBox, Region};
+use assign::Assignment;
+use filter::{DistanceFilter, LateralFilter, TimeToCollision};
+use looks::Class;
 
 /// An obstacle that is followed from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     /// Unique as long as the tracker lives, from 1.
     pub id: u32,
-    /// The region as last seen.
+    /// The region as last seen; its box moves on as expected while it is out of sight.
     pub region: Region,
-    /// Filtered disparity and its rate.
-    pub filter: DisparityFilter,
+    /// Which of this frame's regions it is; `None` when none is.
+    pub detection: Option<usize>,
+    /// Distance and closing speed.
+    pub along: DistanceFilter,
+    /// Place and speed across the view.
+    pub across: LateralFilter,
+    /// Width, in metres, smoothed.
+    pub width_m: f64,
+    /// Height above the road, in metres, smoothed.
+    pub height_m: f64,
     /// Frames in which it was seen.
     pub seen: u32,
     /// Frames in a row in which it was not.
     pub missed: u32,
-    /// Latest score of the recogniser's class, kept while frames fail to recognise it again.
-    pub score: Option<f32>,
+    /// Frames in a row, up to this one, in which it was.
+    pub steady: u32,
+    /// By how much its width changes from frame to frame, as a logarithm, of late.
+    pub wobble: f64,
+    /// What the recogniser says of it.
+    pub class: Class,
+    /// Box and distance when it was last seen.
+    last: (PixelBox, f64),
+    /// Whether the rim of what both cameras see cut that box.
+    is_cut: bool,
 }
 
 impl Track {
-    /// Filtered distance, in metres.
-    pub fn distance_m(&self, rig: &Rig) -> f64 {
-        rig.distance_m(self.filter.disparity_px())
+    /// Distance, in metres.
+    pub fn distance_m(&self) -> f64 {
+        self.along.distance_m()
     }
 
-    /// One standard deviation of the distance, in metres.
-    pub fn distance_sigma_m(&self, rig: &Rig) -> f64 {
-        rig.distance_error_m(self.distance_m(rig), self.filter.sigma_px())
+    /// Speed at which the distance shrinks, in m/s.
+    pub fn closing_m_s(&self) -> f64 {
+        self.along.closing_m_s()
     }
 
-    /// Speed at which the distance shrinks, in m/s; from z = f·B/d follows −ż = f·B·ḋ/d².
-    pub fn closing_m_s(&self, rig: &Rig) -> f64 {
-        let d = self.filter.disparity_px();
-        rig.focal_px * rig.baseline_m * self.filter.rate_px_s() / (d * d)
+    /// Time to collision at constant closing speed; `None` when it does not close in, or so slowly
+    /// that noise decides.
+    pub fn time_to_collision(&self) -> Option<TimeToCollision> {
+        self.along.time_to_collision()
     }
 
-    /// Time to collision at constant closing speed, in seconds: d/ḋ. `None` when it does not
-    /// close in, or so slowly that noise decides.
-    pub fn time_to_collision_s(&self) -> Option<f64> {
-        let rate = self.filter.rate_px_s();
-        (rate > 2.0 * self.filter.rate_sigma_px_s()).then(|| self.filter.disparity_px() / rate)
+    /// Where its box is expected, as left, top, right, bottom in px: the last one brought to the distance
+    /// and the place across that are expected.
+    fn expected(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
+        let (bounds, distance_m) = &self.last;
+        let z = self.along.distance_m();
+        let growth = distance_m / z;
+        let middle = rig.cx_px + rig.focal_px * self.across.lateral_m() / z;
+        // Of what is cut only a part is seen: its whole width reaches beyond the rim.
+        let half = if self.is_cut {
+            rig.focal_px * self.width_m / z / 2.0
+        } else {
+            f64::from(bounds.width) * growth / 2.0
+        };
+        let row = |y: u32| rig.cy_px + (f64::from(y) - rig.cy_px) * growth;
+        let (left, right) = ((middle - half).max(0.0), (middle + half).min(f64::from(size.0)));
+        [left, row(bounds.y), right.max(left), row(bounds.y + bounds.height)]
     }
 }
 
@@ -63,7 +88,7 @@ impl Track {
 pub struct TrackerParameters {
     /// A track counts as an obstacle once it was seen in this many frames.
     pub confirm_frames: u32,
-    /// It ends after this many frames without a region.
+    /// A confirmed one ends after this many frames without a region; any other at its first miss.
     pub forget_frames: u32,
     /// Least overlap of boxes, 0 to 1, that continues a track.
     pub least_overlap: f64,
@@ -73,32 +98,65 @@ pub struct TrackerParameters {
 
 impl Default for TrackerParameters {
     fn default() -> Self {
-        Self { confirm_frames: 3, forget_frames: 3, least_overlap: 0.2, greatest_count: 128 }
+        Self { confirm_frames: 3, forget_frames: 5, least_overlap: 0.2, greatest_count: 128 }
     }
 }
 
-/// Detections of a frame for which memory is set aside.
+/// Detections of a frame for which memory is set aside; the nearest are used.
 const MOST_DETECTIONS: usize = 64;
+/// A region may differ from what is expected by so many standard deviations of both,
+const GATE_SIGMAS: f64 = 4.0;
+/// and by this much more, in px and as a share of the disparity: its near side jumps when parts join it.
+const GATE_PX: f64 = 0.5;
+const GATE_SHARE: f64 = 0.08;
+/// A region that lies in the expected box, or the other way round, overlaps it as much as this share
+/// of what lies inside: regions split and merge.
+const INSIDE: f64 = 0.6;
+/// What a track costs that gets no region, against a squared number of standard deviations.
+const ALONE: f64 = 24.0;
+/// What boxes that do not overlap at all, and sizes that differ by a factor of e, cost.
+const APART: f64 = 12.0;
+const UNLIKE: f64 = 3.0;
+/// Error of a box's middle: in px (strips of four), and as a share of the width.
+const MIDDLE_PX: f64 = 3.0;
+const MIDDLE_SHARE: f64 = 0.04;
+/// A box that ends so near the rim is cut, in px.
+const RIM_PX: f64 = 8.0;
+/// How much the width is taken to change before it is known.
+const FIRST_WOBBLE: f64 = 0.3;
+/// How much a frame's width counts, and its height.
+const WIDTH_GAIN: f64 = 0.25;
+const TALLER_GAIN: f64 = 0.15;
+const LOWER_GAIN: f64 = 0.5;
+/// Errors of a region's disparity last for some frames, the filter thinks that they do not.
+const LASTING: f64 = 1.5;
 
 /// Follows obstacles, with memory allocated once.
 #[derive(Debug)]
 pub struct Tracker {
     parameters: TrackerParameters,
+    rig: Rig,
+    /// Width and height of the image, in px.
+    size: (u32, u32),
     tracks: Vec<Track>,
-    pairs: Vec<(f64, usize, usize)>,
+    assignment: Assignment,
     taken: Vec<bool>,
+    order: Vec<(f64, u32)>,
     next_id: u32,
     last_ns: Option<u64>,
 }
 
 impl Tracker {
-    /// A tracker without tracks.
-    pub fn new(parameters: TrackerParameters) -> Self {
+    /// A tracker without tracks, for regions of images of `size` (width, height) that the rig sees.
+    pub fn new(parameters: TrackerParameters, rig: Rig, size: (usize, usize)) -> Self {
         Self {
             tracks: Vec::with_capacity(parameters.greatest_count),
-            pairs: Vec::with_capacity(parameters.greatest_count * MOST_DETECTIONS),
+            assignment: Assignment::new(MOST_DETECTIONS, parameters.greatest_count),
             taken: Vec::with_capacity(MOST_DETECTIONS),
+            order: Vec::with_capacity(parameters.greatest_count),
             parameters,
+            rig,
+            size: (size.0 as u32, size.1 as u32),
             next_id: 1,
             last_ns: None,
         }
@@ -116,7 +174,7 @@ impl Tracker {
 
     /// Takes in the regions of the frame at `time_ns` and gives all tracks, oldest first. A time
     /// that does not grow starts anew.
-    pub fn update(&mut self, time_ns: u64, detections: &[Detection]) -> &[Track] {
+    pub fn update(&mut self, time_ns: u64, regions: &[Region]) -> &[Track] {
         let elapsed_s = match self.last_ns {
             Some(last) if time_ns > last => (time_ns - last) as f64 * 1e-9,
             Some(_) => {
@@ -126,180 +184,154 @@ impl Tracker {
             None => 0.0,
         };
         self.last_ns = Some(time_ns);
+        let regions = &regions[..regions.len().min(MOST_DETECTIONS)];
         for track in &mut self.tracks {
-            track.filter.predict(elapsed_s);
-        }
-
-        // All plausible pairs, best overlap first.
-        self.pairs.clear();
-        for (t, track) in self.tracks.iter().enumerate() {
-            for (d, detection) in detections.iter().enumerate() {
-                let overlap = track.region.bounds.overlap(&detection.region.bounds);
-                let expected = track.filter.disparity_px();
-                // What noise and a change of speed explain.
-                let spread = track.filter.sigma_px().hypot(detection.region.disparity_sigma_px);
-                let near = 1.5 + 0.15 * expected + 3.0 * spread;
-                if overlap >= self.parameters.least_overlap
-                    && (detection.region.disparity_px - expected).abs() <= near
-                {
-                    self.pairs.push((overlap, t, d));
-                }
-            }
-        }
-        self.pairs.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        self.taken.clear();
-        self.taken.resize(detections.len(), false);
-        for track in &mut self.tracks {
+            track.along.predict(elapsed_s);
+            track.across.predict(elapsed_s);
             track.missed += 1;
+            track.detection = None;
         }
-        for &(_, t, d) in &self.pairs {
-            let track = &mut self.tracks[t];
-            if self.taken[d] || track.missed == 0 {
-                continue;
-            }
+        self.price(regions);
+        self.taken.clear();
+        self.taken.resize(regions.len(), false);
+        let given = self.assignment.solve(ALONE);
+        for (d, track) in given.iter().enumerate() {
+            let Some(t) = *track else { continue };
             self.taken[d] = true;
-            let detection = &detections[d];
-            track.filter.update(detection.region.disparity_px, detection.region.disparity_sigma_px);
-            track.region = detection.region;
-            track.seen = track.seen.saturating_add(1);
-            track.missed = 0;
-            track.score = detection.score.or(track.score);
+            let edges = (self.rig, self.size);
+            take(&mut self.tracks[t as usize], d, &regions[d], edges);
         }
-        let forget = self.parameters.forget_frames;
-        // One that was never confirmed ends at its first miss.
-        let confirm = self.parameters.confirm_frames;
+        let (forget, confirm) = (self.parameters.forget_frames, self.parameters.confirm_frames);
         self.tracks.retain(|t| t.missed == 0 || (t.seen >= confirm && t.missed < forget));
-        for (detection, taken) in detections.iter().zip(&self.taken) {
-            if !taken && self.tracks.len() < self.parameters.greatest_count {
-                self.tracks.push(Track {
-                    id: self.next_id,
-                    region: detection.region,
-                    filter: DisparityFilter::new(
-                        detection.region.disparity_px,
-                        detection.region.disparity_sigma_px,
-                    ),
-                    seen: 1,
-                    missed: 0,
-                    score: detection.score,
-                });
-                self.next_id = self.next_id.wrapping_add(1).max(1);
+        for track in self.tracks.iter_mut().filter(|t| t.missed > 0) {
+            track.steady = 0;
+            track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
+        }
+        for (d, region) in regions.iter().enumerate() {
+            if !self.taken[d] && self.tracks.len() < self.parameters.greatest_count {
+                let track = self.begin(d, region);
+                self.tracks.push(track);
             }
         }
         &self.tracks
     }
+
+    /// What it costs to continue each track with each region.
+    fn price(&mut self, regions: &[Region]) {
+        self.assignment.begin(regions.len(), self.tracks.len());
+        for (t, track) in self.tracks.iter().enumerate() {
+            let expected = track.expected(&self.rig, self.size);
+            let disparity = track.along.disparity_px();
+            let spread_px = track.along.disparity_sigma_px();
+            for (d, region) in regions.iter().enumerate() {
+                let spread = spread_px.hypot(region.disparity_sigma_px);
+                let surprise = (region.disparity_px - disparity).abs();
+                if surprise > GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * disparity {
+                    continue;
+                }
+                let overlap = overlap(&expected, &region.bounds);
+                if overlap < self.parameters.least_overlap {
+                    continue;
+                }
+                let sigmas = (surprise / spread.max(1e-3)).min(GATE_SIGMAS);
+                let size = (region.width_m / track.width_m.max(0.05)).max(0.05).ln().abs();
+                let cost = sigmas * sigmas + APART * (1.0 - overlap) + UNLIKE * size.min(1.0);
+                self.assignment.set(d, t, cost);
+            }
+        }
+    }
+
+    fn begin(&mut self, detection: usize, region: &Region) -> Track {
+        let id = self.next_id;
+        self.next_id = self.next_id.wrapping_add(1).max(1);
+        let scale = self.rig.focal_px * self.rig.baseline_m;
+        let is_cut = cuts(region, self.size) != (false, false);
+        Track {
+            id,
+            region: *region,
+            detection: Some(detection),
+            along: DistanceFilter::new(scale, region.disparity_px, LASTING * region.disparity_sigma_px),
+            across: LateralFilter::new(region.lateral_m, middle_sigma_m(region, &self.rig, is_cut)),
+            width_m: region.width_m,
+            height_m: region.height_m,
+            steady: 1,
+            wobble: FIRST_WOBBLE,
+            is_cut,
+            seen: 1,
+            missed: 0,
+            class: Class::default(),
+            last: (region.bounds, region.distance_m),
+        }
+    }
+}
+
+/// A track goes on with region `d`.
+fn take(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
+    track.along.update(region.disparity_px, LASTING * region.disparity_sigma_px);
+    let cut = cuts(region, size);
+    let is_cut = cut != (false, false);
+    let change = (region.width_m / track.width_m.max(0.05)).max(0.05).ln().abs();
+    if is_cut {
+        track.width_m = track.width_m.max(region.width_m);
+    }
+    let other = region.width_m - track.width_m;
+    // Where one side is cut off, the other one tells where the middle is.
+    let (lateral_m, sigma_m) = match cut {
+        (true, false) => (region.lateral_m + other / 2.0, middle_sigma_m(region, &rig, false)),
+        (false, true) => (region.lateral_m - other / 2.0, middle_sigma_m(region, &rig, false)),
+        // A box that is wider or narrower than before may have gained or lost a side.
+        _ => (region.lateral_m, middle_sigma_m(region, &rig, is_cut).hypot(other / 2.0)),
+    };
+    track.across.update(lateral_m, sigma_m);
+    track.is_cut = is_cut;
+    if !is_cut {
+        track.wobble += WIDTH_GAIN * (change - track.wobble);
+        track.width_m += WIDTH_GAIN * other;
+    }
+    // Boxes more often reach into what is behind than they are too low.
+    let taller = region.height_m - track.height_m;
+    track.height_m += if taller > 0.0 { TALLER_GAIN } else { LOWER_GAIN } * taller;
+    track.region = *region;
+    track.detection = Some(d);
+    track.last = (region.bounds, region.distance_m);
+    track.seen = track.seen.saturating_add(1);
+    track.steady = track.steady.saturating_add(1);
+    track.missed = 0;
+}
+
+/// Whether a box ends on the left and on the right where the pictures do. The right camera does not see as
+/// many columns of the left picture's left rim as the disparity is.
+fn cuts(region: &Region, (width, _): (u32, u32)) -> (bool, bool) {
+    let (left, right) = (f64::from(region.bounds.x), region.bounds.x + region.bounds.width);
+    (left <= region.disparity_px + RIM_PX, f64::from(right) >= f64::from(width) - RIM_PX)
+}
+
+/// One standard deviation of a box's middle, in metres. Of a box that is cut it may be anywhere.
+fn middle_sigma_m(region: &Region, rig: &Rig, is_cut: bool) -> f64 {
+    let strips = MIDDLE_PX * region.distance_m / rig.focal_px;
+    strips.hypot(if is_cut { 0.5 } else { MIDDLE_SHARE } * region.width_m)
+}
+
+/// Shared ÷ joint area, or a good part of the share of the smaller one that lies in the larger.
+fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
+    let [left, top, right, bottom] = *expected;
+    let (x, y) = (f64::from(bounds.x), f64::from(bounds.y));
+    let (w, h) = (f64::from(bounds.width), f64::from(bounds.height));
+    let wide = (right.min(x + w) - left.max(x)).max(0.0);
+    let high = (bottom.min(y + h) - top.max(y)).max(0.0);
+    let shared = wide * high;
+    let areas = ((right - left) * (bottom - top), w * h);
+    let (joint, smaller) = (areas.0 + areas.1 - shared, areas.0.min(areas.1));
+    if smaller <= 0.0 { 0.0 } else { (shared / joint).max(INSIDE * shared / smaller) }
+}
+
+/// The part of a box that lies in the image.
+fn clip(edges: [f64; 4], (width, height): (u32, u32)) -> PixelBox {
+    let place = |v: f64, most: u32| v.round().clamp(0.0, f64::from(most)) as u32;
+    let (x, y) = (place(edges[0], width), place(edges[1], height));
+    let (right, bottom) = (place(edges[2], width), place(edges[3], height));
+    PixelBox { x, y, width: right.saturating_sub(x), height: bottom.saturating_sub(y) }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::road::PixelBox;
-
-    const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
-
-    fn detection(x: u32, distance_m: f64) -> Detection {
-        let region = Region {
-            bounds: PixelBox { x, y: 200, width: 60, height: 50 },
-            disparity_px: RIG.disparity_px(distance_m),
-            disparity_sigma_px: 0.15,
-            distance_m,
-            lateral_m: RIG.lateral_m(f64::from(x) + 30.0, distance_m),
-            width_m: 1.8,
-            height_m: 1.5,
-            pixels: 2000,
-            confidence: 0.9,
-        };
-        Detection { region, score: None }
-    }
-
-    const PERIOD_NS: u64 = 80_000_000;
-
-    #[test]
-    fn an_approaching_car_keeps_its_identity_and_gives_its_speed() {
-        let mut tracker = Tracker::new(TrackerParameters::default());
-        let mut random = fastrand::Rng::with_seed(2);
-        for frame in 0..40_u64 {
-            let distance = 30.0 - 0.4 * frame as f64;
-            let mut car = detection(300, distance);
-            car.region.disparity_px += f64::from(random.f32()) * 0.2 - 0.1;
-            tracker.update(frame * PERIOD_NS, &[detection(40, 50.0), car]);
-        }
-        let track = tracker.tracks.iter().find(|t| t.region.bounds.x == 300).unwrap();
-        assert_eq!((track.seen, track.missed), (40, 0));
-        assert!((track.distance_m(&RIG) - 14.4).abs() < 0.5, "{}", track.distance_m(&RIG));
-        // 0.4 m in 80 ms.
-        assert!((track.closing_m_s(&RIG) - 5.0).abs() < 1.0, "{}", track.closing_m_s(&RIG));
-        let ttc = track.time_to_collision_s().unwrap();
-        assert!((ttc - 2.9).abs() < 0.6, "{ttc}");
-        let standing = tracker.tracks.iter().find(|t| t.region.bounds.x == 40).unwrap();
-        assert_eq!(standing.time_to_collision_s(), None);
-        assert_ne!(standing.id, track.id);
-    }
-
-    #[test]
-    fn a_car_that_closes_in_fast_is_not_lost() {
-        let mut tracker = Tracker::new(TrackerParameters::default());
-        let mut random = fastrand::Rng::with_seed(3);
-        let (mut distance, mut frame) = (45.0, 0);
-        while distance > 4.0 {
-            let mut car = detection(300, distance);
-            car.region.disparity_px += f64::from(random.f32()) * 0.5 - 0.25;
-            tracker.update(frame * PERIOD_NS, &[car]);
-            if distance < 15.0 {
-                let track = &tracker.tracks[0];
-                assert_eq!((tracker.tracks.len(), track.id, track.missed), (1, 1, 0), "at {distance} m");
-                let (ttc, truth) = (track.time_to_collision_s().unwrap(), distance / 15.0);
-                assert!((ttc - truth).abs() < 0.25 * truth, "{ttc} s for {truth} s at {distance} m");
-            }
-            distance -= 15.0 * 0.08;
-            frame += 1;
-        }
-    }
-
-    #[test]
-    fn tracks_are_confirmed_bridged_and_forgotten() {
-        let mut tracker = Tracker::new(TrackerParameters::default());
-        let mut time = 0;
-        let mut step = |tracker: &mut Tracker, detections: &[Detection]| {
-            time += PERIOD_NS;
-            tracker.update(time, detections).to_vec()
-        };
-        let car = [detection(300, 20.0)];
-        let first = step(&mut tracker, &car)[0].id;
-        assert!(!tracker.is_confirmed(&tracker.tracks[0]));
-        step(&mut tracker, &car);
-        step(&mut tracker, &car);
-        assert!(tracker.is_confirmed(&tracker.tracks[0]));
-        // Two frames without it are bridged, three are not.
-        step(&mut tracker, &[]);
-        assert_eq!(step(&mut tracker, &[])[0].missed, 2);
-        assert_eq!(step(&mut tracker, &car)[0].id, first);
-        for _ in 0..3 {
-            step(&mut tracker, &[]);
-        }
-        assert_eq!(step(&mut tracker, &[]), []);
-        assert_ne!(step(&mut tracker, &car)[0].id, first);
-        // A track of one frame leaves at once.
-        assert_eq!(step(&mut tracker, &[]), []);
-    }
-
-    #[test]
-    fn one_region_continues_one_track() {
-        let mut tracker = Tracker::new(TrackerParameters::default());
-        tracker.update(1, &[detection(300, 20.0), detection(310, 20.0)]);
-        let tracks = tracker.update(2, &[detection(302, 20.0)]).to_vec();
-        assert_eq!(tracks.iter().filter(|t| t.missed == 0).count(), 1);
-        // The same box at another depth is something else.
-        let tracks = tracker.update(3, &[detection(302, 5.0)]).to_vec();
-        assert!(tracks.iter().all(|t| t.seen == 1), "{tracks:?}");
-    }
-
-    #[test]
-    fn a_score_is_kept_and_a_jump_back_in_time_starts_anew() {
-        let mut tracker = Tracker::new(TrackerParameters::default());
-        let seen = Detection { score: Some(4.0), ..detection(300, 20.0) };
-        tracker.update(1_000, &[seen]);
-        assert_eq!(tracker.update(2_000, &[detection(300, 20.0)])[0].score, Some(4.0));
-        let tracks = tracker.update(500, &[detection(300, 20.0)]);
-        assert_eq!((tracks.len(), tracks[0].seen), (1, 1));
-    }
-}
+mod tests;

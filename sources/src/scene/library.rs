@@ -10,7 +10,7 @@ macro_rules! scenes {
 }
 
 /// The scenes that ship: name and text.
-pub const SCENES: [(&str, &str); 20] = scenes![
+pub const SCENES: [(&str, &str); 22] = scenes![
     "drive",
     "street",
     "crest",
@@ -29,6 +29,8 @@ pub const SCENES: [(&str, &str); 20] = scenes![
     "green-belt",
     "cone",
     "debris",
+    "stopped-car",
+    "next-lane",
     "crest-traffic",
     "dip-traffic",
 ];

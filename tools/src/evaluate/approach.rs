@@ -8,15 +8,24 @@ use serde::Serialize;
 use std::fmt;
 
 /// What one frame of an approach tells.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ApproachFrame {
     /// True distance of the object; `None` when it is not in the picture.
     pub truth_m: Option<f64>,
     /// What found it.
     pub found: Option<Found>,
+    /// True time to collision; `None` when it does not come nearer.
+    pub ttc_truth_s: Option<f64>,
+    /// Time to collision of the track that is it, and its standard deviation, in seconds.
+    pub ttc_s: Option<(f64, f64)>,
+    /// Whether the alarm said at least: warning.
+    pub warning: bool,
     /// Whether the alarm was on.
     pub alarm: bool,
 }
+
+/// From this time to collision on its error counts, in seconds.
+pub const TTC_FROM_S: f64 = 2.5;
 
 /// One approach.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -46,6 +55,18 @@ pub struct Approach {
     pub distance_median_percent: Option<f64>,
     /// Share of truths within the stated error bar.
     pub covered: Option<f64>,
+    /// True time to collision when the first warning or alarm came.
+    pub warning_ttc_s: Option<f64>,
+    /// True time to collision when the alarm came.
+    pub alarm_ttc_s: Option<f64>,
+    /// Median size of the error of the time to collision from 2.5 s down, in percent.
+    pub ttc_median_percent: Option<f64>,
+    /// Its largest.
+    pub ttc_worst_percent: Option<f64>,
+    /// Share of the true times within the stated error bar.
+    pub ttc_covered: Option<f64>,
+    /// Frames from 2.5 s down in which no time to collision was given.
+    pub ttc_missed: usize,
 }
 
 /// One silent scene.
@@ -61,6 +82,10 @@ pub struct Silent {
     pub alarm_frames: usize,
     /// Times that an alarm came.
     pub alarms: usize,
+    /// Frames with a warning.
+    pub warning_frames: usize,
+    /// Frames in which the alarm was off.
+    pub off_frames: usize,
     /// Frames in which no road was seen: the alarm is off then, and silence proves nothing.
     pub blind_frames: usize,
     /// Unexplained regions on the asphalt, each frame counted.
@@ -110,6 +135,19 @@ impl Approach {
         let pairs: Vec<(f64, Found)> = frames.iter().filter_map(|f| Some((f.truth_m?, f.found?))).collect();
         let mut errors: Vec<f64> = pairs.iter().map(|(m, f)| 100.0 * (f.distance_m - m).abs() / m).collect();
         errors.sort_unstable_by(f64::total_cmp);
+        let warning = frames.iter().position(|f| f.warning);
+        let due_ttc: Vec<(f64, Option<(f64, f64)>)> = frames
+            .iter()
+            .filter_map(|f| Some((f.ttc_truth_s.filter(|t| *t <= TTC_FROM_S)?, f.ttc_s)))
+            .collect();
+        let times: Vec<(f64, f64, f64)> =
+            due_ttc.iter().filter_map(|&(truth, given)| given.map(|(s, sigma)| (truth, s, sigma))).collect();
+        let mut ttc_errors: Vec<f64> =
+            times.iter().map(|(truth, s, _)| 100.0 * (s - truth).abs() / truth.max(1e-3)).collect();
+        ttc_errors.sort_unstable_by(f64::total_cmp);
+        let ttc_covered =
+            times.iter().filter(|(truth, s, sigma)| (s - truth).abs() <= BAR_SIGMAS * sigma).count();
+        let ttc_at = |k: usize| frames[k].ttc_truth_s.map(tidy);
         let covered =
             pairs.iter().filter(|(m, f)| (f.distance_m - m).abs() <= BAR_SIGMAS * f.sigma_m).count();
         Self {
@@ -125,6 +163,12 @@ impl Approach {
             alarm_flickers: flickers.count(),
             distance_median_percent: errors.get(errors.len() / 2).copied().map(tidy),
             covered: (!pairs.is_empty()).then(|| tidy(covered as f64 / pairs.len() as f64)),
+            warning_ttc_s: warning.and_then(ttc_at),
+            alarm_ttc_s: alarm.and_then(ttc_at),
+            ttc_median_percent: ttc_errors.get(ttc_errors.len() / 2).copied().map(tidy),
+            ttc_worst_percent: ttc_errors.last().copied().map(tidy),
+            ttc_covered: (!times.is_empty()).then(|| tidy(ttc_covered as f64 / times.len() as f64)),
+            ttc_missed: due_ttc.len() - times.len(),
         }
     }
 }
@@ -167,24 +211,54 @@ impl fmt::Display for DistanceReport {
                 cell(row.covered)
             )?;
         }
+        if !self.approaches.is_empty() {
+            writeln!(
+                f,
+                "\n{:<14}{:>12}{:>10}{:>10}{:>10}{:>9}{:>8}",
+                "approach", "warning TTC", "alarm TTC", "TTC err %", "worst %", "covered", "missed"
+            )?;
+        }
+        for row in &self.approaches {
+            writeln!(
+                f,
+                "{:<14}{:>12}{:>10}{:>10}{:>10}{:>9}{:>8}",
+                row.scene,
+                cell(row.warning_ttc_s),
+                cell(row.alarm_ttc_s),
+                cell(row.ttc_median_percent),
+                cell(row.ttc_worst_percent),
+                cell(row.ttc_covered),
+                row.ttc_missed
+            )?;
+        }
         if !self.approaches.is_empty() && !self.silent.is_empty() {
             writeln!(f)?;
         }
         if !self.silent.is_empty() {
             writeln!(
                 f,
-                "{:<14}{:>8}{:>8}{:>14}{:>14}{:>15}{:>7}",
-                "silent", "frames", "alarms", "alarm frames", "blind frames", "false regions", "stray"
+                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>7}",
+                "silent",
+                "frames",
+                "alarms",
+                "alarm frames",
+                "warnings",
+                "off",
+                "blind frames",
+                "false regions",
+                "stray"
             )?;
         }
         for row in &self.silent {
             writeln!(
                 f,
-                "{:<14}{:>8}{:>8}{:>14}{:>14}{:>15}{:>7}",
+                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>7}",
                 row.scene,
                 row.frames,
                 row.alarms,
                 row.alarm_frames,
+                row.warning_frames,
+                row.off_frames,
                 row.blind_frames,
                 row.false_regions,
                 row.stray_regions
@@ -237,7 +311,16 @@ mod tests {
                     distance_m: truth * 1.01,
                     sigma_m: 0.004 * truth,
                 });
-                ApproachFrame { truth_m: Some(truth), found, alarm: k >= 22 && k != 25 }
+                // 2.5 s are left at 25 m; the filter says 4 % too much, with a deviation of 1 %.
+                let ttc = truth / 10.0;
+                ApproachFrame {
+                    truth_m: Some(truth),
+                    found,
+                    ttc_truth_s: Some(ttc),
+                    ttc_s: (k != 12).then_some((1.04 * ttc, 0.01 * ttc)),
+                    warning: k >= 7,
+                    alarm: k >= 22 && k != 25,
+                }
             })
             .collect()
     }
@@ -251,6 +334,9 @@ mod tests {
         assert_eq!((approach.alarm_flickers, approach.distance_median_percent), (1, Some(1.0)));
         // The bar is 0.8 % to either side.
         assert_eq!(approach.covered, Some(0.0));
+        assert_eq!((approach.warning_ttc_s, approach.alarm_ttc_s), (Some(2.3), Some(0.8)));
+        assert_eq!((approach.ttc_median_percent, approach.ttc_worst_percent), (Some(4.0), Some(4.0)));
+        assert_eq!((approach.ttc_covered, approach.ttc_missed), (Some(0.0), 1));
         assert_eq!(shown_frames(&frames()), [0, 2, 12, 22, 27]);
         let text = DistanceReport { approaches: vec![approach], ..DistanceReport::default() }.to_string();
         assert!(text.contains("28.00") && text.contains("+1"), "{text}");
@@ -258,7 +344,7 @@ mod tests {
 
     #[test]
     fn what_is_never_found_is_told() {
-        let frames = vec![ApproachFrame { truth_m: Some(9.0), found: None, alarm: false }; 4];
+        let frames = vec![ApproachFrame { truth_m: Some(9.0), ..ApproachFrame::default() }; 4];
         let approach = Approach::new("cone", "A cone", 10.0, &frames);
         assert_eq!((approach.first_found_m, approach.alarm_m, approach.covered), (None, None, None));
         assert_eq!(shown_frames(&frames), [0, 3]);

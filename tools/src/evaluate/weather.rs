@@ -1,9 +1,9 @@
 //! Detection, distance and road by weather, beside the paper's table.
 
-use super::scene_match::{FrameMatch, road_errors};
+use super::scene_match::{Found, FrameMatch, is_found, road_errors};
 use crate::record::{tidy, tidy_finite};
 use serde::Serialize;
-use sources::scene::RoadTruth;
+use sources::scene::{ObjectClass, RoadTruth};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -45,6 +45,43 @@ pub struct RangeErrors {
     pub covered: Option<f64>,
 }
 
+/// Objects, and those of them that were given the right class.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Share {
+    /// Objects due, frame by frame.
+    pub due: usize,
+    /// Those that a track found.
+    pub tracked: usize,
+    /// Those whose track has the right class.
+    pub right: usize,
+}
+
+impl Share {
+    fn add(&mut self, tracked: bool, right: bool) {
+        self.due += 1;
+        self.tracked += usize::from(tracked);
+        self.right += usize::from(tracked && right);
+    }
+
+    fn rate(&self) -> Option<f64> {
+        tidy_finite(self.right as f64 / self.due as f64)
+    }
+}
+
+/// A confirmed track, as its class is judged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Labelled {
+    /// Where it is.
+    pub found: Found,
+    /// Whether it is called a vehicle.
+    pub is_vehicle: bool,
+}
+
+/// Whether an object is what the recogniser calls a vehicle.
+pub fn is_vehicle(class: ObjectClass) -> bool {
+    matches!(class, ObjectClass::Car | ObjectClass::Bus)
+}
+
 /// One weather, or one scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WeatherRow {
@@ -64,6 +101,14 @@ pub struct WeatherRow {
     pub detection_rate: Option<f64>,
     /// The paper's accuracy rate for this weather.
     pub paper_rate: Option<f64>,
+    /// Vehicles due, and those of them that a track called a vehicle.
+    pub vehicles: Share,
+    /// Other objects due, and those of them that a track found and called nothing else than an obstacle.
+    pub others: Share,
+    /// Share of all objects due that were found and given the right class.
+    pub class_rate: Option<f64>,
+    /// The same of those that a track found.
+    pub class_rate_of_found: Option<f64>,
     /// Objects that were due and not found, by class.
     pub missed: BTreeMap<&'static str, usize>,
     /// Unexplained regions on the asphalt, each frame counted, per minute.
@@ -90,6 +135,8 @@ pub struct FrameResult<'a> {
     pub matched: &'a FrameMatch,
     /// Confirmed tracks that no truth explains and that stand on the asphalt.
     pub false_tracks: &'a [u32],
+    /// All confirmed tracks.
+    pub tracks: &'a [Labelled],
     /// The model's road, when one was seen.
     pub profile_px: Option<&'a [f32]>,
     /// The true road.
@@ -111,6 +158,8 @@ pub struct Tally {
     /// Per due object: true distance, and distance and sigma found.
     distances: Vec<(f64, Option<(f64, f64)>)>,
     missed: BTreeMap<&'static str, usize>,
+    vehicles: Share,
+    others: Share,
 }
 
 /// The middle value; `None` of nothing.
@@ -137,6 +186,8 @@ impl Tally {
             road_errors_m: Vec::new(),
             distances: Vec::new(),
             missed: BTreeMap::new(),
+            vehicles: Share::default(),
+            others: Share::default(),
         }
     }
 
@@ -151,6 +202,12 @@ impl Tally {
             if due.found.is_none() {
                 *self.missed.entry(due.object.class.name()).or_default() += 1;
             }
+            let overlap = |t: &&Labelled| t.found.bounds.overlap(&due.object.bounds);
+            let by = frame.tracks.iter().filter(|t| is_found(&due.object, &t.found));
+            let track = by.max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
+            let wanted = is_vehicle(due.object.class);
+            let share = if wanted { &mut self.vehicles } else { &mut self.others };
+            share.add(track.is_some(), track.is_some_and(|t| t.is_vehicle == wanted));
         }
         if let Some(profile) = frame.profile_px {
             self.road_seen += 1;
@@ -197,6 +254,13 @@ impl Tally {
             detection_rate: tidy_finite(found as f64 / due as f64),
             paper_rate: PAPER.iter().find(|(name, _)| *name == self.weather).map(|(_, rate)| *rate),
             missed: self.missed.clone(),
+            vehicles: self.vehicles,
+            others: self.others,
+            class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / due as f64),
+            class_rate_of_found: tidy_finite(
+                (self.vehicles.right + self.others.right) as f64
+                    / (self.vehicles.tracked + self.others.tracked) as f64,
+            ),
             false_per_minute: per_minute(self.unexplained.0),
             false_tracks_per_minute: per_minute(self.false_tracks.len()),
             stray_per_minute: per_minute(self.unexplained.1),
@@ -276,6 +340,21 @@ impl fmt::Display for WeatherReport {
             }
             writeln!(f)?;
         }
+        writeln!(
+            f,
+            "\nClass: share of the objects due that a track found and gave the right class; of those found; of vehicles, of others"
+        )?;
+        for row in &self.rows {
+            writeln!(
+                f,
+                "{:<width$}{:>8}{:>8}{:>16}{:>16}",
+                name(row),
+                cell(row.class_rate, 3),
+                cell(row.class_rate_of_found, 3),
+                format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.due),
+                format!("{} of {}", cell(row.others.rate(), 3), row.others.due),
+            )?;
+        }
         let missed: Vec<String> = self
             .rows
             .iter()
@@ -295,11 +374,11 @@ impl fmt::Display for WeatherReport {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene_match::{Due, Found};
+    use super::super::scene_match::Due;
     use super::*;
     use perception::rig::Rig;
     use perception::road::PixelBox;
-    use sources::scene::{ObjectClass, ObjectTruth};
+    use sources::scene::ObjectTruth;
 
     fn due(distance_m: f64, found: Option<(f64, f64)>) -> Due {
         let bounds = PixelBox { x: 1, y: 1, width: 9, height: 9 };
@@ -333,7 +412,15 @@ mod tests {
         };
         let road = RoadTruth::default();
         for _ in 0..3 {
-            let frame = FrameResult { matched: &matched, false_tracks: &[7], profile_px: None, road: &road };
+            let found = matched.due[0].found.unwrap();
+            let tracks = [Labelled { found, is_vehicle: false }];
+            let frame = FrameResult {
+                matched: &matched,
+                false_tracks: &[7],
+                tracks: &tracks,
+                profile_px: None,
+                road: &road,
+            };
             tally.add(&frame);
         }
         let row = tally.row();
@@ -343,6 +430,9 @@ mod tests {
         // One a frame, every 80 ms; one track.
         assert_eq!((row.false_per_minute, row.false_tracks_per_minute), (750.0, 250.0));
         assert_eq!(row.missed["cone"], 3);
+        // Cones are no vehicles: right when they are called none.
+        assert_eq!((row.others.due, row.others.tracked, row.others.right, row.vehicles.due), (9, 6, 6, 0));
+        assert_eq!((row.class_rate, row.class_rate_of_found), (Some(0.6667), Some(1.0)));
         let near = &row.ranges[1];
         assert_eq!((near.due, near.found, near.covered), (6, 6, Some(0.5)));
         assert!([Some(2.0), Some(5.0)].contains(&near.median_percent), "{near:?}");

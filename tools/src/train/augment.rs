@@ -43,6 +43,18 @@ impl Variation {
     pub const USUAL: Self = Self { shift: 0.04, scale: 0.08, mirror: true, light: 0.25, blur: 0.7 };
     /// Nothing.
     pub const NONE: Self = Self { shift: 0.0, scale: 0.0, mirror: false, light: 0.0, blur: 0.0 };
+
+    /// This, so many times as strong; 0 is nothing.
+    #[must_use]
+    pub fn times(self, times: f64) -> Self {
+        Self {
+            shift: self.shift * times,
+            scale: self.scale * times,
+            mirror: self.mirror && times > 0.0,
+            light: (self.light * times).min(1.0),
+            blur: self.blur * times,
+        }
+    }
 }
 
 /// How a picture is brought to the size of the window.

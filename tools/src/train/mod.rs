@@ -5,6 +5,7 @@
 //! to a prior, least leaf weights, and thresholds and ends of stages judged by pictures that were
 //! not learned from.
 
+pub mod ablation;
 pub mod augment;
 pub mod checkpoint;
 pub mod features;

@@ -105,6 +105,19 @@ pub fn split(sequences: Vec<Vec<SourcePicture>>, share: f64) -> Split {
     result
 }
 
+/// Parts the last `share` of each folder's pictures from the folders.
+pub fn hold_out(
+    mut sequences: Vec<Vec<SourcePicture>>,
+    share: f64,
+) -> (Vec<Vec<SourcePicture>>, Vec<SourcePicture>) {
+    let mut held = Vec::new();
+    for sequence in &mut sequences {
+        let kept = ((1.0 - share) * sequence.len() as f64).round() as usize;
+        held.extend(sequence.split_off(kept.min(sequence.len())));
+    }
+    (sequences, held)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -129,6 +142,8 @@ mod tests {
         let split = split(sequences, 0.25);
         assert_eq!((split.training.len(), split.validation.len()), (6, 2));
         assert_eq!(split.validation[0].grey.as_slice()[0], 100);
+        let (rest, held) = hold_out(read(folder.path()).expect("pictures"), 0.25);
+        assert_eq!((rest.iter().map(Vec::len).sum::<usize>(), held.len()), (6, 2));
     }
 
     #[test]

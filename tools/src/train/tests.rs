@@ -137,3 +137,24 @@ fn a_report_has_all_its_files() {
     let error = report::write(Path::new(&blocked), &trained.cascade, &trained.stages, None, &[]);
     assert!(error.expect_err("a file is no folder").to_string().contains("stages.txt"));
 }
+
+#[test]
+fn the_ablation_judges_each_change_by_pictures_that_took_no_part() {
+    let sequences = |object: bool, side: usize| -> Vec<Vec<SourcePicture>> {
+        (0..2).map(|folder| (0..30).map(|s| picture(s + 100 * folder, side, object)).collect()).collect()
+    };
+    let mut p = parameters(FeatureKind::Lbp);
+    p.stages = 1;
+    let mut changes = Vec::new();
+    let table =
+        ablation::ablation(&p, sequences(true, 20), sequences(false, 20), 0.3, &mut |change, event| {
+            if let Progress::Done { .. } = event {
+                changes.push(change.to_owned());
+            }
+        })
+        .expect("a table");
+    assert_eq!((table.positives, table.negatives, table.rows.len()), (18, 18, 10));
+    assert_eq!(changes.len(), 10, "{changes:?}");
+    assert!(table.rows[0].area > 0.9, "{:?}", table.rows[0]);
+    assert!(table.text().contains("each stage from nothing"));
+}

@@ -126,8 +126,9 @@ async function takeFrame(frame, parts) {
   const more = nearest === null ? "" : `${metres(nearest)} ahead`;
   const ttc = first && first.time_to_collision_s !== null ? `, ${seconds(first.time_to_collision_s)} to collision` : "";
   if (level === "alarm") setAlarm("alarm", "ALARM", more + ttc);
-  else if (level === "clear") setAlarm("clear", "clear", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
-  else setAlarm("off", "alarm off", "no road seen");
+  else if (level === "warning") setAlarm("warning", "warning", more + ttc);
+  else if (level === "standby") setAlarm("standby", "standby", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
+  else setAlarm("off", "alarm off", frame.alarm.reason || "");
 }
 
 // What is shown changes with every frame; what is spoken only when the level does, or an alarm goes on.
@@ -138,7 +139,7 @@ function setAlarm(level, text, more) {
   byId("alarm-more").textContent = more && `· ${more}`;
   const now = performance.now();
   if (level !== page.said || (level === "alarm" && now - page.said_at > 5000)) {
-    byId("spoken").textContent = level === "clear" ? "alarm over: clear" : `${text} ${more}`;
+    byId("spoken").textContent = level === "standby" ? "alarm over: standby" : `${text} ${more}`;
     [page.said, page.said_at] = [level, now];
   }
 }

@@ -1,0 +1,323 @@
+use super::alarm::{Alarm, AlarmLevel, AlarmParameters, Candidate};
+use super::looks::LookParameters;
+use super::*;
+
+const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
+const SIZE: (usize, usize) = (640, 480);
+const PERIOD_NS: u64 = 80_000_000;
+
+/// A thing 1.8 m wide and 1.5 m high, its foot 1.25 m below the camera.
+fn region(distance_m: f64, lateral_m: f64) -> Region {
+    sized(distance_m, lateral_m, 1.8, 1.5)
+}
+
+fn sized(distance_m: f64, lateral_m: f64, width_m: f64, height_m: f64) -> Region {
+    let px = |m: f64| RIG.focal_px * m / distance_m;
+    let left = (RIG.cx_px + px(lateral_m - width_m / 2.0)).clamp(0.0, 639.0);
+    let right = (RIG.cx_px + px(lateral_m + width_m / 2.0)).clamp(left + 1.0, 640.0);
+    let bottom = (RIG.cy_px + px(1.25)).min(480.0);
+    let top = (RIG.cy_px + px(1.25 - height_m)).clamp(0.0, bottom);
+    Region {
+        bounds: PixelBox {
+            x: left as u32,
+            y: top as u32,
+            width: (right - left) as u32,
+            height: (bottom - top) as u32,
+        },
+        disparity_px: RIG.disparity_px(distance_m),
+        disparity_sigma_px: 0.12,
+        distance_m,
+        lateral_m,
+        width_m,
+        height_m,
+        pixels: 2000,
+        confidence: 0.9,
+    }
+}
+
+/// The same as it is measured.
+fn noisy(region: Region, random: &mut fastrand::Rng) -> Region {
+    let normal = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
+    let disparity_px = (region.disparity_px + 0.12 * normal).max(0.3);
+    let jitter = |random: &mut fastrand::Rng, v: u32| v.saturating_add_signed(random.i32(-4..5));
+    let b = region.bounds;
+    let bounds = PixelBox {
+        x: jitter(random, b.x).min(600),
+        width: jitter(random, b.width).clamp(4, 40 + b.width).min(640 - jitter(random, b.x).min(600)),
+        ..b
+    };
+    let bounds = PixelBox { width: bounds.width.min(640 - bounds.x), ..bounds };
+    Region { bounds, disparity_px, distance_m: RIG.distance_m(disparity_px), ..region }
+}
+
+fn tracker() -> Tracker {
+    Tracker::new(TrackerParameters::default(), RIG, SIZE)
+}
+
+/// A tracker that has seen the same regions for ten frames, and the time of the last.
+fn settled(regions: &[Region]) -> (Tracker, u64) {
+    let mut tracker = tracker();
+    for frame in 0..10 {
+        tracker.update(frame * PERIOD_NS, regions);
+    }
+    (tracker, 9 * PERIOD_NS)
+}
+
+#[test]
+fn approaching_cars_keep_their_identity_and_give_speed_and_time() {
+    // What disparity alone says: 0.12 px are 12 % of the speed at 35 m, and 4 % at 12 m.
+    for (from_m, closing, limit) in [(50.0, 14.0, 0.6), (30.0, 5.0, 0.2)] {
+        let mut worst = (0.0_f64, 0.0_f64);
+        for seed in 0..40 {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let mut tracker = tracker();
+            let (mut distance, mut frame) = (from_m, 0);
+            while distance > 4.0 {
+                let car = noisy(region(distance, 0.2), &mut random);
+                tracker.update(frame * PERIOD_NS, &[noisy(region(25.0, -6.0), &mut random), car]);
+                if distance < closing * 2.5 {
+                    let track = tracker.tracks()[1];
+                    assert_eq!(
+                        (tracker.tracks().len(), track.id, track.missed),
+                        (2, 2, 0),
+                        "at {distance} m"
+                    );
+                    let ttc = track.time_to_collision().expect("it comes nearer");
+                    let error = (ttc.seconds - distance / closing).abs();
+                    worst = (worst.0.max(error * closing / distance), worst.1.max(error / ttc.sigma_s));
+                }
+                distance -= closing * 0.08;
+                frame += 1;
+            }
+            assert!(tracker.tracks()[0].closing_m_s().abs() < 3.0);
+        }
+        println!(
+            "{closing} m/s, seeds 0 to 39: worst TTC error from 2.5 s down {:.1} %, {:.1} of its stated deviations",
+            100.0 * worst.0,
+            worst.1
+        );
+        assert!(worst.0 < limit && worst.1 < 4.5, "{worst:?}");
+    }
+}
+
+#[test]
+fn tracks_are_confirmed_bridged_and_forgotten() {
+    let mut tracker = tracker();
+    let mut time = 0;
+    let mut step = |tracker: &mut Tracker, regions: &[Region]| {
+        time += PERIOD_NS;
+        tracker.update(time, regions).to_vec()
+    };
+    let car = [region(20.0, 0.0)];
+    let first = step(&mut tracker, &car)[0].id;
+    assert!(!tracker.is_confirmed(&tracker.tracks[0]));
+    step(&mut tracker, &car);
+    step(&mut tracker, &car);
+    assert!(tracker.is_confirmed(&tracker.tracks[0]));
+    // Four frames without it are bridged, five are not.
+    for missed in 1..5 {
+        assert_eq!(step(&mut tracker, &[])[0].missed, missed);
+    }
+    assert_eq!(step(&mut tracker, &car)[0].id, first);
+    for _ in 0..4 {
+        step(&mut tracker, &[]);
+    }
+    assert_eq!(step(&mut tracker, &[]), []);
+    assert_ne!(step(&mut tracker, &car)[0].id, first);
+    // A track of one frame leaves at once.
+    assert_eq!(step(&mut tracker, &[]), []);
+}
+
+#[test]
+fn a_car_out_of_sight_is_expected_where_it_went() {
+    let mut tracker = tracker();
+    let place = |frame: u64| region(30.0 - 0.8 * frame as f64, -3.0 + 0.12 * frame as f64);
+    for frame in 0..15 {
+        tracker.update(frame * PERIOD_NS, &[place(frame)]);
+    }
+    let id = tracker.tracks()[0].id;
+    for frame in 15..18 {
+        tracker.update(frame * PERIOD_NS, &[]);
+    }
+    let (expected, truth) = (tracker.tracks()[0].region.bounds, place(17).bounds);
+    assert!(expected.overlap(&truth) > 0.7, "{expected:?} for {truth:?}");
+    let back = tracker.update(18 * PERIOD_NS, &[place(18)]);
+    assert_eq!((back.len(), back[0].id, back[0].missed), (1, id, 0));
+}
+
+#[test]
+fn a_bad_frame_changes_neither_track_nor_speed() {
+    for bad in [6.0, 14.0, 27.0, 55.0] {
+        let (mut tracker, time) = settled(&[region(20.0, 0.0)]);
+        // The same box at another distance for one frame, then as before.
+        let wrong = Region { disparity_px: RIG.disparity_px(bad), distance_m: bad, ..region(20.0, 0.0) };
+        tracker.update(time + PERIOD_NS, &[wrong]);
+        let tracks = tracker.update(time + 2 * PERIOD_NS, &[region(20.0, 0.0)]).to_vec();
+        let track = tracks.iter().find(|t| t.id == 1).expect("the track lives");
+        assert_eq!(track.missed, 0, "{bad} m");
+        assert!(
+            (track.distance_m() - 20.0).abs() < 0.5 && track.closing_m_s().abs() < 1.5,
+            "{bad} m: {track:?}"
+        );
+        let time = time + 3 * PERIOD_NS;
+        assert_eq!(tracker.update(time, &[region(20.0, 0.0)]).len(), 1, "nothing of it stays");
+    }
+}
+
+#[test]
+fn a_near_side_that_jumps_is_followed_without_a_false_speed() {
+    let (mut tracker, time) = settled(&[region(14.0, 0.0)]);
+    let mut fastest = 0.0_f64;
+    for frame in 1..12 {
+        let tracks = tracker.update(time + frame * PERIOD_NS, &[region(12.0, 0.0)]);
+        assert_eq!((tracks.len(), tracks[0].id), (1, 1));
+        fastest = fastest.max(tracks[0].closing_m_s());
+    }
+    let track = &tracker.tracks()[0];
+    assert!((track.distance_m() - 12.0).abs() < 0.3, "{track:?}");
+    assert!(fastest < 2.0, "{fastest} m/s");
+}
+
+#[test]
+fn regions_that_split_and_merge_keep_their_tracks() {
+    // A car and a van beside it, 1 m apart.
+    let (car, van) = (region(15.0, -1.4), region(15.2, 1.4));
+    let (mut tracker, time) = settled(&[car, van]);
+    // For two frames they are one.
+    let both = sized(15.0, 0.0, 4.6, 1.5);
+    for frame in 1..3 {
+        let tracks = tracker.update(time + frame * PERIOD_NS, &[both]);
+        assert!(tracks.iter().filter(|t| t.id <= 2).count() == 2, "{tracks:?}");
+    }
+    tracker.update(time + 3 * PERIOD_NS, &[car, van]);
+    let tracks = tracker.update(time + 4 * PERIOD_NS, &[car, van]);
+    let ids: Vec<u32> = tracks.iter().map(|t| t.id).collect();
+    assert_eq!(ids, [1, 2], "{tracks:?}");
+    assert!(tracks[0].across.lateral_m() < -0.9 && tracks[1].across.lateral_m() > 0.9, "{tracks:?}");
+    // One that falls apart goes on as its larger part.
+    let (mut tracker, time) = settled(&[sized(15.0, 0.0, 2.4, 1.5)]);
+    let parts = [sized(15.0, -0.45, 1.5, 1.5), sized(15.0, 0.85, 0.7, 1.5)];
+    let tracks = tracker.update(time + PERIOD_NS, &parts);
+    assert_eq!((tracks[0].id, tracks[0].detection, tracks.len()), (1, Some(0), 2));
+}
+
+#[test]
+fn a_score_is_a_vote_and_a_jump_back_in_time_starts_anew() {
+    let (mut tracker, mut time) = settled(&[region(20.0, 0.0), region(10.0, 3.0)]);
+    let policy = LookParameters { most: 1, again_frames: 3 };
+    let mut looked = Vec::new();
+    let mut frame = |tracker: &mut Tracker, score: Option<f32>| {
+        time += PERIOD_NS;
+        tracker.update(time, &[region(20.0, 0.0), region(10.0, 3.0)]);
+        tracker.look(
+            policy,
+            |_| true,
+            |track| {
+                looked.push(track.id);
+                score
+            },
+        );
+    };
+    frame(&mut tracker, Some(4.0));
+    assert_eq!(tracker.tracks()[1].class.score(), Some(4.0), "the nearest comes first");
+    for _ in 0..12 {
+        frame(&mut tracker, Some(5.0));
+    }
+    assert_eq!(tracker.tracks()[0].class.score(), Some(5.0));
+    // One look that fails changes nothing, four of four do.
+    for _ in 0..2 {
+        frame(&mut tracker, None);
+    }
+    assert!(tracker.tracks().iter().all(|t| t.class.score().is_some()));
+    for _ in 0..10 {
+        frame(&mut tracker, None);
+    }
+    assert!(tracker.tracks().iter().all(|t| t.class.score().is_none()));
+    let [first, second] = [1, 2].map(|id| looked.iter().filter(|&&l| l == id).count());
+    assert!(first >= 8 && second >= 8, "both are looked at: {looked:?}");
+    tracker.look(policy, |_| false, |_| unreachable!("none may be looked at"));
+    let tracks = tracker.update(5, &[region(20.0, 0.0)]);
+    assert_eq!((tracks.len(), tracks[0].seen), (1, 1));
+}
+
+#[test]
+fn any_regions_are_survived() {
+    let mut random = fastrand::Rng::with_seed(9);
+    let mut tracker = tracker();
+    for frame in 0..2000_u64 {
+        let regions: Vec<Region> = (0..random.usize(0..90))
+            .map(|_| {
+                let mut r = sized(
+                    0.5 + 80.0 * random.f64(),
+                    30.0 * random.f64() - 15.0,
+                    0.01 + 6.0 * random.f64(),
+                    0.1 + 3.0 * random.f64(),
+                );
+                if random.u8(0..20) == 0 {
+                    r.disparity_sigma_px = [0.0, 1e-9, 50.0][random.usize(0..3)];
+                    r.width_m = 0.0;
+                }
+                r
+            })
+            .collect();
+        let tracks = tracker.update(frame * PERIOD_NS, &regions);
+        assert!(tracks.len() <= 128);
+        for t in tracks {
+            let b = t.region.bounds;
+            assert!(b.x + b.width <= 640 && b.y + b.height <= 480, "{b:?}");
+            assert!(t.distance_m().is_finite() && t.closing_m_s().is_finite());
+            assert!(t.across.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
+        }
+    }
+}
+
+/// Judges a frame as the recognition stage does.
+fn judge(tracker: &mut Tracker, alarm: &mut Alarm, time_ns: u64, regions: &[Region]) -> AlarmLevel {
+    tracker.update(time_ns, regions);
+    let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
+    alarm.update(time_ns, true, confirmed.map(Candidate::of)).level
+}
+
+#[test]
+fn a_single_bad_frame_raises_no_alarm() {
+    for seed in 0..60 {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let mut tracker = tracker();
+        let mut alarm = Alarm::new(AlarmParameters::default());
+        for frame in 0..60 {
+            // A car is followed at 16 m; in frame 40 everything is somewhere else.
+            let mut regions =
+                vec![noisy(region(16.0, 0.0), &mut random), noisy(region(22.0, 4.5), &mut random)];
+            if frame == 40 {
+                let wrong = 3.0 + 9.0 * random.f64();
+                for r in &mut regions {
+                    (r.disparity_px, r.distance_m) = (RIG.disparity_px(wrong), wrong);
+                }
+                regions.push(region(4.0 + 4.0 * random.f64(), random.f64() - 0.5));
+            }
+            let level = judge(&mut tracker, &mut alarm, frame * PERIOD_NS, &regions);
+            assert_eq!(level, AlarmLevel::Standby, "seed {seed}, frame {frame}");
+        }
+    }
+}
+
+#[test]
+fn the_next_lane_raises_no_alarm_and_a_car_in_the_way_does() {
+    for seed in 0..40 {
+        let mut random = fastrand::Rng::with_seed(seed);
+        for (lateral, expected) in
+            [(3.5, AlarmLevel::Standby), (-3.3, AlarmLevel::Standby), (0.4, AlarmLevel::Alarm)]
+        {
+            let mut tracker = tracker();
+            let mut alarm = Alarm::new(AlarmParameters::default());
+            let (mut z, mut frame, mut worst) = (60.0, 0, AlarmLevel::Standby);
+            while z > 3.0 {
+                let car = noisy(region(z, lateral), &mut random);
+                worst = worst.max(judge(&mut tracker, &mut alarm, frame * PERIOD_NS, &[car]));
+                z -= 13.9 * 0.08;
+                frame += 1;
+            }
+            assert_eq!(worst, expected, "seed {seed}, {lateral} m");
+        }
+    }
+}

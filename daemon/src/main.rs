@@ -1,7 +1,9 @@
 //! `lookout`: watches the road ahead of a vehicle with two cameras.
 
+mod cameras;
 mod cli;
 mod cli_cascade;
+mod cli_record;
 mod cli_rig;
 mod command;
 mod frame_record;
@@ -10,6 +12,7 @@ mod input;
 mod launch;
 mod logging;
 mod memory;
+mod recorder;
 mod rooms;
 mod scheduler;
 mod stage;

@@ -20,6 +20,7 @@ pub mod pair;
 pub mod port;
 pub mod regions;
 pub mod report;
+pub mod rig;
 pub mod role;
 pub mod service;
 pub mod status;

@@ -2,6 +2,7 @@
 
 use crate::calibration::CalibrationRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
+use crate::rig::RigRecord;
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
 
@@ -67,6 +68,8 @@ pub struct StatusRecord {
     pub latency_p99_ms: f32,
     /// Whether the cameras still stand as they were calibrated.
     pub calibration: CalibrationRecord,
+    /// What the frames are, and what turns their disparities into metres.
+    pub rig: RigRecord,
     /// Why the daemon is in its state, in words.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].

@@ -6,6 +6,7 @@
 
 pub mod calibration;
 pub mod image;
+pub mod point_cloud;
 pub mod recognition;
 pub mod rectify;
 pub mod rig;

@@ -51,7 +51,7 @@ impl Bench {
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lookout"));
         command.args(args).current_dir(self.folder.path());
-        if matches!(args[0], "run" | "replay" | "demo" | "status" | "obstacles" | "disparity") {
+        if matches!(args[0], "run" | "replay" | "demo" | "status" | "obstacles" | "disparity" | "record") {
             command.arg("-c").arg(self.path("car.toml"));
         }
         command

@@ -3,12 +3,14 @@
 
 pub mod calibrate;
 pub mod colour;
+pub mod compare;
 pub mod evaluate;
 pub mod output;
 pub mod overlay;
 pub mod picture;
 pub mod plot;
 pub mod record;
+pub mod recording;
 pub mod summary;
 pub mod train;
 pub mod v_disparity;

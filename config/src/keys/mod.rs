@@ -1,5 +1,6 @@
 //! Every key of the configuration: what it is, its unit, its range and what turning it up does.
 
+mod camera;
 mod daemon;
 mod decisions;
 mod frames;
@@ -50,6 +51,7 @@ const TABLES: &[&[Key]] = &[
     decisions::ALARM,
     daemon::CORES,
     daemon::SUPERVISION,
+    camera::CAMERA,
 ];
 
 /// All keys, table by table.

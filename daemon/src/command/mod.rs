@@ -1,7 +1,10 @@
 //! What the words of the command line do.
 
+mod attach;
 mod calibrate;
+mod calibrate_live;
 mod check_config;
+mod compare;
 mod demo;
 mod detect;
 mod disparity;
@@ -10,12 +13,15 @@ mod evaluate_detection;
 mod evaluate_distance;
 mod evaluate_weather;
 mod obstacles;
+mod record;
 mod rectify;
 mod replay;
 mod run;
 mod scene_run;
 mod status;
 mod train;
+
+pub use status::StatusJson;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
@@ -71,6 +77,12 @@ pub enum CommandError {
     /// Results.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
+    /// A recording.
+    #[error(transparent)]
+    Record(#[from] tools::recording::RecordError),
+    /// Two runs that cannot be compared.
+    #[error(transparent)]
+    Compare(#[from] tools::compare::CompareError),
     /// Shared memory.
     #[error(transparent)]
     Ipc(#[from] ipc::bus::IpcError),
@@ -100,9 +112,11 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Replay(args) => replay::run(&args, log),
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
+        Command::Record(args) => record::run(&args, log),
+        Command::Compare(args) => compare::run(&args),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
-        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args, log),
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rectify::convert(&args),
         Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),

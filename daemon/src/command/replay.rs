@@ -22,7 +22,8 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
             config.source.path = scene.into();
         }
         None => {
-            config.source.kind = "folder".into();
+            let is_file = tools::compare::is_recording(&args.path);
+            config.source.kind = if is_file { "recording" } else { "folder" }.into();
             config.source.path.clone_from(&args.path);
         }
     }
@@ -40,6 +41,7 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
         lockstep: args.lockstep,
         limit: args.limit,
         out: args.out.clone(),
+        record: args.record.clone(),
         ends: Ends::WithSource,
     };
     let bar = progress(args.limit, "frames");

@@ -81,8 +81,9 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     }
 }
 
+/// The status as programs read it.
 #[derive(Serialize)]
-struct StatusJson {
+pub struct StatusJson {
     pid: u32,
     state: &'static str,
     reason: String,
@@ -130,7 +131,8 @@ struct ProcessJson {
 }
 
 impl StatusJson {
-    fn new(status: &StatusRecord) -> Self {
+    /// That of a message.
+    pub fn new(status: &StatusRecord) -> Self {
         Self {
             pid: status.pid,
             state: status.state_name(),

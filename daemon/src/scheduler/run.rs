@@ -20,6 +20,7 @@ use ipc::instance::{Instance, InstanceLock};
 use ipc::obstacles::Obstacles;
 use ipc::port::{Publisher, Subscriber};
 use ipc::report::{Health, ReportRecord};
+use ipc::rig::RigRecord;
 use ipc::role::Role;
 use ipc::status::StatusRecord;
 use ipc::wait::Next;
@@ -29,6 +30,7 @@ use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use tools::recording::RecordError;
 
 /// How often the scheduler looks at its clocks.
 const TICK: Duration = Duration::from_millis(50);
@@ -94,7 +96,7 @@ impl Run {
         let rig = input::rig(config, source.as_ref())?;
         let (width, height) = source.size();
         let source_name = || match config.source.kind.as_str() {
-            "folder" => config.source.path.display().to_string(),
+            "folder" | "recording" => config.source.path.display().to_string(),
             kind => kind.to_owned(),
         };
         if width.max(height) > GREATEST_SIDE as usize {
@@ -133,8 +135,12 @@ impl Run {
         if let Some(out) = &options.out {
             tools::output::prepare(out)?;
         }
+        if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
+            return Err(RecordError::Exists { path: path.clone() }.into());
+        }
         let mut roles = Role::STAGES.to_vec();
-        roles.extend(options.out.is_some().then_some(Role::Writer));
+        let has_writer = options.out.is_some() || options.record.is_some();
+        roles.extend(has_writer.then_some(Role::Writer));
         let pool_bytes = service::total_pool_bytes(width, height, roles.len()) as u64;
         lock.check_memory(pool_bytes)?;
         for spec in &service::SERVICES {
@@ -173,6 +179,7 @@ impl Run {
             },
             source_period_ns: source.period_ns(),
             out: options.out.clone(),
+            record: options.record.clone(),
         };
         // Found now, not when the first stage is started.
         serde_json::to_vec(&launch)?;
@@ -185,7 +192,7 @@ impl Run {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector: Collector::new(&all, started_ns),
             children: Children::default(),
-            flow: Flow::new(options.lockstep, options.out.is_some(), period_ns, patience_ns, now),
+            flow: Flow::new(options.lockstep, has_writer, period_ns, patience_ns, now),
             phase: Phase::Running,
             failure: None,
             reason: String::new(),
@@ -431,6 +438,7 @@ impl Run {
         let mut status = StatusRecord::empty();
         status.calibration = self.collector.calibration();
         let is_off = status.calibration.state() == CalibrationState::Degraded;
+        status.rig = self.rig_record();
         status.pid = std::process::id();
         status.state = match (self.phase, self.supervisor.given_up()) {
             (Phase::Draining { .. } | Phase::Stopping, _) => 3,
@@ -462,6 +470,21 @@ impl Run {
             status.processes += 1;
         }
         status
+    }
+
+    fn rig_record(&self) -> RigRecord {
+        let f = &self.launch.frames;
+        RigRecord {
+            width: f.width as u32,
+            height: f.height as u32,
+            disparities: u32::try_from(self.launch.config.stereo.disparities).unwrap_or(0),
+            lockstep: u32::from(self.options.lockstep),
+            focal_px: f.focal_px,
+            baseline_m: f.baseline_m,
+            cx_px: f.cx_px,
+            cy_px: f.cy_px,
+            period_ns: self.flow.command().period_ns,
+        }
     }
 
     /// The figures of the run, once all stages have ended.

@@ -82,7 +82,8 @@ fn a_lockstep_run_and_the_replay_of_its_recording_are_equal_to_the_last_byte() {
     let differing = result["differing"].as_u64().unwrap();
     let alarms = result["alarms"].as_u64().unwrap();
     assert!(alarms > 0 && alarms <= differing, "{result}");
-    let with_alarm = result["differences"].as_array().unwrap().iter().find(|d| !d["alarm"].is_null()).unwrap();
+    let with_alarm =
+        result["differences"].as_array().unwrap().iter().find(|d| !d["alarm"].is_null()).unwrap();
     let first = with_alarm["sequence"].as_u64().unwrap() as usize;
     let level = |folder: &str| lines(&bench.path(folder))[first]["alarm"]["level"].clone();
     assert!(level("a") != level("d"));

@@ -8,6 +8,7 @@ import importlib
 import json
 import sys
 
+from google.protobuf.unknown_fields import UnknownFieldSet
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -49,7 +50,7 @@ with open(sys.argv[1], "rb") as file:
             assert numbers(decoded.DESCRIPTOR) == numbers(other.DESCRIPTOR), schema.name
             again = other()
             again.ParseFromString(message.data)
-            assert not again.UnknownFields() if hasattr(again, "UnknownFields") else True
+            assert len(UnknownFieldSet(again)) == 0, schema.name
             assert str(again) == str(decoded), schema.name
         note = {}
         for field in ("width", "height", "encoding", "step", "format", "point_stride", "frame_id"):

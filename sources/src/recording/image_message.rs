@@ -141,7 +141,9 @@ pub fn projection(channel: &Channel, message: &[u8]) -> Option<[f64; 12]> {
     if channel.encoding == "cdr" {
         let mut cdr = Cdr::new(message)?;
         cdr.header()?;
-        (cdr.u32()?, cdr.u32()?);
+        // Height and width.
+        cdr.u32()?;
+        cdr.u32()?;
         cdr.text()?;
         let coefficients = cdr.u32()?;
         for _ in 0..coefficients {

@@ -30,7 +30,7 @@ pub struct Record {
     pub out: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Images as they are [default]
+    /// Images as they are: the default
     #[arg(long)]
     pub raw: bool,
     /// Images as PNG

@@ -71,6 +71,8 @@ pub struct Run {
     phase: Phase,
     failure: Option<String>,
     reason: String,
+    /// What the source says is wrong with it; pairs may come again.
+    source_trouble: String,
     stop: Arc<AtomicBool>,
     was_stopped: bool,
     memory: MemoryProbe,
@@ -196,6 +198,7 @@ impl Run {
             phase: Phase::Running,
             failure: None,
             reason: String::new(),
+            source_trouble: String::new(),
             stop,
             was_stopped: false,
             memory: MemoryProbe::open()?,
@@ -270,6 +273,9 @@ impl Run {
         let now = monotonic_ns();
         let was_running = self.supervisor.all_running();
         self.collector.report(header, report, now);
+        if role == Role::Capture && report.is_frame == 0 && report.health() == Health::Ready {
+            self.source_trouble = report.text();
+        }
         if report.health() == Health::Unusable {
             self.fail(report.text(), now);
         }
@@ -459,6 +465,9 @@ impl Run {
         status.latency_p50_ms = latency.p50_ms as f32;
         status.latency_p99_ms = latency.p99_ms as f32;
         match self.failure.as_ref().unwrap_or(&self.reason) {
+            reason if reason.is_empty() && !self.source_trouble.is_empty() => {
+                status.set_reason(&self.source_trouble);
+            }
             reason if reason.is_empty() && is_off => {
                 status.set_reason(&format!("calibration {}", status.calibration));
             }

@@ -117,6 +117,17 @@ impl CameraSource {
         if self.settings.side_by_side { (2 * width, height) } else { (width, height) }
     }
 
+    /// Something is wrong; both cameras may have something to say.
+    fn tell(&mut self, text: String) {
+        match &mut self.news {
+            Some(news) if !news.is_empty() => {
+                news.push_str("; ");
+                news.push_str(&text);
+            }
+            news => *news = Some(text),
+        }
+    }
+
     /// A camera failed: it is closed, and opened again in a while.
     fn fail(&mut self, side: usize, reason: &str) {
         let link = &mut self.links[side];
@@ -124,7 +135,7 @@ impl CameraSource {
         let wait_ns = link.connection.failed((self.clock)());
         if link.trouble.as_deref() != Some(reason) {
             link.trouble = Some(reason.to_owned());
-            self.news = Some(format!(
+            self.tell(format!(
                 "{reason}; opened again in {:.1} s, then ever more rarely",
                 wait_ns as f64 * 1e-9
             ));
@@ -143,7 +154,7 @@ impl CameraSource {
             Ok(mut camera) => {
                 // Images with another exposure are better than none.
                 if let Err(error) = camera.set_exposure(exposure) {
-                    self.news = Some(error.to_string());
+                    self.tell(error.to_string());
                 }
                 let link = &mut self.links[side];
                 link.camera = Some(camera);
@@ -180,7 +191,8 @@ impl CameraSource {
     fn take(&mut self, side: usize, taken: Taken) {
         let link = &mut self.links[side];
         link.connection.frame((self.clock)());
-        if link.trouble.take().is_some() {
+        let was_lost = link.trouble.take().is_some();
+        if was_lost && self.links.iter().all(|link| link.trouble.is_none()) {
             self.news = Some(String::new());
         }
         let own = self.links[side].free;
@@ -206,12 +218,14 @@ impl CameraSource {
         let samples = left.iter().chain(right).step_by(BRIGHTNESS_STEP);
         let (sum, count) = samples.fold((0_u64, 0_u64), |(sum, n), &v| (sum + u64::from(v), n + 1));
         let Some(exposure) = control.pair(sum as f64 / count.max(1) as f64) else { return };
-        for link in &mut self.links {
-            if let Some(camera) = &mut link.camera
-                && let Err(error) = camera.set_exposure(exposure)
-            {
-                self.news = Some(error.to_string());
+        let mut refused = None;
+        for camera in self.links.iter_mut().filter_map(|link| link.camera.as_mut()) {
+            if let Err(error) = camera.set_exposure(exposure) {
+                refused = Some(error.to_string());
             }
+        }
+        if let Some(text) = refused {
+            self.tell(text);
         }
     }
 }
@@ -378,6 +392,15 @@ mod tests {
         assert!(told[0].contains("fake right: unplugged"), "{told:?}");
         assert_eq!(told.last().map(String::as_str), Some("recovered"), "{told:?}");
         assert_eq!(source.losses(), 1);
+    }
+
+    #[test]
+    fn both_cameras_may_be_lost_at_once() {
+        let rig = FakeRig::new([vec![Event::Unplug { at_ns: MS }], vec![Event::Unplug { at_ns: MS }]]);
+        let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
+        assert_eq!(source.wait(Duration::from_millis(5)), Readiness::Nothing, "both are opened");
+        let Readiness::Trouble(told) = source.wait(Duration::from_millis(5)) else { panic!("both are gone") };
+        assert!(told.contains("fake left: unplugged") && told.contains("fake right: unplugged"), "{told}");
     }
 
     #[test]

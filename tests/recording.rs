@@ -187,7 +187,8 @@ fn a_full_disk_stops_the_recorder_and_not_the_daemon() {
             .output()
             .unwrap()
     };
-    let output = limited(4000);
+    // Room for two chunks (4 if the shell counts in kilobytes), and a part of the next.
+    let output = limited(12_000);
     let errors = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{errors}");
     assert!(

@@ -332,3 +332,50 @@ fn a_recording_is_rectified_as_it_is_read() {
     let error = bench.fails(&["replay", "set", "--in-process", "--set", "source.rectify=true"]);
     assert!(error.contains("source.rig"), "{error}");
 }
+
+#[test]
+fn live_pairs_are_chosen_and_calibrated() {
+    let bench = Bench::new();
+    // Every view three times: only the first of each says something new.
+    let views = set().good.iter().flat_map(|pair| [pair.clone(), pair.clone(), pair.clone()]);
+    save(&bench.path("pictures"), views);
+    let args = ["calibrate", "--live", "pictures", "-o", "rig.toml", "--json"];
+    let output = bench.run(&[&args[..], &BOARD].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    let result: serde_json::Value =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {said}"));
+    assert!(output.status.success() && result["verdict"] != "redo", "{result}\n{said}");
+    let kept = result["pairs"].as_u64().unwrap();
+    assert!((10..=VIEWS as u64).contains(&kept), "{kept} of {VIEWS} views: {said}");
+    assert!(said.contains("only 5 views were used"), "what is missing must be said: {said}");
+    assert!((result["baseline_m"].as_f64().unwrap() - 0.12).abs() < 0.001, "{result}");
+    assert_eq!(std::fs::read_dir(bench.path("rig.pictures/left")).unwrap().count() as u64, kept);
+    // Pictures that are there are not mixed with others.
+    let again = bench.fails(&[&args[..], &BOARD].concat());
+    assert!(again.contains("rig.pictures") && again.contains("--pictures"), "{again}");
+    // From the running daemon, which gives the same pairs again and again.
+    let folder = bench.path("pictures");
+    std::fs::write(
+        folder.join("rig.toml"),
+        "focal_px = 400.0\nbaseline_m = 0.12\ncx_px = 240.0\ncy_px = 180.0\n",
+    )
+    .unwrap();
+    let pictures = folder.display().to_string();
+    let daemon = bench.start(&["replay", &pictures, "--fps", "6", "--loop", "--limit", "100000"]);
+    bench.status_when(|status| status["state"] == "running");
+    let config = bench.path("car.toml").display().to_string();
+    let live = ["calibrate", "--live", "-c", &config, "-o", "live.toml", "--json", "--pictures", "kept"];
+    let calibration = bench.start(&[&live[..], &BOARD].concat());
+    // The daemon ends while it looks for more: so does the calibration, with what it has.
+    let start = std::time::Instant::now();
+    let count = || std::fs::read_dir(bench.path("kept/left")).map_or(0, Iterator::count);
+    while count() < 6 {
+        assert!(start.elapsed() < support::WATCHDOG, "no pairs were kept");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    daemon.signal("TERM");
+    daemon.wait();
+    let output = calibration.wait();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("pair 6 kept") && said.contains("pairs kept in kept"), "{said}");
+}

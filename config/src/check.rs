@@ -250,6 +250,11 @@ impl Checker<'_> {
             ("alarm.distance_m", c.alarm.distance_m),
             ("regions.distance_max_m", c.regions.distance_max_m),
         );
+        ordered(("camera.skew_ms", c.camera.skew_ms), ("camera.fps: half of a period", 500.0 / c.camera.fps));
+        ordered(
+            ("camera.retry_first_ms", c.camera.retry_first_ms as f64),
+            ("camera.retry_longest_ms", c.camera.retry_longest_ms as f64),
+        );
         // A limit of 0 is none.
         if c.alarm.ttc_alarm_s > 0.0 && c.alarm.ttc_warning_s > 0.0 {
             ordered(
@@ -370,7 +375,7 @@ distance_m = \"10\"
 hold_ms = 1.5
 [ipc]
 [source]
-kind = \"camera\"
+kind = \"video\"
 repeat = 1
 [instance]
 name = \"a b\"
@@ -384,7 +389,7 @@ name = \"a b\"
             (7, "alarm.distance_m = \"10\": give a number from 0.5 to 200"),
             (8, "alarm.hold_ms = 1.5: give a whole number"),
             (9, "unknown table [ipc]"),
-            (11, "source.kind = \"camera\": give one of \"scene\""),
+            (11, "source.kind = \"video\": give one of \"scene\""),
             (12, "source.repeat = 1: give true or false"),
             (14, "instance.name = \"a b\": give 1 to 16 letters"),
         ] {

@@ -30,6 +30,7 @@ pub struct Config {
     pub clocks: Clocks,
     pub board: Board,
     pub soak: Soak,
+    pub camera: Camera,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -175,4 +176,24 @@ pub struct Supervision {
     pub restart_count: i64,
     pub restart_window_s: i64,
     pub stop_grace_ms: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    pub backend: String,
+    pub left: PathBuf,
+    pub right: PathBuf,
+    pub side_by_side: bool,
+    pub width: i64,
+    pub height: i64,
+    pub fps: f64,
+    pub format: String,
+    pub skew_ms: f64,
+    pub exposure: String,
+    pub exposure_us: i64,
+    pub gain: i64,
+    pub silence_ms: i64,
+    pub retry_first_ms: i64,
+    pub retry_longest_ms: i64,
 }

@@ -25,6 +25,7 @@ use tools::evaluate::disturb::Disturbance;
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          what the running daemon is doing
   lookout view                                    the same in a browser, with pictures
+  lookout record -o drive.mcap                    record it
 
 Exit code: 0 on success, 2 for bad usage, 1 for everything else."
 )]
@@ -57,6 +58,8 @@ again; what may change then, and what it tells systemd, is in docs/operations.md
   lookout replay ../shared/data/kitti_sequence_1 --lockstep --out results
   lookout replay RECORDING --fps 12.5 --loop --limit 1000
   lookout replay RECORDING --in-process --out reference
+  lookout replay drive.mcap --lockstep --out again
+  lookout replay RECORDING --lockstep --record drive.mcap
   lookout replay scene:street --out results
   lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
   lookout replay scene:my/road.toml
@@ -64,6 +67,10 @@ again; what may change then, and what it tells systemd, is in docs/operations.md
 PATH holds two folders with images of the same names: image_2 and image_3, image_0 and image_1,
 image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
 image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.txt beside them.
+
+PATH may also be an MCAP file: a recording of lookout record, or a ROS 2 bag with two image topics
+whose names differ by left and right, and their camera_info. One that was cut off is read up to its
+last whole chunk.
 
 scene:NAME is a synthetic scene with its own rig: one that ships (drive, street, crest, dip, slope,
 bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
@@ -85,6 +92,12 @@ debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings m
     /// One pair to a cloud of points
     #[command(after_help = crate::cli_view::POINT_CLOUD_HELP)]
     PointCloud(crate::cli_view::PointCloudCommand),
+    /// Records a running daemon to MCAP, for replays, Foxglove and Lichtblick
+    #[command(after_help = crate::cli_record::RECORD_HELP)]
+    Record(crate::cli_record::Record),
+    /// Two runs of the same frames: which differ, and by how much
+    #[command(after_help = crate::cli_record::COMPARE_HELP)]
+    Compare(crate::cli_record::Compare),
     /// Dense disparity of one pair
     #[command(after_help = "Examples:
   lookout disparity left.png right.png -o disparity.png
@@ -216,7 +229,7 @@ pub struct Run {
 
 #[derive(Args, Debug)]
 pub struct Replay {
-    /// Folder of the recording, or scene:NAME
+    /// Folder or MCAP file of the recording, or scene:NAME
     pub path: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
@@ -238,6 +251,9 @@ pub struct Replay {
     /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Also records the run to an MCAP file; with --lockstep without loss
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "in_process")]
+    pub record: Option<PathBuf>,
     /// The same algorithms in this process, without shared memory
     #[arg(long, conflicts_with_all = ["fps", "lockstep", "instance"])]
     pub in_process: bool,

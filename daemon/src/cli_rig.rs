@@ -1,5 +1,6 @@
 //! The command line of calibration and rig files.
 
+use crate::cli::ConfigArgs;
 use clap::{Args, ValueEnum};
 use perception::calibration::{Crop, Lens};
 use sources::rig_file::Format;
@@ -9,6 +10,8 @@ pub const CALIBRATE_HELP: &str = "Examples:
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml --report report
   lookout calibrate pictures --board 8x5 --square-mm 30 -o rig.toml --lens radial3 --json
+  lookout calibrate --live --board 9x6 --square-mm 24.23 -o rig.toml          the running daemon
+  lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 24.23 -o rig.toml
 
 DIR holds two folders, left and right, with pictures of the same names (PNG, JPEG, PGM, PPM), or
 files such as left1.png and right1.png. --board counts inner corners, where four squares meet: an
@@ -16,13 +19,27 @@ ordinary board of 10 x 7 squares has 9x6. Take 10 to 30 pairs with the whole boa
 near and far, in the middle, edges and corners, tilted by 20 to 45 degrees to all sides; hold it
 still, or rest it.
 
+--live looks at the pairs as they come, keeps one by itself when the board rests where it has not been,
+says what is still missing, and ends when the verdict would be good (or with Ctrl-C, or 40 pairs). A
+daemon must give pairs as the cameras took them: source.rectify = false.
+
 The verdict is good, usable or redo, with reasons. The rig file is written, whole or not at all,
 unless the verdict is redo: then what is there stays, and the exit code is 1.";
 
 #[derive(Args, Debug)]
 pub struct Calibrate {
-    /// Folder of the pictures
-    pub dir: PathBuf,
+    /// Folder of the pictures; with --live a recording, FILE.mcap, scene:NAME, or camera for the cameras
+    /// of the configuration [default: the running daemon]
+    #[arg(required_unless_present = "live")]
+    pub dir: Option<PathBuf>,
+    /// Takes pairs from what runs, and keeps those that show something new
+    #[arg(long)]
+    pub live: bool,
+    /// With --live: folder for the pictures that are kept [default: RIG.pictures]
+    #[arg(long, value_name = "DIR", requires = "live")]
+    pub pictures: Option<PathBuf>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
     /// Inner corners of the board along both sides
     #[arg(long, value_name = "COLSxROWS", value_parser = pair)]
     pub board: (usize, usize),

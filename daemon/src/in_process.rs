@@ -132,7 +132,8 @@ impl Pipeline {
     pub fn frame(&mut self, sequence: u64, index: u64) -> Result<FrameResult<'_>, PipelineError> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
-        header.source_ns = sequence.saturating_mul(self.source_period_ns);
+        let rounds = sequence.saturating_sub(index).saturating_mul(self.source_period_ns);
+        header.source_ns = rounds.saturating_add(self.source.time_ns(index));
         header.width = self.format.width as u32;
         header.height = self.format.height as u32;
         let (left, right) = pair::split_mut(self.pair.get_mut());

@@ -26,6 +26,8 @@ pub struct Launch {
     pub source_period_ns: u64,
     /// Where the writer writes.
     pub out: Option<PathBuf>,
+    /// Where the writer records.
+    pub record: Option<PathBuf>,
 }
 
 /// Size and geometry of all frames of a run.

@@ -1,8 +1,10 @@
 //! `lookout`: watches the road ahead of a vehicle with two cameras.
 
+mod cameras;
 mod cli;
 mod cli_board;
 mod cli_cascade;
+mod cli_record;
 mod cli_rig;
 mod cli_soak;
 mod cli_view;
@@ -14,6 +16,7 @@ mod journal;
 mod launch;
 mod logging;
 mod memory;
+mod recorder;
 mod rooms;
 mod scheduler;
 mod soak;

@@ -40,18 +40,23 @@ pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
         .map_err(io)?
         .decode()
         .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?;
+    Ok(grey_of(image))
+}
+
+/// An image's grey pixels, width and height.
+pub(crate) fn grey_of(image: DynamicImage) -> (Vec<u8>, usize, usize) {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let pixels = match image {
         DynamicImage::ImageLuma8(grey) => grey.into_raw(),
         other if !other.color().has_color() => other.into_luma8().into_raw(),
         colour => colour.into_rgb8().as_raw().chunks_exact(3).map(luma).collect(),
     };
-    Ok((pixels, width, height))
+    (pixels, width, height)
 }
 
 /// Grey of a colour by the weights of BT.601 in whole numbers: what OpenCV computes, and the same
 /// on every machine.
-fn luma(rgb: &[u8]) -> u8 {
+pub(crate) fn luma(rgb: &[u8]) -> u8 {
     let weighted: u32 = rgb.iter().zip([4899, 9617, 1868]).map(|(&v, weight)| u32::from(v) * weight).sum();
     ((weighted + (1 << 13)) >> 14) as u8
 }

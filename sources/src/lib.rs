@@ -1,8 +1,11 @@
-//! Where stereo pairs come from: recorded folders, data sets with truth and synthetic scenes.
+//! Where stereo pairs come from: recorded folders and MCAP files, data sets with truth and synthetic
+//! scenes.
 
 pub mod calibration_file;
+pub mod camera;
 pub mod chessboard;
 pub mod folder;
+pub mod recording;
 pub mod rectified;
 pub mod rig_file;
 pub mod scene;
@@ -10,6 +13,7 @@ pub mod truth;
 
 use perception::rig::Rig;
 use std::path::PathBuf;
+use std::time::Duration;
 use thiserror::Error;
 
 /// A sequence of rectified pairs of one size, read by index: so a source can be resumed, repeated
@@ -27,11 +31,45 @@ pub trait PairSource {
     /// Time from one pair to the next when it was taken, in nanoseconds.
     fn period_ns(&self) -> u64;
 
+    /// Time of pair `index` in the scene, in nanoseconds: so many periods, unless the source knows when
+    /// each pair was taken. A live source gives that of the pair it gave last, on the monotonic clock.
+    fn time_ns(&self, index: u64) -> u64 {
+        index.saturating_mul(self.period_ns())
+    }
+
+    /// A source that runs by itself, as cameras do; `None` for one that is read at any pace.
+    fn live(&mut self) -> Option<&mut dyn LiveSource> {
+        None
+    }
+
     /// Writes pair `index`, both images `width` × `height` bytes, row after row.
     ///
     /// # Errors
     /// When the pair does not exist or cannot be decoded; the file is named.
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError>;
+}
+
+/// A source that brings pairs when they are there: [`PairSource::read`] then gives the one that
+/// [`Self::wait`] has found.
+pub trait LiveSource {
+    /// Waits for the next pair, at most about `patience`.
+    fn wait(&mut self, patience: Duration) -> Readiness;
+}
+
+/// What waiting for a pair came to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Readiness {
+    /// A pair is there.
+    Pair {
+        /// When it was exposed, on the monotonic clock, in nanoseconds.
+        capture_ns: u64,
+    },
+    /// None came.
+    Nothing,
+    /// None came, and this is why. It is told once; pairs may come again.
+    Trouble(String),
+    /// What was wrong is not any more.
+    Recovered,
 }
 
 /// Why pairs cannot be had. Every text names the file or folder and the remedy.
@@ -100,6 +138,9 @@ pub enum SourceError {
         /// Line or key, and the remedy.
         reason: String,
     },
+    /// A recording in MCAP.
+    #[error(transparent)]
+    Recording(#[from] recording::RecordingError),
     /// A scene.
     #[error(transparent)]
     Scene(#[from] scene::file::SceneError),

@@ -1,7 +1,7 @@
 //! Pairs as the cameras took them, rectified one by one.
 
 use crate::rig_file::RigFile;
-use crate::{PairSource, SourceError};
+use crate::{LiveSource, PairSource, SourceError};
 use perception::image::GreyView;
 use perception::rectify::Remap;
 use perception::rig::Rig;
@@ -53,6 +53,14 @@ impl PairSource for RectifiedSource {
 
     fn period_ns(&self) -> u64 {
         self.inner.period_ns()
+    }
+
+    fn time_ns(&self, index: u64) -> u64 {
+        self.inner.time_ns(index)
+    }
+
+    fn live(&mut self) -> Option<&mut dyn LiveSource> {
+        self.inner.live()
     }
 
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {

@@ -58,6 +58,7 @@ impl Bench {
                 | "demo"
                 | "status"
                 | "view"
+                | "record"
                 | "obstacles"
                 | "disparity"
                 | "point-cloud"

@@ -3,6 +3,7 @@
 
 pub mod calibrate;
 pub mod colour;
+pub mod compare;
 pub mod evaluate;
 pub mod output;
 pub mod overlay;
@@ -10,6 +11,7 @@ pub mod picture;
 pub mod plot;
 pub mod ply;
 pub mod record;
+pub mod recording;
 pub mod soak;
 pub mod summary;
 pub mod svg;

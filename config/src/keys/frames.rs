@@ -7,13 +7,13 @@ use super::{Key, key};
 pub(super) const SOURCE: &[Key] = &[
     key(
         "source.kind",
-        Choice(&["scene", "folder"]),
-        "`scene` is a synthetic scene, `folder` recorded pairs.",
+        Choice(&["scene", "folder", "recording", "camera"]),
+        "`scene` is a synthetic scene, `folder` recorded pairs, `recording` an MCAP file of `lookout record` or of ROS 2, `camera` what [camera] describes.",
     ),
     key(
         "source.path",
         Path,
-        "Folder of recorded pairs, or a scene (`street?weather=night`, a TOML file; empty is the built-in drive). `lookout replay PATH` sets it.",
+        "Folder or MCAP file of recorded pairs, or a scene (`street?weather=night`, a TOML file; empty is the built-in drive). `lookout replay PATH` sets it.",
     ),
     key(
         "source.seed",

@@ -1,6 +1,7 @@
 //! Every key of the configuration: what it is, its unit, its range and what turning it up does.
 
 mod board;
+mod camera;
 mod daemon;
 mod decisions;
 mod frames;
@@ -58,6 +59,7 @@ const TABLES: &[&[Key]] = &[
     board::CLOCKS,
     board::BOARD,
     soak::SOAK,
+    camera::CAMERA,
 ];
 
 /// All keys, table by table.

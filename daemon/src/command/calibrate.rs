@@ -1,6 +1,6 @@
 //! `lookout calibrate`.
 
-use super::{CommandError, say};
+use super::{CommandError, calibrate_live, say};
 use crate::cli_rig::Calibrate;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use perception::calibration::{Board, Grade};
@@ -67,10 +67,14 @@ impl Figures {
     }
 }
 
-pub fn run(args: &Calibrate) -> Result<(), CommandError> {
+pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     let (columns, rows) = args.board;
     let board = Board::new(columns, rows, args.square_mm * 1e-3)
         .map_err(|error| CommandError::Other(format!("--board, --square-mm: {error}")))?;
+    let folder = match &args.dir {
+        Some(folder) if !args.live => folder.clone(),
+        _ => calibrate_live::collect(args, board, log)?,
+    };
     let (start, cpu) = (Instant::now(), ipc::clock::process_cpu_ns());
     let bar = ProgressBar::new(0);
     if args.json || !std::io::stderr().is_terminal() {
@@ -79,7 +83,7 @@ pub fn run(args: &Calibrate) -> Result<(), CommandError> {
     if let Ok(style) = ProgressStyle::with_template("looking for the board {bar:40} {pos}/{len}") {
         bar.set_style(style);
     }
-    let request = Request { folder: &args.dir, board, lens: args.lens.into(), crop: args.crop.into() };
+    let request = Request { folder: &folder, board, lens: args.lens.into(), crop: args.crop.into() };
     let outcome = calibrate(&request, &|done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);

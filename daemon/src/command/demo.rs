@@ -35,6 +35,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
         lockstep: false,
         limit: None,
         out: Some(args.out.clone()),
+        record: None,
         ends: Ends::After(Duration::from_secs_f64(args.seconds)),
     };
     let live = std::io::stdout().is_terminal();

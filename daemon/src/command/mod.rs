@@ -1,7 +1,10 @@
 //! What the words of the command line do.
 
+mod attach;
 mod calibrate;
+mod calibrate_live;
 mod check_config;
+mod compare;
 mod dashboard;
 mod demo;
 mod detect;
@@ -13,6 +16,7 @@ mod evaluate_weather;
 mod manual;
 mod obstacles;
 mod point_cloud;
+mod record;
 mod rectify;
 mod replay;
 mod restore_clocks;
@@ -24,6 +28,8 @@ pub mod status;
 mod status_heat;
 mod train;
 mod view;
+
+pub use status::StatusJson;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
@@ -79,6 +85,12 @@ pub enum CommandError {
     /// Results.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
+    /// A recording.
+    #[error(transparent)]
+    Record(#[from] tools::recording::RecordError),
+    /// Two runs that cannot be compared.
+    #[error(transparent)]
+    Compare(#[from] tools::compare::CompareError),
     /// Shared memory.
     #[error(transparent)]
     Ipc(#[from] ipc::bus::IpcError),
@@ -116,9 +128,11 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
+        Command::Record(args) => record::run(&args, log),
+        Command::Compare(args) => compare::run(&args),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
-        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args, log),
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rectify::convert(&args),
         Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),

@@ -32,6 +32,7 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
         lockstep: args.lockstep,
         limit: args.limit,
         out: args.out.clone(),
+        record: args.record.clone(),
         ends: Ends::WithSource,
     };
     let bar = progress(args.limit, "frames");
@@ -61,7 +62,8 @@ pub fn set_source(config: &mut Config, path: &Path) {
             config.source.path = scene.into();
         }
         None => {
-            config.source.kind = "folder".into();
+            let is_file = tools::compare::is_recording(path);
+            config.source.kind = if is_file { "recording" } else { "folder" }.into();
             config.source.path = path.to_owned();
         }
     }

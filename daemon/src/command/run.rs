@@ -14,7 +14,7 @@ pub fn run(args: &Run, log: Option<&str>) -> Result<(), CommandError> {
     if config.source.kind == "scene" {
         tracing::warn!("source.kind is scene: this watches the built-in synthetic street, not a camera");
     }
-    let options = RunOptions { lockstep: false, limit: None, out: None, ends: Ends::Never };
+    let options = RunOptions { lockstep: false, limit: None, out: None, record: None, ends: Ends::Never };
     let mut last = String::new();
     let mut reload = || read(&args.config, log, None).map_err(|error| error.to_string());
     let outcome = scheduler::run_service(&config, &options, &mut reload, &mut |status| {

@@ -69,6 +69,9 @@ pub enum RunError {
     /// A stage cannot be furnished.
     #[error(transparent)]
     Room(#[from] RoomError),
+    /// The run cannot be recorded.
+    #[error(transparent)]
+    Record(#[from] tools::recording::RecordError),
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),
@@ -103,6 +106,8 @@ pub struct RunOptions {
     pub limit: Option<u64>,
     /// Where to write results.
     pub out: Option<PathBuf>,
+    /// Where to record the run.
+    pub record: Option<PathBuf>,
     /// When to end.
     pub ends: Ends,
 }

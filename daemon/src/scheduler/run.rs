@@ -34,6 +34,7 @@ use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use tools::recording::RecordError;
 
 /// How often the scheduler looks at its clocks.
 const TICK: Duration = Duration::from_millis(50);
@@ -77,6 +78,8 @@ pub struct Run {
     pub(super) hangup: Arc<AtomicBool>,
     failure: Option<String>,
     reason: String,
+    /// What the source says is wrong with it; pairs may come again.
+    source_trouble: String,
     stop: Arc<AtomicBool>,
     was_stopped: bool,
     memory: MemoryProbe,
@@ -103,7 +106,7 @@ impl Run {
         let rig = input::rig(config, source.as_ref())?;
         let (width, height) = source.size();
         let source_name = || match config.source.kind.as_str() {
-            "folder" => config.source.path.display().to_string(),
+            "folder" | "recording" => config.source.path.display().to_string(),
             kind => kind.to_owned(),
         };
         if width.max(height) > GREATEST_SIDE as usize {
@@ -147,8 +150,12 @@ impl Run {
         if let Some(out) = &options.out {
             tools::output::prepare(out)?;
         }
+        if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
+            return Err(RecordError::Exists { path: path.clone() }.into());
+        }
         let mut roles = Role::STAGES.to_vec();
-        roles.extend(options.out.is_some().then_some(Role::Writer));
+        let has_writer = options.out.is_some() || options.record.is_some();
+        roles.extend(has_writer.then_some(Role::Writer));
         let pool_bytes = service::total_pool_bytes(width, height, roles.len()) as u64;
         lock.check_memory(pool_bytes)?;
         for spec in &service::SERVICES {
@@ -187,6 +194,7 @@ impl Run {
             },
             source_period_ns: source.period_ns(),
             out: options.out.clone(),
+            record: options.record.clone(),
         };
         // Found now, not when the first stage is started.
         serde_json::to_vec(&launch)?;
@@ -204,13 +212,14 @@ impl Run {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
             children: Children::default(),
-            flow: Flow::new(options.lockstep, options.out.is_some(), period_ns, patience_ns, now),
+            flow: Flow::new(options.lockstep, has_writer, period_ns, patience_ns, now),
             phase: Phase::Running,
             board,
             notify: Notify::from_environment(),
             hangup,
             failure: None,
             reason: String::new(),
+            source_trouble: String::new(),
             stop,
             was_stopped: false,
             memory: MemoryProbe::open()?,
@@ -297,6 +306,9 @@ impl Run {
         let now = monotonic_ns();
         let was_running = self.supervisor.all_running();
         self.collector.report(header, report, now);
+        if role == Role::Capture && report.is_frame == 0 && report.health() == Health::Ready {
+            self.source_trouble = report.text();
+        }
         if report.health() == Health::Unusable {
             self.fail(report.text(), now);
         }
@@ -498,6 +510,9 @@ impl Run {
         status.latency_p50_ms = latency.p50_ms as f32;
         status.latency_p99_ms = latency.p99_ms as f32;
         match self.failure.as_ref().unwrap_or(&self.reason) {
+            reason if reason.is_empty() && !self.source_trouble.is_empty() => {
+                status.set_reason(&self.source_trouble);
+            }
             reason if reason.is_empty() => status.set_reason(fault.as_deref().unwrap_or("")),
             reason => status.set_reason(reason),
         }

@@ -10,8 +10,14 @@ use ipc::port::{Publisher, Subscriber};
 use ipc::report::Health;
 use ipc::service;
 use ipc::wait::{self, Next};
-use sources::PairSource;
+use sources::{PairSource, Readiness};
 use std::time::Duration;
+
+/// How long a live source is waited for at a time: commands and signals are heard in between.
+const LIVE_PATIENCE: Duration = Duration::from_millis(20);
+
+/// Before it is waited for again.
+const SOON: Duration = Duration::from_micros(50);
 
 /// Runs the stage.
 ///
@@ -30,6 +36,7 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
         next: stage.launch.first_sequence,
         published: None,
         due_ns: 0,
+        captured_ns: None,
         command: None,
         source,
         pairs,
@@ -82,6 +89,8 @@ struct Capture {
     published: Option<(u64, u32)>,
     /// When the next pair is due, at live rate.
     due_ns: u64,
+    /// When the pair that is about to be published was exposed, where the source knows.
+    captured_ns: Option<u64>,
     state: State,
 }
 
@@ -109,6 +118,22 @@ impl Capture {
             }
             return Ok(None);
         }
+        if let Some(live) = self.source.live() {
+            return match live.wait(LIVE_PATIENCE) {
+                Readiness::Pair { capture_ns } => self.publish_live(stage, capture_ns, command.period_ns),
+                Readiness::Trouble(text) => {
+                    tracing::warn!("{text}");
+                    stage.set_health(Health::Ready, &text)?;
+                    Ok(Some(SOON))
+                }
+                Readiness::Recovered => {
+                    tracing::info!("pairs come again");
+                    stage.set_health(Health::Ready, "")?;
+                    Ok(Some(SOON))
+                }
+                Readiness::Nothing => Ok(Some(SOON)),
+            };
+        }
         let now = monotonic_ns();
         if self.due_ns == 0 {
             self.due_ns = now;
@@ -122,6 +147,25 @@ impl Capture {
         self.due_ns =
             self.due_ns.saturating_add(command.period_ns).max(after.saturating_sub(command.period_ns));
         Ok(Some(Duration::from_nanos(self.due_ns.saturating_sub(after)).max(Duration::from_micros(50))))
+    }
+
+    /// Publishes the pair that has come, unless the cameras are faster than pairs are wanted.
+    fn publish_live(
+        &mut self,
+        stage: &mut Stage,
+        capture_ns: u64,
+        period_ns: u64,
+    ) -> Result<Option<Duration>, StageError> {
+        // Half a period early is in time: cameras keep their own.
+        if capture_ns.saturating_add(period_ns / 2) < self.due_ns {
+            return Ok(Some(SOON));
+        }
+        // What was late is not made up for.
+        let is_late = capture_ns > self.due_ns.saturating_add(period_ns);
+        self.due_ns = if is_late { capture_ns } else { self.due_ns }.saturating_add(period_ns);
+        self.captured_ns = Some(capture_ns);
+        self.publish(stage, self.next, 0)?;
+        Ok(Some(SOON))
     }
 
     /// Publishes the frame of the credit once more when the scheduler asks for another attempt.
@@ -160,9 +204,10 @@ impl Capture {
         header.sequence = sequence;
         header.attempt = attempt;
         header.modes = self.command.map_or(0, |command| command.modes);
-        header.source_ns = sequence.saturating_mul(stage.launch.source_period_ns);
-        // A recorded pair is "captured" when it is whole in shared memory.
-        header.capture_ns = end_ns;
+        let rounds = (sequence - index).saturating_mul(stage.launch.source_period_ns);
+        header.source_ns = rounds.saturating_add(self.source.time_ns(index));
+        // A recorded pair is "captured" when it is whole in shared memory, a camera's when it was exposed.
+        header.capture_ns = self.captured_ns.take().unwrap_or(end_ns);
         header.width = format.width as u32;
         header.height = format.height as u32;
         header.stamps[0] = Stamp { begin_ns, end_ns };

@@ -1,6 +1,7 @@
 //! The stage processes: what they share.
 
 pub mod capture;
+mod tape;
 pub mod transform;
 pub mod writer;
 
@@ -47,6 +48,9 @@ pub enum StageError {
     /// The stage cannot be furnished.
     #[error(transparent)]
     Room(#[from] RoomError),
+    /// The run cannot be recorded.
+    #[error(transparent)]
+    Record(#[from] tools::recording::RecordError),
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] tools::output::OutputError),

@@ -1,10 +1,12 @@
-//! Writes results to files. It joins the streams of a frame in memory of its own, so that no
+//! Writes results to files, and records the run where asked to. It joins the streams of a frame in memory of its own, so that no
 //! stage has to.
 
+use super::tape::Tape;
 use super::{Stage, StageError};
 use crate::frame_record::frame_record;
 use ipc::clock::monotonic_ns;
 use ipc::port::Subscriber;
+use ipc::report::Health;
 use ipc::wait::{self, Next};
 use ipc::{depth, obstacles, regions, service};
 use tools::output::FrameWriter;
@@ -29,16 +31,18 @@ struct Kept {
 /// When shared memory cannot be used, or results cannot be written.
 pub fn run(mut stage: Stage) -> Result<(), StageError> {
     let format = stage.launch.frames;
-    let Some(folder) = stage.launch.out.clone() else {
-        return Err(StageError::Launch("the writer needs a folder".into()));
-    };
-    let mut writer = FrameWriter::open(&folder)?;
+    let mut writer = stage.launch.out.as_deref().map(FrameWriter::open).transpose()?;
+    let path = stage.launch.record.clone();
+    let mut tape = path.map(|path| Tape::start(&stage, &path)).transpose()?;
     let depths = stage.bus.subscriber(&service::DEPTH)?;
     let roads = stage.bus.subscriber(&service::REGIONS)?;
     let results = stage.bus.subscriber(&service::OBSTACLES)?;
+    let mut sources = vec![&depths, &roads, &results];
+    let pairs = tape.is_some().then(|| stage.bus.subscriber(&service::PAIR)).transpose()?;
+    sources.extend(&pairs);
     let mut kept: [Kept; KEPT] = std::array::from_fn(|_| Kept::default());
     stage.ready()?;
-    wait::run(&[&depths, &roads, &results], || {
+    wait::run::<StageError>(&sources, || {
         if stage.should_stop() {
             return Ok(Next::Stop);
         }
@@ -46,7 +50,14 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
         let result = results.receive()?;
         keep_depth(&mut stage, &depths, &mut kept)?;
         keep_profile(&mut stage, &roads, &mut kept)?;
-        stage.skipped(results.take_missed());
+        let missed = results.take_missed();
+        stage.skipped(missed);
+        if let (Some(tape), Some(pairs)) = (&mut tape, &pairs) {
+            tape.follow(&mut stage, pairs)?;
+            if tape.is_over() {
+                return Ok(Next::Stop);
+            }
+        }
         if let Some(sample) = result {
             let begin_ns = monotonic_ns();
             let header = *sample.header();
@@ -56,7 +67,7 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                     stage.refused("obstacles", &"another size than the run's");
                 }
                 // A frame that came again after a stage died is written once.
-                Ok(_) if writer.last() == Some(header.sequence) => {
+                Ok(_) if writer.as_ref().and_then(FrameWriter::last) == Some(header.sequence) => {
                     stage.frame_done(&header, 0, 0)?;
                 }
                 Ok(message) => {
@@ -69,22 +80,33 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                         width: format.width,
                         height: format.height,
                     });
-                    if input.is_none() {
+                    let is_whole = writer.is_none() || input.is_some();
+                    let has_pair = tape.as_ref().is_none_or(|t| t.has_pair(header.sequence));
+                    if !is_whole || (stage.launch.lockstep && !has_pair) {
                         if stage.launch.lockstep {
-                            // Its depth came before this writer did; the frame comes again.
+                            // Its parts came before this writer did; the frame comes again.
                             return Ok(Next::Wait(stage.heartbeat()?));
                         }
                         // At live rate the line is written all the same.
                         stage.skipped(1);
                     }
-                    writer.write(&frame_record(&header, &message), input)?;
+                    if let Some(tape) = &mut tape {
+                        tape.result(&header, &message, missed);
+                    }
+                    if let Some(writer) = &mut writer {
+                        writer.write(&frame_record(&header, &message), input)?;
+                    }
                     let age_ns = begin_ns.saturating_sub(header.capture_ns);
                     stage.frame_done(&header, age_ns, monotonic_ns() - begin_ns)?;
                 }
             }
         }
         Ok(Next::Wait(stage.heartbeat()?))
-    })
+    })?;
+    let Some(Err(error)) = tape.map(Tape::finish) else { return Ok(()) };
+    // The run cannot become what was asked for.
+    stage.set_health(Health::Unusable, &error.to_string())?;
+    wait::run(&[], || Ok(if stage.should_stop() { Next::Stop } else { Next::Wait(stage.heartbeat()?) }))
 }
 
 fn keep_depth(stage: &mut Stage, depths: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), StageError> {

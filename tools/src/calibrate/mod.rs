@@ -1,5 +1,6 @@
 //! From a folder of chessboard pictures to a pair of calibrated cameras and a verdict.
 
+pub mod live;
 mod pictures;
 pub mod report;
 

@@ -1,0 +1,282 @@
+//! From the messages of the daemon to those of a recording.
+
+use crate::command::StatusJson;
+use crate::frame_record::frame_record;
+use ipc::depth::Depth;
+use ipc::header::Header;
+use ipc::obstacles::Obstacles;
+use ipc::pair::Pair;
+use ipc::status::StatusRecord;
+use perception::point_cloud::{self, Point, PointCloudParameters};
+use perception::rig::Rig;
+use perception::stereo::DisparityView;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+use tools::recording::encode::{self, PairLine, Side, Stamp};
+use tools::recording::storage::Disk;
+use tools::recording::{
+    About, Choice, ImageForm, Item, Limits, Message, Offer, RecordError, Recorder, Report, Sink, Topic,
+};
+
+/// How often calibrations and places of the cameras are recorded, in nanoseconds.
+const GEOMETRY_PERIOD_NS: u64 = 1_000_000_000;
+
+/// How often a cloud is recorded: it is the largest of all messages.
+const CLOUD_PERIOD_NS: u64 = 500_000_000;
+
+/// A point of every so many columns and rows.
+const CLOUD_EVERY: usize = 2;
+
+/// How a recording is made.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Images as they are, PNG or JPEG.
+    pub form: ImageForm,
+    /// What is recorded.
+    pub topics: Choice,
+    /// Bounds.
+    pub limits: Limits,
+    /// What the file says of the run.
+    pub instance: String,
+}
+
+/// Where messages go.
+enum Output {
+    /// To a thread: nobody waits for the disk, what it cannot take is lost and counted.
+    Thread(Recorder),
+    /// Straight into the file: nothing is lost, the caller waits.
+    Direct(Box<Sink>),
+}
+
+/// Encodes messages and hands them on.
+pub struct Feed {
+    output: Output,
+    plan: Plan,
+    rig: Rig,
+    size: (u32, u32),
+    /// Time since 1970 at which the scene's time was 0; set by the first frame.
+    base_ns: Option<u64>,
+    /// Time of the last frame.
+    now_ns: u64,
+    last_pair: Option<u64>,
+    last_result: Option<u64>,
+    geometry_due_ns: u64,
+    cloud_due_ns: u64,
+    cloud: Vec<Point>,
+    error: Option<RecordError>,
+}
+
+impl Feed {
+    /// A recording to `path`. With `waits` nothing is lost, and every call may wait for the disk.
+    ///
+    /// # Errors
+    /// When it cannot be started.
+    pub fn start(
+        path: &Path,
+        plan: Plan,
+        rig: Rig,
+        size: (u32, u32),
+        waits: bool,
+    ) -> Result<Self, RecordError> {
+        let mut about = About::new();
+        for (key, value) in [
+            ("focal_px", rig.focal_px.to_string()),
+            ("baseline_m", rig.baseline_m.to_string()),
+            ("cx_px", rig.cx_px.to_string()),
+            ("cy_px", rig.cy_px.to_string()),
+            ("instance", plan.instance.clone()),
+            ("images", plan.form.name().to_owned()),
+            ("topics", plan.topics.to_string()),
+        ] {
+            about.insert(key.to_owned(), value);
+        }
+        let sink = Sink::new(Box::new(Disk), path, plan.form, plan.limits, about)?;
+        let output = if waits {
+            Output::Direct(Box::new(sink))
+        } else {
+            Output::Thread(Recorder::start(sink, path.to_owned()))
+        };
+        Ok(Self {
+            output,
+            plan,
+            rig,
+            size,
+            base_ns: None,
+            now_ns: since_1970_ns(),
+            last_pair: None,
+            last_result: None,
+            geometry_due_ns: 0,
+            cloud_due_ns: 0,
+            cloud: Vec::new(),
+            error: None,
+        })
+    }
+
+    /// Number and time of a frame. Times are those of the scene, so that a replay has them, too.
+    fn stamp(&mut self, header: &Header) -> Stamp {
+        let base_ns = *self.base_ns.get_or_insert_with(|| since_1970_ns().saturating_sub(header.source_ns));
+        let time_ns = base_ns.saturating_add(header.source_ns);
+        self.now_ns = self.now_ns.max(time_ns);
+        Stamp { sequence: header.sequence, time_ns }
+    }
+
+    fn put(&mut self, item: Item) {
+        match &mut self.output {
+            Output::Thread(recorder) => {
+                if recorder.offer(item, ipc::clock::monotonic_ns()) == Offer::Refused {
+                    recorder.lost("disk", 1, self.now_ns);
+                }
+            }
+            Output::Direct(sink) => {
+                if self.error.is_none() {
+                    self.error = sink.take(item).err();
+                }
+            }
+        }
+    }
+
+    fn put_message(&mut self, message: Message) {
+        self.put(Item::Message(message));
+    }
+
+    /// Records a pair. One that comes again after a stage died is there already.
+    ///
+    /// # Errors
+    /// When an image cannot be compressed.
+    pub fn pair(&mut self, header: &Header, pair: &Pair<'_>) -> Result<(), image::ImageError> {
+        if self.last_pair == Some(header.sequence) {
+            return Ok(());
+        }
+        self.last_pair = Some(header.sequence);
+        let stamp = self.stamp(header);
+        if stamp.time_ns >= self.geometry_due_ns {
+            self.geometry_due_ns = stamp.time_ns + GEOMETRY_PERIOD_NS;
+            for message in encode::geometry(stamp, &self.rig, self.size) {
+                self.put_message(message);
+            }
+        }
+        if !self.plan.topics.images {
+            return Ok(());
+        }
+        let (form, size) = (self.plan.form, (header.width, header.height));
+        let left = encode::image(stamp, Side::Left, form, pair.left, size)?;
+        let right = encode::image(stamp, Side::Right, form, pair.right, size)?;
+        let line = PairLine {
+            sequence: header.sequence,
+            source_ns: header.source_ns,
+            capture_ns: header.capture_ns,
+            width: header.width,
+            height: header.height,
+        };
+        self.put_message(left);
+        self.put_message(right);
+        self.put_message(encode::json(stamp, Topic::Pair, &line));
+        Ok(())
+    }
+
+    /// Records what came out of a frame.
+    pub fn obstacles(&mut self, header: &Header, message: &Obstacles<'_>) {
+        if self.last_result == Some(header.sequence) {
+            return;
+        }
+        self.last_result = Some(header.sequence);
+        let stamp = self.stamp(header);
+        let record = frame_record(header, message);
+        if self.plan.topics.obstacles {
+            self.put_message(encode::json(stamp, Topic::Obstacles, &record));
+            self.put_message(encode::annotations(stamp, &record));
+        }
+        if self.plan.topics.scene {
+            self.put_message(encode::scene(stamp, &record, &self.rig));
+        }
+        if message.alarm.level == 2 {
+            self.put(Item::Alarm { time_ns: stamp.time_ns });
+        }
+    }
+
+    /// Records a point cloud, now and then.
+    pub fn depth(&mut self, header: &Header, depth: &Depth<'_>) {
+        let stamp = self.stamp(header);
+        if !self.plan.topics.points || stamp.time_ns < self.cloud_due_ns {
+            return;
+        }
+        let (width, height) = (header.width as usize, header.height as usize);
+        let Some(disparity) = DisparityView::new(depth.disparity, width, height) else { return };
+        self.cloud_due_ns = stamp.time_ns + CLOUD_PERIOD_NS;
+        let parameters = PointCloudParameters { every: CLOUD_EVERY, ..PointCloudParameters::default() };
+        point_cloud::fill(disparity, depth.left, &self.rig, &parameters, &mut self.cloud);
+        let message = encode::points(stamp, &self.cloud);
+        self.put_message(message);
+    }
+
+    /// Records the state of the daemon.
+    pub fn status(&mut self, status: &StatusRecord) {
+        if self.plan.topics.status && self.base_ns.is_some() {
+            let stamp = Stamp { sequence: 0, time_ns: self.now_ns };
+            self.put_message(encode::json(stamp, Topic::Status, &StatusJson::new(status)));
+        }
+    }
+
+    /// Counts messages that came and went unseen.
+    pub fn missed(&mut self, service: &'static str, count: u64) {
+        if count == 0 {
+            return;
+        }
+        match &mut self.output {
+            Output::Thread(recorder) => {
+                recorder.lost(service, count, self.now_ns);
+            }
+            Output::Direct(sink) => {
+                if self.error.is_none() {
+                    self.error = sink.lost(service, count, self.now_ns).err();
+                }
+            }
+        }
+    }
+
+    /// Whether the recording has ended by itself, or the disk does not follow.
+    pub fn is_over(&self) -> bool {
+        match &self.output {
+            Output::Thread(recorder) => recorder.is_over() || recorder.is_stuck(ipc::clock::monotonic_ns()),
+            Output::Direct(_) => self.error.is_some(),
+        }
+    }
+
+    /// Number of the last pair that was taken.
+    pub fn last_pair(&self) -> Option<u64> {
+        self.last_pair
+    }
+
+    /// What has been recorded so far.
+    pub fn report(&self) -> Report {
+        match &self.output {
+            Output::Thread(recorder) => recorder.report(),
+            Output::Direct(sink) => sink.report(),
+        }
+    }
+
+    /// Whether the ring is shorter than asked, for want of memory.
+    pub fn is_short(&self) -> bool {
+        matches!(&self.output, Output::Thread(recorder) if recorder.is_short())
+    }
+
+    /// Ends the recording.
+    ///
+    /// # Errors
+    /// Why it ended early.
+    pub fn finish(self, reason: &str) -> Result<Report, RecordError> {
+        match (self.output, self.error) {
+            (Output::Thread(recorder), _) => recorder.finish(reason),
+            (Output::Direct(mut sink), Some(error)) => {
+                // Closed as well as can be; the first reason counts.
+                let _ = sink.finish(&error.to_string());
+                Err(error)
+            }
+            (Output::Direct(mut sink), None) => sink.finish(reason),
+        }
+    }
+}
+
+fn since_1970_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as u64)
+}

@@ -1,0 +1,143 @@
+//! When a camera that was lost is opened again: a pure state machine, time is passed in.
+
+/// Bounds, in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ConnectionParameters {
+    /// A camera that gives no frame for this long is lost.
+    pub silence_ns: u64,
+    /// Wait before the first attempt to open it again; it doubles with each.
+    pub retry_first_ns: u64,
+    /// The longest wait.
+    pub retry_longest_ns: u64,
+}
+
+/// What is to be done now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Open it.
+    Open,
+    /// Take frames.
+    Grab,
+    /// Close it: it has been silent for too long.
+    Close,
+    /// Nothing: it is not yet time to try again.
+    Wait,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Closed { retry_ns: u64 },
+    Open { heard_ns: u64 },
+}
+
+/// The state of one camera.
+#[derive(Clone, Debug)]
+pub struct Connection {
+    parameters: ConnectionParameters,
+    state: State,
+    wait_ns: u64,
+    /// Frames since it was opened.
+    frames: u64,
+    losses: u64,
+}
+
+impl Connection {
+    /// A camera that was never opened: the first attempt is due at once.
+    pub fn new(parameters: ConnectionParameters) -> Self {
+        let wait_ns = parameters.retry_first_ns;
+        Self { parameters, state: State::Closed { retry_ns: 0 }, wait_ns, frames: 0, losses: 0 }
+    }
+
+    /// What is to be done at `now_ns`.
+    pub fn action(&self, now_ns: u64) -> Action {
+        match self.state {
+            State::Closed { retry_ns } if now_ns >= retry_ns => Action::Open,
+            State::Closed { .. } => Action::Wait,
+            State::Open { heard_ns } if now_ns.saturating_sub(heard_ns) > self.parameters.silence_ns => {
+                Action::Close
+            }
+            State::Open { .. } => Action::Grab,
+        }
+    }
+
+    /// It was opened.
+    pub fn opened(&mut self, now_ns: u64) {
+        self.frames = 0;
+        self.state = State::Open { heard_ns: now_ns };
+    }
+
+    /// A frame came.
+    pub fn frame(&mut self, now_ns: u64) {
+        self.frames += 1;
+        // Only a camera that works again earns a quick attempt next time.
+        self.wait_ns = self.parameters.retry_first_ns;
+        self.state = State::Open { heard_ns: now_ns };
+    }
+
+    /// It could not be opened, or was lost. Gives the time until the next attempt.
+    pub fn failed(&mut self, now_ns: u64) -> u64 {
+        self.losses += u64::from(self.frames > 0);
+        self.frames = 0;
+        let wait_ns = self.wait_ns;
+        self.wait_ns = wait_ns.saturating_mul(2).min(self.parameters.retry_longest_ns);
+        self.state = State::Closed { retry_ns: now_ns.saturating_add(wait_ns) };
+        wait_ns
+    }
+
+    /// Whether it is open.
+    pub fn is_open(&self) -> bool {
+        matches!(self.state, State::Open { .. })
+    }
+
+    /// How often it was lost after it had worked.
+    pub fn losses(&self) -> u64 {
+        self.losses
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000_000;
+
+    fn connection() -> Connection {
+        let parameters =
+            ConnectionParameters { silence_ns: S, retry_first_ns: S / 2, retry_longest_ns: 4 * S };
+        Connection::new(parameters)
+    }
+
+    #[test]
+    fn attempts_become_rarer_until_it_works_again() {
+        let mut c = connection();
+        assert_eq!(c.action(0), Action::Open);
+        let mut now = 0;
+        let mut waits = Vec::new();
+        for _ in 0..6 {
+            let wait = c.failed(now);
+            waits.push(wait);
+            assert_eq!(c.action(now + wait - 1), Action::Wait);
+            now += wait;
+            assert_eq!(c.action(now), Action::Open);
+        }
+        assert_eq!(waits, [S / 2, S, 2 * S, 4 * S, 4 * S, 4 * S]);
+        // Opening alone is not yet working.
+        c.opened(now);
+        assert_eq!(c.failed(now), 4 * S);
+        c.opened(now);
+        c.frame(now);
+        assert_eq!((c.failed(now), c.losses()), (S / 2, 1));
+    }
+
+    #[test]
+    fn a_silent_camera_is_closed() {
+        let mut c = connection();
+        c.opened(10 * S);
+        assert_eq!(c.action(11 * S), Action::Grab);
+        c.frame(11 * S);
+        assert_eq!(c.action(12 * S), Action::Grab);
+        assert_eq!(c.action(12 * S + 1), Action::Close);
+        // A clock that seems to go backwards closes nothing.
+        assert_eq!(c.action(0), Action::Grab);
+    }
+}

@@ -1,0 +1,188 @@
+//! Which frames of two cameras belong together: those that were exposed at the same time.
+
+/// What becomes of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It waits for its partner; what its own side held before is dropped.
+    Hold,
+    /// It and the one that the other side holds are a pair.
+    Pair {
+        /// Time between the two exposures, in nanoseconds.
+        skew_ns: u64,
+    },
+    /// It is of no use: its partner was lost, or it comes out of order.
+    Drop,
+}
+
+/// What has happened so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Pairs.
+    pub pairs: u64,
+    /// Frames without a partner, left and right.
+    pub single: [u64; 2],
+    /// Frames out of order, left and right.
+    pub disordered: [u64; 2],
+    /// The greatest time between the exposures of a pair, in nanoseconds.
+    pub worst_skew_ns: u64,
+}
+
+/// Joins frames by their times. Each side brings its frames in order; at most one of each side waits.
+#[derive(Clone, Debug)]
+pub struct Pairing {
+    bound_ns: u64,
+    /// Time of the frame that waits.
+    held: [Option<u64>; 2],
+    last: [Option<u64>; 2],
+    counts: Counts,
+}
+
+impl Pairing {
+    /// Frames whose exposures are at most `bound_ns` apart belong together. It must be less than half
+    /// of the time between two frames.
+    pub fn new(bound_ns: u64) -> Self {
+        Self { bound_ns, held: [None; 2], last: [None; 2], counts: Counts::default() }
+    }
+
+    /// What has happened so far.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// Whether a side holds a frame.
+    pub fn holds(&self, side: usize) -> bool {
+        self.held[side].is_some()
+    }
+
+    /// A side was lost, or starts anew: what it holds is no more, and its clock may differ.
+    pub fn reset(&mut self, side: usize) {
+        self.counts.single[side] += u64::from(self.held[side].take().is_some());
+        self.last[side] = None;
+    }
+
+    /// A frame of `side` (0 or 1), exposed at `time_ns`.
+    pub fn offer(&mut self, side: usize, time_ns: u64) -> Verdict {
+        if self.last[side].is_some_and(|last| time_ns <= last) {
+            self.counts.disordered[side] += 1;
+            return Verdict::Drop;
+        }
+        self.last[side] = Some(time_ns);
+        let other = 1 - side;
+        if let Some(waiting) = self.held[other] {
+            let skew_ns = waiting.abs_diff(time_ns);
+            if skew_ns <= self.bound_ns {
+                self.held[other] = None;
+                // An older one of this side has found nobody.
+                self.counts.single[side] += u64::from(self.held[side].take().is_some());
+                self.counts.pairs += 1;
+                self.counts.worst_skew_ns = self.counts.worst_skew_ns.max(skew_ns);
+                return Verdict::Pair { skew_ns };
+            }
+            if waiting > time_ns {
+                // The partner would have come before the one that waits.
+                self.counts.single[side] += 1;
+                return Verdict::Drop;
+            }
+            // The partner of the one that waits would have come before this one.
+            self.held[other] = None;
+            self.counts.single[other] += 1;
+        }
+        self.counts.single[side] += u64::from(self.held[side].is_some());
+        self.held[side] = Some(time_ns);
+        Verdict::Hold
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn pairing() -> Pairing {
+        Pairing::new(2 * MS)
+    }
+
+    #[test]
+    fn frames_of_one_time_are_a_pair_whichever_comes_first() {
+        let mut p = pairing();
+        for n in 1..100 {
+            let t = n * 33 * MS;
+            let (first, second) = ((n % 2) as usize, (1 - n % 2) as usize);
+            assert_eq!(p.offer(first, t), Verdict::Hold);
+            assert_eq!(p.offer(second, t + MS), Verdict::Pair { skew_ns: MS });
+        }
+        assert_eq!(p.counts(), Counts { pairs: 99, worst_skew_ns: MS, ..Counts::default() });
+    }
+
+    #[test]
+    fn a_dropped_frame_costs_its_partner_and_nothing_else() {
+        let mut p = pairing();
+        let mut pairs = Vec::new();
+        for n in 1..20_u64 {
+            // The right camera drops frames 5, 6 and 12.
+            let t = n * 33 * MS;
+            p.offer(0, t);
+            if ![5, 6, 12].contains(&n) && matches!(p.offer(1, t), Verdict::Pair { .. }) {
+                pairs.push(n);
+            }
+        }
+        assert_eq!(pairs, (1..20).filter(|n| ![5, 6, 12].contains(n)).collect::<Vec<_>>());
+        assert_eq!(p.counts().single, [3, 0]);
+    }
+
+    #[test]
+    fn frames_too_far_apart_are_no_pair() {
+        let mut p = pairing();
+        assert_eq!(p.offer(0, 10 * MS), Verdict::Hold);
+        assert_eq!(p.offer(1, 15 * MS), Verdict::Hold, "5 ms are more than the bound of 2");
+        assert_eq!(p.counts().single, [1, 0]);
+        // A late one, whose partner is gone.
+        assert_eq!(p.offer(0, 12 * MS), Verdict::Drop);
+        assert_eq!(p.offer(0, 16 * MS), Verdict::Pair { skew_ns: MS });
+        // Times that go backwards or stand still are not believed.
+        assert_eq!(p.offer(0, 16 * MS), Verdict::Drop);
+        assert_eq!(p.offer(0, 3 * MS), Verdict::Drop);
+        assert_eq!(p.counts().disordered, [2, 0]);
+        // A camera that starts anew may have a new clock.
+        p.reset(0);
+        assert_eq!(p.offer(0, MS), Verdict::Hold);
+    }
+
+    #[test]
+    fn with_jitter_losses_and_delays_no_wrong_pair_is_made() {
+        let seed = 7;
+        println!("seed {seed}");
+        let mut random = fastrand::Rng::with_seed(seed);
+        for _ in 0..200 {
+            let mut p = pairing();
+            // Exposure and arrival of each frame; both cameras are triggered together.
+            let mut arrivals: Vec<(u64, usize, u64, u64)> = Vec::new();
+            let mut whole = 0;
+            for n in 1..200_u64 {
+                let mut both = 0;
+                for side in 0..2 {
+                    if random.f32() < 0.9 {
+                        let exposed = n * 33 * MS + random.u64(0..MS);
+                        // It takes up to 30 ms to come here, but none overtakes its predecessor.
+                        arrivals.push((exposed + random.u64(0..30 * MS), side, exposed, n));
+                        both += 1;
+                    }
+                }
+                whole += u64::from(both == 2);
+            }
+            arrivals.sort();
+            let mut held = [0; 2];
+            for (_, side, exposed, n) in arrivals {
+                match p.offer(side, exposed) {
+                    Verdict::Hold => held[side] = n,
+                    Verdict::Pair { .. } => assert_eq!(held[1 - side], n, "frames of different times"),
+                    Verdict::Drop => {}
+                }
+            }
+            let counts = p.counts();
+            assert_eq!(counts.pairs, whole, "every pair that came is found");
+            assert!(counts.worst_skew_ns <= 2 * MS);
+        }
+    }
+}

@@ -1,0 +1,313 @@
+//! What is where in an MCAP file: found from the records themselves, not from the summary at the end,
+//! which a recording that was cut off does not have.
+
+use super::RecordingError;
+use mcap::read::parse_record;
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Opcode and length before every record.
+const RECORD_HEAD: u64 = 9;
+
+/// No sound chunk is larger when unpacked.
+const GREATEST_CHUNK: u64 = 1 << 30;
+
+/// A recording that ends before its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// Byte from which on nothing is whole.
+    pub at: u64,
+    /// Bytes from there to the end of the file.
+    pub bytes: u64,
+}
+
+/// A topic of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// Its name.
+    pub topic: String,
+    /// How its messages are encoded: `protobuf`, `cdr`, `json`.
+    pub encoding: String,
+    /// Name of their type.
+    pub schema: String,
+}
+
+/// A message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Number of its topic in the file.
+    pub channel: u16,
+    /// Number of the message, as its writer counts.
+    pub sequence: u32,
+    /// Its time in the file, in nanoseconds.
+    pub time_ns: u64,
+    /// The message.
+    pub data: Vec<u8>,
+}
+
+/// Where messages lie: in a chunk, or one by itself.
+#[derive(Clone, Debug)]
+struct Place {
+    opcode: u8,
+    at: u64,
+    length: u64,
+    /// Topic and time of each message.
+    messages: Vec<(u16, u64)>,
+}
+
+/// The places of all messages of a file.
+#[derive(Debug)]
+pub struct Index {
+    path: PathBuf,
+    file: File,
+    channels: BTreeMap<u16, Channel>,
+    schemas: BTreeMap<u16, String>,
+    places: Vec<Place>,
+    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Where the file was cut off, if it was.
+    pub cut: Option<Cut>,
+}
+
+impl Index {
+    /// Reads the heads of all records. A file that was cut off is read up to its last whole chunk.
+    ///
+    /// # Errors
+    /// When it cannot be read, is no MCAP file, or a record in the middle is damaged.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let io = |source| RecordingError::Io { path: path.to_owned(), source };
+        let mut file = File::open(path).map_err(io)?;
+        let size = file.metadata().map_err(io)?.len();
+        let mut magic = [0; 8];
+        if file.read_exact(&mut magic).is_err() || magic != *mcap::MAGIC {
+            return Err(RecordingError::Foreign { path: path.to_owned() });
+        }
+        let mut index = Self {
+            path: path.to_owned(),
+            file,
+            channels: BTreeMap::new(),
+            schemas: BTreeMap::new(),
+            places: Vec::new(),
+            metadata: BTreeMap::new(),
+            cut: None,
+        };
+        index.scan(size)?;
+        Ok(index)
+    }
+
+    fn io(&self, source: std::io::Error) -> RecordingError {
+        RecordingError::Io { path: self.path.clone(), source }
+    }
+
+    fn damaged(&self, at: u64, reason: impl std::fmt::Display) -> RecordingError {
+        RecordingError::Damaged { path: self.path.clone(), at, reason: reason.to_string() }
+    }
+
+    fn scan(&mut self, size: u64) -> Result<(), RecordingError> {
+        let mut at = mcap::MAGIC.len() as u64;
+        // Messages of the last chunk, as the index behind it tells.
+        let mut pending: Option<Place> = None;
+        let mut is_whole = false;
+        while !is_whole {
+            let mut head = [0; RECORD_HEAD as usize];
+            let has_head = size - at >= RECORD_HEAD;
+            if has_head {
+                self.file.seek(SeekFrom::Start(at)).map_err(|e| self.io(e))?;
+                self.file.read_exact(&mut head).map_err(|e| self.io(e))?;
+            }
+            let [opcode, length @ ..] = head;
+            let length = u64::from_le_bytes(length);
+            let body_at = at + RECORD_HEAD;
+            if !has_head || length > size - body_at {
+                self.cut = Some(Cut { at, bytes: size - at });
+                break;
+            }
+            if opcode == 0 {
+                return Err(self.damaged(at, "no record starts here"));
+            }
+            if opcode != op::MESSAGE_INDEX {
+                self.settle(pending.take(), false)?;
+            }
+            match opcode {
+                op::CHUNK => pending = Some(Place { opcode, at: body_at, length, messages: Vec::new() }),
+                op::MESSAGE_INDEX => {
+                    if let Record::MessageIndex(index) = self.record(opcode, body_at, length)?
+                        && let Some(place) = &mut pending
+                    {
+                        let times = index.records.iter().map(|entry| (index.channel_id, entry.log_time));
+                        place.messages.extend(times);
+                    }
+                }
+                op::MESSAGE => {
+                    // One that lies in no chunk.
+                    let place = Place { opcode, at: body_at, length, messages: Vec::new() };
+                    self.settle(Some(place), true)?;
+                }
+                op::SCHEMA | op::CHANNEL | op::METADATA => {
+                    let record = self.record(opcode, body_at, length)?;
+                    self.learn(record);
+                }
+                op::FOOTER => is_whole = true,
+                _ => {}
+            }
+            at = body_at + length;
+        }
+        // Of the last chunk of a file that was cut off, the index may be cut, too.
+        let is_cut = self.cut.is_some();
+        self.settle(pending, is_cut)
+    }
+
+    fn body(&mut self, at: u64, length: u64) -> Result<Vec<u8>, RecordingError> {
+        let mut body = vec![0; usize::try_from(length).map_err(|e| self.damaged(at, e))?];
+        self.file.seek(SeekFrom::Start(at)).map_err(|e| self.io(e))?;
+        self.file.read_exact(&mut body).map_err(|e| self.io(e))?;
+        Ok(body)
+    }
+
+    fn record(&mut self, opcode: u8, at: u64, length: u64) -> Result<Record<'static>, RecordingError> {
+        let body = self.body(at, length)?;
+        Ok(parse_record(opcode, &body).map_err(|e| self.damaged(at, e))?.into_owned())
+    }
+
+    /// Keeps what a record says of topics and of the file.
+    fn learn(&mut self, record: Record<'_>) {
+        match record {
+            Record::Schema { header, .. } => {
+                self.schemas.insert(header.id, header.name);
+            }
+            Record::Channel(c) => {
+                let schema = self.schemas.get(&c.schema_id).cloned().unwrap_or_default();
+                let channel = Channel { topic: c.topic, encoding: c.message_encoding, schema };
+                self.channels.insert(c.id, channel);
+            }
+            Record::Metadata(m) => {
+                self.metadata.insert(m.name, m.metadata.into_iter().collect());
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes a place into the index; one that is not indexed, or of unknown topics, is read.
+    fn settle(&mut self, place: Option<Place>, read_it: bool) -> Result<(), RecordingError> {
+        let Some(mut place) = place else { return Ok(()) };
+        let is_known = place.messages.iter().all(|(channel, _)| self.channels.contains_key(channel));
+        if read_it || place.messages.is_empty() || !is_known {
+            let messages = self.read_place(&place)?;
+            place.messages = messages.iter().map(|m| (m.channel, m.time_ns)).collect();
+        }
+        self.places.push(place);
+        Ok(())
+    }
+
+    fn read_place(&mut self, place: &Place) -> Result<Vec<Stored>, RecordingError> {
+        let body = self.body(place.at, place.length)?;
+        let damaged = |e: mcap::McapError| match e {
+            mcap::McapError::UnsupportedCompression(name) => {
+                format!("chunks are compressed with {name}; lz4 and zstd can be read")
+            }
+            other => other.to_string(),
+        };
+        let record = parse_record(place.opcode, &body).map_err(|e| self.damaged(place.at, damaged(e)))?;
+        let header = match record {
+            Record::Chunk { header, .. } => header,
+            Record::Message { header, data } => {
+                return Ok(vec![Stored {
+                    channel: header.channel_id,
+                    sequence: header.sequence,
+                    time_ns: header.log_time,
+                    data: data.into_owned(),
+                }]);
+            }
+            _ => return Ok(Vec::new()),
+        };
+        if header.uncompressed_size > GREATEST_CHUNK {
+            let reason = format!("a chunk of {} bytes", header.uncompressed_size);
+            return Err(self.damaged(place.at, reason));
+        }
+        // Nothing in it is longer than the whole: lengths are not believed any further.
+        let limit = header.uncompressed_size.max(place.length) as usize;
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(limit);
+        let mut reader = LinearReader::new_with_options(options);
+        let mut head = vec![place.opcode];
+        head.extend(place.length.to_le_bytes());
+        let mut bytes = head.as_slice().chain(body.as_slice());
+        let mut messages = Vec::new();
+        while let Some(event) = reader.next_event() {
+            match event.map_err(|e| self.damaged(place.at, damaged(e)))? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    let wanted = wanted.min(head.len() + body.len());
+                    let got = bytes.read(reader.insert(wanted)).map_err(|e| self.io(e))?;
+                    reader.notify_read(got);
+                }
+                LinearReadEvent::Record { data, opcode } => {
+                    match parse_record(opcode, data).map_err(|e| self.damaged(place.at, damaged(e)))? {
+                        Record::Message { header, data } => messages.push(Stored {
+                            channel: header.channel_id,
+                            sequence: header.sequence,
+                            time_ns: header.log_time,
+                            data: data.into_owned(),
+                        }),
+                        other => self.learn(other),
+                    }
+                }
+            }
+        }
+        Ok(messages)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Number and description of all topics.
+    pub fn channels(&self) -> impl Iterator<Item = (u16, &Channel)> {
+        self.channels.iter().map(|(&id, channel)| (id, channel))
+    }
+
+    /// A metadata record by its name.
+    pub fn metadata(&self, name: &str) -> Option<&BTreeMap<String, String>> {
+        self.metadata.get(name)
+    }
+
+    /// How many places hold messages: [`Self::load`] takes numbers below.
+    pub fn places(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Topic and time of the messages at a place.
+    pub fn messages(&self, place: usize) -> &[(u16, u64)] {
+        self.places.get(place).map_or(&[], |p| &p.messages)
+    }
+
+    /// Reads all messages of a place, checked by their checksum.
+    ///
+    /// # Errors
+    /// When they cannot be read, or are damaged.
+    pub fn load(&mut self, place: usize) -> Result<Vec<Stored>, RecordingError> {
+        let Some(place) = self.places.get(place).cloned() else { return Ok(Vec::new()) };
+        self.read_place(&place)
+    }
+
+    /// All messages of a topic, in the order of the file.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn all_of(&mut self, topic: &str) -> Result<Vec<Stored>, RecordingError> {
+        let ids: Vec<u16> = self.channels().filter(|(_, c)| c.topic == topic).map(|(id, _)| id).collect();
+        let mut found = Vec::new();
+        for place in 0..self.places.len() {
+            if self.messages(place).iter().any(|(channel, _)| ids.contains(channel)) {
+                found.extend(self.load(place)?.into_iter().filter(|m| ids.contains(&m.channel)));
+            }
+        }
+        Ok(found)
+    }
+}

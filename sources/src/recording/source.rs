@@ -1,0 +1,256 @@
+//! Pairs of a recording.
+
+use super::image_message::{Kind, grey, kind, projection};
+use super::index::{Channel, Cut, Index, Stored};
+use super::{ABOUT, LEFT_IMAGE, RIGHT_IMAGE, RecordingError};
+use crate::{PairSource, SourceError};
+use perception::rig::Rig;
+use std::path::Path;
+
+/// Chunks that are kept unpacked: left and right may lie in neighbours.
+const KEPT: usize = 2;
+
+/// KITTI's 10 Hz: the period of a recording of one pair that does not say.
+const DEFAULT_PERIOD_NS: u64 = 100_000_000;
+
+/// One image: which topic, where, and when.
+#[derive(Clone, Copy, Debug)]
+struct ImagePlace {
+    channel: u16,
+    place: usize,
+    time_ns: u64,
+}
+
+/// The pairs of an MCAP file, in the order of their times.
+#[derive(Debug)]
+pub struct RecordingSource {
+    index: Index,
+    frames: Vec<[ImagePlace; 2]>,
+    size: (usize, usize),
+    rig: Option<Rig>,
+    period_ns: u64,
+    kept: Vec<(usize, Vec<Stored>)>,
+}
+
+impl RecordingSource {
+    /// Opens a recording of `lookout record`, or another with one image topic for each side: `left`
+    /// and `right` in names that are alike otherwise. Of several such, rectified ones come first.
+    ///
+    /// # Errors
+    /// When it cannot be read, or holds no pairs.
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
+        let index = Index::open(path)?;
+        let no_pairs = |reason: String| RecordingError::NoPairs { path: path.to_owned(), reason };
+        let Some(sides) = image_topics(&index) else {
+            let topics: Vec<String> =
+                index.channels().map(|(_, c)| format!("{} ({})", c.topic, c.schema)).collect();
+            let there = if topics.is_empty() { "nothing".into() } else { topics.join(", ") };
+            return Err(no_pairs(format!(
+                "no pairs of images: two image topics are wanted whose names differ by left and right; \
+                 there is {there}"
+            ))
+            .into());
+        };
+        let frames = pair_up(places_of(&index, sides[0]), &places_of(&index, sides[1]));
+        let Some(first) = frames.first() else {
+            return Err(no_pairs("no whole pair of images is in it".into()).into());
+        };
+        let about = |key: &str| index.metadata(ABOUT)?.get(key)?.parse::<f64>().ok();
+        let told = || {
+            let (focal_px, baseline_m) = (about("focal_px")?, about("baseline_m")?);
+            Some(Rig { focal_px, baseline_m, cx_px: about("cx_px")?, cy_px: about("cy_px")? })
+        };
+        let (first, rig) = (*first, told());
+        let period_ns = typical_period(&frames);
+        let mut source = Self { index, frames, size: (0, 0), rig, period_ns, kept: Vec::new() };
+        if source.rig.is_none() {
+            source.rig = source.rig_of_calibrations()?;
+        }
+        if let Some(rig) = source.rig {
+            source.rig = Some(rig.checked().map_err(|e| no_pairs(format!("its calibration: {e}")))?);
+        }
+        let sizes =
+            [source.image(first[0])?, source.image(first[1])?].map(|(_, width, height)| (width, height));
+        if sizes[0] != sizes[1] {
+            let [(w, h), (w2, h2)] = sizes;
+            return Err(no_pairs(format!("left images have {w}x{h} pixels, right ones {w2}x{h2}")).into());
+        }
+        source.size = sizes[0];
+        Ok(source)
+    }
+
+    /// Times of the pairs in the file, in order.
+    pub fn times_ns(&self) -> Vec<u64> {
+        self.frames.iter().map(|f| f[0].time_ns).collect()
+    }
+
+    /// Where the file was cut off, if it was.
+    pub fn cut(&self) -> Option<Cut> {
+        self.index.cut
+    }
+
+    fn channel(&self, id: u16) -> Channel {
+        let found = self.index.channels().find(|(i, _)| *i == id);
+        found.map_or(
+            Channel { topic: String::new(), encoding: String::new(), schema: String::new() },
+            |(_, c)| c.clone(),
+        )
+    }
+
+    fn fault(&self, at: ImagePlace, reason: impl Into<String>) -> SourceError {
+        let topic = self.channel(at.channel).topic;
+        let path = self.index.path().to_owned();
+        RecordingError::Message { path, topic, time_ns: at.time_ns, reason: reason.into() }.into()
+    }
+
+    /// Decodes one image.
+    fn image(&mut self, at: ImagePlace) -> Result<(Vec<u8>, usize, usize), SourceError> {
+        if !self.kept.iter().any(|(place, _)| *place == at.place) {
+            let messages = self.index.load(at.place)?;
+            if self.kept.len() == KEPT {
+                self.kept.remove(0);
+            }
+            self.kept.push((at.place, messages));
+        }
+        let channel = self.channel(at.channel);
+        let messages = self.kept.iter().find(|(place, _)| *place == at.place).map(|(_, m)| m);
+        let message =
+            messages.and_then(|m| m.iter().find(|m| m.channel == at.channel && m.time_ns == at.time_ns));
+        let Some(message) = message else {
+            return Err(self.fault(at, "its index names a message that is not there"));
+        };
+        grey(&channel, &message.data).map_err(|reason| self.fault(at, reason))
+    }
+
+    /// The rig that both cameras' projections tell.
+    fn rig_of_calibrations(&mut self) -> Result<Option<Rig>, SourceError> {
+        let mut found: [Option<[f64; 12]>; 2] = [None, None];
+        for place in 0..self.index.places() {
+            let wanted: Vec<u16> = self
+                .index
+                .channels()
+                .filter(|(_, c)| kind(c) == Some(Kind::Calibration))
+                .map(|(id, _)| id)
+                .collect();
+            if wanted.is_empty() || found.iter().all(Option::is_some) {
+                break;
+            }
+            if !self.index.messages(place).iter().any(|(channel, _)| wanted.contains(channel)) {
+                continue;
+            }
+            for message in self.index.load(place)?.iter().filter(|m| wanted.contains(&m.channel)) {
+                let channel = self.channel(message.channel);
+                let side = usize::from(channel.topic.contains("right"));
+                found[side] = found[side].or_else(|| projection(&channel, &message.data));
+            }
+        }
+        let [Some(left), Some(right)] = found else { return Ok(None) };
+        // The right camera's fourth column is −focal length × baseline.
+        let baseline_m = (left[3] - right[3]) / left[0];
+        let rig = Rig { focal_px: left[0], baseline_m, cx_px: left[2], cy_px: left[6] };
+        // Cameras that were never calibrated publish zeros.
+        Ok((left[0] > 0.0 && baseline_m.abs() > 0.0).then_some(rig))
+    }
+}
+
+/// The topics of the left and the right images.
+fn image_topics(index: &Index) -> Option<[u16; 2]> {
+    let images: Vec<(u16, &Channel)> =
+        index.channels().filter(|(_, c)| matches!(kind(c), Some(Kind::Raw | Kind::Compressed))).collect();
+    let named = |topic: &str| images.iter().find(|(_, c)| c.topic == topic).map(|(id, _)| *id);
+    if let (Some(left), Some(right)) = (named(LEFT_IMAGE), named(RIGHT_IMAGE)) {
+        return Some([left, right]);
+    }
+    let mut pairs: Vec<(bool, bool, [u16; 2])> = Vec::new();
+    for (id, channel) in &images {
+        if channel.topic.contains("left")
+            && let Some(right) = named(&channel.topic.replace("left", "right"))
+        {
+            let is_lossy = kind(channel) == Some(Kind::Compressed);
+            pairs.push((!channel.topic.contains("rect"), is_lossy, [*id, right]));
+        }
+    }
+    pairs.sort();
+    pairs.first().map(|(.., ids)| *ids)
+}
+
+fn places_of(index: &Index, channel: u16) -> Vec<ImagePlace> {
+    let mut found = Vec::new();
+    for place in 0..index.places() {
+        let own = index.messages(place).iter().filter(|(id, _)| *id == channel);
+        found.extend(own.map(|&(channel, time_ns)| ImagePlace { channel, place, time_ns }));
+    }
+    found.sort_by_key(|p| p.time_ns);
+    found
+}
+
+/// Each left image with the right one that is nearest in time, if it is nearer than half a period.
+fn pair_up(left: Vec<ImagePlace>, right: &[ImagePlace]) -> Vec<[ImagePlace; 2]> {
+    let times: Vec<u64> = left.iter().map(|p| p.time_ns).collect();
+    let bound = median_step(&times).map_or(DEFAULT_PERIOD_NS, |ns| ns) / 2;
+    let mut next = 0;
+    let mut frames = Vec::with_capacity(left.len());
+    for image in left {
+        let apart = |i: usize| right.get(i).map(|r| r.time_ns.abs_diff(image.time_ns));
+        while let (Some(here), Some(further)) = (apart(next), apart(next + 1))
+            && further <= here
+        {
+            next += 1;
+        }
+        if apart(next).is_some_and(|ns| ns <= bound) {
+            frames.push([image, right[next]]);
+            next += 1;
+        }
+    }
+    frames
+}
+
+fn median_step(times: &[u64]) -> Option<u64> {
+    let mut steps: Vec<u64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).copied()
+}
+
+fn typical_period(frames: &[[ImagePlace; 2]]) -> u64 {
+    let times: Vec<u64> = frames.iter().map(|f| f[0].time_ns).collect();
+    median_step(&times).unwrap_or(DEFAULT_PERIOD_NS).max(1)
+}
+
+impl PairSource for RecordingSource {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn rig(&self) -> Option<Rig> {
+        self.rig
+    }
+
+    fn count(&self) -> Option<u64> {
+        Some(self.frames.len() as u64)
+    }
+
+    fn period_ns(&self) -> u64 {
+        self.period_ns
+    }
+
+    fn time_ns(&self, index: u64) -> u64 {
+        let time = |i: usize| self.frames.get(i).map(|f| f[0].time_ns);
+        let at = usize::try_from(index).ok().and_then(time);
+        at.zip(time(0)).map_or(0, |(at, first)| at - first)
+    }
+
+    fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
+        let count = self.frames.len() as u64;
+        let frame = usize::try_from(index).ok().and_then(|i| self.frames.get(i)).copied();
+        let frame = frame.ok_or(SourceError::End { index, count })?;
+        for (at, target) in frame.into_iter().zip([left, right]) {
+            let (pixels, width, height) = self.image(at)?;
+            if (width, height) != self.size || pixels.len() != target.len() {
+                let (w, h) = self.size;
+                return Err(self.fault(at, format!("{width}x{height} pixels, the first pair has {w}x{h}")));
+            }
+            target.copy_from_slice(&pixels);
+        }
+        Ok(())
+    }
+}

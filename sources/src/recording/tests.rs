@@ -1,0 +1,189 @@
+//! Bags of ROS 2, written here byte by byte.
+
+use super::*;
+use crate::{PairSource, SourceError};
+use mcap::records::MessageHeader;
+use mcap::{Compression, WriteOptions, Writer};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::Path;
+
+const START_NS: u64 = 1_700_000_000_000_000_000;
+
+/// Writes CDR, little end first.
+struct CdrWriter(Vec<u8>);
+
+impl CdrWriter {
+    fn new() -> Self {
+        Self(vec![0, 1, 0, 0])
+    }
+
+    fn align(&mut self, to: usize) {
+        while !(self.0.len() - 4).is_multiple_of(to) {
+            self.0.push(0);
+        }
+    }
+
+    fn u32(&mut self, value: u32) {
+        self.align(4);
+        self.0.extend(value.to_le_bytes());
+    }
+
+    fn f64(&mut self, value: f64) {
+        self.align(8);
+        self.0.extend(value.to_le_bytes());
+    }
+
+    fn text(&mut self, text: &str) {
+        self.u32(text.len() as u32 + 1);
+        self.0.extend(text.as_bytes());
+        self.0.push(0);
+    }
+
+    fn header(&mut self) {
+        self.u32(1_700_000_000);
+        self.u32(0);
+        self.text("camera");
+    }
+
+    fn image(encoding: &str, width: u32, height: u32, step: u32, data: &[u8]) -> Vec<u8> {
+        let mut cdr = Self::new();
+        cdr.header();
+        cdr.u32(height);
+        cdr.u32(width);
+        cdr.text(encoding);
+        cdr.0.push(0);
+        cdr.u32(step);
+        cdr.u32(data.len() as u32);
+        cdr.0.extend(data);
+        cdr.0
+    }
+
+    fn camera_info(p: [f64; 12]) -> Vec<u8> {
+        let mut cdr = Self::new();
+        cdr.header();
+        cdr.u32(2);
+        cdr.u32(3);
+        cdr.text("plumb_bob");
+        cdr.u32(5);
+        (0..5 + 9 + 9).for_each(|_| cdr.f64(0.5));
+        p.into_iter().for_each(|v| cdr.f64(v));
+        cdr.0
+    }
+}
+
+/// A bag with messages: topic, type, time in ms, bytes.
+fn bag(path: &Path, compression: Option<Compression>, messages: &[(&str, &str, u64, Vec<u8>)]) {
+    let mut writer: Writer<File> = WriteOptions::new()
+        .compression(compression)
+        .profile("ros2")
+        .create(File::create(path).unwrap())
+        .unwrap();
+    for (topic, kind, at_ms, data) in messages {
+        let schema = writer.add_schema(&format!("sensor_msgs/msg/{kind}"), "ros2msg", b"").unwrap();
+        let channel = writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap();
+        let time = START_NS + at_ms * 1_000_000;
+        let header = MessageHeader { channel_id: channel, sequence: 0, log_time: time, publish_time: time };
+        writer.write_to_known_channel(&header, data).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+const LEFT: &str = "/stereo/left/image_rect";
+const RIGHT: &str = "/stereo/right/image_rect";
+
+fn projection(shift: f64) -> [f64; 12] {
+    [500.0, 0.0, 1.5, shift, 0.0, 500.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+}
+
+#[test]
+fn a_ros_2_bag_is_a_source() {
+    let folder = tempfile::tempdir().unwrap();
+    for compression in [None, Some(Compression::Lz4), Some(Compression::Zstd)] {
+        let path = folder.path().join(format!("{compression:?}.mcap"));
+        let grey = |level: u8| {
+            CdrWriter::image("mono8", 3, 2, 4, &[level, level, level, 99, level, level, level, 99])
+        };
+        // Pure green has the grey level 150.
+        let green = CdrWriter::image("rgb8", 3, 2, 9, &[0, 255, 0].repeat(6));
+        let mut messages = vec![
+            ("/stereo/left/camera_info", "CameraInfo", 0, CdrWriter::camera_info(projection(0.0))),
+            ("/stereo/right/camera_info", "CameraInfo", 0, CdrWriter::camera_info(projection(-60.0))),
+            ("/stereo/left/image_raw", "Image", 0, grey(1)),
+            ("/stereo/right/image_raw", "Image", 0, grey(2)),
+        ];
+        for n in 0..6_u64 {
+            messages.push((LEFT, "Image", 100 * n, grey(10 + n as u8)));
+            // The right one comes a little later; the third was lost.
+            if n != 2 {
+                messages.push((
+                    RIGHT,
+                    "Image",
+                    100 * n + 7,
+                    if n == 5 { green.clone() } else { grey(20 + n as u8) },
+                ));
+            }
+        }
+        bag(&path, compression, &messages);
+        let mut source = RecordingSource::open(&path).unwrap();
+        assert_eq!((source.size(), source.count(), source.period_ns()), ((3, 2), Some(5), 100_000_000));
+        let rig = source.rig().unwrap();
+        assert_eq!((rig.focal_px, rig.baseline_m, rig.cx_px, rig.cy_px), (500.0, 0.12, 1.5, 1.0));
+        let mut levels = Vec::new();
+        let (mut left, mut right) = ([0; 6], [0; 6]);
+        for i in 0..5 {
+            source.read(i, &mut left, &mut right).unwrap();
+            levels.push((left[5], right[5], source.time_ns(i) / 1_000_000));
+        }
+        // The time of the lost pair is still there.
+        assert_eq!(levels, [(10, 20, 0), (11, 21, 100), (13, 23, 300), (14, 24, 400), (15, 150, 500)]);
+        assert!(matches!(source.read(5, &mut left, &mut right), Err(SourceError::End { count: 5, .. })));
+    }
+}
+
+#[test]
+fn what_is_not_understood_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = |messages: &[(&str, &str, u64, Vec<u8>)]| {
+        let path = folder.path().join("a.mcap");
+        bag(&path, None, messages);
+        let mut source = match RecordingSource::open(&path) {
+            Ok(source) => source,
+            Err(error) => return error.to_string(),
+        };
+        let (mut left, mut right) = ([0; 6], [0; 6]);
+        let last = source.count().unwrap() - 1;
+        source.read(last, &mut left, &mut right).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let image = |encoding: &str, data: usize| CdrWriter::image(encoding, 3, 2, 3, &vec![7; data]);
+    let alone = error(&[(LEFT, "Image", 0, image("mono8", 6))]);
+    assert!(alone.contains("a.mcap: no pairs of images") && alone.contains(LEFT), "{alone}");
+    let pair = |left: Vec<u8>, right: Vec<u8>| error(&[(LEFT, "Image", 0, left), (RIGHT, "Image", 0, right)]);
+    let bayer = pair(image("bayer_rggb8", 6), image("mono8", 6));
+    assert!(bayer.contains("bayer_rggb8") && bayer.contains(LEFT), "{bayer}");
+    let short = pair(image("mono8", 5), image("mono8", 6));
+    assert!(short.contains("5 bytes are too few for 3x2"), "{short}");
+    let cut = pair(image("mono8", 6)[..30].to_vec(), image("mono8", 6));
+    assert!(cut.contains("cut off"), "{cut}");
+    let other = pair(image("mono8", 6), CdrWriter::image("mono8", 2, 2, 2, &[7; 4]));
+    assert!(other.contains("left images have 3x2 pixels, right ones 2x2"), "{other}");
+    // A change in the middle is an error of its frame.
+    let later = error(&[
+        (LEFT, "Image", 0, image("mono8", 6)),
+        (RIGHT, "Image", 0, image("mono8", 6)),
+        (LEFT, "Image", 100, CdrWriter::image("mono8", 2, 2, 2, &[7; 4])),
+        (RIGHT, "Image", 100, image("mono8", 6)),
+    ]);
+    assert!(later.contains("2x2 pixels, the first pair has 3x2"), "{later}");
+    // Bytes of any kind in the place of messages.
+    let mut random = fastrand::Rng::with_seed(8);
+    for _ in 0..300 {
+        let mut message = image("mono8", 6);
+        for _ in 0..random.usize(1..5) {
+            let at = random.usize(0..message.len());
+            message[at] = random.u8(..);
+        }
+        let said = pair(message, image("mono8", 6));
+        assert!(said.is_empty() || said.contains("a.mcap"), "{said}");
+    }
+}

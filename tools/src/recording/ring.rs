@@ -1,0 +1,93 @@
+//! The last seconds, kept in memory until an alarm asks for them.
+
+use super::topic::Message;
+use std::collections::VecDeque;
+
+/// What a message takes besides its bytes.
+const MESSAGE_BYTES: usize = 64;
+
+/// Messages of the last while, bounded in time and in bytes.
+#[derive(Debug)]
+pub struct Ring {
+    messages: VecDeque<Message>,
+    bytes: usize,
+    longest_ns: u64,
+    most_bytes: usize,
+}
+
+impl Ring {
+    /// A ring of `longest_ns`, and of at most `most_bytes`.
+    pub fn new(longest_ns: u64, most_bytes: usize) -> Self {
+        Self { messages: VecDeque::new(), bytes: 0, longest_ns, most_bytes }
+    }
+
+    /// Adds a message; the oldest go when there are too many. Gives whether one went that was not
+    /// yet too old: then the ring is shorter than it should be.
+    pub fn push(&mut self, message: Message) -> bool {
+        let oldest_ns = message.time_ns.saturating_sub(self.longest_ns);
+        self.bytes += message.data.len() + MESSAGE_BYTES;
+        self.messages.push_back(message);
+        let mut is_short = false;
+        while let Some(first) = self.messages.front()
+            && (first.time_ns < oldest_ns || self.bytes > self.most_bytes)
+        {
+            is_short |= first.time_ns >= oldest_ns;
+            self.bytes -= first.data.len() + MESSAGE_BYTES;
+            self.messages.pop_front();
+        }
+        is_short
+    }
+
+    /// Takes all messages out, oldest first.
+    pub fn drain(&mut self) -> impl Iterator<Item = Message> {
+        self.bytes = 0;
+        self.messages.drain(..)
+    }
+
+    /// Bytes that it holds.
+    #[cfg(test)]
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::topic::Topic;
+    use super::*;
+
+    fn message(second: u64, bytes: usize) -> Message {
+        Message {
+            topic: Topic::Pair,
+            sequence: second as u32,
+            time_ns: second * 1_000_000_000,
+            data: vec![0; bytes],
+        }
+    }
+
+    #[test]
+    fn it_holds_the_last_seconds() {
+        let mut ring = Ring::new(20_000_000_000, 1 << 20);
+        for second in 0..100 {
+            assert!(!ring.push(message(second, 100)));
+        }
+        let kept: Vec<u32> = ring.drain().map(|m| m.sequence).collect();
+        assert_eq!(kept, (79..100).collect::<Vec<_>>());
+        assert_eq!((ring.bytes(), ring.drain().count()), (0, 0));
+    }
+
+    #[test]
+    fn its_memory_is_bounded() {
+        let mut ring = Ring::new(20_000_000_000, 10_000);
+        let mut was_short = false;
+        for second in 0..1000 {
+            was_short |= ring.push(message(second, 900));
+            assert!(ring.bytes() <= 10_000);
+        }
+        assert!(was_short, "it must say that it is shorter than asked");
+        assert_eq!(ring.drain().count(), 10);
+        // One message that is larger than the ring is not kept.
+        assert!(ring.push(message(2000, 20_000)));
+        assert_eq!(ring.drain().count(), 0);
+    }
+}

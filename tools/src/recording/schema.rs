@@ -1,0 +1,116 @@
+//! The types of a recording's messages.
+
+use sources::recording::protobuf::{MessageType, descriptor_set};
+
+/// A type of messages: how it is described, and how they are encoded.
+#[derive(Clone, Copy, Debug)]
+pub enum Schema {
+    /// Foxglove's, as Protocol Buffers.
+    Protobuf(&'static MessageType),
+    /// Ours, as JSON with a JSON schema.
+    Json {
+        /// Its name.
+        name: &'static str,
+        /// The schema.
+        text: &'static str,
+    },
+}
+
+impl Schema {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Protobuf(message) => message.name,
+            Self::Json { name, .. } => name,
+        }
+    }
+
+    /// How it is described, in MCAP's words.
+    pub fn encoding(self) -> &'static str {
+        match self {
+            Self::Protobuf(_) => "protobuf",
+            Self::Json { .. } => "jsonschema",
+        }
+    }
+
+    /// How its messages are encoded, in MCAP's words.
+    pub fn message_encoding(self) -> &'static str {
+        match self {
+            Self::Protobuf(_) => "protobuf",
+            Self::Json { .. } => "json",
+        }
+    }
+
+    /// The description.
+    pub fn data(self) -> Vec<u8> {
+        match self {
+            Self::Protobuf(message) => descriptor_set(message),
+            Self::Json { text, .. } => text.as_bytes().to_vec(),
+        }
+    }
+}
+
+/// `lookout.Pair`.
+pub const PAIR: Schema = Schema::Json {
+    name: "lookout.Pair",
+    text: r#"{"title":"lookout.Pair","type":"object","description":"What ties a left and a right image of the same time together",
+"properties":{
+"sequence":{"type":"integer","description":"Number of the pair in its source, from 0"},
+"source_ns":{"type":"integer","description":"Time in the scene, in nanoseconds"},
+"capture_ns":{"type":"integer","description":"When it was captured, on the monotonic clock of the machine, in nanoseconds"},
+"width":{"type":"integer"},"height":{"type":"integer"}}}"#,
+};
+
+/// `lookout.Obstacles`: a line of `obstacles.jsonl`.
+pub const OBSTACLES: Schema = Schema::Json {
+    name: "lookout.Obstacles",
+    text: r#"{"title":"lookout.Obstacles","type":"object","description":"What came out of one frame: a line of obstacles.jsonl",
+"properties":{
+"sequence":{"type":"integer"},"time_s":{"type":"number","description":"Time in the scene"},
+"road":{"type":["object","null"],"properties":{"camera_height_m":{"type":"number"},"horizon_px":{"type":"number"},"confidence":{"type":"number"}}},
+"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","clear","alarm"]},"track":{"type":["integer","null"]},"nearest_m":{"type":["number","null"]}}},
+"obstacles":{"type":"array","items":{"type":"object","properties":{
+"track":{"type":"integer"},"class":{"type":"string"},"score":{"type":["number","null"]},"confirmed":{"type":"boolean"},
+"x_px":{"type":"integer"},"y_px":{"type":"integer"},"width_px":{"type":"integer"},"height_px":{"type":"integer"},
+"distance_m":{"type":"number"},"distance_sigma_m":{"type":"number"},"lateral_m":{"type":"number"},"width_m":{"type":"number"},"height_m":{"type":"number"},
+"closing_m_s":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]}}}}}}"#,
+};
+
+/// `lookout.Status`: what `lookout status --json` prints.
+pub const STATUS: Schema = Schema::Json {
+    name: "lookout.Status",
+    text: r#"{"title":"lookout.Status","type":"object","description":"How the daemon is doing: what lookout status --json prints",
+"properties":{
+"pid":{"type":"integer"},"state":{"type":"string"},"reason":{"type":"string"},"uptime_s":{"type":"number"},"frames":{"type":"integer"},
+"latency_p50_ms":{"type":"number"},"latency_p99_ms":{"type":"number"},"alarm":{"type":"string"},"alarms":{"type":"integer"},
+"obstacles":{"type":"integer"},"nearest_m":{"type":["number","null"]},
+"calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"worst_px":{"type":"number"}}},
+"processes":{"type":"array","items":{"type":"object","properties":{
+"role":{"type":"string"},"state":{"type":"string"},"pid":{"type":"integer"},"restarts":{"type":"integer"},"frames":{"type":"integer"},
+"skipped":{"type":"integer"},"refused":{"type":"integer"},"rate_hz":{"type":"number"},"p50_ms":{"type":"number"},"p99_ms":{"type":"number"},
+"cpu_percent":{"type":"number"},"private_bytes":{"type":"integer"},"shared_bytes":{"type":"integer"}}}}}}"#,
+};
+
+/// `lookout.Loss`.
+pub const LOSS: Schema = Schema::Json {
+    name: "lookout.Loss",
+    text: r#"{"title":"lookout.Loss","type":"object","description":"Messages that were sent and could not be recorded",
+"properties":{
+"service":{"type":"string","description":"The service that sent them; disk: the disk was too slow for what had been received"},
+"count":{"type":"integer","description":"How many since the last such message"},
+"total":{"type":"integer","description":"How many since the recording began"}}}"#,
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn json_schemas_are_json() {
+        for schema in [PAIR, OBSTACLES, STATUS, LOSS] {
+            let value: serde_json::Value = serde_json::from_slice(&schema.data()).unwrap();
+            assert_eq!(value["title"], schema.name());
+            assert!(value["properties"].as_object().unwrap().len() > 2);
+        }
+    }
+}

@@ -199,6 +199,9 @@ impl Checker<'_> {
                     && v.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
             }),
             Kind::Path => value.get_ref().as_str().is_some_and(|v| !v.contains('\0')),
+            Kind::Text(most) => {
+                value.get_ref().as_str().is_some_and(|v| v.len() <= most && !v.contains('\0'))
+            }
         };
         if !fits {
             let remedy = key.kind.to_string();
@@ -263,6 +266,7 @@ impl fmt::Display for Kind {
             Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),
             Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
             Kind::Path => f.write_str("a path in quotes"),
+            Kind::Text(most) => write!(f, "up to {most} bytes of text in quotes"),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `status`: scheduler → anyone. How the daemon is doing, once a second and for late comers.
 
 use crate::calibration::CalibrationRecord;
+use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
@@ -47,7 +48,7 @@ pub struct StatusRecord {
     pub pid: u32,
     /// Processes that follow.
     pub processes: u32,
-    /// 0 = starting, 1 = running, 2 = degraded (a stage was given up, or the calibration is), 3 = stopping.
+    /// 0 = starting, 1 = running, 2 = degraded (a stage was given up, the calibration is, or the GPU is lost), 3 = stopping.
     pub state: u32,
     /// Alarm level of the last frame: 0 = off, 1 = clear, 2 = alarm.
     pub alarm: u32,
@@ -67,6 +68,8 @@ pub struct StatusRecord {
     pub latency_p99_ms: f32,
     /// Whether the cameras still stand as they were calibrated.
     pub calibration: CalibrationRecord,
+    /// The device that matches; zeros where the CPU does.
+    pub device: DeviceRecord,
     /// Why the daemon is in its state, in words.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].

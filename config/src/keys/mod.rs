@@ -19,6 +19,8 @@ pub enum Kind {
     Name(usize),
     /// A path; may be empty.
     Path,
+    /// Any text of at most this many bytes; may be empty.
+    Text(usize),
 }
 
 /// One key.

@@ -3,6 +3,7 @@
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
 use ipc::calibration::{CalibrationRecord, CalibrationState};
+use ipc::device::DeviceRecord;
 use ipc::header::{Header, put_text};
 use ipc::report::ReportRecord;
 use ipc::role::Role;
@@ -79,6 +80,7 @@ pub struct Collector {
     /// Good or degraded, whichever was said last.
     calibration_said: CalibrationState,
     calibration_changes: Vec<CalibrationChange>,
+    device: DeviceRecord,
 }
 
 impl Collector {
@@ -109,6 +111,7 @@ impl Collector {
             calibration: CalibrationRecord::default(),
             calibration_said: CalibrationState::Unknown,
             calibration_changes: Vec::new(),
+            device: DeviceRecord::default(),
         }
     }
 
@@ -133,6 +136,7 @@ impl Collector {
             }
             if role == Role::Stereo {
                 self.take_calibration(header.sequence, report.calibration);
+                self.device = report.device;
             }
         }
         is_new
@@ -195,6 +199,11 @@ impl Collector {
     /// What the last frame says of the calibration.
     pub fn calibration(&self) -> CalibrationRecord {
         self.calibration
+    }
+
+    /// The device that the last frame was matched on.
+    pub fn device(&self) -> &DeviceRecord {
+        &self.device
     }
 
     /// Takes in the alarm level of a frame (2 = on).

@@ -10,6 +10,7 @@ use crate::input;
 use crate::launch::{FrameFormat, Launch};
 use crate::memory::MemoryProbe;
 use crate::rooms::recognition::RecognitionRoom;
+use crate::rooms::{RoomError, matcher};
 use crate::stage::pin;
 use config::Config;
 use ipc::bus::{Bus, IpcError};
@@ -103,6 +104,7 @@ impl Run {
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         Mpv::check(width, height, disparities)
             .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
+        matcher::check(config, width, height).map_err(RoomError::from)?;
         let frames = FrameFormat::new((width, height), rig);
         RecognitionRoom::new(config, &frames)?;
         let nearest_m = rig.distance_m(disparities as f64 - 1.0);
@@ -431,11 +433,13 @@ impl Run {
         let mut status = StatusRecord::empty();
         status.calibration = self.collector.calibration();
         let is_off = status.calibration.state() == CalibrationState::Degraded;
+        status.device = *self.collector.device();
+        let is_lost = status.device.is_lost();
         status.pid = std::process::id();
         status.state = match (self.phase, self.supervisor.given_up()) {
             (Phase::Draining { .. } | Phase::Stopping, _) => 3,
             (Phase::Running, Some(_)) => 2,
-            (Phase::Running, None) if is_running && is_off => 2,
+            (Phase::Running, None) if is_running && (is_off || is_lost) => 2,
             (Phase::Running, None) => u32::from(self.collector.results() > 0 && is_running),
         };
         // What an old frame said is no judgement of the road now.
@@ -454,6 +458,7 @@ impl Run {
             reason if reason.is_empty() && is_off => {
                 status.set_reason(&format!("calibration {}", status.calibration));
             }
+            reason if reason.is_empty() && is_lost => status.set_reason(&status.device.words()),
             reason => status.set_reason(reason),
         }
         let processes = self.collector.processes(&self.supervisor, &self.plan, now);

@@ -168,7 +168,12 @@ fn on_gpu(
         return Ok(None);
     }
     let parameters = mpv_parameters(config);
-    match GpuMpv::new(&options(backend, config), parameters, search, width, height, disparities) {
+    let made = GpuMpv::new(&options(backend, config), parameters, search, width, height, disparities)
+        .and_then(|mut gpu| {
+            gpu.verify(&mut Mpv::new(parameters, search, width, height, disparities)?)?;
+            Ok(gpu)
+        });
+    match made {
         Ok(gpu) => {
             let replacement = move || -> Result<Box<dyn Matcher>, MatcherError> {
                 Ok(Box::new(Mpv::new(parameters, search, width, height, disparities)?))

@@ -73,6 +73,16 @@ pub enum GpuError {
         /// Why.
         loss: Loss,
     },
+    /// Its map of a drawn pair is not the CPU's.
+    #[error(
+        "{adapter}: computes another map than the CPU ({pixels} pixels differ): update its driver, or take the CPU"
+    )]
+    Wrong {
+        /// The adapter.
+        adapter: String,
+        /// Pixels that differ.
+        pixels: usize,
+    },
     /// No matcher takes the size or the disparities.
     #[error(transparent)]
     Matcher(#[from] MatcherError),

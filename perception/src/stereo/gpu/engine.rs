@@ -165,7 +165,11 @@ impl Engine {
         let polled =
             self.device.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: Some(patience) });
         self.trouble.check()?;
-        polled.map(|_| ()).map_err(|_| Loss::Hung)
+        polled.map(|_| ()).map_err(|error| match error {
+            wgpu::PollError::Timeout => Loss::Hung,
+            // A lost device takes no submissions.
+            wgpu::PollError::WrongSubmissionIndex(..) => Loss::Device,
+        })
     }
 }
 

@@ -17,6 +17,7 @@ mod kernels;
 mod program;
 mod slots;
 mod uniforms;
+mod verify;
 
 pub use adapter::{AdapterDescription, GpuError, adapters};
 pub use engine::Gate;

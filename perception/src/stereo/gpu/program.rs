@@ -95,7 +95,7 @@ impl Program {
             jumps: storage("jumps", volume),
             pixels: storage("pixels", 4 * pixels + 64),
             right_view: storage("right view", 4 * pixels),
-            seeds: storage("seeds", pixels),
+            seeds: storage("seeds", most(&|scale| 4 * scale.coarse_pixels())),
             other_map: storage("other map", 4 * pixels),
         };
         let scales: Vec<ScaleBuffers> = plan
@@ -195,7 +195,7 @@ impl Program {
         }
     }
 
-    fn encode_passes(
+    pub(super) fn encode_passes(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         mut wanted: impl FnMut(usize, &'static str) -> bool,
@@ -381,8 +381,9 @@ fn scale_passes(
         run(engine, kernel, &[(0, &buffers.uniform), (1, from), (2, to)], whole)
     };
     let bound = [(0, &buffers.uniform), (1, &buffers.map), (2, &scratch.pixels), (3, &scratch.right_view)];
-    let island =
-        |kernel: &wgpu::ComputePipeline, bindings, groups| run(engine, kernel, &bound[..bindings], groups);
+    let island = |kernel: &wgpu::ComputePipeline, bindings: usize, groups| {
+        run(engine, kernel, &bound[..bindings], groups)
+    };
     let finest = i + 1 == plan.scales.len();
     let mut runs = Vec::new();
     if finest {

@@ -299,6 +299,60 @@ fn both_layers_equal_the_plain_twin_bit_for_bit() {
 }
 
 #[test]
+fn plans_equal_those_of_the_cpu() {
+    if !adapter_is_there() {
+        return;
+    }
+    let mut random = fastrand::Rng::with_seed(3);
+    for (round, (width, height, disparities)) in
+        [(161, 97, 64), (150, 90, 128), (70, 33, 20), (40, 200, 255)].into_iter().enumerate()
+    {
+        let parameters = MpvParameters { scales: 2, ..MpvParameters::default() };
+        let plan = uniforms::plan(&parameters, Search::Windows, width, height, disparities);
+        let mut engine = Engine::open(&any_adapter(), &plan).unwrap();
+        let program = engine.guarded(|| Program::new(&engine, &plan)).unwrap();
+        let (w, h) = (width.div_ceil(2), height.div_ceil(2));
+        for slant in [0, 60, 150] {
+            // A slope with steps, holes and wrong values.
+            let map: Vec<u16> = (0..w * h)
+                .map(|i| match random.u8(..) {
+                    0..60 => 0,
+                    60..70 => random.u16(1..=128 * disparities as u16),
+                    _ => {
+                        let wall = if i % w > w / 2 { 30 * round } else { 0 };
+                        (256 + 100 * wall + (i % w) * slant + (i / w) * 64).min(128 * disparities) as u16
+                    }
+                })
+                .collect();
+            let words: Vec<u32> = map.iter().map(|&d| u32::from(d) | 0x70_0000).collect();
+            let mut blocks = super::super::blocks::Blocks::new(width, height, disparities);
+            blocks.reserve(w, h);
+            let budget = crate::stereo::mpv::budget(&blocks, disparities);
+            let coarse = crate::stereo::DisparityView::new(&map, w, h).unwrap();
+            blocks.plan(Level::PLAIN, coarse, true, Some((96, budget)));
+
+            engine.queue.write_buffer(&program.scales[0].map, 0, bytemuck::cast_slice(&words));
+            let mut encoder =
+                engine.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            program.encode_passes(&mut encoder, |scale, stage| scale == 1 && stage == "plan");
+            let index = engine.submit(encoder.finish()).unwrap();
+            engine.wait(index, Duration::from_secs(300)).unwrap();
+            let got = read(&mut engine, &program.scales[1].blocks);
+            let got: Vec<BlockUniform> =
+                got.chunks_exact(size_of::<BlockUniform>()).map(bytemuck::pod_read_unaligned).collect();
+            for strip in 0..blocks.strips() {
+                for (tile, expected) in blocks.strip(strip).iter().enumerate() {
+                    let got = got[strip * blocks.tiles() + tile];
+                    let got = (got.low as usize, got.high as usize, got.slope_x, got.slope_y);
+                    let expected = (expected.low, expected.high, expected.slope_x, expected.slope_y);
+                    assert_eq!(got, expected, "block {tile}, {strip} of {width}x{height}, slant {slant}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn whole_maps_equal_the_plain_twin_bit_for_bit() {
     if !adapter_is_there() {
         return;
@@ -371,6 +425,24 @@ fn two_pairs_in_flight_keep_their_order() {
     if !device.stages.is_empty() {
         assert!(device.stages.iter().map(|stage| stage.ns).sum::<u64>() > 0, "{:?}", device.stages);
     }
+}
+
+#[test]
+fn a_device_is_verified_against_the_cpu() {
+    if !adapter_is_there() {
+        return;
+    }
+    let (width, height, disparities) = (130, 60, 32);
+    let make = |parameters| Mpv::new(parameters, Search::Windows, width, height, disparities).unwrap();
+    let parameters = MpvParameters::default();
+    let mut gpu =
+        GpuMpv::new(&any_adapter(), parameters, Search::Windows, width, height, disparities).unwrap();
+    gpu.verify(&mut make(parameters)).unwrap();
+    // One that computes something else is found out.
+    let mut other = parameters;
+    other.paths.lambda_vertical += 3;
+    let error = gpu.verify(&mut make(other)).unwrap_err();
+    assert!(matches!(error, GpuError::Wrong { pixels: 1.., .. }), "{error}");
 }
 
 /// Lets some submissions through, then brings what it holds.

@@ -100,6 +100,10 @@ impl ScalePlan {
         u64::from(self.uniform.width) * u64::from(self.uniform.height)
     }
 
+    pub(super) fn coarse_pixels(&self) -> u64 {
+        u64::from(self.uniform.coarse_width) * u64::from(self.uniform.coarse_height)
+    }
+
     /// Bytes of the features of both pictures.
     pub(super) fn feature_bytes(&self) -> u64 {
         2 * 16 * u64::from(self.uniform.width + 4) * u64::from(self.uniform.height)

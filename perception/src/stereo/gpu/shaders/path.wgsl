@@ -37,8 +37,11 @@ var<workgroup> energies: array<u32, 2u * SLOTS * WORDS>;
 
 // A pixel on a path.
 struct Pixel {
+    x: u32,
+    y: u32,
     // The path starts here.
     fresh: bool,
+    grey: u32,
     low: u32,
     high: u32,
     // The first word in the volume.
@@ -47,56 +50,51 @@ struct Pixel {
     slope: i32,
 }
 
-fn grey(x: u32, y: u32) -> u32 {
-    return (pictures[y * scale.stride + x / 4u] >> (8u * (x % 4u))) & 0xffu;
-}
-
 fn slope_step(slope: i32, before: i32, here: i32) -> i32 {
     return clamp(((slope * here + 128) >> 8u) - ((slope * before + 128) >> 8u), -1, 1);
 }
 
-// Pixel `i` of a path, in its own direction.
-fn pixel(line: u32, i: u32, backwards: bool) -> Pixel {
-    var x: u32;
-    var y: u32;
-    if direction.down == 0u {
-        x = select(i, scale.width - 1u - i, backwards);
-        y = line;
-    } else {
-        y = select(i, scale.height - 1u - i, backwards);
-        let moved = y % scale.width;
-        x = line;
-        if direction.dx > 0 {
-            x = line + moved;
-        } else if direction.dx < 0 {
-            x = line + scale.width - moved;
-        }
-        x %= scale.width;
-    }
-    let sign = select(1, -1, backwards);
-    let from_x = i32(x) - sign * direction.dx;
-    let from_y = i32(y) - sign * i32(direction.down);
-    var here: Pixel;
-    // A diagonal that leaves the picture goes on at the other border, as another path.
-    here.fresh = i == 0u || from_x < 0 || from_x >= i32(scale.width);
+// A pixel that a path enters from one of some grey value; `sign` is 1 forwards, −1 backwards.
+fn pixel(x: u32, y: u32, fresh: bool, grey_before: u32, sign: i32) -> Pixel {
     let block = blocks[y / BLOCK * scale.tiles + x / BLOCK];
+    let words = end_word(block) - first_word(block);
+    var here: Pixel;
+    here.x = x;
+    here.y = y;
+    here.fresh = fresh;
+    here.grey = (pictures[y * scale.stride + x / 4u] >> (8u * (x % 4u))) & 0xffu;
     here.low = block.low;
     here.high = block.high;
-    let words = end_word(block) - first_word(block);
     here.at = block.at + (y % BLOCK * BLOCK + x % BLOCK) * words;
-    here.weight = direction.flat;
-    here.slope = 0;
-    if !here.fresh {
-        if apart(grey(x, y), grey(u32(from_x), u32(from_y))) >= direction.levels {
-            here.weight = direction.edge;
-        }
-        if direction.down == 0u {
-            here.slope = slope_step(block.slope_x, from_x, i32(x));
-        } else {
-            here.slope = slope_step(block.slope_y + direction.dx * block.slope_x, from_y, i32(y));
-        }
-    }
+    here.weight = select(direction.flat, direction.edge, apart(here.grey, grey_before) >= direction.levels);
+    let across = direction.down == 0u;
+    let slope = select(block.slope_y + direction.dx * block.slope_x, block.slope_x, across);
+    let place = i32(select(y, x, across));
+    here.slope = slope_step(slope, place - sign, place);
     return here;
+}
+
+fn first_pixel(line: u32, backwards: bool, sign: i32) -> Pixel {
+    if direction.down == 0u {
+        return pixel(select(0u, scale.width - 1u, backwards), line, true, 0u, sign);
+    }
+    let y = select(0u, scale.height - 1u, backwards);
+    let moved = y % scale.width;
+    let x = select(line + moved, line + scale.width - moved, direction.dx < 0) % scale.width;
+    return pixel(select(x, line, direction.dx == 0), y, true, 0u, sign);
+}
+
+// The pixel after another; after the last one any. A diagonal that leaves the picture goes on at the other
+// border, as another path.
+fn pixel_after(before: Pixel, sign: i32) -> Pixel {
+    let width = i32(scale.width);
+    var x = i32(before.x) + sign * direction.dx;
+    let fresh = x < 0 || x >= width;
+    if fresh {
+        x -= width * sign * direction.dx;
+    }
+    let y = clamp(i32(before.y) + sign * i32(direction.down), 0, i32(scale.height) - 1);
+    return pixel(u32(x), u32(y), fresh, before.grey, sign);
 }
 
 // Word `k` of the energies before, where `first` to `end` are there; nodes that do not exist hold 255.
@@ -141,7 +139,8 @@ fn advance(
     var carried = 0u;
     var first = 0;
     var end = 0;
-    var next = pixel(line, 0u, backwards);
+    let sign = select(1, -1, backwards);
+    var next = first_pixel(line, backwards, sign);
     var next_data = data[next.at + min(lane, (next.high + 3u) / 4u - next.low / 4u - 1u)];
     for (var turn = 0u; turn < steps + lag; turn++) {
         let i = turn - late;
@@ -151,7 +150,7 @@ fn advance(
             let here = next;
             let data_here = next_data;
             // What the next step reads is asked for now.
-            next = pixel(line, min(i + 1u, steps - 1u), backwards);
+            next = pixel_after(here, sign);
             next_data = data[next.at + min(lane, (next.high + 3u) / 4u - next.low / 4u - 1u)];
 
             let place = select(i, steps - 1u - i, backwards);

@@ -172,17 +172,23 @@ fn advance(
                 var jump = vec4<u32>(0u);
                 if !here.fresh {
                     let k = i32(word);
-                    // The cheapest ways from below and from above, up to the word.
+                    // The cheapest ways from below and from above, up to the word. Mostly the next word is enough.
+                    let below = vec4<u32>(3u * w, 2u * w, w, 0u);
                     var up = 1024u;
-                    for (var j = max(k - direction.reach, first - 1); j < k; j++) {
-                        let v = nodes_before(before, j, first, end, here.slope) + vec4<u32>(3u * w, 2u * w, w, 0u);
+                    for (var j = max(k - direction.reach, first - 1); j < k - 1; j++) {
+                        let v = nodes_before(before, j, first, end, here.slope) + below;
                         up = min(up + 4u * w, min(min(v.x, v.y), min(v.z, v.w)));
                     }
+                    let under = nodes_before(before, k - 1, first, end, here.slope) + below;
+                    up = min(up + 4u * w, min(min(under.x, under.y), min(under.z, under.w)));
+                    let above = vec4<u32>(0u, w, 2u * w, 3u * w);
                     var down = 1024u;
-                    for (var j = min(k + direction.reach, end); j > k; j--) {
-                        let v = nodes_before(before, j, first, end, here.slope) + vec4<u32>(0u, w, 2u * w, 3u * w);
+                    for (var j = min(k + direction.reach, end); j > k + 1; j--) {
+                        let v = nodes_before(before, j, first, end, here.slope) + above;
                         down = min(down + 4u * w, min(min(v.x, v.y), min(v.z, v.w)));
                     }
+                    let over = nodes_before(before, k + 1, first, end, here.slope) + above;
+                    down = min(down + 4u * w, min(min(over.x, over.y), min(over.z, over.w)));
                     let own = nodes_before(before, k, first, end, here.slope);
                     var forward: vec4<u32>;
                     forward.x = min(own.x, up + w);

@@ -83,6 +83,9 @@ pub struct Stereo {
     pub confidence_min: i64,
     pub bridge_px: i64,
     pub fill: bool,
+    pub backend: String,
+    pub adapter: String,
+    pub gpu_timeout_ms: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

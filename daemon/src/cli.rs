@@ -1,6 +1,6 @@
 //! The command line. Its words are stable.
 
-use crate::rooms::matcher::Method;
+use crate::rooms::matcher::{Backend, Method};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use sources::scene::file::Weather;
@@ -295,6 +295,9 @@ pub struct Disparity {
     /// Matcher [default: stereo.method]
     #[arg(long, value_enum)]
     pub method: Option<Method>,
+    /// What matches [default: stereo.backend]
+    #[arg(long, value_enum)]
+    pub backend: Option<Backend>,
     /// Times the matcher alone this often
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: u32,
@@ -442,6 +445,9 @@ pub struct EvaluateStereo {
     /// Matcher [default: stereo.method]
     #[arg(long, value_enum, conflicts_with = "maps")]
     pub method: Option<Method>,
+    /// What matches [default: stereo.backend]
+    #[arg(long, value_enum, conflicts_with = "maps")]
+    pub backend: Option<Backend>,
     /// Disparities searched, in px
     #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255), conflicts_with = "maps")]
     pub max_disparity: u16,

@@ -14,6 +14,7 @@ pub mod calibration;
 pub mod clock;
 pub mod command;
 pub mod depth;
+pub mod device;
 pub mod header;
 pub mod heat;
 pub mod idle;

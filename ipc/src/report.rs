@@ -1,6 +1,7 @@
 //! `report`: every stage → scheduler. One record per frame, and a heartbeat when idle.
 
 use crate::calibration::CalibrationRecord;
+use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
@@ -51,6 +52,8 @@ pub struct ReportRecord {
     pub work_ns: u64,
     /// What the stereo stage says of the calibration; zeros from the others.
     pub calibration: CalibrationRecord,
+    /// The device that matches; zeros from stages that do not.
+    pub device: DeviceRecord,
     /// Why, in words, padded with zeros.
     pub text: [u8; 256],
 }

@@ -1,6 +1,7 @@
 //! `status`: scheduler → anyone. How the daemon is doing, once a second and for late comers.
 
 use crate::calibration::CalibrationRecord;
+use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
 use crate::rig::RigRecord;
@@ -77,6 +78,8 @@ pub struct StatusRecord {
     pub heat: HeatRecord,
     /// What the frames are, and what turns their disparities into metres.
     pub rig: RigRecord,
+    /// The device that matches; zeros where the CPU does.
+    pub device: DeviceRecord,
     /// Why the daemon is in its state, in words.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].

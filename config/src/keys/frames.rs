@@ -1,6 +1,6 @@
 //! Keys of what brings frames and matches them: source, stereo, calibration.
 
-use super::Kind::{Choice, Number, Path, Switch, Whole};
+use super::Kind::{Choice, Number, Path, Switch, Text, Whole};
 use super::{Key, key};
 
 /// `[source]`.
@@ -54,7 +54,7 @@ pub(super) const STEREO: &[Key] = &[
     key(
         "stereo.threads",
         Whole(1, 64),
-        "Threads of the matcher; the maps are the same for any number. A stage pinned to one core gains nothing from more.",
+        "Threads of the matcher on the CPU; the maps are the same for any number. A stage pinned to one core gains nothing from more.",
     ),
     key("stereo.ssim_k2", Number(0.01, 0.5), "SSIM constant K₂: more ignores weak texture."),
     key(
@@ -121,6 +121,21 @@ pub(super) const STEREO: &[Key] = &[
         "stereo.fill",
         Switch,
         "Fills all other holes, too, along the edges of the image: nice to look at, not to brake by.",
+    ),
+    key(
+        "stereo.backend",
+        Choice(&["auto", "cpu", "gpu"]),
+        "What matches: `auto` takes a GPU where there is one and the build knows it (feature gpu), else the CPU; the maps are the same.",
+    ),
+    key(
+        "stereo.adapter",
+        Text(64),
+        "Part of the name of the GPU that is taken, in any case, as `vulkaninfo --summary` shows it; empty takes the fastest kind, and no driver that computes on the CPU.",
+    ),
+    key(
+        "stereo.gpu_timeout_ms",
+        Number(10.0, 60_000.0),
+        "A frame that the GPU has not finished in this time means that it hangs: the CPU takes over, with this frame. Less than supervision.liveness_deadline_ms.",
     ),
 ];
 

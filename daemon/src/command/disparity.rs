@@ -2,11 +2,13 @@
 
 use super::{CommandError, load, say};
 use crate::cli::Disparity;
-use crate::rooms::matcher::Method;
+use crate::rooms::matcher::{Backend, Method};
 use perception::image::GreyView;
-use perception::stereo::{DisparityView, MatchOutput};
+use perception::stereo::device::STAGES;
+use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use serde::Serialize;
 use sources::folder::read_grey;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
@@ -25,6 +27,61 @@ struct Figures {
     scale: u32,
     /// Nodes visited over width × height × disparities.
     nodes_share: f64,
+    /// None on the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<DeviceFigures>,
+}
+
+/// What the matcher's device says.
+#[derive(Serialize)]
+struct DeviceFigures {
+    adapter: String,
+    driver: String,
+    /// Why it was lost and the CPU took over, if it was.
+    loss: Option<String>,
+    /// Pairs a second, one after the other.
+    fps: f64,
+    /// Median of all stages together, by the device's timestamps; None where it has none.
+    gpu_ms_median: Option<f64>,
+    /// Median of each stage.
+    stages_ms_median: BTreeMap<&'static str, f64>,
+}
+
+impl DeviceFigures {
+    fn new(
+        matcher: &dyn Matcher,
+        wall_ms: f64,
+        stages_ms: &mut [Vec<f64>],
+        mut all_ms: Vec<f64>,
+    ) -> Option<Self> {
+        let device = matcher.device()?;
+        Some(Self {
+            adapter: device.adapter.to_owned(),
+            driver: device.driver.to_owned(),
+            loss: device.loss.map(|loss| loss.to_string()),
+            fps: 1e3 / wall_ms,
+            gpu_ms_median: (!all_ms.is_empty()).then(|| median(&mut all_ms)),
+            stages_ms_median: STAGES
+                .into_iter()
+                .zip(stages_ms)
+                .filter(|(_, times)| !times.is_empty())
+                .map(|(stage, times)| (stage, median(times)))
+                .collect(),
+        })
+    }
+
+    fn words(&self) -> String {
+        let stages: Vec<String> =
+            self.stages_ms_median.iter().map(|(stage, ms)| format!("{stage} {ms:.3}")).collect();
+        let mut words = format!("\n{} ({}): {:.1} pairs a second", self.adapter, self.driver, self.fps);
+        if let Some(ms) = self.gpu_ms_median {
+            words += &format!(", {ms:.3} ms on the device ({})", stages.join(", "));
+        }
+        if let Some(loss) = &self.loss {
+            words += &format!("; lost ({loss}), the CPU took over");
+        }
+        words
+    }
 }
 
 /// Reads a pair of images and makes sure that they have one size.
@@ -55,11 +112,13 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let left = GreyView::new(&left, width, height, width)?;
     let right = GreyView::new(&right, width, height, width)?;
     let method = args.method.unwrap_or(Method::configured(&config));
+    let backend = args.backend.unwrap_or(Backend::configured(&config));
     let mut matcher = method
-        .matcher(&config, width, height, disparities)
+        .matcher(backend, &config, width, height, disparities)
         .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
-    let (mut cpu_ms, mut wall_ms) = (Vec::new(), Vec::new());
+    let (mut cpu_ms, mut wall_ms, mut all_ms) = (Vec::new(), Vec::new(), Vec::new());
+    let mut stages_ms = STAGES.map(|_| Vec::new());
     let mut halved = 0;
     let budget_ms = args.budget_ms.unwrap_or(config.stereo.budget_ms);
     for _ in 0..args.repeat {
@@ -67,6 +126,12 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
         let mut go_on = || budget_ms <= 0.0 || wall.elapsed().as_secs_f64() * 1e3 < budget_ms;
         halved = matcher.compute_within(left, right, output, &mut go_on)?;
+        if let Some(device) = matcher.device().filter(|device| !device.stages.is_empty()) {
+            for (times, stage) in stages_ms.iter_mut().zip(device.stages) {
+                times.push(stage.ns as f64 * 1e-6);
+            }
+            all_ms.push(device.stages.iter().map(|stage| stage.ns as f64 * 1e-6).sum());
+        }
         cpu_ms.push((ipc::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
         wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
     }
@@ -76,7 +141,9 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     }
     let view = DisparityView::new(&disparity, width, height)
         .ok_or_else(|| CommandError::Other("the disparity map has another size than the image".into()))?;
+    let wall_ms_median = median(&mut wall_ms);
     let figures = Figures {
+        device: DeviceFigures::new(&*matcher, wall_ms_median, &mut stages_ms, all_ms),
         method,
         width,
         height,
@@ -84,7 +151,7 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         density: view.density(),
         cpu_ms_median: median(&mut cpu_ms),
         cpu_ms_min: cpu_ms[0],
-        wall_ms_median: median(&mut wall_ms),
+        wall_ms_median,
         workspace_bytes: matcher.workspace_bytes(),
         scale: 1 << halved,
         nodes_share: matcher.nodes() as f64 / (width * height * disparities) as f64,
@@ -95,12 +162,13 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let scale = if halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
     say(format_args!(
         "{width}x{height}{scale}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
-             (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}",
+             (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}{}",
         figures.density * 100.0,
         figures.cpu_ms_median,
         args.repeat,
         figures.nodes_share,
         figures.workspace_bytes as f64 / (1 << 20) as f64,
-        args.out.display()
+        args.out.display(),
+        figures.device.as_ref().map(DeviceFigures::words).unwrap_or_default()
     ))
 }

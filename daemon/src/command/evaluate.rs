@@ -4,7 +4,7 @@ use super::disparity::{median, read_pair};
 use super::replay::progress;
 use super::{CommandError, load, say};
 use crate::cli::{EvaluateStereo, PairChoice};
-use crate::rooms::matcher::Method;
+use crate::rooms::matcher::{Backend, Method};
 use config::Config;
 use perception::image::GreyView;
 use perception::stereo::{MatchOutput, Matcher};
@@ -227,8 +227,9 @@ impl Estimator for Matchers<'_> {
             std::collections::hash_map::Entry::Vacant(entry) => {
                 let disparities = usize::from(self.args.max_disparity);
                 let method = self.args.method.unwrap_or(Method::configured(self.config));
+                let backend = self.args.backend.unwrap_or(Backend::configured(self.config));
                 let matcher = method
-                    .matcher(self.config, width, height, disparities)
+                    .matcher(backend, self.config, width, height, disparities)
                     .map_err(|error| CommandError::Other(format!("{}: {error}", pair.left.display())))?;
                 entry.insert(matcher)
             }

@@ -7,12 +7,15 @@ use crate::cli::Status;
 use ipc::alarm::{Faults, level_name, rule_name};
 use ipc::bus::Bus;
 use ipc::calibration::CalibrationState;
+use ipc::device::DeviceRecord;
 use ipc::instance::{Instance, InstanceError};
 use ipc::service;
 use ipc::status::{self, StatusRecord};
 use ipc::wait::{self, Next};
+use perception::stereo::device::STAGES;
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -101,6 +104,8 @@ pub struct StatusJson {
     nearest_m: Option<f64>,
     calibration: CalibrationJson,
     heat: HeatJson,
+    /// None where the CPU matches.
+    device: Option<DeviceJson>,
     processes: Vec<ProcessJson>,
 }
 
@@ -115,6 +120,28 @@ struct CalibrationJson {
     sigma_px: f32,
     bound_px: f32,
     corrected_px: f32,
+}
+
+#[derive(Serialize)]
+struct DeviceJson {
+    adapter: String,
+    driver: String,
+    lost: bool,
+    text: String,
+    /// Time of each stage of the last frame on the device; empty where it has no timestamps.
+    stages_ms: BTreeMap<&'static str, f32>,
+}
+
+impl DeviceJson {
+    fn new(device: &DeviceRecord) -> Option<Self> {
+        (device.state != 0).then(|| Self {
+            adapter: device.adapter(),
+            driver: device.driver(),
+            lost: device.is_lost(),
+            text: device.words(),
+            stages_ms: STAGES.into_iter().zip(device.times_ms().iter().copied()).collect(),
+        })
+    }
 }
 
 #[derive(Serialize)]
@@ -164,6 +191,7 @@ impl StatusJson {
                 corrected_px: status.calibration.corrected_px,
             },
             heat: HeatJson::new(&status.heat),
+            device: DeviceJson::new(&status.device),
             processes: status
                 .processes()
                 .map(|(role, p)| ProcessJson {
@@ -208,6 +236,23 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         CalibrationState::Off => String::new(),
         _ => format!("calibration: {}\n", status.calibration),
     };
+    let device = match status.device.words() {
+        words if words.is_empty() => words,
+        words => {
+            let times: Vec<String> = STAGES
+                .iter()
+                .zip(status.device.times_ms())
+                .map(|(stage, ms)| format!("{stage} {ms:.2}"))
+                .collect();
+            let all: f32 = status.device.times_ms().iter().sum();
+            let times = if times.is_empty() {
+                times.concat()
+            } else {
+                format!(": {all:.1} ms ({})", times.join(", "))
+            };
+            format!("matches on {words}{times}\n")
+        }
+    };
     let nearest = if status.nearest_m.is_finite() {
         format!(", nearest in the path {:.1} m", status.nearest_m)
     } else {
@@ -216,7 +261,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms so far\n{calibration}{}",
+         alarm {}{nearest}; {} obstacles, {} alarms so far\n{calibration}{device}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,

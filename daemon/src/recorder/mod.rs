@@ -189,7 +189,7 @@ impl Feed {
         if self.plan.topics.scene {
             self.put_message(encode::scene(stamp, &record, &self.rig));
         }
-        if message.alarm.level == 2 {
+        if message.alarm.level == ipc::alarm::ALARM {
             self.put(Item::Alarm { time_ns: stamp.time_ns });
         }
     }

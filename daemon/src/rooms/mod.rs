@@ -10,6 +10,7 @@ pub mod stereo;
 use config::Config;
 use ipc::alarm::Faults;
 use ipc::calibration::CalibrationRecord;
+use ipc::device::DeviceRecord;
 use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
@@ -20,7 +21,7 @@ use perception::stereo::scale::PathParameters;
 use perception::stereo::speckle::SpeckleParameters;
 use perception::stereo::viterbi::Merge;
 use perception::stereo::winner::{SubPixel, WinnerParameters};
-use perception::stereo::{MatchError, MatcherError, MpvParameters};
+use perception::stereo::{MatchError, MpvParameters};
 use perception::tracking::TrackerParameters;
 use perception::tracking::alarm::AlarmParameters;
 use perception::tracking::looks::LookParameters;
@@ -49,14 +50,19 @@ pub trait Room {
     fn faults(&self) -> Faults {
         Faults::NONE
     }
+
+    /// The device that it works on; zeros for the CPU.
+    fn device(&self) -> DeviceRecord {
+        DeviceRecord::default()
+    }
 }
 
 /// Why a room cannot be furnished. The text names the key or file and the remedy.
 #[derive(Debug, Error)]
 pub enum RoomError {
-    /// The matcher refuses the size or the disparities.
+    /// The matcher refuses the size or the disparities, or its backend cannot be used.
     #[error(transparent)]
-    Matcher(#[from] MatcherError),
+    Matcher(#[from] matcher::BackendError),
     /// The cascade cannot be read.
     #[error(
         "recognition.cascade: {}: {source}: give an OpenCV cascade XML, vehicle for the one that ships \

@@ -1,12 +1,13 @@
 //! Pair to depth.
 
 use super::calibration::CalibrationRoom;
-use super::matcher::Method;
+use super::matcher::{Backend, Method};
 use super::{FrameError, Room, RoomError, check_size};
 use crate::launch::FrameFormat;
 use config::Config;
 use ipc::alarm::Faults;
 use ipc::calibration::{CalibrationRecord, CalibrationState};
+use ipc::device::DeviceRecord;
 use ipc::header::Header;
 use ipc::{depth, pair};
 use perception::image::GreyView;
@@ -27,6 +28,8 @@ pub struct StereoRoom {
     coarse: u64,
     width: usize,
     height: usize,
+    /// Whether the loss of the device was logged.
+    loss_told: bool,
 }
 
 impl StereoRoom {
@@ -37,13 +40,18 @@ impl StereoRoom {
     pub fn new(config: &Config, format: &FrameFormat) -> Result<Self, RoomError> {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        let matcher = Method::configured(config).matcher(config, width, height, disparities)?;
+        let backend = Backend::configured(config);
+        let matcher = Method::configured(config).matcher(backend, config, width, height, disparities)?;
+        if let Some(device) = matcher.device() {
+            tracing::info!(adapter = device.adapter, driver = device.driver, "matches on a GPU");
+        }
         let budget =
             (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
         let calibration = CalibrationRoom::new(config, width, height);
         let sight = config.alarm.self_check.then(SightCheck::default);
         let seen = SightFaults::default();
-        Ok(Self { matcher, calibration, sight, seen, budget, coarse: 0, width, height })
+        let (coarse, loss_told) = (0, false);
+        Ok(Self { matcher, calibration, sight, seen, budget, coarse, width, height, loss_told })
     }
 }
 
@@ -72,6 +80,13 @@ impl Room for StereoRoom {
         let budget = self.budget;
         let mut go_on = || budget.is_none_or(|budget| started.elapsed() < budget);
         let halved = self.matcher.compute_within(left, shifted, output, &mut go_on)?;
+        if !self.loss_told
+            && let Some(device) = self.matcher.device()
+            && let Some(loss) = device.loss
+        {
+            self.loss_told = true;
+            tracing::error!(adapter = device.adapter, %loss, sequence = header.sequence, "the CPU matches from this frame on");
+        }
         if halved > 0 {
             self.coarse += 1;
             // The first, then ever more rarely: a log must not grow with every frame.
@@ -90,6 +105,15 @@ impl Room for StereoRoom {
             calibration.update(left, right, map, out.confidence);
         }
         Ok(self.output_bytes())
+    }
+
+    fn device(&self) -> DeviceRecord {
+        let Some(device) = self.matcher.device() else { return DeviceRecord::default() };
+        // No text is made of a loss before there is one: this is asked for every frame.
+        let loss = device.loss.map(|loss| loss.to_string());
+        let mut record = DeviceRecord::new(device.adapter, device.driver, loss.as_deref());
+        record.set_times_ns(device.stages.iter().map(|stage| stage.ns));
+        record
     }
 
     fn calibration(&self) -> CalibrationRecord {

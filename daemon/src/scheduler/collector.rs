@@ -4,6 +4,7 @@ use super::cores::CorePlan;
 use super::supervisor::Supervisor;
 use ipc::alarm::{self, Faults};
 use ipc::calibration::{CalibrationRecord, CalibrationState};
+use ipc::device::DeviceRecord;
 use ipc::header::{Header, put_text};
 use ipc::obstacles::AlarmRecord;
 use ipc::report::ReportRecord;
@@ -84,6 +85,7 @@ pub struct Collector {
     /// Good or degraded, whichever was said last.
     calibration_said: CalibrationState,
     calibration_changes: Vec<CalibrationChange>,
+    device: DeviceRecord,
 }
 
 impl Collector {
@@ -116,6 +118,7 @@ impl Collector {
             calibration: CalibrationRecord::default(),
             calibration_said: CalibrationState::Unknown,
             calibration_changes: Vec::new(),
+            device: DeviceRecord::default(),
         }
     }
 
@@ -140,6 +143,7 @@ impl Collector {
             }
             if role == Role::Stereo {
                 self.take_calibration(header.sequence, report.calibration);
+                self.device = report.device;
             }
         }
         is_new
@@ -202,6 +206,11 @@ impl Collector {
     /// What the last frame says of the calibration.
     pub fn calibration(&self) -> CalibrationRecord {
         self.calibration
+    }
+
+    /// The device that the last frame was matched on.
+    pub fn device(&self) -> &DeviceRecord {
+        &self.device
     }
 
     /// Takes in the alarm of a frame, and logs it when it says something new.

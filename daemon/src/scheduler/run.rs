@@ -13,6 +13,7 @@ use crate::input;
 use crate::launch::{FrameFormat, Launch};
 use crate::memory::MemoryProbe;
 use crate::rooms::recognition::RecognitionRoom;
+use crate::rooms::{RoomError, matcher};
 use crate::stage::pin;
 use config::Config;
 use ipc::alarm::{self, Faults};
@@ -115,6 +116,7 @@ impl Run {
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         Mpv::check(width, height, disparities)
             .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
+        matcher::check(config, width, height).map_err(RoomError::from)?;
         let frames = FrameFormat::new((width, height), rig);
         RecognitionRoom::new(config, &frames)?;
         let nearest_m = rig.distance_m(disparities as f64 - 1.0);
@@ -485,11 +487,13 @@ impl Run {
         status.calibration = self.collector.calibration();
         status.heat = self.board.record();
         status.rig = self.rig_record();
+        status.device = *self.collector.device();
         // The first counts.
         let fault = self.board.fault().or_else(|| {
             let is_off = status.calibration.state() == CalibrationState::Degraded;
             is_off.then(|| format!("calibration {}", status.calibration))
         });
+        let fault = fault.or_else(|| status.device.is_lost().then(|| status.device.words()));
         status.pid = std::process::id();
         status.state = match (self.phase, self.supervisor.given_up()) {
             (Phase::Draining { .. } | Phase::Stopping, _) => 3,

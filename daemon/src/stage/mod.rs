@@ -11,6 +11,7 @@ use crate::rooms::RoomError;
 use ipc::bus::{Bus, IpcError};
 use ipc::calibration::CalibrationRecord;
 use ipc::clock::{monotonic_ns, process_cpu_ns};
+use ipc::device::DeviceRecord;
 use ipc::header::{Header, Kind};
 use ipc::instance::Instance;
 use ipc::port::Publisher;
@@ -170,6 +171,11 @@ impl Stage {
     /// What the next report says of the calibration.
     pub fn set_calibration(&mut self, calibration: CalibrationRecord) {
         self.report.calibration = calibration;
+    }
+
+    /// What the next report says of the device.
+    pub fn set_device(&mut self, device: DeviceRecord) {
+        self.report.device = device;
     }
 
     /// Counts frames that newer ones overtook.

@@ -77,6 +77,7 @@ fn run(
                     *loan.header_mut() = header;
                     publisher.send(loan)?;
                     stage.set_calibration(room.calibration());
+                    stage.set_device(room.device());
                     stage.frame_done(&header, age_ns, end_ns - begin_ns)?;
                 }
                 Err(error) => {

@@ -121,6 +121,11 @@ impl Blocks {
         self.list.len() * size_of::<Block>() + self.seeds.len() + self.cells.len() * size_of::<Cell>() + 1024
     }
 
+    /// Width and height of the image in pixels.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
     /// Columns of blocks.
     pub fn tiles(&self) -> usize {
         self.tiles

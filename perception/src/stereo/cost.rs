@@ -59,13 +59,18 @@ impl Default for CostParameters {
 
 impl CostParameters {
     /// N·C, as the whole number that the kernels add.
-    fn bias(&self) -> i32 {
+    pub(super) fn bias(&self) -> i32 {
         (AREA * (self.k2.clamp(0.01, 1.0) * 255.0).powi(2) / 2.0).round() as i32
     }
 
     fn constants(&self) -> CostConstants {
         CostConstants { bias: self.bias(), middle: STRUCTURE + 0.5, gradient_limit: self.gradient_limit }
     }
+}
+
+/// What the statistics multiply a pixel's norm by: for the scale of the covariance and for the mean.
+pub(super) fn factors() -> (f32, f32) {
+    ((AREA * STRUCTURE).sqrt(), STRUCTURE.sqrt())
 }
 
 /// One image of a strip: its rows with the border repeated, packed, and the window statistics.
@@ -182,8 +187,7 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
         slide(sums, squares, row, &[]);
     }
     let constant = SIZE as i32 * SIZE as i32 * bias;
-    let scale_factor = (AREA * STRUCTURE).sqrt();
-    let mean_factor = STRUCTURE.sqrt();
+    let (scale_factor, mean_factor) = factors();
     let shift = (SIZE * SIZE) as i32 * plane.offset;
     for y in 0..STRIP {
         if y > 0 {

@@ -2,9 +2,12 @@
 
 pub mod blocks;
 pub mod cost;
+pub mod device;
 pub mod energy;
 pub mod epipolar;
 pub mod fill;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod median;
 pub mod mpv;
 pub mod pyramid;
@@ -16,6 +19,7 @@ pub mod winner;
 mod worker;
 
 use crate::image::GreyView;
+use device::{DeviceState, Loss};
 use thiserror::Error;
 
 pub use mpv::{Mpv, MpvParameters, Search};
@@ -103,6 +107,9 @@ pub enum MatchError {
         /// Pixels of the image.
         needed: usize,
     },
+    /// The device that the matcher runs on is gone; another pair will fare no better.
+    #[error("the matcher's device is lost: {0}")]
+    Lost(Loss),
 }
 
 /// Why a matcher cannot be made.
@@ -135,8 +142,7 @@ pub enum MatcherError {
     Disparities(usize),
 }
 
-/// Something that matches rectified pairs of one size. The CPU matchers implement it, a GPU one
-/// can.
+/// Something that matches rectified pairs of one size, on the CPU or on a GPU.
 pub trait Matcher {
     /// Matches one pair. The result depends on the pair alone.
     ///
@@ -169,4 +175,9 @@ pub trait Matcher {
 
     /// Bytes of scratch memory that the matcher holds.
     fn workspace_bytes(&self) -> usize;
+
+    /// The device that it runs on; None on the CPU.
+    fn device(&self) -> Option<DeviceState<'_>> {
+        None
+    }
 }

@@ -2,7 +2,7 @@
 //! disparities, the finer ones windows around it (fast) or all again (full). Slopes measured at a
 //! coarser scale let the paths of the finer one follow slanted surfaces at no cost.
 
-use super::blocks::BLOCK;
+use super::blocks::{BLOCK, Blocks};
 use super::cost::CostParameters;
 use super::energy::{EnergyRow, Volumes};
 use super::fill::{BridgeParameters, Fill};
@@ -180,24 +180,14 @@ impl Mpv {
         disparities: usize,
     ) -> Result<Self, MatcherError> {
         Self::check(width, height, disparities)?;
-        let mut sizes = vec![(width, height, disparities)];
-        while sizes.len() < parameters.scales.min(SCALES) {
-            let (w, h, d) = sizes[0];
-            let ((w, h), d) = (half_size(w, h), d.div_ceil(2) + 1);
-            if w.min(h) < LEAST_COARSE || d < LEAST_DISPARITIES {
-                break;
-            }
-            sizes.insert(0, (w, h, d));
-        }
+        let sizes = sizes(parameters.scales, width, height, disparities);
         let finest = sizes.len() - 1;
         let mut stages: Vec<Stage> = Vec::with_capacity(sizes.len());
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
             let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
             let everything = i == 0 || (i == finest && search == Search::Full);
-            // A quarter of the range at the finest scale, as the paper has it, and of half the scale
-            // before it; a little less, so that all three stay within 0.3281.
-            let quarter = w * h * disparities * 24 / 100 / LANES;
-            let vectors = if everything { scale.blocks.vectors() } else { quarter };
+            let vectors =
+                if everything { scale.blocks.vectors() } else { budget(&scale.blocks, disparities) };
             if let Some(coarser) = stages.last() {
                 scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
             }
@@ -205,19 +195,7 @@ impl Mpv {
                 scale.spare_caches();
             }
             let kept = if i == finest { 0 } else { w * h };
-            let speckle = if i == finest {
-                parameters.speckle
-            } else {
-                SpeckleParameters { least_pixels: COARSE_SPECKLE, ..parameters.speckle }
-            };
-            // The finest scale asks the neighbourhood, which is known only later.
-            let least_confidence = if i == finest { 0 } else { parameters.least_confidence };
-            // Slopes and windows are measured on the coarser maps: what scatters less serves them better.
-            let sub_pixel = match parameters.winner.sub_pixel {
-                SubPixel::Data if i < finest => SubPixel::Energy,
-                chosen => chosen,
-            };
-            let winner = WinnerParameters { least_confidence, sub_pixel, ..parameters.winner };
+            let (winner, speckle) = choices(&parameters, i == finest);
             stages.push(Stage {
                 winners: std::array::from_fn(|_| Winner::new(winner, level, w, d)),
                 speckle: SpeckleFilter::new(speckle, w, h),
@@ -225,8 +203,8 @@ impl Mpv {
                 right: vec![0; kept],
                 disparity: vec![0; kept],
                 confidence: vec![0; kept],
-                vectors: vectors.max(scale.blocks.least_vectors()),
-                widest: WIDEST[(finest - i).min(1)],
+                vectors,
+                widest: widest(finest - i),
                 scale,
             });
         }
@@ -293,6 +271,55 @@ impl Mpv {
             }
         }
     }
+}
+
+/// Width, height and disparities of all scales, the coarsest first.
+pub(super) fn sizes(
+    scales: usize,
+    width: usize,
+    height: usize,
+    disparities: usize,
+) -> Vec<(usize, usize, usize)> {
+    let mut sizes = vec![(width, height, disparities)];
+    while sizes.len() < scales.min(SCALES) {
+        let (w, h, d) = sizes[0];
+        let ((w, h), d) = (half_size(w, h), d.div_ceil(2) + 1);
+        if w.min(h) < LEAST_COARSE || d < LEAST_DISPARITIES {
+            break;
+        }
+        sizes.insert(0, (w, h, d));
+    }
+    sizes
+}
+
+/// The vectors that windows may take: a quarter of the range at the finest scale, as the paper has it,
+/// and of half the scale before it; a little less, so that all three stay within 0.3281.
+pub(super) fn budget(blocks: &Blocks, finest_disparities: usize) -> usize {
+    let (width, height) = blocks.size();
+    (width * height * finest_disparities * 24 / 100 / LANES).max(blocks.least_vectors())
+}
+
+/// The widest window of a scale that is halved so often.
+pub(super) fn widest(halved: usize) -> usize {
+    WIDEST[halved.min(1)]
+}
+
+/// How a scale chooses its winners, and which islands it removes.
+pub(super) fn choices(parameters: &MpvParameters, finest: bool) -> (WinnerParameters, SpeckleParameters) {
+    if finest {
+        // It asks the neighbourhood, which is known only later.
+        return (WinnerParameters { least_confidence: 0, ..parameters.winner }, parameters.speckle);
+    }
+    // Slopes and windows are measured on the coarser maps: what scatters less serves them better.
+    let sub_pixel = match parameters.winner.sub_pixel {
+        SubPixel::Data => SubPixel::Energy,
+        chosen => chosen,
+    };
+    let least_confidence = parameters.least_confidence;
+    (
+        WinnerParameters { least_confidence, sub_pixel, ..parameters.winner },
+        SpeckleParameters { least_pixels: COARSE_SPECKLE, ..parameters.speckle },
+    )
 }
 
 /// Takes the confidence of what is unknown.

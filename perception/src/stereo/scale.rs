@@ -61,7 +61,7 @@ pub struct EdgeWeight {
 }
 
 impl EdgeWeight {
-    fn new(lambda: u8, parameters: &PathParameters) -> Self {
+    pub(super) fn new(lambda: u8, parameters: &PathParameters) -> Self {
         let edge = (u32::from(lambda) * u32::from(parameters.edge_percent.min(100)) + 50) / 100;
         Self { smooth: lambda.max(1), edge: (edge as u8).max(1), levels: parameters.edge_levels }
     }

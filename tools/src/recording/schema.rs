@@ -68,12 +68,13 @@ pub const OBSTACLES: Schema = Schema::Json {
 "properties":{
 "sequence":{"type":"integer"},"time_s":{"type":"number","description":"Time in the scene"},
 "road":{"type":["object","null"],"properties":{"camera_height_m":{"type":"number"},"horizon_px":{"type":"number"},"confidence":{"type":"number"}}},
-"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","clear","alarm"]},"track":{"type":["integer","null"]},"nearest_m":{"type":["number","null"]}}},
+"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","standby","warning","alarm"]},"rule":{"type":["string","null"]},"track":{"type":["integer","null"]},"changed":{"type":"boolean"},"nearest_m":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"required_deceleration_m_s2":{"type":["number","null"]},"reason":{"type":["string","null"]}}},
 "obstacles":{"type":"array","items":{"type":"object","properties":{
 "track":{"type":"integer"},"class":{"type":"string"},"score":{"type":["number","null"]},"confirmed":{"type":"boolean"},
 "x_px":{"type":"integer"},"y_px":{"type":"integer"},"width_px":{"type":"integer"},"height_px":{"type":"integer"},
 "distance_m":{"type":"number"},"distance_sigma_m":{"type":"number"},"lateral_m":{"type":"number"},"width_m":{"type":"number"},"height_m":{"type":"number"},
-"closing_m_s":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]}}}}}}"#,
+"missed":{"type":"integer"},"in_path":{"type":"boolean"},"across_m_s":{"type":["number","null"]},
+"closing_m_s":{"type":["number","null"]},"closing_sigma_m_s":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"time_to_collision_sigma_s":{"type":["number","null"]}}}}}}"#,
 };
 
 /// `lookout.Status`: what `lookout status --json` prints.

@@ -1,0 +1,113 @@
+// From energies to a map: the winner of each pixel, its sub-pixel place, its confidence, and whether the
+// right view agrees.
+
+@group(0) @binding(0) var<uniform> scale: Scale;
+@group(0) @binding(1) var<storage, read> blocks: array<Block>;
+// H, and what the jumps of the six other paths cost.
+@group(0) @binding(2) var<storage, read> merged: array<u32>;
+@group(0) @binding(3) var<storage, read> jumps: array<u32>;
+// Disparity in 1/256 px, whole disparity, confidence.
+@group(0) @binding(4) var<storage, read_write> winners: array<u32>;
+// The right view: of the winners that land on a pixel the one of least energy, of equals the greatest
+// disparity. 255 less the energy in the upper byte, the disparity in the lower.
+@group(0) @binding(5) var<storage, read_write> right_view: array<atomic<u32>>;
+
+// A pixel's words, and one more, so that neighbours lie in other banks.
+const STRIDE = WORDS + 1u;
+var<workgroup> totals: array<u32, BLOCK * STRIDE>;
+
+fn total_of(pixel: u32, node: u32) -> u32 {
+    return (totals[pixel * STRIDE + node / 4u] >> (8u * (node % 4u))) & 0xffu;
+}
+
+fn data_of(at: u32, node: u32) -> i32 {
+    return i32((merged[at + node / 4u] >> (8u * (node % 4u))) & 0xffu);
+}
+
+@compute @workgroup_size(64)
+fn pick(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let y = group.y;
+    let block = blocks[y / BLOCK * scale.tiles + group.x];
+    let low_word = first_word(block);
+    let words = end_word(block) - low_word;
+    let row = block.at + y % BLOCK * BLOCK * words;
+    for (var i = thread; i < BLOCK * words; i += 64u) {
+        let sum = unpack4xU8(merged[row + i]) + unpack4xU8(jumps[row + i]);
+        totals[i / words * STRIDE + i % words] = pack4xU8(min(sum, vec4<u32>(255u)));
+    }
+    workgroupBarrier();
+    let x = group.x * BLOCK + thread;
+    if thread >= BLOCK || x >= scale.width {
+        return;
+    }
+    // Nodes count from the first of the first word.
+    let start = block.low - 4u * low_word;
+    let end = start + block.high - block.low;
+    var best = 255u;
+    var place = start;
+    for (var node = start; node < end; node++) {
+        let energy = total_of(thread, node);
+        if energy < best {
+            best = energy;
+            place = node;
+        }
+    }
+    var second = 255u;
+    for (var node = start; node < end; node++) {
+        if node + 1u < place || node > place + 1u {
+            second = min(second, total_of(thread, node));
+        }
+    }
+    let margin = second - min(second, best);
+    var confidence = min(min(2u * margin, 255u) + (margin + 1u) / 2u, 255u);
+    // A cut window hides the winner's rivals.
+    let cut_low = block.low > 0u;
+    let cut_high = block.high < scale.disparities;
+    if cut_low || cut_high {
+        let doubt = ((best + 1u) / 2u + 1u) / 2u;
+        confidence -= min(confidence, doubt);
+    }
+    if (cut_low && place == start) || (cut_high && place + 1u == end) {
+        confidence = 1u;
+    }
+    confidence = max(confidence, 1u);
+
+    let here = i32(best);
+    let at = row + thread * words;
+    let data = data_of(at, place);
+    var before = here;
+    var after = here;
+    var data_before = data;
+    var data_after = data;
+    if place > start && place + 1u < end {
+        before = i32(total_of(thread, place - 1u));
+        after = i32(total_of(thread, place + 1u));
+        data_before = data_of(at, place - 1u);
+        data_after = data_of(at, place + 1u);
+    }
+    // Two lines of equal slope; `lean` is twice the half of what the jumps cost more before than after.
+    var lean = 0;
+    if scale.sub_pixel == 2u {
+        lean = (before - data_before) - (after - data_after);
+        before = data_before;
+        after = data_after;
+    }
+    var middle = here;
+    if scale.sub_pixel == 2u {
+        middle = data;
+    }
+    var part = 0;
+    if scale.sub_pixel != 0u {
+        let slope = 2 * max(max(before - middle, after - middle), 1) + abs(lean);
+        part = clamp(128 * (2 * (before - after) + lean) / slope, -128, 128);
+    }
+    let whole = place - start + block.low;
+    let disparity = u32(i32(whole) * 256 + part) & 0xffffu;
+    winners[y * scale.width + x] = disparity | (confidence << 16u) | (whole << 24u);
+    if x >= whole {
+        atomicMax(&right_view[y * scale.width + x - whole], ((255u - best) << 8u) | whole);
+    }
+}

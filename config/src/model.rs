@@ -2,6 +2,9 @@
 
 #![allow(missing_docs, reason = "every key is described once, in the table of keys")]
 
+mod realtime;
+
+pub use realtime::{Pacing, Realtime};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -21,6 +24,8 @@ pub struct Config {
     pub alarm: Alarm,
     pub cores: Cores,
     pub supervision: Supervision,
+    pub realtime: Realtime,
+    pub pacing: Pacing,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -154,5 +159,6 @@ pub struct Supervision {
     pub restart_longest_ms: i64,
     pub restart_count: i64,
     pub restart_window_s: i64,
+    pub retry_s: i64,
     pub stop_grace_ms: i64,
 }

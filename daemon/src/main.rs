@@ -10,6 +10,7 @@ mod input;
 mod launch;
 mod logging;
 mod memory;
+mod realtime;
 mod rooms;
 mod scheduler;
 mod stage;
@@ -17,9 +18,15 @@ mod stage;
 use clap::Parser;
 use std::process::ExitCode;
 
+/// Counts what each thread allocates: a stage reports it with every frame.
+#[global_allocator]
+static ALLOCATOR: ipc::allocation::CountingAllocator = ipc::allocation::CountingAllocator;
+
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();
-    match command::run(cli) {
+    let result = command::run(cli);
+    logging::finish();
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("lookout: {error}");

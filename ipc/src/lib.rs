@@ -8,16 +8,20 @@
 //! iceoryx2 is used in this crate only, in its non-generic ports, so that its generic code is
 //! compiled once.
 
+pub mod allocation;
 pub mod bus;
 pub mod calibration;
 pub mod clock;
 pub mod command;
+pub mod deadline;
 pub mod depth;
 pub mod header;
 pub mod instance;
 pub mod obstacles;
 pub mod pair;
 pub mod port;
+pub mod privilege;
+pub mod realtime;
 pub mod regions;
 pub mod report;
 pub mod role;

@@ -35,8 +35,11 @@ pub const PAIR: ServiceSpec = frames(Kind::Pair, "pair", 2);
 pub const DEPTH: ServiceSpec = frames(Kind::Depth, "depth", 3);
 /// road → recognition, writer.
 pub const REGIONS: ServiceSpec = frames(Kind::Regions, "regions", 3);
-/// recognition → scheduler, writer, vehicle.
-pub const OBSTACLES: ServiceSpec = ServiceSpec { history: 1, ..frames(Kind::Obstacles, "obstacles", 8) };
+/// recognition → scheduler, writer, vehicle; and scheduler → writer, vehicle, to take back what a dead
+/// or silent stage has said last. So a late comer may get two messages of the history: the one that was
+/// issued later holds ([`obstacles::Newest`]).
+pub const OBSTACLES: ServiceSpec =
+    ServiceSpec { publishers: 3, history: 1, ..frames(Kind::Obstacles, "obstacles", 8) };
 /// every stage → scheduler.
 pub const REPORT: ServiceSpec = ServiceSpec {
     kind: Kind::Report,
@@ -88,7 +91,14 @@ impl ServiceSpec {
 pub fn total_pool_bytes(width: usize, height: usize, stages: usize) -> usize {
     SERVICES
         .iter()
-        .map(|s| s.pool_bytes(width, height) * if s.kind == Kind::Report { stages } else { 1 })
+        .map(|s| {
+            let publishers = match s.kind {
+                Kind::Report => stages,
+                Kind::Obstacles => 2,
+                _ => 1,
+            };
+            s.pool_bytes(width, height) * publishers
+        })
         .sum()
 }
 

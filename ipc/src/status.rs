@@ -1,9 +1,14 @@
 //! `status`: scheduler → anyone. How the daemon is doing, once a second and for late comers.
 
 use crate::calibration::CalibrationRecord;
+use crate::deadline::{DeadlineRecord, PacingRecord};
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
+use crate::realtime::RealtimeRecord;
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
+
+/// Frames after which a stage has all the memory that it needs.
+pub const WARM_FRAMES: u64 = 50;
 
 /// One process.
 #[repr(C)]
@@ -35,6 +40,10 @@ pub struct ProcessRecord {
     pub private_bytes: u64,
     /// Resident shared memory, in bytes.
     pub shared_bytes: u64,
+    /// Heap allocations for frames after the first [`WARM_FRAMES`] of each process; 0 is as it should be.
+    pub allocations: u64,
+    /// What it got of what real time needs.
+    pub realtime: RealtimeRecord,
     /// In words: running, starting, waiting to restart, given up.
     pub state: [u8; 24],
 }
@@ -47,7 +56,7 @@ pub struct StatusRecord {
     pub pid: u32,
     /// Processes that follow.
     pub processes: u32,
-    /// 0 = starting, 1 = running, 2 = degraded (a stage was given up, or the calibration is), 3 = stopping.
+    /// 0 = starting, 1 = running, 2 = degraded (the reason says why), 3 = stopping.
     pub state: u32,
     /// Alarm level of the last frame: 0 = off, 1 = clear, 2 = alarm.
     pub alarm: u32,
@@ -65,6 +74,10 @@ pub struct StatusRecord {
     pub latency_p50_ms: f32,
     /// 99th percentile of that.
     pub latency_p99_ms: f32,
+    /// Whether results come in time.
+    pub deadline: DeadlineRecord,
+    /// How fast the source runs.
+    pub pacing: PacingRecord,
     /// Whether the cameras still stand as they were calibrated.
     pub calibration: CalibrationRecord,
     /// Why the daemon is in its state, in words.

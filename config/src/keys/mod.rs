@@ -3,6 +3,7 @@
 mod daemon;
 mod decisions;
 mod frames;
+mod realtime;
 
 /// What a key holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +51,8 @@ const TABLES: &[&[Key]] = &[
     decisions::ALARM,
     daemon::CORES,
     daemon::SUPERVISION,
+    realtime::REALTIME,
+    realtime::PACING,
 ];
 
 /// All keys, table by table.

@@ -3,10 +3,11 @@
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
 use ipc::calibration::{CalibrationRecord, CalibrationState};
+use ipc::deadline::DeadlineRecord;
 use ipc::header::{Header, put_text};
 use ipc::report::ReportRecord;
 use ipc::role::Role;
-use ipc::status::ProcessRecord;
+use ipc::status::{ProcessRecord, WARM_FRAMES};
 use tools::summary::{CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
 
 /// Frames whose times are kept one by one, for plots.
@@ -37,6 +38,8 @@ struct RoleFigures {
     work: Latency,
     age: Latency,
     private_bytes: u64,
+    /// Heap allocations for frames once each process was warm.
+    allocations: u64,
     /// Totals at the last status, for rates.
     at_status: Totals,
 }
@@ -47,6 +50,7 @@ struct Totals {
     skipped: u64,
     refused: u64,
     cpu_ns: u64,
+    late: u64,
 }
 
 impl RoleFigures {
@@ -56,6 +60,7 @@ impl RoleFigures {
             skipped: self.before.skipped + self.last.skipped,
             refused: self.before.refused + self.last.refused,
             cpu_ns: self.before.cpu_ns + self.last.cpu_ns,
+            late: self.before.late + self.last.deadline.late,
         }
     }
 }
@@ -92,6 +97,7 @@ impl Collector {
             work: Latency::new(),
             age: Latency::new(),
             private_bytes: 0,
+            allocations: 0,
             at_status: Totals::default(),
         };
         Self {
@@ -125,6 +131,9 @@ impl Collector {
         figures.private_bytes = figures.private_bytes.max(report.private_bytes);
         if report.is_frame == 1 {
             figures.work.add_ns(report.work_ns);
+            if report.frames > WARM_FRAMES {
+                figures.allocations = figures.allocations.saturating_add(report.allocations);
+            }
             if role != Role::Capture {
                 figures.age.add_ns(report.age_ns);
             }
@@ -197,6 +206,15 @@ impl Collector {
         self.calibration
     }
 
+    /// Whether results come in time: the last one, and how many did not since the daemon started.
+    pub fn deadline(&self) -> DeadlineRecord {
+        let figures = self.roles.iter().find(|f| f.role == Role::Recognition);
+        figures.map_or_else(DeadlineRecord::default, |f| DeadlineRecord {
+            late: f.totals().late,
+            ..f.last.deadline
+        })
+    }
+
     /// Takes in the alarm level of a frame (2 = on).
     pub fn alarm(&mut self, level: u32) {
         let on = level == 2;
@@ -259,6 +277,8 @@ impl Collector {
                 p99_ms: work.p99_ms as f32,
                 private_bytes: if figures.alive { figures.last.private_bytes } else { 0 },
                 shared_bytes: if figures.alive { figures.last.shared_bytes } else { 0 },
+                allocations: figures.allocations,
+                realtime: figures.last.realtime,
                 state,
             }
         })
@@ -290,6 +310,7 @@ impl Collector {
                     age: figures.age.percentiles(),
                     cpu_percent: totals.cpu_ns as f64 / wall_ns as f64 * 100.0,
                     private_bytes: figures.private_bytes,
+                    allocations: figures.allocations,
                     restarts: supervisor.restarts(figures.role),
                 }
             })
@@ -307,6 +328,7 @@ impl Collector {
             file_bytes: self.roles.iter().map(|f| f.last.file_bytes).max().unwrap_or(0),
             rate_hz: if seconds > 0.0 { self.results.saturating_sub(1) as f64 / seconds } else { 0.0 },
             latency: self.latency.percentiles(),
+            late: self.deadline().late,
             restarts: processes.iter().map(|p| p.restarts).sum(),
             processes,
             shared_bytes,

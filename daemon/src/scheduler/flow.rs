@@ -142,6 +142,11 @@ impl Flow {
         stuck && self.ask()
     }
 
+    /// At live rate: the time between two pairs, in nanoseconds.
+    pub fn set_period(&mut self, period_ns: u64) {
+        self.command.period_ns = period_ns;
+    }
+
     /// The source is to stop.
     pub fn drain(&mut self) {
         self.command.drain = 1;

@@ -2,8 +2,11 @@
 
 pub mod children;
 pub mod collector;
+pub mod condition;
 pub mod cores;
 pub mod flow;
+pub mod lateness;
+pub mod pacer;
 mod run;
 pub mod supervisor;
 
@@ -35,6 +38,9 @@ pub enum RunError {
     /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] IpcError),
+    /// Something that real time needs was required and refused.
+    #[error(transparent)]
+    Refused(#[from] crate::realtime::Refused),
     /// The frames cannot be matched.
     #[error("{source_name}: {error}")]
     Frames {

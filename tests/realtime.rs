@@ -84,10 +84,44 @@ fn policy(pid: u32) -> (u32, u32) {
     (fields[41 - 3].parse().unwrap(), fields[40 - 3].parse().unwrap())
 }
 
+/// Whether this user may have real-time priorities and locked memory; says so where not.
+fn is_privileged() -> bool {
+    // In a thread of its own: this test program stays as it is.
+    let fifo = std::thread::spawn(|| ipc::privilege::set_fifo(10).is_ok()).join().unwrap();
+    let lock = rustix::process::getuid().is_root();
+    if !(fifo && lock) {
+        println!("skipped: this user may not have real-time priorities and locked memory");
+    }
+    fifo && lock
+}
+
+#[test]
+fn a_real_time_stage_that_never_sleeps_is_ended_by_the_kernel() {
+    if !is_privileged() {
+        return;
+    }
+    let bench = Bench::new();
+    let recording = bench.record("drive", 4);
+    // A frame of the full method over all disparities takes many times that.
+    bench.configure(&format!(
+        "restart_window_s = 60\n[realtime]\nscheduling = \"require\"\nbudget_ms = 5\n\
+         [source]\nkind = \"folder\"\npath = \"{recording}\"\nrepeat = true\nfps = 5.0\n"
+    ));
+    let settings = ["stereo.disparities=255", "stereo.method=full", "supervision.restart_count=1"];
+    let mut args = vec!["run"];
+    settings.iter().for_each(|setting| args.extend(["--set", setting]));
+    let daemon = bench.start(&args);
+    let status = bench.status_when(|s| s["state"] == "degraded");
+    let reason = status["reason"].as_str().unwrap();
+    assert!(reason.contains("stereo failed 2 times") && reason.contains("realtime.budget_ms"), "{reason}");
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+    bench.assert_clean();
+}
+
 #[test]
 fn what_is_granted_is_had_and_the_writer_never_asks() {
-    if ipc::privilege::lock_memory().is_err() || rustix::process::getuid().as_raw() != 0 {
-        println!("skipped: this user may not have real-time priorities");
+    if !is_privileged() {
         return;
     }
     let bench = Bench::new();

@@ -67,16 +67,6 @@ impl Queue {
     }
 
     fn line(&self, line: &[u8]) {
-        let (dropped, said) = (self.dropped.load(Ordering::Relaxed), self.said.load(Ordering::Relaxed));
-        if dropped > said {
-            let mut text = [0; 80];
-            let mut rest = &mut text[..];
-            let _ = writeln!(rest, "{} lines of the log were dropped", dropped - said);
-            let left = rest.len();
-            if self.put(&text[..text.len() - left]) {
-                self.said.store(dropped, Ordering::Relaxed);
-            }
-        }
         let whole = line.len() <= LONGEST_LINE;
         let put = if whole {
             self.put(line)
@@ -87,6 +77,18 @@ impl Queue {
         };
         if !put {
             self.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        // There is room again.
+        let (dropped, said) = (self.dropped.load(Ordering::Relaxed), self.said.load(Ordering::Relaxed));
+        if dropped > said {
+            let mut text = [0; 80];
+            let mut rest = &mut text[..];
+            let _ = writeln!(rest, "{} lines of the log were dropped", dropped - said);
+            let left = rest.len();
+            if self.put(&text[..text.len() - left]) {
+                self.said.store(dropped, Ordering::Relaxed);
+            }
         }
     }
 }
@@ -240,7 +242,7 @@ mod tests {
         queue.line(b"again\n");
         let length = reader.read(&mut text).unwrap();
         let got = String::from_utf8_lossy(&text[..length]).into_owned();
-        assert_eq!(got, format!("{dropped} lines of the log were dropped\nagain\n"));
+        assert_eq!(got, format!("again\n{dropped} lines of the log were dropped\n"));
         // A line that is too long is cut, so that it stays whole in the pipe.
         queue.line(&[b'y'; 3 * LONGEST_LINE]);
         let length = reader.read(&mut text).unwrap();

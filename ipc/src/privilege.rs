@@ -53,8 +53,9 @@ pub fn fifo_priority() -> u32 {
 /// # Errors
 /// When the limit cannot be lowered.
 pub fn limit_realtime(microseconds: u64) -> io::Result<()> {
-    // At the first SIGXCPU, which tells why; at the second, should that be caught, SIGKILL.
-    let limit = Rlimit { current: Some(microseconds), maximum: Some(2 * microseconds) };
+    // First SIGXCPU, which tells why; should that be caught, SIGKILL. Both are looked at by ticks of the
+    // kernel, several milliseconds apart, so they must not be close together.
+    let limit = Rlimit { current: Some(microseconds), maximum: Some(microseconds + 1_000_000) };
     Ok(setrlimit(Resource::Rttime, limit)?)
 }
 

@@ -108,6 +108,7 @@ impl Stage {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|e| system("installing a signal handler", e))?;
         }
+        allocation::keep_small_pieces();
         let realtime = realtime::enter(&launch.config, role, launch.core)?;
         if role == Role::Writer {
             // It may be late; the stages may not.

@@ -247,7 +247,7 @@ fn run(seed: u64) {
     let mut world = World::new(seed);
     for _ in 0..STEPS {
         world.step(false);
-        if seed % 4 == 0 && world.random.u16(..500) == 0 {
+        if seed.is_multiple_of(4) && world.random.u16(..500) == 0 {
             world.asked += 1;
             world.supervisor.retry(world.now);
         }

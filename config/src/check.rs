@@ -239,6 +239,7 @@ impl Checker<'_> {
             ("supervision.restart_first_ms", c.supervision.restart_first_ms as f64),
             ("supervision.restart_longest_ms", c.supervision.restart_longest_ms as f64),
         );
+        ordered(("pacing.min_fps", c.pacing.min_fps), ("pacing.max_fps", c.pacing.max_fps));
         let heartbeat = ("supervision.heartbeat_ms", c.supervision.heartbeat_ms as f64);
         ordered(
             heartbeat,

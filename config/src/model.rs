@@ -3,9 +3,11 @@
 #![allow(missing_docs, reason = "every key is described once, in the table of keys")]
 
 mod board;
+mod realtime;
 mod soak;
 
 pub use board::{Board, Clocks, Heat};
+pub use realtime::{Pacing, Realtime};
 use serde::{Deserialize, Serialize};
 pub use soak::Soak;
 use std::path::PathBuf;
@@ -31,6 +33,8 @@ pub struct Config {
     pub board: Board,
     pub soak: Soak,
     pub camera: Camera,
+    pub realtime: Realtime,
+    pub pacing: Pacing,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -178,6 +182,7 @@ pub struct Supervision {
     pub restart_longest_ms: i64,
     pub restart_count: i64,
     pub restart_window_s: i64,
+    pub retry_s: i64,
     pub stop_grace_ms: i64,
 }
 

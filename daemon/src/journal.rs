@@ -1,6 +1,7 @@
 //! The journal of systemd, in its own protocol: every field of an event is a field of the entry, so that
 //! `journalctl LOOKOUT_PROCESS=stereo` and `journalctl -o json` find what they look for.
 
+use crate::logging::Output;
 use std::fmt::{self, Write};
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -16,26 +17,28 @@ const SOCKET: &str = "/run/systemd/journal/socket";
 const GREATEST_MESSAGE: usize = 32 * 1024;
 
 /// Writes events to the journal.
-#[derive(Debug)]
 pub struct Journal {
     socket: UnixDatagram,
     process: &'static str,
+    /// For what the journal does not take at once.
+    lines: Output,
 }
 
 impl Journal {
     /// The journal, when standard error goes there: `$JOURNAL_STREAM` is its device and inode. Else, or
     /// when the socket is not there, `None`: lines on standard error then do.
-    pub fn open(process: &'static str) -> Option<Self> {
+    pub fn open(process: &'static str, lines: Output) -> Option<Self> {
         let stream = std::env::var("JOURNAL_STREAM").ok()?;
         let stat = rustix::fs::fstat(std::io::stderr()).ok()?;
         (stream == format!("{}:{}", stat.st_dev, stat.st_ino))
-            .then(|| Self::at(Path::new(SOCKET), process))?
+            .then(|| Self::at(Path::new(SOCKET), process, lines))?
     }
 
-    fn at(path: &Path, process: &'static str) -> Option<Self> {
+    fn at(path: &Path, process: &'static str, lines: Output) -> Option<Self> {
         let socket = UnixDatagram::unbound().ok()?;
         socket.connect(path).ok()?;
-        Some(Self { socket, process })
+        socket.set_nonblocking(true).ok()?;
+        Some(Self { socket, process, lines })
     }
 }
 
@@ -104,8 +107,8 @@ impl<S: Subscriber> Layer<S> for Journal {
         put(&mut entry, "LOOKOUT_PROCESS", self.process);
         put(&mut entry, "LOOKOUT_TARGET", event.metadata().target());
         if self.socket.send(&entry).is_err() {
-            // The journal is being restarted, perhaps: what goes to standard error reaches it later.
-            eprintln!("<{priority}>{message}");
+            // The journal is busy, or being restarted: what goes to standard error reaches it later.
+            self.lines.line(format!("<{priority}>{message}\n").as_bytes());
         }
     }
 }
@@ -144,7 +147,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("socket");
         let receiver = UnixDatagram::bind(&path).unwrap();
-        let journal = Journal::at(&path, "stereo").unwrap();
+        let journal = Journal::at(&path, "stereo", Output::direct()).unwrap();
         let subscriber = tracing_subscriber::registry().with(journal);
         let mut bytes = vec![0; 100_000];
         let mut next = || {
@@ -171,6 +174,6 @@ mod tests {
 
     #[test]
     fn without_a_journal_there_is_none() {
-        assert!(Journal::at(Path::new("/no/such/socket"), "x").is_none());
+        assert!(Journal::at(Path::new("/no/such/socket"), "x", Output::direct()).is_none());
     }
 }

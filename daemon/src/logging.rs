@@ -1,17 +1,175 @@
 //! Log lines: readable on a terminal; under systemd entries of the journal with fields, or lines with
-//! priorities where only standard error goes there.
+//! priorities where only standard error goes there. Never a wait for who writes them.
 
 use crate::journal::Journal;
+use rustix::fs::{OFlags, fcntl_setfl};
 use std::fmt;
-use std::io::IsTerminal;
+use std::io::{self, IsTerminal, PipeReader, PipeWriter, Read, Write};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::fmt::FmtContext;
+use tracing_subscriber::fmt::MakeWriter;
 use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::{Registry, reload};
+
+/// A line that is longer is cut: the kernel takes up to this many bytes whole or not at all (PIPE_BUF).
+const LONGEST_LINE: usize = 4096;
+
+/// How long a process that ends waits for its last lines to be written.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+/// Lines on their way to standard error: a pipe of this process's own, which takes a line at once or
+/// not at all, and a thread without priority that empties it. So a terminal that is stopped or a
+/// journal that is busy costs lines, which are counted, and never time.
+struct Queue {
+    pipe: PipeWriter,
+    queued: AtomicU64,
+    written: AtomicU64,
+    dropped: AtomicU64,
+    /// Dropped lines that were spoken of.
+    said: AtomicU64,
+}
+
+static QUEUE: OnceLock<Queue> = OnceLock::new();
+
+/// Lines of this process that were dropped so far.
+pub fn dropped() -> u64 {
+    QUEUE.get().map_or(0, |queue| queue.dropped.load(Ordering::Relaxed))
+}
+
+/// Waits until all lines are written, but not for ever.
+pub fn finish() {
+    let Some(queue) = QUEUE.get() else { return };
+    let start = Instant::now();
+    while queue.written.load(Ordering::Acquire) < queue.queued.load(Ordering::Acquire)
+        && start.elapsed() < LAST_WORDS
+    {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+impl Queue {
+    fn open() -> io::Result<(Self, PipeReader)> {
+        let (reader, pipe) = io::pipe()?;
+        fcntl_setfl(&pipe, OFlags::NONBLOCK)?;
+        let zero = || AtomicU64::new(0);
+        Ok((Self { pipe, queued: zero(), written: zero(), dropped: zero(), said: zero() }, reader))
+    }
+
+    /// Puts a line in, if there is room.
+    fn put(&self, line: &[u8]) -> bool {
+        let fits = matches!((&self.pipe).write(line), Ok(length) if length == line.len());
+        if fits {
+            self.queued.fetch_add(line.len() as u64, Ordering::Release);
+        }
+        fits
+    }
+
+    fn line(&self, line: &[u8]) {
+        let whole = line.len() <= LONGEST_LINE;
+        let put = if whole {
+            self.put(line)
+        } else {
+            let mut cut = [b'\n'; LONGEST_LINE];
+            cut[..LONGEST_LINE - 1].copy_from_slice(&line[..LONGEST_LINE - 1]);
+            self.put(&cut)
+        };
+        if !put {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        // There is room again.
+        let (dropped, said) = (self.dropped.load(Ordering::Relaxed), self.said.load(Ordering::Relaxed));
+        if dropped > said {
+            let mut text = [0; 80];
+            let mut rest = &mut text[..];
+            let _ = writeln!(rest, "{} lines of the log were dropped", dropped - said);
+            let left = rest.len();
+            if self.put(&text[..text.len() - left]) {
+                self.said.store(dropped, Ordering::Relaxed);
+            }
+        }
+    }
+}
+
+/// Writes what comes out of the pipe.
+fn drain(mut reader: PipeReader, queue: &Queue, mut buffer: Vec<u8>) {
+    loop {
+        match reader.read(&mut buffer) {
+            Ok(0) | Err(_) => return,
+            Ok(length) => {
+                // Where it cannot be written there is nobody to be told.
+                let _ = io::stderr().write_all(&buffer[..length]);
+                queue.written.fetch_add(length as u64, Ordering::Release);
+            }
+        }
+    }
+}
+
+/// Where lines go: through the queue, or straight to standard error.
+#[derive(Clone, Copy)]
+pub struct Output(Option<&'static Queue>);
+
+impl<'a> MakeWriter<'a> for Output {
+    type Writer = Self;
+
+    fn make_writer(&'a self) -> Self {
+        *self
+    }
+}
+
+impl Output {
+    /// Straight to standard error.
+    #[cfg(test)]
+    pub fn direct() -> Self {
+        Self(None)
+    }
+
+    /// Writes a line, which ends with a line break.
+    pub fn line(&self, line: &[u8]) {
+        match self.0 {
+            Some(queue) => queue.line(line),
+            None => {
+                let _ = io::stderr().write_all(line);
+            }
+        }
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        match self.0 {
+            Some(queue) => queue.line(line),
+            None => io::stderr().write_all(line)?,
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Starts the queue and its thread; `None` when the system gives none.
+fn queue() -> Option<&'static Queue> {
+    if QUEUE.get().is_none() {
+        let (queue, reader) = Queue::open().ok()?;
+        let queue = QUEUE.get_or_init(|| queue);
+        // Made here: a thread that allocates gets 64 MiB of address space for a heap of its own.
+        let buffer = vec![0; 16 * LONGEST_LINE];
+        std::thread::Builder::new()
+            .name("log".into())
+            .stack_size(256 << 10)
+            .spawn(move || drain(reader, queue, buffer))
+            .ok()?;
+    }
+    QUEUE.get()
+}
 
 /// One line per event: `<6>stereo: message key=value` under systemd, which adds the time itself;
 /// `INFO stereo: message key=value` elsewhere.
@@ -33,12 +191,14 @@ pub fn set_level(level: &str) {
 }
 
 /// Starts logging to standard error. `process` leads every line; `level` is one of `error`, `warn`,
-/// `info`, `debug` and `trace`.
+/// `info`, `debug` and `trace`. Processes of the daemon never wait for their lines to be written; what
+/// runs at a desk does.
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
     ipc::bus::set_library_log_level();
     let (filter, handle) = reload::Layer::new(filter);
-    if let Some(journal) = Journal::open(process) {
+    let output = Output(if is_daemon(process) { queue() } else { None });
+    if let Some(journal) = Journal::open(process, output) {
         let subscriber = tracing_subscriber::registry().with(filter).with(journal);
         // Fails only when logging was started before.
         if tracing::subscriber::set_global_default(subscriber).is_ok() {
@@ -48,15 +208,20 @@ pub fn start(process: &'static str, level: &str) {
     }
     let journal = std::env::var_os("JOURNAL_STREAM").is_some();
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let lines = tracing_subscriber::fmt::layer()
-        .with_ansi(colour)
-        .with_writer(std::io::stderr)
-        .event_format(Lines { process, journal, colour });
+    let lines = tracing_subscriber::fmt::layer().with_ansi(colour).with_writer(output).event_format(Lines {
+        process,
+        journal,
+        colour,
+    });
     let subscriber = tracing_subscriber::registry().with(filter).with(lines);
     // Fails only when logging was started before.
     if tracing::subscriber::set_global_default(subscriber).is_ok() {
         let _ = LEVEL.set(handle);
     }
+}
+
+fn is_daemon(process: &str) -> bool {
+    process.parse::<ipc::role::Role>().is_ok()
 }
 
 impl<S, N> FormatEvent<S, N> for Lines
@@ -99,5 +264,33 @@ fn colour(level: Level) -> u8 {
         Level::WARN => 33,
         Level::INFO => 32,
         Level::DEBUG | Level::TRACE => 36,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_queue_drops_lines_counts_them_and_says_so_when_there_is_room() {
+        let (queue, mut reader) = Queue::open().unwrap();
+        let line = [b'x'; 1000];
+        // Nobody reads: it fills up and goes on at once.
+        for _ in 0..200 {
+            queue.line(&line);
+        }
+        let dropped = queue.dropped.load(Ordering::Relaxed);
+        assert!((100..200).contains(&dropped), "{dropped} of 200 lines dropped");
+        let mut text = vec![0; 128 << 10];
+        let length = reader.read(&mut text).unwrap();
+        assert_eq!(length as u64, (200 - dropped) * 1000);
+        queue.line(b"again\n");
+        let length = reader.read(&mut text).unwrap();
+        let got = String::from_utf8_lossy(&text[..length]).into_owned();
+        assert_eq!(got, format!("again\n{dropped} lines of the log were dropped\n"));
+        // A line that is too long is cut, so that it stays whole in the pipe.
+        queue.line(&[b'y'; 3 * LONGEST_LINE]);
+        let length = reader.read(&mut text).unwrap();
+        assert_eq!((length, text[length - 1]), (LONGEST_LINE, b'\n'));
     }
 }

@@ -16,6 +16,7 @@ mod journal;
 mod launch;
 mod logging;
 mod memory;
+mod realtime;
 mod recorder;
 mod rooms;
 mod scheduler;
@@ -26,9 +27,15 @@ mod view;
 use clap::Parser;
 use std::process::ExitCode;
 
+/// Counts what each thread allocates: a stage reports it with every frame.
+#[global_allocator]
+static ALLOCATOR: ipc::allocation::CountingAllocator = ipc::allocation::CountingAllocator;
+
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();
-    match command::run(cli) {
+    let result = command::run(cli);
+    logging::finish();
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("lookout: {error}");

@@ -6,6 +6,8 @@ use crate::port::{Publisher, Subscriber};
 use crate::service::{LOANED, ServiceSpec};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
+use rustix::fs::{FallocateFlags, fallocate};
+use rustix::io::Errno;
 use std::cell::Cell;
 use std::fmt;
 use thiserror::Error;
@@ -28,10 +30,20 @@ impl IpcError {
     }
 }
 
+/// A reason in words, shown as it is.
+struct Words(String);
+
+impl fmt::Debug for Words {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
 /// This process's place among those of the daemon.
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,
+    instance: Instance,
 }
 
 /// What a sweep of dead processes found.
@@ -68,7 +80,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| IpcError::new("join", instance.name(), e))?;
-        Ok(Self { node })
+        Ok(Self { node, instance: instance.clone() })
     }
 
     /// Removes what dead processes left, so that their places are free. Dead children must have
@@ -76,6 +88,41 @@ impl Bus {
     pub fn sweep(&self) -> Sweep {
         let state = self.node.try_cleanup_dead_nodes();
         Sweep { cleaned: state.cleanups, failed: state.failed_cleanups }
+    }
+
+    /// Makes all shared memory of this run real, so that no page of it has to be found when a message
+    /// is written, and none can be missing. Gives how many bytes were not there yet.
+    ///
+    /// # Errors
+    /// When /dev/shm is full: to write to a page that cannot be had would end the process.
+    pub fn reserve(&self) -> Result<u64, IpcError> {
+        let fail = |path: &std::path::Path, e: &dyn fmt::Debug| {
+            IpcError::new("reserve", &path.display().to_string(), e)
+        };
+        let mut reserved = 0;
+        for path in self.instance.shared_memory() {
+            let file = match std::fs::OpenOptions::new().write(true).open(&path) {
+                Ok(file) => file,
+                // Others come and go.
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+                Err(error) => return Err(fail(&path, &error)),
+            };
+            let metadata = file.metadata().map_err(|e| fail(&path, &e))?;
+            let (bytes, there) = (metadata.len(), std::os::unix::fs::MetadataExt::blocks(&metadata) * 512);
+            if there >= bytes {
+                continue;
+            }
+            // Content that is there stays; only holes are filled.
+            match fallocate(&file, FallocateFlags::empty(), 0, bytes) {
+                Ok(()) => reserved += bytes - there,
+                Err(Errno::NOSPC) => {
+                    let text = format!("/dev/shm is full: {bytes} bytes more are needed: enlarge it");
+                    return Err(IpcError::new("reserve", &path.display().to_string(), Words(text)));
+                }
+                Err(error) => return Err(fail(&path, &error)),
+            }
+        }
+        Ok(reserved)
     }
 
     /// Runs `open`; when it fails, sweeps the dead and tries once more.

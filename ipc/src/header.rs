@@ -74,12 +74,17 @@ pub struct Header {
     pub source_ns: u64,
     /// When the pair was captured, on the monotonic clock. Ages and latencies are measured from it.
     pub capture_ns: u64,
+    /// When the message was sent, on the monotonic clock: of two messages that differ, the later holds.
+    pub issued_ns: u64,
     /// Number of the message among those of its publisher, from 0: tells readers what they missed.
     pub(crate) serial: u64,
     /// Which attempt at this frame it is; above 0 only after a stage died in lock-step.
     pub attempt: u32,
     /// Bytes of the payload; shared memory holds whole lines.
     pub(crate) payload_bytes: u32,
+    /// 1 when the message takes back what was said of this and all earlier frames: a stage has died, or
+    /// results have stopped. Only the scheduler sends such, on `obstacles`.
+    pub withdraws: u32,
     /// Width of the frame's images in pixels; 0 where there are none.
     pub width: u32,
     /// Height of the frame's images in pixels; 0 where there are none.
@@ -88,6 +93,7 @@ pub struct Header {
     pub modes: u32,
     /// Self-checks that failed on the frame's way so far: [`crate::alarm::Faults`].
     pub faults: u32,
+    /// Padding; 0.
     pub(crate) reserved: u32,
     /// One stamp per stage, in the order of [`crate::role::Role::STAGES`].
     pub stamps: [Stamp; 4],

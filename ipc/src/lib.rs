@@ -9,10 +9,12 @@
 //! compiled once.
 
 pub mod alarm;
+pub mod allocation;
 pub mod bus;
 pub mod calibration;
 pub mod clock;
 pub mod command;
+pub mod deadline;
 pub mod depth;
 pub mod device;
 pub mod header;
@@ -22,6 +24,8 @@ pub mod instance;
 pub mod obstacles;
 pub mod pair;
 pub mod port;
+pub mod privilege;
+pub mod realtime;
 pub mod regions;
 pub mod report;
 pub mod rig;

@@ -154,9 +154,36 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
     Ok(Obstacles { alarm, obstacles })
 }
 
+/// Keeps a reader of `obstacles` to what holds: messages of two senders may reach it in any order,
+/// and a late comer gets the last one of each.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Newest {
+    issued_ns: u64,
+}
+
+impl Newest {
+    /// Whether a message was issued after all that were accepted so far. One that was not is out of
+    /// date and to be passed over.
+    pub fn accepts(&mut self, header: &Header) -> bool {
+        let newer = header.issued_ns >= self.issued_ns;
+        if newer {
+            self.issued_ns = header.issued_ns;
+        }
+        newer
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_was_issued_last_holds_in_whatever_order_it_comes() {
+        let at = |issued_ns| Header { issued_ns, ..Header::new(Kind::Obstacles) };
+        let mut newest = Newest::default();
+        let accepted = [5, 9, 7, 9, 10].map(|ns| newest.accepts(&at(ns)));
+        assert_eq!(accepted, [true, true, false, true, true]);
+    }
 
     #[test]
     fn what_is_written_is_read_and_anything_else_refused() {

@@ -1,6 +1,7 @@
 //! Publishing and subscribing without copies.
 
 use crate::bus::IpcError;
+use crate::clock::monotonic_ns;
 use crate::header::{Header, LINE_BYTES, Line};
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::listener::Listener;
@@ -52,6 +53,7 @@ impl Publisher {
         let bytes = loan.bytes as u32;
         let header = loan.header_mut();
         header.payload_bytes = bytes;
+        header.issued_ns = monotonic_ns();
         header.serial = self.serial.replace(self.serial.get() + 1);
         loan.sample.send().map_err(|e| IpcError::new("send", self.name, e))?;
         self.notify()
@@ -142,6 +144,11 @@ impl Subscriber {
 }
 
 impl Sample {
+    /// Whether this process has sent it itself.
+    pub fn is_from(&self, publisher: &Publisher) -> bool {
+        self.sample.origin() == publisher.port.id()
+    }
+
     /// The header; to be checked before it is used.
     pub fn header(&self) -> &Header {
         self.sample.user_header()

@@ -1,8 +1,10 @@
 //! `report`: every stage → scheduler. One record per frame, and a heartbeat when idle.
 
 use crate::calibration::CalibrationRecord;
+use crate::deadline::DeadlineRecord;
 use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
+use crate::realtime::RealtimeRecord;
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
 
@@ -18,6 +20,8 @@ pub enum Health {
     Finished = 2,
     /// The input cannot be used; a restart would not help. The text says why.
     Unusable = 3,
+    /// The stage is alive, and waits for a source that brings nothing. The text says since when.
+    Stalled = 4,
 }
 
 /// What a stage reports.
@@ -50,6 +54,12 @@ pub struct ReportRecord {
     pub age_ns: u64,
     /// Time of the stage's own work on the frame, in nanoseconds.
     pub work_ns: u64,
+    /// Heap allocations of the stage's own thread since its last frame.
+    pub allocations: u64,
+    /// Whether its frames are in time.
+    pub deadline: DeadlineRecord,
+    /// What it got of what real time needs.
+    pub realtime: RealtimeRecord,
     /// What the stereo stage says of the calibration; zeros from the others.
     pub calibration: CalibrationRecord,
     /// The device that matches; zeros from stages that do not.
@@ -86,6 +96,7 @@ impl ReportRecord {
             1 => Health::Ready,
             2 => Health::Finished,
             3 => Health::Unusable,
+            4 => Health::Stalled,
             _ => Health::Starting,
         }
     }
@@ -104,7 +115,7 @@ pub fn view(header: &Header, payload: &[u8]) -> Result<ReportRecord, MessageErro
     if report.role().is_none() {
         return Err(MessageError::Value { what: "role", value: report.role.into() });
     }
-    if report.health > Health::Unusable as u32 {
+    if report.health > Health::Stalled as u32 {
         return Err(MessageError::Value { what: "health", value: report.health.into() });
     }
     Ok(report)
@@ -122,7 +133,7 @@ mod tests {
         let got = view(&header, bytemuck::bytes_of(&report)).unwrap();
         assert_eq!((got.role(), got.health()), (Some(Role::Road), Health::Unusable));
         assert_eq!(got.text(), "left/7.png: cannot be decoded");
-        for (role, health) in [(99, 0), (1, 4), (u32::MAX, u32::MAX)] {
+        for (role, health) in [(99, 0), (1, 5), (u32::MAX, u32::MAX)] {
             let wrong = ReportRecord { role, health, ..report };
             assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err());
         }

@@ -39,9 +39,11 @@ pub const PAIR: ServiceSpec = frames(Kind::Pair, "pair", 3);
 pub const DEPTH: ServiceSpec = frames(Kind::Depth, "depth", 3 + READERS);
 /// road → recognition, writer, readers.
 pub const REGIONS: ServiceSpec = frames(Kind::Regions, "regions", 3 + READERS);
-/// recognition → scheduler, writer, vehicle, readers.
+/// recognition → scheduler, writer, vehicle, readers; and scheduler → all but itself, to take back what a
+/// dead or silent stage has said last. So a late comer may get two messages of the history: the one that
+/// was issued later holds ([`obstacles::Newest`]).
 pub const OBSTACLES: ServiceSpec =
-    ServiceSpec { history: 1, ..frames(Kind::Obstacles, "obstacles", 8 + READERS) };
+    ServiceSpec { publishers: 3, history: 1, ..frames(Kind::Obstacles, "obstacles", 8 + READERS) };
 /// every stage → scheduler.
 pub const REPORT: ServiceSpec = ServiceSpec {
     kind: Kind::Report,
@@ -93,7 +95,14 @@ impl ServiceSpec {
 pub fn total_pool_bytes(width: usize, height: usize, stages: usize) -> usize {
     SERVICES
         .iter()
-        .map(|s| s.pool_bytes(width, height) * if s.kind == Kind::Report { stages } else { 1 })
+        .map(|s| {
+            let publishers = match s.kind {
+                Kind::Report => stages,
+                Kind::Obstacles => 2,
+                _ => 1,
+            };
+            s.pool_bytes(width, height) * publishers
+        })
         .sum()
 }
 

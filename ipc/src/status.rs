@@ -1,12 +1,17 @@
 //! `status`: scheduler → anyone. How the daemon is doing, once a second and for late comers.
 
 use crate::calibration::CalibrationRecord;
+use crate::deadline::{DeadlineRecord, PacingRecord};
 use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
+use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
 use crate::role::Role;
 use bytemuck::{Pod, Zeroable};
+
+/// Frames after which a stage has all the memory that it needs.
+pub const WARM_FRAMES: u64 = 50;
 
 /// One process.
 #[repr(C)]
@@ -38,6 +43,10 @@ pub struct ProcessRecord {
     pub private_bytes: u64,
     /// Resident shared memory, in bytes.
     pub shared_bytes: u64,
+    /// Heap allocations for frames after the first [`WARM_FRAMES`] of each process; 0 is as it should be.
+    pub allocations: u64,
+    /// What it got of what real time needs.
+    pub realtime: RealtimeRecord,
     /// In words: running, starting, waiting to restart, given up.
     pub state: [u8; 24],
 }
@@ -72,6 +81,10 @@ pub struct StatusRecord {
     pub latency_p50_ms: f32,
     /// 99th percentile of that.
     pub latency_p99_ms: f32,
+    /// Whether results come in time.
+    pub deadline: DeadlineRecord,
+    /// How fast the source runs.
+    pub pacing: PacingRecord,
     /// Whether the cameras still stand as they were calibrated.
     pub calibration: CalibrationRecord,
     /// How hot the board is, and how fast its clocks run.

@@ -1,9 +1,16 @@
 //! Sleeping until a message comes, a time is reached or a signal arrives.
+//!
+//! The library's wait set allocates at each wake-up, so the listeners' descriptors are waited for
+//! directly. That also closes a gap: a notification that is sent while a listener is emptied can lose its
+//! byte in the socket while it stays marked as sent, and then no later one wakes anybody. Listeners are
+//! therefore emptied until they have nothing more to tell before the process sleeps.
 
 use crate::bus::IpcError;
 use crate::port::Subscriber;
-use iceoryx2::prelude::*;
-use iceoryx2::waitset::WaitSetRunResult;
+use iceoryx2::prelude::FileDescriptorBased;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::BorrowedFd;
+use rustix::io::Errno;
 use std::time::Duration;
 
 /// What to do next.
@@ -21,41 +28,63 @@ pub enum Next {
 /// while it runs wakes it again, but one message may stand for several notifications.
 ///
 /// # Errors
-/// When the wait set cannot be used, or `step` fails.
+/// When the subscribers cannot be waited for, or `step` fails.
 pub fn run<E: From<IpcError>>(
     subscribers: &[&Subscriber],
+    step: impl FnMut() -> Result<Next, E>,
+) -> Result<(), E> {
+    run_with(subscribers, None, step)
+}
+
+/// As [`run`]; wakes also while `other` can be read, which `step` has to empty.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with<E: From<IpcError>>(
+    subscribers: &[&Subscriber],
+    other: Option<BorrowedFd<'_>>,
     mut step: impl FnMut() -> Result<Next, E>,
 ) -> Result<(), E> {
-    // A signal must reach our own handlers, which signal-hook installs.
-    let set = WaitSetBuilder::new()
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create::<ipc::Service>()
-        .map_err(|e| IpcError::new("create", "wait set", e))?;
-    let mut guards = Vec::with_capacity(subscribers.len());
-    for subscriber in subscribers {
-        let guard = set
-            .attach_notification(&subscriber.listener)
-            .map_err(|e| IpcError::new("wait for", subscriber.name, e))?;
-        guards.push(guard);
-    }
+    let mut descriptors: Vec<PollFd<'_>> = subscribers
+        .iter()
+        .map(|subscriber| descriptor(subscriber))
+        .chain(other)
+        .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN))
+        .collect();
     loop {
         let timeout = match step()? {
             Next::Wait(timeout) => timeout,
             Next::Stop => return Ok(()),
         };
-        let drain = |id: WaitSetAttachmentId<ipc::Service>| {
-            for (guard, subscriber) in guards.iter().zip(subscribers) {
-                if id.has_event_from(guard) {
-                    // Only empties the listener, or the wait set would wake at once again; what
-                    // it was notified of is found in the subscriber.
-                    let _ = subscriber.listener.try_wait(|_| {});
-                }
-            }
-            CallbackProgression::Continue
-        };
-        let result: Result<WaitSetRunResult, _> = set.wait_and_process_once_with_timeout(drain, timeout);
-        if let Err(error) = result {
-            return Err(IpcError::new("wait in", "wait set", error).into());
+        if take_notifications(subscribers)? {
+            continue;
         }
+        let timeout =
+            Timespec { tv_sec: timeout.as_secs().min(86_400) as i64, tv_nsec: timeout.subsec_nanos().into() };
+        match poll(&mut descriptors, Some(&timeout)) {
+            // A signal: its handler has run, step looks at what it left.
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(error) => return Err(IpcError::new("wait for", "messages", error).into()),
+        }
+        // The message comes first, its notification is taken after it: that saves its reader two calls.
     }
+}
+
+fn descriptor(subscriber: &Subscriber) -> BorrowedFd<'_> {
+    // SAFETY: the listener owns the descriptor and is borrowed as long as the result.
+    unsafe { BorrowedFd::borrow_raw(subscriber.listener.file_descriptor().native_handle()) }
+}
+
+/// Empties the listeners; what they were notified of is found in the subscribers. Gives whether there
+/// was anything.
+fn take_notifications(subscribers: &[&Subscriber]) -> Result<bool, IpcError> {
+    let mut any = false;
+    for subscriber in subscribers {
+        let count = subscriber
+            .listener
+            .try_wait(|_| {})
+            .map_err(|e| IpcError::new("listen to", subscriber.name, e))?;
+        any |= count > 0;
+    }
+    Ok(any)
 }

@@ -86,6 +86,9 @@ pub struct ProcessSummary {
     pub cpu_percent: f64,
     /// Greatest resident memory of its own.
     pub private_bytes: u64,
+    /// Heap allocations for frames, once the process had all the memory that it needs.
+    #[serde(default)]
+    pub allocations: u64,
     /// How often it was restarted.
     pub restarts: u32,
 }
@@ -170,6 +173,9 @@ pub struct RunSummary {
     pub rate_hz: f64,
     /// Capture to obstacles.
     pub latency: Percentiles,
+    /// Frames that took longer than the deadline, if there is one.
+    #[serde(default)]
+    pub late: u64,
     /// The processes.
     pub processes: Vec<ProcessSummary>,
     /// Shared memory of the daemon that was touched, counted once.

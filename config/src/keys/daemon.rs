@@ -68,6 +68,11 @@ pub(super) const SUPERVISION: &[Key] = &[
     ),
     key("supervision.restart_window_s", Whole(1, 86_400), "Length of that window, in seconds."),
     key(
+        "supervision.retry_s",
+        Whole(0, 86_400),
+        "A stage that was given up is tried again after this many seconds, once in each such pause; 0 leaves it.",
+    ),
+    key(
         "supervision.stop_grace_ms",
         Whole(10, 60_000),
         "A stage that does not end within this of SIGTERM, in milliseconds, is killed.",

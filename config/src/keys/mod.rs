@@ -5,6 +5,7 @@ mod camera;
 mod daemon;
 mod decisions;
 mod frames;
+mod realtime;
 mod soak;
 
 /// What a key holds.
@@ -60,6 +61,8 @@ const TABLES: &[&[Key]] = &[
     board::BOARD,
     soak::SOAK,
     camera::CAMERA,
+    realtime::REALTIME,
+    realtime::PACING,
 ];
 
 /// All keys, table by table.

@@ -9,6 +9,8 @@ use ipc::bus::Bus;
 use ipc::calibration::CalibrationState;
 use ipc::device::DeviceRecord;
 use ipc::instance::{Instance, InstanceError};
+use ipc::realtime::Privilege;
+use ipc::role::Role;
 use ipc::service;
 use ipc::status::{self, StatusRecord};
 use ipc::wait::{self, Next};
@@ -102,11 +104,30 @@ pub struct StatusJson {
     alarms: u32,
     obstacles: u32,
     nearest_m: Option<f64>,
+    deadline: DeadlineJson,
+    pacing: PacingJson,
     calibration: CalibrationJson,
     heat: HeatJson,
     /// None where the CPU matches.
     device: Option<DeviceJson>,
     processes: Vec<ProcessJson>,
+}
+
+#[derive(Serialize)]
+struct DeadlineJson {
+    deadline_ms: Option<f64>,
+    age_ms: f64,
+    late: u64,
+    late_in_a_row: u64,
+}
+
+#[derive(Serialize)]
+struct PacingJson {
+    rate_hz: Option<f64>,
+    wanted_hz: f64,
+    follows: bool,
+    slowest: Option<&'static str>,
+    slowest_ms: f64,
 }
 
 #[derive(Serialize)]
@@ -160,6 +181,12 @@ struct ProcessJson {
     cpu_percent: f32,
     private_bytes: u64,
     shared_bytes: u64,
+    allocations: u64,
+    priority: u32,
+    memory_locked: bool,
+    prefaulted: bool,
+    privileges_refused: Vec<&'static str>,
+    log_dropped: u64,
 }
 
 impl StatusJson {
@@ -179,6 +206,20 @@ impl StatusJson {
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
+            deadline: DeadlineJson {
+                deadline_ms: (status.deadline.deadline_ns > 0)
+                    .then_some(status.deadline.deadline_ns as f64 * 1e-6),
+                age_ms: status.deadline.age_ns as f64 * 1e-6,
+                late: status.deadline.late,
+                late_in_a_row: status.deadline.late_in_a_row,
+            },
+            pacing: PacingJson {
+                rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),
+                wanted_hz: status.pacing.wanted_hz,
+                follows: status.pacing.follows == 1,
+                slowest: (status.pacing.slowest_ms > 0.0).then(|| slowest(status)),
+                slowest_ms: status.pacing.slowest_ms,
+            },
             calibration: CalibrationJson {
                 state: status.calibration.state().name(),
                 text: status.calibration.to_string(),
@@ -209,6 +250,12 @@ impl StatusJson {
                     cpu_percent: p.cpu_percent,
                     private_bytes: p.private_bytes,
                     shared_bytes: p.shared_bytes,
+                    allocations: p.allocations,
+                    priority: p.realtime.priority,
+                    memory_locked: p.realtime.has(Privilege::MemoryLock),
+                    prefaulted: p.realtime.has(Privilege::Prefault),
+                    privileges_refused: p.realtime.refusals().collect(),
+                    log_dropped: p.realtime.log_dropped,
                 })
                 .collect(),
         }
@@ -225,6 +272,30 @@ fn alarm_words(status: &StatusRecord) -> String {
         (_, Some(rule)) => format!("{level} ({})", rule.replace('_', " ")),
         _ => level.to_owned(),
     }
+}
+
+/// The word for the slowest stage.
+fn slowest(status: &StatusRecord) -> &'static str {
+    u8::try_from(status.pacing.slowest).ok().and_then(Role::from_raw).map_or("unknown", Role::name)
+}
+
+/// The pace, the deadline and what was refused, one line each where there is something to say.
+fn pace_lines(status: &StatusRecord) -> String {
+    let mut out = String::new();
+    let p = &status.pacing;
+    if p.rate_hz > 0.0 {
+        let _ = write!(out, "pace: {:.1} fps of {:.1} wanted", p.rate_hz, p.wanted_hz);
+        if p.slowest_ms > 0.0 {
+            let _ = write!(out, "; slowest: {}, {:.1} ms for 9 of 10", slowest(status), p.slowest_ms);
+        }
+        let _ = writeln!(out, "; {}", status.deadline);
+    }
+    for (role, process) in status.processes() {
+        if process.realtime.refused != 0 {
+            let _ = writeln!(out, "{role}: {}", process.realtime);
+        }
+    }
+    out
 }
 
 /// The status as a person reads it.
@@ -261,7 +332,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms so far\n{calibration}{device}{}",
+         alarm {}{nearest}; {} obstacles, {} alarms so far\n{}{calibration}{device}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,
@@ -270,6 +341,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         alarm_words(status),
         status.obstacles,
         status.alarms,
+        pace_lines(status),
         super::status_heat::lines(&status.heat),
     );
     let _ = writeln!(

@@ -176,7 +176,8 @@ impl Feed {
 
     /// Records what came out of a frame.
     pub fn obstacles(&mut self, header: &Header, message: &Obstacles<'_>) {
-        if self.last_result == Some(header.sequence) {
+        // One that takes a result back is none; the status says why.
+        if header.withdraws == 1 || self.last_result == Some(header.sequence) {
             return;
         }
         self.last_result = Some(header.sequence);

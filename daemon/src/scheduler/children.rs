@@ -4,6 +4,7 @@ use super::notify::VARIABLES;
 use crate::launch::Launch;
 use ipc::role::Role;
 use rustix::process::{Pid, Signal, kill_process};
+use signal_hook::consts::{SIGABRT, SIGBUS, SIGKILL, SIGSEGV, SIGXCPU};
 use std::io::{self, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -97,10 +98,22 @@ impl Drop for Children {
     }
 }
 
+/// What a signal that the kernel or the runtime sends usually means.
+fn hint(signal: i32) -> &'static str {
+    match signal {
+        SIGABRT => " (SIGABRT: it gave up by itself, out of memory for one; see its last lines in the log)",
+        SIGBUS => " (SIGBUS: is /dev/shm full?)",
+        SIGKILL => " (SIGKILL: by the scheduler, by hand, or because memory was short)",
+        SIGSEGV => " (SIGSEGV)",
+        SIGXCPU => " (SIGXCPU: it ran for longer than realtime.budget_ms without a pause)",
+        _ => "",
+    }
+}
+
 fn describe(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exited with code {code}"),
-        (None, Some(signal)) => format!("was killed by signal {signal}"),
+        (None, Some(signal)) => format!("was killed by signal {signal}{}", hint(signal)),
         (None, None) => "ended".into(),
     }
 }

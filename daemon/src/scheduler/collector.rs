@@ -4,12 +4,13 @@ use super::cores::CorePlan;
 use super::supervisor::Supervisor;
 use ipc::alarm::{self, Faults};
 use ipc::calibration::{CalibrationRecord, CalibrationState};
+use ipc::deadline::DeadlineRecord;
 use ipc::device::DeviceRecord;
 use ipc::header::{Header, put_text};
 use ipc::obstacles::AlarmRecord;
 use ipc::report::ReportRecord;
 use ipc::role::Role;
-use ipc::status::ProcessRecord;
+use ipc::status::{ProcessRecord, WARM_FRAMES};
 use tools::summary::{AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
 
 /// Frames whose times are kept one by one where they are drawn.
@@ -40,6 +41,8 @@ struct RoleFigures {
     work: Latency,
     age: Latency,
     private_bytes: u64,
+    /// Heap allocations for frames once each process was warm.
+    allocations: u64,
     /// Totals at the last status, for rates.
     at_status: Totals,
 }
@@ -50,6 +53,7 @@ struct Totals {
     skipped: u64,
     refused: u64,
     cpu_ns: u64,
+    late: u64,
 }
 
 impl RoleFigures {
@@ -59,6 +63,7 @@ impl RoleFigures {
             skipped: self.before.skipped + self.last.skipped,
             refused: self.before.refused + self.last.refused,
             cpu_ns: self.before.cpu_ns + self.last.cpu_ns,
+            late: self.before.late + self.last.deadline.late,
         }
     }
 }
@@ -99,6 +104,7 @@ impl Collector {
             work: Latency::new(),
             age: Latency::new(),
             private_bytes: 0,
+            allocations: 0,
             at_status: Totals::default(),
         };
         Self {
@@ -135,6 +141,9 @@ impl Collector {
         figures.private_bytes = figures.private_bytes.max(report.private_bytes);
         if report.is_frame == 1 {
             figures.work.add_ns(report.work_ns);
+            if report.frames > WARM_FRAMES {
+                figures.allocations = figures.allocations.saturating_add(report.allocations);
+            }
             if role != Role::Capture {
                 figures.age.add_ns(report.age_ns);
             }
@@ -211,6 +220,15 @@ impl Collector {
     /// The device that the last frame was matched on.
     pub fn device(&self) -> &DeviceRecord {
         &self.device
+    }
+
+    /// Whether results come in time: the last one, and how many did not since the daemon started.
+    pub fn deadline(&self) -> DeadlineRecord {
+        let figures = self.roles.iter().find(|f| f.role == Role::Recognition);
+        figures.map_or_else(DeadlineRecord::default, |f| DeadlineRecord {
+            late: f.totals().late,
+            ..f.last.deadline
+        })
     }
 
     /// Takes in the alarm of a frame, and logs it when it says something new.
@@ -321,6 +339,8 @@ impl Collector {
                 p99_ms: work.p99_ms as f32,
                 private_bytes: if figures.alive { figures.last.private_bytes } else { 0 },
                 shared_bytes: if figures.alive { figures.last.shared_bytes } else { 0 },
+                allocations: figures.allocations,
+                realtime: figures.last.realtime,
                 state,
             }
         })
@@ -352,6 +372,7 @@ impl Collector {
                     age: figures.age.percentiles(),
                     cpu_percent: totals.cpu_ns as f64 / wall_ns as f64 * 100.0,
                     private_bytes: figures.private_bytes,
+                    allocations: figures.allocations,
                     restarts: supervisor.restarts(figures.role),
                 }
             })
@@ -369,6 +390,7 @@ impl Collector {
             file_bytes: self.roles.iter().map(|f| f.last.file_bytes).max().unwrap_or(0),
             rate_hz: if seconds > 0.0 { self.results.saturating_sub(1) as f64 / seconds } else { 0.0 },
             latency: self.latency.percentiles(),
+            late: self.deadline().late,
             restarts: processes.iter().map(|p| p.restarts).sum(),
             processes,
             shared_bytes,

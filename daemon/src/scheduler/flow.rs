@@ -22,6 +22,8 @@ pub struct Flow {
     command: CommandRecord,
     /// Time between pairs when the board is not hot.
     period_ns: u64,
+    /// What heat leaves of the frame rate.
+    rate_share: f64,
     with_writer: bool,
     /// Last pair that capture published.
     published: Option<u64>,
@@ -46,6 +48,7 @@ impl Flow {
         Self {
             command: CommandRecord { lockstep: u32::from(lockstep), period_ns, ..CommandRecord::default() },
             period_ns,
+            rate_share: 1.0,
             with_writer,
             published: None,
             recognised: None,
@@ -152,10 +155,17 @@ impl Flow {
         self.published.is_some()
     }
 
+    /// The time between two pairs, in nanoseconds, when the board is not hot.
+    pub fn set_period(&mut self, period_ns: u64) {
+        self.period_ns = period_ns;
+        self.command.period_ns = (period_ns as f64 / self.rate_share) as u64;
+    }
+
     /// What heat leaves of the work. Gives whether the source has to be told.
     pub fn limit(&mut self, heat: &HeatAction) -> bool {
         let before = self.command;
-        self.command.period_ns = (self.period_ns as f64 / heat.frame_rate_share) as u64;
+        self.rate_share = heat.frame_rate_share;
+        self.set_period(self.period_ns);
         self.command.hold = u32::from(!heat.run);
         self.command.modes = if heat.recognition { 0 } else { modes::RECOGNITION_OFF };
         self.command != before

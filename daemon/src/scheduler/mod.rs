@@ -4,11 +4,14 @@ pub mod board;
 pub mod children;
 pub mod clocks;
 pub mod collector;
+pub mod condition;
 pub mod cores;
 mod figures;
 pub mod flow;
 pub mod heat;
+pub mod lateness;
 mod notify;
+pub mod pacer;
 mod reload;
 mod run;
 pub mod supervisor;
@@ -44,6 +47,9 @@ pub enum RunError {
     /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] IpcError),
+    /// Something that real time needs was required and refused.
+    #[error(transparent)]
+    Refused(#[from] crate::realtime::Refused),
     /// The frames cannot be matched.
     #[error("{source_name}: {error}")]
     Frames {

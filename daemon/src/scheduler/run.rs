@@ -1,37 +1,41 @@
 //! One run of the daemon: the scheduler's state and what it does at each wake-up.
 
+mod result;
+mod state;
+
 use super::board::Board;
 use super::children::Children;
 use super::collector::Collector;
+use super::condition::{Condition, Conditions};
 use super::cores::CorePlan;
 use super::figures::MinuteFigures;
 use super::flow::{DRAIN_NS, Flow};
+use super::lateness::Lateness;
 use super::notify::Notify;
+use super::pacer::{Pacer, PacerParameters};
 use super::supervisor::{Action, Supervisor, SupervisorParameters};
 use super::{Ends, RunError, RunOptions, RunOutcome};
 use crate::input;
 use crate::launch::{FrameFormat, Launch};
 use crate::memory::MemoryProbe;
+use crate::realtime;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::{RoomError, matcher};
-use crate::stage::pin;
 use config::Config;
-use ipc::alarm::{self, Faults};
 use ipc::bus::{Bus, IpcError};
-use ipc::calibration::CalibrationState;
-use ipc::clock::{monotonic_ns, process_cpu_ns};
+use ipc::clock::monotonic_ns;
 use ipc::header::{GREATEST_SIDE, Header, Kind};
 use ipc::instance::{Instance, InstanceLock};
-use ipc::obstacles::{AlarmRecord, Obstacles};
 use ipc::port::{Publisher, Subscriber};
+use ipc::realtime::RealtimeRecord;
 use ipc::report::{Health, ReportRecord};
-use ipc::rig::RigRecord;
 use ipc::role::Role;
 use ipc::status::StatusRecord;
 use ipc::wait::Next;
-use ipc::{obstacles, report, service};
+use ipc::{report, service};
 use perception::stereo::Mpv;
-use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
+use result::Results;
+use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -55,14 +59,6 @@ pub(super) enum Phase {
     Stopping,
 }
 
-/// The last result.
-#[derive(Clone, Copy, Debug)]
-struct LastResult {
-    alarm: AlarmRecord,
-    confirmed: u32,
-    at_ns: u64,
-}
-
 /// See the module.
 pub struct Run {
     options: RunOptions,
@@ -77,20 +73,23 @@ pub struct Run {
     pub(super) notify: Notify,
     /// SIGHUP has come.
     pub(super) hangup: Arc<AtomicBool>,
+    pacer: Pacer,
+    lateness: Lateness,
+    conditions: Conditions,
+    realtime: RealtimeRecord,
     failure: Option<String>,
+    /// Why it is stopping, if it is.
     reason: String,
-    /// What the source says is wrong with it; pairs may come again.
-    source_trouble: String,
     stop: Arc<AtomicBool>,
+    retry: Arc<AtomicBool>,
     was_stopped: bool,
     memory: MemoryProbe,
     started_ns: u64,
     status_due_ns: u64,
-    stale_after_ns: u64,
     shared_bytes: u64,
-    last_result: Option<LastResult>,
     figures: MinuteFigures,
     // Last, in this order: the ports go before the bus, the bus before what it lives in.
+    results: Results,
     commands: Publisher,
     statuses: Publisher,
     /// The way into shared memory.
@@ -140,6 +139,8 @@ impl Run {
             // nohup means: go on when the terminal is gone.
             signal_hook::flag::register(SIGHUP, Arc::clone(&stop))?;
         }
+        let retry = Arc::new(AtomicBool::new(false));
+        signal_hook::flag::register(SIGUSR1, Arc::clone(&retry))?;
         // Only to be woken when a child ends.
         signal_hook::flag::register(SIGCHLD, Arc::new(AtomicBool::new(false)))?;
 
@@ -178,9 +179,9 @@ impl Run {
         let plan = CorePlan::new(&config.cores, &available);
         let all: Vec<Role> = std::iter::once(Role::Scheduler).chain(roles.iter().copied()).collect();
         tracing::info!(cores = available.len(), "{}", plan.describe(&all));
-        if let Some(core) = plan.core(Role::Scheduler) {
-            pin(core);
-        }
+        // What it is refused, its stages will be, too.
+        let mut realtime = realtime::enter(config, Role::Scheduler, plan.core(Role::Scheduler))?;
+        tracing::info!("scheduler: {realtime}");
 
         let count = if config.source.repeat { None } else { source.count() };
         let launch = Launch {
@@ -210,32 +211,42 @@ impl Run {
             // The demo draws them.
             collector.keep_traces();
         }
+        let pacer = Pacer::new(pacer_parameters(config, options.lockstep, period_ns), now);
+        // In lock-step a frame may take as long as it takes.
+        let stale_ns = if options.lockstep { patience_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
+        let commands = bus.publisher(&service::COMMAND, width, height)?;
+        let statuses = bus.publisher(&service::STATUS, width, height)?;
+        let results = Results::new(bus.publisher(&service::OBSTACLES, width, height)?, stale_ns);
+        realtime::reserve(config, &bus, &mut realtime)?;
         Ok(Self {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
             children: Children::default(),
-            flow: Flow::new(options.lockstep, has_writer, period_ns, patience_ns, now),
+            flow: Flow::new(options.lockstep, has_writer, pacer.period_ns(), patience_ns, now),
+            pacer,
+            lateness: Lateness::new(config.pacing.late_frames.unsigned_abs()),
+            conditions: Conditions::default(),
+            realtime,
             phase: Phase::Running,
             board,
             notify: Notify::from_environment(),
             hangup,
             failure: None,
             reason: String::new(),
-            source_trouble: String::new(),
             stop,
+            retry,
             was_stopped: false,
             memory: MemoryProbe::open()?,
             started_ns,
             status_due_ns: now,
-            stale_after_ns: patience_ns,
             shared_bytes: 0,
-            last_result: None,
             figures: MinuteFigures::default(),
             options: options.clone(),
             launch,
             plan,
-            commands: bus.publisher(&service::COMMAND, width, height)?,
-            statuses: bus.publisher(&service::STATUS, width, height)?,
+            results,
+            commands,
+            statuses,
             bus,
             instance,
             _lock: lock,
@@ -256,9 +267,8 @@ impl Run {
             }
         }
         while let Some(sample) = results.receive()? {
-            match obstacles::view(sample.header(), sample.payload()) {
-                Ok(message) => self.take_result(sample.header(), &message),
-                Err(error) => tracing::warn!(%error, "obstacles were refused"),
+            if !self.results.is_own(&sample) {
+                self.take_result(&sample);
             }
         }
         let now = monotonic_ns();
@@ -267,6 +277,15 @@ impl Run {
         }
         for action in self.supervisor.tick(now) {
             self.act(action, now);
+        }
+        if self.retry.swap(false, Ordering::Relaxed) {
+            tracing::info!("asked to try the stages that were given up");
+            self.supervisor.retry(now);
+        }
+        if let Some(period_ns) = self.pacer.tick(now) {
+            tracing::info!(rate_hz = 1e9 / period_ns as f64, slowest = ?self.pacer.slowest(), "pace");
+            self.flow.set_period(period_ns);
+            self.send_command()?;
         }
         if self.flow.tick(self.supervisor.all_running(), now) {
             tracing::warn!("the frame in lock-step does not move: asking for it again");
@@ -279,8 +298,10 @@ impl Run {
         }
         self.advance(now)?;
         self.notify(now);
-        if self.phase == Phase::Running && self.last_result.is_some() {
-            self.collector.alarm_off(self.staleness(now));
+        let period_ns = self.flow.command().period_ns;
+        let withdrawn = self.results.withdraw_stale(self.supervisor.frames_pass(), period_ns, now)?;
+        if let (Phase::Running, Some(faults)) = (self.phase, withdrawn) {
+            self.collector.alarm_off(faults);
         }
         if now >= self.status_due_ns {
             self.status_due_ns = now + STATUS_PERIOD_NS;
@@ -293,6 +314,7 @@ impl Run {
             // Late comers get the last one.
             self.statuses.refresh()?;
         }
+        self.results.refresh()?;
         if self.phase == Phase::Stopping && self.supervisor.all_ended() {
             return Ok(Next::Stop);
         }
@@ -308,12 +330,7 @@ impl Run {
         let now = monotonic_ns();
         let was_running = self.supervisor.all_running();
         self.collector.report(header, report, now);
-        if role == Role::Capture && report.is_frame == 0 && report.health() == Health::Ready {
-            self.source_trouble = report.text();
-        }
-        if report.health() == Health::Unusable {
-            self.fail(report.text(), now);
-        }
+        self.take_health(role, report, now);
         if self.options.lockstep && report.refused > 0 {
             // The frame will never come out: that is no lock-step any more.
             self.fail(format!("the {role} stage refused a message: {}", report.text()), now);
@@ -337,6 +354,12 @@ impl Run {
         if report.health() == Health::Finished && role == Role::Capture {
             self.flow.source_finished();
         }
+        if report.is_frame == 1 {
+            self.pacer.work(role, report.work_ns);
+            if role == Role::Recognition {
+                self.take_lateness(report);
+            }
+        }
         if report.is_frame == 1 && self.flow.frame_done(role, header.sequence, now) {
             self.send_command()?;
         }
@@ -347,21 +370,40 @@ impl Run {
         self.commands.send_record(Header::new(Kind::Command), &self.flow.command())
     }
 
-    fn take_result(&mut self, header: &Header, message: &Obstacles<'_>) {
-        self.last_result = Some(LastResult {
-            alarm: message.alarm,
-            confirmed: message.obstacles.iter().filter(|o| o.confirmed == 1).count() as u32,
-            at_ns: monotonic_ns(),
-        });
-        self.collector.alarm(header.sequence, &message.alarm);
+    /// How a stage says that it is. A daemon that is to go on for ever waits for a source that is away;
+    /// a replay has failed.
+    fn take_health(&mut self, role: Role, report: &ReportRecord, now: u64) {
+        let goes_on = role == Role::Capture && self.options.ends == Ends::Never;
+        let reason = match report.health() {
+            Health::Unusable if !goes_on => return self.fail(report.text(), now),
+            Health::Unusable | Health::Stalled if role == Role::Capture => Some(report.text()),
+            _ if role == Role::Capture => None,
+            _ => return,
+        };
+        if self.conditions.set(Condition::Source, reason.as_deref()) {
+            match reason {
+                Some(reason) => tracing::warn!("source: {reason}"),
+                None => tracing::info!("source: it goes on"),
+            }
+        }
     }
 
-    /// Why what the last frame said is no judgement of the road now.
-    fn staleness(&self, now: u64) -> Faults {
-        let is_running = self.phase == Phase::Running && self.supervisor.all_running();
-        let is_fresh =
-            self.last_result.is_some_and(|last| now.saturating_sub(last.at_ns) < self.stale_after_ns);
-        Faults::STAGE.when(!is_running).and(Faults::STALE.when(is_running && !is_fresh))
+    fn take_lateness(&mut self, report: &ReportRecord) {
+        let deadline = report.deadline;
+        if self.lateness.frame(deadline.late_in_a_row > 0) {
+            let reason = self.lateness.is_late().then(|| {
+                let (age_ms, of_ms) = (deadline.age_ns as f64 * 1e-6, deadline.deadline_ns as f64 * 1e-6);
+                format!(
+                    "results are late: {} in a row, the last after {age_ms:.0} ms of {of_ms:.0}",
+                    deadline.late_in_a_row
+                )
+            });
+            match &reason {
+                Some(reason) => tracing::warn!("{reason}"),
+                None => tracing::info!("results are in time again"),
+            }
+            self.conditions.set(Condition::Late, reason.as_deref());
+        }
     }
 
     fn take_exit(&mut self, role: Role, how: &str, now: u64) {
@@ -396,7 +438,6 @@ impl Run {
             }
             Action::GiveUp(role, reason) => {
                 tracing::error!(%role, %reason, "stage is given up");
-                self.reason.clone_from(&reason);
                 if self.options.ends != Ends::Never {
                     self.fail(reason, now);
                 }
@@ -472,77 +513,6 @@ impl Run {
         }
     }
 
-    fn status(&mut self, now: u64) -> StatusRecord {
-        let mut own = ReportRecord::new(Role::Scheduler);
-        own.cpu_ns = process_cpu_ns();
-        if let Some(memory) = self.memory.read() {
-            own.private_bytes = memory.private_bytes;
-            own.file_bytes = memory.file_bytes;
-            own.shared_bytes = memory.shared_bytes;
-        }
-        self.collector.report(&Header::new(Kind::Report), &own, now);
-        let latency = self.collector.latency();
-        let is_running = self.phase == Phase::Running && self.supervisor.all_running();
-        let mut status = StatusRecord::empty();
-        status.calibration = self.collector.calibration();
-        status.heat = self.board.record();
-        status.rig = self.rig_record();
-        status.device = *self.collector.device();
-        // The first counts.
-        let fault = self.board.fault().or_else(|| {
-            let is_off = status.calibration.state() == CalibrationState::Degraded;
-            is_off.then(|| format!("calibration {}", status.calibration))
-        });
-        let fault = fault.or_else(|| status.device.is_lost().then(|| status.device.words()));
-        status.pid = std::process::id();
-        status.state = match (self.phase, self.supervisor.given_up()) {
-            (Phase::Draining { .. } | Phase::Stopping, _) => 3,
-            (Phase::Running, Some(_)) => 2,
-            (Phase::Running, None) if is_running && fault.is_some() => 2,
-            (Phase::Running, None) => u32::from(self.collector.results() > 0 && is_running),
-        };
-        let staleness = self.staleness(now);
-        let fresh = self.last_result.filter(|_| staleness.is_none());
-        status.alarm = fresh.map_or(alarm::OFF, |last| last.alarm.level);
-        status.alarm_rule = fresh.map_or(0, |last| last.alarm.rule);
-        status.alarm_faults = fresh.map_or(staleness.0, |last| last.alarm.faults);
-        status.obstacles = fresh.map_or(0, |last| last.confirmed);
-        status.nearest_m = fresh.map_or(f64::INFINITY, |last| last.alarm.nearest_m);
-        status.alarms = self.collector.alarms;
-        status.uptime_ns = now.saturating_sub(self.started_ns);
-        status.frames = self.collector.results();
-        status.latency_p50_ms = latency.p50_ms as f32;
-        status.latency_p99_ms = latency.p99_ms as f32;
-        match self.failure.as_ref().unwrap_or(&self.reason) {
-            reason if reason.is_empty() && !self.source_trouble.is_empty() => {
-                status.set_reason(&self.source_trouble);
-            }
-            reason if reason.is_empty() => status.set_reason(fault.as_deref().unwrap_or("")),
-            reason => status.set_reason(reason),
-        }
-        let processes = self.collector.processes(&self.supervisor, &self.plan, now);
-        for (place, process) in status.process.iter_mut().zip(processes) {
-            *place = process;
-            status.processes += 1;
-        }
-        status
-    }
-
-    fn rig_record(&self) -> RigRecord {
-        let f = &self.launch.frames;
-        RigRecord {
-            width: f.width as u32,
-            height: f.height as u32,
-            disparities: u32::try_from(self.launch.config.stereo.disparities).unwrap_or(0),
-            lockstep: u32::from(self.options.lockstep),
-            focal_px: f.focal_px,
-            baseline_m: f.baseline_m,
-            cx_px: f.cx_px,
-            cy_px: f.cy_px,
-            period_ns: self.flow.command().period_ns,
-        }
-    }
-
     /// The figures of the run, once all stages have ended.
     pub fn finish(mut self) -> RunOutcome {
         let now = monotonic_ns();
@@ -576,6 +546,19 @@ fn supervisor_parameters(config: &Config) -> SupervisorParameters {
         restart_longest_ns: ms(c.restart_longest_ms),
         restart_count: usize::try_from(c.restart_count).unwrap_or(0),
         restart_window_ns: ms(c.restart_window_s) * 1000,
+        retry_ns: ms(c.retry_s) * 1000,
         stop_grace_ns: ms(c.stop_grace_ms),
+    }
+}
+
+fn pacer_parameters(config: &Config, lockstep: bool, wanted_ns: u64) -> PacerParameters {
+    let c = &config.pacing;
+    PacerParameters {
+        // In lock-step the credit is the pace.
+        follow: c.follow && !lockstep,
+        wanted_ns,
+        shortest_ns: (1e9 / c.max_fps) as u64,
+        longest_ns: (1e9 / c.min_fps) as u64,
+        headroom: c.headroom_percent * 1e-2,
     }
 }

@@ -4,8 +4,14 @@
 //!          Spawn                 first report              silent, or killed from outside
 //! Waiting ───────▶ Starting ──────────────▶ Running ──────────────────────────▶ Waiting
 //!    ▲                │ start-up deadline       │ liveness deadline                │
-//!    └──── exit ──────┴──────── Kill ───────────┘               too many restarts ─┴─▶ GivenUp
+//!    ├──── exit ──────┴──────── Kill ───────────┘               too many restarts ─┴─▶ GivenUp
+//!    └───────────────────── long pause, or asked for ──────────────────────────────────┘
 //! ```
+//!
+//! A stage that was given up is tried again after a long pause, once: until it has lived as long as
+//! the window of restarts, its next failure gives it up again. So a fault that goes away by itself
+//! (memory that was short, a device that was unplugged) needs nobody, and one that stays costs one
+//! start in each pause.
 
 use ipc::role::Role;
 
@@ -24,6 +30,8 @@ pub struct SupervisorParameters {
     pub restart_count: usize,
     /// Length of the window.
     pub restart_window_ns: u64,
+    /// A stage that was given up is tried again after this; 0 = never by itself.
+    pub retry_ns: u64,
     /// A stage that was asked to stop is killed after this.
     pub stop_grace_ns: u64,
 }
@@ -37,7 +45,7 @@ pub enum Action {
     Terminate(Role),
     /// Kill it (SIGKILL); why.
     Kill(Role, &'static str),
-    /// It will not be started again; why.
+    /// It is not started again until the long pause is over; why.
     GiveUp(Role, String),
 }
 
@@ -61,13 +69,16 @@ pub enum StageState {
     },
     /// Killed, or asked to stop; its exit is awaited.
     Ending {
-        /// When it is killed, if it was only asked.
-        kill_ns: Option<u64>,
+        /// When it is killed (once more).
+        kill_ns: u64,
     },
     /// Ended for good.
     Ended,
     /// Failed too often.
-    GivenUp,
+    GivenUp {
+        /// When it is tried again, if it is.
+        retry_ns: Option<u64>,
+    },
 }
 
 impl StageState {
@@ -79,7 +90,7 @@ impl StageState {
             StageState::Running { .. } => "running",
             StageState::Ending { .. } => "ending",
             StageState::Ended => "ended",
-            StageState::GivenUp => "given up",
+            StageState::GivenUp { .. } => "given up",
         }
     }
 }
@@ -93,6 +104,21 @@ struct Stage {
     restarts: u32,
     /// Asked to end so that it starts anew: no failure.
     renewing: bool,
+    /// Tried again after it was given up: its next failure within the window gives it up again.
+    probation: bool,
+    /// When it was last started.
+    started_ns: u64,
+    /// Why it was given up; kept until it runs again.
+    reason: String,
+}
+
+impl Stage {
+    fn try_again(&mut self, now_ns: u64) {
+        self.probation = true;
+        self.recent.clear();
+        self.restarts += 1;
+        self.state = StageState::Waiting { at_ns: now_ns };
+    }
 }
 
 /// Watches over the stages.
@@ -113,6 +139,9 @@ impl Supervisor {
             recent: Vec::new(),
             restarts: 0,
             renewing: false,
+            probation: false,
+            started_ns: now_ns,
+            reason: String::new(),
         };
         Self { parameters, stages: roles.iter().map(stage).collect(), stopping: false, last_tick_ns: now_ns }
     }
@@ -136,14 +165,39 @@ impl Supervisor {
         self.stages.iter().all(|s| matches!(s.state, StageState::Running { .. }))
     }
 
+    /// Whether every stage that frames pass is reporting; files may be written or not.
+    pub fn frames_pass(&self) -> bool {
+        let running = |s: &Stage| matches!(s.state, StageState::Running { .. });
+        self.stages.iter().filter(|s| Role::STAGES.contains(&s.role)).all(running)
+    }
+
     /// Whether every stage has ended for good.
     pub fn all_ended(&self) -> bool {
-        self.stages.iter().all(|s| matches!(s.state, StageState::Ended | StageState::GivenUp))
+        self.stages.iter().all(|s| matches!(s.state, StageState::Ended | StageState::GivenUp { .. }))
     }
 
     /// A stage that failed too often, if there is one.
     pub fn given_up(&self) -> Option<Role> {
-        self.stages.iter().find(|s| s.state == StageState::GivenUp).map(|s| s.role)
+        self.stages.iter().find(|s| matches!(s.state, StageState::GivenUp { .. })).map(|s| s.role)
+    }
+
+    /// Why stages were given up that do not run yet again, in words; `None` when there are none.
+    pub fn given_up_reason(&self) -> Option<String> {
+        let reasons: Vec<&str> =
+            self.stages.iter().map(|s| &s.reason[..]).filter(|r| !r.is_empty()).collect();
+        (!reasons.is_empty()).then(|| reasons.join("; "))
+    }
+
+    /// Tries the stages that were given up now, not after their pause.
+    pub fn retry(&mut self, now_ns: u64) {
+        if self.stopping {
+            return;
+        }
+        for stage in &mut self.stages {
+            if matches!(stage.state, StageState::GivenUp { .. }) {
+                stage.try_again(now_ns);
+            }
+        }
     }
 
     /// A stage was started, or could not be (then its exit follows).
@@ -151,6 +205,7 @@ impl Supervisor {
         let deadline_ns = now_ns + self.parameters.startup_deadline_ns;
         if let Some(stage) = self.stage_mut(role) {
             stage.state = StageState::Starting { deadline_ns };
+            stage.started_ns = now_ns;
         }
     }
 
@@ -161,6 +216,7 @@ impl Supervisor {
             && matches!(stage.state, StageState::Starting { .. } | StageState::Running { .. })
         {
             stage.state = StageState::Running { deadline_ns };
+            stage.reason.clear();
         }
     }
 
@@ -168,7 +224,11 @@ impl Supervisor {
     pub fn exited(&mut self, role: Role, how: &str, now_ns: u64) -> Option<Action> {
         let (p, stopping) = (self.parameters, self.stopping);
         let stage = self.stage_mut(role)?;
-        if matches!(stage.state, StageState::Ended | StageState::GivenUp) {
+        // Of a stage that has no process there is nothing to hear.
+        if !matches!(
+            stage.state,
+            StageState::Starting { .. } | StageState::Running { .. } | StageState::Ending { .. }
+        ) {
             return None;
         }
         if stopping {
@@ -180,14 +240,20 @@ impl Supervisor {
             return None;
         }
         stage.recent.retain(|&at| now_ns.saturating_sub(at) < p.restart_window_ns);
-        if stage.recent.len() >= p.restart_count {
-            stage.state = StageState::GivenUp;
-            let reason = format!(
-                "{role} failed {} times in {} s, the last time it {how}",
-                stage.recent.len() + 1,
-                p.restart_window_ns / 1_000_000_000
-            );
-            return Some(Action::GiveUp(role, reason));
+        stage.probation &= now_ns.saturating_sub(stage.started_ns) < p.restart_window_ns;
+        if stage.probation || stage.recent.len() >= p.restart_count {
+            let retry_ns = (p.retry_ns > 0).then(|| now_ns.saturating_add(p.retry_ns));
+            stage.state = StageState::GivenUp { retry_ns };
+            stage.reason = if stage.probation {
+                format!("{role} was given up, and failed again when it was tried once more: it {how}")
+            } else {
+                format!(
+                    "{role} failed {} times in {} s, the last time it {how}",
+                    stage.recent.len() + 1,
+                    p.restart_window_ns / 1_000_000_000
+                )
+            };
+            return Some(Action::GiveUp(role, stage.reason.clone()));
         }
         let doubled = p.restart_first_ns.saturating_mul(1 << stage.recent.len().min(32));
         stage.state = StageState::Waiting { at_ns: now_ns + doubled.min(p.restart_longest_ns) };
@@ -199,7 +265,7 @@ impl Supervisor {
     /// Ends a stage and starts it anew at once, for a new launch document. That is no failure; one that was
     /// given up gets another chance.
     pub fn renew(&mut self, role: Role, now_ns: u64) -> Option<Action> {
-        let kill_ns = Some(now_ns + self.parameters.stop_grace_ns);
+        let kill_ns = now_ns + self.parameters.stop_grace_ns;
         let stopping = self.stopping;
         let stage = self.stage_mut(role).filter(|_| !stopping)?;
         match stage.state {
@@ -208,8 +274,9 @@ impl Supervisor {
                 stage.renewing = true;
                 Some(Action::Terminate(role))
             }
-            StageState::GivenUp => {
+            StageState::GivenUp { .. } => {
                 stage.recent.clear();
+                stage.probation = false;
                 stage.state = StageState::Waiting { at_ns: now_ns };
                 None
             }
@@ -228,7 +295,7 @@ impl Supervisor {
             return Vec::new();
         }
         self.stopping = true;
-        let kill_ns = Some(now_ns + self.parameters.stop_grace_ns);
+        let kill_ns = now_ns + self.parameters.stop_grace_ns;
         let mut actions = Vec::new();
         for stage in &mut self.stages {
             match stage.state {
@@ -237,7 +304,7 @@ impl Supervisor {
                     actions.push(Action::Terminate(stage.role));
                 }
                 StageState::Waiting { .. } => stage.state = StageState::Ended,
-                StageState::Ending { .. } | StageState::Ended | StageState::GivenUp => {}
+                StageState::Ending { .. } | StageState::Ended | StageState::GivenUp { .. } => {}
             }
         }
         actions
@@ -250,6 +317,8 @@ impl Supervisor {
         let gap = now_ns.saturating_sub(self.last_tick_ns);
         let pause = if gap > self.parameters.liveness_deadline_ns / 2 { gap } else { 0 };
         self.last_tick_ns = now_ns;
+        // A kill may be in vain, should the process be stuck in the kernel: it is repeated.
+        let ending = StageState::Ending { kill_ns: now_ns + self.parameters.stop_grace_ns };
         for stage in &mut self.stages {
             let role = stage.role;
             if let StageState::Starting { deadline_ns } | StageState::Running { deadline_ns } =
@@ -260,15 +329,19 @@ impl Supervisor {
             match stage.state {
                 StageState::Waiting { at_ns } if now_ns >= at_ns => actions.push(Action::Spawn(role)),
                 StageState::Starting { deadline_ns } if now_ns >= deadline_ns => {
-                    stage.state = StageState::Ending { kill_ns: None };
+                    stage.state = ending;
                     actions.push(Action::Kill(role, "it did not report within its start-up deadline"));
                 }
                 StageState::Running { deadline_ns } if now_ns >= deadline_ns => {
-                    stage.state = StageState::Ending { kill_ns: None };
+                    stage.state = ending;
                     actions.push(Action::Kill(role, "it was silent beyond its liveness deadline"));
                 }
-                StageState::Ending { kill_ns: Some(at) } if now_ns >= at => {
-                    stage.state = StageState::Ending { kill_ns: None };
+                StageState::GivenUp { retry_ns: Some(at) } if now_ns >= at && !self.stopping => {
+                    stage.try_again(now_ns);
+                    actions.push(Action::Spawn(role));
+                }
+                StageState::Ending { kill_ns } if now_ns >= kill_ns => {
+                    stage.state = ending;
                     actions.push(Action::Kill(role, "it did not stop when asked"));
                 }
                 _ => {}
@@ -279,154 +352,4 @@ impl Supervisor {
 }
 
 #[cfg(test)]
-pub mod tests {
-    use super::*;
-
-    const S: u64 = 1_000_000_000;
-    /// The defaults of the configuration.
-    pub const PARAMETERS: SupervisorParameters = SupervisorParameters {
-        startup_deadline_ns: 10 * S,
-        liveness_deadline_ns: 5 * S,
-        restart_first_ns: S,
-        restart_longest_ns: 30 * S,
-        restart_count: 5,
-        restart_window_ns: 300 * S,
-        stop_grace_ns: 5 * S,
-    };
-
-    /// Ticks every half second up to `to`; the last answer counts, the others must be empty.
-    fn tick_until(supervisor: &mut Supervisor, to: u64) -> Vec<Action> {
-        while supervisor.last_tick_ns + S / 2 < to {
-            let at = supervisor.last_tick_ns + S / 2;
-            assert_eq!(supervisor.tick(at), [], "at {at}");
-        }
-        supervisor.tick(to)
-    }
-
-    fn started() -> Supervisor {
-        let mut supervisor = Supervisor::new(PARAMETERS, &[Role::Stereo, Role::Road], 0);
-        assert_eq!(supervisor.tick(0), [Action::Spawn(Role::Stereo), Action::Spawn(Role::Road)]);
-        for role in [Role::Stereo, Role::Road] {
-            supervisor.spawned(role, 0);
-            supervisor.reported(role, S);
-        }
-        assert!(supervisor.all_running());
-        supervisor
-    }
-
-    #[test]
-    fn a_killed_stage_is_restarted_after_a_wait_that_doubles() {
-        let mut supervisor = started();
-        let mut now = 2 * S;
-        for wait in [1, 2, 4, 8, 16] {
-            assert_eq!(supervisor.exited(Role::Stereo, "was killed", now), None);
-            supervisor.reported(Role::Road, now + wait * S - 1);
-            assert_eq!(tick_until(&mut supervisor, now + wait * S - 1), [], "{wait}");
-            now += wait * S;
-            supervisor.reported(Role::Road, now);
-            assert_eq!(tick_until(&mut supervisor, now), [Action::Spawn(Role::Stereo)]);
-            supervisor.spawned(Role::Stereo, now);
-            supervisor.reported(Role::Stereo, now);
-        }
-        assert_eq!(supervisor.restarts(Role::Stereo), 5);
-        // The sixth failure within the window is one too many.
-        let Some(Action::GiveUp(Role::Stereo, reason)) = supervisor.exited(Role::Stereo, "was killed", now)
-        else {
-            panic!("not given up")
-        };
-        assert!(reason.contains("stereo failed 6 times in 300 s"), "{reason}");
-        assert_eq!(supervisor.given_up(), Some(Role::Stereo));
-        supervisor.reported(Role::Road, now + 3 * S);
-        assert_eq!(tick_until(&mut supervisor, now + 3 * S), []);
-    }
-
-    #[test]
-    fn old_failures_are_forgotten_after_the_window() {
-        let mut supervisor = started();
-        for round in 0..20_u64 {
-            let now = round * 100 * S;
-            assert_eq!(supervisor.exited(Role::Stereo, "exited", now), None, "round {round}");
-            supervisor.spawned(Role::Stereo, now + 31 * S);
-        }
-    }
-
-    #[test]
-    fn a_silent_stage_is_killed_once_and_then_restarted() {
-        let mut supervisor = started();
-        supervisor.reported(Role::Road, 6 * S);
-        let kill = Action::Kill(Role::Stereo, "it was silent beyond its liveness deadline");
-        assert_eq!(tick_until(&mut supervisor, 6 * S), [kill]);
-        assert_eq!(tick_until(&mut supervisor, 7 * S), []);
-        // A late report of the dying process does not bring it back.
-        supervisor.reported(Role::Stereo, 7 * S);
-        assert!(!supervisor.all_running());
-        supervisor.exited(Role::Stereo, "was killed", 8 * S);
-        supervisor.reported(Role::Road, 9 * S);
-        assert_eq!(tick_until(&mut supervisor, 9 * S), [Action::Spawn(Role::Stereo)]);
-        // One that never reports has the longer start-up deadline.
-        supervisor.spawned(Role::Stereo, 9 * S);
-        supervisor.reported(Role::Road, 18 * S);
-        assert_eq!(tick_until(&mut supervisor, 18 * S), []);
-        let kill = Action::Kill(Role::Stereo, "it did not report within its start-up deadline");
-        assert_eq!(tick_until(&mut supervisor, 19 * S), [kill]);
-    }
-
-    #[test]
-    fn a_pause_of_the_whole_machine_is_no_fault_of_the_stages() {
-        let mut supervisor = started();
-        supervisor.tick(2 * S);
-        assert_eq!(supervisor.tick(500 * S), [], "nobody could report");
-        // From now on the deadlines hold again.
-        for now in 501..504 {
-            assert_eq!(supervisor.tick(now * S), []);
-        }
-        assert_eq!(supervisor.tick(504 * S).len(), 2);
-    }
-
-    #[test]
-    fn a_stage_that_starts_anew_has_not_failed() {
-        let mut supervisor = started();
-        for round in 2..20 {
-            let now = round * S;
-            assert_eq!(supervisor.renew(Role::Road, now), Some(Action::Terminate(Role::Road)));
-            assert_eq!(supervisor.renew(Role::Road, now), None, "it is on its way");
-            assert!(supervisor.is_renewing(Role::Road));
-            assert_eq!(supervisor.exited(Role::Road, "exited with code 0", now), None);
-            supervisor.reported(Role::Stereo, now);
-            assert_eq!(supervisor.tick(now), [Action::Spawn(Role::Road)]);
-            supervisor.spawned(Role::Road, now);
-            supervisor.reported(Role::Road, now);
-        }
-        assert_eq!((supervisor.restarts(Role::Road), supervisor.all_running()), (0, true));
-        // One that does not end is killed, and still no failure.
-        supervisor.renew(Role::Road, 20 * S);
-        supervisor.reported(Role::Stereo, 25 * S);
-        let kill = Action::Kill(Role::Road, "it did not stop when asked");
-        assert_eq!(tick_until(&mut supervisor, 25 * S), [kill]);
-        supervisor.exited(Role::Road, "was killed", 25 * S);
-        assert_eq!(supervisor.restarts(Role::Road), 0);
-        supervisor.stop(25 * S);
-        assert_eq!(supervisor.renew(Role::Stereo, 25 * S), None);
-    }
-
-    #[test]
-    fn stopping_is_polite_first_and_final() {
-        let mut supervisor = started();
-        supervisor.exited(Role::Road, "was killed", 2 * S);
-        assert_eq!(supervisor.stop(2 * S), [Action::Terminate(Role::Stereo)]);
-        assert_eq!(supervisor.stop(2 * S), []);
-        assert_eq!(
-            tick_until(&mut supervisor, 6 * S),
-            [],
-            "the waiting one is not started, the other has time"
-        );
-        assert_eq!(
-            tick_until(&mut supervisor, 7 * S),
-            [Action::Kill(Role::Stereo, "it did not stop when asked")]
-        );
-        assert!(!supervisor.all_ended());
-        assert_eq!(supervisor.exited(Role::Stereo, "was killed", 8 * S), None);
-        assert!(supervisor.all_ended());
-        assert_eq!(tick_until(&mut supervisor, 100 * S), []);
-    }
-}
+pub mod tests;

@@ -1,12 +1,16 @@
 //! Brings pairs from the source into shared memory, at a rate or by credit.
+//!
+//! A source that fails or brings nothing does not end the stage: it says so, goes on reporting, and
+//! tries again.
 
+use super::reader::Reader;
 use super::{Stage, StageError};
 use crate::input;
 use ipc::clock::monotonic_ns;
 use ipc::command::{self, CommandRecord};
 use ipc::header::{Header, Kind, Stamp};
 use ipc::pair;
-use ipc::port::{Publisher, Subscriber};
+use ipc::port::{Loan, Publisher};
 use ipc::report::Health;
 use ipc::service;
 use ipc::wait::{self, Next};
@@ -19,6 +23,11 @@ const LIVE_PATIENCE: Duration = Duration::from_millis(20);
 /// Before it is waited for again.
 const SOON: Duration = Duration::from_micros(50);
 
+/// Wait before a pair that could not be read is tried again; it doubles with each try.
+const RETRY_FIRST_NS: u64 = 1_000_000_000;
+/// The longest wait.
+const RETRY_LONGEST_NS: u64 = 30_000_000_000;
+
 /// Runs the stage.
 ///
 /// # Errors
@@ -27,24 +36,24 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
     let format = stage.launch.frames;
     let commands = stage.bus.subscriber(&service::COMMAND)?;
     let pairs = stage.bus.publisher(&service::PAIR, format.width, format.height)?;
-    // Opened again by this process: the scheduler has only looked at it.
-    let source = match input::open(&stage.launch.config) {
-        Ok(source) => source,
-        Err(error) => return idle(stage, &commands, &error.to_string()),
-    };
+    let is_live = stage.launch.config.source.kind == "camera";
+    let reader = (!is_live)
+        .then(|| Reader::start(&stage.launch))
+        .transpose()
+        .map_err(|source| StageError::System { what: "starting the reader", source })?;
     let mut capture = Capture {
         next: stage.launch.first_sequence,
         published: None,
         due_ns: 0,
-        captured_ns: None,
+        stall_ns: (stage.launch.config.pacing.stall_ms * 1e6) as u64,
         command: None,
-        source,
+        input: reader.as_ref().map_or(Input::Live(None), Input::Recorded),
         pairs,
         state: State::Flowing,
     };
     // In this order: the scheduler answers the first report with a command.
     stage.ready()?;
-    wait::run(&[&commands], || {
+    wait::run_with(&[&commands], reader.as_ref().map(Reader::descriptor), || {
         if stage.should_stop() {
             return Ok(Next::Stop);
         }
@@ -54,85 +63,95 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                 Err(error) => stage.refused("command", &error),
             }
         }
+        if let Some(reader) = &reader {
+            reader.take_notifications();
+        }
         let until_frame = capture.step(&mut stage)?;
         let until_beat = stage.heartbeat()?;
         Ok(Next::Wait(until_frame.map_or(until_beat, |t| t.min(until_beat))))
     })
 }
 
-/// The source cannot be used: says so until the scheduler ends the stage.
-fn idle(mut stage: Stage, commands: &Subscriber, reason: &str) -> Result<(), StageError> {
-    stage.set_health(Health::Unusable, reason)?;
-    wait::run(&[commands], || {
-        if stage.should_stop() {
-            return Ok(Next::Stop);
-        }
-        while commands.receive()?.is_some() {}
-        Ok(Next::Wait(stage.heartbeat()?))
-    })
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Flowing,
-    /// Finished, or failed: nothing more is published.
+    /// The next pair is wanted, and not there since then.
+    Missing {
+        since_ns: u64,
+        is_said: bool,
+    },
+    /// The next pair could not be read.
+    Failed {
+        /// When it is tried again.
+        retry_ns: u64,
+        /// The wait after that.
+        wait_ns: u64,
+        /// The reader is at it.
+        trying: bool,
+    },
+    /// Finished: nothing more is published.
     Over,
 }
 
-struct Capture {
-    source: Box<dyn PairSource>,
+/// Where pairs come from.
+enum Input<'a> {
+    /// Read ahead; the next pair is there or not.
+    Recorded(&'a Reader),
+    /// Cameras; `None` until they are open.
+    Live(Option<Box<dyn PairSource>>),
+}
+
+impl Input<'_> {
+    /// Pair `sequence` of a recorded source is not needed any more.
+    fn release(&self, sequence: u64) {
+        if let Self::Recorded(reader) = self {
+            reader.release(sequence);
+        }
+    }
+}
+
+struct Capture<'a> {
+    input: Input<'a>,
     pairs: Publisher,
     command: Option<CommandRecord>,
     /// The next pair.
     next: u64,
-    /// Sequence and attempt that were published last.
+    /// Sequence and attempt that were published last; the reader keeps that pair.
     published: Option<(u64, u32)>,
     /// When the next pair is due, at live rate.
     due_ns: u64,
-    /// When the pair that is about to be published was exposed, where the source knows.
-    captured_ns: Option<u64>,
+    /// A pair that is this late makes the source a stalled one.
+    stall_ns: u64,
     state: State,
 }
 
-impl Capture {
-    /// Publishes what may be published now; gives the time until the next pair is due.
+impl Capture<'_> {
+    /// Publishes what may be published now; gives the time until something is due, if that is known.
     fn step(&mut self, stage: &mut Stage) -> Result<Option<Duration>, StageError> {
         let Some(command) = self.command else { return Ok(None) };
+        if command.lockstep == 1 && command.hold == 0 {
+            // Even when it is over: a stage may have died with the last frame.
+            self.repeat(stage, &command)?;
+        }
         if self.state == State::Over {
-            // A stage may have died with the last frame.
-            if command.lockstep == 1 {
-                self.repeat(stage, &command)?;
-            }
             return Ok(None);
         }
         if command.drain == 1 {
             return self.finish(stage, "drained").map(|()| None);
         }
         if command.hold == 1 {
-            return Ok(None);
+            return self.hold(stage).map(|()| None);
+        }
+        if matches!(self.input, Input::Live(_)) {
+            return self.step_live(stage, &command);
         }
         if command.lockstep == 1 {
-            self.repeat(stage, &command)?;
-            while self.state == State::Flowing && self.next <= command.credit {
-                self.publish(stage, self.next, command.attempt)?;
+            while self.next <= command.credit && self.state != State::Over {
+                if !self.publish_next(stage, command.attempt)? {
+                    return Ok(self.patience());
+                }
             }
             return Ok(None);
-        }
-        if let Some(live) = self.source.live() {
-            return match live.wait(LIVE_PATIENCE) {
-                Readiness::Pair { capture_ns } => self.publish_live(stage, capture_ns, command.period_ns),
-                Readiness::Trouble(text) => {
-                    tracing::warn!("{text}");
-                    stage.set_health(Health::Ready, &text)?;
-                    Ok(Some(SOON))
-                }
-                Readiness::Recovered => {
-                    tracing::info!("pairs come again");
-                    stage.set_health(Health::Ready, "")?;
-                    Ok(Some(SOON))
-                }
-                Readiness::Nothing => Ok(Some(SOON)),
-            };
         }
         let now = monotonic_ns();
         if self.due_ns == 0 {
@@ -141,7 +160,9 @@ impl Capture {
         if now < self.due_ns {
             return Ok(Some(Duration::from_nanos(self.due_ns - now)));
         }
-        self.publish(stage, self.next, 0)?;
+        if !self.publish_next(stage, 0)? {
+            return Ok(self.patience());
+        }
         // A source that cannot keep up is not hurried afterwards.
         let after = monotonic_ns();
         self.due_ns =
@@ -149,30 +170,101 @@ impl Capture {
         Ok(Some(Duration::from_nanos(self.due_ns.saturating_sub(after)).max(Duration::from_micros(50))))
     }
 
-    /// Publishes the pair that has come, unless the cameras are faster than pairs are wanted.
-    fn publish_live(
+    /// Takes what the cameras bring; they run by themselves.
+    fn step_live(
         &mut self,
         stage: &mut Stage,
-        capture_ns: u64,
-        period_ns: u64,
+        command: &CommandRecord,
     ) -> Result<Option<Duration>, StageError> {
+        if command.lockstep == 1 {
+            self.state = State::Over;
+            let text =
+                "cameras run by themselves and know no lock-step: record them, and replay the recording";
+            return stage.set_health(Health::Unusable, text).map(|()| None);
+        }
+        if self.is_at_end(stage)? {
+            return Ok(None);
+        }
+        if !self.open_live(stage)? {
+            return Ok(self.patience());
+        }
+        let Input::Live(Some(source)) = &mut self.input else { return Ok(None) };
+        match source.live().map_or(Readiness::Nothing, |live| live.wait(LIVE_PATIENCE)) {
+            Readiness::Pair { capture_ns } => self.publish_live(stage, capture_ns, command.period_ns)?,
+            Readiness::Trouble(text) => {
+                tracing::warn!("{text}");
+                stage.set_health(Health::Stalled, &text)?;
+            }
+            Readiness::Recovered => {
+                tracing::info!("pairs come again");
+                stage.set_health(Health::Ready, "")?;
+            }
+            Readiness::Nothing => {}
+        }
+        Ok(Some(SOON))
+    }
+
+    /// Opens the cameras unless they are open. Gives false when they cannot be, and says why.
+    fn open_live(&mut self, stage: &mut Stage) -> Result<bool, StageError> {
+        let Input::Live(source @ None) = &mut self.input else { return Ok(true) };
+        if matches!(self.state, State::Failed { retry_ns, .. } if monotonic_ns() < retry_ns) {
+            return Ok(false);
+        }
+        match input::open(&stage.launch.config) {
+            Ok(opened) => {
+                *source = Some(opened);
+                self.state = State::Flowing;
+                stage.set_health(Health::Ready, "").map(|()| true)
+            }
+            Err(error) => self.fail(stage, &error.to_string()).map(|()| false),
+        }
+    }
+
+    /// Publishes the pair that has come, unless the cameras are faster than pairs are wanted.
+    fn publish_live(&mut self, stage: &mut Stage, capture_ns: u64, period_ns: u64) -> Result<(), StageError> {
         // Half a period early is in time: cameras keep their own.
         if capture_ns.saturating_add(period_ns / 2) < self.due_ns {
-            return Ok(Some(SOON));
+            return Ok(());
         }
         // What was late is not made up for.
         let is_late = capture_ns > self.due_ns.saturating_add(period_ns);
         self.due_ns = if is_late { capture_ns } else { self.due_ns }.saturating_add(period_ns);
-        self.captured_ns = Some(capture_ns);
-        self.publish(stage, self.next, 0)?;
-        Ok(Some(SOON))
+        let Input::Live(Some(source)) = &mut self.input else { return Ok(()) };
+        let format = stage.launch.frames;
+        let begin_ns = monotonic_ns();
+        let mut loan = self.pairs.loan(pair::payload_bytes(format.width, format.height))?;
+        let (left, right) = pair::split_mut(loan.payload_mut());
+        if let Err(error) = source.read(self.next, left, right) {
+            // Opened anew for the next try.
+            self.input = Input::Live(None);
+            return self.fail(stage, &error.to_string());
+        }
+        let source_ns = source.time_ns(self.next);
+        let stamp = Stamp { begin_ns, end_ns: monotonic_ns() };
+        // A camera's pair is captured when it was exposed.
+        let mut header = Header::new(Kind::Pair);
+        header.sequence = self.next;
+        header.source_ns = source_ns;
+        header.capture_ns = capture_ns;
+        self.send(stage, loan, header, stamp, 0)
+    }
+
+    /// How long to wait for a pair that is not there before something has to be done about it; the
+    /// reader wakes the stage when it comes.
+    fn patience(&self) -> Option<Duration> {
+        let at_ns = match self.state {
+            State::Missing { since_ns, is_said: false } => since_ns.saturating_add(self.stall_ns),
+            State::Failed { retry_ns, trying: false, .. } => retry_ns,
+            _ => return None,
+        };
+        Some(Duration::from_nanos(at_ns.saturating_sub(monotonic_ns())).max(Duration::from_micros(50)))
     }
 
     /// Publishes the frame of the credit once more when the scheduler asks for another attempt.
     fn repeat(&mut self, stage: &mut Stage, command: &CommandRecord) -> Result<(), StageError> {
         match self.published {
             Some((sequence, attempt)) if sequence == command.credit && attempt < command.attempt => {
-                self.publish(stage, sequence, command.attempt)
+                self.publish(stage, sequence, command.attempt).map(|_| ())
             }
             _ => Ok(()),
         }
@@ -183,42 +275,131 @@ impl Capture {
         stage.set_health(Health::Finished, text)
     }
 
-    fn publish(&mut self, stage: &mut Stage, sequence: u64, attempt: u32) -> Result<(), StageError> {
-        if stage.launch.end_sequence.is_some_and(|end| sequence >= end) {
-            return self.finish(stage, "the source has no more pairs");
+    /// Nothing is wanted: what is not there is not missing.
+    fn hold(&mut self, stage: &mut Stage) -> Result<(), StageError> {
+        let State::Missing { is_said, .. } = self.state else { return Ok(()) };
+        self.state = State::Flowing;
+        if is_said { stage.set_health(Health::Ready, "") } else { Ok(()) }
+    }
+
+    /// Whether all pairs that are wanted have been published; then it says so.
+    fn is_at_end(&mut self, stage: &mut Stage) -> Result<bool, StageError> {
+        let is_over = stage.launch.end_sequence.is_some_and(|end| self.next >= end);
+        if is_over {
+            self.finish(stage, "the source has no more pairs")?;
         }
-        let index = match self.source.count() {
-            Some(count) if stage.launch.config.source.repeat => sequence % count.max(1),
-            _ => sequence,
+        Ok(is_over)
+    }
+
+    /// Publishes the next pair. Gives false when it is not there, and says so in time.
+    fn publish_next(&mut self, stage: &mut Stage, attempt: u32) -> Result<bool, StageError> {
+        if self.is_at_end(stage)? {
+            return Ok(false);
+        }
+        if let State::Failed { retry_ns, wait_ns, trying: false } = self.state
+            && monotonic_ns() >= retry_ns
+        {
+            self.state = State::Failed { retry_ns, wait_ns, trying: true };
+            self.input.release(self.next);
+        }
+        if matches!(self.state, State::Failed { trying: false, .. }) {
+            return Ok(false);
+        }
+        if !self.publish(stage, self.next, attempt)? {
+            return Ok(false);
+        }
+        if !matches!(self.state, State::Flowing | State::Missing { is_said: false, .. }) {
+            stage.set_health(Health::Ready, "")?;
+        }
+        self.state = State::Flowing;
+        Ok(true)
+    }
+
+    /// The next pair is not there yet.
+    fn miss(&mut self, stage: &mut Stage) -> Result<(), StageError> {
+        let now = monotonic_ns();
+        match self.state {
+            State::Flowing => self.state = State::Missing { since_ns: now, is_said: false },
+            State::Missing { since_ns, is_said: false } if now.saturating_sub(since_ns) >= self.stall_ns => {
+                self.state = State::Missing { since_ns, is_said: true };
+                let seconds = self.stall_ns as f64 * 1e-9;
+                let text = format!("the source has stalled: pair {} is late by {seconds} s", self.next);
+                stage.set_health(Health::Stalled, &text)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// The next pair cannot be read: says why, and when it is tried again.
+    fn fail(&mut self, stage: &mut Stage, reason: &str) -> Result<(), StageError> {
+        let wait_ns = match self.state {
+            State::Failed { wait_ns, .. } => wait_ns,
+            _ => RETRY_FIRST_NS,
         };
+        self.state = State::Failed {
+            retry_ns: monotonic_ns() + wait_ns,
+            wait_ns: (2 * wait_ns).min(RETRY_LONGEST_NS),
+            trying: false,
+        };
+        stage.set_health(Health::Unusable, reason)
+    }
+
+    /// Copies a pair into shared memory. Gives false when it is not there, or cannot be read.
+    fn publish(&mut self, stage: &mut Stage, sequence: u64, attempt: u32) -> Result<bool, StageError> {
+        let Input::Recorded(reader) = self.input else { return Ok(false) };
+        let Some(pair) = reader.pair(sequence) else {
+            return self.miss(stage).map(|()| false);
+        };
+        if let Err(reason) = &pair.result {
+            let reason = reason.clone();
+            drop(pair);
+            return self.fail(stage, &reason).map(|()| false);
+        }
         let format = stage.launch.frames;
         let begin_ns = monotonic_ns();
         let mut loan = self.pairs.loan(pair::payload_bytes(format.width, format.height))?;
         let (left, right) = pair::split_mut(loan.payload_mut());
-        if let Err(error) = self.source.read(index, left, right) {
-            self.state = State::Over;
-            return stage.set_health(Health::Unusable, &error.to_string());
-        }
+        left.copy_from_slice(&pair.left);
+        right.copy_from_slice(&pair.right);
+        let (source_ns, read_ns) = (pair.source_ns, pair.read_ns);
+        drop(pair);
         let end_ns = monotonic_ns();
+        // A recorded pair is "captured" when it is whole in shared memory.
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
         header.attempt = attempt;
+        header.source_ns = source_ns;
+        header.capture_ns = end_ns;
+        self.send(stage, loan, header, Stamp { begin_ns, end_ns }, read_ns).map(|()| true)
+    }
+
+    /// Hands a pair over and reports it. To have read it ahead was this stage's work, too: `read_ns`.
+    fn send(
+        &mut self,
+        stage: &mut Stage,
+        mut loan: Loan,
+        mut header: Header,
+        stamp: Stamp,
+        read_ns: u64,
+    ) -> Result<(), StageError> {
+        let (sequence, attempt) = (header.sequence, header.attempt);
         header.modes = self.command.map_or(0, |command| command.modes);
-        let rounds = (sequence - index).saturating_mul(stage.launch.source_period_ns);
-        header.source_ns = rounds.saturating_add(self.source.time_ns(index));
-        // A recorded pair is "captured" when it is whole in shared memory, a camera's when it was exposed.
-        header.capture_ns = self.captured_ns.take().unwrap_or(end_ns);
-        header.width = format.width as u32;
-        header.height = format.height as u32;
-        header.stamps[0] = Stamp { begin_ns, end_ns };
+        header.width = stage.launch.frames.width as u32;
+        header.height = stage.launch.frames.height as u32;
+        header.stamps[0] = stamp;
         *loan.header_mut() = header;
         self.pairs.send(loan)?;
-        self.published = Some((sequence, attempt));
+        if let Some((before, _)) = self.published.replace((sequence, attempt))
+            && before != sequence
+        {
+            self.input.release(before);
+        }
         self.next = self.next.max(sequence.saturating_add(1));
         if attempt > 0 {
             // The same frame once more is no new one.
             return Ok(());
         }
-        stage.frame_done(&header, 0, end_ns - begin_ns)
+        stage.frame_done(&header, 0, stamp.end_ns - stamp.begin_ns + read_ns)
     }
 }

@@ -1,13 +1,16 @@
 //! The stage processes: what they share.
 
 pub mod capture;
+mod reader;
 mod tape;
 pub mod transform;
 pub mod writer;
 
 use crate::launch::Launch;
 use crate::memory::MemoryProbe;
+use crate::realtime::{self, Refused};
 use crate::rooms::RoomError;
+use ipc::allocation;
 use ipc::bus::{Bus, IpcError};
 use ipc::calibration::CalibrationRecord;
 use ipc::clock::{monotonic_ns, process_cpu_ns};
@@ -43,6 +46,9 @@ pub enum StageError {
         /// Why it failed.
         source: io::Error,
     },
+    /// Something that real time needs was required and refused.
+    #[error(transparent)]
+    Refused(#[from] Refused),
     /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] IpcError),
@@ -87,6 +93,8 @@ pub struct Stage {
     next_memory_ns: u64,
     heartbeat: Duration,
     warned_ns: Option<u64>,
+    /// Heap allocations up to the last frame.
+    allocations: u64,
     /// Frame that is reported on; heartbeats carry the last one.
     header: Header,
 }
@@ -105,9 +113,8 @@ impl Stage {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|e| system("installing a signal handler", e))?;
         }
-        if let Some(core) = launch.core {
-            pin(core);
-        }
+        allocation::keep_small_pieces();
+        let realtime = realtime::enter(&launch.config, role, launch.core)?;
         if role == Role::Writer {
             // It may be late; the stages may not.
             let _ = rustix::process::nice(10);
@@ -126,9 +133,12 @@ impl Stage {
             next_beat_ns: 0,
             next_memory_ns: 0,
             warned_ns: None,
+            allocations: 0,
             header: Header::new(Kind::Report),
         };
         stage.report.set_health(Health::Starting, "");
+        stage.report.realtime = realtime;
+        stage.report.deadline.deadline_ns = (stage.launch.config.pacing.deadline_ms * 1e6) as u64;
         stage.send_report(false)?;
         Ok(stage)
     }
@@ -138,11 +148,12 @@ impl Stage {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// The stage can take frames.
+    /// The stage has all its ports and can take frames.
     ///
     /// # Errors
-    /// When the report cannot be sent.
+    /// When the report cannot be sent, or shared memory is required to be there and is not.
     pub fn ready(&mut self) -> Result<(), StageError> {
+        realtime::reserve(&self.launch.config, &self.bus, &mut self.report.realtime)?;
         self.report.set_health(Health::Ready, "");
         self.send_report(false)
     }
@@ -164,6 +175,7 @@ impl Stage {
         self.report.frames += 1;
         self.report.age_ns = age_ns;
         self.report.work_ns = work_ns;
+        self.report.deadline.finished(header.capture_ns, monotonic_ns());
         self.header = header.forward(Kind::Report);
         self.send_report(true)
     }
@@ -208,6 +220,12 @@ impl Stage {
 
     fn send_report(&mut self, is_frame: bool) -> Result<(), StageError> {
         self.report.is_frame = u32::from(is_frame);
+        if is_frame {
+            let allocations = allocation::by_this_thread();
+            self.report.allocations = allocations - self.allocations;
+            self.allocations = allocations;
+        }
+        self.report.realtime.log_dropped = crate::logging::dropped();
         self.report.cpu_ns = process_cpu_ns();
         let now = monotonic_ns();
         // Reading it costs more than the rest of a report.
@@ -222,14 +240,5 @@ impl Stage {
         self.next_beat_ns = now + self.heartbeat.as_nanos() as u64;
         self.reports.send_record(self.header, &self.report)?;
         Ok(())
-    }
-}
-
-/// Pins this process to a core; a refusal is logged and the process runs on unpinned.
-pub fn pin(core: usize) {
-    if core_affinity::set_for_current(core_affinity::CoreId { id: core }) {
-        tracing::debug!(core, "pinned");
-    } else {
-        tracing::warn!(core, "cannot be pinned to its core: runs where the system puts it");
     }
 }

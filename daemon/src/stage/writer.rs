@@ -47,7 +47,12 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
             return Ok(Next::Stop);
         }
         // Obstacles first: whatever they were made from was sent before, and is there by now.
-        let result = results.receive()?;
+        let mut result = results.receive()?;
+        while result.as_ref().is_some_and(|sample| sample.header().withdraws == 1) {
+            // That a stage died is no result to be written. It goes before the next is received.
+            drop(result);
+            result = results.receive()?;
+        }
         keep_depth(&mut stage, &depths, &mut kept)?;
         keep_profile(&mut stage, &roads, &mut kept)?;
         let missed = results.take_missed();

@@ -188,6 +188,10 @@ impl Watcher {
     }
 
     fn take_result(&mut self, header: &Header, payload: &[u8]) {
+        if header.withdraws == 1 {
+            // The status tells that the alarm is off, and why.
+            return;
+        }
         let message = match obstacles::view(header, payload) {
             Ok(message) => message,
             Err(error) => return self.refused("obstacles", &error),

@@ -1,0 +1,108 @@
+//! How the daemon is doing, in one record.
+
+use super::result::Results;
+use super::{Phase, Run};
+use crate::scheduler::condition::Condition;
+use ipc::alarm;
+use ipc::calibration::CalibrationState;
+use ipc::clock::process_cpu_ns;
+use ipc::deadline::PacingRecord;
+use ipc::header::{Header, Kind};
+use ipc::report::ReportRecord;
+use ipc::rig::RigRecord;
+use ipc::role::Role;
+use ipc::status::StatusRecord;
+
+impl Run {
+    /// The status now. Rates are since the last call.
+    pub(super) fn status(&mut self, now: u64) -> StatusRecord {
+        let mut own = ReportRecord::new(Role::Scheduler);
+        own.cpu_ns = process_cpu_ns();
+        if let Some(memory) = self.memory.read() {
+            own.private_bytes = memory.private_bytes;
+            own.file_bytes = memory.file_bytes;
+            own.shared_bytes = memory.shared_bytes;
+        }
+        own.realtime = self.realtime;
+        own.realtime.log_dropped = crate::logging::dropped();
+        self.collector.report(&Header::new(Kind::Report), &own, now);
+
+        let mut status = StatusRecord::empty();
+        status.calibration = self.collector.calibration();
+        status.heat = self.board.record();
+        status.rig = self.rig_record();
+        status.device = *self.collector.device();
+        status.deadline = self.collector.deadline();
+        status.pacing = self.pacing();
+        let moved = status.calibration.state() == CalibrationState::Degraded;
+        let moved = moved.then(|| format!("calibration {}", status.calibration));
+        self.conditions.set(Condition::Calibration, moved.as_deref());
+        self.conditions.set(Condition::Board, self.board.fault().as_deref());
+        let lost = status.device.is_lost().then(|| status.device.words());
+        self.conditions.set(Condition::Device, lost.as_deref());
+        self.conditions.set(Condition::GivenUp, self.supervisor.given_up_reason().as_deref());
+
+        status.pid = std::process::id();
+        let is_running = self.phase == Phase::Running && self.supervisor.all_running();
+        status.state = match self.phase {
+            Phase::Draining { .. } | Phase::Stopping => 3,
+            Phase::Running if self.conditions.is_degraded(is_running) => 2,
+            Phase::Running => u32::from(self.collector.results() > 0 && is_running),
+        };
+        // What an old frame said is no judgement of the road now.
+        let last = self.results.last().filter(|_| self.phase == Phase::Running);
+        let frames_pass = self.phase == Phase::Running && self.supervisor.frames_pass();
+        status.alarm = last.map_or(alarm::OFF, |last| last.alarm.level);
+        status.alarm_rule = last.map_or(0, |last| last.alarm.rule);
+        status.alarm_faults = last.map_or(Results::faults(frames_pass).0, |last| last.alarm.faults);
+        status.obstacles = last.map_or(0, |last| last.confirmed);
+        status.nearest_m = last.map_or(f64::INFINITY, |last| last.alarm.nearest_m);
+        status.alarms = self.collector.alarms;
+        status.uptime_ns = now.saturating_sub(self.started_ns);
+        status.frames = self.collector.results();
+        let latency = self.collector.latency();
+        status.latency_p50_ms = latency.p50_ms as f32;
+        status.latency_p99_ms = latency.p99_ms as f32;
+        match self.failure.as_ref().unwrap_or(&self.reason) {
+            reason if reason.is_empty() => status.set_reason(&self.conditions.reason()),
+            reason => status.set_reason(reason),
+        }
+        let processes = self.collector.processes(&self.supervisor, &self.plan, now);
+        for (place, process) in status.process.iter_mut().zip(processes) {
+            *place = process;
+            status.processes += 1;
+        }
+        status
+    }
+
+    fn rig_record(&self) -> RigRecord {
+        let f = &self.launch.frames;
+        RigRecord {
+            width: f.width as u32,
+            height: f.height as u32,
+            disparities: u32::try_from(self.launch.config.stereo.disparities).unwrap_or(0),
+            lockstep: u32::from(self.options.lockstep),
+            focal_px: f.focal_px,
+            baseline_m: f.baseline_m,
+            cx_px: f.cx_px,
+            cy_px: f.cy_px,
+            period_ns: self.flow.command().period_ns,
+        }
+    }
+
+    fn pacing(&self) -> PacingRecord {
+        if self.options.lockstep {
+            return PacingRecord::default();
+        }
+        let parameters = self.pacer.parameters();
+        let slowest = self.pacer.slowest();
+        PacingRecord {
+            // Heat may leave less than the pacer would allow.
+            rate_hz: 1e9 / self.flow.command().period_ns.max(1) as f64,
+            wanted_hz: 1e9 / parameters.wanted_ns.max(1) as f64,
+            slowest_ms: slowest.map_or(0.0, |(_, ns)| ns as f64 * 1e-6),
+            slowest: slowest.map_or(0, |(role, _)| role as u32),
+            follows: u32::from(parameters.follow),
+        }
+    }
+}

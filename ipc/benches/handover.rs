@@ -1,0 +1,290 @@
+//! What it costs to hand a message over: the daemon's transport, a bare eventfd, and a copy of a pair of
+//! 640 × 480 through a Unix socket, all measured in one run.
+//!
+//! ```sh
+//! cargo bench -p lookout-ipc                       # 1000 messages of each kind, 100 a second
+//! cargo bench -p lookout-ipc -- --fifo --count 5000
+//! ```
+//!
+//! Sender and receiver are two processes, on two cores where there are two. Times run from just before the
+//! message is sent until the receiver has it, awake. Processor time is that of both processes together.
+//! Machines stall: compare within a run, and medians rather than tails.
+
+use lookout_ipc::bus::Bus;
+use lookout_ipc::clock::{monotonic_ns, process_cpu_ns};
+use lookout_ipc::header::{Header, Kind};
+use lookout_ipc::instance::{Instance, InstanceLock};
+use lookout_ipc::privilege::set_fifo;
+use lookout_ipc::service::PAIR;
+use lookout_ipc::wait::{self, Next};
+use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use std::error::Error;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+const WIDTH: usize = 640;
+const HEIGHT: usize = 480;
+const PAIR_BYTES: usize = 2 * WIDTH * HEIGHT;
+const NAME: &str = "bench";
+const PRIORITY: u32 = 50;
+
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+#[derive(Clone, Copy)]
+struct Options {
+    count: usize,
+    period: Duration,
+    fifo: bool,
+}
+
+fn main() -> Outcome<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let value = |name: &str, default: u64| -> Outcome<u64> {
+        match arguments.iter().position(|a| a == name) {
+            Some(place) => Ok(arguments.get(place + 1).ok_or("a number is missing")?.parse()?),
+            None => Ok(default),
+        }
+    };
+    let options = Options {
+        count: value("--count", 1000)? as usize,
+        period: Duration::from_secs_f64(1.0 / value("--hz", 100)?.max(1) as f64),
+        fifo: arguments.iter().any(|a| a == "--fifo"),
+    };
+    if let Some(place) = arguments.iter().position(|a| a == "--receive") {
+        let word = |i: usize| arguments.get(place + i).map(String::as_str).unwrap_or_default();
+        return receive(word(1), Path::new(word(2)), options);
+    }
+    if arguments.iter().any(|a| a == "--help") {
+        println!("cargo bench -p lookout-ipc -- [--count N] [--hz N] [--fifo]");
+        return Ok(());
+    }
+    send_all(options)
+}
+
+/// Its own core, and a priority if asked for.
+fn settle(is_receiver: bool, options: Options) -> Outcome<()> {
+    let allowed = sched_getaffinity(None)?;
+    let mut cores = (0..CpuSet::MAX_CPU).filter(|&c| allowed.is_set(c));
+    let (first, second) = (cores.next(), cores.next());
+    if let Some(core) = if is_receiver { second.or(first) } else { first } {
+        let mut set = CpuSet::new();
+        set.set(core);
+        sched_setaffinity(None, &set)?;
+    }
+    if options.fifo {
+        set_fifo(PRIORITY).map_err(|e| format!("--fifo: {e}"))?;
+    }
+    Ok(())
+}
+
+// ---- receiver
+
+fn receive(kind: &str, folder: &Path, options: Options) -> Outcome<()> {
+    settle(true, options)?;
+    let mut times = Vec::with_capacity(options.count);
+    let ready = || -> Outcome<u64> {
+        println!("ready");
+        std::io::stdout().flush()?;
+        Ok(process_cpu_ns())
+    };
+    let cpu_before = match kind {
+        "bus" => {
+            let bus = Bus::join(&Instance::new(NAME, folder))?;
+            let subscriber = bus.subscriber(&PAIR)?;
+            let before = ready()?;
+            wait::run::<Box<dyn Error>>(&[&subscriber], || {
+                while let Some(sample) = subscriber.receive()? {
+                    times.push(monotonic_ns());
+                    // The last one ends it, however many were overtaken.
+                    if sample.header().sequence + 1 >= options.count as u64 {
+                        return Ok(Next::Stop);
+                    }
+                }
+                Ok(Next::Wait(Duration::from_secs(5)))
+            })?;
+            before
+        }
+        "eventfd" => {
+            let before = ready()?;
+            for _ in 0..options.count {
+                rustix::io::read(std::io::stdin(), &mut [0_u8; 8])?;
+                times.push(monotonic_ns());
+            }
+            before
+        }
+        "polled" => {
+            let stdin = std::io::stdin();
+            let mut descriptors = [PollFd::new(&stdin, PollFlags::IN)];
+            let before = ready()?;
+            for _ in 0..options.count {
+                poll(&mut descriptors, None)?;
+                times.push(monotonic_ns());
+                rustix::io::read(&stdin, &mut [0_u8; 8])?;
+            }
+            before
+        }
+        "socket" => {
+            let mut pair = vec![0_u8; PAIR_BYTES];
+            let before = ready()?;
+            for _ in 0..options.count {
+                // Standard input is the socket; as it has a buffer of its own, it is read beside that.
+                let mut filled = 0;
+                while filled < PAIR_BYTES {
+                    match rustix::io::read(std::io::stdin(), &mut pair[filled..])? {
+                        0 => return Err("the sender is gone".into()),
+                        length => filled += length,
+                    }
+                }
+                times.push(monotonic_ns());
+            }
+            before
+        }
+        other => return Err(format!("--receive {other}").into()),
+    };
+    let cpu_ns = process_cpu_ns() - cpu_before;
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{cpu_ns}")?;
+    for time in times {
+        writeln!(out, "{time}")?;
+    }
+    Ok(())
+}
+
+// ---- sender
+
+struct Figures {
+    p50_us: f64,
+    p99_us: f64,
+    cpu_us: f64,
+    received: usize,
+}
+
+fn send_all(options: Options) -> Outcome<()> {
+    let folder = tempfile::tempdir()?;
+    let instance = Instance::new(NAME, folder.path());
+    let _lock = InstanceLock::take(&instance, monotonic_ns() / 1_000_000)?;
+    let (publish_us, receive_us) = own_part(&instance)?;
+    settle(false, options)?;
+
+    let bus = Bus::join(&instance)?;
+    let publisher = bus.publisher(&PAIR, WIDTH, HEIGHT)?;
+    let mut rows = Vec::new();
+    for (name, bytes) in [("transport, 64 B", 64), ("transport, a pair", PAIR_BYTES)] {
+        let child = start("bus", folder.path(), options, Stdio::null())?;
+        let figures = measure(child, options, |sequence| {
+            let mut loan = publisher.loan(bytes)?;
+            *loan.header_mut() = Header::new(Kind::Pair);
+            loan.header_mut().sequence = sequence;
+            Ok(publisher.send(loan)?)
+        })?;
+        bus.sweep();
+        rows.push((name, figures));
+    }
+    for (name, kind) in [("bare eventfd, read", "eventfd"), ("bare eventfd, polled", "polled")] {
+        let event = eventfd(0, EventfdFlags::SEMAPHORE | EventfdFlags::CLOEXEC)?;
+        let child = start(kind, folder.path(), options, Stdio::from(event.try_clone()?))?;
+        let figures = measure(child, options, |_| {
+            rustix::io::write(&event, &1_u64.to_ne_bytes())?;
+            Ok(())
+        })?;
+        rows.push((name, figures));
+    }
+    let (mut near, far) = UnixStream::pair()?;
+    let child = start("socket", folder.path(), options, Stdio::from(std::os::fd::OwnedFd::from(far)))?;
+    let pair = vec![7_u8; PAIR_BYTES];
+    let figures = measure(child, options, |_| Ok(near.write_all(&pair)?))?;
+    rows.push(("Unix socket, a pair copied", figures));
+
+    let rate = 1.0 / options.period.as_secs_f64();
+    println!("{} messages of each kind, {rate:.0} a second, fifo {}", options.count, options.fifo);
+    println!("{:<28} {:>10} {:>10} {:>14} {:>9}", "", "p50 us", "p99 us", "CPU us/message", "received");
+    for (name, f) in &rows {
+        println!("{name:<28} {:>10.1} {:>10.1} {:>14.1} {:>9}", f.p50_us, f.p99_us, f.cpu_us, f.received);
+    }
+    println!(
+        "transport's own part, nobody asleep: publish {publish_us:.2} us, receive {receive_us:.2} us (medians)"
+    );
+    let against = |row: usize| rows[1].1.p50_us / rows[row].1.p50_us;
+    println!(
+        "hand-over of a pair against a bare eventfd: {:.2} times that is read, {:.2} times that is polled (medians)",
+        against(2),
+        against(3)
+    );
+    Ok(())
+}
+
+/// Median time of loan, send and notify, and of receive, in µs, with both ends in this process and awake.
+fn own_part(instance: &Instance) -> Outcome<(f64, f64)> {
+    let bus = Bus::join(instance)?;
+    let publisher = bus.publisher(&PAIR, WIDTH, HEIGHT)?;
+    let subscriber = bus.subscriber(&PAIR)?;
+    let (mut publish, mut receive) = (Vec::new(), Vec::new());
+    for _ in 0..20_000 {
+        let begin = monotonic_ns();
+        let mut loan = publisher.loan(PAIR_BYTES)?;
+        *loan.header_mut() = Header::new(Kind::Pair);
+        publisher.send(loan)?;
+        let sent = monotonic_ns();
+        let got = subscriber.receive()?;
+        let end = monotonic_ns();
+        assert!(got.is_some(), "what was sent is there");
+        drop(got);
+        publish.push(sent - begin);
+        receive.push(end - sent);
+    }
+    Ok((percentile_us(&mut publish, 0.5), percentile_us(&mut receive, 0.5)))
+}
+
+fn start(kind: &str, folder: &Path, options: Options, stdin: Stdio) -> Outcome<Child> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(["--receive", kind]).arg(folder).args(["--count", &options.count.to_string()]);
+    if options.fifo {
+        command.arg("--fifo");
+    }
+    Ok(command.stdin(stdin).stdout(Stdio::piped()).spawn()?)
+}
+
+/// Sends all messages to a receiver that is ready, and joins its times with ours.
+fn measure(mut child: Child, options: Options, mut send: impl FnMut(u64) -> Outcome<()>) -> Outcome<Figures> {
+    let mut lines = BufReader::new(child.stdout.take().ok_or("no output")?).lines();
+    if lines.next().transpose()?.as_deref() != Some("ready") {
+        return Err("the receiver did not get ready".into());
+    }
+    // So that it sleeps when the first message comes.
+    std::thread::sleep(Duration::from_millis(100));
+    let mut sent = Vec::with_capacity(options.count);
+    let cpu_before = process_cpu_ns();
+    for sequence in 0..options.count as u64 {
+        std::thread::sleep(options.period);
+        sent.push(monotonic_ns());
+        send(sequence)?;
+    }
+    let own_ns = process_cpu_ns() - cpu_before;
+    let mut numbers = Vec::new();
+    for line in lines {
+        numbers.push(line?.parse::<u64>()?);
+    }
+    child.wait()?;
+    let (cpu_ns, times) = numbers.split_first().ok_or("the receiver died")?;
+    // A message belongs to the last one sent before it: some may have been overtaken.
+    let mut taken: Vec<u64> = times
+        .iter()
+        .filter_map(|time| Some(time - sent[sent.partition_point(|s| s <= time).checked_sub(1)?]))
+        .collect();
+    Ok(Figures {
+        p50_us: percentile_us(&mut taken, 0.5),
+        p99_us: percentile_us(&mut taken, 0.99),
+        cpu_us: (own_ns + cpu_ns) as f64 * 1e-3 / options.count as f64,
+        received: taken.len(),
+    })
+}
+
+fn percentile_us(times_ns: &mut [u64], share: f64) -> f64 {
+    times_ns.sort_unstable();
+    let place = ((times_ns.len() as f64 * share) as usize).min(times_ns.len().saturating_sub(1));
+    times_ns.get(place).map_or(0.0, |&ns| ns as f64 * 1e-3)
+}

@@ -269,6 +269,27 @@ mod tests {
     }
 
     #[test]
+    fn heat_takes_its_share_of_whatever_period_is_set() {
+        let mut flow = flow(false, false);
+        let cool = HeatAction {
+            frame_rate_share: 1.0,
+            clocks_share: 1.0,
+            recognition: true,
+            run: true,
+            power_off: false,
+        };
+        let hot = HeatAction { frame_rate_share: 0.5, ..cool };
+        assert!(!flow.limit(&cool));
+        assert!(flow.limit(&hot) && !flow.limit(&hot));
+        assert_eq!(flow.command().period_ns, 200);
+        // The pacer changes its mind while the board is hot, and the board cools down after that.
+        flow.set_period(150);
+        assert_eq!(flow.command().period_ns, 300);
+        assert!(!flow.limit(&hot) && flow.limit(&cool));
+        assert_eq!(flow.command().period_ns, 150);
+    }
+
+    #[test]
     fn at_live_rate_the_last_frame_is_awaited_but_not_for_ever() {
         let mut flow = flow(false, true);
         assert!(flow.is_empty(true, 0), "nothing was published");

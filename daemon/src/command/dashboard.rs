@@ -272,7 +272,7 @@ mod tests {
 
     fn status(skipped: u64) -> StatusRecord {
         let mut status = StatusRecord::empty();
-        (status.state, status.alarm, status.processes, status.nearest_m) = (2, 2, 2, 8.25);
+        (status.state, status.alarm, status.processes, status.nearest_m) = (2, ALARM, 2, 8.25);
         status.set_reason("the road stage failed");
         let process = status.process[0];
         let of = |role: Role, state: &str| {

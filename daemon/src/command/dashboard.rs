@@ -1,7 +1,7 @@
 //! `lookout status --watch`: on a terminal a screen that is drawn anew each second, elsewhere a line each.
 
 use super::CommandError;
-use ipc::alarm::{ALARM, level_name};
+use ipc::alarm::{ALARM, STANDBY, level_name};
 use ipc::calibration::CalibrationState;
 use ipc::role::Role;
 use ipc::status::{ProcessRecord, StatusRecord};
@@ -141,8 +141,8 @@ impl Dashboard {
             _ => Tone::Warn,
         };
         let alarm_tone = match status.alarm {
-            2 => Tone::Bad,
-            1 => Tone::Good,
+            ALARM => Tone::Bad,
+            STANDBY => Tone::Good,
             _ => Tone::Warn,
         };
         let seconds = status.uptime_ns / 1_000_000_000;
@@ -272,7 +272,7 @@ mod tests {
 
     fn status(skipped: u64) -> StatusRecord {
         let mut status = StatusRecord::empty();
-        (status.state, status.alarm, status.processes, status.nearest_m) = (2, 2, 2, 8.25);
+        (status.state, status.alarm, status.processes, status.nearest_m) = (2, ALARM, 2, 8.25);
         status.set_reason("the road stage failed");
         let process = status.process[0];
         let of = |role: Role, state: &str| {

@@ -166,7 +166,7 @@ fn a_cascade_labels_what_it_recognises() {
         cascade.display()
     ));
     let path = kitti.display().to_string();
-    bench.ok(&["replay", &path, "--in-process", "--limit", "3", "--out", "a"]);
+    bench.ok(&["replay", &path, "--in-process", "--limit", "12", "--out", "a"]);
     let lines = lines(&bench.path("a"));
     let obstacles: Vec<_> = lines.iter().flat_map(|l| l["obstacles"].as_array().unwrap()).collect();
     let cats = obstacles.iter().filter(|o| o["class"] == "cat" && o["score"].as_f64() > Some(1.0)).count();

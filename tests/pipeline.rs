@@ -46,7 +46,7 @@ fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
     let recording = bench.record("drive", 30);
     bench.ok(&["replay", &recording, "--in-process", "--out", "a"]);
     let lines = lines(&bench.path("a"));
-    let mut found = 0;
+    let mut missed = Vec::new();
     for line in &lines {
         let t = (line["sequence"].as_u64().unwrap() + 40) as f64 * 0.1;
         let truth = sources::scene::Drive::lead_distance_m(t);
@@ -54,9 +54,12 @@ fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
             let (distance, lateral) = (o["distance_m"].as_f64().unwrap(), o["lateral_m"].as_f64().unwrap());
             lateral.abs() < 0.5 && (distance - truth).abs() < 0.08 * truth
         });
-        found += usize::from(near);
+        if !near {
+            missed.push(line["sequence"].as_u64().unwrap());
+        }
     }
-    assert!(found >= 27, "the car ahead was found in {found} of 30 frames");
+    // Not in the first: what was seen once is not believed yet.
+    assert!(missed.len() <= 4 && missed.contains(&0), "the car ahead was missed in frames {missed:?} of 30");
     // It comes from 16 m to 6 m; the alarm is set to 10 m.
     let level = |i: usize| lines[i]["alarm"]["level"].as_str().unwrap();
     assert_eq!(level(3), "standby");
@@ -114,12 +117,13 @@ fn the_kitti_sequence_gives_24_of_24_frames() {
     assert_same(&bench.path("a"), &bench.path("b"));
     let lines = lines(&bench.path("a"));
     assert_eq!(lines.len(), 24);
-    for line in &lines {
+    for (i, line) in lines.iter().enumerate() {
         let road = &line["road"];
         // The camera of the KITTI car is 1.65 m above the road.
         let height = road["camera_height_m"].as_f64().expect("the road is seen in every frame");
         assert!((1.45..1.85).contains(&height), "{line}");
-        assert!(line["obstacles"].as_array().unwrap().len() > 5, "{line}");
+        // What was seen once is not believed yet.
+        assert!(i == 0 || line["obstacles"].as_array().unwrap().len() > 5, "{line}");
     }
     // In frame 22 a parked car stands right of the lane, its rear at 9.6 m (seen in the picture).
     let car = lines[22]["obstacles"].as_array().unwrap().iter().find(|o| {

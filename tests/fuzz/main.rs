@@ -5,6 +5,7 @@
 //! `LOOKOUT_FUZZ_SECONDS=600 cargo test --release -p lookout --test fuzz`.
 
 mod calibrations;
+mod caught;
 mod frames;
 mod harness;
 mod messages;

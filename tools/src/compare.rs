@@ -235,6 +235,10 @@ fn box_apart(a: &ObstacleLine, b: &ObstacleLine) -> u32 {
 }
 
 fn overlap(a: &ObstacleLine, b: &ObstacleLine) -> f64 {
+    // What is at the rim of the image may have no area left.
+    if box_apart(a, b) == 0 {
+        return 1.0;
+    }
     let along = |a0: u32, a_len: u32, b0: u32, b_len: u32| {
         f64::from((a0 + a_len).min(b0 + b_len)) - f64::from(a0.max(b0))
     };

@@ -67,10 +67,9 @@ impl Observer {
         };
         let cpu_cores: f64 = Role::ALL.into_iter().map(cpu).sum();
         let cpu_percent = cpu_cores / cores as f64 * 100.0;
-        // A new publisher's pool is empty and fills as readers come and go: up and down by megabytes. What
-        // is left of a fault shows in private memory, and in entries.
-        let grows = if plan.kind == Kind::Faults { &self.private } else { &self.memory };
-        let slope = grows.slope(from_s);
+        // Pages of a pool become real when they are first written, up to what is reserved: that is no
+        // growth. What is reserved, and private memory, could grow without bound.
+        let slope = self.growing.slope(from_s);
         let rise = self.entries.floor_rise(from_s).unwrap_or(0.0).max(0.0) as u64;
         let leaked = left + rise;
         let nothing = Latencies::new(0, self.period_ns, [None; STAGES]);
@@ -159,6 +158,7 @@ impl Observer {
                 .filter(is_long)
                 .map(|s| [s.low_per_s * HOUR_S, s.high_per_s * HOUR_S]),
             shared_bytes: self.shared_bytes,
+            shared_reserved_bytes: self.reserved_bytes,
             file_bytes,
             shm_entries: [entries_before, self.entries.greatest(0.0).unwrap_or(0.0) as u64, left],
             cpu_cores,

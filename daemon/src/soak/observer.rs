@@ -93,14 +93,15 @@ pub struct Observer {
     pub(super) probe_policy: String,
     pub(super) latencies: Option<Latencies>,
     pub(super) director: Option<Director>,
-    /// Memory of all, private memory of all, memory of each role, processor time of each role in percent of one core, and entries in
+    /// Memory of all, what of it can grow without bound, memory of each role, processor time of each role in percent of one core, and entries in
     /// shared memory, all over seconds since the start.
     pub(super) memory: Trend,
-    pub(super) private: Trend,
+    pub(super) growing: Trend,
     pub(super) role_memory: [Trend; 6],
     pub(super) role_cpu: [Trend; 6],
     pub(super) entries: Trend,
     pub(super) shared_bytes: u64,
+    pub(super) reserved_bytes: u64,
     probes: Option<Probes>,
     parameters: Option<tools::soak::director::DirectorParameters>,
     instance: Instance,
@@ -134,11 +135,12 @@ impl Observer {
             latencies: None,
             director: None,
             memory: Trend::new(1.0),
-            private: Trend::new(1.0),
+            growing: Trend::new(1.0),
             role_memory: std::array::from_fn(|_| Trend::new(1.0)),
             role_cpu: std::array::from_fn(|_| Trend::new(1.0)),
             entries: Trend::new(1.0),
             shared_bytes: 0,
+            reserved_bytes: 0,
             probes: None,
             parameters: plan.faults,
             instance: daemon.instance.clone(),
@@ -319,8 +321,10 @@ impl Observer {
         self.shared_bytes = self.instance.shared_bytes();
         let (private, file) = self.processes.memory();
         self.memory.add(at_s, (private + file + self.shared_bytes) as f64);
-        self.private.add(at_s, private as f64);
-        self.entries.add(at_s, self.instance.shared_memory().len() as f64);
+        let entries = self.instance.shared_memory();
+        self.reserved_bytes = entries.iter().filter_map(|e| std::fs::metadata(e).ok()).map(|m| m.len()).sum();
+        self.growing.add(at_s, (private + self.reserved_bytes) as f64);
+        self.entries.add(at_s, entries.len() as f64);
         for role in Role::ALL {
             let i = role as usize;
             let cpu_ns = self.processes.cpu_ns(role);

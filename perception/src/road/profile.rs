@@ -173,7 +173,8 @@ impl ProfileFinder {
         for (block, place) in self.path.iter().enumerate() {
             if supported(&place) {
                 (end, lost) = (block + 1, 0);
-            } else {
+            } else if end > 0 {
+                // Nearer than it is first seen there may be a bonnet, or what is too near to be matched.
                 lost += 1;
                 if lost > LOST {
                     break;
@@ -447,6 +448,16 @@ mod tests {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| 0.2 * (y - 100.0) + (y * 0.7).sin(), line);
         assert!(profile.disparity_px().windows(2).all(|w| w[0] <= w[1]));
+    }
+
+    #[test]
+    fn a_road_that_is_not_seen_near_by_is_found_farther_off() {
+        let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
+        let profile = find(|y| if y < 190.0 { 0.2 * (y - 100.0) } else { -1.0 }, line);
+        for y in [120, 140, 160, 180] {
+            let truth = 0.2 * (y as f32 - 100.0);
+            assert!((profile.disparity_px()[y] - truth).abs() < 0.2, "row {y}");
+        }
     }
 
     #[test]

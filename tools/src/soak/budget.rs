@@ -170,17 +170,13 @@ pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
         Some((_, span_s)) if span_s >= SLOPE_SPAN_S => None,
         _ => Some("too short a run: its samples must span four minutes"),
     };
-    let growing = match f.kind {
-        Kind::Faults => "growth of private memory, all processes",
-        Kind::Steady | Kind::Overload => "growth of resident memory, all processes",
-    };
     let memory =
         line("memory_bytes", "resident memory, all processes", "bytes", b.memory_bytes, f.memory_bytes, None);
     let slope = Line {
         measured: f.slope.map(|(slope, _)| slope),
         ..line(
             "slope_bytes_per_hour",
-            growing,
+            "growth of private and of reserved shared memory",
             "bytes/h",
             b.slope_bytes_per_hour,
             f.slope.map_or(f64::NAN, |(slope, _)| slope),

@@ -159,7 +159,8 @@ pub struct SoakReport {
     pub cpu_percent: f64,
     /// Greatest resident memory of all processes, shared memory and program counted once.
     pub rss_bytes: u64,
-    /// Its growth, with faults that of private memory; `None` when the run was too short to tell.
+    /// Growth of private memory and of what is reserved in shared memory; `None` when the run was too
+    /// short to tell.
     pub rss_slope_bytes_per_hour: Option<f64>,
     /// Longest time from a fault to the next result; 0 when there was no fault.
     pub next_result_s_max: f64,
@@ -193,8 +194,10 @@ pub struct SoakReport {
     pub seed: u64,
     /// 95 % interval of the slope.
     pub rss_slope_interval_bytes_per_hour: Option<[f64; 2]>,
-    /// Shared memory, counted once.
+    /// Shared memory that was touched, counted once.
     pub shared_bytes: u64,
+    /// Shared memory that is reserved: as much can be touched.
+    pub shared_reserved_bytes: u64,
     /// Pages of the program, counted once.
     pub file_bytes: u64,
     /// Entries in shared memory: before the daemon, while it ran (greatest), after it.
@@ -414,7 +417,7 @@ impl SoakReport {
         let _ = write!(
             out,
             "## Processes\n\n{}\nIn all {:.2} cores' worth of processor time ({:.1} % of {} cores) and {:.2} MB of memory, of \
-             which {:.2} MB are shared memory and {:.2} MB the program, each counted once. {interval}. Entries in shared memory: \
+             which {:.2} MB (of {:.2} MB reserved) are shared memory and {:.2} MB the program, each counted once. {interval}. Entries in shared memory: \
              {} before, up to {} while it ran, {} after.\n\n",
             table(&head, &rows),
             self.cpu_cores,
@@ -422,6 +425,7 @@ impl SoakReport {
             self.machine.cores,
             self.rss_bytes as f64 / 1e6,
             self.shared_bytes as f64 / 1e6,
+            self.shared_reserved_bytes as f64 / 1e6,
             self.file_bytes as f64 / 1e6,
             self.shm_entries[0],
             self.shm_entries[1],

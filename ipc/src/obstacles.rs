@@ -137,6 +137,9 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
         return Err(MessageError::Value { what: "count of obstacles", value: count as u64 });
     }
     let known = (alarm.level as usize) < LEVELS.len() && (alarm.rule as usize) < RULES.len();
+    if alarm.nearest_m.is_nan() {
+        return Err(MessageError::Value { what: "nearest distance", value: alarm.nearest_m.to_bits() });
+    }
     if !known || alarm.road_seen > 1 {
         return Err(MessageError::Value { what: "level of the alarm", value: alarm.level.into() });
     }
@@ -149,6 +152,16 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
         let [x, y, width, height] = obstacle.bounds.map(u64::from);
         if x + width > u64::from(header.width) || y + height > u64::from(header.height) {
             return Err(MessageError::Value { what: "box of an obstacle", value: x });
+        }
+        // Times may be infinite; where a thing is may not, and nothing may be no number.
+        let places = [obstacle.distance_m, obstacle.lateral_m, obstacle.width_m, obstacle.height_m];
+        let rest =
+            [obstacle.distance_sigma_m, obstacle.closing_m_s, obstacle.time_to_collision_s, obstacle.score];
+        if places.iter().any(|v| !v.is_finite()) || rest.iter().any(|v| v.is_nan()) {
+            return Err(MessageError::Value {
+                what: "measure of an obstacle",
+                value: obstacle.distance_m.to_bits(),
+            });
         }
     }
     Ok(Obstacles { alarm, obstacles })
@@ -197,6 +210,21 @@ mod tests {
         assert!(view(&header, &payload[..payload.len() - 8]).is_err());
         assert!(view(&header, &[]).is_err());
         assert!(view(&Header { width: 25, ..header }, payload).is_err(), "box outside the image");
+        for wrong in [
+            ObstacleRecord { distance_m: f64::INFINITY, ..obstacle },
+            ObstacleRecord { lateral_m: f64::NAN, ..obstacle },
+            ObstacleRecord { time_to_collision_s: f64::NAN, ..obstacle },
+        ] {
+            let mut memory = vec![0_u64; payload_bytes(1) / 8];
+            let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            write(payload, AlarmRecord::default(), &[wrong]).unwrap();
+            assert!(view(&header, payload).is_err(), "{wrong:?}");
+        }
+        let endless = ObstacleRecord { time_to_collision_s: f64::INFINITY, ..obstacle };
+        let mut memory = vec![0_u64; payload_bytes(1) / 8];
+        let one: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        write(one, AlarmRecord::default(), &[endless]).unwrap();
+        assert!(view(&header, one).is_ok());
         let mut wrong = payload.to_vec();
         wrong[0] = 4;
         assert!(view(&header, &wrong).is_err(), "unknown level");

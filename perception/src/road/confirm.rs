@@ -55,11 +55,6 @@ impl Confirmation {
         Self { candidates: Vec::with_capacity(2 * CAPACITY), most }
     }
 
-    /// Forgets everything.
-    pub fn clear(&mut self) {
-        self.candidates.clear();
-    }
-
     /// Takes the regions of a frame, nearest first, and leaves those that are believed; adds those that
     /// were and are not seen just now, as far as there is room. `size` is the image's width and height.
     pub fn filter(

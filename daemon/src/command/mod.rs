@@ -15,6 +15,7 @@ mod evaluate_distance;
 mod evaluate_weather;
 mod manual;
 mod obstacles;
+mod one_pair;
 mod point_cloud;
 mod record;
 mod rectify;

@@ -1,15 +1,11 @@
 //! `lookout point-cloud`.
 
-use super::disparity::read_pair;
-use super::obstacles::OnePair;
-use super::{CommandError, load, say};
+use super::{CommandError, load, one_pair, say};
 use crate::cli_view::{PointCloudCommand, PointColour};
-use crate::in_process::Pipeline;
 use perception::point_cloud::{self, Point, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde_json::json;
-use sources::calibration_file;
 use tools::colour::rainbow;
 use tools::picture::Colour;
 use tools::ply;
@@ -23,19 +19,7 @@ const NEAREST_M: f64 = 2.0;
 
 pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "point-cloud", Some("warn"))?;
-    let rig_path = args.rig.as_ref().unwrap_or(&config.source.rig);
-    if rig_path.as_os_str().is_empty() {
-        return Err(CommandError::Other(
-            "points need a rig: give --rig with a KITTI calib.txt or a TOML file with focal_px, \
-             baseline_m, cx_px and cy_px"
-                .into(),
-        ));
-    }
-    let rig = calibration_file::read(rig_path, true)?;
-    let (left, right, width, height) = read_pair(&args.left, &args.right)?;
-    let source = OnePair { left, right, size: (width, height), rig };
-    let mut pipeline = Pipeline::new(&config, Box::new(source), rig)
-        .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
+    let (mut pipeline, rig) = one_pair::pipeline(&config, args.rig.as_deref(), &args.left, &args.right)?;
     let result = pipeline.frame(0, 0)?;
     let images = result.images;
     let map = DisparityView::new(images.disparity, images.width, images.height)

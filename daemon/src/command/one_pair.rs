@@ -1,0 +1,67 @@
+//! Two pictures with their rig, on the way through the rooms once.
+
+use super::CommandError;
+use super::disparity::read_pair;
+use crate::in_process::Pipeline;
+use config::Config;
+use perception::rig::Rig;
+use sources::{PairSource, SourceError, calibration_file};
+use std::path::Path;
+
+/// One pair that is already in memory.
+struct OnePair {
+    left: Vec<u8>,
+    right: Vec<u8>,
+    size: (usize, usize),
+    rig: Rig,
+}
+
+impl PairSource for OnePair {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn rig(&self) -> Option<Rig> {
+        Some(self.rig)
+    }
+
+    fn count(&self) -> Option<u64> {
+        Some(1)
+    }
+
+    fn period_ns(&self) -> u64 {
+        100_000_000
+    }
+
+    fn read(&mut self, _index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
+        left.copy_from_slice(&self.left);
+        right.copy_from_slice(&self.right);
+        Ok(())
+    }
+}
+
+/// The rooms for one pair, and its rig: that of `--rig`, else of the configuration.
+///
+/// # Errors
+/// When there is no rig, a file cannot be read, or the pictures cannot be matched.
+pub(super) fn pipeline(
+    config: &Config,
+    rig: Option<&Path>,
+    left: &Path,
+    right: &Path,
+) -> Result<(Pipeline, Rig), CommandError> {
+    let rig_path = rig.unwrap_or(&config.source.rig);
+    if rig_path.as_os_str().is_empty() {
+        return Err(CommandError::Other(
+            "distances need a rig: give --rig with a KITTI calib.txt or a TOML file with focal_px, \
+             baseline_m, cx_px and cy_px"
+                .into(),
+        ));
+    }
+    let rig = calibration_file::read(rig_path, true)?;
+    let (left_pixels, right_pixels, width, height) = read_pair(left, right)?;
+    let source = OnePair { left: left_pixels, right: right_pixels, size: (width, height), rig };
+    let pipeline = Pipeline::new(config, Box::new(source), rig)
+        .map_err(|error| CommandError::Other(format!("{}: {error}", left.display())))?;
+    Ok((pipeline, rig))
+}

@@ -159,14 +159,16 @@ fn a_cascade_labels_what_it_recognises() {
     let Some(cascades) = shared_data("cascades") else { return };
     let Some(kitti) = shared_data("kitti_sequence_1") else { return };
     let bench = Bench::new();
-    // Any published LBP cascade will do: this one fires on many textures.
+    // Any published LBP cascade will do: this one fires on many textures. The road of this rig needs
+    // more than the bench's disparities.
     let cascade = cascades.join("lbpcascades/lbpcascade_frontalcatface.xml");
     bench.configure(&format!(
         "[recognition]\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\n",
         cascade.display()
     ));
     let path = kitti.display().to_string();
-    bench.ok(&["replay", &path, "--in-process", "--limit", "12", "--out", "a"]);
+    let wide = ["--set", "stereo.disparities=96"];
+    bench.ok(&[&["replay", &path, "--in-process", "--limit", "12", "--out", "a"][..], &wide].concat());
     let lines = lines(&bench.path("a"));
     let obstacles: Vec<_> = lines.iter().flat_map(|l| l["obstacles"].as_array().unwrap()).collect();
     let cats = obstacles.iter().filter(|o| o["class"] == "cat" && o["score"].as_f64() > Some(1.0)).count();

@@ -9,7 +9,7 @@ pub const HELP: &str = "Examples:
   lookout soak                                        five minutes of the built-in drive at 12.5 fps
   lookout soak --minutes 20 --out out/soak-20
   lookout soak RECORDING --fps 10 --minutes 600 -c car.toml
-  lookout soak --minutes 20 --faults --seed 7         kills, exits, hangs and stalls at random
+  lookout soak --minutes 20 --faults --seed 7         kills, exits, hangs, stalls and heat at random
   lookout soak --kills 1000                           a thousand SIGKILLs, about 20 minutes
   lookout soak --overload --minutes 10                twice what the daemon sustains
   lookout soak --tables                               the paper's tables beside ours

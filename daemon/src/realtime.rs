@@ -129,6 +129,12 @@ fn priority(config: &Config, role: Role) -> Option<u32> {
     u32::try_from(priority).ok()
 }
 
+/// The lowest priority that a stage of frames asks for; `None` where time is shared.
+pub fn lowest_priority(config: &Config) -> Option<u32> {
+    let asked = Wish::of(&config.realtime.scheduling) != Wish::Off;
+    Role::STAGES.into_iter().filter_map(|role| priority(config, role)).min().filter(|_| asked)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

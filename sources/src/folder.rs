@@ -1,8 +1,9 @@
 //! Recorded pairs in folders: left/right folders and the layouts of KITTI.
 
 use crate::{PairSource, SourceError, calibration_file};
-use image::{DynamicImage, ImageReader};
+use image::{DynamicImage, ImageError, ImageReader, Limits};
 use perception::rig::Rig;
+use std::io::{BufRead, Seek};
 use std::path::{Path, PathBuf};
 
 /// Folder names of the left and the right images, most specific first.
@@ -34,13 +35,18 @@ pub struct FolderSource {
 /// When the file cannot be read or decoded.
 pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let image = ImageReader::open(path)
-        .map_err(io)?
-        .with_guessed_format()
-        .map_err(io)?
-        .decode()
+    let image = decode(ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?)
         .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?;
     Ok(grey_of(image))
+}
+
+/// Decodes what no camera's picture exceeds: a damaged head must not ask for the machine's memory.
+pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<DynamicImage, ImageError> {
+    let mut limits = Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(1 << 14), Some(1 << 14));
+    limits.max_alloc = Some(128 << 20);
+    reader.limits(limits);
+    reader.decode()
 }
 
 /// An image's grey pixels, width and height.

@@ -11,6 +11,7 @@ mod harness;
 mod messages;
 mod mutate;
 mod pictures;
+mod recordings;
 
 use harness::{files, fuzz};
 use std::path::Path;

@@ -3,6 +3,7 @@
 use super::replay::set_source;
 use super::{CommandError, load, say, soak_tables};
 use crate::cli_soak::Soak;
+use crate::soak::hot_board::HotBoard;
 use crate::soak::pairs::{COUNT, DrawnPairs};
 use crate::soak::{self, Plan, Progress, Soaked};
 use config::Config;
@@ -44,7 +45,7 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     let (config, plan) = if args.overload {
         overload(args, config, settings, source, &stop)?
     } else {
-        plan(args, config, settings, source)
+        plan(args, config, settings, source)?
     };
     eprintln!(
         "soak of {} at {:.4} pairs a second, {}; report in {}",
@@ -147,7 +148,12 @@ pub fn time(minutes: f64) -> Duration {
     Duration::from_secs_f64(minutes * 60.0)
 }
 
-fn plan(args: &Soak, config: Config, settings: Vec<Setting>, source: String) -> (Config, Plan) {
+fn plan(
+    args: &Soak,
+    config: Config,
+    settings: Vec<Setting>,
+    source: String,
+) -> Result<(Config, Plan), CommandError> {
     let (fps, why) = rate(args, &config);
     let (mut config, mut settings) = at_rate(&config, &settings, fps, why);
     let with_faults = args.faults || args.kills.is_some();
@@ -170,6 +176,9 @@ fn plan(args: &Soak, config: Config, settings: Vec<Setting>, source: String) -> 
             "hangs count in the time to the next result",
         );
         set("supervision.heartbeat_ms", c.heartbeat_ms, "goes with the liveness deadline");
+    }
+    if args.faults {
+        HotBoard::create(&args.out, &mut config, &mut settings)?;
     }
     let ms = |v: i64| v.unsigned_abs() * 1_000_000;
     let faults = with_faults.then(|| DirectorParameters {
@@ -195,7 +204,7 @@ fn plan(args: &Soak, config: Config, settings: Vec<Setting>, source: String) -> 
         source,
         out: args.out.clone(),
     };
-    (config, plan)
+    Ok((config, plan))
 }
 
 /// Finds out what the daemon sustains, and plans for twice that.
@@ -207,6 +216,16 @@ fn overload(
     stop: &Arc<AtomicBool>,
 ) -> Result<(Config, Plan), CommandError> {
     eprintln!("finding out what the daemon sustains: {FLOOD_FPS} pairs a second for 10 s");
+    // A source that follows what the stages sustain would never overload them.
+    let (mut config, mut settings) = (config, settings);
+    if config.pacing.follow {
+        config.pacing.follow = false;
+        settings.push(Setting {
+            key: "pacing.follow",
+            value: "false".into(),
+            why: "the source does not give way",
+        });
+    }
     let (mut flood, _) = at_rate(&config, &settings, FLOOD_FPS, "");
     flood.soak.warm_up_s = 3.0;
     let plan = Plan {

@@ -29,7 +29,7 @@ pub struct View {
     pub has_result: bool,
     /// A pair has been published.
     pub has_pair: bool,
-    /// All stages report.
+    /// All stages that frames pass report.
     pub all_live: bool,
     /// The run ends.
     pub is_stopping: bool,

@@ -19,6 +19,8 @@ enum Effect {
     Stages,
     /// The scheduler takes it over.
     Own,
+    /// It is no business of a running daemon.
+    Others,
     /// The daemon would have to start anew.
     Restart,
 }
@@ -32,6 +34,8 @@ fn effect(key: &str) -> Effect {
         ("recognition" | "tracking" | "alarm", _) => Effect::Stage(Role::Recognition),
         ("log", _) => Effect::Stages,
         ("heat" | "clocks" | "board", _) => Effect::Own,
+        // Read by another process when that starts.
+        ("soak", _) => Effect::Others,
         _ => Effect::Restart,
     }
 }
@@ -69,6 +73,7 @@ pub fn plan(old: &Config, new: &Config) -> Result<Plan, Refused> {
             Effect::Stage(role) => add(role),
             Effect::Stages => Role::STAGES.into_iter().for_each(&mut add),
             Effect::Own => plan.board = true,
+            Effect::Others => {}
             Effect::Restart => refused.push(key.clone()),
         }
     }
@@ -110,6 +115,8 @@ mod tests {
         assert!(!planned.board);
         let planned = plan(&old, &config("[heat]\nstop_above_c = 94.5\n")).unwrap();
         assert!(planned.board && planned.roles.is_empty());
+        let planned = plan(&old, &config("[soak]\nwarm_up_s = 2\n")).unwrap();
+        assert_eq!((planned.keys.len(), planned.board, planned.roles.len()), (1, false, 0));
         assert_eq!(plan(&old, &config("[log]\nlevel = \"debug\"\n")).unwrap().roles, Role::STAGES);
     }
 

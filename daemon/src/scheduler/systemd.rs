@@ -15,7 +15,8 @@ impl Run {
         let view = View {
             has_result: self.collector.results() > 0,
             has_pair: self.flow.has_pair(),
-            all_live: self.supervisor.all_running(),
+            // A writer that was given up is no reason to start everything anew.
+            all_live: self.supervisor.frames_pass(),
             is_stopping: self.phase != Phase::Running,
         };
         self.notify.step(now, view);

@@ -4,6 +4,7 @@
 
 mod child;
 mod figures;
+pub mod hot_board;
 mod observer;
 pub mod pairs;
 mod probe;

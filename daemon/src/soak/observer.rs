@@ -1,6 +1,7 @@
 //! Watches a daemon through shared memory and /proc, and makes faults.
 
 use super::child::DaemonChild;
+use super::hot_board::HotBoard;
 use super::probe::Probes;
 use super::processes::{MachineTime, Processes, Reading, waited_ns};
 use super::{Plan, Progress, SoakError, stage_index};
@@ -115,6 +116,8 @@ pub struct Observer {
     sampled_cpu_ns: [u64; 6],
     pub(super) status_ns: u64,
     gave_up: Option<String>,
+    board: HotBoard,
+    probe_priority: Option<u32>,
 }
 
 impl Observer {
@@ -154,6 +157,8 @@ impl Observer {
             sampled_cpu_ns: [0; 6],
             status_ns: now,
             gave_up: None,
+            board: HotBoard::of(&config.board.sysfs),
+            probe_priority: crate::realtime::lowest_priority(config),
         }
     }
 
@@ -203,7 +208,9 @@ impl Observer {
 
     /// Ends the probes.
     pub fn stopped_probes(&mut self) {
-        self.probes = None;
+        if let Some(probes) = self.probes.take() {
+            self.probe_policy = probes.policy();
+        }
     }
 
     fn take_status(&mut self, status: &StatusRecord) -> Result<(), SoakError> {
@@ -213,6 +220,11 @@ impl Observer {
         self.status_ns = monotonic_ns();
         self.counts = Counts::of(status);
         self.processes.heard(Role::Scheduler, status.pid, 0);
+        if let Some(director) = &mut self.director
+            && status.heat.rung_name() == "stopped"
+        {
+            director.held_up();
+        }
         for (role, process) in status.processes() {
             self.cores[role as usize] = u32::try_from(process.core).ok();
             if process.state() == "given up" {
@@ -221,9 +233,8 @@ impl Observer {
         }
         if self.probes.is_none() && self.latencies.is_none() {
             let cores = Role::STAGES.map(|role| self.cores[role as usize]);
-            let probes = Probes::start(&cores.into())
+            let probes = Probes::start(&cores.into(), self.probe_priority)
                 .map_err(|source| SoakError::Io { path: "probe thread".into(), source })?;
-            self.probe_policy = probes.policy();
             self.probes = Some(probes);
             self.latencies = Some(Latencies::new(self.started_ns, self.period_ns, cores));
         }
@@ -346,10 +357,19 @@ impl Observer {
             && Role::STAGES.iter().all(|&role| self.processes.pid(role).is_some());
         let Some(director) = &mut self.director else { return };
         if let Some(order) = director.tick(now, steady) {
-            let sent = send(order, &self.processes, self.daemon_pid);
+            let sent = match order.signal {
+                Signal::Heat | Signal::Cool => {
+                    let set = self.board.set(order.signal == Signal::Heat);
+                    if let Err(error) = &set {
+                        tracing::warn!(%error, "the made-up board keeps its temperature");
+                    }
+                    set.is_ok()
+                }
+                _ => send(order, &self.processes, self.daemon_pid),
+            };
             let after = monotonic_ns();
             match (order.signal, sent) {
-                (Signal::Continue, _) => {}
+                (Signal::Continue | Signal::Cool, _) => {}
                 (_, true) => director.sent(after),
                 (_, false) => director.not_sent(after),
             }
@@ -451,6 +471,7 @@ fn send(order: Order, processes: &Processes, daemon_pid: u32) -> bool {
         Signal::Terminate => rustix::process::Signal::TERM,
         Signal::Stop => rustix::process::Signal::STOP,
         Signal::Continue => rustix::process::Signal::CONT,
+        Signal::Heat | Signal::Cool => return false,
     };
     Pid::from_raw(pid as i32).is_some_and(|pid| kill_process(pid, signal).is_ok())
 }

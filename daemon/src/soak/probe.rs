@@ -1,10 +1,12 @@
 //! Probes that measure the machine's own stalls: a thread on each core that asks to be woken every
-//! 2 ms and notes when it was.
+//! 2 ms and notes when it was. It has the lowest of the stages' priorities, so that what holds it up
+//! holds them up, too.
 
 use super::processes::Reading;
 use ipc::clock::monotonic_ns;
+use ipc::privilege;
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -23,16 +25,32 @@ pub struct Probes {
     stop: Arc<AtomicBool>,
     wakes: Arc<Mutex<Vec<Wake>>>,
     threads: Vec<JoinHandle<()>>,
+    /// SCHED_FIFO priority that the last of them got; 0 = the usual time-sharing.
+    priority: Arc<AtomicU32>,
 }
 
 impl Probes {
-    /// A probe on each core; `None` is one that is not pinned.
-    pub fn start(cores: &BTreeSet<Option<u32>>) -> std::io::Result<Self> {
-        let mut probes = Self { stop: Arc::default(), wakes: Arc::default(), threads: Vec::new() };
+    /// A probe on each core; `None` is one that is not pinned. `priority` is the SCHED_FIFO priority
+    /// that they ask for; where it is refused they share time, and say so.
+    pub fn start(cores: &BTreeSet<Option<u32>>, priority: Option<u32>) -> std::io::Result<Self> {
+        let mut probes = Self {
+            stop: Arc::default(),
+            wakes: Arc::default(),
+            threads: Vec::new(),
+            priority: Arc::default(),
+        };
         for &core in cores {
             let (stop, wakes) = (Arc::clone(&probes.stop), Arc::clone(&probes.wakes));
-            let thread =
-                std::thread::Builder::new().name("probe".into()).spawn(move || probe(core, &stop, &wakes))?;
+            let got = Arc::clone(&probes.priority);
+            let thread = std::thread::Builder::new().name("probe".into()).spawn(move || {
+                if let Some(priority) = priority
+                    && let Err(error) = privilege::set_fifo(priority)
+                {
+                    tracing::warn!(%error, "a probe shares time: it sees stalls that the stages do not have");
+                }
+                got.store(privilege::fifo_priority(), Ordering::Relaxed);
+                probe(core, &stop, &wakes);
+            })?;
             probes.threads.push(thread);
         }
         Ok(probes)
@@ -46,9 +64,12 @@ impl Probes {
         }
     }
 
-    /// Policy of this process, which the probes have, too.
+    /// Policy of the probes.
     pub fn policy(&self) -> String {
-        Reading::of(std::process::id()).map_or_else(String::new, |reading| reading.policy())
+        match self.priority.load(Ordering::Relaxed) {
+            0 => Reading::of(std::process::id()).map_or_else(String::new, |reading| reading.policy()),
+            priority => format!("SCHED_FIFO {priority}"),
+        }
     }
 }
 
@@ -86,7 +107,8 @@ mod tests {
     #[test]
     fn probes_wake_and_tell() {
         let cores: BTreeSet<Option<u32>> = [None, Some(0)].into();
-        let probes = Probes::start(&cores).unwrap();
+        // Refused or not, as this machine has it.
+        let probes = Probes::start(&cores, Some(1)).unwrap();
         let mut stalls = Stalls::default();
         let wakes = |stalls: &Stalls| stalls.figures().iter().map(|f| f.wakes).collect::<Vec<_>>();
         // Waits for both to tell; a machine on which they never do hangs here, and is seen.
@@ -94,6 +116,7 @@ mod tests {
             probes.take(&mut stalls);
             std::thread::yield_now();
         }
-        assert!(probes.policy().starts_with("SCHED_"), "{}", probes.policy());
+        let expected = if privilege::set_fifo(1).is_ok() { "SCHED_FIFO 1" } else { "SCHED_OTHER" };
+        assert_eq!(probes.policy(), expected);
     }
 }

@@ -4,6 +4,8 @@ use super::cdr::Cdr;
 use super::index::Channel;
 use super::protobuf::Decoder;
 use crate::folder;
+use image::ImageReader;
+use std::io::Cursor;
 
 /// What a message type means here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,8 +53,8 @@ pub fn grey(channel: &Channel, message: &[u8]) -> Result<(Vec<u8>, usize, usize)
         } else {
             protobuf_field(message, 2)?
         };
-        let image = image::load_from_memory(file).map_err(|e| e.to_string())?;
-        return Ok(folder::grey_of(image));
+        let reader = ImageReader::new(Cursor::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
+        return Ok(folder::grey_of(folder::decode(reader).map_err(|e| e.to_string())?));
     }
     let raw = if channel.encoding == "cdr" {
         cdr_image(message).ok_or("the message is cut off or no plain CDR")?

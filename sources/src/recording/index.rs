@@ -1,7 +1,7 @@
 //! What is where in an MCAP file: found from the records themselves, not from the summary at the end,
 //! which a recording that was cut off does not have.
 
-use super::RecordingError;
+use super::{RecordingError, lengths};
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -14,7 +14,10 @@ use std::path::{Path, PathBuf};
 const RECORD_HEAD: u64 = 9;
 
 /// No sound chunk is larger when unpacked.
-const GREATEST_CHUNK: u64 = 1 << 30;
+const GREATEST_CHUNK: u64 = 128 << 20;
+
+/// What is wrong with a record that [`lengths::fit`] refuses.
+const LONGER: &str = "a length in a record reaches beyond its end";
 
 /// A recording that ends before its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,6 +172,9 @@ impl Index {
 
     fn record(&mut self, opcode: u8, at: u64, length: u64) -> Result<Record<'static>, RecordingError> {
         let body = self.body(at, length)?;
+        if !lengths::fit(opcode, &body) {
+            return Err(self.damaged(at, LONGER));
+        }
         Ok(parse_record(opcode, &body).map_err(|e| self.damaged(at, e))?.into_owned())
     }
 
@@ -210,6 +216,9 @@ impl Index {
             }
             other => other.to_string(),
         };
+        if !lengths::fit(place.opcode, &body) {
+            return Err(self.damaged(place.at, LONGER));
+        }
         let record = parse_record(place.opcode, &body).map_err(|e| self.damaged(place.at, damaged(e)))?;
         let header = match record {
             Record::Chunk { header, .. } => header,
@@ -245,6 +254,9 @@ impl Index {
                     let wanted = wanted.min(head.len() + body.len());
                     let got = bytes.read(reader.insert(wanted)).map_err(|e| self.io(e))?;
                     reader.notify_read(got);
+                }
+                LinearReadEvent::Record { data, opcode } if !lengths::fit(opcode, data) => {
+                    return Err(self.damaged(place.at, LONGER));
                 }
                 LinearReadEvent::Record { data, opcode } => {
                     match parse_record(opcode, data).map_err(|e| self.damaged(place.at, damaged(e)))? {

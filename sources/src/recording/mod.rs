@@ -9,6 +9,7 @@ mod cdr;
 pub mod foxglove;
 mod image_message;
 mod index;
+mod lengths;
 pub mod protobuf;
 mod source;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Disparity maps in files: PNG and PGM with a scale, PFM.
 
 use super::{TruthError, pfm};
-use crate::SourceError;
+use crate::{SourceError, folder};
 use image::{DynamicImage, ImageReader};
 use std::path::Path;
 
@@ -26,7 +26,8 @@ impl DisparityMap {
 fn decode(path: &Path) -> Result<DynamicImage, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
     let reader = ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?;
-    reader.decode().map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() }.into())
+    folder::decode(reader)
+        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() }.into())
 }
 
 /// Reads a map whose values are `scale` steps a pixel (a PFM holds pixels). Values that are not

@@ -6,6 +6,8 @@
 //!                                     │ a stall is over      ▲ │ patience ends: counted as failed, waits on
 //!                                     └──▶ Stalled ──────────┘
 //! ```
+//!
+//! Heat is a stall of the whole daemon by its thermal ladder.
 
 use super::fault::{Fault, FaultKind, Mix};
 use super::recovery::Recoveries;
@@ -43,9 +45,13 @@ pub enum Signal {
     Stop,
     /// SIGCONT.
     Continue,
+    /// No signal: the board's temperature goes to where the stages must wait.
+    Heat,
+    /// And back.
+    Cool,
 }
 
-/// A signal to a stage.
+/// A signal to a stage, or what stands for one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Order {
     /// To which.
@@ -69,6 +75,8 @@ pub struct Director {
     random: fastrand::Rng,
     state: State,
     start_ns: u64,
+    /// Whether the daemon has answered to the heat.
+    held_up: bool,
     ends: bool,
     /// What came of the faults.
     pub recoveries: Recoveries,
@@ -93,6 +101,7 @@ impl Director {
             random,
             state: State::Calm { next_ns },
             start_ns: now_ns,
+            held_up: false,
             ends: false,
             recoveries: Recoveries::default(),
         }
@@ -108,13 +117,21 @@ impl Director {
                     FaultKind::Kill => Signal::Kill,
                     FaultKind::Exit => Signal::Terminate,
                     FaultKind::Hang | FaultKind::Stall => Signal::Stop,
+                    FaultKind::Heat => Signal::Heat,
                 };
                 Some(Order { stage: fault.stage, signal })
             }
             State::Stalled { fault, from_ns, until_ns } if now_ns >= until_ns => {
-                self.state =
-                    State::Recovering { fault, from_ns, since_ns: now_ns, restarted: true, failed: false };
-                Some(Order { stage: fault.stage, signal: Signal::Continue })
+                let is_heat = fault.kind == FaultKind::Heat;
+                let failed = is_heat && !self.held_up;
+                if failed {
+                    self.recoveries.failed(&fault);
+                }
+                self.state = State::Recovering { fault, from_ns, since_ns: now_ns, restarted: true, failed };
+                Some(Order {
+                    stage: fault.stage,
+                    signal: if is_heat { Signal::Cool } else { Signal::Continue },
+                })
             }
             State::Recovering { fault, from_ns, since_ns, restarted, failed: false }
                 if now_ns.saturating_sub(since_ns) > self.parameters.patience_ns =>
@@ -131,8 +148,9 @@ impl Director {
     pub fn sent(&mut self, sent_ns: u64) {
         if let State::Asked { fault } = self.state {
             self.recoveries.made(&fault);
+            self.held_up = false;
             self.state = match fault.kind {
-                FaultKind::Stall => {
+                FaultKind::Stall | FaultKind::Heat => {
                     State::Stalled { fault, from_ns: sent_ns, until_ns: sent_ns + fault.stall_ns }
                 }
                 _ => State::Recovering {
@@ -151,6 +169,11 @@ impl Director {
         if matches!(self.state, State::Asked { .. }) {
             self.calm(now_ns);
         }
+    }
+
+    /// The daemon says that heat has stopped its stages. Heat without such an answer has failed.
+    pub fn held_up(&mut self) {
+        self.held_up = true;
     }
 
     /// A stage has a new process that reports.
@@ -293,6 +316,37 @@ mod tests {
     }
 
     #[test]
+    fn heat_must_be_answered_and_pass() {
+        let mut director = Director::new(DirectorParameters { mix: Mix::All, kills: None, ..PARAMETERS }, 0);
+        let (mut now, mut heats) = (0, 0);
+        while heats < 2 {
+            let first = order(&mut director, &mut now);
+            director.sent(now);
+            if first.signal == Signal::Heat {
+                // The daemon answers to the second alone.
+                if heats == 1 {
+                    director.held_up();
+                }
+                heats += 1;
+                assert_eq!(director.result(now + 5 * MS, now + 10 * MS), None, "while it is hot");
+                now += 3000 * MS;
+                let cool = Order { stage: 0, signal: Signal::Cool };
+                assert_eq!(director.tick(now, false), Some(cool));
+                assert_eq!(director.recoveries.failures(), 1);
+            } else if first.signal == Signal::Stop {
+                now += 500 * MS;
+                director.tick(now, false);
+            }
+            director.restarted(first.stage);
+            now += 50 * MS;
+            assert!(director.result(now - 30 * MS, now).is_some());
+        }
+        let rows = director.recoveries.rows();
+        let row = rows.iter().find(|r| r.kind == FaultKind::Heat).unwrap();
+        assert_eq!((row.stage, row.count, row.failed), ("the board", 2, 1));
+    }
+
+    #[test]
     fn a_stall_is_over_by_itself_and_measured_from_its_end() {
         let mut director = Director::new(DirectorParameters { mix: Mix::All, kills: None, ..PARAMETERS }, 0);
         let mut now = 0;
@@ -313,6 +367,9 @@ mod tests {
                     stalls += 1;
                     assert_eq!(director.result(from + 5 * MS, now - MS), None, "before its end");
                 }
+            } else if first.signal == Signal::Heat {
+                now += 3000 * MS;
+                assert!(director.tick(now, false).is_some());
             }
             director.restarted(first.stage);
             now += 50 * MS;

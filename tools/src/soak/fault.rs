@@ -4,6 +4,9 @@ use super::latency::STAGES;
 use serde::Serialize;
 use std::fmt;
 
+/// How long the board is hot: the ladder must have answered by then.
+const HEAT_NS: u64 = 3_000_000_000;
+
 /// Names of the stages, in the order of their numbers here.
 pub const STAGE_NAMES: [&str; STAGES] = ["capture", "stereo", "road", "recognition"];
 
@@ -21,15 +24,17 @@ pub enum FaultKind {
     /// SIGSTOP for less than the liveness deadline: the daemon has to sit it out. Of capture it is a
     /// source that stalls.
     Stall,
+    /// The board (one made up for the soak) gets so hot that the stages must wait, and cools down again.
+    Heat,
 }
 
 impl FaultKind {
     /// All kinds.
-    pub const ALL: [Self; 4] = [Self::Kill, Self::Exit, Self::Hang, Self::Stall];
+    pub const ALL: [Self; 5] = [Self::Kill, Self::Exit, Self::Hang, Self::Stall, Self::Heat];
 
     /// Whether the daemon must restart the stage, once.
     pub fn restarts(self) -> bool {
-        self != Self::Stall
+        !matches!(self, Self::Stall | Self::Heat)
     }
 
     /// The word for it.
@@ -39,6 +44,7 @@ impl FaultKind {
             Self::Exit => "exit",
             Self::Hang => "hang",
             Self::Stall => "stall",
+            Self::Heat => "heat",
         }
     }
 }
@@ -48,15 +54,23 @@ impl FaultKind {
 pub struct Fault {
     /// What is done.
     pub kind: FaultKind,
-    /// To which stage.
+    /// To which stage; heat holds up the first, which brings no pairs then.
     pub stage: usize,
-    /// How long a stall lasts.
+    /// How long a stall or the heat lasts.
     pub stall_ns: u64,
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of {}", self.kind.name(), STAGE_NAMES[self.stage % STAGES])
+        write!(f, "{} of {}", self.kind.name(), place(self.kind, self.stage))
+    }
+}
+
+/// The word for what a fault is done to.
+pub fn place(kind: FaultKind, stage: usize) -> &'static str {
+    match kind {
+        FaultKind::Heat => "the board",
+        _ => STAGE_NAMES[stage % STAGES],
     }
 }
 
@@ -65,7 +79,7 @@ impl fmt::Display for Fault {
 pub enum Mix {
     /// SIGKILL alone.
     Kills,
-    /// Half of them kills, the rest of all other kinds.
+    /// Three in seven kills, the rest of all other kinds.
     All,
 }
 
@@ -73,14 +87,19 @@ impl Mix {
     /// Draws a fault. Stalls are at most two fifths of the liveness deadline long, so that a daemon
     /// that keeps its deadline does not take them for hangs.
     pub fn draw(self, random: &mut fastrand::Rng, liveness_ns: u64) -> Fault {
-        let kind = match (self, random.u8(0..6)) {
+        let kind = match (self, random.u8(0..7)) {
             (Self::Kills, _) | (Self::All, 0..=2) => FaultKind::Kill,
             (Self::All, 3) => FaultKind::Exit,
             (Self::All, 4) => FaultKind::Hang,
-            (Self::All, _) => FaultKind::Stall,
+            (Self::All, 5) => FaultKind::Stall,
+            (Self::All, _) => FaultKind::Heat,
         };
         let longest_ns = (liveness_ns / 5 * 2).max(2);
-        Fault { kind, stage: random.usize(0..STAGES), stall_ns: random.u64(longest_ns / 4..longest_ns) }
+        let (stage, stall_ns) = (random.usize(0..STAGES), random.u64(longest_ns / 4..longest_ns));
+        match kind {
+            FaultKind::Heat => Fault { kind, stage: 0, stall_ns: HEAT_NS },
+            _ => Fault { kind, stage, stall_ns },
+        }
     }
 }
 
@@ -99,10 +118,12 @@ mod tests {
         let all = draw(Mix::All, 3);
         for stage in 0..STAGES {
             for kind in FaultKind::ALL {
-                assert!(all.iter().any(|f| f.kind == kind && f.stage == stage), "{kind:?} {stage}");
+                let comes = all.iter().any(|f| f.kind == kind && f.stage == stage);
+                assert_eq!(comes, kind != FaultKind::Heat || stage == 0, "{kind:?} {stage}");
             }
         }
-        assert!(all.iter().all(|f| (100_000_000..400_000_000).contains(&f.stall_ns)));
+        let short = |f: &Fault| (100_000_000..400_000_000).contains(&f.stall_ns);
+        assert!(all.iter().all(|f| short(f) || f.kind == FaultKind::Heat));
         assert!(draw(Mix::Kills, 3).iter().all(|f| f.kind == FaultKind::Kill));
         assert_eq!(all[0].to_string().split(" of ").count(), 2);
     }

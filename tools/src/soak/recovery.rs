@@ -1,6 +1,6 @@
 //! What came of the faults.
 
-use super::fault::{Fault, FaultKind, STAGE_NAMES};
+use super::fault::{Fault, FaultKind, place};
 use super::latency::STAGES;
 use super::trend::Trend;
 use crate::summary::Latency;
@@ -126,7 +126,7 @@ impl Recoveries {
     pub fn rows(&self) -> Vec<FaultRow> {
         let row = |(i, e): (usize, &Entry)| FaultRow {
             kind: FaultKind::ALL[i / STAGES],
-            stage: STAGE_NAMES[i % STAGES],
+            stage: place(FaultKind::ALL[i / STAGES], i % STAGES),
             count: e.count,
             failed: e.failed,
             next_result_s_p50: e.waits.percentile_ms(50.0) * 1e-3,

@@ -53,7 +53,7 @@ pub struct CostParameters {
 
 impl Default for CostParameters {
     fn default() -> Self {
-        Self { k2: 0.02, gradient_limit: 8 }
+        Self { k2: 0.03, gradient_limit: 8 }
     }
 }
 

@@ -80,7 +80,7 @@ impl Default for MpvParameters {
             scales: SCALES,
             slopes: true,
             winner: WinnerParameters::default(),
-            least_confidence: 103,
+            least_confidence: 105,
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,

@@ -25,7 +25,8 @@ pub enum SubPixel {
     None,
     /// From the final energies.
     Energy,
-    /// From H, and half of what the six paths' jumps say for one side.
+    /// From H, where the winner is its least, too, and a little of what the six paths' jumps say for
+    /// one side; from the final energies elsewhere.
     Data,
 }
 
@@ -133,17 +134,16 @@ fn pick<S: Simd>(
     s.store(h_before, &mut data[0]);
     s.store(h_here, &mut data[1]);
     s.store(h_after, &mut data[2]);
-    let (base, jumps) = match sub_pixel {
-        SubPixel::None => (&[Lanes::ZERO; 3], 0.0),
-        SubPixel::Energy => (&sums, 0.0),
-        SubPixel::Data => (&data, JUMPS),
-    };
     for lane in 0..LANES {
         let place = winners.place.0[lane];
         let value = |of: &[Lanes; 3], side: usize| f32::from(of[side].0[lane]);
         let jump = |side: usize| value(&sums, side) - value(&data, side);
-        let lean = jumps * (jump(0) - jump(2));
-        let part = between(value(base, 0), value(base, 1), value(base, 2), lean);
+        let here = value(&data, 1);
+        let by_data = (sub_pixel == SubPixel::Data) & (value(&data, 0) > here) & (value(&data, 2) > here);
+        let side = |side: usize| if by_data { value(&data, side) } else { value(&sums, side) };
+        let lean = if by_data { JUMPS * (jump(0) - jump(2)) } else { 0.0 };
+        let part = between(side(0), side(1), side(2), lean);
+        let part = if sub_pixel == SubPixel::None { 0 } else { part };
         winners.disparity[lane] = (i32::from(place) * 256 + part) as u16;
         winners.keys[lane] = u16::from(sums[1].0[lane]) << 8 | u16::from(u8::MAX - place);
     }
@@ -173,8 +173,8 @@ fn whole(value: f32) -> i32 {
     if value < 0.0 { -bits } else { bits }
 }
 
-/// Share of the jumps that [`SubPixel::Data`] takes: less scatters more, more keeps to whole pixels.
-const JUMPS: f32 = 0.5;
+/// Share of the jumps that [`SubPixel::Data`] takes: less keeps to whole pixels, more to halves.
+const JUMPS: f32 = 0.125;
 
 /// Confidence that a difference of the two views takes.
 const DISAGREEMENT: u8 = 30;

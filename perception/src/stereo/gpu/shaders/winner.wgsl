@@ -88,21 +88,20 @@ fn pick(
         data_before = data_of(at, place - 1u);
         data_after = data_of(at, place + 1u);
     }
-    // Two lines of equal slope; `lean` is twice the half of what the jumps cost more before than after.
+    // Two lines of equal slope, through H where it is least at the winner, too; `lean` is what the jumps
+    // cost more before than after, of which an eighth counts.
     var lean = 0;
-    if scale.sub_pixel == 2u {
+    var middle = here;
+    if scale.sub_pixel == 2u && data_before > data && data_after > data {
         lean = (before - data_before) - (after - data_after);
         before = data_before;
         after = data_after;
-    }
-    var middle = here;
-    if scale.sub_pixel == 2u {
         middle = data;
     }
     var part = 0;
     if scale.sub_pixel != 0u {
-        let slope = 2 * max(max(before - middle, after - middle), 1) + abs(lean);
-        part = clamp(128 * (2 * (before - after) + lean) / slope, -128, 128);
+        let slope = 8 * max(max(before - middle, after - middle), 1) + abs(lean);
+        part = clamp(128 * (8 * (before - after) + lean) / slope, -128, 128);
     }
     let whole = place - start + block.low;
     let disparity = u32(i32(whole) * 256 + part) & 0xffffu;

@@ -125,7 +125,7 @@ function drawBirds(frame, points) {
   for (let z = 10; z <= AHEAD_M; z += 10) {
     const [, y] = at(0, z);
     c.beginPath(); c.moveTo(0, y); c.lineTo(width, y); c.stroke();
-    c.fillText(`${z} m`, 4, y - 3);
+    c.fillText(`${z} m`, 4, Math.max(y - 3, 12));
   }
   if (points) drawPoints(c, frame, points, at);
   c.lineWidth = 1;

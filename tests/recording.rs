@@ -298,6 +298,8 @@ fn the_mcap_package_reads_it_and_foxgloves_own_types_agree() {
     // A live one with everything.
     let daemon = daemon(&bench, &recording, "10");
     bench.ok(&["record", "-o", "all.mcap", "--topics", "all", "--png", "--seconds", "3"]);
+    bench.ok(&["record", "-o", "cloud.mcap", "--topics", "images,points", "--seconds", "3"]);
+    bench.ok(&["record", "-o", "none.mcap", "--seconds", "1"]);
     daemon.signal("TERM");
     daemon.wait();
     let said = read("all.mcap");
@@ -309,5 +311,14 @@ fn the_mcap_package_reads_it_and_foxgloves_own_types_agree() {
     );
     assert!(said["first"]["/points"]["bytes"].as_u64().unwrap() > 16 * 500, "{said}");
     assert_eq!(said["first"]["/status"]["state"], "running");
+    // A point of every second column and row, where its pixel is and as bright; only when it is asked for.
+    let clouds = &read("cloud.mcap")["clouds"];
+    let points = clouds["points"].as_u64().unwrap();
+    assert!(clouds["clouds"].as_u64() > Some(1) && points > 1000, "{clouds}");
+    assert_eq!((&clouds["on_pixels"], &clouds["grey"]), (&points.into(), &points.into()), "{clouds}");
+    assert_eq!(clouds["columns"], serde_json::json!([0]));
+    let fields = serde_json::json!([["x", 0, 7], ["y", 4, 7], ["z", 8, 7], ["intensity", 12, 7]]);
+    assert_eq!(clouds["fields"], fields);
+    assert!(read("none.mcap")["topics"]["/points"].is_null());
     assert_eq!(said["schemas"]["/tf"], "foxglove.FrameTransform protobuf");
 }

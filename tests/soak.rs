@@ -126,5 +126,12 @@ fn a_soak_that_cannot_start_says_why() {
     assert!(text(&output).contains("nowhere"), "{}", text(&output));
     let output = soak(&bench, &["--overload", "--faults"]);
     assert_eq!(output.status.code(), Some(2));
+    // No board: no clock of a GPU, and nothing is drawn or run to find that out.
+    std::fs::create_dir(bench.path("sys")).unwrap();
+    let sysfs = format!("board.sysfs={}", bench.path("sys").display());
+    let output = soak(&bench, &["--gpu-table", "--out", "table", "--set", &sysfs]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output).contains("--gpu-table: no GPU below"), "{}", text(&output));
+    assert!(!bench.path("table").exists());
     bench.assert_clean();
 }

@@ -50,12 +50,39 @@ const SHOWN: &str = r#"(() => {
     return { x: (r.left - frame.left) * scale, y: (r.top - frame.top) * scale, width: r.width * scale,
       height: r.height * scale, distance: Number(g.dataset.distance) };
   });
-  return { sequence, boxes_of: Number(view.dataset.sequence), width: canvas.width, grid, boxes };
+  const free = freeAhead(page.frame);
+  return { sequence, boxes_of: Number(view.dataset.sequence), width: canvas.width, grid, boxes, free };
 })()"#;
 
-/// How often a picture is the one of its number, and the car ahead lies in a box with its distance.
-fn compare(browser: &mut Browser, drive: &mut Drive) -> (usize, usize, String) {
-    let (mut seen, mut same, mut boxed, mut told) = (BTreeSet::new(), 0, 0, String::new());
+/// The bird's-eye view of made-up free space: 35 m, and 12 m in the middle. Gives how many of ten places in the
+/// middle before and behind its end, and of ten to the left, look other than with nothing free.
+const FREE_DRAWN: &str = r#"(() => {
+  const canvas = document.getElementById("birds");
+  const columns = page.frame.free_m.length;
+  const middle = (i) => Math.abs(i - columns / 2) < 10;
+  const made = Array.from({ length: columns }, (_, i) => (middle(i) ? 12 : 35));
+  const look = (free_m) => {
+    const frame = { ...page.frame, free_m, regions: [], obstacles: [] };
+    drawBirds(frame, null);
+    const dots = canvas.width / canvas.clientWidth;
+    const perMetre = (canvas.clientHeight - 14) / AHEAD_M;
+    const pixel = ([x, z]) => canvas.getContext("2d").getImageData(
+      Math.round((canvas.clientWidth / 2 + x * perMetre) * dots),
+      Math.round((canvas.clientHeight - 6 - z * perMetre) * dots), 1, 1).data.join();
+    const row = (x, from) => Array.from({ length: 10 }, (_, i) => pixel([x * (from + i / 2), from + i / 2]));
+    return { near: row(0, 5), behind: row(0, 14), left: row(-0.2, 14), ahead: freeAhead(frame), label: canvas.ariaLabel };
+  };
+  const [free, none] = [look(made), look(made.map(() => 0))];
+  drawBirds(page.frame, page.points);
+  const changed = (name) => free[name].filter((p, i) => p !== none[name][i]).length;
+  return { columns, near: changed("near"), behind: changed("behind"), left: changed("left"),
+    ahead: free.ahead, label: free.label, none: none.label };
+})()"#;
+
+/// How often a picture is the one of its number, the car ahead lies in a box with its distance, and the way is
+/// free as far as the car.
+fn compare(browser: &mut Browser, drive: &mut Drive) -> ([usize; 3], String) {
+    let (mut seen, mut same, mut boxed, mut free, mut told) = (BTreeSet::new(), 0, 0, 0, String::new());
     while seen.len() < COMPARED {
         // A paused page does not change while it is looked at.
         browser.value("if (!page.is_paused) pause()");
@@ -94,27 +121,41 @@ fn compare(browser: &mut Browser, drive: &mut Drive) -> (usize, usize, String) {
             (drawn.overlap(&car.bounds), number(b, "distance"))
         });
         let (overlap, distance) = best.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
-        boxed += usize::from(overlap > 0.5 && (distance - car.distance_m).abs() < 0.1 * car.distance_m);
+        boxed += usize::from(overlap > 0.5 && (distance - car.distance_m).abs() < 0.15 * car.distance_m);
+        let free_m = shown["free"].as_f64().unwrap_or_default();
+        free += usize::from((free_m - car.distance_m).abs() < 0.15 * car.distance_m);
         told += &format!(
-            "frame {sequence}: grey levels differ by {mean:.1}; the car at {:.1} m, box overlap {overlap:.2}, {distance:.1} m\n",
+            "frame {sequence}: grey levels differ by {mean:.1}; the car at {:.1} m, box overlap {overlap:.2}, \
+             {distance:.1} m, free {free_m:.1} m\n",
             car.distance_m
         );
     }
-    (same, boxed, told)
+    ([same, boxed, free], told)
 }
 
 #[test]
 fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let Some(mut browser) = Browser::start() else { return };
-    let (bench, daemon) = bench_with_drive();
+    let bench = Bench::new();
+    bench.configure(&format!("[source]\nkind = \"scene\"\nseed = 1\nfps = {FPS}\n"));
+    // Every frame, however slow the machine is: so tracks are what they would be on a fast one.
+    let daemon = bench.start(&["replay", "scene:drive?seed=1", "--lockstep", "--loop", "--limit", "1000000"]);
     let viewer = Viewer::start(&bench, &[]);
     browser.open(&viewer.link);
     browser.look(1280, 900, false, "light");
     browser.until("typeof page === 'object' && page.frames >= 3");
-    let (same, boxed, told) = compare(&mut browser, &mut Drive::paper(1).at_rate(FPS));
+    let ([same, boxed, free], told) = compare(&mut browser, &mut Drive::paper(1).at_rate(FPS));
     println!("{told}");
     assert_eq!(same, COMPARED, "pictures are not those of their numbers:\n{told}");
     assert!(boxed + 1 >= COMPARED, "the car ahead is not in its box:\n{told}");
+    assert!(free + 1 >= COMPARED, "the way is not free as far as the car:\n{told}");
+    let drawn = browser.value(FREE_DRAWN);
+    assert_eq!((&drawn["columns"], &drawn["ahead"]), (&80.into(), &12.into()), "{drawn}");
+    // Lines across the road, one in ten metres, look the same in both.
+    let changed = |place: &str| drawn[place].as_u64().expect("a count");
+    assert!(changed("near") >= 8 && changed("left") >= 8 && changed("behind") == 0, "{drawn}");
+    let says = |which: &str, part: &str| drawn[which].as_str().is_some_and(|text| text.contains(part));
+    assert!(says("label", "free ahead 12.0 m") && says("none", "no road seen"), "{drawn}");
 
     // The rest of the page has come, too.
     for part in ["disparity", "v_disparity"] {
@@ -164,6 +205,60 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     send(last, "TERM");
     browser.until("document.getElementById('link').className === 'away'");
     viewer.stop();
+}
+
+#[test]
+fn heat_and_clocks_are_drawn_over_time() {
+    let Some(mut browser) = Browser::start() else { return };
+    let bench = Bench::new();
+    let recording = bench.record("drive", 4);
+    let board = |file: &str, text: &str| {
+        let path = bench.path("sys").join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        // Whole or not at all, as the kernel's files are read.
+        std::fs::write(path.with_extension("new"), text).unwrap();
+        std::fs::rename(path.with_extension("new"), path).unwrap();
+    };
+    board("class/thermal/thermal_zone0/type", "cpu-thermal\n");
+    board("class/thermal/thermal_zone0/temp", "61500\n");
+    board("devices/system/cpu/cpufreq/policy0/scaling_cur_freq", "1500000\n");
+    bench.configure(&format!(
+        "[source]\nkind = \"folder\"\npath = \"{recording}\"\nrepeat = true\nfps = 5\n\
+         [heat]\nwatch = \"require\"\nzones = \"cpu*\"\nperiod_ms = 100\nfilter_s = 0\ndwell_s = 0.1\n\
+         [board]\nsysfs = \"{}\"\n",
+        bench.path("sys").display()
+    ));
+    let daemon = bench.start(&["run"]);
+    let viewer = Viewer::start(&bench, &[]);
+    browser.open(&viewer.link);
+    browser.look(1280, 900, false, "light");
+    let caption = |name: &str, part: &str| {
+        format!(
+            "typeof page === 'object' && document.getElementById('k-{name}').textContent.includes('{part}')"
+        )
+    };
+    browser.until(&caption("heat", "cpu-thermal 61.5 °C"));
+    browser.until(&caption("clock", "cpu0 1500 MHz"));
+    browser.until(&caption("health", "heat, now normal"));
+    board("class/thermal/thermal_zone0/temp", "91000\n");
+    board("devices/system/cpu/cpufreq/policy0/scaling_cur_freq", "900000\n");
+    browser.until(&caption("heat", "cpu-thermal 91 °C"));
+    browser.until(&caption("clock", "cpu0 900 MHz"));
+    browser.until(&caption("health", "heat, now lower frame rate"));
+    // Both moments are in the lines, and both rungs in the bar, with words.
+    let heights = "(name) => new Set(document.querySelector(`#c-${name} path`).getAttribute('d') \
+                   .split(/[ML]/).filter(Boolean).map((p) => p.split(' ')[1])).size";
+    assert!(browser.value(&format!("({heights})('heat')")).as_u64() >= Some(2));
+    assert!(browser.value(&format!("({heights})('clock')")).as_u64() >= Some(2));
+    for rung in ["normal", "lower frame rate"] {
+        browser.until(&format!(
+            "[...document.querySelectorAll('#c-health title')].some((t) => t.textContent === '{rung}')"
+        ));
+    }
+    viewer.stop();
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+    bench.assert_clean();
 }
 
 /// Looks at the page as three people would; keeps the pictures where `LOOKOUT_PICTURES` says.

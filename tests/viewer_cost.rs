@@ -1,4 +1,4 @@
-//! What viewers cost the daemon: the same run with and without them, in turns.
+//! What two viewers and a recorder cost the daemon: the same run with and without them, in turns.
 //!
 //! `LOOKOUT_COST_SECONDS=30 LOOKOUT_COST_ROUNDS=6 cargo test --release --test viewer_cost -- --nocapture`
 //! gives the figures of docs/results.md; as it stands the test is short, and looks at what must hold on
@@ -12,11 +12,10 @@ use ipc::bus::Bus;
 use ipc::instance::Instance;
 use ipc::wait::{self, Next};
 use ipc::{obstacles, service};
-use sources::PairSource;
-use sources::scene::Drive;
+use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use support::{Bench, pid_of, save_grey};
+use support::{Bench, pid_of, send};
 use viewer::Viewer;
 
 /// The rate of the paper.
@@ -50,28 +49,6 @@ fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 
-/// The drive as the paper's cameras see it, drawn beforehand: what is measured is the daemon.
-fn record(bench: &Bench) {
-    let mut drive = Drive::paper(1);
-    let (mut left, mut right) = (vec![0; 640 * 480], vec![0; 640 * 480]);
-    for side in ["left", "right"] {
-        std::fs::create_dir_all(bench.path("drive").join(side)).expect("folders");
-    }
-    for index in 0..RECORDED {
-        drive.read(index + 40, &mut left, &mut right).expect("the drive never ends");
-        for (side, pixels) in [("left", &left), ("right", &right)] {
-            let path = bench.path("drive").join(side).join(format!("{index:06}.pgm"));
-            save_grey(&path, pixels, 640, 480);
-        }
-    }
-    let rig = drive.rig().expect("a scene has a rig");
-    let text = format!(
-        "focal_px = {:?}\nbaseline_m = {:?}\ncx_px = {:?}\ncy_px = {:?}\n",
-        rig.focal_px, rig.baseline_m, rig.cx_px, rig.cy_px
-    );
-    std::fs::write(bench.path("drive/rig.toml"), text).expect("the rig is written");
-}
-
 /// Frames that stages have dropped so far.
 fn skipped(status: &serde_json::Value) -> u64 {
     status["processes"]
@@ -92,6 +69,24 @@ fn spent(pid: u32) -> (f64, f64) {
     let own = status.lines().find_map(|l| l.strip_prefix("RssAnon:")).expect("its memory");
     let kib: f64 = own.trim().trim_end_matches(" kB").parse().expect("KiB");
     (10.0 * ticks, kib / 1024.0)
+}
+
+/// Starts a recorder of everything that it records unasked.
+fn record_daemon(bench: &Bench) -> Child {
+    let mut command = bench.command(&["record", "-o", "cost.mcap", "--json"]);
+    command.stdout(Stdio::piped()).spawn().expect("the binary starts")
+}
+
+/// Ends it, and gives the frames that it has recorded and the messages that it has missed.
+fn recorded(bench: &Bench, recorder: Child) -> [u64; 2] {
+    send(recorder.id(), "TERM");
+    let output = recorder.wait_with_output().expect("it can be waited for");
+    assert!(output.status.success(), "the recorder ended with {}", output.status);
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a report");
+    std::fs::remove_file(bench.path("cost.mcap")).expect("a recording");
+    let lost = report["lost"].as_object().expect("counts");
+    let lost = lost.values().map(|count| count.as_u64().expect("a count")).sum();
+    [report["frames"].as_u64().expect("a count"), lost]
 }
 
 /// Listens to the results for a while.
@@ -121,15 +116,13 @@ fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
 }
 
 #[test]
-fn viewers_take_what_is_left_over() {
+fn viewers_and_a_recorder_take_what_is_left_over() {
     let seconds = number("LOOKOUT_COST_SECONDS", 3);
     let rounds = number("LOOKOUT_COST_ROUNDS", 2);
     let bench = Bench::new();
-    record(&bench);
-    let source = bench.path("drive");
+    let source = bench.record_paper("drive", RECORDED);
     bench.configure(&format!(
-        "[source]\nkind = \"folder\"\npath = \"{}\"\nrepeat = true\nfps = {FPS}\n",
-        source.display()
+        "[source]\nkind = \"folder\"\npath = \"{source}\"\nrepeat = true\nfps = {FPS}\n"
     ));
     let daemon = bench.start(&["run"]);
     let before = bench.status_when(|s| s["state"] == "running" && s["frames"].as_u64() > Some(5));
@@ -138,12 +131,14 @@ fn viewers_take_what_is_left_over() {
     let shown = [AtomicU64::new(0), AtomicU64::new(0)];
     let mut viewer_ms = 0.0;
     let mut viewer_mib: f64 = 0.0;
+    let mut kept = [0, 0];
     for round in 0..2 * rounds {
         let with_viewers = round % 2 == 1;
         let figures = if with_viewers { &mut on } else { &mut off };
         let skipped_before = skipped(&bench.status_when(|_| true));
         if with_viewers {
             let viewers = [Viewer::start(&bench, &[]), Viewer::start(&bench, &[])];
+            let recorder = record_daemon(&bench);
             let stop = AtomicBool::new(false);
             std::thread::scope(|scope| {
                 for (viewer, count) in viewers.iter().zip(&shown) {
@@ -165,6 +160,9 @@ fn viewers_take_what_is_left_over() {
                 viewer_ms += ms;
                 viewer_mib = viewer_mib.max(mib);
             }
+            for (sum, count) in kept.iter_mut().zip(recorded(&bench, recorder)) {
+                *sum += count;
+            }
             let [first, second] = viewers;
             first.stop();
             second.stop();
@@ -174,9 +172,9 @@ fn viewers_take_what_is_left_over() {
         figures.skipped += skipped(&bench.status_when(|_| true)) - skipped_before;
     }
     let after = bench.status_when(|_| true);
-    for (name, f) in [("without viewers", &off), ("two viewers", &on)] {
+    for (name, f) in [("nobody looks", &off), ("two viewers and a recorder", &on)] {
         println!(
-            "{name:<16} {:>6} frames in {:>4.0} s, p50 {:>6.1} ms, p90 {:>6.1} ms, p99 {:>6.1} ms, \
+            "{name:<26} {:>6} frames in {:>4.0} s, p50 {:>6.1} ms, p90 {:>6.1} ms, p99 {:>6.1} ms, \
              {} missing, {} skipped by stages, {:.1} MiB of shared memory",
             f.latency_ms.len(),
             f.seconds,
@@ -196,11 +194,14 @@ fn viewers_take_what_is_left_over() {
         viewer_ms / count.max(1) as f64
     );
 
+    println!("recorded: {} frames, {} messages missed", kept[0], kept[1]);
+
     // Whatever the machine has left: frames come out, pages see them, nobody dies and nothing is refused.
     for f in [&off, &on] {
         assert!(f.latency_ms.len() as u64 > rounds, "no frames came out");
     }
     assert!(shown.iter().all(|count| count.load(Ordering::Relaxed) > rounds), "{shown:?}");
+    assert!(kept[0] > rounds, "nothing was recorded");
     for role in ["capture", "stereo", "road", "recognition"] {
         assert_eq!(pid_of(&before, role), pid_of(&after, role), "the {role} stage was replaced");
     }

@@ -247,6 +247,17 @@ impl Checker<'_> {
         );
         // A stage hears of a request to stop at its next heartbeat at the latest.
         ordered(heartbeat, ("supervision.stop_grace_ms", c.supervision.stop_grace_ms as f64 / 2.0));
+        // A GPU that hangs must be noticed before the stage counts as hanging, with time left for the CPU to
+        // match the frame.
+        if c.stereo.backend != "cpu" {
+            ordered(
+                ("stereo.gpu_timeout_ms", c.stereo.gpu_timeout_ms),
+                (
+                    "supervision.liveness_deadline_ms: half of it",
+                    c.supervision.liveness_deadline_ms as f64 / 2.0,
+                ),
+            );
+        }
         ordered(
             ("alarm.distance_m", c.alarm.distance_m),
             ("regions.distance_max_m", c.regions.distance_max_m),
@@ -415,9 +426,20 @@ name = \"a b\"
             ("[source]\nfps = 1e-300\n", "source.fps = "),
             ("[alarm]\ndistance_m = 80\n", "alarm.distance_m = 80 is too high: at most 60"),
             ("[supervision]\nheartbeat_ms = 3000\n", "because of supervision.liveness_deadline_ms"),
+            (
+                "[stereo]\ngpu_timeout_ms = 2600\n",
+                "car.toml:2: stereo.gpu_timeout_ms = 2600 is too high: at most 2500, because of supervision.liveness_deadline_ms",
+            ),
+            (
+                "[supervision]\nliveness_deadline_ms = 3000\n",
+                "stereo.gpu_timeout_ms = 2000 is too high: at most 1500",
+            ),
         ] {
             assert!(errors(text)[0].contains(expected), "{:?}", errors(text));
         }
+        // Where the CPU matches, nobody waits for a GPU.
+        let cpu = "[stereo]\nbackend = \"cpu\"\ngpu_timeout_ms = 2600\n";
+        assert!(parse(cpu, Path::new("car.toml")).is_ok());
         let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
         assert!(missing.contains("/no/such.toml") && missing.contains("orin-nano"), "{missing}");
     }

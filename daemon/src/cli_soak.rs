@@ -13,6 +13,7 @@ pub const HELP: &str = "Examples:
   lookout soak --kills 1000                           a thousand SIGKILLs, about 20 minutes
   lookout soak --overload --minutes 10                twice what the daemon sustains
   lookout soak --tables                               the paper's tables beside ours
+  lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a board that has them
 
 Starts the daemon with an instance of its own, loops the source, and watches from outside. Budgets are
 in [soak] of the configuration; each is judged, and one that is not kept makes exit code 1. Without -c,
@@ -31,7 +32,7 @@ pub struct Soak {
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Minutes to measure, after the warm-up [default: 5; with --kills until they are made; with
-    /// --tables 1 for each rate]
+    /// --tables 1 for each rate, with --gpu-table 1 for each clock]
     #[arg(long, value_name = "N", value_parser = minutes)]
     pub minutes: Option<f64>,
     /// Pairs per second [default: source.fps, or 12.5]
@@ -52,6 +53,10 @@ pub struct Soak {
     /// Run at 10, 15, 20 and 24 fps and print the paper's tables beside ours
     #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed"])]
     pub tables: bool,
+    /// Match on the GPU with its clock at three of its steps and left alone, and print the paper's table of GPU
+    /// frequencies beside ours; needs a board whose GPU has a clock that can be set
+    #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed", "overload", "tables"])]
+    pub gpu_table: bool,
     /// Folder for the report
     #[arg(long, default_value = "out/soak", value_name = "DIR")]
     pub out: PathBuf,

@@ -127,6 +127,28 @@ impl Bench {
         self.path(name).display().to_string()
     }
 
+    /// The drive as the paper's cameras see it, 640 × 480, drawn beforehand: what is measured is the daemon.
+    pub fn record_paper(&self, name: &str, frames: u64) -> String {
+        let mut drive = Drive::paper(1);
+        let (mut left, mut right) = (vec![0; 640 * 480], vec![0; 640 * 480]);
+        for side in ["left", "right"] {
+            std::fs::create_dir_all(self.path(name).join(side)).expect("folders");
+        }
+        for index in 0..frames {
+            drive.read(index + 40, &mut left, &mut right).expect("the drive never ends");
+            for (side, pixels) in [("left", &left), ("right", &right)] {
+                save_grey(&self.path(name).join(side).join(format!("{index:06}.pgm")), pixels, 640, 480);
+            }
+        }
+        let rig = drive.rig().expect("a scene has a rig");
+        let text = format!(
+            "focal_px = {:?}\nbaseline_m = {:?}\ncx_px = {:?}\ncy_px = {:?}\n",
+            rig.focal_px, rig.baseline_m, rig.cx_px, rig.cy_px
+        );
+        std::fs::write(self.path(name).join("rig.toml"), text).expect("the rig is written");
+        self.path(name).display().to_string()
+    }
+
     /// What `lookout status --json` says, once there is a daemon and `wanted` is true of it.
     pub fn status_when(&self, wanted: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
         let start = Instant::now();

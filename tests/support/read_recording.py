@@ -6,6 +6,7 @@ foxglove_schemas_protobuf is there, once more by the published ones: both must s
 
 import importlib
 import json
+import struct
 import sys
 
 from google.protobuf.unknown_fields import UnknownFieldSet
@@ -27,6 +28,37 @@ def published(name):
 
 def numbers(descriptor):
     return sorted((f.number, f.name, f.type) for f in descriptor.fields)
+
+
+def clouds(reader):
+    """What points say of themselves: they lie where pixels of the left image do, with their grey levels."""
+    images, matrix, found = {}, None, []
+    for _, channel, message, decoded in reader.iter_decoded_messages(
+        topics=["/left/image", "/left/calibration", "/points"]
+    ):
+        if channel.topic == "/left/calibration":
+            matrix = decoded.K
+        elif channel.topic == "/left/image":
+            images[message.log_time] = decoded
+        else:
+            found.append((message.log_time, decoded))
+    note = {"clouds": len(found), "points": 0, "on_pixels": 0, "grey": 0, "columns": [], "fields": None}
+    columns = set()
+    for time, cloud in found:
+        image = images.get(time)
+        if image is None or image.encoding != "mono8":
+            continue
+        note["fields"] = [[f.name, f.offset, f.type] for f in cloud.fields]
+        for x, y, z, grey in struct.iter_unpack("<4f", cloud.data):
+            u, v = x * matrix[0] / z + matrix[2], y * matrix[4] / z + matrix[5]
+            column, row = round(u), round(v)
+            inside = 0 <= column < image.width and 0 <= row < image.height
+            note["points"] += 1
+            note["on_pixels"] += inside and abs(u - column) < 0.01 and abs(v - row) < 0.01
+            note["grey"] += inside and image.data[row * image.step + column] == grey
+            columns.add(column % 2)
+    note["columns"] = sorted(columns)
+    return note
 
 
 result = {"topics": {}, "schemas": {}, "metadata": {}, "published": PUBLISHED, "first": {}}
@@ -71,4 +103,7 @@ with open(sys.argv[1], "rb") as file:
             result["first"][channel.topic] = note
     for record in reader.iter_metadata():
         result["metadata"][record.name] = record.metadata
+    if "/points" in result["topics"] and result["schemas"].get("/left/image") == "foxglove.RawImage protobuf":
+        file.seek(0)
+        result["clouds"] = clouds(make_reader(file, decoder_factories=[DecoderFactory()]))
 print(json.dumps(result))

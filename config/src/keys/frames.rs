@@ -135,7 +135,7 @@ pub(super) const STEREO: &[Key] = &[
     key(
         "stereo.gpu_timeout_ms",
         Number(10.0, 60_000.0),
-        "A frame that the GPU has not finished in this time means that it hangs: the CPU takes over, with this frame. Less than supervision.liveness_deadline_ms.",
+        "A frame that the GPU has not finished in this time means that it hangs: the CPU takes over, with this frame. At most half of supervision.liveness_deadline_ms.",
     ),
 ];
 

@@ -24,6 +24,7 @@ mod restore_clocks;
 mod run;
 mod scene_run;
 mod soak;
+mod soak_gpu;
 mod soak_tables;
 pub mod status;
 mod status_heat;

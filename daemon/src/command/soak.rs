@@ -1,7 +1,7 @@
 //! `lookout soak`.
 
 use super::replay::set_source;
-use super::{CommandError, load, say, soak_tables};
+use super::{CommandError, load, say, soak_gpu, soak_tables};
 use crate::cli_soak::Soak;
 use crate::soak::hot_board::HotBoard;
 use crate::soak::pairs::{COUNT, DrawnPairs};
@@ -31,6 +31,8 @@ const FLOOD_FPS: f64 = 500.0;
 
 pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     let (mut config, mut settings) = prepare(args, log)?;
+    // Before minutes are spent.
+    let clock = args.gpu_table.then(|| soak_gpu::clock(&config)).transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
@@ -39,6 +41,9 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     let source = source_name(&config);
     // Removed at the end.
     let _pairs = draw(args, &mut config, &mut settings)?;
+    if let Some(clock) = clock {
+        return soak_gpu::run(args, &config, &settings, &source, &clock, &stop);
+    }
     if args.tables {
         return soak_tables::run(args, &config, &settings, &source, &stop);
     }
@@ -106,7 +111,7 @@ fn draw(
         return Ok(None);
     }
     let mut wanted = config.clone();
-    wanted.source.fps = if args.tables { PAPER_FPS } else { rate(args, config).0 };
+    wanted.source.fps = if args.tables || args.gpu_table { PAPER_FPS } else { rate(args, config).0 };
     eprintln!("drawing {COUNT} pairs of {}", source_name(config));
     let pairs = DrawnPairs::draw(&wanted, args.out.join(format!("pairs-{}", std::process::id())))?;
     config.source.kind = "folder".into();
@@ -165,6 +170,9 @@ fn plan(
         c.restart_count = 1000;
         c.liveness_deadline_ms = c.liveness_deadline_ms.min(1000);
         c.heartbeat_ms = c.heartbeat_ms.min(200);
+        let half_ms = c.liveness_deadline_ms as f64 / 2.0;
+        config.stereo.gpu_timeout_ms = config.stereo.gpu_timeout_ms.min(half_ms);
+        let gpu_timeout_ms = config.stereo.gpu_timeout_ms;
         let mut set = |key, value: i64, why| settings.push(Setting { key, value: value.to_string(), why });
         set("supervision.restart_first_ms", c.restart_first_ms, "faults follow each other quickly");
         set("supervision.restart_longest_ms", c.restart_longest_ms, "faults follow each other quickly");
@@ -176,6 +184,12 @@ fn plan(
             "hangs count in the time to the next result",
         );
         set("supervision.heartbeat_ms", c.heartbeat_ms, "goes with the liveness deadline");
+        let value = gpu_timeout_ms.to_string();
+        settings.push(Setting {
+            key: "stereo.gpu_timeout_ms",
+            value,
+            why: "goes with the liveness deadline",
+        });
     }
     if args.faults {
         HotBoard::create(&args.out, &mut config, &mut settings)?;

@@ -66,7 +66,7 @@ pub fn run(
 }
 
 /// Rectifies a pair of the paper's size again and again: median in ms.
-fn rectify_ms() -> Result<f64, CommandError> {
+pub fn rectify_ms() -> Result<f64, CommandError> {
     let (width, height) = SIZE;
     let centre = (width as f64 / 2.0, height as f64 / 2.0);
     let map = Remap::new(Level::best(), width, height, |x, y| {

@@ -45,7 +45,7 @@ pub fn run(args: &View, log: Option<&str>) -> Result<(), CommandError> {
         .name("server".into())
         .spawn(move || server.run())
         .map_err(|e| CommandError::Other(format!("no thread for the server: {e}")))?;
-    Watcher::new(instance, hub, stop).run();
+    Watcher::new(instance, &config.board.sysfs, hub, stop).run();
     Ok(())
 }
 

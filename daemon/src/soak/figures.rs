@@ -192,7 +192,8 @@ impl Observer {
         };
         let rate = self.rate_run(config, &report, from_s, seconds, cpu(Role::Capture));
         let plots = self.plots(config, latencies, recoveries, plan.kind);
-        Soaked { report, plots, rate }
+        let device_p50_ms = (self.device_time.count() > 0).then(|| self.device_time.percentile_ms(50.0));
+        Soaked { report, plots, rate, device: self.device, device_p50_ms, clocks_mhz: self.clocks_mhz }
     }
 
     /// The row of the paper's tables.

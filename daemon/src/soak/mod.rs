@@ -15,6 +15,7 @@ use config::Config;
 pub use figures::processor;
 use ipc::bus::IpcError;
 use observer::{Ended, Observer};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 use std::sync::Arc;
@@ -113,6 +114,12 @@ pub struct Soaked {
     pub plots: Vec<(String, String, Plot)>,
     /// Its row in the paper's tables.
     pub rate: RateRun,
+    /// The device that matched, in words; empty for the CPU.
+    pub device: String,
+    /// The device's own time for a pair, median in ms; `None` where it tells none.
+    pub device_p50_ms: Option<f64>,
+    /// The least and the greatest reading of each clock that the daemon has set, in MHz.
+    pub clocks_mhz: BTreeMap<String, [f64; 2]>,
 }
 
 /// Soaks the daemon with a configuration; `progress` is told now and then how far it is.

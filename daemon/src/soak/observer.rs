@@ -16,6 +16,7 @@ use ipc::status::StatusRecord;
 use ipc::wait::{self, Next};
 use ipc::{report, service, status};
 use rustix::process::{Pid, kill_process};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -23,6 +24,7 @@ use tools::soak::director::{Director, Order, Signal};
 use tools::soak::latency::{Latencies, STAGES, Trace};
 use tools::soak::stalls::Stalls;
 use tools::soak::trend::Trend;
+use tools::summary::Latency;
 
 /// How often the observer looks at its clocks.
 const TICK: Duration = Duration::from_millis(10);
@@ -103,6 +105,10 @@ pub struct Observer {
     pub(super) entries: Trend,
     pub(super) shared_bytes: u64,
     pub(super) reserved_bytes: u64,
+    /// What the stereo stage and the scheduler say of the device that matches, and of its clock.
+    pub(super) device: String,
+    pub(super) device_time: Latency,
+    pub(super) clocks_mhz: BTreeMap<String, [f64; 2]>,
     probes: Option<Probes>,
     parameters: Option<tools::soak::director::DirectorParameters>,
     instance: Instance,
@@ -144,6 +150,9 @@ impl Observer {
             entries: Trend::new(1.0),
             shared_bytes: 0,
             reserved_bytes: 0,
+            device: String::new(),
+            device_time: Latency::new(),
+            clocks_mhz: BTreeMap::new(),
             probes: None,
             parameters: plan.faults,
             instance: daemon.instance.clone(),
@@ -231,6 +240,13 @@ impl Observer {
                 self.gave_up = Some(format!("the daemon has given {role} up: {}", status.reason()));
             }
         }
+        if self.base.is_some() {
+            for clock in status.heat.clocks().iter().filter(|clock| clock.read_mhz > 0.0) {
+                let read = f64::from(clock.read_mhz);
+                let [least, greatest] = self.clocks_mhz.entry(clock.name()).or_insert([read; 2]);
+                (*least, *greatest) = (least.min(read), greatest.max(read));
+            }
+        }
         if self.probes.is_none() && self.latencies.is_none() {
             let cores = Role::STAGES.map(|role| self.cores[role as usize]);
             let probes = Probes::start(&cores.into(), self.probe_priority)
@@ -246,6 +262,13 @@ impl Observer {
         let is_new = self.processes.heard(role, report.pid, report.cpu_ns);
         if let (true, Some(stage), Some(director)) = (is_new, stage_index(role), &mut self.director) {
             director.restarted(stage);
+        }
+        if role == Role::Stereo && report.is_frame == 1 && self.base.is_some() {
+            self.device = report.device.words();
+            let ms: f32 = report.device.times_ms().iter().sum();
+            if ms > 0.0 {
+                self.device_time.add_ns((f64::from(ms) * 1e6) as u64);
+            }
         }
         if role != Role::Recognition || report.is_frame != 1 {
             return;

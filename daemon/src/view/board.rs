@@ -33,7 +33,7 @@ pub struct Readings {
 
 impl Board {
     /// Finds thermal zones, CPU clocks (one for each group of cores that share it) and device clocks
-    /// (GPU, memory) below `root`, which is `/sys`.
+    /// (GPU, memory) below `root`, which is `/sys` but in tests.
     pub fn find(root: &Path) -> Self {
         let mut board = Self::default();
         for zone in entries(&root.join("class/thermal"), "thermal_zone") {

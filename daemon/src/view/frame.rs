@@ -3,7 +3,7 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use ipc::header::Header;
-use ipc::regions::{RegionRecord, Regions};
+use ipc::regions::{FREE_COLUMNS, RegionRecord, Regions};
 use perception::point_cloud::{self, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
@@ -99,6 +99,9 @@ pub struct FrameLine {
     /// (row, disparity of the road in px), from the top down.
     profile: Vec<(usize, f32)>,
     regions: Vec<RegionLine>,
+    /// Metres that are free ahead of each `free_columns_px` columns, from the left; 0 where that is not known.
+    free_m: Vec<f32>,
+    free_columns_px: usize,
 }
 
 /// The images of a frame, as they were in shared memory.
@@ -145,6 +148,8 @@ impl Frame {
                 road_tilt: tilt,
                 profile: profile.step_by(PROFILE_STEP).map(|(y, &d)| (y, d)).collect(),
                 regions: road.regions.iter().map(RegionLine::new).collect(),
+                free_m: road.free_m.iter().map(|&m| centimetres(m)).collect(),
+                free_columns_px: FREE_COLUMNS,
                 record,
             },
             images,
@@ -208,6 +213,11 @@ impl Frame {
     }
 }
 
+/// To the centimetre, for short messages; what is no distance is none.
+fn centimetres(metres: f32) -> f32 {
+    if metres.is_finite() { (metres.max(0.0) * 100.0).round() / 100.0 } else { 0.0 }
+}
+
 fn picture(picture: &Picture) -> Vec<u8> {
     jpeg(picture.as_bytes(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
 }
@@ -244,7 +254,8 @@ mod tests {
         let profile: Vec<f32> = (0..48).map(|y| if y > 20 { y as f32 / 4.0 } else { 0.0 }).collect();
         let mut memory = vec![0_u64; 4096];
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-        let bytes = Writer::new(payload, RoadRecord::default(), &profile, &[0.0; 8], 0).unwrap().bytes();
+        let free_m = [0.0, 12.504, f32::NAN, -3.0, 40.0, 40.0, 40.0, 40.0];
+        let bytes = Writer::new(payload, RoadRecord::default(), &profile, &free_m, 0).unwrap().bytes();
         let road = regions::view(&header, &payload[..bytes]).unwrap();
         let images = Images { left: vec![77; 64 * 48], disparity: vec![4 * 256; 64 * 48] };
         let record = FrameRecord { sequence: 5, ..FrameRecord::default() };
@@ -275,6 +286,9 @@ mod tests {
         let line = serde_json::to_value(frame().line()).unwrap();
         assert_eq!((&line["sequence"], &line["width"]), (&5.into(), &64.into()));
         assert_eq!(line["profile"][0], serde_json::json!([21, 5.25]));
+        let free_m: Vec<f32> = serde_json::from_value(line["free_m"].clone()).unwrap();
+        assert_eq!(free_m, [0.0, 12.5, 0.0, 0.0, 40.0, 40.0, 40.0, 40.0]);
+        assert_eq!(free_m.len() * line["free_columns_px"].as_u64().unwrap() as usize, 64);
         assert!(line["obstacles"].is_array() && line["regions"].is_array() && line["alarm"].is_object());
     }
 }

@@ -33,6 +33,8 @@ pub struct Sample {
     pub state: &'static str,
     /// `off`, `unknown`, `good` or `degraded`.
     pub calibration: &'static str,
+    /// Rung of the thermal ladder; `None` when no temperature is watched.
+    pub rung: Option<&'static str>,
     /// Temperatures, in degrees Celsius.
     pub temperatures: Vec<Reading>,
     /// Clocks, in hertz.
@@ -83,6 +85,7 @@ impl History {
             cpu_percent: status.processes().map(|(_, p)| p.cpu_percent).sum(),
             state: status.state_name(),
             calibration: status.calibration.state().name(),
+            rung: (status.heat.watched == 1).then(|| status.heat.rung_name()),
             temperatures: board.temperatures,
             clocks: board.clocks,
         };
@@ -157,6 +160,11 @@ mod tests {
         assert_eq!((samples[1].latency_ms, samples[1].stage_ms), (None, None));
         assert_eq!([samples[0].dropped, samples[1].dropped, samples[2].dropped], [0, 6, 0]);
         assert_eq!(history.since(2).len(), 1);
+        assert_eq!(samples[0].rung, None);
+        let mut hot = status(2);
+        (hot.heat.watched, hot.heat.rung) = (1, 2);
+        history.second(&hot, Readings::default(), 10.0);
+        assert_eq!(history.last().unwrap().rung, Some("lower clocks"));
     }
 
     #[test]

@@ -46,13 +46,13 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// A watcher of an instance.
-    pub fn new(instance: Instance, hub: Arc<Hub>, stop: Arc<AtomicBool>) -> Self {
+    /// A watcher of an instance on the board whose files lie below `sysfs`.
+    pub fn new(instance: Instance, sysfs: &Path, hub: Arc<Hub>, stop: Arc<AtomicBool>) -> Self {
         Self {
             instance,
             hub,
             stop,
-            board: Board::find(Path::new("/sys")),
+            board: Board::find(sysfs),
             rig: RigRecord::default(),
             kept: std::array::from_fn(|_| Kept::default()),
         }

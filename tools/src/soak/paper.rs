@@ -30,6 +30,15 @@ const OBSTACLES: [(f64, [(f64, f64); 5]); 2] = [
 /// The rates that the tables need.
 pub const OFFERED_FPS: [f64; 4] = [10.0, 15.0, 20.0, 24.0];
 
+/// Share of the GPU's fastest clock (852 MHz; `None` = automatic) and rate of each run of [`CLOCKS`].
+pub const OFFERED_CLOCKS: [(Option<f64>, f64); 5] = [
+    (Some(324.0 / 852.0), 24.0),
+    (Some(648.0 / 852.0), 24.0),
+    (Some(1.0), 24.0),
+    (Some(324.0 / 852.0), 10.0),
+    (None, 20.0),
+];
+
 /// What one of our runs came to.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RateRun {
@@ -65,6 +74,77 @@ pub struct Place {
     pub rectify_ms: Option<f64>,
 }
 
+/// One of our runs at a clock of the GPU.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ClockRun {
+    /// What the clock was set to, in MHz; `None` where it was left alone.
+    pub set_mhz: Option<f64>,
+    /// The least and the greatest that was read back while it ran; `None` where nothing was.
+    pub read_mhz: Option<[f64; 2]>,
+    /// The GPU's own time for a pair, median in ms; `None` where it has no timestamps.
+    pub device_p50_ms: Option<f64>,
+    /// What came of it.
+    pub run: RateRun,
+}
+
+/// The paper's rows of GPU clocks: as wide as ours.
+fn paper_clocks() -> Vec<Vec<String>> {
+    let row = |(name, fps, times): &(&str, f64, [&str; 3])| {
+        let mut row = vec![(*name).to_owned(), format!("{fps:.0}")];
+        row.extend(times.map(str::to_owned));
+        row
+    };
+    CLOCKS.iter().map(row).collect()
+}
+
+/// The paper's table "System Performance at Different GPU Frequencies" beside ours, as Markdown.
+pub fn clock_table(place: &Place, runs: &[ClockRun]) -> String {
+    let none = || "-".to_owned();
+    let mut rows = paper_clocks();
+    for row in &mut rows {
+        row.extend([none(), none()]);
+    }
+    for run in runs {
+        let clock = run.set_mhz.map_or("automatic".into(), |mhz| format!("{mhz:.0} MHz"));
+        let read = match run.read_mhz {
+            Some([least, greatest]) if least < greatest => format!(" (read {least:.0} to {greatest:.0})"),
+            Some([read, _]) if run.set_mhz.is_some_and(|set| (set - read).abs() >= 0.5) => {
+                format!(" (read {read:.0})")
+            }
+            _ => String::new(),
+        };
+        rows.push(vec![
+            format!("here, GPU {clock}{read}"),
+            format!("{:.0}", run.run.fps),
+            place.rectify_ms.map_or_else(none, |ms| format!("{ms:.2}")),
+            one(run.run.work_p50_ms[1]),
+            one(run.run.work_p50_ms[2] + run.run.work_p50_ms[3]),
+            run.device_p50_ms.map_or_else(none, one),
+            one(run.run.processed_fps),
+        ]);
+    }
+    let heads = [
+        "",
+        "fps",
+        "calibration",
+        "stereo matching",
+        "obstacle extraction",
+        "of stereo on the GPU",
+        "processed fps",
+    ];
+    format!(
+        "# GPU frequencies\n\nHere: {} ({} cores), {}, {}.\n\n\
+         Times in ms; the paper gives three samples, ours are medians. Calibration is rectifying one pair; obstacle \
+         extraction is road and recognition. The clocks are the steps of this GPU that come nearest to the paper's shares \
+         of the fastest.\n\n{}",
+        place.processor,
+        place.cores,
+        place.source,
+        place.backend,
+        table(&heads, &rows)
+    )
+}
+
 fn one(value: f64) -> String {
     format!("{value:.1}")
 }
@@ -86,16 +166,7 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
             ours(fps, &|r| one(r.processed_fps)),
         ]);
     }
-    let mut clocks: Vec<Vec<String>> = Vec::new();
-    for (name, fps, [calibration, stereo, obstacles]) in CLOCKS {
-        clocks.push(vec![
-            name.to_owned(),
-            format!("{fps:.0}"),
-            calibration.to_owned(),
-            stereo.to_owned(),
-            obstacles.to_owned(),
-        ]);
-    }
+    let mut clocks = paper_clocks();
     for fps in [24.0, 10.0, 20.0] {
         clocks.push(vec![
             format!("here, {}", place.backend),
@@ -199,6 +270,22 @@ mod tests {
                 obstacles: vec![(fps, 0.02); 5],
             })
             .collect();
+        let clocks = [
+            ClockRun { set_mhz: Some(306.0), read_mhz: Some([306.2; 2]), ..ClockRun::default() },
+            ClockRun { set_mhz: Some(624.75), read_mhz: Some([408.0, 624.75]), ..ClockRun::default() },
+            ClockRun { device_p50_ms: Some(7.3), run: runs[2].clone(), ..ClockRun::default() },
+        ];
+        let text = clock_table(&Place { rectify_ms: Some(1.234), ..Place::default() }, &clocks);
+        let row = |start: &str| {
+            let line =
+                text.lines().find(|l| l.starts_with(start)).unwrap_or_else(|| panic!("{start}: {text}"));
+            line.split('|').map(|c| c.trim().to_owned()).filter(|c| !c.is_empty()).collect::<Vec<_>>()
+        };
+        assert_eq!(row("| paper, GPU 852")[1..], ["24", "27, 26, 28", "55, 50, 52", "50, 46, 43", "-", "-"]);
+        assert_eq!(row("| here, GPU 306 MHz")[5..], ["-", "0.0"]);
+        assert_eq!(row("| here, GPU 625 MHz")[0], "here, GPU 625 MHz (read 408 to 625)");
+        let automatic = ["here, GPU automatic", "20", "1.23", "20.0", "7.0", "7.3", "19.9"];
+        assert_eq!(row("| here, GPU automatic"), automatic);
         let text = tables(&Place { backend: "CPU".into(), cores: 2, ..Place::default() }, &runs);
         let line = |start: &str| {
             text.lines().find(|l| l.starts_with(start)).unwrap_or_else(|| panic!("{start}: {text}"))

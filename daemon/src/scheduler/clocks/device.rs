@@ -160,9 +160,8 @@ impl Device {
         Ok(Hertz(sysfs.number(&file)?.saturating_mul(self.unit())))
     }
 
-    /// The fastest step of the device that is not above `wanted`, but for a hundredth (a configured
-    /// 1900 MHz means a step of 1900.8); its slowest when all are.
-    pub fn step(&self, sysfs: &Sysfs, wanted: Hertz) -> Hertz {
+    /// The steps that the device tells, ascending.
+    pub fn steps(&self, sysfs: &Sysfs) -> Vec<Hertz> {
         let (steps, unit) = match self.kind {
             DeviceKind::CpuFreq => (sysfs.numbers(&self.file("scaling_available_frequencies")), 1000),
             DeviceKind::Override => {
@@ -170,7 +169,13 @@ impl Device {
             }
             _ => (sysfs.numbers(&self.file("available_frequencies")), 1),
         };
-        let steps: Vec<Hertz> = steps.into_iter().map(|step| Hertz(step.saturating_mul(unit))).collect();
+        steps.into_iter().map(|step| Hertz(step.saturating_mul(unit))).collect()
+    }
+
+    /// The fastest step of the device that is not above `wanted`, but for a hundredth (a configured
+    /// 1900 MHz means a step of 1900.8); its slowest when all are.
+    pub fn step(&self, sysfs: &Sysfs, wanted: Hertz) -> Hertz {
+        let steps = self.steps(sysfs);
         let most = wanted.times(1.01);
         if let Some(first) = steps.first() {
             return *steps.iter().rev().find(|step| **step <= most).unwrap_or(first);

@@ -148,13 +148,7 @@ impl Clocks {
             }
         }
         if let Some(wanted) = wishes.gpu {
-            let device = if wishes.gpu_by_override {
-                Some(Device::new(DeviceKind::Override, "gbus")).filter(|device| device.is_there(sysfs))
-            } else {
-                let names = sysfs.names("class/devfreq", "");
-                let name = names.into_iter().find(|name| matches(&wishes.gpu_device, name));
-                name.map(|name| Device::new(DeviceKind::DevFreq, &name))
-            };
+            let device = gpu(sysfs, wishes.gpu_by_override, &wishes.gpu_device);
             clocks.push(Clock::new(device.ok_or_else(|| missing("gpu"))?, wanted));
         }
         for clock in &clocks {
@@ -235,6 +229,25 @@ impl Clock {
     fn new(device: Device, configured: Hertz) -> Self {
         Self { device, configured, target: configured, read: None, low: 0, refused: None }
     }
+}
+
+/// The GPU of the board.
+fn gpu(sysfs: &Sysfs, by_override: bool, patterns: &str) -> Option<Device> {
+    if by_override {
+        return Some(Device::new(DeviceKind::Override, "gbus")).filter(|device| device.is_there(sysfs));
+    }
+    let names = sysfs.names("class/devfreq", "");
+    let name = names.into_iter().find(|name| matches(patterns, name));
+    name.map(|name| Device::new(DeviceKind::DevFreq, &name))
+}
+
+/// Name of the GPU of the board in the readings of its clock, and the clock's steps, ascending; `None` where there
+/// is no such clock, or one without steps.
+pub fn gpu_steps(board: &config::Board) -> Option<(String, Vec<Hertz>)> {
+    let sysfs = Sysfs::new(&board.sysfs);
+    let device = gpu(&sysfs, board.gpu == "tk1", &board.gpu_device)?;
+    let steps = device.steps(&sysfs);
+    (!steps.is_empty()).then_some((device.name, steps))
 }
 
 /// Where an instance keeps the clocks as they were.

@@ -57,6 +57,24 @@ fn tk1() -> Tree {
     tree
 }
 
+#[test]
+fn steps_of_the_gpu_are_told_in_both_ways() {
+    let mut board = config::load(None).unwrap().board;
+    let steps = |board: &config::Board| {
+        let (name, steps) = gpu_steps(board)?;
+        Some((name, steps.len(), steps.first()?.mhz(), steps.last()?.mhz()))
+    };
+    let (orin, tk1) = (orin(), tk1());
+    board.sysfs = orin.0.path().to_owned();
+    assert_eq!(steps(&board), Some(("17000000.gpu".into(), 4, 306.0, 624.75)));
+    orin.remove(&file(ORIN_GPU, "available_frequencies"));
+    assert_eq!(steps(&board), None);
+    board.sysfs = tk1.0.path().to_owned();
+    assert_eq!(steps(&board), None, "devfreq is not there");
+    board.gpu = "tk1".into();
+    assert_eq!(steps(&board), Some(("gbus".into(), 15, 72.0, 852.0)));
+}
+
 fn wishes(cpu: f64, gpu: f64) -> ClockWishes {
     let some = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
     ClockWishes { cpu: some(cpu), gpu: some(gpu), gpu_by_override: false, gpu_device: "*gpu*,*ga10b".into() }

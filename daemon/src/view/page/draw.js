@@ -117,6 +117,7 @@ function drawBirds(frame, points) {
   c.closePath();
   c.fillStyle = colour("--panel");
   c.fill();
+  drawFree(c, frame, at);
   c.strokeStyle = colour("--line");
   c.fillStyle = colour("--soft");
   c.font = "11px system-ui, sans-serif";
@@ -124,7 +125,7 @@ function drawBirds(frame, points) {
   for (let z = 10; z <= AHEAD_M; z += 10) {
     const [, y] = at(0, z);
     c.beginPath(); c.moveTo(0, y); c.lineTo(width, y); c.stroke();
-    c.fillText(`${z} m`, 4, y - 3);
+    c.fillText(`${z} m`, 4, Math.max(y - 3, 12));
   }
   if (points) drawPoints(c, frame, points, at);
   c.lineWidth = 1;
@@ -156,9 +157,52 @@ function drawBirds(frame, points) {
   const [mx, my] = at(0, 0);
   c.beginPath(); c.moveTo(mx, my - 9); c.lineTo(mx - 6, my + 4); c.lineTo(mx + 6, my + 4); c.fill();
   const near = frame.obstacles.filter((o) => o.confirmed).length;
-  const text = `${near} tracks, ${frame.regions.length} regions, ${points ? points.byteLength / 8 : 0} points`;
+  const free = freeAhead(frame);
+  const way = free === null ? "no road seen, nothing known to be free" : `free ahead ${free.toFixed(1)} m`;
+  const text = `${way}; ${near} tracks, ${frame.regions.length} regions, ${points ? points.byteLength / 8 : 0} points`;
   canvas.setAttribute("aria-label", `Road from above: ${text}`);
-  byId("birds-caption").textContent = `${text}; lines from tracks: where they are in a second`;
+  byId("birds-caption").textContent = `${text}; outlined: free; lines from tracks: where they are in a second`;
+}
+
+// Corners of the free space, from the left: [x, z] in metres, two for each stretch of columns.
+function freeOutline(frame) {
+  const x = (u, z) => ((u - frame.cx_px) * z) / frame.focal_px;
+  return frame.free_m.flatMap((z, i) => {
+    const from = i * frame.free_columns_px;
+    const to = Math.min(from + frame.free_columns_px, frame.width);
+    return [[x(from, z), z], [x(to, z), z]];
+  });
+}
+
+// Where the way is free: as far as the road is seen or something stands. Its rim is a line, so that it
+// can be told without colour.
+function drawFree(c, frame, at) {
+  const corners = freeOutline(frame);
+  if (!corners.some(([, z]) => z > 0)) return;
+  c.beginPath();
+  c.moveTo(...at(0, 0));
+  for (const [x, z] of corners) c.lineTo(...at(x, z));
+  c.closePath();
+  c.fillStyle = c.strokeStyle = colour("--s3");
+  c.globalAlpha = 0.16;
+  c.fill();
+  c.globalAlpha = 0.9;
+  c.lineWidth = 1.5;
+  c.stroke();
+  c.globalAlpha = 1;
+}
+
+// Metres that are free in a lane as wide as a car, straight ahead; null where no road is seen.
+const LANE_M = 2;
+
+function freeAhead(frame) {
+  const corners = freeOutline(frame);
+  let free = null;
+  for (let i = 0; i < corners.length; i += 2) {
+    const [[left, z], [right]] = [corners[i], corners[i + 1]];
+    if (z > 0 && left < LANE_M / 2 && right > -LANE_M / 2) free = Math.min(free === null ? z : free, z);
+  }
+  return free;
 }
 
 // Points by their height above the road: what lies on it faint, what stands strong.
@@ -294,13 +338,16 @@ function drawCharts(samples, stages) {
 // A bar: one slice for each second.
 function drawHealth(samples) {
   const view = byId("c-health");
-  view.setAttribute("viewBox", "0 0 300 30");
+  view.setAttribute("viewBox", "0 0 300 36");
   view.setAttribute("preserveAspectRatio", "none");
   view.setAttribute("role", "img");
   const last = samples[samples.length - 1];
   const fill = { running: "--good", starting: "--warn", stopping: "--warn", degraded: "--bad" };
   const calibrated = { good: "--good", degraded: "--bad", unknown: "--warn", off: "--line" };
-  const slices = (value, table, y) => {
+  const rung = (s) => s.rung ?? "not watched";
+  const heat = { normal: "--good", "not watched": "--line", "lower frame rate": "--warn", "lower clocks": "--warn" };
+  const hot = (kind) => heat[kind] || "--bad";
+  const slices = (value, tint, y) => {
     // Neighbours of one colour are one slice.
     const found = [];
     for (const s of samples) {
@@ -311,13 +358,16 @@ function drawHealth(samples) {
       else found.push({ kind, x, end: x + 1 });
     }
     return found.map((f) => {
-      const slice = svg("rect", { x: f.x, width: f.end - f.x, y, height: 12 });
-      slice.style.fill = `var(${table[f.kind] || "--line"})`;
+      const slice = svg("rect", { x: f.x, width: f.end - f.x, y, height: 10 });
+      slice.style.fill = `var(${tint(f.kind)})`;
+      slice.append(svg("title", {}, f.kind));
       return slice;
     });
   };
-  view.replaceChildren(...slices((s) => s.state, fill, 0), ...slices((s) => s.calibration, calibrated, 16));
-  const text = `above: daemon, now ${last.state}; below: calibration, now ${last.calibration}`;
+  const of = (table) => (kind) => table[kind] || "--line";
+  view.replaceChildren(...slices((s) => s.state, of(fill), 0),
+    ...slices((s) => s.calibration, of(calibrated), 13), ...slices(rung, hot, 26));
+  const text = `from above: daemon, now ${last.state}; calibration, now ${last.calibration}; heat, now ${rung(last)}`;
   view.setAttribute("aria-label", text);
   byId("k-health").textContent = `${text}; 5 minutes`;
 }

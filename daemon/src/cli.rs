@@ -160,6 +160,7 @@ CASCADE.part. The cascade is OpenCV's XML.")]
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others
   lookout evaluate weather                       synthetic scenes, six weathers
   lookout evaluate distance                      approaches, and scenes without danger
+  lookout evaluate lidar DIR                     real pictures with LiDAR depth and labels
   lookout evaluate stereo --help")]
     Evaluate {
         /// What is evaluated.
@@ -387,6 +388,9 @@ false. What counts as found, false and stray is told by lookout evaluate weather
 
 --out writes SCENE.png, a filmstrip, for each approach, and evaluation.json.")]
     Distance(EvaluateDistance),
+    /// Road, regions and labelled cars of real pictures, against LiDAR depth
+    #[command(after_help = crate::cli_lidar::HELP)]
+    Lidar(crate::cli_lidar::EvaluateLidar),
     /// A cascade on patches with and without objects
     #[command(after_help = "Examples:
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others

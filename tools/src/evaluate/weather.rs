@@ -282,7 +282,7 @@ pub struct WeatherReport {
     pub rows: Vec<WeatherRow>,
 }
 
-fn cell(value: Option<f64>, decimals: usize) -> String {
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".into(), |v| format!("{v:.decimals$}"))
 }
 

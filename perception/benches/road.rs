@@ -1,15 +1,11 @@
 //! Time of the road stage beside that of the stereo stage, whose map it gets: one street, in one run.
-//! `cargo bench -p lookout-perception --bench road`. Processor time of the thread: what else the machine does
-//! while it waits does not count.
+//! `cargo bench -p lookout-perception --bench road`.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lookout_perception::image::{GreyImage, GreyView};
 use lookout_perception::rig::Rig;
 use lookout_perception::road::{DepthView, RoadDetector, RoadParameters};
 use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
-use rustix::time::{ClockId, Timespec, clock_gettime};
-use std::hint::black_box;
-use std::time::Duration;
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
@@ -71,17 +67,6 @@ fn match_pair(matcher: &mut Mpv, (left, right): (GreyView<'_>, GreyView<'_>), ma
     assert!(matcher.compute(left, right, output).is_ok(), "the sizes fit");
 }
 
-/// Processor time of this thread for work done `times` times.
-fn time(times: u64, mut work: impl FnMut()) -> Duration {
-    let now = || clock_gettime(ClockId::ThreadCPUTime);
-    let since = |t: Timespec| Duration::new(t.tv_sec.unsigned_abs(), t.tv_nsec as u32);
-    let begin = since(now());
-    for _ in 0..times {
-        work();
-    }
-    since(now()) - begin
-}
-
 fn stages(c: &mut Criterion) {
     for disparities in [64, 128] {
         let mut group = c.benchmark_group(format!("stage/{WIDTH}x{HEIGHT}x{disparities}"));
@@ -93,9 +78,7 @@ fn stages(c: &mut Criterion) {
             continue;
         };
         let mut map = (vec![0; WIDTH * HEIGHT], vec![0; WIDTH * HEIGHT]);
-        group.bench_function("stereo, fast", |b| {
-            b.iter_custom(|times| time(times, || match_pair(&mut matcher, views, &mut map)));
-        });
+        group.bench_function("stereo, fast", |b| b.iter(|| match_pair(&mut matcher, views, &mut map)));
         // Also when stereo is not asked for.
         match_pair(&mut matcher, views, &mut map);
         let depth = DisparityView::new(&map.0, WIDTH, HEIGHT).and_then(|view| DepthView::new(view, &map.1));
@@ -110,13 +93,7 @@ fn stages(c: &mut Criterion) {
             "a street: {} regions",
             scene.regions.len()
         );
-        group.bench_function("road", |b| {
-            b.iter_custom(|times| {
-                time(times, || {
-                    black_box(detector.detect(depth).regions.len());
-                })
-            });
-        });
+        group.bench_function("road", |b| b.iter(|| detector.detect(depth).regions.len()));
         group.finish();
     }
 }

@@ -1,10 +1,11 @@
-//! `lookout evaluate stereo`: figures against brute force, selections, files, bad input.
+//! `lookout evaluate stereo` and `lidar`: figures against brute force, selections, files, bad input.
 
 mod support;
 
 use image::{ImageBuffer, Luma};
 use serde_json::Value;
-use sources::scene::Drive;
+use sources::PairSource;
+use sources::scene::{Drive, Scene};
 use std::path::Path;
 use support::{Bench, files, json, save_grey, shared_data};
 
@@ -309,4 +310,77 @@ fn real_sets_are_read_in_all_their_layouts() {
     let report = document(&bench, &[&depth, "--pairs", "even"]);
     let mean = &report["sets"][0]["mean"];
     assert!(mean["noc"].is_null() && mean["all"]["bad3"].as_f64() < Some(20.0), "{report}");
+}
+
+/// A picture of a car's rear with LiDAR depth and a label: a pair in `pairs`, its left picture in `cars`.
+fn lidar_sets(bench: &Bench) {
+    let mut scene = Scene::open("car-rear").expect("the scene ships");
+    let ((width, height), rig) = (scene.size(), scene.rig().expect("the scene has a rig"));
+    let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
+    scene.read(30, &mut left, &mut right).expect("the frame is drawn");
+    let truth = scene.truth(30);
+    let metres = |&d: &f32| if d > 0.0 { (rig.distance_m(f64::from(d)) * 256.0).round() as u16 } else { 0 };
+    let depth: Vec<u16> = truth.disparity_px.iter().map(metres).collect();
+    let car = truth.objects.iter().find(|o| o.subject && o.in_path).expect("a car is in the path");
+    let b = car.bounds;
+    let label = format!(
+        "Car 0 0 0 {} {} {} {} 1.5 {} 4 0 1.6 {} 0\nDontCare -1 -1 -10 1 2 3 4 -1 -1 -1 -1 -1 -1 -10\n",
+        b.x,
+        b.y,
+        b.x + b.width - 1,
+        b.y + b.height - 1,
+        car.width_m,
+        car.distance_m + 2.0
+    );
+    let p = |at: f64| format!("{0} 0 {1} {at} 0 {0} {2} 0 0 0 1 0", rig.focal_px, rig.cx_px, rig.cy_px);
+    let calibration = format!("P2: {}\nP3: {}\n", p(0.0), p(-rig.focal_px * rig.baseline_m));
+    kitti_folders(bench, "pairs", &["left", "right", "gt_depth_map", "calib"]);
+    kitti_folders(bench, "cars", &["left", "labels", "gt_depth", "calib"]);
+    for (set, map) in [("pairs", "gt_depth_map"), ("cars", "gt_depth")] {
+        let path = |part: &str, end: &str| bench.path(set).join(part).join(format!("7.{end}"));
+        save_grey(&path("left", "png"), &left, width as u32, height as u32);
+        save_map(&path(map, "png"), &depth, width as u32);
+        std::fs::write(path("calib", "txt"), &calibration).expect("written");
+    }
+    save_grey(&bench.path("pairs/right/7.png"), &right, width as u32, height as u32);
+    std::fs::write(bench.path("cars/labels/7.txt"), label).expect("written");
+}
+
+#[test]
+fn regions_are_judged_by_lidar_depth_and_labels() {
+    let bench = Bench::new();
+    lidar_sets(&bench);
+    let args = ["evaluate", "lidar", "pairs", "cars", "--out", "out", "--json"];
+    let report: Value = serde_json::from_str(&bench.ok(&args)).expect("the output is JSON");
+    let pictures = report["pictures"].as_array().unwrap();
+    assert_eq!((&pictures[0]["picture"], &pictures[0]["disparity"]), (&"pairs/7".into(), &"matched".into()));
+    assert_eq!((&pictures[1]["picture"], &pictures[1]["disparity"]), (&"cars/7".into(), &"depth_map".into()));
+    for picture in pictures {
+        let errors = picture["errors_percent"].as_array().unwrap();
+        assert!(errors.iter().any(|e| e.as_f64().unwrap().abs() < 5.0), "{picture}");
+        assert!(picture["camera_height_m"].as_f64().is_some(), "{picture}");
+    }
+    assert_eq!((&report["due"], &report["covered"]), (&1.into(), &1.into()), "{report}");
+    let car = &report["labels"][0];
+    assert!(car["error_percent"].as_f64().unwrap().abs() < 5.0, "{car}");
+    let saved = json(&bench.path("out/evaluation.json"));
+    assert_eq!(saved, report);
+    assert!(bench.path("out/pairs/7.png").is_file() && bench.path("out/cars/7.png").is_file());
+    let text = bench.ok(&["evaluate", "lidar", "cars", "--repeat", "3"]);
+    assert!(text.contains("1 of 1 covered") && text.contains("3 times in a row"), "{text}");
+
+    let text = bench.fails(&["evaluate", "lidar", "cars", "--out", "cars/left"]);
+    assert!(text.contains("lies in the data set cars"), "{text}");
+    std::fs::write(bench.path("cars/labels/7.txt"), "Car 0 0\n").unwrap();
+    let text = bench.fails(&["evaluate", "lidar", "cars"]);
+    assert!(text.contains("labels/7.txt: line 1: 3 words"), "{text}");
+    std::fs::write(bench.path("cars/labels/7.txt"), "").unwrap();
+    save_map(&bench.path("cars/gt_depth/7.png"), &[1; 100], 10);
+    let text = bench.fails(&["evaluate", "lidar", "pairs", "cars"]);
+    assert!(
+        text.contains("left/7.png: 640x480 pixels") && text.contains("gt_depth/7.png has 10x10"),
+        "{text}"
+    );
+    let text = bench.fails(&["evaluate", "lidar", "pairs/left"]);
+    assert!(text.contains("no LiDAR depth here: expected folders left"), "{text}");
 }

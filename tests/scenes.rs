@@ -51,6 +51,19 @@ fn what_is_no_scene_is_named_with_the_remedy() {
 }
 
 #[test]
+fn a_single_plane_takes_a_dip_for_obstacles() {
+    let bench = Bench::new();
+    let args = ["evaluate", "weather", "dip-traffic", "--weather", "sunny", "--frames", "30", "--ablation"];
+    let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());
+    let rows = report["rows"].as_array().unwrap();
+    let roads: Vec<&str> = rows.iter().map(|row| row["road"].as_str().unwrap()).collect();
+    assert_eq!(roads, ["profile", "plane"]);
+    let false_regions = |row: usize| rows[row]["false_per_minute"].as_f64().unwrap();
+    assert!(false_regions(1) > 300.0 + 3.0 * false_regions(0), "{report}");
+    assert!(bench.path("out/dip-traffic-sunny-plane.png").is_file());
+}
+
+#[test]
 fn weather_is_scored_against_the_truth() {
     let bench = Bench::new();
     let args = ["evaluate", "weather", "car-rear", "--weather", "sunny,night", "--frames", "12"];

@@ -108,6 +108,7 @@ pub struct Road {
     pub camera_height_max_m: f64,
     pub horizon_share: f64,
     pub least_support: f64,
+    pub shape: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -160,6 +160,7 @@ CASCADE.part. The cascade is OpenCV's XML.")]
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others
   lookout evaluate weather                       synthetic scenes, six weathers
   lookout evaluate distance                      approaches, and scenes without danger
+  lookout evaluate lidar DIR                     real pictures with LiDAR depth and labels
   lookout evaluate stereo --help")]
     Evaluate {
         /// What is evaluated.
@@ -357,7 +358,7 @@ several sets, below a folder for each.")]
     #[command(after_help = "Examples:
   lookout evaluate weather
   lookout evaluate weather --weather night,heavy_rain --json
-  lookout evaluate weather crest-traffic dip-traffic --weather sunny
+  lookout evaluate weather crest-traffic dip-traffic --weather sunny --ablation
   lookout evaluate weather 'street?rig=kitti' my/road.toml --out results
 
 Every frame goes through the same rooms as in the daemon, in one process; its regions are compared
@@ -385,8 +386,12 @@ in which it was missed after that, and where it was when the alarm came; late co
 first in which it was nearer than alarm.distance_m. A scene without one is silent: an alarm there is
 false. What counts as found, false and stray is told by lookout evaluate weather --help.
 
---out writes SCENE.png, a filmstrip, for each approach, and evaluation.json.")]
+--out writes SCENE.png for each approach, a filmstrip (at 30, 20, 10, 5 and 3 m, at the first find and at
+the alarm), and evaluation.json.")]
     Distance(EvaluateDistance),
+    /// Road, regions and labelled cars of real pictures, against LiDAR depth
+    #[command(after_help = crate::cli_lidar::HELP)]
+    Lidar(crate::cli_lidar::EvaluateLidar),
     /// A cascade on patches with and without objects
     #[command(after_help = "Examples:
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others
@@ -409,6 +414,9 @@ pub struct EvaluateWeather {
     #[arg(long, value_name = "LIST", value_delimiter = ',',
         value_parser = PossibleValuesParser::new(Weather::ALL.map(Weather::name)))]
     pub weather: Vec<String>,
+    /// Once more with road.shape = "plane": a single plane in place of the road profile
+    #[arg(long)]
+    pub ablation: bool,
     /// Frames of each scene and weather, at most
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub frames: u64,

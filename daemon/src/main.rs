@@ -4,6 +4,7 @@ mod cameras;
 mod cli;
 mod cli_board;
 mod cli_cascade;
+mod cli_lidar;
 mod cli_record;
 mod cli_rig;
 mod cli_soak;

@@ -23,9 +23,18 @@ pub struct OverlayInput<'a> {
     pub height: usize,
 }
 
+/// Draws the road surface in green and obstacles as [`draw`] does, without any text: for what is shown smaller.
+pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
+    draw_with(input, record, false)
+}
+
 /// Draws the road surface in green, confirmed obstacles in red with class, distance and its
 /// error, others in orange, and the alarm on top.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
+    draw_with(input, record, true)
+}
+
+fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> Picture {
     let OverlayInput { left, disparity, profile_px, width, height } = input;
     let mut picture = Picture::from_pixels(left.iter().map(|&v| [v, v, v]), width, height);
     for (y, &road) in profile_px.iter().enumerate().take(height) {
@@ -52,7 +61,7 @@ pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
             label = format!("{} {label}", obstacle.class);
         }
         // Only where there is room for it.
-        if obstacle.width_px >= 24 {
+        if with_text && obstacle.width_px >= 24 {
             picture.text(&label, obstacle.x_px as i32, obstacle.y_px as i32 - 13, colour);
         }
     }
@@ -64,7 +73,9 @@ pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     if ["warning", "alarm"].contains(&record.alarm.level.as_str()) {
         picture.frame([0, 0, width as u32, height as u32], colour, 4);
     }
-    picture.text(&format!("frame {}  {}", record.sequence, record.alarm.text()), 6, 5, colour);
+    if with_text {
+        picture.text(&format!("frame {}  {}", record.sequence, record.alarm.text()), 6, 5, colour);
+    }
     picture
 }
 
@@ -109,5 +120,8 @@ mod tests {
         let [r, g, _] = picture.at(80, 80);
         assert!(g > r, "the road is green");
         assert_eq!(picture.at(80, 50), [90, 90, 90]);
+        let plain = draw_plain(input, &record);
+        assert_eq!((plain.at(21, 50), plain.at(8, 12)), (RED, [90, 90, 90]));
+        assert_ne!(picture.at(8, 12), [90, 90, 90], "text");
     }
 }

@@ -1,6 +1,6 @@
 //! Keys of what is made of a disparity map: road, regions, recognition, tracking, alarm.
 
-use super::Kind::{Name, Number, Path, Switch, Whole};
+use super::Kind::{Choice, Name, Number, Path, Switch, Whole};
 use super::{Key, key};
 
 /// `[road]`.
@@ -24,6 +24,11 @@ pub(super) const ROAD: &[Key] = &[
         "road.least_support",
         Number(0.0, 1.0),
         "A road that is seen in a smaller share of its rows counts as not seen; the alarm is then off.",
+    ),
+    key(
+        "road.shape",
+        Choice(&["profile", "plane"]),
+        "`profile` follows crests, dips and slopes; `plane` is a single plane, to see what the profile is worth.",
     ),
 ];
 

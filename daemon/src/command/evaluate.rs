@@ -177,34 +177,46 @@ fn sets(args: &EvaluateStereo) -> Result<Vec<Set>, CommandError> {
                 root.display()
             )));
         }
-        let own =
-            root.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-        let own = own.unwrap_or_else(|| "set".into());
-        let names = std::iter::once(own.clone()).chain((2..).map(|n| format!("{own}-{n}")));
-        let taken = |name: &String| sets.iter().any(|set| set.name == *name);
-        let name = names.into_iter().find(|name| !taken(name)).unwrap_or(own);
+        let name = set_name(root, |name| sets.iter().any(|set| set.name == *name));
         sets.push(Set { name, root: root.clone(), pairs });
     }
     Ok(sets)
+}
+
+/// A data set's name: its folder's, with a number where that is taken.
+pub(super) fn set_name(root: &Path, taken: impl Fn(&str) -> bool) -> String {
+    let own =
+        root.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+    let own = own.unwrap_or_else(|| "set".into());
+    let mut names = std::iter::once(own.clone()).chain((2..).map(|n| format!("{own}-{n}")));
+    names.find(|name| !taken(name)).unwrap_or(own)
 }
 
 /// The truth and the images of a pair, the right one disturbed.
 fn read(pair: &TruthPair, disturb: Option<Disturbance>) -> Result<(Truth, Images), CommandError> {
     let truth = pair.truth()?;
     let (left, mut right, width, height) = read_pair(&pair.left, &pair.right)?;
-    check_size(&pair.left, (width, height), pair.truth_file(), &truth)?;
+    check_size(&pair.left, (width, height), pair.truth_file(), (truth.width, truth.height))?;
     if let Some(disturbance) = disturb {
         right = disturbance.apply(&right, width, height);
     }
     Ok((truth, Images { left, right, width, height }))
 }
 
-fn check_size(path: &Path, size: (usize, usize), other: &Path, truth: &Truth) -> Result<(), TruthError> {
-    let expected = (truth.width, truth.height);
+pub(super) fn check_size(
+    path: &Path,
+    size: (usize, usize),
+    other: &Path,
+    expected: (usize, usize),
+) -> Result<(), TruthError> {
     if size == expected {
         return Ok(());
     }
     Err(TruthError::Size { path: path.to_owned(), size, other: other.to_owned(), expected })
+}
+
+fn roots(sets: &[Set]) -> impl Iterator<Item = &Path> {
+    sets.iter().map(|set| set.root.as_path())
 }
 
 /// Estimates by a matcher for each size of image.
@@ -317,14 +329,18 @@ fn keep_folders_apart(args: &EvaluateStereo) -> Result<(), CommandError> {
 }
 
 /// Refuses to write into a data set: results would be taken for truth, or overwrite it.
-fn keep_out_of_sets(target: &Path, sets: &[Set], option: &str) -> Result<(), CommandError> {
+pub(super) fn keep_out_of<'a>(
+    target: &Path,
+    mut roots: impl Iterator<Item = &'a Path>,
+    option: &str,
+) -> Result<(), CommandError> {
     let target_path = resolved(target);
-    match sets.iter().find(|set| target_path.starts_with(resolved(&set.root))) {
+    match roots.find(|root| target_path.starts_with(resolved(root))) {
         None => Ok(()),
-        Some(set) => Err(CommandError::Other(format!(
+        Some(root) => Err(CommandError::Other(format!(
             "{}: lies in the data set {}: give {option} another folder",
             target.display(),
-            set.root.display()
+            root.display()
         ))),
     }
 }
@@ -334,7 +350,7 @@ const PICTURE_FOLDERS: [&str; 3] = ["errors", "disparity", "colour"];
 fn prepare_pictures(out: &Path, sets: &[Set]) -> Result<(), CommandError> {
     let mut files = vec![PathBuf::from("subpixel.png"), PathBuf::from("roc.png")];
     for set in sets {
-        keep_out_of_sets(&out.join(&set.name), sets, "--out")?;
+        keep_out_of(&out.join(&set.name), roots(sets), "--out")?;
         for (pair, part) in set.pairs.iter().flat_map(|pair| PICTURE_FOLDERS.map(|part| (pair, part))) {
             files.push(Path::new(&set.name).join(part).join(format!("{}.png", pair.name)));
         }
@@ -351,7 +367,7 @@ fn prepare_pairs(folder: &Path, sets: &[Set]) -> Result<(), CommandError> {
     let mut files = Vec::new();
     for set in sets {
         let below = pair_folder(Path::new(""), sets.len(), &set.name);
-        keep_out_of_sets(&folder.join(&below), sets, "--save-pairs")?;
+        keep_out_of(&folder.join(&below), roots(sets), "--save-pairs")?;
         // KITTI's folders are read by their maps of all pixels as soon as there are any.
         let with_all = set.pairs.iter().filter(|pair| pair.regions().contains(&Region::All)).count();
         if with_all != 0 && with_all != set.pairs.len() {

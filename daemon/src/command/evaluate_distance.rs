@@ -9,11 +9,12 @@ use perception::road::PixelBox;
 use sources::PairSource;
 use sources::scene::{ObjectClass, ObjectTruth, Scene, SceneTruth};
 use std::path::{Path, PathBuf};
-use tools::evaluate::approach::{Approach, ApproachFrame, DistanceReport, Silent, filmstrip, shown_frames};
+use tools::evaluate::approach::{
+    Approach, ApproachFrame, DistanceReport, Shot, Silent, filmstrip, shown_frames,
+};
 use tools::evaluate::files::{prepare, write_report};
 use tools::evaluate::scene_match::{Found, is_found, match_frame};
 use tools::overlay;
-use tools::picture::Picture;
 use tools::record::ObstacleLine;
 
 /// The scenes that are looked at when none are named: approaches, then silent ones.
@@ -139,7 +140,7 @@ fn tracked<'a>(object: &ObjectTruth, obstacles: &'a [ObstacleLine]) -> Option<&'
 
 fn save_strip(mut run: SceneRun, frames: &[ApproachFrame], file: &Path) -> Result<(), CommandError> {
     let shown = shown_frames(frames);
-    let mut pictures: Vec<(Picture, String)> = Vec::new();
+    let mut shots = Vec::new();
     for index in 0..=shown.last().copied().unwrap_or(0) {
         let (_, result) = run.frame(index as u64)?;
         if shown.contains(&index) {
@@ -150,10 +151,14 @@ fn save_strip(mut run: SceneRun, frames: &[ApproachFrame], file: &Path) -> Resul
                 (false, Some(_)) => "found",
                 (false, None) => "not found",
             };
-            pictures.push((overlay::draw(result.images, &result.record), format!("{truth}: {what}")));
+            shots.push(Shot {
+                picture: overlay::draw_plain(result.images, &result.record),
+                found: frames[index].found,
+                caption: format!("{truth}: {what}"),
+            });
         }
     }
-    match filmstrip(&run.title, &pictures) {
+    match filmstrip(&run.title, &shots) {
         Some(strip) => Ok(strip.save(file)?),
         None => Ok(()),
     }

@@ -12,7 +12,7 @@ use sources::scene::library;
 use std::path::PathBuf;
 use tools::evaluate::files::{prepare, write_report};
 use tools::evaluate::scene_match::{Found, match_frame};
-use tools::evaluate::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport};
+use tools::evaluate::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport, WeatherRow};
 use tools::overlay;
 use tools::picture::Picture;
 use tools::record::ObstacleLine;
@@ -22,17 +22,20 @@ struct Condition {
     name: String,
     weather: Weather,
     scene: Scene,
+    /// What the road is fitted by, where that is compared: `road.shape`.
+    road: Option<&'static str>,
 }
 
 impl Condition {
     fn picture(&self) -> PathBuf {
         let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
         let name: String = self.name.chars().map(plain).collect();
-        format!("{}-{}.png", name.trim_matches('-'), self.weather.name()).into()
+        let road = self.road.map_or(String::new(), |road| format!("-{road}"));
+        format!("{}-{}{road}.png", name.trim_matches('-'), self.weather.name()).into()
     }
 }
 
-/// The scenes of the command line, each in every weather that was asked for.
+/// The scenes of the command line, each in every weather and with every road that was asked for.
 fn conditions(args: &EvaluateWeather) -> Result<Vec<Condition>, CommandError> {
     let names: Vec<&str> = match &args.weather[..] {
         [] => PAPER.iter().map(|(name, _)| *name).collect(),
@@ -41,9 +44,12 @@ fn conditions(args: &EvaluateWeather) -> Result<Vec<Condition>, CommandError> {
     let mut all = Vec::new();
     for name in &args.scenes {
         for weather in names.iter().filter_map(|name| Weather::named(name)) {
-            let mut file = library::load(name)?;
-            file.weather = weather;
-            all.push(Condition { name: name.clone(), weather, scene: Scene::new(file)? });
+            let roads: &[_] = if args.ablation { &[Some("profile"), Some("plane")] } else { &[None] };
+            for &road in roads {
+                let mut file = library::load(name)?;
+                file.weather = weather;
+                all.push(Condition { name: name.clone(), weather, scene: Scene::new(file)?, road });
+            }
         }
     }
     Ok(all)
@@ -61,6 +67,10 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
         let picture_file = condition.picture();
         let (name, weather) = (condition.name, condition.weather.name());
         bar.set_message(format!("{name} {weather}"));
+        let mut config = config.clone();
+        if let Some(road) = condition.road {
+            road.clone_into(&mut config.road.shape);
+        }
         let mut run = SceneRun::new(&config, condition.scene, args.frames)?;
         let (rig, frames) = (run.rig, run.frames);
         let mut tally = Tally::new(&name, weather, rig, run.period_s);
@@ -109,7 +119,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
             picture.save(&out.join(&picture_file))?;
         }
         bar.inc(args.frames - frames);
-        report.rows.push(tally.row());
+        report.rows.push(WeatherRow { road: condition.road.map(String::from), ..tally.row() });
     }
     bar.finish_and_clear();
     if let Some(out) = &args.out {

@@ -14,7 +14,7 @@ use ipc::device::DeviceRecord;
 use ipc::header::{Header, MessageError};
 use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
-use perception::road::{RegionParameters, RoadParameters};
+use perception::road::{RegionParameters, RoadParameters, Shape};
 use perception::stereo::cost::CostParameters;
 use perception::stereo::fill::BridgeParameters;
 use perception::stereo::scale::PathParameters;
@@ -161,6 +161,7 @@ pub fn road_parameters(config: &Config) -> RoadParameters {
         camera_height_m: (c.camera_height_min_m, c.camera_height_max_m),
         horizon_share: c.horizon_share,
         least_support: c.least_support,
+        shape: if c.shape == "plane" { Shape::Plane } else { Shape::Profile },
         regions: RegionParameters {
             least_height_m: r.height_min_m,
             greatest_height_m: r.height_max_m,

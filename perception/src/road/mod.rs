@@ -4,6 +4,7 @@ pub mod confirm;
 pub mod depth;
 pub mod free_space;
 pub mod histogram;
+pub mod plane;
 pub mod profile;
 pub mod radon;
 pub mod regions;
@@ -15,6 +16,7 @@ pub use depth::DepthView;
 use free_space::FreeSpace;
 use histogram::{Corridor, VDisparity};
 use profile::ProfileFinder;
+pub use profile::Shape;
 use radon::{Radon, RadonRange, RoadLine};
 use regions::RegionFinder;
 pub use regions::{PixelBox, Region, RegionParameters};
@@ -37,6 +39,8 @@ pub struct RoadParameters {
     pub horizon_share: f64,
     /// A road with less support (0 to 1) is "no road seen".
     pub least_support: f64,
+    /// What the road is fitted by.
+    pub shape: Shape,
     /// What makes a region.
     pub regions: RegionParameters,
 }
@@ -47,6 +51,7 @@ impl Default for RoadParameters {
             camera_height_m: (0.5, 3.0),
             horizon_share: 0.2,
             least_support: 0.25,
+            shape: Shape::default(),
             regions: RegionParameters::default(),
         }
     }
@@ -107,7 +112,7 @@ impl RoadDetector {
         let stixels = Stixels::new(width, height);
         Self {
             radon: Radon::new(histogram.bins(), height),
-            profile: ProfileFinder::new(histogram.bins(), height),
+            profile: ProfileFinder::new(histogram.bins(), height).fitting(parameters.shape),
             finder: RegionFinder::new(parameters.regions, &stixels, disparities),
             surface: Surface::new(rig, disparities),
             free_space: FreeSpace::new(width),

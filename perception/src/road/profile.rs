@@ -8,6 +8,7 @@
 //! crests, dips and slopes are followed where the road is not a plane, up to where it is last seen.
 
 use super::histogram::{BINS_PER_PX, Corridor, VDisparity};
+use super::plane;
 use super::radon::RoadLine;
 
 /// Rows of a block.
@@ -38,6 +39,16 @@ const RISE_PX: f64 = 3.0;
 /// Share of the corridor that a rising road fills, and the least number of such blocks.
 const PLAIN: f32 = 0.4;
 const RISEN: usize = 3;
+
+/// What the road is fitted by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shape {
+    /// The Viterbi path: crests, dips and slopes.
+    #[default]
+    Profile,
+    /// A single plane: what the path is compared with.
+    Plane,
+}
 
 /// The road's disparity in every row.
 #[derive(Clone, Debug)]
@@ -96,6 +107,7 @@ impl RoadProfile {
 #[derive(Debug)]
 pub struct ProfileFinder {
     profile: RoadProfile,
+    shape: Shape,
     bins: usize,
     /// Counts of a block at each bin.
     counts: Vec<f32>,
@@ -115,6 +127,7 @@ impl ProfileFinder {
         let blocks = height / BLOCK;
         Self {
             profile: RoadProfile::new(height, bins),
+            shape: Shape::default(),
             bins,
             counts: vec![0.0; bins],
             energy: [vec![0.0; bins * MOVES], vec![0.0; bins * MOVES]],
@@ -122,6 +135,11 @@ impl ProfileFinder {
             path: Vec::with_capacity(blocks),
             shares: Vec::with_capacity(blocks),
         }
+    }
+
+    /// The same, for roads of another shape.
+    pub fn fitting(self, shape: Shape) -> Self {
+        Self { shape, ..self }
     }
 
     /// The profile that was found last.
@@ -156,14 +174,18 @@ impl ProfileFinder {
         // A rising road goes on above the horizon of its near part: if so, it is in plain sight.
         let level = blocks_above(horizon).min(height / BLOCK);
         let rising = blocks_above((horizon - RISE * height as f64).max(0.0)).min(height / BLOCK);
-        self.follow(histogram, line, cap, rising, true);
-        self.measure_shares(histogram, corridor);
-        let plain = |share: &&f32| **share >= PLAIN;
-        let risen = self.shares.iter().skip(below).take_while(plain).count();
-        if risen >= RISEN {
-            self.path.truncate(below + risen);
+        if self.shape == Shape::Plane {
+            self.lay_plane(histogram, line, cap, level);
         } else {
-            self.follow(histogram, line, cap, level, false);
+            self.follow(histogram, line, cap, rising, true);
+            self.measure_shares(histogram, corridor);
+            let plain = |share: &&f32| **share >= PLAIN;
+            let risen = self.shares.iter().skip(below).take_while(plain).count();
+            if risen >= RISEN {
+                self.path.truncate(below + risen);
+            } else {
+                self.follow(histogram, line, cap, level, false);
+            }
         }
         let supported = |&&(_, weight): &&(f32, f32)| weight >= SUPPORTED * (usize::from(cap) * BLOCK) as f32;
         self.profile.support =
@@ -245,6 +267,20 @@ impl ProfileFinder {
             }
             let columns = 2.0 * corridor.columns_per_px * place.max(0.25);
             self.shares.push(sum / (BLOCK as f32 * columns));
+        }
+    }
+
+    /// In place of a path: one line through all blocks.
+    fn lay_plane(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize) {
+        let height = histogram.height();
+        let plane = plane::fit(histogram, line, cap);
+        self.path.clear();
+        for block in 0..blocks {
+            let rows = height - BLOCK * (block + 1)..height - BLOCK * block;
+            let counts = rows.flat_map(|y| plane::near(histogram, plane, cap, y));
+            let weight: f64 = counts.map(|(_, count)| count).sum();
+            // The least weight keeps the line straight where nothing is counted.
+            self.path.push((plane.at(self.middle(block)).max(0.0) as f32, weight.max(1.0) as f32));
         }
     }
 
@@ -387,6 +423,10 @@ mod tests {
     use crate::stereo::DisparityView;
 
     fn find(road: impl Fn(f64) -> f64, line: RoadLine) -> RoadProfile {
+        find_as(Shape::Profile, road, line)
+    }
+
+    fn find_as(shape: Shape, road: impl Fn(f64) -> f64, line: RoadLine) -> RoadProfile {
         let (width, height) = (120, 240);
         let mut random = fastrand::Rng::with_seed(4);
         let mut map = vec![0_u16; width * height];
@@ -409,7 +449,10 @@ mod tests {
         let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &certain).unwrap();
         histogram.fill(depth, 1, Corridor::ALL);
         let corridor = Corridor { centre_px: 60.0, columns_per_px: 10.0 };
-        ProfileFinder::new(histogram.bins(), height).find(&histogram, line, 12, corridor).clone()
+        ProfileFinder::new(histogram.bins(), height)
+            .fitting(shape)
+            .find(&histogram, line, 12, corridor)
+            .clone()
     }
 
     #[test]
@@ -441,6 +484,25 @@ mod tests {
                 profile.disparity_px()[y]
             );
         }
+    }
+
+    #[test]
+    fn a_plane_stays_straight_where_the_path_follows_a_crest() {
+        let road = |y: f64| if y > 170.0 { 0.2 * (y - 100.0) } else { 14.0 - 0.16 * (170.0 - y) };
+        let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
+        let plane = find_as(Shape::Plane, |y| 0.2 * (y - 100.3), line);
+        for y in 110..240 {
+            let truth = 0.2 * (y as f32 - 100.3);
+            assert!((plane.disparity_px()[y] - truth).abs() < 0.05, "row {y}: {}", plane.disparity_px()[y]);
+        }
+        let (plane, path) = (find_as(Shape::Plane, road, line), find(road, line));
+        let error =
+            |profile: &RoadProfile, y: usize| (profile.disparity_px()[y] - road(y as f64) as f32).abs();
+        let seen = || (plane.top()..240).filter(|&y| plane.disparity_px()[y] > 0.0);
+        let steps = seen().skip(1).map(|y| plane.disparity_px()[y] - plane.disparity_px()[y - 1]);
+        let (least, most) = steps.fold((f32::MAX, 0.0_f32), |(a, b), v| (a.min(v), b.max(v)));
+        assert!(most - least < 1e-3, "straight: {least} to {most}");
+        assert!(error(&plane, 130) > 2.0 * error(&path, 130), "{} {}", error(&plane, 130), error(&path, 130));
     }
 
     #[test]

@@ -99,7 +99,7 @@ fn there(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 /// PNG files of a folder by name.
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>, TruthError> {
+pub(super) fn pictures(folder: &Path) -> Result<Vec<PathBuf>, TruthError> {
     let io = |source| TruthError::Io { path: folder.to_owned(), source };
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).map_err(io)? {

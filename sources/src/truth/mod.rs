@@ -2,6 +2,8 @@
 //! counts.
 
 pub mod find;
+pub mod label;
+pub mod lidar;
 pub mod map_file;
 pub mod pfm;
 

@@ -105,16 +105,24 @@ pub struct DistanceReport {
     pub silent: Vec<Silent>,
 }
 
-/// Frames of an approach that its filmstrip shows: start, first find, alarm, end.
+/// Distances that a filmstrip shows, in metres.
+const SHOWN_M: [f64; 5] = [30.0, 20.0, 10.0, 5.0, 3.0];
+/// A frame shows a distance when it is no farther off, in metres.
+const NEAR_M: f64 = 0.5;
+
+/// Frames of an approach that its filmstrip shows: those nearest to fixed distances, the first find
+/// and the alarm.
 pub fn shown_frames(frames: &[ApproachFrame]) -> Vec<usize> {
-    let last = frames.iter().rposition(|f| f.truth_m.is_some()).unwrap_or(0);
+    let nearest = |wanted: f64| {
+        let off = frames.iter().enumerate().filter_map(|(k, f)| Some((k, (f.truth_m? - wanted).abs())));
+        off.filter(|(_, off)| *off <= NEAR_M).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
+    };
     let found = frames.iter().position(|f| f.found.is_some());
     let alarm = frames.iter().position(|f| f.alarm);
-    let mut shown: Vec<usize> =
-        [Some(0), found, found.map(|f| f.midpoint(alarm.unwrap_or(last))), alarm, Some(last)]
-            .into_iter()
-            .flatten()
-            .collect();
+    let mut shown: Vec<usize> = SHOWN_M.into_iter().map(nearest).chain([found, alarm]).flatten().collect();
+    if shown.is_empty() {
+        shown.push(0);
+    }
     shown.sort_unstable();
     shown.dedup();
     shown
@@ -270,29 +278,56 @@ impl fmt::Display for DistanceReport {
 
 const GROUND: Colour = [24, 24, 24];
 const INK: Colour = [240, 240, 240];
+const BOX: Colour = [255, 220, 60];
 
-/// Pictures of one approach side by side, half as large, each with a line below it.
-pub fn filmstrip(title: &str, pictures: &[(Picture, String)]) -> Option<Picture> {
+/// One picture of a filmstrip.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// The picture; it is shown half as large.
+    pub picture: Picture,
+    /// What found the object, drawn into it.
+    pub found: Option<Found>,
+    /// A line below it.
+    pub caption: String,
+}
+
+/// Pictures of one approach side by side; at most this many in a row.
+const ROW: usize = 4;
+
+/// Pictures of one approach, half as large, the object's box and distance in each and a line below it.
+pub fn filmstrip(title: &str, shots: &[Shot]) -> Option<Picture> {
     const GAP: usize = 6;
     const LINE: usize = 18;
-    let (first, _) = pictures.first()?;
+    let first = &shots.first()?.picture;
     let (width, height) = (first.width() / 2, first.height() / 2);
-    let mut strip = Picture::new(pictures.len() * (width + GAP) + GAP, height + 2 * LINE + 2 * GAP, GROUND);
+    let (columns, rows) = (shots.len().min(ROW), shots.len().div_ceil(ROW));
+    let size = (columns * (width + GAP) + GAP, LINE + rows * (height + LINE + GAP) + GAP);
+    let mut strip = Picture::new(size.0, size.1, GROUND);
     strip.text(title, GAP as i32, 3, INK);
-    for (k, (picture, text)) in pictures.iter().enumerate() {
-        let left = GAP + k * (width + GAP);
+    for (k, shot) in shots.iter().enumerate() {
+        let left = GAP + k % ROW * (width + GAP);
+        let top = LINE + GAP + k / ROW * (height + LINE + GAP);
         for y in 0..height {
             for x in 0..width {
                 let mut sum = [0_u16; 3];
                 for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    for (sum, v) in sum.iter_mut().zip(picture.at(2 * x + dx, 2 * y + dy)) {
+                    for (sum, v) in sum.iter_mut().zip(shot.picture.at(2 * x + dx, 2 * y + dy)) {
                         *sum += u16::from(v);
                     }
                 }
-                strip.tint(left + x, LINE + GAP + y, sum.map(|v| (v / 4) as u8), 256);
+                strip.tint(left + x, top + y, sum.map(|v| (v / 4) as u8), 256);
             }
         }
-        strip.text(text, left as i32, (LINE + GAP + height + 3) as i32, INK);
+        if let Some(Found { bounds, distance_m, sigma_m }) = shot.found {
+            let (x, y) = (left as u32 + bounds.x / 2, top as u32 + bounds.y / 2);
+            strip.frame([x, y, bounds.width / 2, bounds.height / 2], BOX, 1);
+            let label = format!("{distance_m:.1}±{sigma_m:.1}m");
+            let above = (y as i32 - 14).max(top as i32);
+            // A wide box may begin at the right, a label must not end there.
+            let room = (left + width) as i32 - 7 * label.chars().count() as i32 - 8;
+            strip.text(&label, (x as i32).min(room), above, BOX);
+        }
+        strip.text(&shot.caption, left as i32, (top + height + 3) as i32, INK);
     }
     Some(strip)
 }
@@ -337,7 +372,8 @@ mod tests {
         assert_eq!((approach.warning_ttc_s, approach.alarm_ttc_s), (Some(2.3), Some(0.8)));
         assert_eq!((approach.ttc_median_percent, approach.ttc_worst_percent), (Some(4.0), Some(4.0)));
         assert_eq!((approach.ttc_covered, approach.ttc_missed), (Some(0.0), 1));
-        assert_eq!(shown_frames(&frames()), [0, 2, 12, 22, 27]);
+        // 30, 20, 10, 5 and 3 m, the first find and the alarm.
+        assert_eq!(shown_frames(&frames()), [0, 2, 10, 20, 22, 25, 27]);
         let text = DistanceReport { approaches: vec![approach], ..DistanceReport::default() }.to_string();
         assert!(text.contains("28.00") && text.contains("+1"), "{text}");
     }
@@ -347,9 +383,16 @@ mod tests {
         let frames = vec![ApproachFrame { truth_m: Some(9.0), ..ApproachFrame::default() }; 4];
         let approach = Approach::new("cone", "A cone", 10.0, &frames);
         assert_eq!((approach.first_found_m, approach.alarm_m, approach.covered), (None, None, None));
-        assert_eq!(shown_frames(&frames), [0, 3]);
+        assert_eq!(shown_frames(&frames), [0]);
         assert!(filmstrip("x", &[]).is_none());
-        let strip = filmstrip("x", &[(Picture::new(40, 20, [200, 0, 0]), "9 m".into())]).unwrap();
-        assert_eq!((strip.width(), strip.at(16, 30)), (32, [200, 0, 0]));
+        let bounds = PixelBox { x: 8, y: 4, width: 20, height: 10 };
+        let found = Some(Found { bounds, distance_m: 9.1, sigma_m: 0.1 });
+        let shot = |found| Shot { picture: Picture::new(40, 20, [200, 0, 0]), found, caption: "9 m".into() };
+        let strip = filmstrip("x", &[shot(None)]).unwrap();
+        assert_eq!((strip.width(), strip.height(), strip.at(16, 30)), (32, 58, [200, 0, 0]));
+        // Five pictures take two rows; the second one's box is drawn where it is, half as large.
+        let strip = filmstrip("x", &[shot(None), shot(found), shot(None), shot(None), shot(None)]).unwrap();
+        assert_eq!((strip.width(), strip.height()), (4 * 26 + 6, 92));
+        assert_eq!(strip.at(32 + 4 + 9, 24 + 2 + 4), BOX);
     }
 }

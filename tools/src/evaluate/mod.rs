@@ -8,6 +8,7 @@ pub mod disturb;
 pub mod error_picture;
 pub mod files;
 pub mod fill;
+pub mod lidar;
 pub mod report;
 pub mod roc;
 pub mod scene_match;

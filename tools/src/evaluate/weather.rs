@@ -89,6 +89,9 @@ pub struct WeatherRow {
     pub scene: String,
     /// The weather.
     pub weather: String,
+    /// What the road was fitted by, where that is compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub road: Option<String>,
     /// Frames.
     pub frames: usize,
     /// Seconds of driving.
@@ -247,6 +250,7 @@ impl Tally {
         WeatherRow {
             scene: self.scene.clone(),
             weather: self.weather.clone(),
+            road: None,
             frames: self.frames,
             seconds: tidy(seconds),
             due,
@@ -282,13 +286,14 @@ pub struct WeatherReport {
     pub rows: Vec<WeatherRow>,
 }
 
-fn cell(value: Option<f64>, decimals: usize) -> String {
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".into(), |v| format!("{v:.decimals$}"))
 }
 
 impl fmt::Display for WeatherReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = |row: &WeatherRow| format!("{} {}", row.scene, row.weather);
+        let road = |row: &WeatherRow| row.road.as_ref().map_or(String::new(), |road| format!(", {road}"));
+        let name = |row: &WeatherRow| format!("{} {}{}", row.scene, row.weather, road(row));
         let width = self.rows.iter().map(|row| name(row).chars().count()).max().unwrap_or(0).max(12);
         writeln!(
             f,

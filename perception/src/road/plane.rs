@@ -1,0 +1,47 @@
+//! A single plane through v-disparity: what the road is where it is flat, and what the profile is compared with.
+
+use super::histogram::{BINS_PER_PX, VDisparity};
+use super::radon::RoadLine;
+
+/// Bins near a line in a row.
+const REACH: usize = 5;
+/// Rounds of the fit, each around the line of the one before.
+const ROUNDS: usize = 2;
+
+/// What is counted near a line in row `y`: disparity in px and count, one cell at most `cap`.
+pub fn near(
+    histogram: &VDisparity,
+    line: RoadLine,
+    cap: u16,
+    y: usize,
+) -> impl Iterator<Item = (f64, f64)> + '_ {
+    let first = (line.at(y as f64) * BINS_PER_PX as f64).floor() as usize;
+    let row = histogram.row(y).iter().enumerate().skip(first.saturating_sub(REACH / 2)).take(REACH);
+    row.map(move |(bin, &count)| ((bin as f64 + 0.5) / BINS_PER_PX as f64, f64::from(count.min(cap))))
+}
+
+/// The line that fits best what is counted near a first one, which stays where too little is.
+pub fn fit(histogram: &VDisparity, line: RoadLine, cap: u16) -> RoadLine {
+    let height = histogram.height();
+    let mut plane = line;
+    for _ in 0..ROUNDS {
+        let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for y in plane.horizon_px.clamp(0.0, height as f64) as usize..height {
+            let x = y as f64 - line.horizon_px;
+            for (px, weight) in near(histogram, plane, cap, y) {
+                s += weight;
+                sx += weight * x;
+                sy += weight * px;
+                sxx += weight * x * x;
+                sxy += weight * x * px;
+            }
+        }
+        // Not a number where nothing is counted.
+        let slope = (s * sxy - sx * sy) / (s * sxx - sx * sx);
+        if !(0.5 * line.slope..2.0 * line.slope).contains(&slope) {
+            break;
+        }
+        plane = RoadLine { slope, horizon_px: line.horizon_px + (slope * sx - sy) / (s * slope), ..line };
+    }
+    plane
+}

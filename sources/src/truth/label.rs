@@ -1,0 +1,109 @@
+//! Labels of KITTI's object benchmark: what is in a picture, its box and where it stands.
+
+use super::TruthError;
+use std::path::Path;
+
+/// One labelled object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Label {
+    /// `Car`, `Van`, `Truck`, `Pedestrian`, `Cyclist`, …
+    pub class: String,
+    /// Share of it that lies outside the picture, 0 to 1.
+    pub truncated: f64,
+    /// 0 fully visible, 1 partly hidden, 2 largely hidden, 3 unknown.
+    pub occluded: u8,
+    /// Left, top, right and bottom of its box, in px.
+    pub bounds_px: [f64; 4],
+    /// Width in metres.
+    pub width_m: f64,
+    /// Length in metres.
+    pub length_m: f64,
+    /// Distance of its middle along the camera's axis, in metres.
+    pub distance_m: f64,
+}
+
+/// Reads a label file; `DontCare` lines, which name no object, are left out.
+///
+/// # Errors
+/// Names the file, the line and what is expected.
+pub fn read(path: &Path) -> Result<Vec<Label>, TruthError> {
+    let io = |source| TruthError::Io { path: path.to_owned(), source };
+    let text = std::fs::read_to_string(path).map_err(io)?;
+    let lines = text.lines().zip(1..).filter(|(line, _)| !line.trim().is_empty());
+    let mut labels = Vec::new();
+    for (line, number) in lines {
+        let parsed = label(line).map_err(|reason| TruthError::Map {
+            path: path.to_owned(),
+            reason: format!("line {number}: {reason}"),
+        })?;
+        labels.extend((parsed.class != "DontCare").then_some(parsed));
+    }
+    Ok(labels)
+}
+
+fn label(line: &str) -> Result<Label, String> {
+    let words: Vec<&str> = line.split_ascii_whitespace().collect();
+    let [class, numbers @ ..] = &words[..] else { return Err("empty".into()) };
+    // A sixteenth word is the score of a result.
+    if ![14, 15].contains(&numbers.len()) {
+        return Err(format!("{} words: KITTI's labels have 15", words.len()));
+    }
+    let numbers: Vec<f64> = numbers
+        .iter()
+        .map(|word| {
+            word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or(format!("\"{word}\" is no number"))
+        })
+        .collect::<Result<_, _>>()?;
+    Ok(Label {
+        class: (*class).to_owned(),
+        truncated: numbers[0],
+        occluded: numbers[1].clamp(0.0, 3.0) as u8,
+        bounds_px: [numbers[3], numbers[4], numbers[5], numbers[6]],
+        width_m: numbers[8],
+        length_m: numbers[9],
+        distance_m: numbers[12],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAR: &str = "Car 0.24 1 1.94 11.50 172.55 405.84 374.00 1.68 1.63 3.90 -3.18 1.71 6.59 1.51";
+
+    fn read_text(text: &str) -> Result<Vec<Label>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("000007.txt");
+        std::fs::write(&path, text).unwrap();
+        read(&path).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn objects_are_read_and_regions_to_ignore_are_not() {
+        let text = format!("{CAR}\n\nDontCare -1 -1 -10 1 2 3 4 -1 -1 -1 -1000 -1000 -1000 -10\n");
+        let labels = read_text(&text).unwrap();
+        let car = Label {
+            class: "Car".into(),
+            truncated: 0.24,
+            occluded: 1,
+            bounds_px: [11.5, 172.55, 405.84, 374.0],
+            width_m: 1.63,
+            length_m: 3.9,
+            distance_m: 6.59,
+        };
+        assert_eq!(labels, [car]);
+        assert_eq!(read_text("").unwrap(), []);
+    }
+
+    #[test]
+    fn faults_name_the_line() {
+        for (text, expected) in [
+            (CAR.replace("6.59", "near"), "000007.txt: line 1: \"near\" is no number"),
+            (CAR.replace("6.59", "inf"), "\"inf\" is no number"),
+            (format!("{CAR}\nCar 1 2"), "line 2: 3 words: KITTI's labels have 15"),
+        ] {
+            let error = read_text(&text).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}

@@ -8,10 +8,18 @@ use super::regions::{PixelBox, Region};
 use crate::rig::Rig;
 
 /// Evidence summed up from which a region is reported.
-const BELIEVED: f64 = 3.5;
+const BELIEVED: f64 = 2.5;
+/// A sighting of less evidence is reported on no account: it may be another thing than what was believed.
+const PLAUSIBLE: f64 = 0.0;
+/// Evidence of a first sighting that is reported at once, and the same where nothing comes back.
+const AT_ONCE: f64 = 8.0;
+const ALONE: f64 = 3.5;
+/// Evidence that the last sighting must have had for a region to be reported unseen: what was half seen
+/// then is hardly where it is expected.
+const CLEAR: f64 = 6.0;
 /// No more is summed up, so that what vanishes is soon doubted.
 const MOST: f64 = 9.0;
-/// Evidence of one sighting counts within these bounds: none is enough by itself.
+/// Evidence of one sighting counts within these bounds.
 const SIGHTING: (f64, f64) = (-2.0, 3.0);
 /// Share that is left of the sum from one frame to the next.
 const MEMORY: f64 = 0.8;
@@ -35,6 +43,8 @@ struct Candidate {
     step: [f64; 3],
     /// Evidence summed up.
     belief: f64,
+    /// Evidence of the last sighting.
+    last: f64,
     sightings: u32,
     /// Frames since the last sighting.
     unseen: u8,
@@ -46,13 +56,15 @@ pub struct Confirmation {
     candidates: Vec<Candidate>,
     /// The most that one sighting counts.
     most: f64,
+    /// Evidence of a first sighting that is reported.
+    at_once: f64,
 }
 
 impl Confirmation {
     /// Nothing seen yet. Unless a region must come back (`again`), strong evidence counts at once.
     pub fn new(again: bool) -> Self {
-        let most = if again { SIGHTING.1 } else { MOST };
-        Self { candidates: Vec::with_capacity(2 * CAPACITY), most }
+        let (most, at_once) = if again { (SIGHTING.1, AT_ONCE) } else { (MOST, ALONE) };
+        Self { candidates: Vec::with_capacity(2 * CAPACITY), most, at_once }
     }
 
     /// Takes the regions of a frame, nearest first, and leaves those that are believed; adds those that
@@ -69,7 +81,8 @@ impl Confirmation {
         }
         let known = self.candidates.len();
         regions.retain(|region| {
-            let seen = evidence(region).clamp(SIGHTING.0, self.most);
+            let evidence = evidence(region);
+            let seen = evidence.clamp(SIGHTING.0, self.most);
             let before = self.candidates[..known]
                 .iter_mut()
                 .filter(|candidate| candidate.unseen > 0)
@@ -78,7 +91,8 @@ impl Confirmation {
             match before {
                 Some((_, candidate)) => {
                     candidate.take(region, seen);
-                    candidate.belief >= BELIEVED
+                    candidate.last = evidence;
+                    candidate.belief >= BELIEVED && evidence >= PLAUSIBLE
                 }
                 None => {
                     if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
@@ -87,17 +101,19 @@ impl Confirmation {
                             region: *region,
                             step,
                             belief,
+                            last: evidence,
                             sightings: 1,
                             unseen: 0,
                         });
                     }
-                    seen >= BELIEVED
+                    evidence >= self.at_once
                 }
             }
         });
         self.candidates.retain_mut(|candidate| {
             if candidate.unseen > 0 {
-                let was_believed = candidate.belief >= 5.0 && candidate.sightings >= 5;
+                let was_believed =
+                    candidate.belief >= 5.0 && candidate.sightings >= 5 && candidate.last >= CLEAR;
                 candidate.belief = MEMORY * candidate.belief - MISS;
                 if was_believed
                     && candidate.unseen <= COASTING
@@ -224,9 +240,10 @@ mod tests {
     #[test]
     fn weak_evidence_adds_up() {
         let seen = [region(300, 5.0)];
-        assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.6), [0, 0, 1, 1]);
+        assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.2), [0, 0, 1, 1]);
         assert_eq!(believed(&[&seen, &seen], 3.8), [0, 1], "strong evidence when it comes back");
-        assert_eq!(believed(&[&seen[..]; 12], 0.5), [0; 12], "too little never does");
+        assert_eq!(believed(&[&seen, &seen], 8.5), [1, 1], "what is as plain as that at once");
+        assert_eq!(believed(&[&seen[..]; 12], 0.45), [0; 12], "too little never does");
         // What comes and goes is not believed.
         assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
     }
@@ -244,7 +261,20 @@ mod tests {
         let seen = [region(300, 5.0)];
         let none: &[Region] = &[];
         let frames = [&seen[..], &seen, &seen, &seen, &seen, none, none, none, none];
-        assert_eq!(believed(&frames, 3.6), [0, 1, 1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(believed(&frames, 6.1), [0, 1, 1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(believed(&frames, 4.0), [0, 1, 1, 1, 1, 0, 0, 0, 0], "unless it was not seen clearly");
+    }
+
+    #[test]
+    fn a_sighting_that_speaks_against_it_is_not_reported() {
+        let mut confirmation = Confirmation::new(true);
+        let mut reported = Vec::new();
+        for evidence in [4.0, 4.0, 4.0, -1.0, 4.0] {
+            let mut regions = vec![region(300, 5.0)];
+            confirmation.filter(&mut regions, (640, 480), &RIG, |_| evidence);
+            reported.push(regions.len());
+        }
+        assert_eq!(reported, [0, 1, 1, 0, 1]);
     }
 
     #[test]
@@ -263,6 +293,6 @@ mod tests {
         let frames: Vec<[Region; 1]> =
             (0..8).map(|i| [region(300 + i * 2, 105.0 / (20.0 - 1.6 * f64::from(i)))]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert_eq!(believed(&frames, 1.6), [0, 0, 1, 1, 1, 1, 1, 1]);
+        assert_eq!(believed(&frames, 1.2), [0, 0, 1, 1, 1, 1, 1, 1]);
     }
 }

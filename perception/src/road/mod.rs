@@ -114,7 +114,7 @@ impl RoadDetector {
             radon: Radon::new(histogram.bins(), height),
             profile: ProfileFinder::new(histogram.bins(), height).fitting(parameters.shape),
             finder: RegionFinder::new(parameters.regions, &stixels, disparities),
-            surface: Surface::new(rig, disparities),
+            surface: Surface::new(rig, height, disparities),
             free_space: FreeSpace::new(width),
             histogram,
             stixels,
@@ -150,7 +150,7 @@ impl RoadDetector {
         };
         let line = self.radon.strongest(&self.histogram, range, cap);
         let support =
-            line.map_or(0.0, |line| self.profile.find(&self.histogram, line, cap, corridor).support());
+            line.map_or(0.0, |line| self.profile.find(&self.histogram, depth, line, cap, corridor).support());
         let Some(line) = line.filter(|_| support >= self.parameters.least_support) else {
             self.profile.clear();
             self.free_space.clear();
@@ -163,6 +163,7 @@ impl RoadDetector {
         let standing = StixelParameters {
             least_height_m: 0.4 * p.least_height_m,
             sigmas: 0.6,
+            least_rise_px: 0.2,
             greatest_height_m: p.greatest_height_m,
             least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),
             least_confidence: REGION_CONFIDENCE,

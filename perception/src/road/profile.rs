@@ -7,6 +7,8 @@
 //! distance, at least a little (η₀ > 0: what stands upright cannot be followed), at most some (η₁): so
 //! crests, dips and slopes are followed where the road is not a plane, up to where it is last seen.
 
+use super::ROAD_CONFIDENCE;
+use super::depth::DepthView;
 use super::histogram::{BINS_PER_PX, Corridor, VDisparity};
 use super::plane;
 use super::radon::RoadLine;
@@ -36,9 +38,14 @@ const LOST: usize = 3;
 const RISE: f64 = 0.15;
 /// How much nearer than the line's a rising road may be, in px.
 const RISE_PX: f64 = 3.0;
-/// Share of the corridor that a rising road fills, and the least number of such blocks.
-const PLAIN: f32 = 0.4;
+/// Share of the corridor that a rising road fills where nothing nearer hides it, and the least number of
+/// such blocks.
+const PLAIN: f32 = 0.5;
 const RISEN: usize = 3;
+/// What is within so many px of the path belongs to it.
+const AT_PX: f32 = 0.4;
+/// Share of the corridor that must be seen to tell.
+const SEEN: f64 = 0.15;
 
 /// What the road is fitted by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -159,6 +166,7 @@ impl ProfileFinder {
     pub fn find(
         &mut self,
         histogram: &VDisparity,
+        depth: DepthView<'_>,
         line: RoadLine,
         cap: u16,
         corridor: Corridor,
@@ -178,10 +186,13 @@ impl ProfileFinder {
             self.lay_plane(histogram, line, cap, level);
         } else {
             self.follow(histogram, line, cap, rising, true);
-            self.measure_shares(histogram, corridor);
-            let plain = |share: &&f32| **share >= PLAIN;
-            let risen = self.shares.iter().skip(below).take_while(plain).count();
-            if risen >= RISEN {
+            self.measure_shares(depth, corridor, below);
+            let hidden = |share: &f32| share.is_nan();
+            let mut risen = self.shares.iter().take_while(|s| hidden(s) || **s >= PLAIN).count();
+            while risen > 0 && hidden(&self.shares[risen - 1]) {
+                risen -= 1;
+            }
+            if self.shares[..risen].iter().filter(|s| !hidden(s)).count() >= RISEN {
                 self.path.truncate(below + risen);
             } else {
                 self.follow(histogram, line, cap, level, false);
@@ -255,18 +266,28 @@ impl ProfileFinder {
         }
     }
 
-    /// How much of the corridor shows the path, block by block.
-    fn measure_shares(&mut self, histogram: &VDisparity, corridor: Corridor) {
+    /// How much of the corridor shows the path from a block on, of what nothing nearer hides; NaN where
+    /// that is next to nothing.
+    fn measure_shares(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
         self.shares.clear();
-        for (block, &(place, _)) in self.path.iter().enumerate() {
-            let mut sum = 0.0;
-            for up in 0..BLOCK {
-                let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
-                let bin = (place * BINS_PER_PX as f32) as usize;
-                sum += row.iter().skip(bin.saturating_sub(2)).take(5).map(|&c| f32::from(c)).sum::<f32>();
+        for (block, &(place, _)) in self.path.iter().enumerate().skip(from) {
+            let (mut there, mut seen, mut all) = (0_u32, 0_u32, 0_u32);
+            let half = corridor.columns_per_px * place.max(0.25);
+            let first = (corridor.centre_px - half).max(0.0) as usize;
+            let end = ((corridor.centre_px + half).max(0.0) as usize).min(depth.width());
+            for up in (0..BLOCK).step_by(2) {
+                let y = depth.height() - 1 - BLOCK * block - up;
+                let (row, confidence) = (depth.disparity(y), depth.confidence(y));
+                for x in (first..end).step_by(2) {
+                    let known = row[x] > 0 && confidence[x] >= ROAD_CONFIDENCE;
+                    let nearer = f32::from(row[x]) / 256.0 - place;
+                    all += 1;
+                    seen += u32::from(!known || nearer <= AT_PX);
+                    there += u32::from(known && nearer.abs() <= AT_PX);
+                }
             }
-            let columns = 2.0 * corridor.columns_per_px * place.max(0.25);
-            self.shares.push(sum / (BLOCK as f32 * columns));
+            let enough = f64::from(seen) >= SEEN * f64::from(all) && seen > 0;
+            self.shares.push(if enough { there as f32 / seen as f32 } else { f32::NAN });
         }
     }
 
@@ -451,7 +472,7 @@ mod tests {
         let corridor = Corridor { centre_px: 60.0, columns_per_px: 10.0 };
         ProfileFinder::new(histogram.bins(), height)
             .fitting(shape)
-            .find(&histogram, line, 12, corridor)
+            .find(&histogram, depth, line, 12, corridor)
             .clone()
     }
 

@@ -107,7 +107,7 @@ const STANDING: f64 = 0.4;
 /// The widest shadow of an edge, in px.
 const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a region is no such shadow.
-const SURE: f64 = 0.85;
+const SURE: f64 = 0.7;
 /// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Strips over which stixels are linked.

@@ -39,6 +39,8 @@ pub struct StixelParameters {
     pub least_height_m: f64,
     /// Standard deviations of the noise that a row must be above the road.
     pub sigmas: f64,
+    /// Disparity by which a row must be nearer than the road that the row shows, in px.
+    pub least_rise_px: f64,
     /// What begins higher than this above the road is not in the way, in metres.
     pub greatest_height_m: f64,
     /// Nothing is looked for farther away, in px of disparity.
@@ -144,7 +146,9 @@ impl Stixels {
             let height = surface.height_m(x, y as f64, px);
             let standing = parameters.least_height_m.max(parameters.sigmas * surface.height_noise_m(px));
             // Written so that NaN is left out.
-            if !(height >= standing && height <= parameters.greatest_height_m) {
+            if !(height >= standing && height <= parameters.greatest_height_m)
+                || surface.rise_px(x, y, px) < parameters.least_rise_px
+            {
                 continue;
             }
             if !run.takes(y, d, surface.noise_px()) {

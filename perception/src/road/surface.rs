@@ -30,9 +30,20 @@ const NOISE_PX: (f64, f64) = (0.06, 1.0);
 /// Residuals up to this many px are told apart for the noise, two px in all.
 const RESIDUALS: usize = 128;
 
+/// A row's own disparity may differ from the profile's by so many px.
+const STEP_PX: f64 = 0.5;
+/// Residuals of a row that are told apart, and how many of these belong together on either side.
+const ROW_RESIDUALS: usize = 40;
+const ROW_REACH: usize = 3;
+/// Pixels of a row that tell its own disparity, and the share of them that must agree.
+const ROW_PIXELS: u32 = 12;
+const ROW_SHARE: f64 = 0.35;
+
 /// The surface, with memory allocated once.
 #[derive(Clone, Debug)]
 pub struct Surface {
+    /// Disparity that each image row of the road really shows at the principal column, in px.
+    shown_px: Vec<f32>,
     /// Row where the road has each disparity.
     rows: Vec<f32>,
     tilt: Tilt,
@@ -42,9 +53,10 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// No road yet, for disparities below `disparities` px.
-    pub fn new(rig: Rig, disparities: usize) -> Self {
+    /// No road yet, for `height` image rows and disparities below `disparities` px.
+    pub fn new(rig: Rig, height: usize, disparities: usize) -> Self {
         Self {
+            shown_px: vec![0.0; height],
             rows: vec![f32::NAN; disparities * FINE + 2],
             tilt: Tilt::default(),
             rig,
@@ -71,6 +83,44 @@ impl Surface {
         }
         self.tilt = tilt(profile, depth, least_confidence, self.rig.cx_px);
         self.measure_noise(profile, depth, least_confidence);
+        self.measure_rows(profile, depth, least_confidence);
+    }
+
+    /// What most of a row's road shows: a matcher draws a road that is seen at a flat angle as stairs, whose
+    /// steps lie in the same rows everywhere. What is as near as the rest of its row is no thing.
+    fn measure_rows(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
+        let scale = ROW_RESIDUALS as f64 / (2.0 * STEP_PX);
+        for y in 0..depth.height() {
+            let road = f64::from(profile.disparity_px()[y]);
+            self.shown_px[y] = road as f32;
+            if y < profile.top() {
+                continue;
+            }
+            let mut counts = [0_u32; ROW_RESIDUALS];
+            for (x, d) in known(depth, y, least_confidence) {
+                let place = (self.tilt.level(x as f64, f64::from(d) / 256.0) - road + STEP_PX) * scale;
+                if place >= 0.0
+                    && let Some(count) = counts.get_mut(place as usize)
+                {
+                    *count += 1;
+                }
+            }
+            let all: u32 = counts.iter().sum();
+            let window = |i: usize| i.saturating_sub(ROW_REACH)..(i + ROW_REACH + 1).min(ROW_RESIDUALS);
+            let sum = |i: usize| counts[window(i)].iter().sum::<u32>();
+            let most = (0..ROW_RESIDUALS).max_by_key(|&i| sum(i)).unwrap_or(0);
+            if all < ROW_PIXELS || f64::from(sum(most)) < ROW_SHARE * f64::from(all) {
+                continue;
+            }
+            let moment: f64 = window(most).map(|i| (i as f64 + 0.5) * f64::from(counts[i])).sum();
+            self.shown_px[y] = (road + moment / f64::from(sum(most)) / scale - STEP_PX) as f32;
+        }
+    }
+
+    /// By how many px of disparity what row `y` and column `x` show is nearer than the road of that row.
+    #[inline]
+    pub fn rise_px(&self, x_px: f64, y: usize, disparity_px: f64) -> f64 {
+        self.tilt.level(x_px, disparity_px) - f64::from(self.shown_px[y])
     }
 
     /// The median distance of road pixels from the surface, as a standard deviation.

@@ -255,6 +255,9 @@ impl Index {
                     let got = bytes.read(reader.insert(wanted)).map_err(|e| self.io(e))?;
                     reader.notify_read(got);
                 }
+                // Nothing else has a place in a chunk.
+                LinearReadEvent::Record { opcode, .. }
+                    if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) => {}
                 LinearReadEvent::Record { data, opcode } if !lengths::fit(opcode, data) => {
                     return Err(self.damaged(place.at, LONGER));
                 }

@@ -154,6 +154,7 @@ impl Pipeline {
             left: depth.left,
             disparity: depth.disparity,
             profile_px: regions.profile_px,
+            edges: regions.edge_points(),
             width: self.format.width,
             height: self.format.height,
         };

@@ -1,11 +1,11 @@
-//! `depth`: stereo → road. Disparity (u16, 1/256 px, 0 = unknown), left image, confidence (u8),
-//! each width × height values.
+//! `depth`: stereo → road. Disparity (u16, 1/256 px, 0 = unknown), left image, confidence (u8), right
+//! image as it was matched, each width × height values.
 
 use crate::header::{Header, Kind, MessageError, check_length};
 
 /// Bytes of the payload for images of `width` × `height`.
 pub fn payload_bytes(width: usize, height: usize) -> usize {
-    4 * width * height
+    5 * width * height
 }
 
 /// The maps of a message.
@@ -17,6 +17,8 @@ pub struct Depth<'a> {
     pub left: &'a [u8],
     /// Confidence, 0 to 255.
     pub confidence: &'a [u8],
+    /// Right image, its rows those of the left.
+    pub right: &'a [u8],
 }
 
 /// The maps of a message, to be written.
@@ -28,6 +30,8 @@ pub struct DepthMut<'a> {
     pub left: &'a mut [u8],
     /// Confidence, 0 to 255.
     pub confidence: &'a mut [u8],
+    /// Right image, its rows those of the left.
+    pub right: &'a mut [u8],
 }
 
 /// Checks a message and sees its maps.
@@ -37,12 +41,13 @@ pub struct DepthMut<'a> {
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, MessageError> {
     header.check(Kind::Depth)?;
     let pixels = header.pixels();
-    check_length(payload, 4 * pixels)?;
+    check_length(payload, 5 * pixels)?;
     let (disparity, rest) = payload.split_at(2 * pixels);
     let disparity = bytemuck::try_cast_slice(disparity)
         .map_err(|_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 })?;
-    let (left, confidence) = rest.split_at(pixels);
-    Ok(Depth { disparity, left, confidence })
+    let (left, rest) = rest.split_at(pixels);
+    let (confidence, right) = rest.split_at(pixels);
+    Ok(Depth { disparity, left, confidence, right })
 }
 
 /// The maps of a payload for `pixels` pixels, to be written.
@@ -50,11 +55,12 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, Message
 /// # Errors
 /// When the payload has another length or is not aligned to two bytes.
 pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, MessageError> {
-    check_length(payload, 4 * pixels)?;
+    check_length(payload, 5 * pixels)?;
     let at = payload.as_ptr() as u64;
     let (disparity, rest) = payload.split_at_mut(2 * pixels);
     let disparity = bytemuck::try_cast_slice_mut(disparity)
         .map_err(|_| MessageError::Value { what: "alignment", value: at })?;
-    let (left, confidence) = rest.split_at_mut(pixels);
-    Ok(DepthMut { disparity, left, confidence })
+    let (left, rest) = rest.split_at_mut(pixels);
+    let (confidence, right) = rest.split_at_mut(pixels);
+    Ok(DepthMut { disparity, left, confidence, right })
 }

@@ -12,6 +12,35 @@ pub const GREATEST_COUNT: usize = 64;
 /// Columns that share one distance of the free space.
 pub const FREE_COLUMNS: usize = 8;
 
+/// Stretches of the road that have edges of their own.
+pub const STRETCHES: usize = 8;
+
+/// No number of an edge is larger.
+const GREATEST_EDGE: f32 = 1e6;
+
+/// The road's edge on one side of a stretch: a kerb, or what else steps up there.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct EdgeRecord {
+    /// How much higher it is outside, in metres; 0 where no edge is seen, and all else with it.
+    pub step_m: f32,
+    /// Metres right of the camera axis.
+    pub lateral_m: f32,
+    /// Metres ahead.
+    pub distance_m: f32,
+    /// Where that is in the left image, on the road; it may lie outside.
+    pub x_px: f32,
+    /// Its row.
+    pub y_px: f32,
+}
+
+impl EdgeRecord {
+    /// Column and row of the edge, if it is seen.
+    fn point(&self) -> Option<(i32, i32)> {
+        (self.step_m > 0.0).then(|| (self.x_px.round() as i32, self.y_px.round() as i32))
+    }
+}
+
 /// The road as it was seen.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -30,6 +59,8 @@ pub struct RoadRecord {
     pub confidence: f64,
     /// Height of the camera above the road, in metres.
     pub camera_height_m: f64,
+    /// Its left and right edges, the nearest stretch first.
+    pub edges: [[EdgeRecord; 2]; STRETCHES],
 }
 
 /// One region. Boxes are in pixels of the left image.
@@ -86,6 +117,11 @@ pub struct Regions<'a> {
 }
 
 impl<'a> Regions<'a> {
+    /// Columns and rows of the road's edges, where they are seen.
+    pub fn edge_points(&self) -> [[Option<(i32, i32)>; 2]; STRETCHES] {
+        self.road.edges.map(|sides| sides.map(|edge| edge.point()))
+    }
+
     /// The grey pixels of a region's crop, rows without gaps; `None` when it has none.
     pub fn crop(&self, region: &RegionRecord) -> Option<&'a [u8]> {
         let [_, _, width, height] = region.crop.map(|v| v as usize);
@@ -107,6 +143,12 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
     let misaligned = |_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 };
     let (road, profile) = start.split_at(size_of::<RoadRecord>());
     let road: RoadRecord = bytemuck::pod_read_unaligned(road);
+    let of_edge = |e: &EdgeRecord| [e.step_m, e.lateral_m, e.distance_m, e.x_px, e.y_px];
+    if let Some(v) =
+        road.edges.iter().flatten().flat_map(of_edge).find(|v| v.is_nan() || v.abs() > GREATEST_EDGE)
+    {
+        return Err(MessageError::Value { what: "edge of the road", value: v.to_bits().into() });
+    }
     let numbers: &[f32] = bytemuck::try_cast_slice(profile).map_err(misaligned)?;
     let (profile_px, free_m) = numbers.split_at(height);
     let count = road.regions as usize;
@@ -241,7 +283,8 @@ mod tests {
         let header = Header { width: 16, height: 9, ..Header::new(Kind::Regions) };
         let mut memory = vec![u64::MAX; greatest_payload_bytes(16, 9).div_ceil(8)];
         let payload = bytemuck::cast_slice_mut(&mut memory);
-        let road = RoadRecord { seen: 1, slope: 0.1, ..RoadRecord::default() };
+        let mut road = RoadRecord { seen: 1, slope: 0.1, ..RoadRecord::default() };
+        road.edges[2][1] = EdgeRecord { step_m: 0.12, x_px: 12.4, y_px: 7.6, ..EdgeRecord::default() };
         let profile: Vec<f32> = (0..9).map(|y| y as f32).collect();
         let mut writer = Writer::new(payload, road, &profile, &[30.0, 12.5], 2).unwrap();
         let pixels = [7_u8; 20];
@@ -258,6 +301,7 @@ mod tests {
         let (header, memory) = message();
         let regions = view(&header, bytemuck::cast_slice(&memory)).unwrap();
         assert_eq!((regions.road.seen, regions.road.slope), (1, 0.1));
+        assert_eq!(regions.edge_points()[2], [None, Some((12, 8))]);
         assert_eq!(regions.profile_px[8], 8.0);
         assert_eq!(regions.free_m, [30.0, 12.5]);
         assert_eq!(regions.regions.len(), 2);

@@ -93,7 +93,11 @@ fn stages(c: &mut Criterion) {
             "a street: {} regions",
             scene.regions.len()
         );
-        group.bench_function("road", |b| b.iter(|| detector.detect(depth).regions.len()));
+        group
+            .bench_function("road without small things", |b| b.iter(|| detector.detect(depth).regions.len()));
+        if let Some(depth) = depth.with_pictures([views.0, views.1]) {
+            group.bench_function("road", |b| b.iter(|| detector.detect(depth).regions.len()));
+        }
         group.finish();
     }
 }

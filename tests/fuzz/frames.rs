@@ -36,11 +36,16 @@ fn disparity() {
         let mut map: Vec<u16> = map.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         map.resize(WIDTH * HEIGHT, 0);
         let mut detector = RoadDetector::new(RoadParameters::default(), RIG, WIDTH, HEIGHT, 32);
+        // Pictures that have nothing to do with each other, or with the map.
+        let right: Vec<u8> = map.iter().map(|d| (d >> 4) as u8).collect();
         let mut said = String::new();
         // What rises little is believed in the third frame.
         for _ in 0..3 {
             let view = DisparityView::new(&map, WIDTH, HEIGHT).expect("the map fits");
-            let scene = detector.detect(DepthView::new(view, &confidence).expect("the confidences fit"));
+            let pictures = [&confidence, &right]
+                .map(|data| GreyView::new(data, WIDTH, HEIGHT, WIDTH).expect("the pictures fit"));
+            let depth = DepthView::new(view, &confidence).expect("the confidences fit");
+            let scene = detector.detect(depth.with_pictures(pictures).expect("they have one size"));
             for r in scene.regions {
                 // What a reader of regions insists on.
                 let b = r.bounds;

@@ -86,7 +86,7 @@ fn seeds() -> Vec<Vec<u8>> {
     let mut random = Rng::with_seed(3);
     let (width, height) = (12_u32, 10_u32);
     let pixels = (width * height) as usize;
-    let noise: Vec<u8> = std::iter::repeat_with(|| random.u8(..)).take(4 * pixels).collect();
+    let noise: Vec<u8> = std::iter::repeat_with(|| random.u8(..)).take(5 * pixels).collect();
     let mut seeds = vec![input(0, width, height, &noise[..2 * pixels]), input(1, width, height, &noise)];
 
     let mut memory =

@@ -145,8 +145,14 @@ mod tests {
         prepare(&out).unwrap();
         let mut writer = FrameWriter::open(&out).unwrap();
         let (left, disparity, profile) = (vec![5; 600], vec![256; 600], vec![0.0; 20]);
-        let images =
-            OverlayInput { left: &left, disparity: &disparity, profile_px: &profile, width: 30, height: 20 };
+        let images = OverlayInput {
+            left: &left,
+            disparity: &disparity,
+            profile_px: &profile,
+            edges: Default::default(),
+            width: 30,
+            height: 20,
+        };
         writer.write(&FrameRecord { sequence: 7, ..Default::default() }, Some(images)).unwrap();
         drop(writer);
         let mut writer = FrameWriter::open(&out).unwrap();

@@ -2,11 +2,16 @@
 
 use crate::picture::{Colour, Picture};
 use crate::record::{FrameRecord, ObstacleLine};
+use perception::road::edges::STRETCHES;
 
 const RED: Colour = [255, 40, 40];
 const ORANGE: Colour = [255, 165, 40];
 const GREEN: Colour = [60, 220, 90];
 const WHITE: Colour = [240, 240, 240];
+const YELLOW: Colour = [250, 230, 60];
+
+/// Columns and rows of the road's left and right edges, where they are seen, from near to far.
+pub type EdgePoints = [[Option<(i32, i32)>; 2]; STRETCHES];
 
 /// What an overlay is drawn from: images of one size, row after row.
 #[derive(Clone, Copy, Debug)]
@@ -17,6 +22,8 @@ pub struct OverlayInput<'a> {
     pub disparity: &'a [u16],
     /// Disparity of the road in each row, in px; 0 above it.
     pub profile_px: &'a [f32],
+    /// Where the road ends to either side.
+    pub edges: EdgePoints,
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -28,14 +35,14 @@ pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, false)
 }
 
-/// Draws the road surface in green, confirmed obstacles in red with class, distance and its
-/// error, others in orange, and the alarm on top.
+/// Draws the road surface in green, its edges in yellow, confirmed obstacles in red with class,
+/// distance and its error, others in orange, and the alarm on top.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, true)
 }
 
 fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> Picture {
-    let OverlayInput { left, disparity, profile_px, width, height } = input;
+    let OverlayInput { left, disparity, profile_px, edges, width, height } = input;
     let mut picture = Picture::from_pixels(left.iter().map(|&v| [v, v, v]), width, height);
     for (y, &road) in profile_px.iter().enumerate().take(height) {
         if road <= 0.0 {
@@ -46,6 +53,13 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
             let d = f32::from(disparity[y * width + x]) / 256.0;
             if d > 0.0 && (d - road).abs() < tolerance {
                 picture.tint(x, y, GREEN, 70);
+            }
+        }
+    }
+    for side in [0, 1] {
+        for pair in edges.windows(2) {
+            if let (Some(near), Some(far)) = (pair[0][side], pair[1][side]) {
+                picture.line(near, far, YELLOW, 2);
             }
         }
     }
@@ -112,11 +126,18 @@ mod tests {
             ..FrameRecord::default()
         };
         let left = vec![90; width * height];
-        let input = OverlayInput { left: &left, disparity: &disparity, profile_px: &profile, width, height };
+        let mut edges = EdgePoints::default();
+        edges[1][1] = Some((150, 95));
+        edges[2][1] = Some((150, 70));
+        edges[4][0] = Some((-3000, 90));
+        edges[5][0] = Some((60, 90));
+        let profile_px = &profile;
+        let input = OverlayInput { left: &left, disparity: &disparity, profile_px, edges, width, height };
         let picture = draw(input, &record);
         assert_eq!(picture.at(21, 50), RED);
         assert_eq!(picture.at(101, 50), ORANGE);
         assert_eq!(picture.at(1, 50), RED, "the frame of the alarm");
+        assert_eq!([picture.at(150, 80), picture.at(20, 90)], [YELLOW; 2], "the road's edges");
         let [r, g, _] = picture.at(80, 80);
         assert!(g > r, "the road is green");
         assert_eq!(picture.at(80, 50), [90, 90, 90]);

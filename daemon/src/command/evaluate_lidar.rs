@@ -152,6 +152,7 @@ impl Seen {
             left: &self.left,
             disparity: &self.disparity,
             profile_px,
+            edges: Default::default(),
             width: self.width,
             height: self.height,
         };

@@ -5,16 +5,18 @@ use crate::launch::FrameFormat;
 use config::Config;
 use ipc::alarm::Faults;
 use ipc::header::{Header, MessageError};
-use ipc::regions::{RegionRecord, RoadRecord, Writer};
+use ipc::regions::{EdgeRecord, RegionRecord, RoadRecord, Writer};
 use ipc::{depth, regions};
 use perception::image::GreyView;
 use perception::rig::Rig;
+use perception::road::edges::Edge;
 use perception::road::{DepthView, Region, RoadDetector};
 use perception::sight::{TextureCheck, road_texture};
 use perception::stereo::DisparityView;
 
 // What the algorithm gives and what the message holds are the same columns.
 const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
+const _: () = assert!(perception::road::edges::STRETCHES == regions::STRETCHES);
 
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
 /// room.
@@ -61,10 +63,12 @@ impl Room for RoadRoom {
     fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
         let depth = depth::view(header, payload)?;
         check_size(header, self.width, self.height)?;
-        let left = GreyView::new(depth.left, self.width, self.height, self.width)?;
+        let picture = |data| GreyView::new(data, self.width, self.height, self.width);
+        let (left, right) = (picture(depth.left)?, picture(depth.right)?);
         let disparity = DisparityView::new(depth.disparity, self.width, self.height)
             .ok_or(MessageError::Length { given: depth.disparity.len(), needed: header.pixels() })?;
         let depth_view = DepthView::new(disparity, depth.confidence)
+            .and_then(|view| view.with_pictures([left, right]))
             .ok_or(MessageError::Length { given: depth.confidence.len(), needed: header.pixels() })?;
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {
@@ -79,6 +83,7 @@ impl Room for RoadRoom {
             roll: road.roll,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
+            edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
         });
         let mut writer = Writer::new(output, road, scene.profile_px, scene.free_m, scene.regions.len())?;
         for region in scene.regions {
@@ -94,6 +99,12 @@ impl Room for RoadRoom {
     fn faults(&self) -> Faults {
         Faults::SPARSE.when(self.is_sparse)
     }
+}
+
+/// The edge as a message holds it.
+fn edge_record(edge: Edge) -> EdgeRecord {
+    let Edge { lateral_m, step_m, distance_m, x_px, y_px } = edge;
+    EdgeRecord { step_m, lateral_m, distance_m, x_px, y_px }
 }
 
 /// The region as a message holds it, with the box of its crop.

@@ -75,6 +75,9 @@ impl Room for StereoRoom {
             Some(calibration) => calibration.right(right)?,
             None => right,
         };
+        for (y, row) in out.right.chunks_exact_mut(self.width).enumerate() {
+            row.copy_from_slice(shifted.row(y));
+        }
         let output = MatchOutput { disparity: &mut *out.disparity, confidence: &mut *out.confidence };
         let started = Instant::now();
         let budget = self.budget;

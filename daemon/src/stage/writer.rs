@@ -10,7 +10,7 @@ use ipc::report::Health;
 use ipc::wait::{self, Next};
 use ipc::{depth, obstacles, regions, service};
 use tools::output::FrameWriter;
-use tools::overlay::OverlayInput;
+use tools::overlay::{EdgePoints, OverlayInput};
 
 /// Frames whose images are kept until their obstacles come.
 const KEPT: usize = 4;
@@ -23,6 +23,7 @@ struct Kept {
     disparity: Vec<u16>,
     profile_of: Option<u64>,
     profile_px: Vec<f32>,
+    edges: EdgePoints,
 }
 
 /// Runs the stage.
@@ -82,6 +83,7 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                         left: &k.left,
                         disparity: &k.disparity,
                         profile_px: &k.profile_px,
+                        edges: k.edges,
                         width: format.width,
                         height: format.height,
                     });
@@ -147,6 +149,7 @@ fn keep_profile(stage: &mut Stage, roads: &Subscriber, kept: &mut [Kept; KEPT]) 
                 slot.profile_of = Some(header.sequence);
                 slot.profile_px.clear();
                 slot.profile_px.extend_from_slice(message.profile_px);
+                slot.edges = message.edge_points();
             }
         }
         stage.heartbeat()?;

@@ -1,5 +1,7 @@
-//! What the road is found in: a disparity map and how far each of its pixels is to be believed.
+//! What the road is found in: a disparity map, how far each of its pixels is to be believed, and the
+//! pictures that it was made from.
 
+use crate::image::GreyView;
 use crate::stereo::DisparityView;
 
 /// A disparity map with its confidence.
@@ -7,13 +9,27 @@ use crate::stereo::DisparityView;
 pub struct DepthView<'a> {
     disparity: DisparityView<'a>,
     confidence: &'a [u8],
+    pictures: Option<[GreyView<'a>; 2]>,
 }
 
 impl<'a> DepthView<'a> {
     /// A map with one confidence a pixel, 0 to 255, in rows without gaps; `None` when there are not as
     /// many.
     pub fn new(disparity: DisparityView<'a>, confidence: &'a [u8]) -> Option<Self> {
-        (confidence.len() == disparity.width() * disparity.height()).then_some(Self { disparity, confidence })
+        let fits = confidence.len() == disparity.width() * disparity.height();
+        fits.then_some(Self { disparity, confidence, pictures: None })
+    }
+
+    /// The same with the rectified pair, left and right; `None` when a picture has another size.
+    pub fn with_pictures(self, pictures: [GreyView<'a>; 2]) -> Option<Self> {
+        let size = (self.width(), self.height());
+        let fit = pictures.iter().all(|picture| (picture.width(), picture.height()) == size);
+        fit.then_some(Self { pictures: Some(pictures), ..self })
+    }
+
+    /// The rectified pair, left and right, if it is there.
+    pub fn pictures(&self) -> Option<[GreyView<'a>; 2]> {
+        self.pictures
     }
 
     /// Width in pixels.

@@ -2,17 +2,21 @@
 
 pub mod confirm;
 pub mod depth;
+pub mod edges;
 pub mod free_space;
 pub mod histogram;
 pub mod plane;
 pub mod profile;
 pub mod radon;
 pub mod regions;
+pub mod residual;
+pub mod small;
 pub mod stixels;
 pub mod surface;
 
 use crate::rig::Rig;
 pub use depth::DepthView;
+use edges::{EdgeFinder, Edges};
 use free_space::FreeSpace;
 use histogram::{Corridor, VDisparity};
 use profile::ProfileFinder;
@@ -20,6 +24,7 @@ pub use profile::Shape;
 use radon::{Radon, RadonRange, RoadLine};
 use regions::RegionFinder;
 pub use regions::{PixelBox, Region, RegionParameters};
+use small::SmallFinder;
 use stixels::{StixelParameters, Stixels};
 use surface::Surface;
 
@@ -81,6 +86,8 @@ pub struct Scene<'a> {
     pub regions: &'a [Region],
     /// Metres that are free ahead, for each [`free_space::COLUMNS`] columns; 0 without a road.
     pub free_m: &'a [f32],
+    /// Where the road ends to the left and to the right.
+    pub edges: &'a Edges,
 }
 
 /// Finds the road and the regions in disparity maps of one size, with memory allocated once.
@@ -96,6 +103,9 @@ pub struct RoadDetector {
     surface: Surface,
     stixels: Stixels,
     finder: RegionFinder,
+    small: SmallFinder,
+    regions: Vec<Region>,
+    edges: EdgeFinder,
     free_space: FreeSpace,
 }
 
@@ -114,7 +124,10 @@ impl RoadDetector {
             radon: Radon::new(histogram.bins(), height),
             profile: ProfileFinder::new(histogram.bins(), height).fitting(parameters.shape),
             finder: RegionFinder::new(parameters.regions, &stixels, disparities),
+            small: SmallFinder::new(width, height, parameters.regions.confirm),
+            regions: Vec::with_capacity(regions::CAPACITY + small::CAPACITY),
             surface: Surface::new(rig, height, disparities),
+            edges: EdgeFinder::default(),
             free_space: FreeSpace::new(width),
             histogram,
             stixels,
@@ -154,11 +167,14 @@ impl RoadDetector {
         let Some(line) = line.filter(|_| support >= self.parameters.least_support) else {
             self.profile.clear();
             self.free_space.clear();
+            self.edges.clear();
             let profile_px = self.profile.profile().disparity_px();
-            return Scene { road: None, profile_px, regions: &[], free_m: self.free_space.free_m() };
+            let (free_m, edges) = (self.free_space.free_m(), self.edges.edges());
+            return Scene { road: None, profile_px, regions: &[], free_m, edges };
         };
         let profile = self.profile.profile();
         self.surface.take(profile, depth, ROAD_CONFIDENCE);
+        self.edges.take(depth, &self.surface, &self.rig, profile.top(), ROAD_CONFIDENCE);
         let p = &self.parameters.regions;
         let standing = StixelParameters {
             least_height_m: 0.4 * p.least_height_m,
@@ -170,7 +186,16 @@ impl RoadDetector {
         };
         self.stixels.find(depth, &self.surface, &standing);
         let size = (self.width, self.height);
-        let regions = self.finder.find(&self.stixels, &self.surface, &self.rig, size);
+        self.regions.clear();
+        self.regions.extend_from_slice(self.finder.find(&self.stixels, &self.surface, &self.rig, size));
+        if let Some(pictures) = depth.pictures() {
+            let profile_px = profile.disparity_px();
+            let small = self.small.find(pictures, profile_px, &self.surface, &self.rig, &self.regions);
+            self.regions.extend_from_slice(small);
+            self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
+            self.regions.truncate(p.greatest_count);
+        }
+        let regions = &self.regions;
         let road = RoadModel {
             line,
             roll: self.surface.tilt().roll,
@@ -182,7 +207,8 @@ impl RoadDetector {
         let seen_m = self.rig.distance_m(f64::from(farthest_px).max(least_px));
         self.free_space.take(regions, seen_m);
         let free_m = self.free_space.free_m();
-        Scene { road: Some(road), profile_px: profile.disparity_px(), regions, free_m }
+        let edges = self.edges.edges();
+        Scene { road: Some(road), profile_px: profile.disparity_px(), regions, free_m, edges }
     }
 }
 

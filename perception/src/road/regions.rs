@@ -91,7 +91,7 @@ impl Default for RegionParameters {
 }
 
 /// Regions that are measured before the nearest are chosen.
-const CAPACITY: usize = 512;
+pub(super) const CAPACITY: usize = 512;
 /// What rises fewer standard deviations above the road is noise.
 const LEAST_PROMINENCE: f64 = 1.5;
 /// What rises by fewer px of disparity is doubtful: a matcher's steps on a road rise as much.

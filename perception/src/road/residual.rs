@@ -1,0 +1,318 @@
+//! How the right picture differs from the left one where both should show the road.
+//!
+//! The right picture is moved onto the left one by the road's disparity. What lies on the road then agrees,
+//! whatever is painted on it. What stands on it is off by δ px, its disparity less the road's: with the
+//! horizontal gradient g and the difference r of the two, r ≈ δ·g, and over a window δ = Σ g·r / Σ g². That is
+//! finer than a disparity map, whose windows and paths smear what is a few pixels large into the road.
+
+use super::surface::Tilt;
+use crate::image::GreyView;
+use crate::rig::Rig;
+
+/// Greatest gradient and difference that are counted, in half grey levels: sums of a window then fit.
+const MOST: f32 = 254.0;
+/// Columns at either border of a row that are left out: an interpolation and a gradient need them.
+const BORDER: f32 = 3.0;
+/// Rows and columns between the samples of the gain.
+const GAIN_STEP: (usize, usize) = (4, 8);
+/// One picture is at most so many times as bright as the other.
+const GREATEST_GAIN: f32 = 2.0;
+
+/// Where the road lies in both pictures.
+#[derive(Clone, Copy, Debug)]
+pub struct Ground<'a> {
+    /// Disparity of the road in each row, in px.
+    pub profile_px: &'a [f32],
+    /// How it lies across.
+    pub tilt: Tilt,
+    /// The cameras.
+    pub rig: Rig,
+}
+
+impl Ground<'_> {
+    /// Disparity of the road at a pixel, in px.
+    pub fn disparity_px(&self, x: f64, y: usize) -> f64 {
+        f64::from(self.profile_px[y]) + self.tilt.roll * (x - self.tilt.cx_px) + self.tilt.offset_px
+    }
+
+    /// Metres to the right of the camera, on the road.
+    pub fn lateral_m(&self, x: f64, y: usize) -> f64 {
+        (x - self.rig.cx_px) * self.rig.baseline_m / f64::from(self.profile_px[y]).max(1e-3)
+    }
+
+    /// Disparity that the next row below adds, in px.
+    pub fn slope(&self, y: usize) -> f64 {
+        let (above, below) = (y.saturating_sub(2), (y + 2).min(self.profile_px.len() - 1));
+        f64::from(self.profile_px[below] - self.profile_px[above]) / (below - above).max(1) as f64
+    }
+
+    /// Columns of a row that lie within `half_m` of the camera and in both pictures.
+    fn columns(&self, y: usize, half_m: f64, width: usize) -> std::ops::Range<usize> {
+        let road = f64::from(self.profile_px[y]);
+        let half = half_m * road / self.rig.baseline_m;
+        let hidden = self.disparity_px(0.0, y).max(0.0) / (1.0 - self.tilt.roll) + f64::from(BORDER);
+        let from = (self.rig.cx_px - half).max(hidden).ceil().max(f64::from(BORDER)) as usize;
+        let from = from.min(width);
+        let to = (self.rig.cx_px + half).min(width as f64 - f64::from(BORDER)).max(0.0) as usize;
+        from..to.max(from)
+    }
+}
+
+/// Sums over a window, in squared grey levels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sums {
+    /// Σ g².
+    pub gradient: f64,
+    /// Σ g·r.
+    pub product: f64,
+    /// Σ r².
+    pub difference: f64,
+    /// Pixels.
+    pub count: f64,
+}
+
+impl Sums {
+    /// What is in these but not in others.
+    pub fn without(self, other: Sums) -> Sums {
+        Sums {
+            gradient: self.gradient - other.gradient,
+            product: self.product - other.product,
+            difference: self.difference - other.difference,
+            count: self.count - other.count,
+        }
+    }
+
+    /// The same where the road's disparity is greater by `offset_px`.
+    pub fn beyond(self, offset_px: f64) -> Sums {
+        Sums { product: self.product - offset_px * self.gradient, ..self }
+    }
+
+    /// δ in px, drawn to 0 where there is less than what tells it to `prior_px` at a noise of `sigma`.
+    pub fn offset_px(&self, sigma: f64, prior_px: f64) -> f64 {
+        self.product / (self.gradient + (sigma / prior_px).powi(2))
+    }
+
+    /// δ in standard deviations, for pixels with a noise of `sigma`.
+    pub fn prominence(&self, sigma: f64) -> f64 {
+        self.product / (self.gradient.sqrt() + 1e-3) / sigma
+    }
+}
+
+/// A window: left, top, and right, bottom, which are no longer in it. It may reach outside the picture.
+pub type Window = [i32; 4];
+
+/// The differences of one pair, with memory allocated once.
+#[derive(Debug)]
+pub struct Residual {
+    width: usize,
+    height: usize,
+    /// Rows from this one on are known.
+    first: usize,
+    /// g², g·r, r² and pixels, summed over everything above and to the left, modulo 2³².
+    sums: Vec<[u32; 4]>,
+    /// A row of the right picture, moved.
+    moved: Vec<f32>,
+    gain: f32,
+}
+
+impl Residual {
+    /// A workspace for pictures of `width` × `height`.
+    pub fn new(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            first: height,
+            sums: vec![[0; 4]; (width + 1) * (height + 1)],
+            moved: vec![0.0; width],
+            gain: 1.0,
+        }
+    }
+
+    /// What the right picture is multiplied with to be as bright as the left.
+    pub fn gain(&self) -> f32 {
+        self.gain
+    }
+
+    /// Compares a pair on the road from row `first` on, within `half_m` to either side of the camera.
+    ///
+    /// # Panics
+    /// When the pictures have another size than the workspace.
+    pub fn fill(&mut self, [left, right]: [GreyView<'_>; 2], ground: &Ground<'_>, first: usize, half_m: f64) {
+        let size = (self.width, self.height);
+        assert!((left.width(), left.height()) == size && (right.width(), right.height()) == size);
+        self.first = first.min(self.height);
+        let rows = self.first..self.height;
+        let mut brightness = [1_u64; 2];
+        for y in rows.clone().step_by(GAIN_STEP.0) {
+            for x in ground.columns(y, half_m, self.width).step_by(GAIN_STEP.1) {
+                let there = (x as f64 - ground.disparity_px(x as f64, y)).clamp(0.0, (self.width - 1) as f64);
+                brightness[0] += u64::from(left.row(y)[x]);
+                brightness[1] += u64::from(right.row(y)[there as usize]);
+            }
+        }
+        let gain = brightness[0] as f32 / brightness[1] as f32;
+        self.gain = gain.clamp(1.0 / GREATEST_GAIN, GREATEST_GAIN);
+        let pitch = self.width + 1;
+        self.sums[self.first * pitch..][..pitch].fill([0; 4]);
+        for y in rows {
+            let columns = ground.columns(y, half_m, self.width);
+            self.move_row(right.row(y), ground, y, &columns);
+            let (above, here) = self.sums[y * pitch..].split_at_mut(pitch);
+            let mut sum = [0_u32; 4];
+            here[..=columns.start].copy_from_slice(&above[..=columns.start]);
+            let (row, moved) = (left.row(y), &self.moved);
+            for x in columns.clone() {
+                if x > columns.start && x + 1 < columns.end {
+                    let grey = |x: usize| f32::from(row[x]);
+                    let gradient = 0.5 * (grey(x + 1) - grey(x - 1) + moved[x + 1] - moved[x - 1]);
+                    let difference = 2.0 * (moved[x] - grey(x));
+                    let whole = |v: f32| v.round_ties_even().clamp(-MOST, MOST) as i32;
+                    let (g, r) = (whole(gradient), whole(difference));
+                    for (sum, v) in sum.iter_mut().zip([g * g, g * r, r * r, 1]) {
+                        *sum = sum.wrapping_add(v as u32);
+                    }
+                }
+                for ((here, above), sum) in here[x + 1].iter_mut().zip(above[x + 1]).zip(sum) {
+                    *here = above.wrapping_add(sum);
+                }
+            }
+            for (here, above) in here.iter_mut().zip(above.iter()).skip(columns.end + 1) {
+                for ((here, above), sum) in here.iter_mut().zip(above).zip(sum) {
+                    *here = above.wrapping_add(sum);
+                }
+            }
+        }
+    }
+
+    /// Moves columns of a row of the right picture to where the left one shows the same road.
+    fn move_row(&mut self, right: &[u8], ground: &Ground<'_>, y: usize, columns: &std::ops::Range<usize>) {
+        let start = columns.start as f64;
+        let at = (start - ground.disparity_px(start, y)) as f32;
+        let step = (1.0 - ground.tilt.roll) as f32;
+        for (k, moved) in self.moved[columns.clone()].iter_mut().enumerate() {
+            *moved = self.gain * sample(right, at + step * k as f32);
+        }
+    }
+
+    /// Sums over a window.
+    pub fn sums(&self, [left, top, right, bottom]: Window) -> Sums {
+        let column = |x: i32| x.clamp(0, self.width as i32) as usize;
+        let row = |y: i32| y.clamp(self.first as i32, self.height as i32) as usize * (self.width + 1);
+        let (left, right, top, bottom) = (column(left), column(right), row(top), row(bottom));
+        let [a, b, c, d] = [top + left, top + right, bottom + left, bottom + right].map(|i| self.sums[i]);
+        let sum = |k: usize| d[k].wrapping_sub(b[k]).wrapping_sub(c[k]).wrapping_add(a[k]);
+        Sums {
+            gradient: 0.25 * f64::from(sum(0)),
+            product: 0.25 * f64::from(sum(1) as i32),
+            difference: 0.25 * f64::from(sum(2)),
+            count: f64::from(sum(3)),
+        }
+    }
+}
+
+/// Grey between the pixels of a row (Catmull and Rom's cubic: a linear one would blur, and r would show
+/// it); the row's ends go on.
+pub fn sample(row: &[u8], at: f32) -> f32 {
+    let last = row.len() as isize - 1;
+    let whole = at.floor();
+    let t = at - whole;
+    let i = whole as isize;
+    let [a, b, c, d] = match usize::try_from(i - 1).ok().and_then(|i| row.get(i..i + 4)) {
+        Some(&[a, b, c, d]) => [a, b, c, d],
+        _ => [-1, 0, 1, 2].map(|k| row[(i + k).clamp(0, last) as usize]),
+    }
+    .map(f32::from);
+    b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (64, 40);
+    const RIG: Rig = Rig { focal_px: 100.0, baseline_m: 0.2, cx_px: 30.0, cy_px: 0.0 };
+
+    fn view(data: &[u8]) -> GreyView<'_> {
+        GreyView::new(data, SIZE.0, SIZE.1, SIZE.0).unwrap()
+    }
+
+    fn noise(seed: u64) -> Vec<u8> {
+        let mut random = fastrand::Rng::with_seed(seed);
+        (0..SIZE.0 * SIZE.1).map(|_| random.u8(..)).collect()
+    }
+
+    #[test]
+    fn samples_between_pixels_follow_a_parabola_and_never_leave_the_row() {
+        let row: Vec<u8> = (0..12).map(|x| (x * x + 3) as u8).collect();
+        for at in [1.0, 1.5, 4.25, 8.9_f32] {
+            assert!((sample(&row, at) - (at * at + 3.0)).abs() < 1e-4, "{at}");
+        }
+        for at in [-1e9, -0.5, 11.5, 1e9, f32::NAN] {
+            let value = sample(&row, at);
+            assert!(value.is_nan() || value.abs() < 1e30, "{at}: {value}");
+        }
+    }
+
+    #[test]
+    fn sums_of_windows_equal_adding_up() {
+        let (left, right) = (noise(1), noise(2));
+        let profile: Vec<f32> = (0..SIZE.1).map(|y| 0.2 * y as f32).collect();
+        let tilt = Tilt { roll: 0.01, offset_px: 0.1, cx_px: 30.0 };
+        let ground = Ground { profile_px: &profile, tilt, rig: RIG };
+        let mut residual = Residual::new(SIZE.0, SIZE.1);
+        // Twice: nothing of the pair before is left.
+        residual.fill([view(&right), view(&left)], &ground, 3, 5.0);
+        residual.fill([view(&left), view(&right)], &ground, 10, 0.9);
+        let moved = |x: usize, y: usize| {
+            let at = x as f64 - ground.disparity_px(x as f64, y);
+            residual.gain() * sample(view(&right).row(y), at as f32)
+        };
+        for window in [[20, 12, 40, 30], [0, 0, 64, 40], [-5, 25, 33, 60], [31, 33, 32, 34], [9, 9, 9, 9]] {
+            let mut sums = Sums::default();
+            for y in window[1].max(10)..window[3].min(SIZE.1 as i32) {
+                let columns = ground.columns(y as usize, 0.9, SIZE.0);
+                for x in window[0].max(0) as usize..window[2].min(SIZE.0 as i32) as usize {
+                    if x > columns.start && x + 1 < columns.end {
+                        let row = view(&left).row(y as usize);
+                        let grey = |x: usize| f32::from(row[x]);
+                        let next = [x + 1, x - 1].map(|x| grey(x) + moved(x, y as usize));
+                        let half = |v: f32| f64::from((2.0 * v).round_ties_even().clamp(-254.0, 254.0)) / 2.0;
+                        let (g, r) = (half((next[0] - next[1]) / 4.0), half(moved(x, y as usize) - grey(x)));
+                        sums.gradient += g * g;
+                        sums.product += g * r;
+                        sums.difference += r * r;
+                        sums.count += 1.0;
+                    }
+                }
+            }
+            let given = residual.sums(window);
+            assert_eq!(given.count, sums.count);
+            // An interpolated grey may fall to either side of a half.
+            let near = |a: f64, b: f64| (a - b).abs() <= 130.0 + 1e-3 * b.abs();
+            assert!(near(given.gradient, sums.gradient), "{given:?} {sums:?}");
+            assert!(near(given.product, sums.product), "{given:?} {sums:?}");
+            assert!(near(given.difference, sums.difference), "{given:?} {sums:?}");
+        }
+        assert!(residual.sums([0, 0, 64, 40]).count > 500.0);
+    }
+
+    #[test]
+    fn an_offset_is_measured_to_a_fraction_of_a_pixel() {
+        // Both pictures show one wave; the right one is darker, and the road 0.25 px nearer than it is taken for.
+        let wave = |x: f64| 120.0 + 60.0 * (0.7 * x).sin();
+        let profile = [4.0_f32; SIZE.1];
+        let pictures = [0.0, 4.25].map(|d| {
+            let gain = if d > 0.0 { 0.9 } else { 1.0 };
+            let grey = |i: usize| (gain * wave((i % SIZE.0) as f64 + d)).round() as u8;
+            (0..SIZE.0 * SIZE.1).map(grey).collect::<Vec<u8>>()
+        });
+        let ground = Ground { profile_px: &profile, tilt: Tilt::default(), rig: RIG };
+        let mut residual = Residual::new(SIZE.0, SIZE.1);
+        residual.fill([view(&pictures[0]), view(&pictures[1])], &ground, 0, 10.0);
+        let sums = residual.sums([10, 5, 50, 30]);
+        assert!((sums.offset_px(1.0, 1.0) - 0.25).abs() < 0.03, "{sums:?}");
+        assert!(sums.beyond(0.25).offset_px(1.0, 1.0).abs() < 0.03);
+        // The two cover other parts of the wave.
+        assert!((residual.gain() - 1.0 / 0.9).abs() < 0.05, "{}", residual.gain());
+    }
+}

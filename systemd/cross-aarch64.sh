@@ -4,6 +4,7 @@
 #   systemd/cross-aarch64.sh prepare    a compiler with ARM libraries into target/cross (130 MB, once)
 #   systemd/cross-aarch64.sh build      target/cross/build/aarch64-unknown-linux-gnu/release/lookout
 #   systemd/cross-aarch64.sh test [ARGS of cargo test]   kernels (perception) by default
+#   systemd/cross-aarch64.sh check-armv7 [ARGS of cargo check]   whether 32-bit ARM compiles; perception by default
 #   systemd/cross-aarch64.sh userland FOLDER   the program in a foreign userland that was unpacked there
 #                                       (debootstrap --foreign --arch=arm64), under emulation
 #
@@ -46,6 +47,16 @@ WRAPPER
   chmod +x "$cross/rustc"
 }
 
+# The ARM libraries of 32 bits: from the pool, as their index lags behind at times.
+prepare_armv7() {
+  [ -d "$cross/root/usr/lib/rustlib/armv7-unknown-linux-gnueabihf" ] && return
+  local package
+  package=$(basename "$cross"/packages/libstd-rust-web-dev_*_arm64.deb _arm64.deb)_armhf.deb
+  /usr/lib/apt/apt-helper -q download-file \
+    "http://deb.debian.org/debian-security/pool/updates/main/r/rustc-web/$package" "$cross/packages/$package"
+  dpkg-deb -x "$cross/packages/$package" "$cross/root"
+}
+
 export RUSTC=$cross/rustc CARGO_TARGET_DIR=${CROSS_TARGET_DIR:-$cross/build}
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64-static -L ${USERLAND:-/usr/aarch64-linux-gnu}"
@@ -67,6 +78,13 @@ case ${1:-} in
     [ $# -gt 0 ] || set -- -p lookout-perception --lib
     cargo test --release --locked --target $target "$@"
     ;;
+  check-armv7)
+    prepare
+    prepare_armv7
+    shift
+    [ $# -gt 0 ] || set -- -p lookout-perception
+    cargo check --locked --target armv7-unknown-linux-gnueabihf "$@"
+    ;;
   userland)
     # Its own loader and C library, as on the board.
     binary=$CARGO_TARGET_DIR/$target/release/lookout
@@ -75,7 +93,7 @@ case ${1:-} in
     qemu-aarch64-static -L "$2" "$binary" replay scene:street --in-process --limit 3
     ;;
   *)
-    sed -n '2,13s/^# \{0,1\}//p' "$0" >&2
+    sed -n '2,14s/^# \{0,1\}//p' "$0" >&2
     exit 2
     ;;
 esac

@@ -58,6 +58,10 @@ pub struct Calibrate {
     /// What the rectified pictures show: what both cameras see, everything, or the same scale
     #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
     pub crop: CropChoice,
+    /// Also solve with all pairs, those that contradict the others too, and print what half of the
+    /// views gives for the other half
+    #[arg(long)]
+    pub cross_validate: bool,
     /// Name of this pair of cameras in the rig file [default: rig and the time]
     #[arg(long, value_name = "TEXT")]
     pub serial: Option<String>,

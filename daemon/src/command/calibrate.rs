@@ -29,9 +29,23 @@ struct Figures {
     coverage_left: Option<f64>,
     coverage_right: Option<f64>,
     board_bend_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    all_views: Option<AllViews>,
+    picture_ms_median: Option<f64>,
+    picture_ms_most: Option<f64>,
     seconds: f64,
     cpu_seconds: f64,
     rig: Option<String>,
+}
+
+/// With nothing left out.
+#[derive(Serialize)]
+struct AllViews {
+    pairs_used: usize,
+    rms_px: f64,
+    vertical_mean_px: f64,
+    vertical_heldout_px: Option<f64>,
+    baseline_m: f64,
 }
 
 impl Figures {
@@ -41,6 +55,15 @@ impl Figures {
             let views = c.views.iter().zip(&outcome.views);
             views.filter(|(v, _)| v.fault.is_some()).map(|(_, p)| p.name.clone()).collect()
         });
+        let all_views = outcome.of_all.as_ref().map(|c| AllViews {
+            pairs_used: c.views.len(),
+            rms_px: c.rms_px,
+            vertical_mean_px: c.vertical_mean_px,
+            vertical_heldout_px: c.vertical_heldout_px,
+            baseline_m: c.rectification.rig.baseline_m,
+        });
+        let mut picture_ms = outcome.picture_ms.clone();
+        picture_ms.sort_unstable_by(f64::total_cmp);
         Self {
             verdict: outcome.verdict.grade.name(),
             reasons: outcome.verdict.reasons.iter().map(|r| r.text.clone()).collect(),
@@ -60,6 +83,9 @@ impl Figures {
             coverage_left: c.map(|c| c.coverage[0]),
             coverage_right: c.map(|c| c.coverage[1]),
             board_bend_m: c.map(|c| c.shape.bend_m.iter().map(|b| b.abs()).fold(0.0, f64::max)),
+            all_views,
+            picture_ms_median: picture_ms.get(picture_ms.len() / 2).copied(),
+            picture_ms_most: picture_ms.last().copied(),
             seconds: 0.0,
             cpu_seconds: 0.0,
             rig: None,
@@ -83,7 +109,13 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     if let Ok(style) = ProgressStyle::with_template("looking for the board {bar:40} {pos}/{len}") {
         bar.set_style(style);
     }
-    let request = Request { folder: &folder, board, lens: args.lens.into(), crop: args.crop.into() };
+    let request = Request {
+        folder: &folder,
+        board,
+        lens: args.lens.into(),
+        crop: args.crop.into(),
+        cross_validate: args.cross_validate,
+    };
     let outcome = calibrate(&request, &|done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
@@ -125,6 +157,13 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
             "{} of {} pairs used: reprojection error {:.3} px, rows differ by {:.3} px ({held} on views that took no part)",
             figures.pairs_used, figures.pairs, c.rms_px, c.vertical_mean_px
         ))?;
+        if let Some(all) = &figures.all_views {
+            let held = all.vertical_heldout_px.map_or("-".into(), |v| format!("{v:.3} px"));
+            say(format_args!(
+                "all {} pairs, nothing left out: reprojection error {:.3} px, rows differ by {:.3} px ({held} on the other half of the views)",
+                all.pairs_used, all.rms_px, all.vertical_mean_px
+            ))?;
+        }
         let rig = &c.rectification.rig;
         say(format_args!(
             "baseline {:.2} +- {:.2} mm; rectified focal length {:.2} px; distance in m = {:.4} / disparity in px; \
@@ -136,7 +175,11 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
             c.uncertainty.disparity_px
         ))?;
     }
-    say(format_args!("{:.2} s, {:.2} s of processor time", figures.seconds, figures.cpu_seconds))?;
+    let picture = match (figures.picture_ms_median, figures.picture_ms_most) {
+        (Some(median), Some(most)) => format!(" ({median:.0} ms a picture, at most {most:.0} ms)"),
+        _ => String::new(),
+    };
+    say(format_args!("{:.2} s, {:.2} s of processor time{picture}", figures.seconds, figures.cpu_seconds))?;
     if let Some(rig) = &figures.rig {
         say(format_args!("rig: {rig}"))?;
     }

@@ -6,7 +6,7 @@
 
 use super::camera::{Camera, Lens, MOST_PARAMETERS};
 use super::pose::{Pose, cross};
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// A view's own numbers: rotation and translation of the board, and the shift of the second picture.
 const OWN: usize = 8;
@@ -444,6 +444,15 @@ impl Problem<'_> {
             .collect::<Option<Vec<_>>>()?;
 
         Some(Solution { state, cost, shares, rounds })
+    }
+
+    /// How the shift of a view's second picture follows the shared numbers while its board's pose gives
+    /// way (2 rows), and its variance where the variance of a corner's coordinate is 1.
+    pub fn shift_response(&self, state: &State, view: usize) -> Option<(DMatrix<f64>, Matrix2<f64>)> {
+        let normal = self.normal(state, view)?;
+        let inverse = normal.own.cholesky()?.inverse();
+        let response = -(inverse * normal.mixed.transpose()).rows(6, 2);
+        Some((response, inverse.fixed_view::<2, 2>(6, 6).into_owned()))
     }
 
     /// The pose of one board before known cameras, and the shift of its second picture, from a start.

@@ -1,6 +1,6 @@
 //! Saddles joined to the lattice of a chessboard.
 
-use super::saddle::{Saddle, between};
+use super::saddle::Saddle;
 use nalgebra::Vector2;
 use std::collections::HashMap;
 
@@ -10,6 +10,8 @@ const EDGE_TOLERANCE: f64 = 0.38;
 const CONE: f64 = 0.3;
 /// Most that a corner may lie off the place predicted for it, in steps.
 const STRAY: f64 = 0.3;
+/// Share of a board's corners that must be there, in percent.
+const LEAST_PERCENT: usize = 85;
 /// Seeds tried in a picture.
 const MOST_SEEDS: usize = 80;
 
@@ -35,6 +37,7 @@ pub enum Match {
 
 /// The largest lattices among saddles (the strongest first), the one with the most corners first.
 pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
+    let index = Index::new(saddles);
     let mut used = vec![false; saddles.len()];
     let mut found: Vec<Lattice> = Vec::new();
     let mut seeds = 0;
@@ -45,7 +48,7 @@ pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
         if seeds == MOST_SEEDS {
             break;
         }
-        let Some(grown) = Growth::from_seed(saddles, &used, seed) else { continue };
+        let Some(grown) = Growth::from_seed(saddles, &index, &used, seed) else { continue };
         seeds += 1;
         if grown.cells.len() < 6 {
             continue;
@@ -60,8 +63,84 @@ pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
     found
 }
 
+/// The places of saddles, to be looked through fast.
+struct Index {
+    /// In the saddles' order.
+    places: Vec<[f32; 2]>,
+    /// Saddles of each square of the picture, squares row after row.
+    squares: Vec<Vec<u32>>,
+    /// Squares along a row.
+    columns: usize,
+}
+
+impl Index {
+    /// Side of a square, in pixels.
+    const SIDE: f64 = 16.0;
+
+    fn new(saddles: &[Saddle]) -> Self {
+        let far = saddles.iter().fold(Vector2::zeros(), |far: Vector2<f64>, s| far.sup(&s.position));
+        let (columns, rows) = (Self::square(far.x) + 1, Self::square(far.y) + 1);
+        let mut squares = vec![Vec::new(); columns * rows];
+        for (i, s) in saddles.iter().enumerate() {
+            squares[Self::square(s.position.y) * columns + Self::square(s.position.x)].push(i as u32);
+        }
+        let places = saddles.iter().map(|s| [s.position.x as f32, s.position.y as f32]).collect();
+        Self { places, squares, columns }
+    }
+
+    fn square(at: f64) -> usize {
+        (at / Self::SIDE) as usize
+    }
+
+    /// The saddles in the squares that `reach` pixels around a place touch.
+    fn around(&self, place: Vector2<f64>, reach: f64) -> impl Iterator<Item = usize> {
+        let rows = self.squares.len() / self.columns;
+        let span = |at: f64, count: usize| {
+            Self::square(at - reach)..(Self::square((at + reach).max(0.0)) + 1).min(count)
+        };
+        let columns = span(place.x, self.columns);
+        span(place.y, rows)
+            .flat_map(move |y| columns.clone().map(move |x| y * self.columns + x))
+            .flat_map(|square| self.squares[square].iter().map(|&i| i as usize))
+    }
+}
+
+/// The nearest saddles along both edges of `seed`, forth and back, that fit beside it, in the order of
+/// [`SIDES`].
+fn first_neighbours(saddles: &[Saddle], index: &Index, used: &[bool], seed: usize) -> [Option<usize>; 4] {
+    let saddle = &saddles[seed];
+    let direction = |angle: f64| Vector2::new(angle.cos() as f32, angle.sin() as f32);
+    let (i, mut j) = (direction(saddle.rising), direction(saddle.falling));
+    if i.perp(&j) < 0.0 {
+        j = -j;
+    }
+    let [x, y] = index.places[seed];
+    let narrow = (CONE.cos() as f32).powi(2);
+    let mut best = [None; 4];
+    let mut least = [f32::INFINITY; 4];
+    // Every seed passes here with every saddle: cheap tests first.
+    for (k, place) in index.places.iter().enumerate() {
+        let way = Vector2::new(place[0] - x, place[1] - y);
+        let length = way.norm_squared();
+        for (axis, towards) in [i, j].into_iter().enumerate() {
+            let along = way.dot(&towards);
+            let side = 2 * axis + usize::from(along < 0.0);
+            if along * along > narrow * length
+                && length >= 9.0
+                && length < least[side]
+                && !used[k]
+                && saddle.fits_beside(&saddles[k], EDGE_TOLERANCE)
+            {
+                (best[side], least[side]) = (Some(k), length);
+            }
+        }
+    }
+    best
+}
+
 struct Growth<'a> {
     saddles: &'a [Saddle],
+    index: &'a Index,
     taken: Vec<bool>,
     cells: HashMap<(i32, i32), usize>,
 }
@@ -69,51 +148,26 @@ struct Growth<'a> {
 const SIDES: [(i32, i32); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
 
 impl<'a> Growth<'a> {
-    fn from_seed(saddles: &'a [Saddle], used: &[bool], seed: usize) -> Option<Self> {
-        let mut growth = Self { saddles, taken: used.to_vec(), cells: HashMap::from([((0, 0), seed)]) };
-        growth.taken[seed] = true;
-        let saddle = saddles[seed];
-        let direction = |angle: f64| Vector2::new(angle.cos(), angle.sin());
-        let (i, mut j) = (direction(saddle.rising), direction(saddle.falling));
-        if i.perp(&j) < 0.0 {
-            j = -j;
-        }
-        let mut ways = [0; 2];
-        for (side, towards) in [((1, 0), i), ((-1, 0), -i), ((0, 1), j), ((0, -1), -j)] {
-            if let Some(next) = growth.first_neighbour(seed, towards) {
-                growth.taken[next] = true;
-                growth.cells.insert(side, next);
-                ways[usize::from(side.0 == 0)] += 1;
-            }
-        }
-        if ways[0] == 0 || ways[1] == 0 {
+    fn from_seed(saddles: &'a [Saddle], index: &'a Index, used: &[bool], seed: usize) -> Option<Self> {
+        let beside = first_neighbours(saddles, index, used, seed);
+        if beside[0].or(beside[1]).is_none() || beside[2].or(beside[3]).is_none() {
             return None;
         }
-        while growth.spread() {}
+        let cells = HashMap::from([((0, 0), seed)]);
+        let mut growth = Self { saddles, index, taken: used.to_vec(), cells };
+        growth.taken[seed] = true;
+        for (side, next) in SIDES.into_iter().zip(beside) {
+            if let Some(next) = next.filter(|&next| !growth.taken[next]) {
+                growth.taken[next] = true;
+                growth.cells.insert(side, next);
+            }
+        }
+        growth.spread();
         Some(growth)
     }
 
     fn place(&self, cell: (i32, i32)) -> Option<Vector2<f64>> {
         self.cells.get(&cell).map(|&i| self.saddles[i].position)
-    }
-
-    /// The nearest saddle that lies along an edge of `from` and fits beside it.
-    fn first_neighbour(&self, from: usize, towards: Vector2<f64>) -> Option<usize> {
-        let saddle = &self.saddles[from];
-        let angle = towards.y.atan2(towards.x);
-        let mut best = None;
-        let mut least = f64::INFINITY;
-        for (i, other) in self.saddles.iter().enumerate() {
-            let way = other.position - saddle.position;
-            let length = way.norm();
-            if self.taken[i] || length < 3.0 || length >= least || way.dot(&towards) <= 0.0 {
-                continue;
-            }
-            if between(way.y.atan2(way.x), angle) < CONE && saddle.fits_beside(other, EDGE_TOLERANCE) {
-                (best, least) = (Some(i), length);
-            }
-        }
-        best
     }
 
     /// The step expected from a cell to a side: as the last step there, else as beside it.
@@ -136,12 +190,27 @@ impl<'a> Growth<'a> {
         None
     }
 
-    /// Adds every neighbour that is where it is expected; whether there was any.
-    fn spread(&mut self) -> bool {
-        let mut cells: Vec<_> = self.cells.keys().copied().collect();
+    /// Adds neighbours that are where they are expected until there are no more.
+    fn spread(&mut self) {
+        let mut all = Vec::new();
+        loop {
+            // Every cell is looked at again in the end: a new one may tell where its neighbours are.
+            if all.len() == self.cells.len() {
+                return;
+            }
+            all = self.cells.keys().copied().collect();
+            let mut fresh = all.clone();
+            while !fresh.is_empty() {
+                fresh = self.beside(fresh);
+            }
+        }
+    }
+
+    /// Adds the neighbours of some cells, and gives what was added.
+    fn beside(&mut self, mut cells: Vec<(i32, i32)>) -> Vec<(i32, i32)> {
         // The order of a map changes from run to run; the result must not.
         cells.sort_unstable();
-        let before = self.cells.len();
+        let mut added = Vec::new();
         for cell in cells {
             for side in SIDES {
                 let next = (cell.0 + side.0, cell.1 + side.1);
@@ -155,24 +224,21 @@ impl<'a> Growth<'a> {
                 let (target, most) = (here.position + step, STRAY * step.norm());
                 let mut best = None;
                 let mut least = most;
-                for (i, other) in self.saddles.iter().enumerate() {
-                    let d = other.position - target;
-                    // A look at one coordinate first: this is the innermost loop.
-                    if d.x.abs() >= least || self.taken[i] {
-                        continue;
-                    }
-                    let distance = d.norm();
-                    if distance < least && here.fits_beside(other, EDGE_TOLERANCE) {
+                for i in self.index.around(target, most) {
+                    let other = &self.saddles[i];
+                    let distance = (other.position - target).norm();
+                    if distance < least && !self.taken[i] && here.fits_beside(other, EDGE_TOLERANCE) {
                         (best, least) = (Some(i), distance);
                     }
                 }
                 if let Some(i) = best {
                     self.taken[i] = true;
                     self.cells.insert(next, i);
+                    added.push(next);
                 }
             }
         }
-        self.cells.len() > before
+        added
     }
 }
 
@@ -214,7 +280,9 @@ impl Lattice {
         let (i, j) = self.extent();
         let (wide, high) = ((i.1 - i.0 + 1) as usize, (j.1 - j.0 + 1) as usize);
         let mut best: Option<(usize, f64, Places)> = None;
-        for turned in [false, true] {
+        // Too small a lattice is not even tried in all the places of a large board.
+        let enough = |count: usize| 100 * count >= LEAST_PERCENT * columns * rows;
+        for turned in [false, true].into_iter().filter(|_| enough(self.cells.len())) {
             let (n, m) = if turned { (rows, columns) } else { (columns, rows) };
             if wide > n || high > m {
                 continue;
@@ -235,9 +303,7 @@ impl Lattice {
         }
         match best {
             // Every line of the board has most of its corners.
-            Some((count, _, corners))
-                if 100 * count >= 85 * columns * rows && lines_hold(&corners, columns) =>
-            {
+            Some((count, _, corners)) if enough(count) && lines_hold(&corners, columns) => {
                 Match::Board(corners)
             }
             _ => Match::Other(wide.max(high), wide.min(high)),

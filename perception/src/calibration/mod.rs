@@ -8,6 +8,7 @@ pub mod grid;
 pub mod homography;
 pub mod plane;
 pub mod pose;
+pub mod prediction;
 pub mod rectification;
 pub mod saddle;
 pub mod start;
@@ -19,7 +20,7 @@ pub use camera::{Camera, Lens};
 pub use finder::{Board, BoardError, NoBoard, Sighting};
 pub use pose::Pose;
 pub use rectification::{Crop, Rectification, RectificationError};
-pub use stereo::{CalibrationError, Pair, StereoCalibration, ViewFault, calibrate};
+pub use stereo::{CalibrationError, Pair, StereoCalibration, ViewFault, calibrate, calibrate_all};
 pub use verdict::{Grade, Reason, Verdict, judge};
 
 #[cfg(test)]

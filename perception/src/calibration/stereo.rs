@@ -5,6 +5,7 @@ use super::bundle::{Free, Problem, RIGID, Shape, Solution, State, View};
 use super::camera::{Camera, Lens};
 use super::finder::Board;
 use super::pose::Pose;
+use super::prediction::offsets;
 use super::rectification::{Crop, Rectification, RectificationError};
 use super::start;
 use super::uncertainty::Uncertainty;
@@ -21,8 +22,10 @@ const LEAST_VIEWS_TO_BEND: usize = 8;
 const STEADY: f64 = 20.0;
 /// A view is left out when its second picture is off by more than these many robust deviations …
 const VIEW_DEVIATIONS: f64 = 3.0;
-/// … and this far across and down, or, whatever the deviation, farther than the second figure.
-const VIEW_LIMITS_PX: [[f64; 2]; 2] = [[0.4, 0.8], [0.3, 0.4]];
+/// … and this far across and down, or, whatever the deviation, farther than the second figure …
+const VIEW_LIMITS_PX: [[f64; 2]; 2] = [[0.25, 0.7], [0.2, 0.32]];
+/// … provided that this is so many deviations of where the other views foretell it, both ways together.
+const VIEW_CERTAINTY: f64 = 3.5;
 /// Corners farther off than these many robust deviations and this many pixels are left out.
 const CORNER_LIMITS: (f64, f64) = (6.0, 0.6);
 
@@ -136,6 +139,32 @@ pub fn calibrate(
     lens: Lens,
     crop: Crop,
 ) -> Result<StereoCalibration, CalibrationError> {
+    solve(board, size, pairs, lens, crop, true)
+}
+
+/// [`calibrate`] with every view, those that contradict the others too: what its figures are then, for a
+/// comparison with those who leave none out.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn calibrate_all(
+    board: &Board,
+    size: (usize, usize),
+    pairs: &[Pair],
+    lens: Lens,
+    crop: Crop,
+) -> Result<StereoCalibration, CalibrationError> {
+    solve(board, size, pairs, lens, crop, false)
+}
+
+fn solve(
+    board: &Board,
+    size: (usize, usize),
+    pairs: &[Pair],
+    lens: Lens,
+    crop: Crop,
+    selective: bool,
+) -> Result<StereoCalibration, CalibrationError> {
     if pairs.len() < LEAST_VIEWS {
         return Err(CalibrationError::TooFew { given: pairs.len() });
     }
@@ -163,11 +192,13 @@ pub fn calibrate(
     };
     for _ in 0..12 {
         let chosen: Vec<View> = used.iter().map(|&i| views[i].clone()).collect();
-        state = solved(&chosen, state, shift_cost, HUBER_PX)?.state;
-        let free = Free { lens, cameras: false, stretch: false, bend: false };
+        let solution = solved(&chosen, state, shift_cost, HUBER_PX)?;
+        let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= LEAST_VIEWS_TO_BEND };
         let problem = Problem { board: &points, views: &chosen, free, huber_px: HUBER_PX, shift_cost };
-        let mut again = reject_corners(&problem, &state, &used, &mut views, &mut rejected);
-        let new_faults = view_faults(&problem, &state, &mut sigma);
+        let mut again = reject_corners(&problem, &solution.state, &used, &mut views, &mut rejected);
+        let new_faults =
+            if selective { view_faults(&problem, &solution, &mut sigma) } else { vec![None; chosen.len()] };
+        state = solution.state;
         let keep: Vec<bool> = new_faults.iter().map(Option::is_none).collect();
         for (&i, fault) in used.iter().zip(&new_faults) {
             again |= fault.is_some();
@@ -247,6 +278,12 @@ pub fn calibrate(
         sizes.sort_unstable_by(f64::total_cmp);
         1.4826 * sizes[sizes.len() / 2]
     };
+    let shift_sigma_px = Vector2::new(spread(0), spread(1));
+    for report in &mut reports {
+        if let Some(ViewFault::Shifted(by, deviations)) = &mut report.fault {
+            *deviations = by.abs().component_div(&shift_sigma_px.map(|s| s.max(0.05))).max();
+        }
+    }
     let (halves, vertical_heldout_px) = held_out(&chosen, &solution.state, size, &|views, state| {
         solved(views, state, shift_cost, f64::INFINITY).ok()
     });
@@ -261,7 +298,7 @@ pub fn calibrate(
         rectification,
         rms_px: ((sums[0] + sums[1]) / (2.0 * n)).sqrt(),
         rms_sides_px: sums.map(|s| (s / n).sqrt()),
-        shift_sigma_px: Vector2::new(spread(0), spread(1)),
+        shift_sigma_px,
         vertical_mean_px: vertical.0 / f64::from(vertical.1.max(1)),
         vertical_heldout_px,
         halves,
@@ -319,8 +356,8 @@ fn reject_corners(
 
 /// Which of the views contradict the others. `scatter` is the robust deviation of the views' shifts;
 /// it does not shrink when views are left out, so that this comes to an end.
-fn view_faults(problem: &Problem<'_>, state: &State, scatter: &mut [f64; 2]) -> Vec<Option<ViewFault>> {
-    let n = problem.views.len();
+fn view_faults(problem: &Problem<'_>, solution: &Solution, scatter: &mut [f64; 2]) -> Vec<Option<ViewFault>> {
+    let (n, state) = (problem.views.len(), &solution.state);
     let middle = |mut values: Vec<f64>| {
         values.sort_unstable_by(f64::total_cmp);
         values.get(n / 2).copied().unwrap_or(0.0)
@@ -335,8 +372,9 @@ fn view_faults(problem: &Problem<'_>, state: &State, scatter: &mut [f64; 2]) -> 
         })
         .collect();
     let misfit_limit = (4.0 * middle(misfits.clone())).max(0.6);
+    let offsets = offsets(problem, solution, corner_variance(solution, problem.views, problem.shift_cost));
     for (axis, sigma) in scatter.iter_mut().enumerate() {
-        let sizes = state.shifts.iter().map(|s| s[axis].abs()).collect();
+        let sizes = offsets.iter().map(|o| o.shift_px[axis].abs()).collect();
         *sigma = sigma.max(1.4826 * middle(sizes));
     }
     let sigma = *scatter;
@@ -349,22 +387,23 @@ fn view_faults(problem: &Problem<'_>, state: &State, scatter: &mut [f64; 2]) -> 
     // While some do not fit at all the shifts of the others mean little.
     if found.is_empty() {
         for v in 0..n {
-            let shift = state.shifts[v];
+            let shift = offsets[v].shift_px;
             let limit = |axis: usize| {
                 let [low, high] = VIEW_LIMITS_PX[axis];
                 (VIEW_DEVIATIONS * sigma[axis]).clamp(low, high)
             };
             let excess = (0..2).map(|a| shift[a].abs() / limit(a)).fold(0.0, f64::max);
-            if excess > 1.0 {
-                let deviations = (0..2).map(|a| shift[a].abs() / sigma[a].max(0.05)).fold(0.0, f64::max);
-                found.push((excess, v, ViewFault::Shifted(shift, deviations)));
+            let certainty = shift.component_div(&offsets[v].sigma_px).norm();
+            if excess > 1.0 && certainty > VIEW_CERTAINTY {
+                found.push((excess, v, ViewFault::Shifted(shift, excess)));
             }
         }
     }
-    // One bad view makes others look bad: the worst go first.
+    // One bad view makes others look bad: the worst go first, those that are shifted nearly one by one.
+    let most = if misfits.iter().any(|m| *m > misfit_limit) { n / 6 } else { n / 20 };
     found.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
     let mut faults = vec![None; n];
-    for (_, v, fault) in found.into_iter().take((n / 6).max(1)) {
+    for (_, v, fault) in found.into_iter().take(most.max(1)) {
         faults[v] = Some(fault);
     }
     faults

@@ -166,6 +166,67 @@ fn a_shifted_view_is_named() {
     }
 }
 
+/// One picture of some view is shifted to either side, up or down; that is named, and nothing else is.
+#[test]
+fn half_a_pixel_in_one_view_is_named_every_time() {
+    let mut tries = 0;
+    for seed in 0..8 {
+        for (views, noise_px) in [(16, 0.1), (24, 0.05), (24, 0.15)] {
+            let bench = Bench::new(views, 200 + seed);
+            let clean = bench.pairs(noise_px, seed);
+            let mut random = fastrand::Rng::with_seed(seed);
+            for quarter in 0..4 {
+                let (view, side) = (random.usize(..views), random.usize(..2));
+                let (sin, cos) = (f64::from(quarter) * std::f64::consts::FRAC_PI_2).sin_cos();
+                let by = 0.5 * Vector2::new(cos, sin);
+                let mut pairs = clean.clone();
+                let corners = if side == 0 { &mut pairs[view].left } else { &mut pairs[view].right };
+                corners.iter_mut().for_each(|c| *c += by);
+                let c = bench.calibrate(&pairs);
+                let verdict = verdict(&c);
+                let context = format!("seed {seed}, {views} views, view {view}, side {side}, {by:?}");
+                assert!(says(&verdict, &format!("view{view} was left out")), "{context}: {verdict:?}");
+                assert!(verdict.grade > Grade::Good, "{context}: {verdict:?}");
+                let faults = c.views.iter().filter(|v| v.fault.is_some()).count();
+                assert_eq!(faults, 1, "{context}: {verdict:?}");
+                tries += 1;
+            }
+        }
+    }
+    assert_eq!(tries, 96);
+}
+
+#[test]
+fn views_without_a_fault_are_kept() {
+    let (mut left_out, mut views) = (0, 0);
+    for seed in 0..24 {
+        let bench = Bench::new(29, 300 + seed);
+        // Corners that are worse than those of real pictures.
+        let c = bench.calibrate(&bench.pairs([0.05, 0.15, 0.3][seed as usize % 3], seed));
+        left_out += c.views.iter().filter(|v| v.fault.is_some()).count();
+        views += c.views.len();
+    }
+    assert!(left_out == 0, "{left_out} of {views} views were left out for nothing");
+}
+
+/// Where boards move between the exposures, one shifted view cannot be told: that is said instead.
+#[test]
+fn boards_in_a_hand_are_not_good() {
+    for seed in 0..8 {
+        let bench = Bench::new(24, 400 + seed);
+        let mut pairs = bench.pairs(0.05, seed);
+        let mut random = fastrand::Rng::with_seed(seed);
+        for pair in &mut pairs {
+            let mut moved = || 0.4 * (random.f64() + random.f64() + random.f64() - 1.5);
+            let by = Vector2::new(moved(), moved());
+            pair.right.iter_mut().for_each(|c| *c += by);
+        }
+        let verdict = verdict(&bench.calibrate(&pairs));
+        assert_eq!(verdict.grade, Grade::Usable, "seed {seed}: {verdict:?}");
+        assert!(says(&verdict, "by turns"), "seed {seed}: {verdict:?}");
+    }
+}
+
 #[test]
 fn a_stretched_board_turns_the_verdict() {
     for stretch in [1.01, 0.99] {

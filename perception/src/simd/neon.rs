@@ -169,6 +169,44 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
-        super::plain::remap_pixels(source, stride, tile, out);
+        let starts = tile.windows.map(|[x, y]| usize::from(y) * stride + usize::from(x));
+        if source.len() < starts.into_iter().fold(0, usize::max) + 2 * stride + 16 {
+            // A picture smaller than a window.
+            super::plain::remap_pixels(source, stride, tile, out);
+            return;
+        }
+        for (group, start) in starts.into_iter().enumerate() {
+            let at = 8 * group;
+            // SAFETY: NEON is there. The window's third row starts two strides after its start and has
+            // 16 bytes, which was checked for the largest start. A group's eight pixels lie inside the
+            // 32 of the tile's arrays (16 bytes of `pairs`, 8 of the others) and of `out`.
+            unsafe {
+                let columns = vld2_u8(tile.pairs.as_ptr().add(at).cast());
+                let across = vld1_u8(tile.across.as_ptr().add(at));
+                let rest = vsub_u8(vdup_n_u8(32), across);
+                // Columns beyond the window, those of black pixels, give 0.
+                let row = |r: usize| {
+                    let pixels = vld1q_u8(source.as_ptr().add(start + r * stride));
+                    let (left, right) = (vqtbl1_u8(pixels, columns.0), vqtbl1_u8(pixels, columns.1));
+                    vmlal_u8(vmull_u8(left, rest), right, across)
+                };
+                let rows = [row(0), row(1), row(2)];
+                let down = vld1_u8(tile.down.as_ptr().add(at));
+                let share = vmovl_u8(vand_u8(down, vdup_n_u8(31)));
+                // All bits of a pixel where the highest one of its byte is set.
+                let sign = vshr_n_s8::<7>(vreinterpret_s8_u8(down));
+                let lower = vreinterpretq_u16_s16(vmovl_s8(sign));
+                let top = vbslq_u16(lower, rows[1], rows[0]);
+                let bottom = vbslq_u16(lower, rows[2], rows[1]);
+                // 255 · 32 · 32 takes more than 16 bits.
+                let left_over = vsubq_u16(vdupq_n_u16(32), share);
+                let low = vmull_u16(vget_low_u16(top), vget_low_u16(left_over));
+                let low = vmlal_u16(low, vget_low_u16(bottom), vget_low_u16(share));
+                let high = vmull_high_u16(top, left_over);
+                let high = vmlal_high_u16(high, bottom, share);
+                let means = vrshrn_high_n_u32::<10>(vrshrn_n_u32::<10>(low), high);
+                vst1_u8(out.0.as_mut_ptr().add(at), vmovn_u16(means));
+            }
+        }
     }
 }

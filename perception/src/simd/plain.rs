@@ -125,7 +125,7 @@ impl Simd for Plain {
     }
 }
 
-/// [`Simd::remap`] pixel by pixel: also the NEON level's way.
+/// [`Simd::remap`] pixel by pixel.
 #[inline(always)]
 pub fn remap_pixels(source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
     for i in 0..LANES {

@@ -226,9 +226,17 @@ pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>,
     Ok(vec![path.to_owned()])
 }
 
-/// Numbers as they are read back exactly.
+/// A number as it is read back exactly, with a point: to YAML 1.1, which ROS and Kalibr read, 1e-5 is text.
+fn number(value: f64) -> String {
+    let text = format!("{value:?}");
+    match text.split_once('e') {
+        Some((digits, power)) if !digits.contains('.') => format!("{digits}.0e{power}"),
+        _ => text,
+    }
+}
+
 fn list(values: impl IntoIterator<Item = f64>) -> String {
-    let words: Vec<String> = values.into_iter().map(|v| format!("{v:?}")).collect();
+    let words: Vec<String> = values.into_iter().map(number).collect();
     format!("[{}]", words.join(", "))
 }
 

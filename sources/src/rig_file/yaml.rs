@@ -40,8 +40,17 @@ pub fn parse(text: &str) -> Result<Value, String> {
             last.text.push(' ');
             last.text.push_str(text.trim());
         } else {
-            let indent = text.len() - text.trim_start().len();
-            lines.push(Line { number: i + 1, indent, text: text.trim().to_owned() });
+            let mut indent = text.len() - text.trim_start().len();
+            let mut rest = text.trim();
+            // A list that starts in the line of its own dash: a line of its own here.
+            while let Some(inner) =
+                rest.strip_prefix("- ").map(str::trim_start).filter(|i| i.starts_with("- "))
+            {
+                lines.push(Line { number: i + 1, indent, text: "-".into() });
+                indent += rest.len() - inner.len();
+                rest = inner;
+            }
+            lines.push(Line { number: i + 1, indent, text: rest.to_owned() });
         }
         for c in text.chars() {
             open += match c {
@@ -73,6 +82,11 @@ fn without_comment(line: &str) -> &str {
     }
 }
 
+/// Whether a line is an item of a list.
+fn is_item(line: &Line) -> bool {
+    line.text == "-" || line.text.starts_with("- ")
+}
+
 /// The lines from `at` on that are indented by `indent` or more.
 fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<Value, String> {
     let Some(first) = lines.get(*at) else { return Ok(Value::Map(Vec::new())) };
@@ -86,12 +100,16 @@ fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<
     let mut items = Vec::new();
     let mut keys = Vec::new();
     while let Some(line) = lines.get(*at).filter(|l| l.indent == own) {
-        let dash = line.text.starts_with("- ");
+        let dash = is_item(line);
         // A list may stand as far left as the keys around it.
         if dash && !keys.is_empty() || !dash && !items.is_empty() {
             break;
         }
         *at += 1;
+        if line.text == "-" {
+            items.push(block(lines, at, own + 1, depth + 1)?);
+            continue;
+        }
         if let Some(item) = line.text.strip_prefix("- ") {
             items.push(flow(item, line.number)?);
             continue;
@@ -104,7 +122,7 @@ fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<
             if rest.starts_with("!!") { rest.split_once(' ').map_or("", |r| r.1.trim()) } else { rest };
         let value = if rest.is_empty() {
             // A list with dashes may stand as far left as its key.
-            let dashes = lines.get(*at).is_some_and(|l| l.indent == own && l.text.starts_with("- "));
+            let dashes = lines.get(*at).is_some_and(|l| l.indent == own && is_item(l));
             block(lines, at, if dashes { own } else { own + 1 }, depth + 1)?
         } else {
             flow(rest, line.number)?
@@ -197,11 +215,14 @@ mod tests {
     #[test]
     fn what_calibration_files_use_is_read() {
         let text = "%YAML:1.0\n---\nM1: !!opencv-matrix\n   rows: 1\n   dt: d\n   data: [ 1., 2.5e+00,\n      -3 ]\n\
-                    name: \"left # 1\"\ncam0:\n  list:\n  - [1, 2]\n  - [3, 4]\n  deep: {}\nT:\n- 5\n- 6 # why\n";
+                    name: \"left # 1\"\ncam0:\n  list:\n  - [1, 2]\n  - [3, 4]\n  deep: {}\nT:\n- 5\n- 6 # why\n\
+                    rows:\n- - 1.5\n  - 2\n- - - 3\n    - 4\n  -\n    - 5\nend: 1\n";
         let v = parse(text).unwrap();
         assert_eq!(v.get("M1").unwrap().numbers().unwrap(), [1.0, 2.5, -3.0]);
         assert_eq!(v.get("cam0").unwrap().get("list").unwrap().numbers().unwrap(), [1.0, 2.0, 3.0, 4.0]);
         assert_eq!(v.get("T").unwrap().numbers().unwrap(), [5.0, 6.0]);
+        assert_eq!(v.get("rows").unwrap().numbers().unwrap(), [1.5, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!(v.get("end").unwrap().number(), Some(1.0));
         assert_eq!(v.get("M1").unwrap().get("rows").unwrap().number(), Some(1.0));
     }
 
@@ -213,6 +234,7 @@ mod tests {
         assert!(parse(&"[".repeat(99)).is_err());
         let deep: String = (0..99).map(|i| format!("{}a:\n", " ".repeat(i))).collect();
         assert!(parse(&deep).is_err());
+        assert!(parse(&"- ".repeat(99)).is_err());
         assert_eq!(parse("").unwrap(), Value::Map(Vec::new()));
     }
 }

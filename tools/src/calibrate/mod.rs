@@ -9,9 +9,11 @@ pub use pictures::{PicturePair, Pictures, PicturesError};
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
 use perception::calibration::{
-    Board, Crop, Grade, Lens, NoBoard, Pair, Reason, Sighting, StereoCalibration, Verdict, calibrate, judge,
+    Board, Crop, Grade, Lens, NoBoard, Pair, Reason, Sighting, StereoCalibration, Verdict, calibrate,
+    calibrate_all, judge,
 };
 use perception::image::GreyView;
+use rustix::time::{ClockId, clock_gettime};
 use sources::folder::read_grey;
 use sources::rig_file::{Quality, RigFile};
 use std::collections::BTreeMap;
@@ -33,6 +35,8 @@ pub struct Request<'a> {
     pub lens: Lens,
     /// How the pair is rectified.
     pub crop: Crop,
+    /// Whether the figures of all views are wanted, too: nothing left out.
+    pub cross_validate: bool,
 }
 
 /// What came of it.
@@ -50,10 +54,25 @@ pub struct Outcome {
     pub pairs: usize,
     /// Pictures without the board: the file, and why.
     pub without: Vec<(PathBuf, NoBoard)>,
+    /// Processor time that the search for the board took in each picture, in ms.
+    pub picture_ms: Vec<f64>,
+    /// The cameras from all views, those that contradict the others too, when that was asked for.
+    pub of_all: Option<StereoCalibration>,
 }
 
-/// The board in a picture, and the picture's size.
-type Look = Result<((usize, usize), Result<Sighting, NoBoard>), String>;
+/// The board in a picture, the picture's size, and the processor time that the search took, in ms.
+type Look = Result<((usize, usize), Result<Sighting, NoBoard>, f64), String>;
+
+/// [`finder::find`], and the processor time of this thread that it took, in ms.
+pub fn timed(view: GreyView<'_>, board: &Board) -> (Result<Sighting, NoBoard>, f64) {
+    let now = || {
+        let t = clock_gettime(ClockId::ThreadCPUTime);
+        t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
+    };
+    let start = now();
+    let found = finder::find(view, board);
+    (found, now() - start)
+}
 
 /// Looks for the board in all pictures, on as many threads as there are processors.
 fn look(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Look> {
@@ -67,7 +86,8 @@ fn look(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)
             let result = read_grey(path).map_err(|e| e.to_string()).and_then(|(pixels, width, height)| {
                 let view = GreyView::new(&pixels, width, height, width)
                     .map_err(|e| format!("{}: {e}", path.display()))?;
-                Ok(((width, height), finder::find(view, board)))
+                let (found, ms) = timed(view, board);
+                Ok(((width, height), found, ms))
             });
             if let Ok(mut results) = results.lock() {
                 results[i] = Some(result);
@@ -96,6 +116,8 @@ pub fn run(request: &Request<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> O
         corners: Vec::new(),
         pairs: 0,
         without: Vec::new(),
+        picture_ms: Vec::new(),
+        of_all: None,
     };
     outcome.verdict = attempt(request, progress, &mut outcome).unwrap_or_else(Verdict::redo);
     outcome
@@ -117,7 +139,8 @@ fn attempt(
     for ((pair, path), sides) in pictures.pairs.iter().zip(paths.chunks(2)).zip(looks.chunks(2)) {
         let mut found = Vec::new();
         for (path, look) in path.iter().zip(sides) {
-            let (own, sighting) = look.as_ref().map_err(Clone::clone)?;
+            let (own, sighting, ms) = look.as_ref().map_err(Clone::clone)?;
+            outcome.picture_ms.push(*ms);
             match size {
                 None => size = Some((*own, path)),
                 Some((first, first_path)) if first != *own => {
@@ -190,6 +213,9 @@ fn attempt(
         verdict.reasons.push(Reason { grade: Grade::Good, text });
     }
     outcome.calibration = result.ok();
+    if request.cross_validate {
+        outcome.of_all = calibrate_all(board, size, &outcome.corners, request.lens, request.crop).ok();
+    }
     Ok(verdict)
 }
 

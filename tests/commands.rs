@@ -156,12 +156,10 @@ fn methods_threads_and_budgets_of_the_matcher() {
 
 #[test]
 fn a_cascade_labels_what_it_recognises() {
-    let Some(cascades) = shared_data("cascades") else { return };
     let Some(kitti) = shared_data("kitti_sequence_1") else { return };
     let bench = Bench::new();
-    // Any published LBP cascade will do: this one fires on many textures. The road of this rig needs
-    // more than the bench's disparities.
-    let cascade = cascades.join("lbpcascades/lbpcascade_frontalcatface.xml");
+    // The shipped cascade under another name. The road of this rig needs more than the bench's disparities.
+    let cascade = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/vehicle.xml");
     bench.configure(&format!(
         "[recognition]\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\n",
         cascade.display()

@@ -30,7 +30,7 @@ const OBSTACLES: [(f64, [(f64, f64); 5]); 2] = [
 /// The rates that the tables need.
 pub const OFFERED_FPS: [f64; 4] = [10.0, 15.0, 20.0, 24.0];
 
-/// Share of the GPU's fastest clock (852 MHz; `None` = automatic) and rate of each run of [`CLOCKS`].
+/// Share of the GPU's fastest clock (852 MHz; `None` = automatic) and rate of each run of `CLOCKS`.
 pub const OFFERED_CLOCKS: [(Option<f64>, f64); 5] = [
     (Some(324.0 / 852.0), 24.0),
     (Some(648.0 / 852.0), 24.0),

@@ -316,10 +316,14 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
 fn two_viewers_change_no_byte_of_the_results() {
     let bench = Bench::new();
     let recording = bench.record("drive", 30);
-    bench.ok(&["replay", &recording, "--lockstep", "--out", "alone"]);
+    // Long enough that a viewer, which looks for a daemon now and then, finds it.
+    let replay = |out: &str| {
+        bench.ok(&["replay", &recording, "--lockstep", "--loop", "--limit", "600", "--out", out]);
+    };
+    replay("alone");
     let viewers = [Viewer::start(&bench, &[]), Viewer::start(&bench, &[])];
     let frames = std::thread::scope(|scope| {
-        let watched = scope.spawn(|| bench.ok(&["replay", &recording, "--lockstep", "--out", "watched"]));
+        let watched = scope.spawn(|| replay("watched"));
         let pages: Vec<_> = viewers
             .iter()
             .map(|viewer| {
@@ -342,7 +346,7 @@ fn two_viewers_change_no_byte_of_the_results() {
         watched.join().expect("the replay ends well");
         pages.into_iter().map(|page| page.join().expect("a page ends well")).collect::<Vec<_>>()
     });
-    println!("frames seen of 30: {frames:?}");
+    println!("frames seen of 600: {frames:?}");
     assert!(frames.iter().all(|&count| count > 0), "{frames:?}");
     let (alone, watched) = (files(&bench.path("alone")), files(&bench.path("watched")));
     assert!(alone.len() > 60);

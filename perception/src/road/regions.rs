@@ -110,6 +110,9 @@ const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 const SURE: f64 = 0.7;
 /// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
+/// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
+/// a car is not of the car.
+const SIDE_BY_SIDE: f64 = 0.2;
 /// Strips over which stixels are linked.
 const REACH: usize = 3;
 /// Bins of a pixel of disparity in which the near side is sought.
@@ -386,6 +389,8 @@ fn prominence(region: &Region, surface: &Surface) -> f64 {
 /// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side.
 fn linked(a: &Stixel, b: &Stixel, surface: &Surface) -> bool {
     let tolerance = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
-    let beside = a.top <= b.bottom && b.top <= a.bottom;
+    let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
+    let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
+    let beside = f64::from(shared) >= SIDE_BY_SIDE * f64::from(taller);
     beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }

@@ -167,9 +167,8 @@ mod tests {
         let start = Instant::now();
         let error = loop {
             assert!(start.elapsed() < Duration::from_secs(120), "it never ended");
-            match camera.grab(Duration::from_millis(50), &mut grey) {
-                Err(error) => break error.to_string(),
-                Ok(_) => {}
+            if let Err(error) = camera.grab(Duration::from_millis(50), &mut grey) {
+                break error.to_string();
             }
         };
         assert!(error.contains("has ended"), "{error}");

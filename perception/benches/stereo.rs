@@ -13,7 +13,7 @@ use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
 use lookout_perception::stereo::speckle::{SpeckleFilter, SpeckleParameters};
 use lookout_perception::stereo::trust::Trust;
-use lookout_perception::stereo::viterbi::{Energies, Least, Merge, PAD, Span, Sum, single, triple};
+use lookout_perception::stereo::viterbi::{Energies, Merge, PAD, Span, Sum, single, triple};
 use lookout_perception::stereo::winner::{Winner, WinnerParameters};
 use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::hint::black_box;
@@ -100,23 +100,14 @@ fn kernels(c: &mut Criterion) {
         });
         group.throughput(Throughput::Elements((3 * n * 32) as u64));
         group.bench_function("three paths, 32 x 64 nodes each", |b| {
-            let mut leasts = [Lanes::ZERO; 3];
             b.iter(|| {
                 let [first, second, third] = &mut states;
-                let [straight, right, left_after] = &mut leasts;
                 let mut energies = Energies {
                     straight: first,
                     right: second,
                     right_beside: &beside,
                     left: [&beside, &beside],
                     left_after: third,
-                    least: Least {
-                        straight,
-                        right,
-                        right_beside: &Lanes::ZERO,
-                        left: [&Lanes::ZERO; 2],
-                        left_after,
-                    },
                 };
                 let weights = [&weight; 3];
                 triple(

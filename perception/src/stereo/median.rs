@@ -9,20 +9,34 @@ type Chunk = [u16; CHUNK];
 /// The median of nine by a network of exchanges, pixel by pixel of a chunk.
 #[inline(always)]
 fn median_of_nine(v: &mut [Chunk; 9]) {
-    // A macro, not a loop over a table: the nine chunks stay in registers.
-    macro_rules! exchange {
-        ($(($a:literal, $b:literal))*) => {$(
-            let (mut low, mut high) = ([0; CHUNK], [0; CHUNK]);
-            for i in 0..CHUNK {
-                low[i] = v[$a][i].min(v[$b][i]);
-                high[i] = v[$a][i].max(v[$b][i]);
-            }
-            (v[$a], v[$b]) = (low, high);
-        )*};
-    }
-    exchange! {
-        (1, 2) (4, 5) (7, 8) (0, 1) (3, 4) (6, 7) (1, 2) (4, 5) (7, 8) (0, 3)
-        (5, 8) (4, 7) (3, 6) (1, 4) (2, 5) (4, 7) (4, 2) (6, 4) (4, 2)
+    const EXCHANGES: [(usize, usize); 19] = [
+        (1, 2),
+        (4, 5),
+        (7, 8),
+        (0, 1),
+        (3, 4),
+        (6, 7),
+        (1, 2),
+        (4, 5),
+        (7, 8),
+        (0, 3),
+        (5, 8),
+        (4, 7),
+        (3, 6),
+        (1, 4),
+        (2, 5),
+        (4, 7),
+        (4, 2),
+        (6, 4),
+        (4, 2),
+    ];
+    for (a, b) in EXCHANGES {
+        let (mut low, mut high) = ([0; CHUNK], [0; CHUNK]);
+        for i in 0..CHUNK {
+            low[i] = v[a][i].min(v[b][i]);
+            high[i] = v[a][i].max(v[b][i]);
+        }
+        (v[a], v[b]) = (low, high);
     }
 }
 

@@ -74,9 +74,6 @@ pub struct Scale {
     pub(super) horizontal: EdgeWeight,
     /// Of straight, rightward and leftward paths.
     pub(super) others: [EdgeWeight; 3],
-    /// From virtual nodes further away than this even the cheapest way costs as much as a jump: of
-    /// diagonal paths, and of all three.
-    pub(super) reach: [usize; 2],
     pub(super) level: Level,
     pub(super) width: usize,
     pub(super) height: usize,
@@ -111,19 +108,12 @@ impl Scale {
             ..parameters
         };
         let blocks = Blocks::new(width, height, disparities);
-        let weight = |lambda: u8| EdgeWeight::new(lambda, &parameters);
-        let (horizontal, straight, diagonal) = (
-            weight(parameters.lambda_horizontal),
-            weight(parameters.lambda_vertical),
-            weight(parameters.lambda_diagonal),
-        );
-        let far = |w: EdgeWeight| usize::from(parameters.truncation_other.div_ceil(w.edge.min(w.smooth)));
         let tiles = blocks.tiles();
         let padded = disparities + 2 * PAD;
         Self {
-            horizontal,
-            others: [straight, diagonal, diagonal],
-            reach: [far(diagonal), far(diagonal).max(far(straight))],
+            horizontal: EdgeWeight::new(parameters.lambda_horizontal, &parameters),
+            others: [parameters.lambda_vertical, parameters.lambda_diagonal, parameters.lambda_diagonal]
+                .map(|lambda| EdgeWeight::new(lambda, &parameters)),
             level,
             width,
             height,

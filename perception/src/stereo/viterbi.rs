@@ -199,23 +199,6 @@ pub struct Energies<'a> {
     pub left: [&'a [Lanes]; 2],
     /// Gets those of this row.
     pub left_after: &'a mut [Lanes],
-    /// The least of each of them, lane by lane.
-    pub least: Least<'a>,
-}
-
-/// The least energies of the three paths through a tile, named as [`Energies`] are.
-#[derive(Debug)]
-pub struct Least<'a> {
-    /// Become those of this row.
-    pub straight: &'a mut Lanes,
-    /// Likewise.
-    pub right: &'a mut Lanes,
-    /// Of the tile on the right.
-    pub right_beside: &'a Lanes,
-    /// Of this tile and of the one on the left.
-    pub left: [&'a Lanes; 2],
-    /// Gets those of this row.
-    pub left_after: &'a mut Lanes,
 }
 
 /// What becomes of the sum of what the jumps of the three paths cost.
@@ -261,13 +244,7 @@ pub(super) fn triple_step<S: Simd>(
     let limit = s.splat(truncation);
     let none = s.splat(u8::MAX);
     let weight = [s.load(weights[0]), s.load(weights[1]), s.load(weights[2])];
-    // Of all nodes, those that the span leaves out, too.
-    let least = [
-        s.load(energies.least.straight),
-        s.shift_right(s.load(energies.least.left[0]), s.load(energies.least.left[1])),
-        s.shift_left(s.load(energies.least.right), s.load(energies.least.right_beside)),
-    ];
-    let mut lowest = [none; 3];
+    let mut least = [none; 3];
     let mut energy = [none; 3];
     {
         let all = span.to - span.from;
@@ -290,6 +267,7 @@ pub(super) fn triple_step<S: Simd>(
         for i in 0..start {
             let node = read!(i);
             for p in 0..3 {
+                least[p] = s.min(least[p], node[p]);
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
             }
         }
@@ -297,6 +275,7 @@ pub(super) fn triple_step<S: Simd>(
             ($i:expr) => {
                 let node = read!(start + $i);
                 for p in 0..3 {
+                    least[p] = s.min(least[p], node[p]);
                     energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
                     s.store(energy[p], &mut forward[$i][p]);
                 }
@@ -321,6 +300,7 @@ pub(super) fn triple_step<S: Simd>(
         for i in (start + n..all).rev() {
             let node = read!(i);
             for p in 0..3 {
+                least[p] = s.min(least[p], node[p]);
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
             }
         }
@@ -339,13 +319,9 @@ pub(super) fn triple_step<S: Simd>(
                 energy[p] = s.min(node[p], s.add(energy[p], weight[p]));
                 jump[p] = s.min(s.sub(energy[p], least[p]), limit);
             }
-            let total = [s.add(cost, jump[0]), s.add(cost, jump[1]), s.add(cost, jump[2])];
-            for p in 0..3 {
-                lowest[p] = s.min(lowest[p], total[p]);
-            }
-            s.store(total[0], &mut a[$i]);
-            s.store(total[1], &mut b[$i]);
-            s.store(total[2], &mut c[$i]);
+            s.store(s.add(cost, jump[0]), &mut a[$i]);
+            s.store(s.add(cost, jump[1]), &mut b[$i]);
+            s.store(s.add(cost, jump[2]), &mut c[$i]);
             (s.add(s.add(jump[0], jump[1]), jump[2]), cost)
         }};
     }
@@ -380,9 +356,6 @@ pub(super) fn triple_step<S: Simd>(
             }
         }
     }
-    s.store(lowest[0], energies.least.straight);
-    s.store(lowest[1], energies.least.left_after);
-    s.store(lowest[2], energies.least.right);
 }
 
 kernel! {

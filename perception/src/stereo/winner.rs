@@ -54,15 +54,6 @@ struct Winners {
 impl Winners {
     const NONE: Winners =
         Winners { place: Lanes::ZERO, confidence: Lanes::ZERO, disparity: [0; LANES], keys: [0; LANES] };
-
-    /// The disparity of [`GROUP`] lanes from `first` on, if they have the same, as most neighbours do:
-    /// then they lie side by side in the right view, too.
-    #[inline(always)]
-    fn common_place(&self, first: usize) -> Option<usize> {
-        let group: [u8; GROUP] = self.place.0[first..first + GROUP].try_into().ok()?;
-        let same = u64::from_ne_bytes(group) == u64::from_ne_bytes([group[0]; GROUP]);
-        same.then_some(usize::from(group[0]))
-    }
 }
 
 #[inline(always)]
@@ -179,9 +170,6 @@ const JUMPS: f32 = 0.125;
 /// Confidence that a difference of the two views takes.
 const DISAGREEMENT: u8 = 30;
 
-/// Lanes that are looked up together where they can be.
-const GROUP: usize = 8;
-
 /// Columns left of the right view: x − d is never below them.
 const LEAD: usize = 256;
 
@@ -246,21 +234,9 @@ fn take<S: Simd>(
             Ok(landing) => landing,
             Err(_) => continue,
         };
-        for first in (0..LANES.min(width - x)).step_by(GROUP) {
-            match winners.common_place(first).filter(|_| x + first + GROUP <= width) {
-                Some(place) => {
-                    let seen = &mut landing[LEAD + first - place..][..GROUP];
-                    for (seen, &key) in seen.iter_mut().zip(&winners.keys[first..first + GROUP]) {
-                        *seen = key.min(*seen);
-                    }
-                }
-                None => {
-                    for lane in first..(first + GROUP).min(width - x) {
-                        let seen = &mut landing[LEAD + lane - usize::from(winners.place.0[lane])];
-                        *seen = winners.keys[lane].min(*seen);
-                    }
-                }
-            }
+        for lane in 0..LANES.min(width - x) {
+            let seen = &mut landing[LEAD + lane - usize::from(winners.place.0[lane])];
+            *seen = winners.keys[lane].min(*seen);
         }
     }
     let (zero, one) = (s.splat(0), s.splat(1));
@@ -274,20 +250,9 @@ fn take<S: Simd>(
             Err(_) => continue,
         };
         let (mut seen, mut column) = (Lanes::ZERO, Lanes::ZERO);
-        for first in (0..LANES).step_by(GROUP) {
-            let group = &mut seen.0[first..first + GROUP];
-            if let Some(place) = winners.common_place(first) {
-                for (seen, &key) in group.iter_mut().zip(&landing[LEAD + first - place..][..GROUP]) {
-                    *seen = u8::MAX - key as u8;
-                }
-            } else {
-                for (lane, seen) in (first..).zip(group) {
-                    *seen = u8::MAX - landing[LEAD + lane - usize::from(winners.place.0[lane])] as u8;
-                }
-            }
-        }
-        // Beyond 255 no disparity leaves the image.
         for lane in 0..LANES {
+            seen.0[lane] = u8::MAX - landing[LEAD + lane - usize::from(winners.place.0[lane])] as u8;
+            // Beyond 255 no disparity leaves the image.
             column.0[lane] = (x + lane).min(255) as u8;
         }
         let (place, sure) = (s.load(&winners.place), s.load(&winners.confidence));

@@ -3,7 +3,7 @@
 use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::scale::{EdgeWeight, Scale};
-use super::viterbi::{Energies, Least, Merge, NEAR, PAD, Span, Sum, single_step, triple_step};
+use super::viterbi::{Energies, Merge, NEAR, PAD, Span, Sum, single_step, triple_step};
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// What one thread needs for itself.
@@ -15,9 +15,6 @@ pub(super) struct Worker {
     straight: Vec<Lanes>,
     right: Vec<Lanes>,
     left: [Vec<Lanes>; 2],
-    /// The least of each tile's: of straight paths, of those from the right, and twice of those from
-    /// the left.
-    least: [Vec<Lanes>; 4],
     /// The costs of a strip; empty where they use the volume.
     pub(super) costs: Vec<Lanes>,
     /// H of a strip, likewise.
@@ -68,7 +65,6 @@ impl Worker {
             straight: vec![Lanes::FULL; tiles * padded],
             right: vec![Lanes::FULL; tiles * padded],
             left: std::array::from_fn(|_| vec![Lanes::FULL; tiles * padded]),
-            least: std::array::from_fn(|_| vec![Lanes::ZERO; tiles]),
             costs: Vec::new(),
             merged: Vec::new(),
             finished: vec![Lanes::ZERO; tiles * pitch(disparities)],
@@ -88,7 +84,6 @@ impl Worker {
             .chain([&self.merged, &self.column_weights])
             .chain(&self.left)
             .chain(&self.columns)
-            .chain(&self.least)
             .chain(&self.weights);
         let vectors = lanes.map(Vec::len).sum::<usize>() + 3 * self.forward.len();
         vectors * LANES + self.cost.bytes() + self.steps.len() * size_of::<Step>()
@@ -109,7 +104,6 @@ impl Worker {
                 tile[padded - PAD..].fill(Lanes::FULL);
             }
         }
-        self.least.iter_mut().for_each(|least| least.fill(Lanes::ZERO));
         let last = self.right.len() - padded;
         let last = &mut self.right[last..];
         last[..PAD].fill(edge);
@@ -266,9 +260,6 @@ fn horizontal_layer<S: Simd>(
 fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
     let strip = scale.blocks.strip(y / STRIP);
     let last = strip.len() - 1;
-    // Within a strip a straight path has no virtual nodes: the windows are the same.
-    let enters = from.is_none_or(|from| from / STRIP != y / STRIP);
-    let reach = scale.reach[usize::from(enters)];
     let before = |tile: usize| match from {
         None => (0, scale.blocks.disparities()),
         Some(from) => scale.blocks.strip(from / STRIP)[tile].window(),
@@ -285,7 +276,7 @@ fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
             let beside = before(beside);
             old = (old.0.min(beside.0), old.1.max(beside.1));
         }
-        step.span = Span::new(block.window(), old, usize::from(step.slopes != [0; 3])).within(reach);
+        step.span = Span::new(block.window(), old, usize::from(step.slopes != [0; 3]));
     }
 }
 
@@ -327,17 +318,11 @@ fn advance_row<S: Simd>(
         None => (0, scale.blocks.disparities()),
         Some(row) => scale.blocks.strip(row / STRIP)[tile].window(),
     };
-    let Worker {
-        straight, right, left: [left, left_after], least, finished, steps, weights, forward, ..
-    } = worker;
-    let [least_straight, least_right, least_left, least_left_after] = least;
+    let Worker { straight, right, left: [left, left_after], finished, steps, weights, forward, .. } = worker;
     let mut done = 0;
     for (tile, (block, step)) in strip.iter().zip(&*steps).enumerate() {
         let place = tile * padded..(tile + 1) * padded;
         let (right_here, right_next) = right[place.start..].split_at_mut(padded);
-        let Some((least_right_here, least_right_next)) = least_right[tile..].split_first_mut() else {
-            return;
-        };
         if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= NEAR) {
             // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
             let at = next.at + y % STRIP * next.pitch();
@@ -367,13 +352,6 @@ fn advance_row<S: Simd>(
                 if tile == 0 { &scale.fresh } else { &left[place.start - padded..place.start] },
             ],
             left_after: &mut left_after[place],
-            least: Least {
-                straight: &mut least_straight[tile],
-                right: least_right_here,
-                right_beside: least_right_next.first().unwrap_or(&Lanes::ZERO),
-                left: [&least_left[tile], if tile == 0 { &Lanes::ZERO } else { &least_left[tile - 1] }],
-                left_after: &mut least_left_after[tile],
-            },
         };
         triple_step(
             s,
@@ -392,7 +370,6 @@ fn advance_row<S: Simd>(
             // Lanes beyond the image must not feed a leftward path.
             let window = PAD + block.low..PAD + block.high;
             energies.right[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
-            energies.least.right.0[beyond..].fill(0);
         }
         if enters {
             let old = window_at(from, tile);
@@ -405,7 +382,6 @@ fn advance_row<S: Simd>(
         }
     }
     std::mem::swap(left, left_after);
-    std::mem::swap(least_left, least_left_after);
     if matches!(sums, Sums::Stream(_) | Sums::StreamBoth { .. }) {
         s.settle();
     }

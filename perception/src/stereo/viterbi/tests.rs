@@ -126,27 +126,12 @@ fn the_fast_recursion_equals_brute_force_at_every_level() {
                     kept.fill(Lanes::ZERO);
                 }
                 let [a, b, c] = &mut copies;
-                // The least of everything that a lane's path had before.
-                let least_of = |state: &[Lanes]| {
-                    Lanes(std::array::from_fn(|lane| state.iter().map(|l| l.0[lane]).min().unwrap()))
-                };
-                let mut least = [&states[0], &states[1], &states[2]].map(|state| least_of(state));
-                let beside = [&sides[1], &sides[2]].map(|state| least_of(state));
-                let own_left = least[1];
-                let [least_straight, least_left, least_right] = &mut least;
                 let mut energies = Energies {
                     straight: a,
                     right: c,
                     right_beside: &sides[2],
                     left: [&states[1], &sides[1]],
                     left_after: b,
-                    least: Least {
-                        straight: least_straight,
-                        right: least_right,
-                        right_beside: &beside[1],
-                        left: [&own_left, &beside[0]],
-                        left_after: least_left,
-                    },
                 };
                 let weights = [&weights[0], &weights[1], &weights[2]];
                 let mut sum = match kind {
@@ -167,10 +152,6 @@ fn the_fast_recursion_equals_brute_force_at_every_level() {
                     &mut vec![[Lanes::ZERO; 3]; n],
                 );
                 assert_eq!(kept, data);
-                for (p, least) in least.iter().enumerate() {
-                    let window = &copies[p][PAD + window.0..PAD + window.1];
-                    assert_eq!(*least, least_of(window), "path {p}");
-                }
                 for (i, lanes) in out.iter().enumerate() {
                     for lane in 0..LANES {
                         let cost = i32::from(data[i].0[lane]);

@@ -76,15 +76,6 @@ impl Fallback {
 }
 
 impl Matcher for Fallback {
-    fn compute(
-        &mut self,
-        left: GreyView<'_>,
-        right: GreyView<'_>,
-        output: MatchOutput<'_>,
-    ) -> Result<(), MatchError> {
-        self.compute_within(left, right, output, &mut || true).map(|_| ())
-    }
-
     fn compute_within(
         &mut self,
         left: GreyView<'_>,
@@ -146,15 +137,6 @@ mod tests {
     }
 
     impl Matcher for Numbered {
-        fn compute(
-            &mut self,
-            left: GreyView<'_>,
-            right: GreyView<'_>,
-            output: MatchOutput<'_>,
-        ) -> Result<(), MatchError> {
-            self.compute_within(left, right, output, &mut || true).map(|_| ())
-        }
-
         fn compute_within(
             &mut self,
             _: GreyView<'_>,

@@ -153,7 +153,9 @@ pub trait Matcher {
         left: GreyView<'_>,
         right: GreyView<'_>,
         output: MatchOutput<'_>,
-    ) -> Result<(), MatchError>;
+    ) -> Result<(), MatchError> {
+        self.compute_within(left, right, output, &mut || true).map(|_| ())
+    }
 
     /// As [`Self::compute`], but gives up the scale it works on once `go_on` says no (it is asked
     /// every 32 rows of all but the coarsest scale) and returns the one before, enlarged. The coarsest scale is always finished.

@@ -330,15 +330,6 @@ fn forget(disparity: &[u16], confidence: &mut [u8]) {
 }
 
 impl Matcher for Mpv {
-    fn compute(
-        &mut self,
-        left: GreyView<'_>,
-        right: GreyView<'_>,
-        output: MatchOutput<'_>,
-    ) -> Result<(), MatchError> {
-        self.compute_within(left, right, output, &mut || true).map(|_| ())
-    }
-
     fn compute_within(
         &mut self,
         left: GreyView<'_>,

@@ -237,15 +237,6 @@ impl GpuMpv {
 }
 
 impl Matcher for GpuMpv {
-    fn compute(
-        &mut self,
-        left: GreyView<'_>,
-        right: GreyView<'_>,
-        output: MatchOutput<'_>,
-    ) -> Result<(), MatchError> {
-        self.compute_within(left, right, output, &mut || true).map(|_| ())
-    }
-
     /// The GPU always finishes: `go_on` is not asked, and the map is the finest.
     fn compute_within(
         &mut self,

@@ -72,7 +72,8 @@ fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
 fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
-    let out = bench.ok(&["replay", &recording, "--fps", "1000", "--loop", "--limit", "400", "--json"]);
+    let args = ["replay", &recording, "--fps", "1000", "--loop", "--limit", "400", "--json"];
+    let out = bench.ok(&[&args[..], &["--set", "stereo.method=full"]].concat());
     bench.assert_clean();
     let summary: serde_json::Value = serde_json::from_str(&out).unwrap();
     let number = |v: &serde_json::Value| v.as_u64().unwrap();

@@ -4,91 +4,37 @@ use crate::simd::{Level, Simd, kernel};
 
 /// Pixels that are sorted side by side.
 const CHUNK: usize = 32;
-type Chunk = [u16; CHUNK];
+/// A row of a chunk with one column on each side.
+type Padded = [u16; CHUNK + 2];
 
-/// The median of nine by a network of exchanges, pixel by pixel of a chunk.
+/// Three values in order.
 #[inline(always)]
-fn median_of_nine(v: &mut [Chunk; 9]) {
-    const EXCHANGES: [(usize, usize); 19] = [
-        (1, 2),
-        (4, 5),
-        (7, 8),
-        (0, 1),
-        (3, 4),
-        (6, 7),
-        (1, 2),
-        (4, 5),
-        (7, 8),
-        (0, 3),
-        (5, 8),
-        (4, 7),
-        (3, 6),
-        (1, 4),
-        (2, 5),
-        (4, 7),
-        (4, 2),
-        (6, 4),
-        (4, 2),
-    ];
-    for (a, b) in EXCHANGES {
-        let (mut low, mut high) = ([0; CHUNK], [0; CHUNK]);
-        for i in 0..CHUNK {
-            low[i] = v[a][i].min(v[b][i]);
-            high[i] = v[a][i].max(v[b][i]);
-        }
-        (v[a], v[b]) = (low, high);
-    }
-}
-
-/// The same where all pixels are known: columns are sorted once for the three windows they are in;
-/// the median is that of the greatest low, the median middle and the least high.
-#[inline(always)]
-fn median_of_known(rows: &[&[u16]; 3], out: &mut [u16]) {
-    const WIDE: usize = CHUNK + 2;
-    let (mut low, mut middle, mut high) = ([0; WIDE], [0; WIDE], [0; WIDE]);
-    for x in 0..WIDE {
-        let (a, b, c) = (rows[0][x], rows[1][x], rows[2][x]);
-        let (small, large) = (a.min(b), a.max(b));
-        low[x] = small.min(c);
-        middle[x] = small.max(large.min(c));
-        high[x] = large.max(c);
-    }
-    let of_three = |a: u16, b: u16, c: u16| a.min(b).max(a.max(b).min(c));
-    for x in 0..CHUNK {
-        let low = low[x].max(low[x + 1]).max(low[x + 2]);
-        let middle = of_three(middle[x], middle[x + 1], middle[x + 2]);
-        let high = high[x].min(high[x + 1]).min(high[x + 2]);
-        out[x] = of_three(low, middle, high);
-    }
+fn sorted([a, b, c]: [u16; 3]) -> [u16; 3] {
+    let (small, large) = (a.min(b), a.max(b));
+    [small.min(c), small.max(large.min(c)), large.max(c)]
 }
 
 /// Filters a row; `rows` have a column of border before it and reach to the end of its last chunk
 /// and one column further, as `out` does to the end of its last chunk.
+///
+/// With each column of the window in order, the median is that of the greatest low, the median middle
+/// and the least high.
 #[inline(always)]
 fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
     for (n, out) in out.chunks_exact_mut(CHUNK).enumerate() {
-        let at = n * CHUNK;
-        let mut values = [[0; CHUNK]; 9];
-        let mut centre = [0; CHUNK];
-        centre.copy_from_slice(&rows[1][at + 1..at + 1 + CHUNK]);
-        let whole =
-            rows.iter().all(|row| row[at..at + CHUNK + 2].iter().fold(true, |whole, &v| whole & (v != 0)));
-        if whole {
-            median_of_known(&rows.map(|row| &row[at..at + CHUNK + 2]), out);
-            continue;
-        }
-        for (row, values) in rows.iter().zip(values.chunks_exact_mut(3)) {
-            for (column, values) in values.iter_mut().enumerate() {
-                let pixels = &row[at + column..at + column + CHUNK];
-                for i in 0..CHUNK {
-                    // An unknown neighbour votes as the pixel itself.
-                    values[i] = if pixels[i] == 0 { centre[i] } else { pixels[i] };
-                }
-            }
-        }
-        median_of_nine(&mut values);
-        for i in 0..CHUNK {
-            out[i] = if centre[i] == 0 { 0 } else { values[4][i] };
+        let chunk = |row: usize| rows[row].get(n * CHUNK..).and_then(|row| row.first_chunk());
+        let (Some(above), Some(here), Some(below)) = (chunk(0), chunk(1), chunk(2)) else { continue };
+        let rows: [&Padded; 3] = [above, here, below];
+        for (x, out) in out.iter_mut().enumerate() {
+            let centre = here[x + 1];
+            // An unknown neighbour votes as the pixel itself.
+            let known = |row: usize, x: usize| if rows[row][x] == 0 { centre } else { rows[row][x] };
+            let column = |x: usize| sorted([known(0, x), known(1, x), known(2, x)]);
+            let (a, b, c) = (column(x), column(x + 1), column(x + 2));
+            let low = a[0].max(b[0]).max(c[0]);
+            let middle = sorted([a[1], b[1], c[1]])[1];
+            let high = a[2].min(b[2]).min(c[2]);
+            *out = if centre == 0 { 0 } else { sorted([low, middle, high])[1] };
         }
     }
 }

@@ -126,15 +126,16 @@ fn pick<S: Simd>(
     s.store(h_here, &mut data[1]);
     s.store(h_after, &mut data[2]);
     for lane in 0..LANES {
-        let place = winners.place.0[lane];
-        let value = |of: &[Lanes; 3], side: usize| f32::from(of[side].0[lane]);
-        let jump = |side: usize| value(&sums, side) - value(&data, side);
-        let here = value(&data, 1);
-        let by_data = (sub_pixel == SubPixel::Data) & (value(&data, 0) > here) & (value(&data, 2) > here);
-        let side = |side: usize| if by_data { value(&data, side) } else { value(&sums, side) };
-        let lean = if by_data { JUMPS * (jump(0) - jump(2)) } else { 0.0 };
-        let part = between(side(0), side(1), side(2), lean);
+        let value = |of: &Lanes| f32::from(of.0[lane]);
+        // All are read before one is chosen: a choice between two places to read from is no vector operation.
+        let [e_before, e_here, e_after] = [value(&sums[0]), value(&sums[1]), value(&sums[2])];
+        let [d_before, d_here, d_after] = [value(&data[0]), value(&data[1]), value(&data[2])];
+        let by_data = (sub_pixel == SubPixel::Data) & (d_before > d_here) & (d_after > d_here);
+        let lean = JUMPS * ((e_before - d_before) - (e_after - d_after));
+        let by = |data: f32, energy: f32| if by_data { data } else { energy };
+        let part = between(by(d_before, e_before), by(d_here, e_here), by(d_after, e_after), by(lean, 0.0));
         let part = if sub_pixel == SubPixel::None { 0 } else { part };
+        let place = winners.place.0[lane];
         winners.disparity[lane] = (i32::from(place) * 256 + part) as u16;
         winners.keys[lane] = u16::from(sums[1].0[lane]) << 8 | u16::from(u8::MAX - place);
     }
@@ -146,9 +147,12 @@ fn pick<S: Simd>(
 /// cost the same on both sides do not flatten it.
 #[inline(always)]
 fn between(before: f32, here: f32, after: f32, lean: f32) -> i32 {
+    // No number here is NaN: one comparison each, where `max` takes care of them, too.
+    let higher = |a: f32, b: f32| if a > b { a } else { b };
+    let lower = |a: f32, b: f32| if a < b { a } else { b };
     // At least 1, so that a flat energy gives no place of its own.
-    let slope = (before - here).max(after - here).max(1.0) + lean.abs();
-    whole((128.0 * (before - after + lean) / slope).clamp(-128.0, 128.0))
+    let slope = higher(higher(before, after) - here, 1.0) + lean.abs();
+    whole(lower(higher(128.0 * (before - after + lean) / slope, -128.0), 128.0))
 }
 
 /// The whole number next to a small one on the way to zero, as `as i32` gives it, but by operations

@@ -119,8 +119,8 @@ impl Simd for Avx512 {
         low: usize,
         out: &mut [Lanes],
     ) {
-        // 36 columns are used, three vectors of sixteen cover them.
-        const COLUMNS: usize = LANES + 16;
+        // 36 columns are used: two vectors of sixteen and one of four cover them.
+        const COLUMNS: usize = LANES + 4;
         let Some(last) = out.len().checked_sub(1) else { return };
         assert!(low.checked_add(last).is_some_and(|high| at >= high));
         assert!(at - low <= right.gradient.len());
@@ -147,17 +147,21 @@ impl Simd for Avx512 {
             for (k, cost) in out.iter_mut().enumerate() {
                 let x = at - low - k;
                 let (upper, fifth) = (words(right.words[0], x), words(right.words[2], x));
-                let mut column = [none; 4];
-                for v in 0..3 {
-                    let sum = _mm512_dpbusd_epi32(none, first[v], upper[v]);
-                    column[v] = _mm512_dpbusd_epi32(sum, second[v], fifth[v]);
+                let mut column = [none; 3];
+                for v in 0..2 {
+                    let sum = _mm512_dpbusd_epi32(none, first.0[v], upper.0[v]);
+                    column[v] = _mm512_dpbusd_epi32(sum, second.0[v], fifth.0[v]);
                 }
+                let few = _mm_dpbusd_epi32(_mm_setzero_si128(), first.1, upper.1);
+                let few = _mm_dpbusd_epi32(few, second.1, fifth.1);
+                column[2] = _mm512_castsi128_si512(few);
                 // Sums of two, then four, then five columns.
                 let mut two = [none; 3];
-                for v in 0..3 {
+                for v in 0..2 {
                     let next = _mm512_alignr_epi32::<1>(column[v + 1], column[v]);
                     two[v] = _mm512_add_epi32(column[v], next);
                 }
+                two[2] = _mm512_castsi128_si512(_mm_add_epi32(few, _mm_srli_si128::<4>(few)));
                 let right_scale = floats(right.scale, x);
                 let right_mean = floats(right.mean, x);
                 let mut scored = [_mm_setzero_si128(); 2];
@@ -190,20 +194,19 @@ impl Simd for Avx512 {
     }
 }
 
-/// Three vectors of words from `at` on.
+/// 36 words from `at` on.
 ///
 /// # Safety
-/// AVX-512 is there and `row` has 48 values from `at` on.
+/// AVX-512 is there and `row` has 36 values from `at` on.
 #[inline(always)]
-unsafe fn words(row: &[u32], at: usize) -> [__m512i; 3] {
+unsafe fn words(row: &[u32], at: usize) -> ([__m512i; 2], __m128i) {
     // SAFETY: as promised by the caller.
     unsafe {
         let row = row.as_ptr().add(at);
-        [
-            _mm512_loadu_si512(row.cast()),
-            _mm512_loadu_si512(row.add(16).cast()),
-            _mm512_loadu_si512(row.add(32).cast()),
-        ]
+        (
+            [_mm512_loadu_si512(row.cast()), _mm512_loadu_si512(row.add(16).cast())],
+            _mm_loadu_si128(row.add(32).cast()),
+        )
     }
 }
 

@@ -292,7 +292,8 @@ impl CostStrip {
             level,
             width,
             left: Plane::new(0, 0, width),
-            right: Plane::new(disparities, 128, width),
+            // Whole vectors of columns: what is left over would be prepared one by one.
+            right: Plane::new(disparities.next_multiple_of(LANES), 128, width),
         }
     }
 

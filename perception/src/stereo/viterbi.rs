@@ -22,7 +22,8 @@ use crate::simd::{Lanes, Simd, kernel};
 /// Nodes that do not exist on either side of a state, so that a slope step needs no test.
 pub const PAD: usize = 2;
 
-/// Wider windows have their data fetched ahead node by node, narrower ones block by block.
+/// Wider windows have their data fetched ahead node by node, narrower ones block by block, and are
+/// searched for neighbours of winners only where there are some.
 pub(super) const NEAR: usize = 48;
 
 /// Nodes that a step visits, as places in a padded state: disparity + [`PAD`].

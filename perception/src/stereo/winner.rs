@@ -2,6 +2,7 @@
 //! confidence.
 
 use super::energy::EnergyRow;
+use super::viterbi::NEAR;
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// How the winner of a pixel is chosen and trusted.
@@ -77,13 +78,27 @@ fn pick<S: Simd>(
         best = s.min(node, best);
         here = s.add(here, one);
     }
-    // The winner's neighbours, where it has both, and the best node further away.
+    // The winner's neighbours, where it has both, and the best node further away. No lane has its winner
+    // or a neighbour of it outside `near`, which is worth knowing where windows are wide.
+    let mut near = 0..nodes.len();
+    if near.end > NEAR {
+        let mut places = Lanes::ZERO;
+        s.store(place, &mut places);
+        let (first, last) = extent(&places);
+        near = usize::from(first).saturating_sub(1)..(usize::from(last) + 2).min(near.end);
+    }
     let (left, right) = (s.sub(place, one), s.add(place, one));
     let (mut before, mut after, mut second) = (best, best, none);
     // The same of H.
     let (mut h_before, mut h_here, mut h_after) = (zero, zero, zero);
-    let mut here = zero;
-    for (node, data) in nodes.iter().zip(data) {
+    for node in &nodes[..near.start] {
+        second = s.min(second, s.load(node));
+    }
+    for node in &nodes[near.end..] {
+        second = s.min(second, s.load(node));
+    }
+    let mut here = s.splat(near.start as u8);
+    for (node, data) in nodes[near.clone()].iter().zip(&data[near]) {
         let (node, data) = (s.load(node), s.load(data));
         before = s.select_equal(here, left, node, before);
         after = s.select_equal(here, right, node, after);
@@ -139,6 +154,12 @@ fn pick<S: Simd>(
         winners.disparity[lane] = (i32::from(place) * 256 + part) as u16;
         winners.keys[lane] = u16::from(sums[1].0[lane]) << 8 | u16::from(u8::MAX - place);
     }
+}
+
+/// The smallest and the greatest lane.
+#[inline(always)]
+fn extent(values: &Lanes) -> (u8, u8) {
+    values.0.iter().fold((u8::MAX, 0), |(least, most), &v| (least.min(v), most.max(v)))
 }
 
 /// Where the winner truly lies, in 1/256 px from its node: where two lines of equal slope through

@@ -1,7 +1,6 @@
 //! NEON: one vector is two registers of 128 bits. Every 64-bit ARM has it.
 
-use super::plain::score_pairs;
-use super::{CostConstants, CostRow, Lanes, Packing, RemapTile, Simd};
+use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::aarch64::*;
 
 /// The NEON level.
@@ -164,7 +163,71 @@ impl Simd for Neon {
         low: usize,
         out: &mut [Lanes],
     ) {
-        score_pairs(constants, left, right, at, low, out);
+        // 36 columns are used, nine vectors of four words.
+        const COLUMNS: usize = LANES + 4;
+        let Some(last) = out.len().checked_sub(1) else { return };
+        assert!(low.checked_add(last).is_some_and(|high| at >= high));
+        assert!(at - low <= right.gradient.len());
+        for (l, r) in left.words.into_iter().zip(right.words) {
+            assert!(l.len() >= COLUMNS && r.len() >= at - low + COLUMNS);
+        }
+        for (l, r) in [(left.scale, right.scale), (left.mean, right.mean)] {
+            assert!(l.len() >= LANES && r.len() >= at - low + LANES);
+        }
+        assert!(left.gradient.len() >= LANES && right.gradient.len() >= at - low + LANES);
+        // SAFETY: NEON is there. All addresses lie inside the slices: x is at most `at - low` and at
+        // least 0, and the lengths were checked above for them.
+        unsafe {
+            let pairs =
+                |row: &[u32], at: usize| vreinterpretq_s16_s32(vld1q_s32(row.as_ptr().add(at).cast()));
+            let floats = |row: &[f32], at: usize| vld1q_f32(row.as_ptr().add(at));
+            let bias = vdupq_n_s32(constants.bias);
+            let middle = vdupq_n_f32(constants.middle);
+            let limit = vdupq_n_u8(constants.gradient_limit);
+            for (k, cost) in out.iter_mut().enumerate() {
+                let x = at - low - k;
+                let mut column = [bias; COLUMNS / 4];
+                for (v, column) in column.iter_mut().enumerate() {
+                    let (l, r) = (pairs(left.words[0], 4 * v), pairs(right.words[0], x + 4 * v));
+                    let mut even = vmull_s16(vget_low_s16(l), vget_low_s16(r));
+                    let mut odd = vmull_high_s16(l, r);
+                    for row in 1..3 {
+                        let (l, r) = (pairs(left.words[row], 4 * v), pairs(right.words[row], x + 4 * v));
+                        even = vmlal_s16(even, vget_low_s16(l), vget_low_s16(r));
+                        odd = vmlal_high_s16(odd, l, r);
+                    }
+                    // The products of a word's two rows lie side by side.
+                    *column = vpaddq_s32(even, odd);
+                }
+                // Sums of two, then five columns; of the last vector only the first three count.
+                let mut two = column;
+                for v in 0..COLUMNS / 4 {
+                    let next = column[(v + 1).min(COLUMNS / 4 - 1)];
+                    two[v] = vaddq_s32(column[v], vextq_s32::<1>(column[v], next));
+                }
+                let mut structure = [vdup_n_u16(0); LANES / 4];
+                for (v, structure) in structure.iter_mut().enumerate() {
+                    let four = vaddq_s32(two[v], vextq_s32::<2>(two[v], two[v + 1]));
+                    let sum = vaddq_s32(four, vaddq_s32(column[v + 1], bias));
+                    let product = vmulq_f32(vcvtq_f32_s32(sum), floats(left.scale, 4 * v));
+                    let product = vmulq_f32(product, floats(right.scale, x + 4 * v));
+                    let means = vmulq_f32(floats(left.mean, 4 * v), floats(right.mean, x + 4 * v));
+                    let cost = vcvtq_s32_f32(vsubq_f32(middle, vsubq_f32(product, means)));
+                    *structure = vmovn_u32(vreinterpretq_u32_s32(cost));
+                }
+                let half = |v: usize| {
+                    let low = vmovn_u16(vcombine_u16(structure[v], structure[v + 1]));
+                    vcombine_u8(low, vmovn_u16(vcombine_u16(structure[v + 2], structure[v + 3])))
+                };
+                let step = |i: usize| {
+                    let l = vld1q_u8(left.gradient.as_ptr().add(i));
+                    let r = vld1q_u8(right.gradient.as_ptr().add(x + i));
+                    let step = vminq_u8(vabdq_u8(l, r), limit);
+                    vqaddq_u8(step, step)
+                };
+                self.store([vqaddq_u8(half(0), step(0)), vqaddq_u8(half(4), step(16))], cost);
+            }
+        }
     }
 
     #[inline(always)]

@@ -145,10 +145,9 @@ pub fn remap_pixels(source: &[u8], stride: usize, tile: &RemapTile, out: &mut La
     }
 }
 
-/// [`Simd::score`] for [`Packing::Pairs`], plain: what the compiler makes of it is the NEON level's
-/// way, too.
+/// [`Simd::score`] for [`Packing::Pairs`], plain.
 #[inline(always)]
-pub fn score_pairs(
+fn score_pairs(
     constants: &CostConstants,
     left: &CostRow<'_>,
     right: &CostRow<'_>,

@@ -29,8 +29,8 @@ const GREATEST_STRAIN: f64 = 6.0;
 /// A surprise of more standard deviations than this is believed less, the more so the larger it is.
 const BELIEVED_SIGMAS: f64 = 3.0;
 
-/// So many large surprises in a row that agree are a step: another side of the thing is measured now.
-const STEP_FRAMES: u8 = 3;
+/// So many large surprises in a row to one side, on a straight line, are no bad frames.
+const OUTLIERS: usize = 3;
 
 /// A straight line through noisy measurements: place, speed, and their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +41,10 @@ struct Line {
     p: [f64; 3],
     /// Surprises in standard deviations, the latest weighing most.
     strain: f64,
-    /// The last surprise, where it was a large one, and how many like it came in a row.
-    step: (f64, u8),
+    /// The measurements of late that were large surprises to one side, the newest first: how long
+    /// ago, and the place. As many as came in a row.
+    outliers: [(f64, f64); OUTLIERS],
+    outlier_count: usize,
 }
 
 impl Line {
@@ -52,36 +54,33 @@ impl Line {
             speed: 0.0,
             p: [sigma * sigma, 0.0, speed_sigma * speed_sigma],
             strain: 0.0,
-            step: (0.0, 0),
+            outliers: [(0.0, 0.0); OUTLIERS],
+            outlier_count: 0,
         }
     }
 
     /// Moves on by `t` seconds, with accelerations of spectral density `q`.
     fn predict(&mut self, t: f64, q: f64) {
         self.place += self.speed * t;
+        self.outliers.iter_mut().for_each(|(ago, _)| *ago += t);
         let [a, b, c] = self.p;
         self.p = [a + 2.0 * t * b + t * t * c + q * t.powi(3) / 3.0, b + t * c + q * t * t / 2.0, c + q * t];
     }
 
     /// Takes a measurement in. A large surprise counts as a poorer measurement, so that one bad frame
-    /// moves little. Several that agree are a step, which says nothing of the speed.
+    /// moves little. Several to one side that lie on a straight line are believed.
     fn update(&mut self, place: f64, sigma: f64) {
         let [a, b, c] = self.p;
         let surprise = place - self.place;
         let mut noise = (sigma * sigma).max(1e-8);
         let sigmas = surprise / (a + noise).sqrt();
         if sigmas.abs() > BELIEVED_SIGMAS {
-            let like_the_last = (surprise - self.step.0).abs() < 2.0 * (2.0 * noise).sqrt();
-            self.step = (surprise, if like_the_last { self.step.1 + 1 } else { 1 });
-            if self.step.1 >= STEP_FRAMES {
-                self.place = place;
-                self.p = [noise, 0.0, c];
-                (self.strain, self.step) = (0.0, (0.0, 0));
+            if self.outlier(place, surprise) && self.turn(noise) {
                 return;
             }
             noise = (surprise / BELIEVED_SIGMAS).powi(2) * sigmas.abs() / BELIEVED_SIGMAS;
         } else {
-            self.step = (0.0, 0);
+            self.outlier_count = 0;
         }
         let spread = a + noise;
         let (gain, speed_gain) = (a / spread, b / spread);
@@ -90,6 +89,47 @@ impl Line {
         self.p = [(1.0 - gain) * a, (1.0 - gain) * b, (c - speed_gain * b).max(1e-9)];
         let bounded = sigmas.clamp(-BELIEVED_SIGMAS, BELIEVED_SIGMAS);
         self.strain = STRAIN_KEPT * self.strain + bounded;
+    }
+
+    /// Notes a large surprise; gives whether there are enough in a row to one side.
+    fn outlier(&mut self, place: f64, surprise: f64) -> bool {
+        // Where the last one lies on the other side of what was expected, a new row begins.
+        let before = self.outliers[0];
+        let expected_then = self.place - self.speed * before.0;
+        if (before.1 - expected_then) * surprise <= 0.0 {
+            self.outlier_count = 0;
+        }
+        self.outliers.rotate_right(1);
+        self.outliers[0] = (0.0, place);
+        self.outlier_count = (self.outlier_count + 1).min(OUTLIERS);
+        self.outlier_count == OUTLIERS
+    }
+
+    /// Follows the outliers, if they lie on a straight line; gives whether they do. At the speed that is
+    /// known they are a step: another side of the thing is measured now, which says nothing of the
+    /// speed. At another one the thing brakes or drives off hard.
+    fn turn(&mut self, noise: f64) -> bool {
+        let [(_, place), (t, middle), (all, first)] = self.outliers;
+        if t <= 0.0 || all <= t {
+            return false;
+        }
+        let (late, early) = ((place - middle) / t, (middle - first) / (all - t));
+        // Of the difference of both speeds: the middle counts in both.
+        let bend = noise * (1.0 / (t * t) + 1.0 / (all - t).powi(2) + (1.0 / t + 1.0 / (all - t)).powi(2));
+        if (late - early).powi(2) > 4.0 * bend {
+            return false;
+        }
+        let c = self.p[2];
+        let (speed, variance) = ((place - first) / all, 2.0 * noise / (all * all));
+        if (speed - self.speed).powi(2) > BELIEVED_SIGMAS.powi(2) * (variance + c) {
+            self.speed = speed;
+            self.p = [noise, noise / all, variance];
+        } else {
+            self.p = [noise, 0.0, c];
+        }
+        self.place = place;
+        (self.strain, self.outlier_count) = (0.0, 0);
+        true
     }
 
     /// Whether measurements keep lying on one side.
@@ -389,6 +429,28 @@ mod tests {
         let lag = v - filter.closing_m_s();
         println!("after 1.2 s of braking at 6 m/s²: {v:.1} m/s, filter {:.1}", filter.closing_m_s());
         assert!(lag.abs() < 0.3 * v, "{lag} of {v}");
+    }
+
+    #[test]
+    fn what_stops_at_once_is_not_run_on_with() {
+        let mut worst = 0.0_f64;
+        for seed in 0..50 {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let mut z = 14.0;
+            let mut filter = DistanceFilter::new(SCALE, SCALE / z, 0.12);
+            let mut errors = Vec::new();
+            for _ in 0..40 {
+                z = f64::max(z - 4.0 * PERIOD_S, 6.0);
+                filter.predict(PERIOD_S);
+                filter.update(SCALE / z + 0.06 * normal(&mut random), 0.12);
+                errors.push((filter.distance_m() - z).abs());
+            }
+            // It stands from the 25th frame on; four later it is believed.
+            worst = errors[28..].iter().fold(worst, |worst, &e| worst.max(e));
+            assert!(filter.closing_m_s().abs() < 0.7, "seed {seed}: {}", filter.closing_m_s());
+        }
+        println!("worst error from four frames after the stop on, seeds 0 to 49: {worst:.2} m");
+        assert!(worst < 0.3, "{worst}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
-//! What it costs to hand a message over: the daemon's transport, a bare eventfd, and a copy of a pair of
-//! 640 × 480 through a Unix socket, all measured in one run.
+//! What it costs to hand a message over: the daemon's transport, a bare eventfd, bare datagrams (with a name
+//! they are what the transport notifies with), and a copy of a pair of 640 × 480 through a Unix socket, all measured
+//! in one run.
 //!
 //! ```sh
 //! cargo bench -p lookout-ipc                       # 1000 messages of each kind, 100 a second
@@ -21,7 +22,7 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::error::Error;
 use std::io::{BufRead, BufReader, Write};
-use std::os::unix::net::UnixStream;
+use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -193,6 +194,17 @@ fn send_all(options: Options) -> Outcome<()> {
         })?;
         rows.push((name, figures));
     }
+    let (near, far) = UnixDatagram::pair()?;
+    let child = start("polled", folder.path(), options, Stdio::from(std::os::fd::OwnedFd::from(far)))?;
+    rows.push(("bare datagram, polled", measure(child, options, |_| Ok(near.send(&[7]).map(drop)?))?));
+    let path = folder.path().join("datagrams");
+    let named = UnixDatagram::bind(&path)?;
+    let sender = UnixDatagram::unbound()?;
+    let child = start("polled", folder.path(), options, Stdio::from(std::os::fd::OwnedFd::from(named)))?;
+    rows.push((
+        "named datagram, polled",
+        measure(child, options, |_| Ok(sender.send_to(&[7], &path).map(drop)?))?,
+    ));
     let (mut near, far) = UnixStream::pair()?;
     let child = start("socket", folder.path(), options, Stdio::from(std::os::fd::OwnedFd::from(far)))?;
     let pair = vec![7_u8; PAIR_BYTES];
@@ -210,9 +222,10 @@ fn send_all(options: Options) -> Outcome<()> {
     );
     let against = |row: usize| rows[1].1.p50_us / rows[row].1.p50_us;
     println!(
-        "hand-over of a pair against a bare eventfd: {:.2} times that is read, {:.2} times that is polled (medians)",
+        "hand-over of a pair against a bare eventfd: {:.2} times that is read, {:.2} times that is polled; against a named datagram: {:.2} times (medians)",
         against(2),
-        against(3)
+        against(3),
+        against(5)
     );
     Ok(())
 }

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 /// Matchers with what they were made for, as a program calls with the same sizes many times.
 static MATCHERS: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
 /// So many are kept, the last used ones.
-const MOST_KEPT: usize = 2;
+const MOST_KEPT: usize = 4;
 
 struct Kept {
     made_for: [i32; 5],

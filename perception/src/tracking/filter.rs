@@ -29,8 +29,35 @@ const GREATEST_STRAIN: f64 = 6.0;
 /// A surprise of more standard deviations than this is believed less, the more so the larger it is.
 const BELIEVED_SIGMAS: f64 = 3.0;
 
-/// So many large surprises in a row to one side, on a straight line, are no bad frames.
-const OUTLIERS: usize = 3;
+/// So many large surprises in a row that agree are a step: another side of the thing is measured now. When they
+/// grow, the speed is another.
+const STEP_FRAMES: u8 = 3;
+
+/// Large surprises in a row to one side.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Surprises {
+    first: f64,
+    last: f64,
+    frames: u8,
+    /// How many of the last ones agree.
+    alike: u8,
+}
+
+impl Surprises {
+    /// These and one more; two whose difference is less than `tolerance` agree.
+    fn and(self, surprise: f64, tolerance: f64) -> Self {
+        if self.frames == 0 || self.last * surprise < 0.0 {
+            return Self { first: surprise, last: surprise, frames: 1, alike: 1 };
+        }
+        let is_like_the_last = (surprise - self.last).abs() < tolerance;
+        Self {
+            first: self.first,
+            last: surprise,
+            frames: self.frames.saturating_add(1),
+            alike: if is_like_the_last { self.alike.saturating_add(1) } else { 1 },
+        }
+    }
+}
 
 /// A straight line through noisy measurements: place, speed, and their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,10 +68,9 @@ struct Line {
     p: [f64; 3],
     /// Surprises in standard deviations, the latest weighing most.
     strain: f64,
-    /// The measurements of late that were large surprises to one side, the newest first: how long
-    /// ago, and the place. As many as came in a row.
-    outliers: [(f64, f64); OUTLIERS],
-    outlier_count: usize,
+    off: Surprises,
+    /// Variance of a speed of which nothing is known.
+    unknown_speed: f64,
 }
 
 impl Line {
@@ -54,33 +80,38 @@ impl Line {
             speed: 0.0,
             p: [sigma * sigma, 0.0, speed_sigma * speed_sigma],
             strain: 0.0,
-            outliers: [(0.0, 0.0); OUTLIERS],
-            outlier_count: 0,
+            off: Surprises::default(),
+            unknown_speed: speed_sigma * speed_sigma,
         }
     }
 
     /// Moves on by `t` seconds, with accelerations of spectral density `q`.
     fn predict(&mut self, t: f64, q: f64) {
         self.place += self.speed * t;
-        self.outliers.iter_mut().for_each(|(ago, _)| *ago += t);
         let [a, b, c] = self.p;
         self.p = [a + 2.0 * t * b + t * t * c + q * t.powi(3) / 3.0, b + t * c + q * t * t / 2.0, c + q * t];
     }
 
     /// Takes a measurement in. A large surprise counts as a poorer measurement, so that one bad frame
-    /// moves little. Several to one side that lie on a straight line are believed.
+    /// moves little. Several that agree are a step, which says nothing of the speed; several that grow tell
+    /// that the speed is another, and it is learned anew.
     fn update(&mut self, place: f64, sigma: f64) {
         let [a, b, c] = self.p;
         let surprise = place - self.place;
         let mut noise = (sigma * sigma).max(1e-8);
         let sigmas = surprise / (a + noise).sqrt();
         if sigmas.abs() > BELIEVED_SIGMAS {
-            if self.outlier(place, surprise) && self.turn(noise) {
+            self.off = self.off.and(surprise, 2.0 * (2.0 * noise).sqrt());
+            let grows = surprise.abs() - self.off.first.abs() > BELIEVED_SIGMAS * noise.sqrt();
+            if self.off.frames >= STEP_FRAMES && grows || self.off.alike >= STEP_FRAMES {
+                self.place = place;
+                self.p = [noise, 0.0, if grows { c.max(self.unknown_speed) } else { c }];
+                (self.strain, self.off) = (0.0, Surprises::default());
                 return;
             }
             noise = (surprise / BELIEVED_SIGMAS).powi(2) * sigmas.abs() / BELIEVED_SIGMAS;
         } else {
-            self.outlier_count = 0;
+            self.off = Surprises::default();
         }
         let spread = a + noise;
         let (gain, speed_gain) = (a / spread, b / spread);
@@ -89,47 +120,6 @@ impl Line {
         self.p = [(1.0 - gain) * a, (1.0 - gain) * b, (c - speed_gain * b).max(1e-9)];
         let bounded = sigmas.clamp(-BELIEVED_SIGMAS, BELIEVED_SIGMAS);
         self.strain = STRAIN_KEPT * self.strain + bounded;
-    }
-
-    /// Notes a large surprise; gives whether there are enough in a row to one side.
-    fn outlier(&mut self, place: f64, surprise: f64) -> bool {
-        // Where the last one lies on the other side of what was expected, a new row begins.
-        let before = self.outliers[0];
-        let expected_then = self.place - self.speed * before.0;
-        if (before.1 - expected_then) * surprise <= 0.0 {
-            self.outlier_count = 0;
-        }
-        self.outliers.rotate_right(1);
-        self.outliers[0] = (0.0, place);
-        self.outlier_count = (self.outlier_count + 1).min(OUTLIERS);
-        self.outlier_count == OUTLIERS
-    }
-
-    /// Follows the outliers, if they lie on a straight line; gives whether they do. At the speed that is
-    /// known they are a step: another side of the thing is measured now, which says nothing of the
-    /// speed. At another one the thing brakes or drives off hard.
-    fn turn(&mut self, noise: f64) -> bool {
-        let [(_, place), (t, middle), (all, first)] = self.outliers;
-        if t <= 0.0 || all <= t {
-            return false;
-        }
-        let (late, early) = ((place - middle) / t, (middle - first) / (all - t));
-        // Of the difference of both speeds: the middle counts in both.
-        let bend = noise * (1.0 / (t * t) + 1.0 / (all - t).powi(2) + (1.0 / t + 1.0 / (all - t)).powi(2));
-        if (late - early).powi(2) > 4.0 * bend {
-            return false;
-        }
-        let c = self.p[2];
-        let (speed, variance) = ((place - first) / all, 2.0 * noise / (all * all));
-        if (speed - self.speed).powi(2) > BELIEVED_SIGMAS.powi(2) * (variance + c) {
-            self.speed = speed;
-            self.p = [noise, noise / all, variance];
-        } else {
-            self.p = [noise, 0.0, c];
-        }
-        self.place = place;
-        (self.strain, self.outlier_count) = (0.0, 0);
-        true
     }
 
     /// Whether measurements keep lying on one side.
@@ -429,6 +419,40 @@ mod tests {
         let lag = v - filter.closing_m_s();
         println!("after 1.2 s of braking at 6 m/s²: {v:.1} m/s, filter {:.1}", filter.closing_m_s());
         assert!(lag.abs() < 0.3 * v, "{lag} of {v}");
+    }
+
+    #[test]
+    fn a_stop_within_one_frame_does_not_run_through() {
+        let (mut overshot, mut worst_speed) = (Vec::new(), 0.0_f64);
+        for (closing, stop_m) in [(4.0, 4.0), (4.0, 8.0), (8.0, 8.0), (8.0, 12.0)] {
+            for seed in 0..50 {
+                let mut random = fastrand::Rng::with_seed(seed);
+                let mut measure = |z: f64| SCALE / z + 0.12 * normal(&mut random);
+                let mut z = stop_m + 20.0;
+                let mut filter = DistanceFilter::new(SCALE, measure(z), 0.12);
+                let (mut frames, mut least) = (0, f64::INFINITY);
+                while frames < 12 {
+                    if z > stop_m {
+                        z -= closing * PERIOD_S;
+                    } else {
+                        frames += 1;
+                    }
+                    filter.predict(PERIOD_S);
+                    filter.update(measure(z), 0.12);
+                    least = least.min(filter.distance_m() - z);
+                }
+                overshot.push(-least / (closing * PERIOD_S));
+                worst_speed = worst_speed.max(filter.closing_m_s().abs());
+            }
+        }
+        overshot.sort_unstable_by(f64::total_cmp);
+        println!(
+            "a stop in one frame: overshot by {:.1} frames' way (median), {:.1} (most); a second later {worst_speed:.2} m/s at most",
+            overshot[100], overshot[199]
+        );
+        // Two frames are disbelieved, the third is not.
+        assert!(overshot[100] < 2.5 && overshot[199] < 5.5, "{overshot:?}");
+        assert!(worst_speed < 1.5, "{worst_speed}");
     }
 
     #[test]

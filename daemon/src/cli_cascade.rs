@@ -25,6 +25,34 @@ pub struct EvaluateDetection {
     pub json: bool,
 }
 
+pub const RECOGNITION_HELP: &str = "Examples:
+  lookout evaluate recognition lbp.xml models/vehicle.xml
+  lookout evaluate recognition lbp.xml --scene drive --frames 50 --json
+
+A scene goes through stereo and road; each cascade then searches each picture, in turns: the whole of it
+and the crops of its regions, with windows of 30 to 90 px that grow by 1.3, and the crops with the
+two sizes that each region's distance makes likely (recognition.window_m, recognition.growth).
+Medians of the pictures' processor time. The paper's table beside it is of its own board.";
+
+/// Running time of cascades.
+#[derive(Args, Debug)]
+pub struct EvaluateRecognition {
+    /// Cascades
+    #[arg(required = true, value_name = "CASCADE")]
+    pub cascades: Vec<PathBuf>,
+    #[command(flatten)]
+    pub config: crate::cli::ConfigArgs,
+    /// What is searched: a scene as in lookout replay scene:NAME
+    #[arg(long, default_value = "street", value_name = "SCENE")]
+    pub scene: String,
+    /// Pictures
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub frames: u64,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Defaults are those of `tools::train::TrainParameters::usual`.
 #[derive(Args, Debug)]
 pub struct Train {

@@ -89,6 +89,10 @@ pub struct Train {
     /// Share of the judging objects that the whole cascade lets pass, all thresholds moved together
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub final_hit_rate: Option<f64>,
+    /// Share of the judging patches without objects, as they are and varied, that the last stage takes for
+    /// objects; the stages before are then set to refuse hardly any object that the last would find
+    #[arg(long, value_name = "SHARE", value_parser = rate, conflicts_with = "final_hit_rate")]
+    pub final_false_alarm_rate: Option<f64>,
     /// Share of each folder, its last pictures, that judges stages instead of being learned from;
     /// 0 judges by what was learned
     #[arg(long, value_name = "SHARE", value_parser = rate)]
@@ -117,6 +121,10 @@ pub struct Train {
     /// An LBP code's mean is drawn to its node's as by this many samples
     #[arg(long, value_name = "SAMPLES", value_parser = prior)]
     pub category_prior: Option<f64>,
+    /// Cascades that are trained and joined to one, each with random numbers of its own: fewer mistakes, but as
+    /// many times the work and the trees
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=50), conflicts_with = "unchained")]
+    pub bags: u16,
     /// Each stage begins from nothing instead of with the trees of the one before
     #[arg(long)]
     pub unchained: bool,

@@ -29,8 +29,35 @@ const GREATEST_STRAIN: f64 = 6.0;
 /// A surprise of more standard deviations than this is believed less, the more so the larger it is.
 const BELIEVED_SIGMAS: f64 = 3.0;
 
-/// So many large surprises in a row that agree are a step: another side of the thing is measured now.
+/// So many large surprises in a row that agree are a step: another side of the thing is measured now. When they
+/// grow, the speed is another.
 const STEP_FRAMES: u8 = 3;
+
+/// Large surprises in a row to one side.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Surprises {
+    first: f64,
+    last: f64,
+    frames: u8,
+    /// How many of the last ones agree.
+    alike: u8,
+}
+
+impl Surprises {
+    /// These and one more; two whose difference is less than `tolerance` agree.
+    fn and(self, surprise: f64, tolerance: f64) -> Self {
+        if self.frames == 0 || self.last * surprise < 0.0 {
+            return Self { first: surprise, last: surprise, frames: 1, alike: 1 };
+        }
+        let is_like_the_last = (surprise - self.last).abs() < tolerance;
+        Self {
+            first: self.first,
+            last: surprise,
+            frames: self.frames.saturating_add(1),
+            alike: if is_like_the_last { self.alike.saturating_add(1) } else { 1 },
+        }
+    }
+}
 
 /// A straight line through noisy measurements: place, speed, and their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +68,9 @@ struct Line {
     p: [f64; 3],
     /// Surprises in standard deviations, the latest weighing most.
     strain: f64,
-    /// The last surprise, where it was a large one, and how many like it came in a row.
-    step: (f64, u8),
+    off: Surprises,
+    /// Variance of a speed of which nothing is known.
+    unknown_speed: f64,
 }
 
 impl Line {
@@ -52,7 +80,8 @@ impl Line {
             speed: 0.0,
             p: [sigma * sigma, 0.0, speed_sigma * speed_sigma],
             strain: 0.0,
-            step: (0.0, 0),
+            off: Surprises::default(),
+            unknown_speed: speed_sigma * speed_sigma,
         }
     }
 
@@ -64,24 +93,25 @@ impl Line {
     }
 
     /// Takes a measurement in. A large surprise counts as a poorer measurement, so that one bad frame
-    /// moves little. Several that agree are a step, which says nothing of the speed.
+    /// moves little. Several that agree are a step, which says nothing of the speed; several that grow tell
+    /// that the speed is another, and it is learned anew.
     fn update(&mut self, place: f64, sigma: f64) {
         let [a, b, c] = self.p;
         let surprise = place - self.place;
         let mut noise = (sigma * sigma).max(1e-8);
         let sigmas = surprise / (a + noise).sqrt();
         if sigmas.abs() > BELIEVED_SIGMAS {
-            let like_the_last = (surprise - self.step.0).abs() < 2.0 * (2.0 * noise).sqrt();
-            self.step = (surprise, if like_the_last { self.step.1 + 1 } else { 1 });
-            if self.step.1 >= STEP_FRAMES {
+            self.off = self.off.and(surprise, 2.0 * (2.0 * noise).sqrt());
+            let grows = surprise.abs() - self.off.first.abs() > BELIEVED_SIGMAS * noise.sqrt();
+            if self.off.frames >= STEP_FRAMES && grows || self.off.alike >= STEP_FRAMES {
                 self.place = place;
-                self.p = [noise, 0.0, c];
-                (self.strain, self.step) = (0.0, (0.0, 0));
+                self.p = [noise, 0.0, if grows { c.max(self.unknown_speed) } else { c }];
+                (self.strain, self.off) = (0.0, Surprises::default());
                 return;
             }
             noise = (surprise / BELIEVED_SIGMAS).powi(2) * sigmas.abs() / BELIEVED_SIGMAS;
         } else {
-            self.step = (0.0, 0);
+            self.off = Surprises::default();
         }
         let spread = a + noise;
         let (gain, speed_gain) = (a / spread, b / spread);
@@ -389,6 +419,40 @@ mod tests {
         let lag = v - filter.closing_m_s();
         println!("after 1.2 s of braking at 6 m/s²: {v:.1} m/s, filter {:.1}", filter.closing_m_s());
         assert!(lag.abs() < 0.3 * v, "{lag} of {v}");
+    }
+
+    #[test]
+    fn a_stop_within_one_frame_does_not_run_through() {
+        let (mut overshot, mut worst_speed) = (Vec::new(), 0.0_f64);
+        for (closing, stop_m) in [(4.0, 4.0), (4.0, 8.0), (8.0, 8.0), (8.0, 12.0)] {
+            for seed in 0..50 {
+                let mut random = fastrand::Rng::with_seed(seed);
+                let mut measure = |z: f64| SCALE / z + 0.12 * normal(&mut random);
+                let mut z = stop_m + 20.0;
+                let mut filter = DistanceFilter::new(SCALE, measure(z), 0.12);
+                let (mut frames, mut least) = (0, f64::INFINITY);
+                while frames < 12 {
+                    if z > stop_m {
+                        z -= closing * PERIOD_S;
+                    } else {
+                        frames += 1;
+                    }
+                    filter.predict(PERIOD_S);
+                    filter.update(measure(z), 0.12);
+                    least = least.min(filter.distance_m() - z);
+                }
+                overshot.push(-least / (closing * PERIOD_S));
+                worst_speed = worst_speed.max(filter.closing_m_s().abs());
+            }
+        }
+        overshot.sort_unstable_by(f64::total_cmp);
+        println!(
+            "a stop in one frame: overshot by {:.1} frames' way (median), {:.1} (most); a second later {worst_speed:.2} m/s at most",
+            overshot[100], overshot[199]
+        );
+        // Two frames are disbelieved, the third is not.
+        assert!(overshot[100] < 2.5 && overshot[199] < 5.5, "{overshot:?}");
+        assert!(worst_speed < 1.5, "{worst_speed}");
     }
 
     #[test]

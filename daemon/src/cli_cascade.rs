@@ -86,11 +86,12 @@ pub struct Train {
     /// Or when it has this many trees of its own
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=5000))]
     pub max_trees: Option<u16>,
-    /// Share of the judging objects that the whole cascade lets pass, all thresholds moved together
+    /// Share of the judging objects that the last stage lets pass; the stages before are then set to refuse hardly
+    /// any of those
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub final_hit_rate: Option<f64>,
-    /// Share of the judging patches without objects, as they are and varied, that the last stage takes for
-    /// objects; the stages before are then set to refuse hardly any object that the last would find
+    /// Share of the judging patches without objects that the last stage takes for objects; the stages before are
+    /// then set to refuse hardly any object that it would find
     #[arg(long, value_name = "SHARE", value_parser = rate, conflicts_with = "final_hit_rate")]
     pub final_false_alarm_rate: Option<f64>,
     /// Share of each folder, its last pictures, that judges stages instead of being learned from;

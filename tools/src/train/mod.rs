@@ -22,7 +22,7 @@ pub mod tree;
 use augment::{Part, Sampling, Variation};
 use fastrand::Rng;
 use features::{Codes, Sums};
-use finish::Aim;
+use finish::{Aim, Judged};
 use mine::Miner;
 use perception::recognition::cascade::{Branch, Cascade, Features, Node, Stage};
 use pictures::{SourcePicture, Split};
@@ -106,8 +106,8 @@ pub struct TrainParameters {
     /// Share of each folder's pictures that judge and are not learned from; with 0 the samples
     /// that are learned from judge themselves.
     pub validation: f64,
-    /// What the judging samples make of the whole cascade: they are pictures that are filled by an object, and
-    /// patches without (windows where there are no patches), as they are and varied.
+    /// What is wanted of the whole cascade, judged by the pictures that are filled by an object and patches
+    /// without (windows where there are no patches).
     pub aim: Aim,
     /// Random numbers come from this.
     pub seed: u64,
@@ -261,25 +261,28 @@ pub fn train(
         cascades.push(one.cascade);
     }
     let judging = |split: Split| if p.validation > 0.0 { split.validation } else { split.training };
-    let objects = whole_windows(&judging(objects), p, p.variants, 2);
-    let rest = judging(rest);
-    let rest = match p.aim {
-        Aim::FalseAlarmRate(_) => without_objects(&rest, p),
-        _ => Vec::new(),
-    };
-    result.cascade = bags::join(cascades, p.stage.hit_rate, &objects).unwrap_or(result.cascade);
+    let (objects, rest) = (judging(objects), judging(rest));
+    let varied = whole_windows(&objects, p, p.variants, 2);
+    result.cascade = bags::join(cascades, p.stage.hit_rate, &varied).unwrap_or(result.cascade);
     let margins = |windows: &[Sums]| bags::margins(&result.cascade, windows, p.threads);
-    let (objects, rest) = (margins(&objects), margins(&rest));
-    finish::finish(p.aim, &mut result.cascade.stages, &objects, &rest);
+    let judged = match p.aim {
+        Aim::AsTrained => Judged::default(),
+        _ => Judged {
+            objects: margins(&whole_windows(&objects, p, 0, 2)),
+            rest: margins(&without_objects(&rest, p)),
+            varied: margins(&varied),
+        },
+    };
+    finish::finish(p.aim, &mut result.cascade.stages, &judged);
     Ok(result)
 }
 
-/// The patches among the pictures, as they are and varied; windows at random where there are no patches.
+/// The patches among the pictures; windows at random where there are no patches.
 fn without_objects(pictures: &[SourcePicture], p: &TrainParameters) -> Vec<Sums> {
     let window = (usize::from(p.window.0), usize::from(p.window.1));
     let miner = Miner::new(pictures, window, p.variation, p.seed ^ 0x5EED);
     let patches: Vec<SourcePicture> = miner.patches().iter().map(|&i| pictures[i].clone()).collect();
-    let windows = whole_windows(&patches, p, p.variants, 3);
+    let windows = whole_windows(&patches, p, 0, 3);
     if windows.is_empty() {
         return sums_of(&miner.mine(&Builder::new(p, None).cascade, 0, p.negatives, p.threads).windows, p);
     }

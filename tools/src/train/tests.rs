@@ -130,9 +130,9 @@ fn bags_are_other_cascades_and_the_last_stage_has_the_trees_of_all() {
     let added = &trees[2][trees[0].len()..];
     assert!(added.iter().any(|tree| !trees[0].contains(tree)), "other random numbers, other trees");
     assert!(three.stages.len() > one.stages.len());
-    // Patches as they are and varied: five in a hundred of those that judged.
+    // Of the patches that judged.
     let alarms = judge_all(&three.cascade, &rest.validation, 1);
-    assert!(alarms.iter().filter(|v| v.hit(0.0)).count() <= alarms.len() / 10);
+    assert!(alarms.iter().filter(|v| v.hit(0.0)).count() <= alarms.len() / 20);
     let unchained =
         TrainParameters { bags: 2, stage: stage::StageParameters { chained: false, ..p.stage }, ..p };
     let error = train(&unchained, objects, rest, Vec::new(), &mut |_| ()).expect_err("no common stages");

@@ -87,13 +87,17 @@ pub struct Train {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=5000))]
     pub max_trees: Option<u16>,
     /// Share of the judging objects that the last stage lets pass; the stages before are then set to refuse hardly
-    /// any of those
+    /// any of those (--refused-early)
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub final_hit_rate: Option<f64>,
     /// Share of the judging patches without objects that the last stage takes for objects; the stages before are
     /// then set to refuse hardly any object that it would find
     #[arg(long, value_name = "SHARE", value_parser = rate, conflicts_with = "final_hit_rate")]
     pub final_false_alarm_rate: Option<f64>,
+    /// With either: share of the objects that the last stage would find that the first may refuse, later ones less;
+    /// more makes detection faster
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = rate)]
+    pub refused_early: f64,
     /// Share of each folder, its last pictures, that judges stages instead of being learned from;
     /// 0 judges by what was learned
     #[arg(long, value_name = "SHARE", value_parser = rate)]

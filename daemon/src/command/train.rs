@@ -44,6 +44,7 @@ fn parameters(args: &Train) -> TrainParameters {
         Some(threads) => threads.into(),
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
+    p.early = args.refused_early;
     p.aim = match (args.final_hit_rate, args.final_false_alarm_rate) {
         (Some(share), _) => Aim::HitRate(share),
         (_, Some(share)) => Aim::FalseAlarmRate(share),

@@ -5,7 +5,7 @@ use super::stage::{passes, threshold_for};
 use perception::recognition::cascade::Stage;
 
 /// What is wanted of the whole cascade. The last stage knows most, so its threshold is set to it; then the stages
-/// before refuse hardly any object that the last would let pass.
+/// before refuse hardly any of the judging objects that the last lets pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
     /// Thresholds stay as the stages set them.
@@ -16,9 +16,6 @@ pub enum Aim {
     FalseAlarmRate(f64),
 }
 
-/// Share of the objects that pass the last stage that each stage before lets pass.
-const KEPT: f64 = 0.998;
-
 /// Judging samples: how far each lies above the threshold of each stage.
 #[derive(Clone, Debug, Default)]
 pub struct Judged {
@@ -26,12 +23,13 @@ pub struct Judged {
     pub objects: Vec<Vec<f64>>,
     /// The rest, as it is.
     pub rest: Vec<Vec<f64>>,
-    /// Objects as they are and varied: more of them, for stages that few may fail.
+    /// Objects as they are and varied: the stages before are set by those that the last lets pass.
     pub varied: Vec<Vec<f64>>,
 }
 
-/// Moves the thresholds of `stages` to the aim.
-pub fn finish(aim: Aim, stages: &mut [Stage], judged: &Judged) {
+/// Moves the thresholds of `stages` to the aim. Of the objects that the last stage lets pass the first may refuse
+/// the share `early`, the later ones less and less, the one before the last none: what is refused early saves most.
+pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &Judged) {
     let Some((last, before)) = stages.split_last_mut() else { return };
     let of_last = |samples: &[Vec<f64>]| -> Vec<f64> {
         samples.iter().filter_map(|margins| margins.get(before.len()).copied()).collect()
@@ -54,9 +52,10 @@ pub fn finish(aim: Aim, stages: &mut [Stage], judged: &Judged) {
     if accepted.is_empty() {
         return;
     }
+    let later = before.len().saturating_sub(1).max(1) as f64;
     for (i, stage) in before.iter_mut().enumerate() {
         let margins: Vec<f64> = accepted.iter().map(|margins| margins[i]).collect();
-        stage.threshold += threshold_for(&margins, KEPT);
+        stage.threshold += threshold_for(&margins, 1.0 - early * (1.0 - i as f64 / later));
     }
 }
 
@@ -78,9 +77,9 @@ mod tests {
         margins.iter().map(|m| m.to_vec()).collect()
     }
 
-    fn thresholds(aim: Aim, judged: &Judged) -> [f32; 2] {
+    fn thresholds(aim: Aim, early: f64, judged: &Judged) -> [f32; 2] {
         let mut stages = [1.0, 2.0].map(|threshold| Stage { threshold, trees: Vec::new() });
-        finish(aim, &mut stages, judged);
+        finish(aim, early, &mut stages, judged);
         [stages[0].threshold, stages[1].threshold]
     }
 
@@ -90,13 +89,15 @@ mod tests {
             objects: samples(&[[0.5, 0.25], [-0.5, 0.125], [0.25, 0.375], [0.5, 0.75], [0.5, 1.0]]),
             ..Judged::default()
         };
-        assert_eq!(thresholds(Aim::HitRate(0.8), &judged), [1.0, 2.25]);
-        assert_eq!(thresholds(Aim::AsTrained, &judged), [1.0, 2.0]);
+        assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &judged), [1.0, 2.25]);
+        assert_eq!(thresholds(Aim::AsTrained, 0.0, &judged), [1.0, 2.0]);
         judged.varied = judged.objects.clone();
-        assert_eq!(thresholds(Aim::HitRate(0.8), &judged), [1.25, 2.25]);
+        assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &judged), [1.25, 2.25]);
         // The first stage refused this one.
-        assert_eq!(thresholds(Aim::HitRate(1.0), &judged), [0.5, 2.125]);
-        assert_eq!(thresholds(Aim::HitRate(0.8), &Judged::default()), [1.0, 2.0]);
+        assert_eq!(thresholds(Aim::HitRate(1.0), 0.0, &judged), [0.5, 2.125]);
+        // It may refuse one of five again.
+        assert_eq!(thresholds(Aim::HitRate(1.0), 0.2, &judged), [1.25, 2.125]);
+        assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &Judged::default()), [1.0, 2.0]);
     }
 
     #[test]
@@ -106,12 +107,12 @@ mod tests {
             ..Judged::default()
         };
         for (share, expected) in [(0.0, 0), (0.2, 1), (0.4, 2), (0.6, 3), (0.8, 4)] {
-            let [first, last] = thresholds(Aim::FalseAlarmRate(share), &judged);
+            let [first, last] = thresholds(Aim::FalseAlarmRate(share), 0.0, &judged);
             let passing = judged.rest.iter().filter(|m| passes(m[1], last - 2.0)).count();
             assert_eq!((first, passing), (1.0, expected), "{share}");
         }
-        assert_eq!(thresholds(Aim::FalseAlarmRate(1.0), &judged), [1.0, 2.0]);
+        assert_eq!(thresholds(Aim::FalseAlarmRate(1.0), 0.0, &judged), [1.0, 2.0]);
         judged.varied = samples(&[[-0.5, 0.875], [0.25, 2.0], [-2.0, 0.5]]);
-        assert_eq!(thresholds(Aim::FalseAlarmRate(0.2), &judged), [0.5, 2.75]);
+        assert_eq!(thresholds(Aim::FalseAlarmRate(0.2), 0.0, &judged), [0.5, 2.75]);
     }
 }

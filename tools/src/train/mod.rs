@@ -109,6 +109,8 @@ pub struct TrainParameters {
     /// What is wanted of the whole cascade, judged by the pictures that are filled by an object and patches
     /// without (windows where there are no patches).
     pub aim: Aim,
+    /// With an aim: share of the objects that the last stage lets pass that the first may refuse.
+    pub early: f64,
     /// Random numbers come from this.
     pub seed: u64,
     /// Threads; the result is the same for any number.
@@ -142,6 +144,7 @@ impl TrainParameters {
             negatives: 8000,
             validation: 0.2,
             aim: Aim::AsTrained,
+            early: 0.0,
             seed: 1,
             threads: 1,
         }
@@ -273,7 +276,7 @@ pub fn train(
             varied: margins(&varied),
         },
     };
-    finish::finish(p.aim, &mut result.cascade.stages, &judged);
+    finish::finish(p.aim, p.early, &mut result.cascade.stages, &judged);
     Ok(result)
 }
 

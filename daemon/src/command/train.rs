@@ -72,7 +72,7 @@ fn parameters(args: &Train) -> TrainParameters {
 struct Show {
     bar: ProgressBar,
     begin: Instant,
-    /// In all bags.
+    /// Of each bag.
     stages: usize,
     bags: usize,
     first: Option<usize>,
@@ -91,7 +91,7 @@ impl Show {
             Ok(style) => bar.with_style(style),
             Err(_) => bar,
         };
-        Self { bar, begin: Instant::now(), stages, bags: p.bags, first: None }
+        Self { bar, begin: Instant::now(), stages: p.stages, bags: p.bags, first: None }
     }
 
     /// Stages take about as long as those before; `within` is how much of stage `index` is done.
@@ -101,7 +101,9 @@ impl Show {
         if done < 0.2 {
             return "time left unknown".into();
         }
-        let left = self.begin.elapsed().as_secs_f64() * (self.stages as f64 - first as f64 - done) / done;
+        // A row of the ablation may have more bags than were asked for.
+        let to_come = ((self.stages * self.bags) as f64 - first as f64 - done).max(0.0);
+        let left = self.begin.elapsed().as_secs_f64() * to_come / done;
         if left >= 90.0 {
             format!("about {:.0} min left", left / 60.0)
         } else {
@@ -122,10 +124,11 @@ impl Show {
                 self.bar.set_message(format!("{name}{trees} trees, {alarms:.0} % false alarms, {left}"));
             }
             Progress::Done { bag, cascade, figures } => {
-                let done = bag * (self.stages / self.bags) + cascade.stages.len();
+                let done = bag * self.stages + cascade.stages.len();
+                let bag = if self.bags > 1 || bag > 0 { format!("bag {}: ", bag + 1) } else { String::new() };
                 let line = format!(
-                    "{name}stage {} of {}: {} trees, {:.2} % hits, {:.1} % false alarms, reached by {:.1e}",
-                    done,
+                    "{name}{bag}stage {} of {}: {} trees, {:.2} % hits, {:.1} % false alarms, reached by {:.1e}",
+                    cascade.stages.len(),
                     self.stages,
                     figures.trees,
                     100.0 * figures.hit_rate,
@@ -191,25 +194,23 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
     if args.restart {
         checkpoint.remove()?;
     }
-    let (begun, mut figures) = match checkpoint.load()? {
-        Some((cascades, figures)) => {
-            eprintln!("going on after stage {} of {}", figures.len(), checkpoint.path().display());
-            (cascades, figures)
-        }
-        None => (Vec::new(), Vec::new()),
-    };
+    let begun = checkpoint.load()?.unwrap_or_default();
+    if !begun.figures.is_empty() {
+        eprintln!("going on after stage {} of {}", begun.figures.len(), checkpoint.path().display());
+    }
+    let mut figures = begun.figures.clone();
     let (positives, negatives) =
         (objects.training.len() + objects.validation.len(), rest.training.len() + rest.validation.len());
     let mut failed = None;
-    let (mut kept, mut kept_figures) = (begun.clone(), figures.clone());
+    let mut kept = begun.clone();
     let cpu = ipc::clock::process_cpu_ns();
-    let trained = train(&p, objects.clone(), rest.clone(), begun, &mut |event| {
+    let trained = train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |event| {
         show.event("", event, p.stage.max_trees);
         if let Progress::Done { bag, cascade, figures } = event {
-            kept.truncate(bag);
-            kept.push(cascade.clone());
-            kept_figures.push(*figures);
-            failed = failed.take().or(checkpoint.save(&kept, &with, &kept_figures).err());
+            kept.cascades.truncate(bag);
+            kept.cascades.push(cascade.clone());
+            kept.figures.push(*figures);
+            failed = failed.take().or(checkpoint.save(&kept.cascades, &with, &kept.figures).err());
         }
     })?;
     show.bar.finish_and_clear();

@@ -16,6 +16,15 @@ pub struct Checkpoint {
     fingerprint: String,
 }
 
+/// What an earlier run finished.
+#[derive(Clone, Debug, Default)]
+pub struct Begun {
+    /// One a bag, the last of them perhaps with some of its stages only.
+    pub cascades: Vec<Cascade>,
+    /// Figures of all their stages.
+    pub figures: Vec<StageFigures>,
+}
+
 #[derive(Serialize, Deserialize)]
 struct Document {
     fingerprint: String,
@@ -61,7 +70,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// When the file is not sound, or belongs to other parameters or pictures.
-    pub fn load(&self) -> Result<Option<(Vec<Cascade>, Vec<StageFigures>)>, TrainError> {
+    pub fn load(&self) -> Result<Option<Begun>, TrainError> {
         let text = match std::fs::read_to_string(&self.path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
@@ -81,7 +90,7 @@ impl Checkpoint {
         if cascades.iter().map(|c| c.stages.len()).sum::<usize>() != document.figures.len() {
             return Err(wrong("stages and figures do not agree"));
         }
-        Ok(Some((cascades, document.figures)))
+        Ok(Some(Begun { cascades, figures: document.figures }))
     }
 
     /// Keeps the stages so far, in one step: a run that is stopped here loses nothing.

@@ -94,9 +94,10 @@ fn a_run_that_was_stopped_goes_on_to_the_same_cascade() {
         })
         .expect("a cascade");
         assert!(whole.cascade.stages.len() > 1);
-        let (begun, kept) = checkpoint.load().expect("sound").expect("there");
-        assert_eq!(kept, figures[..stop]);
-        let rest_of_it = train(&p, objects.clone(), rest.clone(), begun, &mut |_| ()).expect("a cascade");
+        let begun = checkpoint.load().expect("sound").expect("there");
+        assert_eq!(begun.figures, figures[..stop]);
+        let rest_of_it =
+            train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |_| ()).expect("a cascade");
         assert_eq!(rest_of_it.cascade, whole.cascade, "chained: {chained}, {bags} bags, {stop} stages");
         assert_eq!(rest_of_it.stages, figures[stop..]);
         // Other options make another cascade.

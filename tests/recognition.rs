@@ -134,3 +134,20 @@ fn what_cannot_be_used_is_named() {
         assert_eq!(bench.run(args).status.code(), Some(2), "{args:?}");
     }
 }
+
+#[test]
+fn the_running_time_is_told_for_the_picture_and_for_its_regions() {
+    let bench = Bench::new();
+    let cascade = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/vehicle.xml");
+    let args = ["evaluate", "recognition", cascade, "--frames", "3", "--json"];
+    let table: serde_json::Value = serde_json::from_str(&bench.ok(&args)).expect("the output is JSON");
+    assert_eq!((&table["pictures"], &table["paper_sliding_ms"]), (&3.into(), &35.0.into()));
+    assert!(table["regions"].as_f64() > Some(1.0), "{table}");
+    let row = &table["rows"][0];
+    assert_eq!((&row["features"], &row["paper_regions_ms"]), (&"haar".into(), &18.3.into()));
+    for time in ["sliding_ms", "regions_ms", "expected_ms"] {
+        assert!(row[time].as_f64() > Some(0.0), "{time}: {row}");
+    }
+    let text = bench.fails(&["evaluate", "recognition", "none.xml"]);
+    assert!(text.contains("none.xml") && text.contains("OpenCV cascade"), "{text}");
+}

@@ -401,6 +401,9 @@ Every picture in and below the folders is brought to the size of the cascade's w
 the mean of what it covers, and classified. Use pictures that the cascade was not trained on. The
 ROC is that of moving all stages' thresholds together.")]
     Detection(crate::cli_cascade::EvaluateDetection),
+    /// Running time of cascades: whole pictures and regions, beside the paper's
+    #[command(after_help = crate::cli_cascade::RECOGNITION_HELP)]
+    Recognition(crate::cli_cascade::EvaluateRecognition),
 }
 
 #[derive(Args, Debug)]

@@ -25,6 +25,34 @@ pub struct EvaluateDetection {
     pub json: bool,
 }
 
+pub const RECOGNITION_HELP: &str = "Examples:
+  lookout evaluate recognition lbp.xml models/vehicle.xml
+  lookout evaluate recognition lbp.xml --scene drive --frames 50 --json
+
+A scene goes through stereo and road; each cascade then searches each picture, in turns: the whole of it
+and the crops of its regions, with windows of 30 to 90 px that grow by 1.3, and the crops with the
+two sizes that each region's distance makes likely (recognition.window_m, recognition.growth).
+Medians of the pictures' processor time. The paper's table beside it is of its own board.";
+
+/// Running time of cascades.
+#[derive(Args, Debug)]
+pub struct EvaluateRecognition {
+    /// Cascades
+    #[arg(required = true, value_name = "CASCADE")]
+    pub cascades: Vec<PathBuf>,
+    #[command(flatten)]
+    pub config: crate::cli::ConfigArgs,
+    /// What is searched: a scene as in lookout replay scene:NAME
+    #[arg(long, default_value = "street", value_name = "SCENE")]
+    pub scene: String,
+    /// Pictures
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub frames: u64,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Defaults are those of `tools::train::TrainParameters::usual`.
 #[derive(Args, Debug)]
 pub struct Train {
@@ -58,9 +86,18 @@ pub struct Train {
     /// Or when it has this many trees of its own
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=5000))]
     pub max_trees: Option<u16>,
-    /// Share of the judging objects that the whole cascade lets pass, all thresholds moved together
+    /// Share of the judging objects that the last stage lets pass; the stages before are then set to refuse hardly
+    /// any of those (--refused-early)
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub final_hit_rate: Option<f64>,
+    /// Share of the judging patches without objects that the last stage takes for objects; the stages before are
+    /// then set to refuse hardly any object that it would find
+    #[arg(long, value_name = "SHARE", value_parser = rate, conflicts_with = "final_hit_rate")]
+    pub final_false_alarm_rate: Option<f64>,
+    /// With either: share of the objects that the last stage would find that the first may refuse, later ones less;
+    /// more makes detection faster
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = rate)]
+    pub refused_early: f64,
     /// Share of each folder, its last pictures, that judges stages instead of being learned from;
     /// 0 judges by what was learned
     #[arg(long, value_name = "SHARE", value_parser = rate)]
@@ -89,6 +126,10 @@ pub struct Train {
     /// An LBP code's mean is drawn to its node's as by this many samples
     #[arg(long, value_name = "SAMPLES", value_parser = prior)]
     pub category_prior: Option<f64>,
+    /// Cascades that are trained and joined to one, each with random numbers of its own: fewer mistakes, but as
+    /// many times the work and the trees
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=50), conflicts_with = "unchained")]
+    pub bags: u16,
     /// Each stage begins from nothing instead of with the trees of the one before
     #[arg(long)]
     pub unchained: bool,

@@ -13,6 +13,7 @@ mod evaluate;
 mod evaluate_detection;
 mod evaluate_distance;
 mod evaluate_lidar;
+mod evaluate_recognition;
 mod evaluate_weather;
 mod manual;
 mod obstacles;
@@ -140,6 +141,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Rig(args) => rectify::convert(&args),
         Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),
         Command::Evaluate { what: Evaluate::Detection(args) } => evaluate_detection::run(&args, log),
+        Command::Evaluate { what: Evaluate::Recognition(args) } => evaluate_recognition::run(&args, log),
         Command::Evaluate { what: Evaluate::Lidar(args) } => evaluate_lidar::run(&args, log),
         Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
         Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),

@@ -9,6 +9,7 @@ use std::io::IsTerminal;
 use std::time::Instant;
 use tools::evaluate::detection::{self, DetectionReport};
 use tools::train::checkpoint::Checkpoint;
+use tools::train::finish::Aim;
 use tools::train::pictures::{self, Split};
 use tools::train::{FeatureKind, Progress, StageFigures, TrainParameters, ablation, report, sweep, train};
 
@@ -43,7 +44,12 @@ fn parameters(args: &Train) -> TrainParameters {
         Some(threads) => threads.into(),
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
-    p.final_hit_rate = args.final_hit_rate.or(p.final_hit_rate);
+    p.early = args.refused_early;
+    p.aim = match (args.final_hit_rate, args.final_false_alarm_rate) {
+        (Some(share), _) => Aim::HitRate(share),
+        (_, Some(share)) => Aim::FalseAlarmRate(share),
+        _ => p.aim,
+    };
     set(&mut p.validation, args.validation);
     set(&mut p.variants, args.variants);
     set(&mut p.stage.hit_rate, args.hit_rate);
@@ -53,6 +59,7 @@ fn parameters(args: &Train) -> TrainParameters {
     p.negatives = args.negative_windows.map_or(p.negatives, |n| n as usize);
     p.pool = args.pool.map_or(p.pool, |n| n as usize);
     p.stage.chained = !args.unchained;
+    p.bags = args.bags.into();
     p.stage.tree.max_depth = args.max_depth;
     set(&mut p.stage.tree.least_leaf, args.least_leaf);
     set(&mut p.stage.tree.leaf_prior, args.leaf_prior);
@@ -65,12 +72,15 @@ fn parameters(args: &Train) -> TrainParameters {
 struct Show {
     bar: ProgressBar,
     begin: Instant,
+    /// Of each bag.
     stages: usize,
+    bags: usize,
     first: Option<usize>,
 }
 
 impl Show {
-    fn new(stages: usize) -> Self {
+    fn new(p: &TrainParameters) -> Self {
+        let stages = p.stages * p.bags;
         let bar = if std::io::stderr().is_terminal() {
             ProgressBar::new(stages as u64)
         } else {
@@ -81,7 +91,7 @@ impl Show {
             Ok(style) => bar.with_style(style),
             Err(_) => bar,
         };
-        Self { bar, begin: Instant::now(), stages, first: None }
+        Self { bar, begin: Instant::now(), stages: p.stages, bags: p.bags, first: None }
     }
 
     /// Stages take about as long as those before; `within` is how much of stage `index` is done.
@@ -91,7 +101,9 @@ impl Show {
         if done < 0.2 {
             return "time left unknown".into();
         }
-        let left = self.begin.elapsed().as_secs_f64() * (self.stages as f64 - first as f64 - done) / done;
+        // A row of the ablation may have more bags than were asked for.
+        let to_come = ((self.stages * self.bags) as f64 - first as f64 - done).max(0.0);
+        let left = self.begin.elapsed().as_secs_f64() * to_come / done;
         if left >= 90.0 {
             format!("about {:.0} min left", left / 60.0)
         } else {
@@ -111,9 +123,11 @@ impl Show {
                 let alarms = 100.0 * false_alarm_rate;
                 self.bar.set_message(format!("{name}{trees} trees, {alarms:.0} % false alarms, {left}"));
             }
-            Progress::Done { cascade, figures } => {
+            Progress::Done { bag, cascade, figures } => {
+                let done = bag * self.stages + cascade.stages.len();
+                let bag = if self.bags > 1 || bag > 0 { format!("bag {}: ", bag + 1) } else { String::new() };
                 let line = format!(
-                    "{name}stage {} of {}: {} trees, {:.2} % hits, {:.1} % false alarms, reached by {:.1e}",
+                    "{name}{bag}stage {} of {}: {} trees, {:.2} % hits, {:.1} % false alarms, reached by {:.1e}",
                     cascade.stages.len(),
                     self.stages,
                     figures.trees,
@@ -122,7 +136,7 @@ impl Show {
                     figures.acceptance
                 );
                 if self.bar.is_hidden() {
-                    let left = self.left(cascade.stages.len(), 0.0);
+                    let left = self.left(done, 0.0);
                     eprintln!("{line}, {left}");
                 } else {
                     self.bar.println(line);
@@ -140,7 +154,7 @@ fn ablation_table(args: &Train, p: &TrainParameters) -> Result<(), CommandError>
     for folder in &args.negatives {
         rest.extend(pictures::read(folder)?);
     }
-    let mut show = Show::new(p.stages);
+    let mut show = Show::new(p);
     let objects = pictures::read(&args.positives)?;
     let table = ablation::ablation(p, objects, rest, HELD_OUT, &mut |change, event| {
         show.event(&format!("{change}: "), event, p.stage.max_trees);
@@ -162,7 +176,7 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
         rest.training.extend(part.training);
         rest.validation.extend(part.validation);
     }
-    let mut show = Show::new(p.stages);
+    let mut show = Show::new(&p);
     if args.sweep {
         let sweep = sweep::sweep(&p, &objects, &rest, &mut |depth, event| {
             show.event(&format!("depth {depth}: "), event, p.stage.max_trees);
@@ -174,29 +188,29 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
         hit_rate: p.stage.hit_rate,
         false_alarm_rate: p.stage.false_alarm_rate,
         max_depth: p.stage.tree.max_depth,
-        max_trees: u32::try_from(p.stage.max_trees * p.stages).unwrap_or(u32::MAX),
+        max_trees: u32::try_from(p.stage.max_trees * p.stages * p.bags).unwrap_or(u32::MAX),
     };
     let checkpoint = Checkpoint::new(&args.out, &p, &objects, &rest);
     if args.restart {
         checkpoint.remove()?;
     }
-    let (begun, mut figures) = match checkpoint.load()? {
-        Some((cascade, figures)) => {
-            eprintln!("going on after stage {} of {}", figures.len(), checkpoint.path().display());
-            (Some(cascade), figures)
-        }
-        None => (None, Vec::new()),
-    };
+    let begun = checkpoint.load()?.unwrap_or_default();
+    if !begun.figures.is_empty() {
+        eprintln!("going on after stage {} of {}", begun.figures.len(), checkpoint.path().display());
+    }
+    let mut figures = begun.figures.clone();
     let (positives, negatives) =
         (objects.training.len() + objects.validation.len(), rest.training.len() + rest.validation.len());
     let mut failed = None;
-    let mut kept = figures.clone();
+    let mut kept = begun.clone();
     let cpu = ipc::clock::process_cpu_ns();
-    let trained = train(&p, objects.clone(), rest.clone(), begun, &mut |event| {
+    let trained = train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |event| {
         show.event("", event, p.stage.max_trees);
-        if let Progress::Done { cascade, figures } = event {
-            kept.push(*figures);
-            failed = failed.take().or(checkpoint.save(cascade, &with, &kept).err());
+        if let Progress::Done { bag, cascade, figures } = event {
+            kept.cascades.truncate(bag);
+            kept.cascades.push(cascade.clone());
+            kept.figures.push(*figures);
+            failed = failed.take().or(checkpoint.save(&kept.cascades, &with, &kept.figures).err());
         }
     })?;
     show.bar.finish_and_clear();

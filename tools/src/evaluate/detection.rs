@@ -1,11 +1,12 @@
 //! A cascade judged on patches: each is brought to the size of the window and classified.
 
 use crate::train::augment::{Part, Sampling, window};
+use crate::train::bags;
 use crate::train::features::Sums;
 use crate::train::pictures::SourcePicture;
 use crate::train::threads;
 use crate::train::{FeatureKind, TrainError};
-use perception::recognition::cascade::{Branch, Cascade, Stage};
+use perception::recognition::cascade::Cascade;
 use serde::Serialize;
 
 /// One patch's way through a cascade.
@@ -68,21 +69,6 @@ pub struct DetectionReport {
 /// Points of the ROC that are kept.
 const POINTS: usize = 200;
 
-fn stage_margin(cascade: &Cascade, stage: &Stage, sample: &Sums) -> f64 {
-    let mut sum = 0.0_f64;
-    for tree in &stage.trees {
-        let mut node = &tree[0];
-        sum += loop {
-            let left = sample.goes_left(&cascade.features, node.feature as usize, &node.split);
-            match if left { node.left } else { node.right } {
-                Branch::Leaf(value) => break f64::from(value),
-                Branch::Node(next) => node = &tree[usize::from(next)],
-            }
-        };
-    }
-    sum - f64::from(stage.threshold)
-}
-
 /// The verdict on a window that was brought to the cascade's size.
 pub fn judge(cascade: &Cascade, pixels: &[u8]) -> Verdict {
     let kind = FeatureKind::of(&cascade.features);
@@ -92,7 +78,7 @@ pub fn judge(cascade: &Cascade, pixels: &[u8]) -> Verdict {
     }
     let mut verdict = Verdict { margin: f64::INFINITY, stages: 0 };
     for stage in &cascade.stages {
-        let margin = stage_margin(cascade, stage, &sample);
+        let margin = bags::margin(cascade, stage, &sample);
         verdict.margin = verdict.margin.min(margin);
         if verdict.margin >= -1e-5 {
             verdict.stages += 1;

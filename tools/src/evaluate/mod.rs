@@ -11,6 +11,7 @@ pub mod fill;
 pub mod lidar;
 pub mod report;
 pub mod roc;
+pub mod running_time;
 pub mod scene_match;
 pub mod score;
 pub mod subpixel;

@@ -49,14 +49,15 @@ pub struct Ablation {
 type Change = (&'static str, fn(&mut TrainParameters));
 
 /// What is left out, one at a time.
-const CHANGES: [Change; 10] = [
+const CHANGES: [Change; 11] = [
     ("as asked for", |_| {}),
     ("nothing varied", |p| {
         p.variants = 0;
         p.variation = Variation::NONE;
     }),
     ("varied half as much", |p| p.variation = p.variation.times(0.5)),
-    ("each stage from nothing", |p| p.stage.chained = false),
+    ("each stage from nothing", |p| (p.stage.chained, p.bags) = (false, 1)),
+    ("one bag, or three for one", |p| p.bags = if p.bags == 1 { 3 } else { 1 }),
     ("trees count in full", |p| p.stage.learning_rate = 1.0),
     ("no prior of leaves", |p| p.stage.tree.leaf_prior = 0.0),
     ("no prior of codes", |p| p.stage.tree.category_prior = 0.0),
@@ -86,7 +87,8 @@ pub fn ablation(
         apply(&mut p);
         let begin = Instant::now();
         let split = |sequences: &[Vec<SourcePicture>]| pictures::split(sequences.to_vec(), p.validation);
-        let trained = train(&p, split(&objects), split(&rest), None, &mut |event| progress(change, event))?;
+        let trained =
+            train(&p, split(&objects), split(&rest), Vec::new(), &mut |event| progress(change, event))?;
         let cascade = trained.cascade;
         let hits = judge_all(&cascade, &judged_objects, p.threads);
         let alarms = judge_all(&cascade, &judged_rest, p.threads);

@@ -16,11 +16,21 @@ pub struct Checkpoint {
     fingerprint: String,
 }
 
+/// What an earlier run finished.
+#[derive(Clone, Debug, Default)]
+pub struct Begun {
+    /// One a bag, the last of them perhaps with some of its stages only.
+    pub cascades: Vec<Cascade>,
+    /// Figures of all their stages.
+    pub figures: Vec<StageFigures>,
+}
+
 #[derive(Serialize, Deserialize)]
 struct Document {
     fingerprint: String,
     figures: Vec<StageFigures>,
-    cascade: String,
+    /// One a bag, the last of them perhaps with some of its stages only.
+    cascades: Vec<String>,
 }
 
 /// FNV-1a, 64 bits.
@@ -60,7 +70,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// When the file is not sound, or belongs to other parameters or pictures.
-    pub fn load(&self) -> Result<Option<(Cascade, Vec<StageFigures>)>, TrainError> {
+    pub fn load(&self) -> Result<Option<Begun>, TrainError> {
         let text = match std::fs::read_to_string(&self.path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
@@ -75,11 +85,12 @@ impl Checkpoint {
         if document.fingerprint != self.fingerprint {
             return Err(wrong("was begun with other options or pictures"));
         }
-        let cascade = xml::read(&document.cascade).map_err(|e| wrong(&e.to_string()))?;
-        if cascade.stages.len() != document.figures.len() {
+        let cascades = document.cascades.iter().map(|text| xml::read(text));
+        let cascades: Vec<Cascade> = cascades.collect::<Result<_, _>>().map_err(|e| wrong(&e.to_string()))?;
+        if cascades.iter().map(|c| c.stages.len()).sum::<usize>() != document.figures.len() {
             return Err(wrong("stages and figures do not agree"));
         }
-        Ok(Some((cascade, document.figures)))
+        Ok(Some(Begun { cascades, figures: document.figures }))
     }
 
     /// Keeps the stages so far, in one step: a run that is stopped here loses nothing.
@@ -88,14 +99,14 @@ impl Checkpoint {
     /// When the file cannot be written.
     pub fn save(
         &self,
-        cascade: &Cascade,
+        cascades: &[Cascade],
         with: &TrainedWith,
         figures: &[StageFigures],
     ) -> Result<(), TrainError> {
         let document = Document {
             fingerprint: self.fingerprint.clone(),
             figures: figures.to_vec(),
-            cascade: xml::write(cascade, with),
+            cascades: cascades.iter().map(|cascade| xml::write(cascade, with)).collect(),
         };
         let io = |error: &dyn std::fmt::Display| {
             TrainError::Data(format!(

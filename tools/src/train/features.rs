@@ -98,6 +98,23 @@ pub fn draw(features: &Features, count: usize, random: &mut Rng) -> Features {
     }
 }
 
+/// The number of a pool's feature in the cascade, which gets it when it has not.
+pub fn add(features: &mut Features, pool: &Features, index: usize) -> u32 {
+    fn place<T: PartialEq + Copy>(list: &mut Vec<T>, item: T) -> u32 {
+        let at = list.iter().position(|f| *f == item).unwrap_or_else(|| {
+            list.push(item);
+            list.len() - 1
+        });
+        at as u32
+    }
+    match (features, pool) {
+        (Features::Lbp(list), Features::Lbp(pool)) => place(list, pool[index]),
+        (Features::Haar(list), Features::Haar(pool)) => place(list, pool[index]),
+        // A cascade and its pools are of one kind.
+        _ => 0,
+    }
+}
+
 /// The sums over one sample that features are made of.
 #[derive(Clone, Debug, Default)]
 pub struct Sums {

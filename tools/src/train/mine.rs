@@ -74,6 +74,11 @@ impl<'a> Miner<'a> {
         self.shares.last().is_none_or(|&s| s <= 0.0)
     }
 
+    /// Which pictures are patches, small enough to be tried as a whole.
+    pub fn patches(&self) -> &[usize] {
+        &self.patches
+    }
+
     /// Candidate `index` of a round: first the patches as they are, then parts at random, a quarter
     /// of them put together from two: no object plus no object is none.
     fn candidate(&self, round: u64, index: usize, out: &mut Vec<u8>) {

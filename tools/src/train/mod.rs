@@ -7,8 +7,10 @@
 
 pub mod ablation;
 pub mod augment;
+pub mod bags;
 pub mod checkpoint;
 pub mod features;
+pub mod finish;
 pub mod mine;
 pub mod pictures;
 pub mod report;
@@ -20,6 +22,7 @@ pub mod tree;
 use augment::{Part, Sampling, Variation};
 use fastrand::Rng;
 use features::{Codes, Sums};
+use finish::{Aim, Judged};
 use mine::Miner;
 use perception::recognition::cascade::{Branch, Cascade, Features, Node, Stage};
 use pictures::{SourcePicture, Split};
@@ -90,6 +93,8 @@ pub struct TrainParameters {
     pub pool: usize,
     /// Stages.
     pub stages: usize,
+    /// Cascades that are trained and joined, each with random numbers of its own.
+    pub bags: usize,
     /// How a stage is trained.
     pub stage: StageParameters,
     /// Varied windows made of each object, besides the object as it is.
@@ -101,9 +106,11 @@ pub struct TrainParameters {
     /// Share of each folder's pictures that judge and are not learned from; with 0 the samples
     /// that are learned from judge themselves.
     pub validation: f64,
-    /// Share of the judging objects that the whole cascade lets pass: all thresholds are moved
-    /// together until it does. `None` leaves them as the stages set them.
-    pub final_hit_rate: Option<f64>,
+    /// What is wanted of the whole cascade, judged by the pictures that are filled by an object and patches
+    /// without (windows where there are no patches).
+    pub aim: Aim,
+    /// With an aim: share of the objects that the last stage lets pass that the first may refuse.
+    pub early: f64,
     /// Random numbers come from this.
     pub seed: u64,
     /// Threads; the result is the same for any number.
@@ -118,6 +125,7 @@ impl TrainParameters {
             features,
             pool: 4000,
             stages: 17,
+            bags: 1,
             stage: StageParameters {
                 hit_rate: 0.995,
                 false_alarm_rate: 0.5,
@@ -135,7 +143,8 @@ impl TrainParameters {
             variation: Variation::USUAL,
             negatives: 8000,
             validation: 0.2,
-            final_hit_rate: None,
+            aim: Aim::AsTrained,
+            early: 0.0,
             seed: 1,
             threads: 1,
         }
@@ -166,14 +175,14 @@ pub struct StageFigures {
 pub enum Progress<'a> {
     /// A stage begins with this share of windows still in the race.
     Stage {
-        /// From 0.
+        /// From 0, counted through all bags.
         index: usize,
         /// Share of windows without objects that reach it.
         acceptance: f64,
     },
     /// It has one more tree.
     Tree {
-        /// Its stage.
+        /// Its stage, counted through all bags.
         stage: usize,
         /// How many it has.
         trees: usize,
@@ -182,6 +191,8 @@ pub enum Progress<'a> {
     },
     /// A stage is done; the cascade so far can be kept.
     Done {
+        /// Which of the cascades that will be joined, from 0.
+        bag: usize,
         /// All stages so far.
         cascade: &'a Cascade,
         /// Its figures.
@@ -200,8 +211,8 @@ pub struct Trained {
     pub exhausted: bool,
 }
 
-/// The windows of one class: each picture as it is, and varied.
-fn object_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usize, salt: u64) -> Vec<Sums> {
+/// The windows of pictures that fill them: each as it is, and varied.
+fn whole_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usize, salt: u64) -> Vec<Sums> {
     let window = (usize::from(p.window.0), usize::from(p.window.1));
     let made = threads::map(p.threads, pictures.len(), |i| {
         let view = pictures[i].grey.view();
@@ -222,8 +233,13 @@ fn object_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usi
     made.into_iter().flatten().collect()
 }
 
-/// Trains a cascade. `begun` holds stages that were trained before with the same parameters and
-/// pictures; training goes on behind them, to the same cascade.
+fn sums_of(windows: &[Vec<u8>], p: &TrainParameters) -> Vec<Sums> {
+    threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, p.features))
+}
+
+/// Trains a cascade. `begun` holds what was trained before with the same parameters and pictures: the cascades
+/// that will be joined, the last of them perhaps without its last stages; training goes on behind them, to the
+/// same cascade.
 ///
 /// # Errors
 /// When the pictures do not suffice.
@@ -231,9 +247,62 @@ pub fn train(
     p: &TrainParameters,
     objects: Split,
     rest: Split,
+    begun: Vec<Cascade>,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Trained, TrainError> {
+    if p.bags > 1 && !p.stage.chained {
+        let text = "cascades whose stages begin from nothing cannot be joined: --bags 1, or not --unchained";
+        return Err(TrainError::Data(text.into()));
+    }
+    let mut result = Trained { cascade: Builder::new(p, None).cascade, stages: Vec::new(), exhausted: false };
+    let mut cascades = begun;
+    for bag in cascades.len().saturating_sub(1)..p.bags {
+        let before = (cascades.len() > bag).then(|| cascades.split_off(bag)).and_then(|mut last| last.pop());
+        let one = train_one(p, bag, &objects, &rest, before, progress)?;
+        result.stages.extend(one.stages);
+        result.exhausted |= one.exhausted;
+        cascades.push(one.cascade);
+    }
+    let judging = |split: Split| if p.validation > 0.0 { split.validation } else { split.training };
+    let (objects, rest) = (judging(objects), judging(rest));
+    let varied = whole_windows(&objects, p, p.variants, 2);
+    result.cascade = bags::join(cascades, p.stage.hit_rate, &varied).unwrap_or(result.cascade);
+    let margins = |windows: &[Sums]| bags::margins(&result.cascade, windows, p.threads);
+    let judged = match p.aim {
+        Aim::AsTrained => Judged::default(),
+        _ => Judged {
+            objects: margins(&whole_windows(&objects, p, 0, 2)),
+            rest: margins(&without_objects(&rest, p)),
+            varied: margins(&varied),
+        },
+    };
+    finish::finish(p.aim, p.early, &mut result.cascade.stages, &judged);
+    Ok(result)
+}
+
+/// The patches among the pictures; windows at random where there are no patches.
+fn without_objects(pictures: &[SourcePicture], p: &TrainParameters) -> Vec<Sums> {
+    let window = (usize::from(p.window.0), usize::from(p.window.1));
+    let miner = Miner::new(pictures, window, p.variation, p.seed ^ 0x5EED);
+    let patches: Vec<SourcePicture> = miner.patches().iter().map(|&i| pictures[i].clone()).collect();
+    let windows = whole_windows(&patches, p, 0, 3);
+    if windows.is_empty() {
+        return sums_of(&miner.mine(&Builder::new(p, None).cascade, 0, p.negatives, p.threads).windows, p);
+    }
+    windows
+}
+
+/// Trains one of the cascades that will be joined.
+fn train_one(
+    p: &TrainParameters,
+    bag: usize,
+    objects: &Split,
+    rest: &Split,
     begun: Option<Cascade>,
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Trained, TrainError> {
+    let p = &TrainParameters { seed: p.seed.wrapping_add(bag as u64), ..*p };
+    let earlier = bag * p.stages;
     let window = (usize::from(p.window.0), usize::from(p.window.1));
     let all = p.features.all(p.window.0, p.window.1);
     let miner = Miner::new(&rest.training, window, p.variation, p.seed);
@@ -250,22 +319,21 @@ pub fn train(
         );
         return Err(TrainError::Data(text));
     }
-    let mut learned = object_windows(&objects.training, p, p.variants, 1);
-    let mut judges = object_windows(&objects.validation, p, p.variants, 2);
+    let mut learned = whole_windows(&objects.training, p, p.variants, 1);
+    let judges = whole_windows(&objects.validation, p, p.variants, 2);
     let mut builder = Builder::new(p, begun);
-    let mut margins = vec![f64::INFINITY; judges.len()];
+    let mut alive = vec![true; judges.len()];
     let mut figures = Vec::new();
     let mut exhausted = false;
     // Stages that were there before: whom they refuse does not come back.
     for stage in &builder.cascade.stages.clone() {
         let single = Cascade { stages: vec![stage.clone()], ..builder.cascade.clone() };
         let passes = |s: &Sums| single.stages_passed(s.integral(), 0, 0) == Some(1);
-        for (margin, judge) in margins.iter_mut().zip(&judges) {
-            *margin = margin.min(builder.margin(stage, judge));
+        for (alive, judge) in alive.iter_mut().zip(&judges) {
+            *alive &= stage::passes(bags::sum(&builder.cascade, stage, judge), stage.threshold);
         }
         learned.retain(passes);
     }
-    let mut alive: Vec<bool> = margins.iter().map(|&m| m >= -1e-5).collect();
     while builder.cascade.stages.len() < p.stages {
         let index = builder.cascade.stages.len();
         let round = index as u64 + 1;
@@ -275,12 +343,9 @@ pub fn train(
             exhausted = true;
             break;
         }
-        progress(Progress::Stage { index, acceptance });
-        let sums_of = |windows: &[Vec<u8>]| -> Vec<Sums> {
-            threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, p.features))
-        };
+        progress(Progress::Stage { index: earlier + index, acceptance });
         let objects_now = learned.len();
-        let rest_now = sums_of(&mined.windows);
+        let rest_now = sums_of(&mined.windows, p);
         let rest_count = rest_now.len();
         let mut samples = std::mem::take(&mut learned);
         samples.extend(rest_now);
@@ -291,14 +356,14 @@ pub fn train(
         let judge_rest: Vec<Sums>;
         let judging = if judged_apart {
             let mined = judge_miner.mine(&builder.cascade, round, (p.negatives / 3).max(500), p.threads);
-            judge_rest = sums_of(&mined.windows);
+            judge_rest = sums_of(&mined.windows, p);
             judge_objects = judges.iter().zip(&alive).filter(|(_, a)| **a).map(|(j, _)| j.clone()).collect();
             Samples { objects: &judge_objects, rest: &judge_rest }
         } else {
             Samples { objects: &samples[..objects_now], rest: &samples[objects_now..] }
         };
         let mut each = |trees, false_alarm_rate| {
-            progress(Progress::Tree { stage: index, trees, false_alarm_rate });
+            progress(Progress::Tree { stage: earlier + index, trees, false_alarm_rate });
         };
         let begin = Start {
             learned: builder.sums(&samples, p),
@@ -329,21 +394,13 @@ pub fn train(
         let mut kept = trained.learned_sums.iter().map(|&s| stage::passes(s, trained.threshold));
         learned.retain(|_| kept.next().unwrap_or(false));
         if let Some(stage) = builder.cascade.stages.last() {
-            for ((margin, judge), alive) in margins.iter_mut().zip(&judges).zip(&mut alive) {
-                *margin = margin.min(builder.margin(stage, judge));
-                *alive = *margin >= -1e-5;
+            for (alive, judge) in alive.iter_mut().zip(&judges) {
+                *alive &= stage::passes(bags::sum(&builder.cascade, stage, judge), stage.threshold);
             }
         }
-        progress(Progress::Done { cascade: &builder.cascade, figures: &stage_figures });
+        progress(Progress::Done { bag, cascade: &builder.cascade, figures: &stage_figures });
         figures.push(stage_figures);
     }
-    if let Some(share) = p.final_hit_rate.filter(|_| !margins.is_empty()) {
-        let moved = stage::threshold_for(&margins, share);
-        for stage in &mut builder.cascade.stages {
-            stage.threshold += moved;
-        }
-    }
-    judges.clear();
     Ok(Trained { cascade: builder.cascade, stages: figures, exhausted })
 }
 
@@ -362,27 +419,6 @@ impl Builder {
         Self { cascade: begun.unwrap_or(empty) }
     }
 
-    /// The sum of a stage's trees for a sample.
-    fn sum(&self, stage: &Stage, sample: &Sums) -> f64 {
-        let mut sum = 0.0;
-        for tree in &stage.trees {
-            let mut node = &tree[0];
-            sum += loop {
-                let left = sample.goes_left(&self.cascade.features, node.feature as usize, &node.split);
-                match if left { node.left } else { node.right } {
-                    Branch::Leaf(value) => break f64::from(value),
-                    Branch::Node(next) => node = &tree[usize::from(next)],
-                }
-            };
-        }
-        sum
-    }
-
-    /// How far a sample's sum lies above a stage's threshold.
-    fn margin(&self, stage: &Stage, sample: &Sums) -> f64 {
-        self.sum(stage, sample) - f64::from(stage.threshold)
-    }
-
     /// What samples bring along into the next stage.
     fn sums(&self, samples: &[Sums], p: &TrainParameters) -> Vec<f64> {
         match self.cascade.stages.last().filter(|_| p.stage.chained) {
@@ -390,7 +426,7 @@ impl Builder {
                 const RUN: usize = 256;
                 let runs = threads::map(p.threads, samples.len().div_ceil(RUN), |run| {
                     let part = &samples[run * RUN..samples.len().min((run + 1) * RUN)];
-                    part.iter().map(|s| self.sum(stage, s)).collect::<Vec<f64>>()
+                    part.iter().map(|s| bags::sum(&self.cascade, stage, s)).collect::<Vec<f64>>()
                 });
                 runs.into_iter().flatten().collect()
             }
@@ -409,7 +445,9 @@ impl Builder {
                     Child::Leaf(value) => Branch::Leaf(value),
                 };
                 Node {
-                    feature: *names.entry(node.feature).or_insert_with(|| add(features, pool, node.feature)),
+                    feature: *names
+                        .entry(node.feature)
+                        .or_insert_with(|| features::add(features, pool, node.feature)),
                     split: node.split,
                     left: branch(node.children[0]),
                     right: branch(node.children[1]),
@@ -420,23 +458,6 @@ impl Builder {
         let before = self.cascade.stages.last().filter(|_| chained).map(|s| s.trees.clone());
         let trees = before.unwrap_or_default().into_iter().chain(trees).collect();
         self.cascade.stages.push(Stage { threshold: trained.threshold, trees });
-    }
-}
-
-/// The number of a pool's feature in the cascade, which gets it when it has not.
-fn add(features: &mut Features, pool: &Features, index: usize) -> u32 {
-    fn place<T: PartialEq + Copy>(list: &mut Vec<T>, item: T) -> u32 {
-        let at = list.iter().position(|f| *f == item).unwrap_or_else(|| {
-            list.push(item);
-            list.len() - 1
-        });
-        at as u32
-    }
-    match (features, pool) {
-        (Features::Lbp(list), Features::Lbp(pool)) => place(list, pool[index]),
-        (Features::Haar(list), Features::Haar(pool)) => place(list, pool[index]),
-        // A cascade and its pools are of one kind.
-        _ => 0,
     }
 }
 

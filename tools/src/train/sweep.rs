@@ -119,7 +119,7 @@ pub fn sweep(
         let mut p = *p;
         p.stage.tree.max_depth = max_depth;
         let trained =
-            train(&p, objects.clone(), rest.clone(), None, &mut |event| progress(max_depth, event))?;
+            train(&p, objects.clone(), rest.clone(), Vec::new(), &mut |event| progress(max_depth, event))?;
         let cascade = trained.cascade;
         let hits = judge_all(&cascade, &objects.validation, p.threads);
         let alarms = judge_all(&cascade, &rest.validation, p.threads);

@@ -51,7 +51,7 @@ fn objects_are_told_apart_and_threads_change_nothing() {
             let p = TrainParameters { threads, ..p };
             let mut events = 0;
             let trained =
-                train(&p, pictures(60, 20, true), pictures(60, 40, false), None, &mut |_| events += 1);
+                train(&p, pictures(60, 20, true), pictures(60, 40, false), Vec::new(), &mut |_| events += 1);
             (trained.expect("a cascade"), events)
         };
         let (one, events) = run(1);
@@ -74,31 +74,32 @@ fn a_run_that_was_stopped_goes_on_to_the_same_cascade() {
     let with = TrainedWith { hit_rate: 0.9, false_alarm_rate: 0.5, max_depth: 2, max_trees: 10 };
     let folder = tempfile::tempdir().expect("a folder");
     let (objects, rest) = (pictures(50, 20, true), pictures(50, 40, false));
-    for chained in [true, false] {
+    for (chained, bags, stop) in [(true, 1, 1), (false, 1, 1), (true, 2, 4)] {
         let mut p = parameters(FeatureKind::Haar);
-        p.stage.chained = chained;
-        p.final_hit_rate = Some(0.9);
-        let output = folder.path().join(format!("{chained}.xml"));
+        (p.stage.chained, p.bags) = (chained, bags);
+        p.aim = if chained { Aim::HitRate(0.9) } else { Aim::FalseAlarmRate(0.01) };
+        let output = folder.path().join(format!("{chained}{bags}{stop}.xml"));
         let checkpoint = Checkpoint::new(&output, &p, &objects, &rest);
         assert!(checkpoint.load().expect("nothing there").is_none());
-        let mut figures = Vec::new();
-        let whole = train(&p, objects.clone(), rest.clone(), None, &mut |event| {
-            if let Progress::Done { cascade, figures: stage } = event {
+        let (mut cascades, mut figures) = (Vec::new(), Vec::new());
+        let whole = train(&p, objects.clone(), rest.clone(), Vec::new(), &mut |event| {
+            if let Progress::Done { bag, cascade, figures: stage } = event {
+                cascades.truncate(bag);
+                cascades.push(cascade.clone());
                 figures.push(*stage);
-                // Stopped after the first stage.
-                if figures.len() == 1 {
-                    checkpoint.save(cascade, &with, &figures).expect("kept");
+                if figures.len() == stop {
+                    checkpoint.save(&cascades, &with, &figures).expect("kept");
                 }
             }
         })
         .expect("a cascade");
         assert!(whole.cascade.stages.len() > 1);
-        let (begun, kept) = checkpoint.load().expect("sound").expect("there");
-        assert_eq!(kept, figures[..1]);
+        let begun = checkpoint.load().expect("sound").expect("there");
+        assert_eq!(begun.figures, figures[..stop]);
         let rest_of_it =
-            train(&p, objects.clone(), rest.clone(), Some(begun), &mut |_| ()).expect("a cascade");
-        assert_eq!(rest_of_it.cascade, whole.cascade, "chained: {chained}");
-        assert_eq!(rest_of_it.stages, figures[1..]);
+            train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |_| ()).expect("a cascade");
+        assert_eq!(rest_of_it.cascade, whole.cascade, "chained: {chained}, {bags} bags, {stop} stages");
+        assert_eq!(rest_of_it.stages, figures[stop..]);
         // Other options make another cascade.
         let other = Checkpoint::new(&output, &TrainParameters { seed: 2, ..p }, &objects, &rest);
         let error = other.load().expect_err("another seed").to_string();
@@ -111,9 +112,39 @@ fn a_run_that_was_stopped_goes_on_to_the_same_cascade() {
 }
 
 #[test]
+fn bags_are_other_cascades_and_the_last_stage_has_the_trees_of_all() {
+    let mut p = parameters(FeatureKind::Haar);
+    p.aim = Aim::FalseAlarmRate(0.05);
+    let (objects, rest) = (pictures(60, 20, true), pictures(60, 40, false));
+    let run = |bags, threads| {
+        let p = TrainParameters { bags, threads, ..p };
+        train(&p, objects.clone(), rest.clone(), Vec::new(), &mut |_| ()).expect("a cascade")
+    };
+    let (one, three) = (run(1, 1), run(3, 1));
+    assert_eq!(three.cascade, run(3, 3).cascade, "the threads change nothing");
+    let first = one.cascade.stages.len();
+    assert_eq!(three.cascade.stages.len(), first + 2);
+    assert_eq!(three.cascade.stages[..first - 1], one.cascade.stages[..first - 1]);
+    let trees: Vec<_> = three.cascade.stages[first - 1..].iter().map(|stage| &stage.trees).collect();
+    assert_eq!(trees[0], &one.cascade.stages[first - 1].trees);
+    assert!(trees.windows(2).all(|pair| pair[1].starts_with(pair[0]) && pair[1].len() > pair[0].len()));
+    let added = &trees[2][trees[0].len()..];
+    assert!(added.iter().any(|tree| !trees[0].contains(tree)), "other random numbers, other trees");
+    assert!(three.stages.len() > one.stages.len());
+    // Of the patches that judged.
+    let alarms = judge_all(&three.cascade, &rest.validation, 1);
+    assert!(alarms.iter().filter(|v| v.hit(0.0)).count() <= alarms.len() / 20);
+    let unchained =
+        TrainParameters { bags: 2, stage: stage::StageParameters { chained: false, ..p.stage }, ..p };
+    let error = train(&unchained, objects, rest, Vec::new(), &mut |_| ()).expect_err("no common stages");
+    assert!(error.to_string().contains("--bags 1"), "{error}");
+}
+
+#[test]
 fn too_few_pictures_are_refused_with_the_remedy() {
     let p = parameters(FeatureKind::Lbp);
-    let run = |objects, rest| train(&p, objects, rest, None, &mut |_| ()).expect_err("too few").to_string();
+    let run =
+        |objects, rest| train(&p, objects, rest, Vec::new(), &mut |_| ()).expect_err("too few").to_string();
     assert!(run(Split::default(), pictures(10, 40, false)).contains("--validation 0"));
     let small = run(pictures(10, 20, true), pictures(10, 8, false));
     assert!(small.contains("at least 12x12 pixels"), "{small}");
@@ -124,7 +155,7 @@ fn a_report_has_all_its_files() {
     let folder = tempfile::tempdir().expect("a folder");
     let p = parameters(FeatureKind::HaarTilted);
     let (objects, rest) = (pictures(40, 20, true), pictures(40, 40, false));
-    let trained = train(&p, objects.clone(), rest.clone(), None, &mut |_| ()).expect("a cascade");
+    let trained = train(&p, objects.clone(), rest.clone(), Vec::new(), &mut |_| ()).expect("a cascade");
     let hits = judge_all(&trained.cascade, &objects.validation, 1);
     let alarms = judge_all(&trained.cascade, &rest.validation, 1);
     let validation = figures(&hits, &alarms, trained.cascade.stages.len()).expect("figures");
@@ -153,8 +184,9 @@ fn the_ablation_judges_each_change_by_pictures_that_took_no_part() {
             }
         })
         .expect("a table");
-    assert_eq!((table.positives, table.negatives, table.rows.len()), (18, 18, 10));
-    assert_eq!(changes.len(), 10, "{changes:?}");
+    assert_eq!((table.positives, table.negatives, table.rows.len()), (18, 18, 11));
+    // One stage each, and three where there are three bags.
+    assert_eq!(changes.len(), 13, "{changes:?}");
     assert!(table.rows[0].area > 0.9, "{:?}", table.rows[0]);
     assert!(table.text().contains("each stage from nothing"));
 }

@@ -27,6 +27,8 @@ impl Corridor {
 #[derive(Clone, Debug)]
 pub struct VDisparity {
     counts: Vec<u16>,
+    /// Least disparity that counts, by column, in 1/256 px.
+    least: Vec<u16>,
     bins: usize,
     height: usize,
 }
@@ -35,7 +37,7 @@ impl VDisparity {
     /// An empty histogram for maps of `height` rows and disparities below `disparities` px.
     pub fn new(height: usize, disparities: usize) -> Self {
         let bins = disparities * BINS_PER_PX;
-        Self { counts: vec![0; bins * height], bins, height }
+        Self { counts: vec![0; bins * height], least: Vec::new(), bins, height }
     }
 
     /// Counts a map anew. Unknown disparities, those beyond the last bin and those below a confidence
@@ -46,12 +48,17 @@ impl VDisparity {
     pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8, corridor: Corridor) {
         assert_eq!(depth.height(), self.height, "the histogram was made for another height");
         self.counts.fill(0);
+        self.least.clear();
+        self.least.extend((0..depth.width()).map(|x| {
+            let columns = (x as f32 - corridor.centre_px).abs();
+            (256.0 * columns / corridor.columns_per_px).ceil().max(1.0) as u16
+        }));
         for y in 0..self.height {
             let counts = &mut self.counts[y * self.bins..(y + 1) * self.bins];
-            for (x, (&d, &confidence)) in depth.disparity(y).iter().zip(depth.confidence(y)).enumerate() {
-                if d > 0
+            let row = depth.disparity(y).iter().zip(depth.confidence(y));
+            for ((&d, &confidence), &least) in row.zip(&self.least) {
+                if d >= least
                     && confidence >= least_confidence
-                    && (x as f32 - corridor.centre_px).abs() <= corridor.columns_per_px * f32::from(d) / 256.0
                     && let Some(count) = counts.get_mut(usize::from(d / BIN_STEP))
                 {
                     *count = count.saturating_add(1);

@@ -67,6 +67,13 @@ impl Confirmation {
         Self { candidates: Vec::with_capacity(2 * CAPACITY), most, at_once }
     }
 
+    /// The same for what even strong evidence does not prove at once: a flake before the lens is as plain as
+    /// anything, for one frame.
+    pub fn twice(again: bool) -> Self {
+        let fresh = Self::new(again);
+        Self { at_once: if again { f64::INFINITY } else { fresh.at_once }, ..fresh }
+    }
+
     /// Takes the regions of a frame, nearest first, and leaves those that are believed; adds those that
     /// were and are not seen just now, as far as there is room. `size` is the image's width and height.
     pub fn filter(

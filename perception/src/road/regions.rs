@@ -114,7 +114,7 @@ const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 const SURE: f64 = 0.7;
 /// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m), pixels, rise
 /// (px, of a step) and standard deviations.
-const EVIDENCE: [f64; 7] = [-6.0, 1.5, 2.6, 3.2, 1.9, 3.4, -1.2];
+const EVIDENCE: [f64; 7] = [-6.4, 1.4, 2.4, 2.8, 1.7, 2.8, -0.8];
 /// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
 /// a car is not of the car.
 const SIDE_BY_SIDE: f64 = 0.2;

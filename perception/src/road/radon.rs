@@ -127,7 +127,7 @@ mod tests {
                     map[y * width + x] = (d.max(0.0) * 256.0) as u16;
                 }
             }
-            let mut histogram = VDisparity::new(height, 64);
+            let mut histogram = VDisparity::new(width, height, 64);
             let certain = vec![255; width * height];
             let map = DisparityView::new(&map, width, height).unwrap();
             histogram.fill(DepthView::new(map, &certain).unwrap(), 1, Corridor::ALL);
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn an_empty_map_has_no_line() {
-        let mut histogram = VDisparity::new(50, 16);
+        let mut histogram = VDisparity::new(50, 50, 16);
         let map = DisparityView::new(&[0; 2500], 50, 50).unwrap();
         histogram.fill(DepthView::new(map, &[255; 2500]).unwrap(), 1, Corridor::ALL);
         let range = RadonRange { slope: (0.04, 1.0), horizon_px: (0.0, 40.0) };

@@ -257,6 +257,20 @@ mod tests {
     }
 
     #[test]
+    fn what_may_be_a_flake_must_come_back_however_plain() {
+        let reported = |again: bool| {
+            let mut confirmation = Confirmation::twice(again);
+            [(); 2].map(|()| {
+                let mut regions = vec![region(300, 5.0)];
+                confirmation.filter(&mut regions, (640, 480), &RIG, |_| 50.0);
+                regions.len()
+            })
+        };
+        assert_eq!(reported(true), [0, 1]);
+        assert_eq!(reported(false), [1, 1], "a single picture has no second frame");
+    }
+
+    #[test]
     fn single_pictures_need_strong_evidence_only() {
         let mut regions = vec![region(300, 5.0), region(100, 5.0)];
         let evidence = |region: &Region| if region.bounds.x == 300 { 3.8 } else { 2.0 };

@@ -112,9 +112,8 @@ const STANDING: f64 = 0.4;
 const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a region is no such shadow.
 const SURE: f64 = 0.7;
-/// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m), pixels, rise
-/// (px, of a step) and standard deviations.
-const EVIDENCE: [f64; 7] = [-6.4, 1.4, 2.4, 2.8, 1.7, 2.8, -0.8];
+/// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
+const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
 /// a car is not of the car.
 const SIDE_BY_SIDE: f64 = 0.2;
@@ -389,18 +388,13 @@ fn evidence(region: &Region, surface: &Surface) -> f64 {
     let sure = region.confidence.clamp(0.3, 0.98);
     let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
     let fill = (f64::from(region.pixels) / area.max(1.0)).clamp(0.05, 1.0);
-    let prominence = prominence(region, surface);
-    let rise_px = prominence * surface.noise_px();
-    let terms = [
-        1.0,
-        (sure / (1.0 - sure)).ln(),
-        fill.ln(),
-        region.height_m.max(0.05).ln(),
-        f64::from(region.pixels.max(1)).ln(),
-        (rise_px / STEP_PX).min(1.0).ln(),
-        prominence.max(1.0).ln(),
-    ];
-    EVIDENCE.iter().zip(terms).map(|(weight, term)| weight * term).sum()
+    let rise_px = prominence(region, surface) * surface.noise_px();
+    EVIDENCE[0]
+        + 3.0 * (rise_px / STEP_PX).min(1.0).ln()
+        + EVIDENCE[1] * (sure / (1.0 - sure)).ln()
+        + EVIDENCE[2] * fill.ln()
+        + EVIDENCE[3] * region.height_m.max(0.05).ln()
+        + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
 }
 
 /// Standard deviations of the frame's noise that a region's top is above the road.

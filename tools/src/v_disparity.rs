@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn counts_are_bright_and_the_path_is_red() {
-        let mut histogram = VDisparity::new(40, 16);
+        let mut histogram = VDisparity::new(50, 40, 16);
         let map: Vec<u16> = (0..40 * 50).map(|i| (i / 50 * 64) as u16).collect();
         let map = DisparityView::new(&map, 50, 40).unwrap();
         histogram.fill(DepthView::new(map, &[255; 2000]).unwrap(), 1, Corridor::ALL);

@@ -67,6 +67,13 @@ impl Confirmation {
         Self { candidates: Vec::with_capacity(2 * CAPACITY), most, at_once }
     }
 
+    /// The same for what even strong evidence does not prove at once: a flake before the lens is as plain as
+    /// anything, for one frame.
+    pub fn twice(again: bool) -> Self {
+        let fresh = Self::new(again);
+        Self { at_once: if again { f64::INFINITY } else { fresh.at_once }, ..fresh }
+    }
+
     /// Takes the regions of a frame, nearest first, and leaves those that are believed; adds those that
     /// were and are not seen just now, as far as there is room. `size` is the image's width and height.
     pub fn filter(
@@ -247,6 +254,20 @@ mod tests {
         assert_eq!(believed(&[&seen[..]; 12], 0.45), [0; 12], "too little never does");
         // What comes and goes is not believed.
         assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
+    }
+
+    #[test]
+    fn what_may_be_a_flake_must_come_back_however_plain() {
+        let reported = |again: bool| {
+            let mut confirmation = Confirmation::twice(again);
+            [(); 2].map(|()| {
+                let mut regions = vec![region(300, 5.0)];
+                confirmation.filter(&mut regions, (640, 480), &RIG, |_| 50.0);
+                regions.len()
+            })
+        };
+        assert_eq!(reported(true), [0, 1]);
+        assert_eq!(reported(false), [1, 1], "a single picture has no second frame");
     }
 
     #[test]

@@ -27,31 +27,38 @@ impl Corridor {
 #[derive(Clone, Debug)]
 pub struct VDisparity {
     counts: Vec<u16>,
+    /// Least disparity that counts, by column, in 1/256 px.
+    least: Vec<u16>,
     bins: usize,
     height: usize,
 }
 
 impl VDisparity {
-    /// An empty histogram for maps of `height` rows and disparities below `disparities` px.
-    pub fn new(height: usize, disparities: usize) -> Self {
+    /// An empty histogram for maps of `width` × `height` and disparities below `disparities` px.
+    pub fn new(width: usize, height: usize, disparities: usize) -> Self {
         let bins = disparities * BINS_PER_PX;
-        Self { counts: vec![0; bins * height], bins, height }
+        Self { counts: vec![0; bins * height], least: vec![0; width], bins, height }
     }
 
     /// Counts a map anew. Unknown disparities, those beyond the last bin and those below a confidence
     /// are left out.
     ///
     /// # Panics
-    /// When the map has another height.
+    /// When the map has another size.
     pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8, corridor: Corridor) {
-        assert_eq!(depth.height(), self.height, "the histogram was made for another height");
+        let size = (self.least.len(), self.height);
+        assert_eq!((depth.width(), depth.height()), size, "the histogram was made for another size");
         self.counts.fill(0);
+        for (x, least) in self.least.iter_mut().enumerate() {
+            let columns = (x as f32 - corridor.centre_px).abs();
+            *least = (256.0 * columns / corridor.columns_per_px).ceil().max(1.0) as u16;
+        }
         for y in 0..self.height {
             let counts = &mut self.counts[y * self.bins..(y + 1) * self.bins];
-            for (x, (&d, &confidence)) in depth.disparity(y).iter().zip(depth.confidence(y)).enumerate() {
-                if d > 0
+            let row = depth.disparity(y).iter().zip(depth.confidence(y));
+            for ((&d, &confidence), &least) in row.zip(&self.least) {
+                if d >= least
                     && confidence >= least_confidence
-                    && (x as f32 - corridor.centre_px).abs() <= corridor.columns_per_px * f32::from(d) / 256.0
                     && let Some(count) = counts.get_mut(usize::from(d / BIN_STEP))
                 {
                     *count = count.saturating_add(1);
@@ -84,7 +91,7 @@ mod tests {
     #[test]
     fn every_known_pixel_is_counted_in_its_row() {
         let map = [0, 256, 300, 320, 64 * 256, u16::MAX, 1, 63];
-        let mut histogram = VDisparity::new(2, 8);
+        let mut histogram = VDisparity::new(4, 2, 8);
         let certain = [255; 8];
         let depth =
             |map, confidence| DepthView::new(DisparityView::new(map, 4, 2).unwrap(), confidence).unwrap();

@@ -118,7 +118,7 @@ impl RoadDetector {
         height: usize,
         disparities: usize,
     ) -> Self {
-        let histogram = VDisparity::new(height, disparities);
+        let histogram = VDisparity::new(width, height, disparities);
         let stixels = Stixels::new(width, height);
         Self {
             radon: Radon::new(histogram.bins(), height),

@@ -465,7 +465,7 @@ mod tests {
                 }
             }
         }
-        let mut histogram = VDisparity::new(height, 64);
+        let mut histogram = VDisparity::new(width, height, 64);
         let certain = vec![255; width * height];
         let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &certain).unwrap();
         histogram.fill(depth, 1, Corridor::ALL);

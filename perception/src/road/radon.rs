@@ -30,6 +30,11 @@ pub struct RadonRange {
 }
 
 const ANGLES: usize = 64;
+/// Rows above the first horizon that are looked at all the same.
+const ABOVE_PX: f64 = 4.0;
+/// One offset, in the units that lines are followed in.
+const FIXED_BITS: u32 = 32;
+const FIXED: f64 = (1_u64 << FIXED_BITS) as f64;
 
 /// Sums v-disparity along lines, with memory allocated once.
 #[derive(Debug)]
@@ -52,7 +57,9 @@ impl Radon {
     pub fn strongest(&mut self, histogram: &VDisparity, range: RadonRange, cap: u16) -> Option<RoadLine> {
         self.cells.clear();
         let least = (cap / 8).max(1);
-        for y in 0..histogram.height() {
+        // A line has no cells above its horizon but those that it touches by rounding.
+        let first = (range.horizon_px.0 - ABOVE_PX).clamp(0.0, histogram.height() as f64) as usize;
+        for y in first..histogram.height() {
             for (bin, &count) in histogram.row(y).iter().enumerate() {
                 if count >= least {
                     self.cells.push((bin as u16, y as u16, count.min(cap)));
@@ -70,10 +77,13 @@ impl Radon {
             // Offset d = i·cosφ + j·sinφ of each cell (i bin, j row); shifted to be positive.
             let shift = histogram.height() as f64 + 1.0;
             self.sums.fill(0);
+            // In 2^-32 of an offset; a half more, so that what is cut off rounds.
+            let fixed = |v: f64| (v * FIXED).round() as i64;
+            let (across, down, start) = (fixed(cos), fixed(sin), fixed(shift + 0.5));
             for &(bin, row, count) in &self.cells {
                 // Half offsets: a line one bin wide catches what rounding spreads.
-                let offset = f64::from(bin) * cos + f64::from(row) * sin + shift;
-                self.sums[offset.round() as usize] += u32::from(count);
+                let offset = i64::from(bin) * across + i64::from(row) * down + start;
+                self.sums[(offset >> FIXED_BITS) as usize] += u32::from(count);
             }
             for (i, window) in self.sums.windows(2).enumerate() {
                 let sum = window[0] + window[1];
@@ -117,7 +127,7 @@ mod tests {
                     map[y * width + x] = (d.max(0.0) * 256.0) as u16;
                 }
             }
-            let mut histogram = VDisparity::new(height, 64);
+            let mut histogram = VDisparity::new(width, height, 64);
             let certain = vec![255; width * height];
             let map = DisparityView::new(&map, width, height).unwrap();
             histogram.fill(DepthView::new(map, &certain).unwrap(), 1, Corridor::ALL);
@@ -133,7 +143,7 @@ mod tests {
 
     #[test]
     fn an_empty_map_has_no_line() {
-        let mut histogram = VDisparity::new(50, 16);
+        let mut histogram = VDisparity::new(50, 50, 16);
         let map = DisparityView::new(&[0; 2500], 50, 50).unwrap();
         histogram.fill(DepthView::new(map, &[255; 2500]).unwrap(), 1, Corridor::ALL);
         let range = RadonRange { slope: (0.04, 1.0), horizon_px: (0.0, 40.0) };

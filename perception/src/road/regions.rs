@@ -100,6 +100,10 @@ const STEP_PX: f64 = 1.0;
 /// near side of a thing is seldom a plane across the view.
 const SYSTEMATIC_PX: f64 = 0.08;
 const SHAPE: f64 = 0.012;
+/// Share of what lies around the depth that most of a thing shows which is nearer than its near side is
+/// taken for. None would be the noise's edge, a half the middle of its face: the things of our scenes, seen
+/// in six weathers, are on average at neither.
+const NEAR_SHARE: f64 = 0.38;
 /// A stixel that begins higher than this above the road may hang, in metres.
 const LOW_M: f64 = 0.8;
 /// Share of a region's strips in which something must begin lower.
@@ -299,7 +303,7 @@ impl RegionFinder {
     }
 
     /// Disparity of the near side with its standard deviation: the nearest depth at which a good part
-    /// of the region stands, so that neither its length nor a few stray rows move it.
+    /// of the region stands, so that neither its length nor a few stray rows move it; of that, the near part.
     fn near_side(&mut self, stixels: &Stixels, surface: &Surface) -> Option<(f64, f64)> {
         self.histogram.fill(0);
         let list = stixels.list();
@@ -356,13 +360,25 @@ impl RegionFinder {
         if n == 0.0 {
             return None;
         }
+        // The nearest point is wanted, and most of a thing lies behind it: where a good third is passed.
+        let around = (centre - half).max(0.0) as usize..=((centre + half) as usize).min(last);
+        let mut rest = NEAR_SHARE * around.clone().map(|bin| f64::from(self.histogram[bin])).sum::<f64>();
+        let mut near = centre;
+        for bin in around.rev() {
+            let count = f64::from(self.histogram[bin]);
+            if count > rest {
+                near = bin as f64 + 1.0 - rest / count;
+                break;
+            }
+            rest -= count;
+        }
         let per_px = BINS_PER_PX as f64;
         let variance = variance / per_px.powi(2);
         // Neighbouring rows and strips share their windows, so about one in ten is independent; what
         // averaging does not remove is a part of a pixel, and that things are no planes.
-        let shape_px = SHAPE * centre / per_px;
+        let shape_px = SHAPE * near / per_px;
         let sigma = (SYSTEMATIC_PX.powi(2) + shape_px.powi(2) + variance / (n / 10.0).max(1.0)).sqrt();
-        Some((centre / per_px, sigma))
+        Some((near / per_px, sigma))
     }
 }
 

@@ -97,7 +97,7 @@ impl SmallFinder {
             residual: Residual::new(width, height),
             places: Vec::with_capacity(PLACES),
             regions: Vec::with_capacity(CAPACITY),
-            confirmation: Confirmation::new(confirm),
+            confirmation: Confirmation::twice(confirm),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::depth::DepthView;
 use super::surface::Surface;
+use crate::simd::{Level, Simd, kernel};
 
 /// Image columns of a strip.
 pub const STRIP_COLUMNS: usize = 4;
@@ -56,8 +57,11 @@ pub struct Stixels {
     depths: Vec<u16>,
     /// Confidence of each.
     confidence: Vec<u8>,
+    /// One row of both.
+    row: (Vec<u16>, Vec<u8>),
     strips: usize,
     height: usize,
+    level: Level,
     list: Vec<Stixel>,
     /// Where the stixels of each strip begin in the list; one more for the end.
     starts: Vec<u32>,
@@ -70,8 +74,10 @@ impl Stixels {
         Self {
             depths: vec![0; strips * height],
             confidence: vec![0; strips * height],
+            row: (vec![0; strips], vec![0; strips]),
             strips,
             height,
+            level: Level::best(),
             list: Vec::with_capacity(strips * (RUNS + 1)),
             starts: vec![0; strips + 1],
         }
@@ -114,13 +120,12 @@ impl Stixels {
     pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
         assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
         for y in 0..self.height {
-            let columns = depth.disparity(y).chunks(STRIP_COLUMNS);
-            for (strip, (columns, confidence)) in
-                columns.zip(depth.confidence(y).chunks(STRIP_COLUMNS)).enumerate()
-            {
-                let place = strip * self.height + y;
-                (self.depths[place], self.confidence[place]) =
-                    middle(columns, confidence, parameters.least_confidence);
+            let (depths, confidence) = (&mut self.row.0, &mut self.row.1);
+            let (d, c) = (depth.disparity(y), depth.confidence(y));
+            middles(self.level, d, c, parameters.least_confidence, depths, confidence);
+            let places = (y..).step_by(self.height);
+            for (place, (&d, &c)) in places.zip(depths.iter().zip(confidence.iter())) {
+                (self.depths[place], self.confidence[place]) = (d, c);
             }
         }
         self.list.clear();
@@ -143,11 +148,14 @@ impl Stixels {
                 continue;
             }
             let px = f64::from(d) / 256.0;
+            // The quickest test first: most of what is near is road.
+            if surface.rise_px(x, y, px) < parameters.least_rise_px {
+                continue;
+            }
             let height = surface.height_m(x, y as f64, px);
-            let standing = parameters.least_height_m.max(parameters.sigmas * surface.height_noise_m(px));
             // Written so that NaN is left out.
-            if !(height >= standing && height <= parameters.greatest_height_m)
-                || surface.rise_px(x, y, px) < parameters.least_rise_px
+            if !(height >= parameters.least_height_m && height <= parameters.greatest_height_m)
+                || height < parameters.sigmas * surface.height_noise_m(px)
             {
                 continue;
             }
@@ -219,26 +227,65 @@ impl Run {
     }
 }
 
-/// What the columns of a strip agree on: the median of those that are known well enough, two at least;
-/// of an even number the mean of the middle two. With it, their mean confidence.
-#[inline]
-fn middle(columns: &[u16], confidence: &[u8], least_confidence: u8) -> (u16, u8) {
-    let mut sorted = [0; STRIP_COLUMNS];
-    let (mut count, mut sum) = (0, 0);
-    for ((place, &d), &c) in sorted.iter_mut().zip(columns).zip(confidence) {
-        let known = d > 0 && c >= least_confidence;
-        *place = if known { d } else { 0 };
-        count += u16::from(known);
-        sum += if known { u16::from(c) } else { 0 };
+kernel! {
+    /// The middle of each strip of a row of disparities and confidences.
+    fn middles(
+        row: &[u16],
+        confidence: &[u8],
+        least_confidence: u8,
+        depths: &mut [u16],
+        means: &mut [u8],
+    ) = every_middle
+}
+
+#[inline(always)]
+fn every_middle<S: Simd>(
+    _: S,
+    row: &[u16],
+    confidence: &[u8],
+    least_confidence: u8,
+    depths: &mut [u16],
+    means: &mut [u8],
+) {
+    let (whole, rest) = row.as_chunks::<STRIP_COLUMNS>();
+    let (sure, doubt) = confidence.as_chunks::<STRIP_COLUMNS>();
+    for (((row, sure), depth), mean) in whole.iter().zip(sure).zip(depths.iter_mut()).zip(means.iter_mut()) {
+        (*depth, *mean) = middle(*row, *sure, least_confidence);
     }
-    // Unknown ones come first.
-    sorted.sort_unstable();
-    let depth = match sorted {
-        [0, 0, 0, _] => 0,
-        [0, 0, a, b] | [_, a, b, _] if sorted[0] > 0 || sorted[1] == 0 => a.midpoint(b),
-        [_, _, median, _] => median,
+    if let (false, Some(depth), Some(mean)) = (rest.is_empty(), depths.last_mut(), means.last_mut()) {
+        let (mut row, mut sure) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
+        row[..rest.len()].copy_from_slice(rest);
+        sure[..doubt.len()].copy_from_slice(doubt);
+        (*depth, *mean) = middle(row, sure, least_confidence);
+    }
+}
+
+/// What the columns of a strip agree on: the median of those that are known well enough, two at least;
+/// of an even number the mean of the middle two. With it, their mean confidence. Without branches, so
+/// that it is done for many strips at once.
+#[inline(always)]
+fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], least_confidence: u8) -> (u16, u8) {
+    let known = |i: usize| columns[i] > 0 && confidence[i] >= least_confidence;
+    let depth = |i: usize| if known(i) { columns[i] } else { 0 };
+    let sure = |i: usize| if known(i) { u16::from(confidence[i]) } else { 0 };
+    let count = u16::from(known(0)) + u16::from(known(1)) + u16::from(known(2)) + u16::from(known(3));
+    let sum = sure(0) + sure(1) + sure(2) + sure(3);
+    // Sorted; unknown ones come first.
+    let (a, b) = (depth(0).min(depth(1)), depth(0).max(depth(1)));
+    let (c, d) = (depth(2).min(depth(3)), depth(2).max(depth(3)));
+    let (first, last) = (a.min(c), b.max(d));
+    let (x, y) = (a.max(c), b.min(d));
+    let (second, third) = (x.min(y), x.max(y));
+    let low = if first > 0 { second } else { third };
+    let high = if second == 0 { last } else { third };
+    let mean = match count {
+        0 | 1 => sum,
+        2 => sum / 2,
+        3 => ((u32::from(sum) * 43_691) >> 17) as u16,
+        _ => sum / 4,
     };
-    (depth, (sum / count.max(1)) as u8)
+    let depth = (low & high) + ((low ^ high) >> 1);
+    (if third == 0 { 0 } else { depth }, mean as u8)
 }
 
 #[cfg(test)]
@@ -247,13 +294,54 @@ mod tests {
 
     #[test]
     fn a_strip_is_the_median_of_what_is_known() {
-        let depth = |columns: &[u16]| middle(columns, &[200; 4], 100).0;
+        let middle = |columns: &[u16], confidence: &[u8]| {
+            let mut expected = None;
+            for level in Level::available() {
+                let (mut depth, mut mean) = ([0], [0]);
+                let confidence = &confidence[..columns.len()];
+                middles(level, columns, confidence, 100, &mut depth, &mut mean);
+                assert_eq!(*expected.get_or_insert((depth[0], mean[0])), (depth[0], mean[0]), "{level:?}");
+            }
+            expected.unwrap()
+        };
+        let depth = |columns: &[u16]| middle(columns, &[200; 4]).0;
         assert_eq!(depth(&[0, 0, 0, 9]), 0);
         assert_eq!(depth(&[4, 0, 0, 8]), 6);
         assert_eq!(depth(&[4, 0, 100, 8]), 8);
         assert_eq!(depth(&[4, 6, 100, 8]), 7);
         assert_eq!(depth(&[4, 6]), 5);
         assert_eq!(depth(&[4]), 0);
-        assert_eq!(middle(&[4, 6, 100, 8], &[110, 120, 99, 130], 100), (6, 120), "one is not believed");
+        assert_eq!(middle(&[4, 6, 100, 8], &[110, 120, 99, 130]), (6, 120), "one is not believed");
+    }
+
+    #[test]
+    fn all_levels_give_the_middles_that_sorting_gives() {
+        let mut random = fastrand::Rng::with_seed(3);
+        for length in [1, 4, 63, 640, 1242] {
+            // Few values, so that unknown and equal ones occur.
+            let row: Vec<u16> = (0..length).map(|_| random.u16(..6) * random.u16(..13_107)).collect();
+            let confidence: Vec<u8> = (0..length).map(|_| random.u8(..)).collect();
+            let strips = row.len().div_ceil(STRIP_COLUMNS);
+            let expected: Vec<(u16, u8)> = (row.chunks(STRIP_COLUMNS).zip(confidence.chunks(STRIP_COLUMNS)))
+                .map(|(row, confidence)| {
+                    let known = || row.iter().zip(confidence).filter(|(d, c)| **d > 0 && **c >= 100);
+                    let mut depths: Vec<u16> = known().map(|(d, _)| *d).collect();
+                    depths.sort_unstable();
+                    let depth = match depths[..] {
+                        [a, b] | [_, a, b, _] => a.midpoint(b),
+                        [_, b, _] => b,
+                        _ => 0,
+                    };
+                    let sum: u32 = known().map(|(_, c)| u32::from(*c)).sum();
+                    (depth, (sum / depths.len().max(1) as u32) as u8)
+                })
+                .collect();
+            for level in Level::available() {
+                let (mut depths, mut means) = (vec![0; strips], vec![0; strips]);
+                middles(level, &row, &confidence, 100, &mut depths, &mut means);
+                let given: Vec<(u16, u8)> = depths.into_iter().zip(means).collect();
+                assert_eq!(given, expected, "{level:?}, {length}");
+            }
+        }
     }
 }

@@ -10,6 +10,8 @@
 set -euo pipefail
 [ $# -eq 2 ] || { sed -n '2,9s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 [ "$(id -u)" -eq 0 ] || { echo "arm64.sh: run me as root" >&2; exit 2; }
+[ -f "$1" ] || { echo "arm64.sh: $1 is not there: systemd/package.sh makes it" >&2; exit 2; }
+[ -x "$2/usr/bin/apt-get" ] || { echo "arm64.sh: $2 is no root of Debian: debootstrap makes it" >&2; exit 2; }
 package=$(realpath "$1") root=$(realpath "$2")
 work=$(mktemp -d)
 clean() {

@@ -8,6 +8,7 @@
 //! its box, and within its length of its labelled place, are nearer. That of a region without a label is found in
 //! the same way among the depths around the fullest one of its box.
 
+use super::quantile;
 use super::weather::cell;
 use crate::record::{tidy, tidy_finite};
 use perception::road::{PixelBox, Region};
@@ -144,12 +145,6 @@ pub struct LidarReport {
     pub matched: Errors,
     /// Distance errors of all regions of pictures with a depth map alone.
     pub depth_map: Errors,
-}
-
-/// The value below which a share of the values lies.
-fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get((values.len().saturating_sub(1) as f64 * share).round() as usize).copied()
 }
 
 impl Errors {

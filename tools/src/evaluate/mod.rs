@@ -26,3 +26,9 @@ pub fn pixels(disparity: &[u16]) -> Vec<f32> {
 fn percent(part: u64, whole: u64) -> f64 {
     100.0 * part as f64 / whole as f64
 }
+
+/// The value below which a share (0 to 1) of the values lies, 0.5 for the middle one; sorts them. `None` of none.
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get((values.len().saturating_sub(1) as f64 * share).round() as usize).copied()
+}

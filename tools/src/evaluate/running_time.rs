@@ -1,5 +1,6 @@
 //! Running time of recognition, beside the paper's table: the whole picture searched, or regions alone.
 
+use super::quantile;
 use crate::record::{tidy, tidy_finite};
 use perception::recognition::cascade::Features;
 use serde::Serialize;
@@ -54,16 +55,14 @@ pub struct RunningTimes {
     pub rows: Vec<RunningTime>,
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().and_then(tidy_finite)
-}
-
 impl RunningTime {
     /// The row of a cascade, of its times for each picture.
     pub fn new(cascade: &str, features: &Features, times: &[PictureTimes]) -> Self {
         let is_lbp = matches!(features, Features::Lbp(_));
-        let of = |pick: fn(&PictureTimes) -> f64| median(times.iter().map(pick).collect());
+        let of = |pick: fn(&PictureTimes) -> f64| {
+            let mut values: Vec<f64> = times.iter().map(pick).collect();
+            quantile(&mut values, 0.5).and_then(tidy_finite)
+        };
         Self {
             cascade: cascade.to_owned(),
             features: if is_lbp { "lbp" } else { "haar" },

@@ -1,5 +1,6 @@
 //! Detection, distance and road by weather, beside the paper's table.
 
+use super::quantile;
 use super::scene_match::{Found, FrameMatch, is_found, road_errors};
 use crate::record::{tidy, tidy_finite};
 use serde::Serialize;
@@ -163,15 +164,6 @@ pub struct Tally {
     missed: BTreeMap<&'static str, usize>,
     vehicles: Share,
     others: Share,
-}
-
-/// The middle value; `None` of nothing.
-fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    if values.is_empty() {
-        return None;
-    }
-    values.sort_unstable_by(f64::total_cmp);
-    Some(values[((values.len() - 1) as f64 * share).round() as usize])
 }
 
 impl Tally {

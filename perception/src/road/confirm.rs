@@ -11,6 +11,11 @@ use crate::rig::Rig;
 const BELIEVED: f64 = 2.5;
 /// A sighting of less evidence is reported on no account: it may be another thing than what was believed.
 const PLAUSIBLE: f64 = 0.0;
+/// Overlap with the box that is expected from which on a sighting is of the same thing; below it, evidence
+/// that it must have to be reported, and to take the place of what is well known.
+const ALIKE: f64 = 0.3;
+const UNLIKE: f64 = 3.0;
+const PLAIN: f64 = 4.0;
 /// Evidence of a first sighting that is reported at once, and the same where nothing comes back.
 const AT_ONCE: f64 = 8.0;
 const ALONE: f64 = 3.5;
@@ -29,8 +34,14 @@ const MISS: f64 = 1.0;
 const FORGOTTEN: f64 = 0.3;
 /// Frames for which a region that was well believed is reported unseen.
 const COASTING: u8 = 2;
+/// What a side that stays counts less than a middle that does, in px.
+const SIDE_PX: f64 = 4.0;
+/// Belief and sightings from which on a thing is well known.
+const KNOWN: (f64, u32) = (5.0, 5);
 /// Metres across the road that something may move from frame to frame.
 const ACROSS_M: f64 = 0.1;
+/// The most pairs of a region and a candidate that are weighed.
+const PAIRS: usize = 4096;
 /// The most candidates that are remembered.
 const CAPACITY: usize = 256;
 
@@ -48,12 +59,20 @@ struct Candidate {
     sightings: u32,
     /// Frames since the last sighting.
     unseen: u8,
+    /// Whether this frame has a sighting of it.
+    taken: bool,
+    /// Whether what this frame shows in its place is something else.
+    hidden: bool,
 }
 
 /// Remembers the regions of the last frames, with memory allocated once.
 #[derive(Debug)]
 pub struct Confirmation {
     candidates: Vec<Candidate>,
+    /// What each region may be a sighting of: cost, region, candidate.
+    pairs: Vec<(f64, u32, u32)>,
+    /// The candidate that each region is a sighting of.
+    owners: Vec<Option<u32>>,
     /// The most that one sighting counts.
     most: f64,
     /// Evidence of a first sighting that is reported.
@@ -64,7 +83,13 @@ impl Confirmation {
     /// Nothing seen yet. Unless a region must come back (`again`), strong evidence counts at once.
     pub fn new(again: bool) -> Self {
         let (most, at_once) = if again { (SIGHTING.1, AT_ONCE) } else { (MOST, ALONE) };
-        Self { candidates: Vec::with_capacity(2 * CAPACITY), most, at_once }
+        Self {
+            candidates: Vec::with_capacity(2 * CAPACITY),
+            pairs: Vec::with_capacity(PAIRS),
+            owners: Vec::with_capacity(CAPACITY),
+            most,
+            at_once,
+        }
     }
 
     /// The same for what even strong evidence does not prove at once: a flake before the lens is as plain as
@@ -85,44 +110,50 @@ impl Confirmation {
     ) {
         for candidate in &mut self.candidates {
             candidate.unseen += 1;
+            (candidate.taken, candidate.hidden) = (false, false);
         }
-        let known = self.candidates.len();
+        self.assign(regions, rig);
+        let mut place = 0;
         regions.retain(|region| {
+            let own = self.owners[place];
+            place += 1;
             let evidence = evidence(region);
             let seen = evidence.clamp(SIGHTING.0, self.most);
-            let before = self.candidates[..known]
-                .iter_mut()
-                .filter(|candidate| candidate.unseen > 0)
-                .filter_map(|candidate| Some((distance(candidate, region, rig)?, candidate)))
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            match before {
-                Some((_, candidate)) => {
-                    candidate.take(region, seen);
-                    candidate.last = evidence;
-                    candidate.belief >= BELIEVED && evidence >= PLAUSIBLE
+            if let Some(own) = own {
+                let candidate = &mut self.candidates[own as usize];
+                // What is seen in its stead now and then is another thing, or a part of it.
+                let alike = candidate
+                    .ahead(size)
+                    .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= ALIKE);
+                if !alike && evidence < PLAIN && candidate.is_known() {
+                    candidate.hidden = true;
+                    return false;
                 }
-                None => {
-                    if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
-                        let (step, belief) = ([0.0; 3], seen);
-                        self.candidates.push(Candidate {
-                            region: *region,
-                            step,
-                            belief,
-                            last: evidence,
-                            sightings: 1,
-                            unseen: 0,
-                        });
-                    }
-                    evidence >= self.at_once
-                }
+                candidate.take(region, seen);
+                candidate.last = evidence;
+                return candidate.belief >= BELIEVED && evidence >= if alike { PLAUSIBLE } else { UNLIKE };
             }
+            if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
+                let (step, belief) = ([0.0; 3], seen);
+                let region = *region;
+                self.candidates.push(Candidate {
+                    region,
+                    step,
+                    belief,
+                    last: evidence,
+                    sightings: 1,
+                    unseen: 0,
+                    taken: true,
+                    hidden: false,
+                });
+            }
+            evidence >= self.at_once
         });
         self.candidates.retain_mut(|candidate| {
             if candidate.unseen > 0 {
-                let was_believed =
-                    candidate.belief >= 5.0 && candidate.sightings >= 5 && candidate.last >= CLEAR;
+                let goes_on = candidate.is_known() && (candidate.last >= CLEAR || candidate.hidden);
                 candidate.belief = MEMORY * candidate.belief - MISS;
-                if was_believed
+                if goes_on
                     && candidate.unseen <= COASTING
                     && regions.len() < regions.capacity()
                     && let Some(region) = candidate.ahead(size)
@@ -133,6 +164,30 @@ impl Confirmation {
             candidate.belief >= FORGOTTEN
         });
         self.candidates.truncate(CAPACITY);
+    }
+
+    /// Gives each region the candidate that it is most likely a sighting of, the likeliest pair first, none
+    /// of them twice.
+    fn assign(&mut self, regions: &[Region], rig: &Rig) {
+        self.pairs.clear();
+        for (r, region) in regions.iter().enumerate() {
+            for (c, candidate) in self.candidates.iter().enumerate() {
+                if let Some(cost) = distance(candidate, region, rig)
+                    && self.pairs.len() < PAIRS
+                {
+                    self.pairs.push((cost, r as u32, c as u32));
+                }
+            }
+        }
+        self.pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        self.owners.clear();
+        self.owners.resize(regions.len(), None);
+        for &(_, r, c) in &self.pairs {
+            let candidate = &mut self.candidates[c as usize];
+            if self.owners[r as usize].is_none() && !candidate.taken {
+                (self.owners[r as usize], candidate.taken) = (Some(c), true);
+            }
+        }
     }
 }
 
@@ -154,6 +209,10 @@ impl Candidate {
         self.belief = (MEMORY * self.belief + seen).min(MOST);
         self.sightings += 1;
         (self.region, self.unseen) = (*region, 0);
+    }
+
+    fn is_known(&self) -> bool {
+        self.belief >= KNOWN.0 && self.sightings >= KNOWN.1
     }
 
     /// Where it should be now.
@@ -186,7 +245,7 @@ impl Candidate {
     }
 }
 
-/// How far a region is from where a candidate should be, 0 to 1; `None` when it cannot be it.
+/// How far a region is from where a candidate should be, 0 to 1, and how much it differs in size; `None` when it cannot be it.
 fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
     let (expected, now) = (candidate.expected(), place(region));
     let depth = now[2] - expected[2];
@@ -200,15 +259,23 @@ fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
     };
     // What hardly moves across the road moves outwards in the image as it comes nearer.
     let [x, _, disparity_px] = place(&candidate.region);
-    let across = if candidate.sightings == 1 {
-        now[0] - (rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px)
+    let at = if candidate.sightings == 1 {
+        rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px
     } else {
-        now[0] - expected[0]
+        expected[0]
     };
+    // Of a thing that is seen in part, one side stays where it is.
+    let half = 0.5 * f64::from(candidate.region.bounds.width) * now[2] / disparity_px;
+    let own = 0.5 * f64::from(region.bounds.width);
+    let side = (now[0] - own - (at - half)).abs().min((now[0] + own - (at + half)).abs());
+    let across = (now[0] - at).abs().min(side + SIDE_PX);
     let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
     let slack = 2.0 + 0.3 * widest + frames * ACROSS_M * now[2] / rig.baseline_m;
+    let (a, b) = (&candidate.region.bounds, &region.bounds);
+    let ratio = |a: u32, b: u32| (f64::from(a.max(1)) / f64::from(b.max(1))).ln().abs();
+    let unlike = ratio(a.width, b.width) + ratio(a.height, b.height);
     let cost = (depth.abs() / reach).max(across.abs() / slack);
-    (cost <= 1.0).then_some(cost)
+    (cost <= 1.0).then_some(cost + unlike)
 }
 
 #[cfg(test)]

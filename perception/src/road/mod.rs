@@ -12,6 +12,7 @@ pub mod regions;
 pub mod residual;
 pub mod small;
 pub mod stixels;
+pub mod straight;
 pub mod surface;
 
 use crate::rig::Rig;
@@ -178,7 +179,7 @@ impl RoadDetector {
         let p = &self.parameters.regions;
         let standing = StixelParameters {
             least_height_m: 0.4 * p.least_height_m,
-            sigmas: 0.6,
+            sigmas: 0.3,
             least_rise_px: 0.2,
             greatest_height_m: p.greatest_height_m,
             least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),

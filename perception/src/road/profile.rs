@@ -12,9 +12,10 @@ use super::depth::DepthView;
 use super::histogram::{BINS_PER_PX, Corridor, VDisparity};
 use super::plane;
 use super::radon::RoadLine;
+use super::straight::NearLine;
 
 /// Rows of a block.
-const BLOCK: usize = 8;
+pub(super) const BLOCK: usize = 8;
 /// Least and greatest fall of a path, as shares of the line's.
 const FALL: (f64, f64) = (0.5, 2.2);
 /// The same where the road may rise ahead.
@@ -219,8 +220,9 @@ impl ProfileFinder {
             self.clear();
             return &self.profile;
         }
+        let near = self.straighten(histogram, line);
         let slope = self.smooth(line);
-        self.invert(line, slope);
+        self.invert(line, near.unwrap_or(slope));
         &self.profile
     }
 
@@ -368,6 +370,26 @@ impl ProfileFinder {
             let from = usize::from(self.came[block * states + state]);
             state = (bin + least + step).min(bins - 1) * MOVES + from;
         }
+    }
+
+    /// Lays the path on the line of its near part where it does not plainly leave it; gives the slope of that
+    /// line if the far end is on it.
+    fn straighten(&mut self, histogram: &VDisparity, line: RoadLine) -> Option<f64> {
+        if self.shape == Shape::Plane {
+            return None;
+        }
+        let middle = |block| self.middle(block);
+        let blocks =
+            self.path.iter().enumerate().map(|(b, &(px, w))| (middle(b), f64::from(px), f64::from(w)));
+        let near = NearLine::fit(blocks, line.at((histogram.height() - 1) as f64), histogram)?;
+        let mut held = false;
+        for block in 0..self.path.len() {
+            let row = self.middle(block);
+            let place = &mut self.path[block].0;
+            held = near.holds(row, f64::from(*place));
+            *place = near.lay(row, f64::from(*place)) as f32;
+        }
+        held.then_some(near.slope)
     }
 
     /// A straight line fitted to the blocks around each row, weighted by their counts, so that the

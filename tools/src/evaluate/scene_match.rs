@@ -1,13 +1,15 @@
 //! What a frame's regions have to do with what is true of it.
 //!
 //! **Due** are the objects that a scene names (not the rows beside the road), but bridges, whose
-//! nearest visible point is 3 to 40 m away (debris: 20 m), of which at least half and at least 40 pixels
-//! (debris: 12) are visible, at least half of these in both images, and which the picture's left and
-//! right border do not cut.
+//! nearest visible point is 3 to 40 m away (debris: 20 m), of which at least 40 pixels (debris: 12) are
+//! visible, of which at least half can be seen in both images, and which the picture's left and right border
+//! do not cut.
 //!
 //! A due object is **found** by a region whose distance is within 1 m or 15 % of the truth (whichever
 //! is more) and whose box overlaps the box of the object's visible pixels by 0.25 (shared ÷ joint), or
-//! holds at least half of it without being more than six times as large.
+//! holds at least half of it without being more than six times as large; if the object touches another one
+//! within that distance of it, which no stereo camera tells apart, also without being more than one and a
+//! half times as large as the box of both.
 //!
 //! A region is **explained** when at least a tenth of its box's pixels see something that stands there,
 //! object or row beside the road, at the region's distance within 1.5 m or 20 %. One that is not, within
@@ -19,6 +21,9 @@ use sources::scene::{ObjectClass, ObjectTruth, SceneTruth};
 
 /// Nearest and farthest object that is due, in metres.
 pub const DUE_M: (f64, f64) = (3.0, 40.0);
+
+/// What lies so many columns or rows apart touches.
+const TOUCHING_PX: u32 = 4;
 
 /// What a detector found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,19 +66,50 @@ pub fn is_due(object: &ObjectTruth, width: usize) -> bool {
         && (DUE_M.0..=farthest).contains(&object.distance_m)
         && object.visible >= 0.5
         && object.pixels >= pixels
-        && object.seen_by_both >= 0.5
+        && object.visible * object.seen_by_both >= 0.5
         && !cut
 }
 
 /// Whether a region's place and distance are those of an object.
 pub fn is_found(object: &ObjectTruth, found: &Found) -> bool {
-    let tolerance = (0.15 * object.distance_m).max(1.0);
+    is_found_beside(object, &[], found)
+}
+
+/// The same among all objects of a frame.
+fn is_found_beside(object: &ObjectTruth, all: &[ObjectTruth], found: &Found) -> bool {
+    let tolerance = tolerance_m(object);
     let (a, b) = (&found.bounds, &object.bounds);
     let shared = shared_area(a, b);
     let own = f64::from(b.width) * f64::from(b.height);
     let area = f64::from(a.width) * f64::from(a.height);
     (found.distance_m - object.distance_m).abs() <= tolerance
-        && (a.overlap(b) >= 0.25 || (shared >= 0.5 * own && area <= 6.0 * own))
+        && (a.overlap(b) >= 0.25
+            || (shared >= 0.5 * own
+                && (area <= 6.0 * own
+                    || all.iter().any(|other| {
+                        is_one_with(object, other) && area <= 1.5 * area_of_both(b, &other.bounds)
+                    }))))
+}
+
+fn tolerance_m(object: &ObjectTruth) -> f64 {
+    (0.15 * object.distance_m).max(1.0)
+}
+
+/// Whether two objects touch in the image, and in depth as far as a disparity tells.
+fn is_one_with(object: &ObjectTruth, other: &ObjectTruth) -> bool {
+    let (a, b) = (&object.bounds, &other.bounds);
+    let near = |a: u32, al: u32, b: u32, bl: u32| a <= b + bl + TOUCHING_PX && b <= a + al + TOUCHING_PX;
+    other.id != object.id
+        && other.subject
+        && other.pixels > 0
+        && (other.distance_m - object.distance_m).abs() <= tolerance_m(object)
+        && near(a.x, a.width, b.x, b.width)
+        && near(a.y, a.height, b.y, b.height)
+}
+
+fn area_of_both(a: &PixelBox, b: &PixelBox) -> f64 {
+    let span = |a: u32, al: u32, b: u32, bl: u32| f64::from((a + al).max(b + bl) - a.min(b));
+    span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
 }
 
 fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
@@ -85,7 +121,7 @@ fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
 /// px times its baseline in metres.
 pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Found]) -> FrameMatch {
     let due = truth.objects.iter().filter(|object| is_due(object, truth.width)).map(|&object| {
-        let by = found.iter().filter(|found| is_found(&object, found));
+        let by = found.iter().filter(|found| is_found_beside(&object, &truth.objects, found));
         let best =
             by.max_by(|a, b| a.bounds.overlap(&object.bounds).total_cmp(&b.bounds.overlap(&object.bounds)));
         Due { object, found: best.copied() }
@@ -220,6 +256,24 @@ mod tests {
     }
 
     #[test]
+    fn what_touches_at_one_distance_may_be_found_as_one() {
+        let mut truth = truth();
+        let bounds = PixelBox { x: 60, y: 44, width: 6, height: 6 };
+        let block =
+            ObjectTruth { id: FIRST_OBJECT + 1, bounds, pixels: 50, distance_m: 10.5, ..truth.objects[0] };
+        truth.objects.push(block);
+        let both = found(41, 30, 24, 20, 10.2);
+        let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).due[1].found;
+        assert_eq!(blocks(&truth, both), Some(both));
+        assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must hold it");
+        assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not hold everything");
+        truth.objects[1].distance_m = 12.0;
+        assert_eq!(blocks(&truth, found(41, 30, 24, 20, 11.0)), None, "another distance");
+        truth.objects[1] = ObjectTruth { bounds: PixelBox { x: 66, ..bounds }, ..block };
+        assert_eq!(blocks(&truth, found(41, 30, 30, 20, 10.2)), None, "they do not touch");
+    }
+
+    #[test]
     fn what_the_truth_cannot_explain_is_false_on_the_road() {
         let mut truth = truth();
         for i in 0..100 * 80 {
@@ -248,6 +302,11 @@ mod tests {
         let object = truth().objects[0];
         assert!(is_due(&object, 100));
         assert!(!is_due(&ObjectTruth { visible: 0.4, ..object }, 100));
+        assert!(
+            !is_due(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
+            "half of it, by both"
+        );
+        assert!(is_due(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
         assert!(!is_due(&ObjectTruth { distance_m: 41.0, ..object }, 100));
         assert!(!is_due(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
         assert!(!is_due(&ObjectTruth { subject: false, ..object }, 100));

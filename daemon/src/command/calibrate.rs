@@ -3,6 +3,7 @@
 use super::{CommandError, calibrate_live, say};
 use crate::cli_rig::Calibrate;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use perception::calibration::stereo::ViewReport;
 use perception::calibration::{Board, Grade};
 use serde::Serialize;
 use std::io::IsTerminal;
@@ -17,6 +18,7 @@ struct Figures {
     pairs_with_board: usize,
     pairs_used: usize,
     left_out: Vec<String>,
+    moved: Vec<String>,
     rms_px: Option<f64>,
     rms_left_px: Option<f64>,
     rms_right_px: Option<f64>,
@@ -51,10 +53,10 @@ struct AllViews {
 impl Figures {
     fn new(outcome: &Outcome) -> Self {
         let c = outcome.calibration.as_ref();
-        let left_out = c.map_or_else(Vec::new, |c| {
-            let views = c.views.iter().zip(&outcome.views);
-            views.filter(|(v, _)| v.fault.is_some()).map(|(_, p)| p.name.clone()).collect()
-        });
+        let named = |which: fn(&ViewReport) -> bool| {
+            let views = c.iter().flat_map(|c| &c.views).zip(&outcome.views);
+            views.filter(|(v, _)| which(v)).map(|(_, p)| p.name.clone()).collect()
+        };
         let all_views = outcome.of_all.as_ref().map(|c| AllViews {
             pairs_used: c.views.len(),
             rms_px: c.rms_px,
@@ -70,7 +72,8 @@ impl Figures {
             pairs: outcome.pairs,
             pairs_with_board: outcome.views.len(),
             pairs_used: outcome.pairs_used(),
-            left_out,
+            left_out: named(|v| v.fault.is_some()),
+            moved: named(|v| v.moved),
             rms_px: c.map(|c| c.rms_px),
             rms_left_px: c.map(|c| c.rms_sides_px[0]),
             rms_right_px: c.map(|c| c.rms_sides_px[1]),

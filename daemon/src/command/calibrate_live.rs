@@ -180,24 +180,35 @@ impl Keeper<'_> {
         let (width, height) = size;
         let step = session
             .offer(GreyView::new(left, width, height, width)?, GreyView::new(right, width, height, width)?);
-        let (kept, is_complete) = (session.kept(), session.is_complete());
+        let (number, is_complete) = (session.taken(), session.is_complete());
         match step {
             Step::NoBoard => self.say("no board in both pictures"),
             Step::Moving => self.say("hold the board still"),
             Step::Known => self.say("this view is known: move or tilt the board"),
-            Step::Kept { verdict } => {
-                for (side, pixels) in [("left", left), ("right", right)] {
-                    let path = self.folder.join(side).join(format!("{kept:04}.png"));
-                    save_grey(&path, pixels, width, height)?;
+            Step::Kept { verdict, dropped } => {
+                let path =
+                    |side: &str, number: usize| self.folder.join(side).join(format!("{number:04}.png"));
+                save_grey(&path("left", number), left, width, height)?;
+                save_grey(&path("right", number), right, width, height)?;
+                for &number in &dropped {
+                    for path in [path("left", number), path("right", number)] {
+                        std::fs::remove_file(&path)
+                            .map_err(|e| CommandError::Other(format!("{}: {e}", path.display())))?;
+                    }
                 }
                 self.said = None;
                 match verdict {
-                    None => self.say(&format!("pair {kept} kept")),
+                    None => self.say(&format!("pair {number} kept")),
                     Some(verdict) => {
                         let missing = verdict.reasons.first().map_or("", |r| r.text.as_str());
                         let more = if is_complete { "enough" } else { missing };
-                        self.say(&format!("pair {kept} kept: {} so far; {more}", verdict.grade));
+                        self.say(&format!("pair {number} kept: {} so far; {more}", verdict.grade));
                     }
+                }
+                for number in dropped {
+                    eprintln!(
+                        "pair {number} dropped: the board moved between its exposures; show it there again, at rest"
+                    );
                 }
             }
         }

@@ -21,6 +21,13 @@ pub struct Offset {
     pub sigma_px: Vector2<f64>,
 }
 
+impl Offset {
+    /// How many standard deviations it is, both ways together.
+    pub fn deviations(&self) -> f64 {
+        self.shift_px.component_div(&self.sigma_px).norm()
+    }
+}
+
 /// The offset of each view of a solution. `noise` is the variance of a coordinate of a corner, in px².
 pub fn offsets(problem: &Problem<'_>, solution: &Solution, noise: f64) -> Vec<Offset> {
     let loose = Problem { shift_cost: FREE, ..*problem };

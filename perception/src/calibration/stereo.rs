@@ -22,10 +22,13 @@ const LEAST_VIEWS_TO_BEND: usize = 8;
 const STEADY: f64 = 20.0;
 /// A view is left out when its second picture is off by more than these many robust deviations …
 const VIEW_DEVIATIONS: f64 = 3.0;
-/// … and this far across and down, or, whatever the deviation, farther than the second figure …
-const VIEW_LIMITS_PX: [[f64; 2]; 2] = [[0.25, 0.7], [0.2, 0.32]];
+/// … and than [`MOVED_PX`], or, whatever the deviation, than this across and down …
+const VIEW_LIMITS_PX: [f64; 2] = [0.7, 0.32];
 /// … provided that this is so many deviations of where the other views foretell it, both ways together.
-const VIEW_CERTAINTY: f64 = 3.5;
+const VIEW_CERTAINTY: f64 = 4.0;
+/// A view that is farther off than this, across or down, is nearer to half a pixel than to none: it is
+/// named, left out or not.
+pub const MOVED_PX: f64 = 0.25;
 /// Corners farther off than these many robust deviations and this many pixels are left out.
 const CORNER_LIMITS: (f64, f64) = (6.0, 0.6);
 
@@ -62,8 +65,8 @@ pub enum CalibrationError {
 pub enum ViewFault {
     /// Its corners do not fit: root mean square, in pixels.
     Misfit(f64),
-    /// Its right picture is off against the others, in pixels; and in robust deviations of the others.
-    Shifted(Vector2<f64>, f64),
+    /// Its right picture is off against the others, in pixels.
+    Shifted(Vector2<f64>),
 }
 
 /// What became of a view.
@@ -73,8 +76,10 @@ pub struct ViewReport {
     pub fault: Option<ViewFault>,
     /// Root mean square residual in the left and the right picture, one board pose for both, in px.
     pub rms_px: [f64; 2],
-    /// How far the board in the right picture is off against all other views, in pixels.
+    /// How far the board in the right picture is off against all other views that are used, in pixels.
     pub shift_px: Vector2<f64>,
+    /// Whether that is more than [`MOVED_PX`], across or down, and certainly so.
+    pub moved: bool,
     /// Corners left out: side and index.
     pub rejected: Vec<(usize, usize)>,
     /// Seen less expected, for both pictures, in pixels.
@@ -255,8 +260,16 @@ fn solve(
     for i in 0..all.len() {
         let mut report = view_report(&rigid, &loose, &whole, i, &rectification, &cameras);
         report.fault = faults[i];
+        report.moved = matches!(report.fault, Some(ViewFault::Shifted(_)));
         report.rejected = std::mem::take(&mut rejected[i]);
         reports.push(report);
+    }
+    // A view that is used has pulled the cameras its way.
+    let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= LEAST_VIEWS_TO_BEND };
+    let problem = Problem { board: &points, views: &chosen, free, huber_px: f64::INFINITY, shift_cost };
+    for (&i, offset) in used.iter().zip(offsets(&problem, &solution, noise)) {
+        reports[i].shift_px = offset.shift_px;
+        reports[i].moved = offset.shift_px.amax() > MOVED_PX && offset.deviations() > VIEW_CERTAINTY;
     }
     let (mut sums, mut count, mut vertical) = ([0.0; 2], 0, (0.0, 0));
     for &i in &used {
@@ -279,11 +292,6 @@ fn solve(
         1.4826 * sizes[sizes.len() / 2]
     };
     let shift_sigma_px = Vector2::new(spread(0), spread(1));
-    for report in &mut reports {
-        if let Some(ViewFault::Shifted(by, deviations)) = &mut report.fault {
-            *deviations = by.abs().component_div(&shift_sigma_px.map(|s| s.max(0.05))).max();
-        }
-    }
     let (halves, vertical_heldout_px) = held_out(&chosen, &solution.state, size, &|views, state| {
         solved(views, state, shift_cost, f64::INFINITY).ok()
     });
@@ -388,14 +396,10 @@ fn view_faults(problem: &Problem<'_>, solution: &Solution, scatter: &mut [f64; 2
     if found.is_empty() {
         for v in 0..n {
             let shift = offsets[v].shift_px;
-            let limit = |axis: usize| {
-                let [low, high] = VIEW_LIMITS_PX[axis];
-                (VIEW_DEVIATIONS * sigma[axis]).clamp(low, high)
-            };
+            let limit = |axis: usize| (VIEW_DEVIATIONS * sigma[axis]).clamp(MOVED_PX, VIEW_LIMITS_PX[axis]);
             let excess = (0..2).map(|a| shift[a].abs() / limit(a)).fold(0.0, f64::max);
-            let certainty = shift.component_div(&offsets[v].sigma_px).norm();
-            if excess > 1.0 && certainty > VIEW_CERTAINTY {
-                found.push((excess, v, ViewFault::Shifted(shift, excess)));
+            if excess > 1.0 && offsets[v].deviations() > VIEW_CERTAINTY {
+                found.push((excess, v, ViewFault::Shifted(shift)));
             }
         }
     }
@@ -460,6 +464,7 @@ fn view_report(
     let axis = pose.rotation * Vector3::z();
     ViewReport {
         fault: None,
+        moved: false,
         rms_px: [rms(&sides[0]), rms(&sides[1])],
         shift_px,
         rejected: Vec::new(),

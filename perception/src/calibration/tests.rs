@@ -166,12 +166,13 @@ fn a_shifted_view_is_named() {
     }
 }
 
-/// One picture of some view is shifted to either side, up or down; that is named, and nothing else is.
+/// One picture of some view is shifted to either side, up or down; that is named, and nothing else is:
+/// left out where there are enough views, and in any case said.
 #[test]
 fn half_a_pixel_in_one_view_is_named_every_time() {
     let mut tries = 0;
     for seed in 0..8 {
-        for (views, noise_px) in [(16, 0.1), (24, 0.05), (24, 0.15)] {
+        for (views, noise_px) in [(12, 0.1), (16, 0.1), (24, 0.05), (24, 0.15)] {
             let bench = Bench::new(views, 200 + seed);
             let clean = bench.pairs(noise_px, seed);
             let mut random = fastrand::Rng::with_seed(seed);
@@ -185,15 +186,17 @@ fn half_a_pixel_in_one_view_is_named_every_time() {
                 let c = bench.calibrate(&pairs);
                 let verdict = verdict(&c);
                 let context = format!("seed {seed}, {views} views, view {view}, side {side}, {by:?}");
-                assert!(says(&verdict, &format!("view{view} was left out")), "{context}: {verdict:?}");
                 assert!(verdict.grade > Grade::Good, "{context}: {verdict:?}");
-                let faults = c.views.iter().filter(|v| v.fault.is_some()).count();
-                assert_eq!(faults, 1, "{context}: {verdict:?}");
+                assert!(says(&verdict, &format!("view{view} ")), "{context}: {verdict:?}");
+                let moved: Vec<usize> = (0..views).filter(|i| c.views[*i].moved).collect();
+                assert_eq!(moved, [view], "{context}: {verdict:?}");
+                let left_out: Vec<usize> = (0..views).filter(|i| c.views[*i].fault.is_some()).collect();
+                assert!(left_out == moved || views == 12, "{context}: {verdict:?}");
                 tries += 1;
             }
         }
     }
-    assert_eq!(tries, 96);
+    assert_eq!(tries, 128);
 }
 
 #[test]
@@ -203,27 +206,35 @@ fn views_without_a_fault_are_kept() {
         let bench = Bench::new(29, 300 + seed);
         // Corners that are worse than those of real pictures.
         let c = bench.calibrate(&bench.pairs([0.05, 0.15, 0.3][seed as usize % 3], seed));
-        left_out += c.views.iter().filter(|v| v.fault.is_some()).count();
+        left_out += c.views.iter().filter(|v| v.fault.is_some() || v.moved).count();
         views += c.views.len();
     }
-    assert!(left_out == 0, "{left_out} of {views} views were left out for nothing");
+    assert!(left_out == 0, "{left_out} of {views} views were left out or named for nothing");
 }
 
-/// Where boards move between the exposures, one shifted view cannot be told: that is said instead.
+/// Where boards move between the exposures, that is said, with the views where it is a quarter of a pixel.
 #[test]
 fn boards_in_a_hand_are_not_good() {
     for seed in 0..8 {
         let bench = Bench::new(24, 400 + seed);
         let mut pairs = bench.pairs(0.05, seed);
         let mut random = fastrand::Rng::with_seed(seed);
+        let mut moved_by = Vec::new();
         for pair in &mut pairs {
             let mut moved = || 0.4 * (random.f64() + random.f64() + random.f64() - 1.5);
             let by = Vector2::new(moved(), moved());
+            moved_by.push(by);
             pair.right.iter_mut().for_each(|c| *c += by);
         }
-        let verdict = verdict(&bench.calibrate(&pairs));
+        let c = bench.calibrate(&pairs);
+        let verdict = verdict(&c);
         assert_eq!(verdict.grade, Grade::Usable, "seed {seed}: {verdict:?}");
         assert!(says(&verdict, "by turns"), "seed {seed}: {verdict:?}");
+        for (i, (view, by)) in c.views.iter().zip(&moved_by).enumerate() {
+            // Where the rest stands is itself known to a tenth of a pixel or so.
+            assert!(view.moved || by.amax() < 0.4, "seed {seed}, view {i}, {by:?}: {:?}", view.shift_px);
+            assert!(!view.moved || by.amax() > 0.1, "seed {seed}, view {i}, {by:?}: {:?}", view.shift_px);
+        }
     }
 }
 

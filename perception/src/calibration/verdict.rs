@@ -5,7 +5,7 @@
 //! agree with each other, with views that took no part, and with a flat board of square squares; and
 //! whether they say enough.
 
-use super::stereo::{StereoCalibration, ViewFault};
+use super::stereo::{MOVED_PX, StereoCalibration, ViewFault};
 use std::fmt;
 
 /// How far a calibration can be trusted.
@@ -111,8 +111,6 @@ const LEFT_OUT: Limits = Limits(0.125, 0.34);
 const STEP_PX: Limits = Limits(0.25, 0.5);
 /// Standard errors from which on a step is one.
 const STEP_DEVIATIONS: f64 = 5.0;
-/// Deviations from which on a shifted view is more than a board that moved.
-const ODD_DEVIATIONS: f64 = 6.0;
 /// Tilt that counts, in radians.
 const TILT_RAD: f64 = 0.26;
 
@@ -159,7 +157,7 @@ pub fn judge(c: &StereoCalibration, names: &[String]) -> Verdict {
         let sigma = c.shift_sigma_px[axis];
         check(SCATTER_PX[axis].grade(sigma), &|| {
             format!(
-                "boards stand {sigma:.2} px {way} in the right picture, by turns, so that half a pixel in one view would not stand out: the cameras do not expose together while the board moves (let it rest), or are loose"
+                "boards stand {sigma:.2} px {way} in the right picture, by turns: the cameras do not expose together while the board moves (let it rest), or are loose"
             )
         });
     }
@@ -316,18 +314,31 @@ fn left_out(c: &StereoCalibration, names: &[String], note: &mut dyn FnMut(Grade,
                     "{name} was left out: its corners are {px:.2} px off; it is blurred, or its pictures are of different moments"
                 ),
             ),
-            Some(ViewFault::Shifted(by, deviations)) => {
-                let grade = if deviations > ODD_DEVIATIONS { Grade::Usable } else { Grade::Good };
-                note(
-                    grade,
-                    format!(
-                        "{name} was left out: its right picture is {:.2} px off across and {:.2} px down; the board or a camera moved between the exposures",
-                        by.x, by.y
-                    ),
-                );
-            }
+            Some(ViewFault::Shifted(by)) => note(
+                Grade::Usable,
+                format!(
+                    "{name} was left out: its right picture is {:.2} px off across and {:.2} px down; the board or a camera moved between the exposures",
+                    by.x, by.y
+                ),
+            ),
             None => {}
         }
+    }
+    let moved: Vec<String> = c
+        .views
+        .iter()
+        .zip(names)
+        .filter(|(v, _)| v.moved && v.fault.is_none())
+        .map(|(v, name)| format!("{name} ({:.2} across, {:.2} down)", v.shift_px.x, v.shift_px.y))
+        .collect();
+    if !moved.is_empty() {
+        note(
+            Grade::Usable,
+            format!(
+                "the right picture is off by more than {MOVED_PX} px in views that were used: {}; the board or a camera moved between the exposures, take them again",
+                moved.join(", ")
+            ),
+        );
     }
     let corners: Vec<String> = c
         .views

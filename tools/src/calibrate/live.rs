@@ -2,11 +2,13 @@
 //!
 //! A pair is kept when the board is at rest in both pictures and stands as it has not stood before: in
 //! place, size or slant. After each kept pair all of them are solved and judged: what the verdict finds
-//! wanting is what is missing.
+//! wanting is what is missing. Once there are enough, those whose board moved between the exposures are
+//! dropped, so that their places can be taken again.
 
 use super::features;
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
+use perception::calibration::stereo::ViewReport;
 use perception::calibration::{Board, Crop, Grade, Lens, Pair, Verdict, calibrate, judge};
 use perception::image::GreyView;
 
@@ -38,6 +40,8 @@ pub enum Step {
     Kept {
         /// What all kept pairs come to; none while they are too few.
         verdict: Option<Verdict>,
+        /// Numbers of pairs that are dropped, as their boards moved between the exposures.
+        dropped: Vec<usize>,
     },
 }
 
@@ -49,6 +53,9 @@ pub struct Session {
     size: (usize, usize),
     needs_rest: bool,
     kept: Vec<Pair>,
+    /// Their numbers: those of dropped pairs are not used again.
+    numbers: Vec<usize>,
+    taken: usize,
     features: Vec<[f64; 5]>,
     before: Option<[Vec<Vector2<f64>>; 2]>,
     verdict: Option<Verdict>,
@@ -65,21 +72,28 @@ impl Session {
             size,
             needs_rest,
             kept: Vec::new(),
+            numbers: Vec::new(),
+            taken: 0,
             features: Vec::new(),
             before: None,
             verdict: None,
         }
     }
 
-    /// Pairs that were kept.
+    /// Pairs that are kept.
     pub fn kept(&self) -> usize {
         self.kept.len()
+    }
+
+    /// Pairs that were ever kept, which is the number of the last one.
+    pub fn taken(&self) -> usize {
+        self.taken
     }
 
     /// Whether no more pairs are needed: they are good, or as many as are taken.
     pub fn is_complete(&self) -> bool {
         let is_good = self.verdict.as_ref().is_some_and(|v| v.grade == Grade::Good);
-        (is_good && self.kept.len() >= LEAST_PAIRS) || self.kept.len() >= MOST_PAIRS
+        (is_good && self.kept.len() >= LEAST_PAIRS) || self.taken >= MOST_PAIRS
     }
 
     /// Looks at the next pair.
@@ -105,15 +119,36 @@ impl Session {
         }
         self.features.push(features);
         self.kept.push(pair);
-        self.verdict = (self.kept.len() >= LEAST_SOLVED).then(|| self.judge());
-        Step::Kept { verdict: self.verdict.clone() }
+        self.taken += 1;
+        self.numbers.push(self.taken);
+        let mut dropped = Vec::new();
+        if self.kept.len() >= LEAST_SOLVED {
+            let mut moved = self.judge();
+            // One by one: a pair that is off makes others look so. Judged by few, none is dropped.
+            while let (Some(worst), LEAST_PAIRS..) = (moved, self.kept.len()) {
+                dropped.push(self.numbers.remove(worst));
+                self.kept.remove(worst);
+                self.features.remove(worst);
+                moved = self.judge();
+            }
+        }
+        Step::Kept { verdict: self.verdict.clone(), dropped }
     }
 
-    fn judge(&self) -> Verdict {
-        let names: Vec<String> = (1..=self.kept.len()).map(|n| format!("pair {n}")).collect();
+    /// Judges the kept pairs; gives the one whose board moved most between the exposures, if any did.
+    fn judge(&mut self) -> Option<usize> {
+        let names: Vec<String> = self.numbers.iter().map(|n| format!("pair {n}")).collect();
         match calibrate(&self.board, self.size, &self.kept, self.lens, self.crop) {
-            Ok(calibration) => judge(&calibration, &names),
-            Err(error) => Verdict::redo(error.to_string()),
+            Ok(c) => {
+                self.verdict = Some(judge(&c, &names));
+                let moved = c.views.iter().enumerate().filter(|(_, v)| v.moved);
+                let far = |v: &ViewReport| v.shift_px.amax();
+                moved.max_by(|a, b| far(a.1).total_cmp(&far(b.1))).map(|(i, _)| i)
+            }
+            Err(error) => {
+                self.verdict = Some(Verdict::redo(error.to_string()));
+                None
+            }
         }
     }
 }
@@ -166,7 +201,7 @@ mod tests {
             }
             // It comes, is at rest, and stays for a while.
             assert_eq!(session.offer(left.view(), right.view()), Step::Moving);
-            if let Step::Kept { verdict } = session.offer(left.view(), right.view()) {
+            if let Step::Kept { verdict, .. } = session.offer(left.view(), right.view()) {
                 missing.push(
                     verdict.map_or(String::new(), |v| {
                         v.reasons.first().map_or(String::new(), |r| r.text.clone())
@@ -188,7 +223,37 @@ mod tests {
         let board = Board::new(9, 6, 0.025).unwrap();
         let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, false);
         let [left, right] = &views(1)[0];
-        assert!(matches!(session.offer(left.view(), right.view()), Step::Kept { verdict: None }));
+        assert!(matches!(session.offer(left.view(), right.view()), Step::Kept { verdict: None, .. }));
+        assert_eq!(session.offer(left.view(), right.view()), Step::Known);
+    }
+
+    #[test]
+    fn a_pair_whose_board_moved_is_dropped_and_its_place_taken_again() {
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, false);
+        let mut dropped_all = Vec::new();
+        let views = views(16);
+        let mut moved = None;
+        for (i, [left, right]) in views.iter().enumerate() {
+            // The right picture of one is a pixel lower.
+            let mut lower = right.clone();
+            if i == 5 {
+                lower.as_mut_slice()[SIZE.0..].copy_from_slice(&right.as_slice()[..SIZE.0 * (SIZE.1 - 1)]);
+            }
+            if let Step::Kept { dropped, .. } = session.offer(left.view(), lower.view()) {
+                if i == 5 {
+                    moved = Some(session.taken());
+                }
+                dropped_all.extend(dropped);
+            }
+        }
+        assert!(moved.is_some() && session.kept() >= LEAST_PAIRS - 1, "{moved:?} {}", session.kept());
+        assert_eq!(dropped_all, moved.as_slice());
+        assert_eq!(session.kept(), session.taken() - 1);
+        let [left, right] = &views[5];
+        assert!(
+            matches!(session.offer(left.view(), right.view()), Step::Kept { dropped, .. } if dropped.is_empty())
+        );
         assert_eq!(session.offer(left.view(), right.view()), Step::Known);
     }
 }

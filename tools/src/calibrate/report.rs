@@ -231,7 +231,11 @@ fn page(outcome: &Outcome, figures: &[(&str, &str)]) -> String {
                 view.shift_px.y,
                 view.tilt_rad.to_degrees(),
                 view.distance_m,
-                if view.fault.is_some() { "left out" } else { "" }
+                match (view.fault.is_some(), view.moved) {
+                    (true, _) => "left out",
+                    (false, true) => "moved",
+                    (false, false) => "",
+                }
             );
         }
         html.push_str("</table>\n");

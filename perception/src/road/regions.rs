@@ -122,6 +122,9 @@ const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
 /// a car is not of the car.
 const SIDE_BY_SIDE: f64 = 0.2;
+/// Metres by which the depth of one thing may change from one stixel to the next: the side of a car that is
+/// near is seen at a flat angle.
+const SLANT_M: f32 = 0.3;
 /// Strips over which stixels are linked.
 const REACH: usize = 3;
 /// Bins of a pixel of disparity in which the near side is sought.
@@ -202,6 +205,7 @@ impl RegionFinder {
         let list = stixels.list();
         let near_m = rig.distance_m(f64::from(list[seed as usize].disparity_px));
         let farthest_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
+        let metre_px = rig.disparity_px(1.0) as f32;
         self.members.clear();
         self.stack.clear();
         self.visited[seed as usize] = true;
@@ -213,7 +217,9 @@ impl RegionFinder {
             for next in strip.saturating_sub(REACH)..(strip + REACH + 1).min(stixels.strips()) {
                 for j in stixels.of(next) {
                     let there = &list[j];
-                    if !self.visited[j] && there.disparity_px >= farthest_px && linked(&here, there, surface)
+                    if !self.visited[j]
+                        && there.disparity_px >= farthest_px
+                        && linked(&here, there, surface, metre_px)
                     {
                         self.visited[j] = true;
                         self.stack.push(j as u32);
@@ -397,9 +403,11 @@ fn prominence(region: &Region, surface: &Surface) -> f64 {
     region.height_m / surface.height_noise_m(region.disparity_px)
 }
 
-/// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side.
-fn linked(a: &Stixel, b: &Stixel, surface: &Surface) -> bool {
-    let tolerance = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
+/// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side. At a metre
+/// the disparity is `metre_px`.
+fn linked(a: &Stixel, b: &Stixel, surface: &Surface, metre_px: f32) -> bool {
+    let noise = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
+    let tolerance = noise.max(SLANT_M * a.disparity_px * b.disparity_px / metre_px);
     let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
     let beside = f64::from(shared) >= SIDE_BY_SIDE * f64::from(taller);

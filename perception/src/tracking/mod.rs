@@ -130,6 +130,8 @@ const TALLER_GAIN: f64 = 0.15;
 const LOWER_GAIN: f64 = 0.5;
 /// Errors of a region's disparity last for some frames, the filter thinks that they do not.
 const LASTING: f64 = 1.5;
+/// and a measurement is hardly better than this, in px, whatever it says: a thing's parts move within its region.
+const LEAST_SIGMA_PX: f64 = 0.08;
 
 /// Follows obstacles, with memory allocated once.
 #[derive(Debug)]
@@ -250,7 +252,7 @@ impl Tracker {
             id,
             region: *region,
             detection: Some(detection),
-            along: DistanceFilter::new(scale, region.disparity_px, LASTING * region.disparity_sigma_px),
+            along: DistanceFilter::new(scale, region.disparity_px, noise_px(region)),
             across: LateralFilter::new(region.lateral_m, middle_sigma_m(region, &self.rig, is_cut)),
             width_m: region.width_m,
             height_m: region.height_m,
@@ -265,9 +267,14 @@ impl Tracker {
     }
 }
 
+/// One standard deviation of a region's disparity, as the filter takes it.
+fn noise_px(region: &Region) -> f64 {
+    LASTING * region.disparity_sigma_px.max(LEAST_SIGMA_PX)
+}
+
 /// A track goes on with region `d`.
 fn take(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
-    track.along.update(region.disparity_px, LASTING * region.disparity_sigma_px);
+    track.along.update(region.disparity_px, noise_px(region));
     let cut = cuts(region, size);
     let is_cut = cut != (false, false);
     let change = (region.width_m / track.width_m.max(0.05)).max(0.05).ln().abs();

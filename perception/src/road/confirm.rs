@@ -367,6 +367,44 @@ mod tests {
     }
 
     #[test]
+    fn a_piece_that_comes_first_does_not_take_the_place_of_the_whole() {
+        let mut confirmation = Confirmation::new(true);
+        let wide = |x, width, disparity_px| Region {
+            bounds: PixelBox { x, y: 180, width, height: 60 },
+            ..region(x, disparity_px)
+        };
+        let mut reported = Vec::new();
+        for frame in 0..6 {
+            // Rain makes a piece of the car stand out, a little nearer, in the last frames.
+            let whole = wide(300, 80, 8.0);
+            let mut regions = if frame < 4 { vec![whole] } else { vec![wide(330, 12, 8.2), whole] };
+            confirmation.filter(&mut regions, (640, 480), &RIG, |_| 4.0);
+            reported.push(regions);
+        }
+        assert_eq!(reported[4], [wide(300, 80, 8.0)]);
+        assert!(reported[5].contains(&wide(300, 80, 8.0)), "{:?}", reported[5]);
+    }
+
+    #[test]
+    fn a_weak_look_at_another_thing_leaves_what_is_known_where_it_was_expected() {
+        let mut confirmation = Confirmation::new(true);
+        let post = |evidence: f64| {
+            let bounds = PixelBox { x: 303, y: 150, width: 8, height: 70 };
+            (Region { bounds, ..region(303, 5.0) }, evidence)
+        };
+        let mut last = Vec::new();
+        for (region, evidence) in [(region(300, 5.0), 4.0); 6].into_iter().chain([post(3.5)]) {
+            last = vec![region];
+            confirmation.filter(&mut last, (640, 480), &RIG, |_| evidence);
+        }
+        assert_eq!(last, [Region { disparity_sigma_px: last[0].disparity_sigma_px, ..region(300, 5.0) }]);
+        // What is plain is believed.
+        last = vec![post(9.0).0];
+        confirmation.filter(&mut last, (640, 480), &RIG, |_| 9.0);
+        assert_eq!(last, [post(9.0).0]);
+    }
+
+    #[test]
     fn noise_elsewhere_confirms_nothing() {
         let frames: Vec<[Region; 1]> = (0..20).map(|i| [region(60 * (i * 7 % 10), 5.0)]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();

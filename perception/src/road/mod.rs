@@ -283,6 +283,31 @@ mod tests {
     }
 
     #[test]
+    fn the_side_of_a_near_car_is_one_with_its_front() {
+        // A front at 5.5 m, then a side along the road to 7.4 m.
+        let mut map = map(&[(-1.9, -1.6, 1.4, 5.5)], 0.0);
+        for x in 0..320 {
+            // Where a line of sight meets the plane 1.6 m left of the camera.
+            let distance = -1.6 * RIG.focal_px / (x as f64 - RIG.cx_px);
+            if !(5.5..7.4).contains(&distance) {
+                continue;
+            }
+            for y in 0..240 {
+                let up = CAMERA_HEIGHT_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
+                if (0.0..=1.4).contains(&up) {
+                    map[y * 320 + x] = (RIG.disparity_px(distance) * 256.0) as u16;
+                }
+            }
+        }
+        let mut detector = detector();
+        let scene = settled(&mut detector, &map);
+        let [car] = scene.regions else { panic!("{:?}", scene.regions) };
+        let side_end = RIG.cx_px - 1.6 * RIG.focal_px / 7.4;
+        assert!(f64::from(car.bounds.x + car.bounds.width) > side_end - 8.0, "{car:?}");
+        assert!((car.distance_m - 5.5).abs() < 0.3, "{car:?}");
+    }
+
+    #[test]
     fn an_empty_road_stays_empty_even_when_rolled() {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);

@@ -257,6 +257,10 @@ fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
         // At an even speed the disparity grows ever faster.
         (0.3 + 0.045 * now[2]) * if depth > 0.0 { 1.5 } else { 1.0 }
     };
+    // Most pairs end here.
+    if depth.abs() > reach {
+        return None;
+    }
     // What hardly moves across the road moves outwards in the image as it comes nearer.
     let [x, _, disparity_px] = place(&candidate.region);
     let at = if candidate.sightings == 1 {
@@ -271,11 +275,10 @@ fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
     let across = (now[0] - at).abs().min(side + SIDE_PX);
     let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
     let slack = 2.0 + 0.3 * widest + frames * ACROSS_M * now[2] / rig.baseline_m;
+    let cost = (depth.abs() / reach).max(across.abs() / slack);
     let (a, b) = (&candidate.region.bounds, &region.bounds);
     let ratio = |a: u32, b: u32| (f64::from(a.max(1)) / f64::from(b.max(1))).ln().abs();
-    let unlike = ratio(a.width, b.width) + ratio(a.height, b.height);
-    let cost = (depth.abs() / reach).max(across.abs() / slack);
-    (cost <= 1.0).then_some(cost + unlike)
+    (cost <= 1.0).then(|| cost + ratio(a.width, b.width) + ratio(a.height, b.height))
 }
 
 #[cfg(test)]

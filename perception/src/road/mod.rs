@@ -5,6 +5,7 @@ pub mod depth;
 pub mod edges;
 pub mod free_space;
 pub mod histogram;
+pub mod line_fit;
 pub mod plane;
 pub mod profile;
 pub mod radon;

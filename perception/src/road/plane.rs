@@ -1,6 +1,7 @@
 //! A single plane through v-disparity: what the road is where it is flat, and what the profile is compared with.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
+use super::line_fit::LineFit;
 use super::radon::RoadLine;
 
 /// Bins near a line in a row.
@@ -25,23 +26,18 @@ pub fn fit(histogram: &VDisparity, line: RoadLine, cap: u16) -> RoadLine {
     let height = histogram.height();
     let mut plane = line;
     for _ in 0..ROUNDS {
-        let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut fit = LineFit::default();
         for y in plane.horizon_px.clamp(0.0, height as f64) as usize..height {
-            let x = y as f64 - line.horizon_px;
             for (px, weight) in near(histogram, plane, cap, y) {
-                s += weight;
-                sx += weight * x;
-                sy += weight * px;
-                sxx += weight * x * x;
-                sxy += weight * x * px;
+                fit.add(y as f64 - line.horizon_px, px, weight);
             }
         }
-        // Not a number where nothing is counted.
-        let slope = (s * sxy - sx * sy) / (s * sxx - sx * sx);
-        if !(0.5 * line.slope..2.0 * line.slope).contains(&slope) {
-            break;
+        match fit.line() {
+            Some((slope, at_horizon)) if (0.5 * line.slope..2.0 * line.slope).contains(&slope) => {
+                plane = RoadLine { slope, horizon_px: line.horizon_px - at_horizon / slope, ..line };
+            }
+            _ => break,
         }
-        plane = RoadLine { slope, horizon_px: line.horizon_px + (slope * sx - sy) / (s * slope), ..line };
     }
     plane
 }

@@ -10,6 +10,7 @@
 use super::ROAD_CONFIDENCE;
 use super::depth::DepthView;
 use super::histogram::{BINS_PER_PX, Corridor, VDisparity};
+use super::line_fit::LineFit;
 use super::plane;
 use super::radon::RoadLine;
 use super::straight::NearLine;
@@ -404,24 +405,19 @@ impl ProfileFinder {
         for y in (top..height).rev() {
             let here = (height - 1 - y) / BLOCK;
             let span = (reach / BLOCK as f64).ceil() as usize + 1;
-            let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0_f64, 0.0, 0.0, 0.0, 0.0);
+            let mut fit = LineFit::default();
             for block in here.saturating_sub(span)..(here + span + 1).min(self.path.len()) {
                 let x = self.middle(block) - y as f64;
                 let (value, weight) = self.path[block];
                 let weight = f64::from(weight) * (1.0 - (x / (reach + BLOCK as f64)).abs()).max(0.0);
-                let value = f64::from(value);
-                s += weight;
-                sx += weight * x;
-                sy += weight * value;
-                sxx += weight * x * x;
-                sxy += weight * x * value;
+                fit.add(x, f64::from(value), weight);
             }
-            let determinant = s * sxx - sx * sx;
-            let value = if determinant > 1e-9 {
-                slope = (s * sxy - sx * sy) / determinant;
-                (sy * sxx - sx * sxy) / determinant
-            } else {
-                f64::from(self.path[here.min(self.path.len() - 1)].0)
+            let value = match fit.line() {
+                Some((tangent, value)) => {
+                    slope = tangent;
+                    value
+                }
+                None => f64::from(self.path[here.min(self.path.len() - 1)].0),
             };
             // Never growing with distance.
             nearest = (value.max(0.0) as f32).min(nearest);

@@ -6,6 +6,7 @@
 //! where it departs from it by no more than what the frame's noise explains.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
+use super::line_fit::LineFit;
 use super::profile::BLOCK;
 
 /// Share of the road's disparity in the lowest row from which on a row is near.
@@ -83,22 +84,12 @@ impl NearLine {
     }
 
     fn through(blocks: impl Iterator<Item = Block>, share: impl Fn(f64, f64) -> f64) -> Option<Self> {
-        let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut fit = LineFit::default();
         for (row, px, weight) in blocks {
-            let weight = weight * share(row, px);
-            s += weight;
-            sx += weight * row;
-            sy += weight * px;
-            sxx += weight * row * row;
-            sxy += weight * row * px;
+            fit.add(row, px, weight * share(row, px));
         }
-        let determinant = s * sxx - sx * sx;
-        let slope = (s * sxy - sx * sy) / determinant;
-        (determinant > 1e-9 && slope > 0.0).then(|| Self {
-            slope,
-            offset_px: (sy - slope * sx) / s,
-            straight_px: STRAIGHT_PX,
-        })
+        let (slope, offset_px) = fit.line().filter(|(slope, _)| *slope > 0.0)?;
+        Some(Self { slope, offset_px, straight_px: STRAIGHT_PX })
     }
 
     /// The median distance of what is counted around the line, in the rows of the blocks that lie on it, as a

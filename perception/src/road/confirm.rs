@@ -10,18 +10,23 @@ use crate::rig::Rig;
 /// Evidence summed up from which a region is reported.
 const BELIEVED: f64 = 2.5;
 /// A sighting of less evidence is reported on no account: it may be another thing than what was believed.
-const PLAUSIBLE: f64 = 0.0;
+const PLAUSIBLE: f64 = 0.5;
 /// Overlap with the box that is expected from which on a sighting is of the same thing; below it, evidence
-/// that it must have to be reported, and to take the place of what is well known.
+/// that it must have to be reported, and to take the place of what is well known: for regions, and for what is
+/// small, whose boxes overlap by chance.
 const ALIKE: f64 = 0.3;
-const UNLIKE: f64 = 3.0;
-const PLAIN: f64 = 4.0;
+const UNLIKE: f64 = 5.0;
+const UNLIKE_SMALL: f64 = 3.0;
+/// Sightings from which on what is small may be elsewhere than was expected: two flakes are two things.
+const OFTEN: u32 = 3;
 /// Evidence of a first sighting that is reported at once, and the same where nothing comes back.
-const AT_ONCE: f64 = 8.0;
+const AT_ONCE: f64 = 5.0;
 const ALONE: f64 = 3.5;
 /// Evidence that the last sighting must have had for a region to be reported unseen: what was half seen
 /// then is hardly where it is expected.
 const CLEAR: f64 = 6.0;
+/// Evidence of the pictures that an unseen region must have, where they tell.
+const BORNE_OUT: f64 = 2.0;
 /// No more is summed up, so that what vanishes is soon doubted.
 const MOST: f64 = 9.0;
 /// Evidence of one sighting counts within these bounds.
@@ -77,6 +82,9 @@ pub struct Confirmation {
     most: f64,
     /// Evidence of a first sighting that is reported.
     at_once: f64,
+    /// Evidence that a sighting must have which is elsewhere than was expected, and the sightings before it counts.
+    unlike: f64,
+    often: u32,
 }
 
 impl Confirmation {
@@ -89,6 +97,8 @@ impl Confirmation {
             owners: Vec::with_capacity(CAPACITY),
             most,
             at_once,
+            unlike: UNLIKE,
+            often: 0,
         }
     }
 
@@ -96,17 +106,21 @@ impl Confirmation {
     /// anything, for one frame.
     pub fn twice(again: bool) -> Self {
         let fresh = Self::new(again);
-        Self { at_once: if again { f64::INFINITY } else { fresh.at_once }, ..fresh }
+        let at_once = if again { f64::INFINITY } else { fresh.at_once };
+        Self { at_once, unlike: UNLIKE_SMALL, often: OFTEN, ..fresh }
     }
 
-    /// Takes the regions of a frame, nearest first, and leaves those that are believed; adds those that
-    /// were and are not seen just now, as far as there is room. `size` is the image's width and height.
+    /// Takes the regions of a frame, nearest first, each with its evidence, and leaves those that are
+    /// believed; adds those that were and are not seen just now, as far as there is room. `size` is the image's
+    /// width and height; `look` gives the evidence of the pictures alone for a region that is expected, where
+    /// they tell.
     pub fn filter(
         &mut self,
         regions: &mut Vec<Region>,
+        evidence: &[f64],
         size: (usize, usize),
         rig: &Rig,
-        evidence: impl Fn(&Region) -> f64,
+        mut look: impl FnMut(&Region) -> Option<f64>,
     ) {
         for candidate in &mut self.candidates {
             candidate.unseen += 1;
@@ -116,8 +130,8 @@ impl Confirmation {
         let mut place = 0;
         regions.retain(|region| {
             let own = self.owners[place];
+            let evidence = evidence[place];
             place += 1;
-            let evidence = evidence(region);
             let seen = evidence.clamp(SIGHTING.0, self.most);
             if let Some(own) = own {
                 let candidate = &mut self.candidates[own as usize];
@@ -125,13 +139,15 @@ impl Confirmation {
                 let alike = candidate
                     .ahead(size)
                     .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= ALIKE);
-                if !alike && evidence < PLAIN && candidate.is_known() {
+                if !alike && evidence < self.unlike && candidate.is_known() {
                     candidate.hidden = true;
                     return false;
                 }
                 candidate.take(region, seen);
                 candidate.last = evidence;
-                return candidate.belief >= BELIEVED && evidence >= if alike { PLAUSIBLE } else { UNLIKE };
+                let back = alike && evidence >= PLAUSIBLE
+                    || evidence >= self.unlike && candidate.sightings >= self.often;
+                return candidate.belief >= BELIEVED && back;
             }
             if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
                 let (step, belief) = ([0.0; 3], seen);
@@ -151,12 +167,16 @@ impl Confirmation {
         });
         self.candidates.retain_mut(|candidate| {
             if candidate.unseen > 0 {
-                let goes_on = candidate.is_known() && (candidate.last >= CLEAR || candidate.hidden);
-                candidate.belief = MEMORY * candidate.belief - MISS;
+                let known = candidate.is_known() && candidate.unseen <= COASTING;
+                let expected = candidate.ahead(size).filter(|_| known);
+                let seen = expected.as_ref().and_then(&mut look);
+                candidate.belief =
+                    MEMORY * candidate.belief - seen.map_or(MISS, |seen| (-seen).clamp(-MISS, MISS));
+                let goes_on =
+                    seen.map_or(candidate.last >= CLEAR || candidate.hidden, |seen| seen >= BORNE_OUT);
                 if goes_on
-                    && candidate.unseen <= COASTING
                     && regions.len() < regions.capacity()
-                    && let Some(region) = candidate.ahead(size)
+                    && let Some(region) = expected
                 {
                     regions.push(region);
                 }
@@ -301,6 +321,12 @@ mod tests {
         }
     }
 
+    /// A frame whose regions all have the same evidence, of which the pictures tell nothing.
+    fn filter(confirmation: &mut Confirmation, regions: &mut Vec<Region>, evidence: f64) {
+        let evidence = vec![evidence; regions.len()];
+        confirmation.filter(regions, &evidence, (640, 480), &RIG, |_| None);
+    }
+
     /// How many are believed of each frame's regions.
     fn believed(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
         let mut confirmation = Confirmation::new(true);
@@ -309,7 +335,7 @@ mod tests {
             .map(|frame| {
                 let mut regions = Vec::with_capacity(8);
                 regions.extend_from_slice(frame);
-                confirmation.filter(&mut regions, (640, 480), &RIG, |_| evidence);
+                filter(&mut confirmation, &mut regions, evidence);
                 regions.len()
             })
             .collect()
@@ -332,19 +358,28 @@ mod tests {
             let mut confirmation = Confirmation::twice(again);
             [(); 2].map(|()| {
                 let mut regions = vec![region(300, 5.0)];
-                confirmation.filter(&mut regions, (640, 480), &RIG, |_| 50.0);
+                filter(&mut confirmation, &mut regions, 50.0);
                 regions.len()
             })
         };
         assert_eq!(reported(true), [0, 1]);
         assert_eq!(reported(false), [1, 1], "a single picture has no second frame");
+        let flakes = |mut confirmation: Confirmation| {
+            [10, 2, 15].map(|height| {
+                let bounds = PixelBox { x: 300, y: 230 - height, width: 16, height };
+                let mut regions = vec![Region { bounds, ..region(300, 5.0) }];
+                filter(&mut confirmation, &mut regions, 50.0);
+                regions.len()
+            })
+        };
+        assert_eq!(flakes(Confirmation::twice(true)), [0, 0, 1], "another flake is not the first");
+        assert_eq!(flakes(Confirmation::new(true)), [1, 1, 1]);
     }
 
     #[test]
     fn single_pictures_need_strong_evidence_only() {
         let mut regions = vec![region(300, 5.0), region(100, 5.0)];
-        let evidence = |region: &Region| if region.bounds.x == 300 { 3.8 } else { 2.0 };
-        Confirmation::new(false).filter(&mut regions, (640, 480), &RIG, evidence);
+        Confirmation::new(false).filter(&mut regions, &[3.8, 2.0], (640, 480), &RIG, |_| None);
         assert_eq!(regions, [region(300, 5.0)]);
     }
 
@@ -353,8 +388,26 @@ mod tests {
         let seen = [region(300, 5.0)];
         let none: &[Region] = &[];
         let frames = [&seen[..], &seen, &seen, &seen, &seen, none, none, none, none];
-        assert_eq!(believed(&frames, 6.1), [0, 1, 1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(believed(&frames, 6.1), [1, 1, 1, 1, 1, 1, 1, 0, 0]);
         assert_eq!(believed(&frames, 4.0), [0, 1, 1, 1, 1, 0, 0, 0, 0], "unless it was not seen clearly");
+    }
+
+    #[test]
+    fn what_is_unseen_goes_on_as_far_as_the_pictures_bear_it_out() {
+        let reported = |shown: f64| {
+            let mut confirmation = Confirmation::new(true);
+            let mut all = Vec::new();
+            for frame in 0..10 {
+                let mut regions = if frame < 5 { vec![region(300, 5.0)] } else { Vec::with_capacity(1) };
+                let evidence = [4.0; 1];
+                confirmation.filter(&mut regions, &evidence, (640, 480), &RIG, |_| Some(shown));
+                all.push(regions.len());
+            }
+            all
+        };
+        // Not seen as clearly as what goes on unasked, but the pictures show it; or do not.
+        assert_eq!(reported(3.0), [0, 1, 1, 1, 1, 1, 1, 0, 0, 0]);
+        assert_eq!(reported(1.0), [0, 1, 1, 1, 1, 0, 0, 0, 0, 0]);
     }
 
     #[test]
@@ -363,7 +416,7 @@ mod tests {
         let mut reported = Vec::new();
         for evidence in [4.0, 4.0, 4.0, -1.0, 4.0] {
             let mut regions = vec![region(300, 5.0)];
-            confirmation.filter(&mut regions, (640, 480), &RIG, |_| evidence);
+            filter(&mut confirmation, &mut regions, evidence);
             reported.push(regions.len());
         }
         assert_eq!(reported, [0, 1, 1, 0, 1]);
@@ -381,7 +434,7 @@ mod tests {
             // Rain makes a piece of the car stand out, a little nearer, in the last frames.
             let whole = wide(300, 80, 8.0);
             let mut regions = if frame < 4 { vec![whole] } else { vec![wide(330, 12, 8.2), whole] };
-            confirmation.filter(&mut regions, (640, 480), &RIG, |_| 4.0);
+            filter(&mut confirmation, &mut regions, 4.0);
             reported.push(regions);
         }
         assert_eq!(reported[4], [wide(300, 80, 8.0)]);
@@ -398,12 +451,12 @@ mod tests {
         let mut last = Vec::new();
         for (region, evidence) in [(region(300, 5.0), 4.0); 6].into_iter().chain([post(3.5)]) {
             last = vec![region];
-            confirmation.filter(&mut last, (640, 480), &RIG, |_| evidence);
+            filter(&mut confirmation, &mut last, evidence);
         }
         assert_eq!(last, [Region { disparity_sigma_px: last[0].disparity_sigma_px, ..region(300, 5.0) }]);
         // What is plain is believed.
         last = vec![post(9.0).0];
-        confirmation.filter(&mut last, (640, 480), &RIG, |_| 9.0);
+        filter(&mut confirmation, &mut last, 9.0);
         assert_eq!(last, [post(9.0).0]);
     }
 

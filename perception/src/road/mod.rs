@@ -1,6 +1,7 @@
 //! From disparity to the road, and to what stands on it (paper, section 3.5).
 
 pub mod confirm;
+pub mod consistency;
 pub mod depth;
 pub mod edges;
 pub mod free_space;
@@ -17,6 +18,7 @@ pub mod straight;
 pub mod surface;
 
 use crate::rig::Rig;
+use consistency::Witness;
 pub use depth::DepthView;
 use edges::{EdgeFinder, Edges};
 use free_space::FreeSpace;
@@ -26,6 +28,7 @@ pub use profile::Shape;
 use radon::{Radon, RadonRange, RoadLine};
 use regions::RegionFinder;
 pub use regions::{PixelBox, Region, RegionParameters};
+use residual::Ground;
 use small::SmallFinder;
 use stixels::{StixelParameters, Stixels};
 use surface::Surface;
@@ -36,6 +39,10 @@ const REGION_CONFIDENCE: u8 = 100;
 
 /// The road is sought within so many metres to either side of the camera.
 const CORRIDOR_M: f64 = 5.0;
+
+/// No side of a thing passes the camera nearer than this, in metres: what changes faster from column to column
+/// than such a side does is a seam between two surfaces.
+const SIDE_M: f64 = 0.9;
 
 /// What shapes the road model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,14 +192,17 @@ impl RoadDetector {
             greatest_height_m: p.greatest_height_m,
             least_disparity_px: self.rig.disparity_px(p.greatest_distance_m),
             least_confidence: REGION_CONFIDENCE,
+            steepest_px: self.rig.baseline_m / SIDE_M,
         };
         self.stixels.find(depth, &self.surface, &standing);
         let size = (self.width, self.height);
         self.regions.clear();
-        self.regions.extend_from_slice(self.finder.find(&self.stixels, &self.surface, &self.rig, size));
+        let ground = Ground { profile_px: profile.disparity_px(), tilt: self.surface.tilt(), rig: self.rig };
+        let witness = depth.pictures().map(|pictures| Witness { pictures, ground, stixels: &self.stixels });
+        let found = self.finder.find(&self.stixels, &self.surface, &self.rig, size, witness.as_ref());
+        self.regions.extend_from_slice(found);
         if let Some(pictures) = depth.pictures() {
-            let profile_px = profile.disparity_px();
-            let small = self.small.find(pictures, profile_px, &self.surface, &self.rig, &self.regions);
+            let small = self.small.find(pictures, &ground, &self.surface, &self.regions);
             self.regions.extend_from_slice(small);
             self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
             self.regions.truncate(p.greatest_count);

@@ -1,6 +1,7 @@
 //! Obstacle regions: stixels of one thing become a box with a distance.
 
 use super::confirm::Confirmation;
+use super::consistency::Witness;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use super::surface::Surface;
 use crate::rig::Rig;
@@ -52,6 +53,15 @@ pub struct Region {
     pub pixels: u32,
     /// Mean confidence of these, 0 to 1.
     pub confidence: f64,
+}
+
+impl Region {
+    /// Moves the sides of its box to column `first` and the one before `end`.
+    fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {
+        (self.bounds.x, self.bounds.width) = (first, end - first);
+        self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
+        self.lateral_m = rig.lateral_m(0.5 * f64::from(first + end), self.distance_m);
+    }
 }
 
 /// What makes a region.
@@ -119,6 +129,10 @@ const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 const SURE: f64 = 0.7;
 /// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
+/// Evidence that no look at the pictures could make up for, and the most that the map's counts beside one: it is
+/// great where a surface without texture lies too near, too.
+const HOPELESS: f64 = -8.0;
+const MOST_OF_MAP: f64 = 5.0;
 /// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
 /// a car is not of the car.
 const SIDE_BY_SIDE: f64 = 0.2;
@@ -142,6 +156,8 @@ pub struct RegionFinder {
     /// Rows by disparity of the region at hand.
     histogram: Vec<u32>,
     regions: Vec<Region>,
+    /// Evidence of each.
+    evidence: Vec<f64>,
     confirmation: Confirmation,
 }
 
@@ -157,18 +173,21 @@ impl RegionFinder {
             members: Vec::with_capacity(most),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
+            evidence: Vec::with_capacity(CAPACITY),
             confirmation: Confirmation::new(parameters.confirm),
         }
     }
 
     /// Groups stixels; the regions are sorted, nearest first, and beyond the greatest count the
-    /// farthest are left out. `size` is the image's width and height.
+    /// farthest are left out. `size` is the image's width and height; `witness` are the pictures, where they
+    /// are known.
     pub fn find(
         &mut self,
         stixels: &Stixels,
         surface: &Surface,
         rig: &Rig,
         size: (usize, usize),
+        witness: Option<&Witness<'_>>,
     ) -> &[Region] {
         let list = stixels.list();
         self.regions.clear();
@@ -191,7 +210,20 @@ impl RegionFinder {
             }
         }
         self.drop_shadows();
-        self.confirmation.filter(&mut self.regions, size, rig, |region| evidence(region, surface));
+        self.evidence.clear();
+        for region in &mut self.regions {
+            let mut sum = evidence(region, surface);
+            let look = witness.filter(|_| sum >= HOPELESS).and_then(|witness| witness.look(region));
+            if let Some(look) = look {
+                sum = sum.min(MOST_OF_MAP) + look.evidence();
+                if let Some(sides) = look.sides {
+                    region.set_sides(sides, rig);
+                }
+            }
+            self.evidence.push(sum);
+        }
+        let look = |region: &Region| witness.and_then(|w| w.look(region)).map(|look| look.evidence());
+        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, look);
         // The seed is the nearest stray stixel; what counts is where the region stands.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))

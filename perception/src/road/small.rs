@@ -87,6 +87,7 @@ pub struct SmallFinder {
     residual: Residual,
     places: Vec<Place>,
     regions: Vec<Region>,
+    evidence: Vec<f64>,
     confirmation: Confirmation,
 }
 
@@ -97,6 +98,7 @@ impl SmallFinder {
             residual: Residual::new(width, height),
             places: Vec::with_capacity(PLACES),
             regions: Vec::with_capacity(CAPACITY),
+            evidence: Vec::with_capacity(CAPACITY),
             confirmation: Confirmation::twice(confirm),
         }
     }
@@ -105,30 +107,31 @@ impl SmallFinder {
     pub fn find(
         &mut self,
         pictures: [GreyView<'_>; 2],
-        profile_px: &[f32],
+        ground: &Ground<'_>,
         surface: &Surface,
-        rig: &Rig,
         taken: &[Region],
     ) -> &[Region] {
-        let ground = Ground { profile_px, tilt: surface.tilt(), rig: *rig };
+        let (profile_px, rig) = (ground.profile_px, &ground.rig);
         let least_px = rig.disparity_px(FARTHEST_M) as f32;
         let first = profile_px.iter().position(|&d| d >= least_px).unwrap_or(profile_px.len());
-        self.residual.fill(pictures, &ground, first, HALF_M + BESIDE_M);
-        self.search(&ground, first, taken);
+        self.residual.fill(pictures, ground, first, HALF_M + BESIDE_M);
+        self.search(ground, first, taken);
         self.regions.clear();
         for i in 0..self.places.len() {
             let place = self.places[i];
             if self.regions.len() == PATCHES {
                 break;
             }
-            let Some(region) = self.explain(pictures, &ground, surface, first, place) else { continue };
+            let Some(region) = self.explain(pictures, ground, surface, first, place) else { continue };
             if self.regions.iter().all(|r| r.bounds.overlap(&region.bounds) == 0.0) {
                 self.regions.push(region);
             }
         }
         let size = (pictures[0].width(), pictures[0].height());
         self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
-        self.confirmation.filter(&mut self.regions, size, rig, evidence);
+        self.evidence.clear();
+        self.evidence.extend(self.regions.iter().map(evidence));
+        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, |_| None);
         &self.regions
     }
 

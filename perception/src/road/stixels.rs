@@ -8,6 +8,8 @@ use crate::simd::{Level, Simd, kernel};
 pub const STRIP_COLUMNS: usize = 4;
 /// The most runs of a strip.
 const RUNS: usize = 12;
+/// Columns over which the steepness of a seam is told.
+const SEAM_COLUMNS: usize = 4;
 /// Rows without an estimate that a run may span.
 const GAP: usize = 10;
 
@@ -48,6 +50,8 @@ pub struct StixelParameters {
     pub least_disparity_px: f64,
     /// Pixels of less confidence are left out.
     pub least_confidence: u8,
+    /// The most that the disparity of a surface changes from column to column, in px.
+    pub steepest_px: f64,
 }
 
 /// The stixels of a frame, with memory allocated once.
@@ -57,6 +61,8 @@ pub struct Stixels {
     depths: Vec<u16>,
     /// Confidence of each.
     confidence: Vec<u8>,
+    /// One row of the map with sharp seams.
+    sharp: Vec<u16>,
     /// One row of both.
     row: (Vec<u16>, Vec<u8>),
     strips: usize,
@@ -74,6 +80,7 @@ impl Stixels {
         Self {
             depths: vec![0; strips * height],
             confidence: vec![0; strips * height],
+            sharp: vec![0; width],
             row: (vec![0; strips], vec![0; strips]),
             strips,
             height,
@@ -119,10 +126,12 @@ impl Stixels {
     /// When the map has another size than the workspace.
     pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
         assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
+        let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
         for y in 0..self.height {
             let (depths, confidence) = (&mut self.row.0, &mut self.row.1);
             let (d, c) = (depth.disparity(y), depth.confidence(y));
-            middles(self.level, d, c, parameters.least_confidence, depths, confidence);
+            sharpen(d, steepest, &mut self.sharp);
+            middles(self.level, &self.sharp, c, parameters.least_confidence, depths, confidence);
             let places = (y..).step_by(self.height);
             for (place, (&d, &c)) in places.zip(depths.iter().zip(confidence.iter())) {
                 (self.depths[place], self.confidence[place]) = (d, c);
@@ -196,7 +205,7 @@ impl Run {
     /// Whether row `y` goes on with the run: near it, and of its depth.
     fn takes(&self, y: usize, d: u16, noise_px: f64) -> bool {
         let px = f32::from(d) / 256.0;
-        let tolerance = 0.25 + 3.0 * (noise_px as f32).min(0.12) + 0.01 * px;
+        let tolerance = 0.25 + 2.0 * (noise_px as f32).min(0.12) + 0.01 * px;
         self.rows == 0 || (self.top - y <= GAP && (px - self.last_px).abs() <= tolerance)
     }
 
@@ -209,7 +218,7 @@ impl Run {
         self.rows += 1;
         self.sum += u64::from(d);
         self.confidence += u32::from(confidence);
-        self.last_px += (px - self.last_px) * 0.4;
+        self.last_px += (px - self.last_px) * 0.3;
         self.high_m = height_m;
     }
 
@@ -224,6 +233,43 @@ impl Run {
             low_m: self.low_m,
             high_m: self.high_m,
         })
+    }
+}
+
+/// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
+/// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the most
+/// that a surface rises over [`SEAM_COLUMNS`], in 1/256 px.
+fn sharpen(row: &[u16], steepest: u16, out: &mut [u16]) {
+    out.copy_from_slice(row);
+    let after = row.get(SEAM_COLUMNS..).unwrap_or_default();
+    let steep = |x: usize| row[x] > 0 && after[x] > 0 && row[x].abs_diff(after[x]) >= steepest;
+    let mut x = 0;
+    while x < after.len() {
+        // Most chunks have no seam, and a whole one is told at once.
+        let chunk = row[x..].iter().zip(&after[x..]).take(32);
+        if chunk.fold(false, |any, (a, b)| any | (a.abs_diff(*b) >= steepest)) {
+            let end = (x + 32).min(after.len());
+            while x < end {
+                if !steep(x) {
+                    x += 1;
+                    continue;
+                }
+                let rises = after[x] > row[x];
+                let mut last = x;
+                while last + 1 < after.len() && steep(last + 1) && (after[last + 1] > row[last + 1]) == rises
+                {
+                    last += 1;
+                }
+                let (first, end) = (x, last + SEAM_COLUMNS);
+                let (a, b) = (row[first], row[end]);
+                for d in out[first + 1..end].iter_mut().filter(|d| **d > 0) {
+                    *d = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
+                }
+                x = end;
+            }
+        } else {
+            x += 32;
+        }
     }
 }
 
@@ -291,6 +337,36 @@ fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], least_
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_seam_is_a_step_at_its_middle() {
+        let sharp = |row: &[u16]| {
+            let mut out = vec![0; row.len()];
+            sharpen(row, 200, &mut out);
+            out
+        };
+        let ramp = [500, 500, 500, 600, 700, 800, 900, 1000, 1000, 1000, 1000, 1000, 1000];
+        let step = [500, 500, 500, 500, 500, 1000, 1000, 1000, 1000, 1000, 1000, 1000, 1000];
+        let (out, back) = (sharp(&ramp), sharp(&ramp.map(|d| 1500 - d)));
+        // The middle itself, 750, lies between two columns.
+        assert_eq!(out, step);
+        assert_eq!(back, step.map(|d| 1500 - d));
+        // A side that is seen at an angle stays, and so does what is unknown, wherever chunks begin.
+        let side: Vec<u16> = (0..100).map(|x| 1000 + 40 * x).collect();
+        assert_eq!(sharp(&side), side);
+        for at in 0..60 {
+            let mut row = vec![500; at];
+            row.extend_from_slice(&ramp);
+            row[at + 4] = 0;
+            let mut expected = vec![500; at];
+            expected.extend_from_slice(&step);
+            expected[at + 4] = 0;
+            row.resize(90, 1000);
+            expected.resize(90, 1000);
+            assert_eq!(sharp(&row), expected, "{at}");
+        }
+        assert_eq!(sharp(&[7, 900]), [7, 900], "too narrow to tell");
+    }
 
     #[test]
     fn a_strip_is_the_median_of_what_is_known() {

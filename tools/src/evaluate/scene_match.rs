@@ -11,9 +11,9 @@
 //! within that distance of it, which no stereo camera tells apart, also without being more than one and a
 //! half times as large as the box of both.
 //!
-//! A region is **explained** when at least a tenth of its box's pixels see something that stands there,
-//! object or row beside the road, at the region's distance within 1.5 m or 20 %. One that is not, within
-//! 40 m, is **false** where its foot is on the asphalt, and **stray** elsewhere.
+//! A region is **explained** when it finds a due object, or when at least a tenth of its box's pixels see
+//! something that stands there, object or row beside the road, at the region's distance within 1.5 m or 20 %.
+//! One that is not, within 40 m, is **false** where its foot is on the asphalt, and **stray** elsewhere.
 
 use perception::road::PixelBox;
 use sources::scene::truth::{FIRST_OBJECT, ROAD};
@@ -128,7 +128,8 @@ pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Found]) -> 
     });
     let mut result = FrameMatch { due: due.collect(), ..FrameMatch::default() };
     for region in found {
-        let explained = explains(truth, focal_baseline, region);
+        let finds = |due: &Due| is_found_beside(&due.object, &truth.objects, region);
+        let explained = explains(truth, focal_baseline, region) || result.due.iter().any(finds);
         result.explained.push(explained);
         if !explained && region.distance_m <= DUE_M.1 {
             if stands_on_road(truth, region) {
@@ -295,6 +296,21 @@ mod tests {
         assert_eq!(result.due.len(), 1);
         assert_eq!(result.due[0].found, Some(regions[0]));
         assert_eq!(match_frame(&truth, SCALE, &[]).due[0].found, None);
+    }
+
+    #[test]
+    fn what_finds_something_is_not_false() {
+        let mut truth = truth();
+        // A post whose box is mostly road.
+        truth.objects[0].bounds = PixelBox { x: 50, y: 20, width: 8, height: 30 };
+        truth.owner.fill(ROAD);
+        for y in 20..50 {
+            truth.owner[y * truth.width + 53] = FIRST_OBJECT;
+        }
+        let wide = found(40, 20, 20, 30, 10.0);
+        let result = match_frame(&truth, SCALE, &[wide]);
+        assert_eq!((result.due[0].found, result.unexplained), (Some(wide), (0, 0)));
+        assert_eq!(match_frame(&truth, SCALE, &[found(20, 20, 20, 30, 10.0)]).unexplained, (1, 0));
     }
 
     #[test]

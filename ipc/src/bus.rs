@@ -1,5 +1,6 @@
 //! The way into shared memory: one node per process, and the ports of the table of services.
 
+use crate::clock::monotonic_ns;
 use crate::header::{Header, LINE_BYTES, Line};
 use crate::instance::Instance;
 use crate::port::{Publisher, Subscriber};
@@ -153,7 +154,7 @@ impl Bus {
                 .notifier_builder()
                 .create()
                 .map_err(|e| IpcError::new("notify", spec.name, e))?;
-            Ok(Publisher { port, notifier, name: spec.name, serial: Cell::new(0) })
+            Ok(Publisher { port, notifier, name: spec.name, serial: Cell::new(0), first_ns: Cell::new(None) })
         })
     }
 
@@ -174,7 +175,8 @@ impl Bus {
                 .listener_builder()
                 .create()
                 .map_err(|e| IpcError::new("listen to", spec.name, e))?;
-            Ok(Subscriber { port, listener, name: spec.name, last: Cell::new(None), missed: Cell::new(0) })
+            let (last, missed) = (Cell::new(None), Cell::new(0));
+            Ok(Subscriber { port, listener, name: spec.name, last, since_ns: monotonic_ns(), missed })
         })
     }
 

@@ -7,7 +7,7 @@ use thiserror::Error;
 const MAGIC: u32 = 0x4c4b_5431;
 
 /// Changes whenever the layout of any message does.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// A cache line: what payloads are made of, so that they are aligned for every kernel.
 #[repr(C, align(64))]
@@ -78,6 +78,9 @@ pub struct Header {
     pub issued_ns: u64,
     /// Number of the message among those of its publisher, from 0: tells readers what they missed.
     pub(crate) serial: u64,
+    /// When the first message of its publisher was sent, on the monotonic clock: who was there by then has been
+    /// sent them all.
+    pub(crate) first_ns: u64,
     /// Which attempt at this frame it is; above 0 only after a stage died in lock-step.
     pub attempt: u32,
     /// Bytes of the payload; shared memory holds whole lines.

@@ -21,6 +21,8 @@ pub struct Publisher {
     pub(crate) notifier: Notifier<ipc::Service>,
     pub(crate) name: &'static str,
     pub(crate) serial: Cell<u64>,
+    /// When the first message was sent, on the monotonic clock.
+    pub(crate) first_ns: Cell<Option<u64>>,
 }
 
 /// A message that is being written.
@@ -54,6 +56,8 @@ impl Publisher {
         let header = loan.header_mut();
         header.payload_bytes = bytes;
         header.issued_ns = monotonic_ns();
+        header.first_ns = self.first_ns.get().unwrap_or(header.issued_ns);
+        self.first_ns.set(Some(header.first_ns));
         header.serial = self.serial.replace(self.serial.get() + 1);
         loan.sample.send().map_err(|e| IpcError::new("send", self.name, e))?;
         self.notify()
@@ -108,6 +112,8 @@ pub struct Subscriber {
     pub(crate) name: &'static str,
     /// Publisher and serial number of the last message.
     pub(crate) last: Cell<Option<(UniquePublisherId, u64)>>,
+    /// When it was there to be sent to, on the monotonic clock.
+    pub(crate) since_ns: u64,
     pub(crate) missed: Cell<u64>,
 }
 
@@ -126,13 +132,17 @@ impl Subscriber {
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
         let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
         if let Some(sample) = &sample {
-            let (origin, serial) = (sample.origin(), sample.user_header().serial);
-            if let Some((publisher, before)) = self.last.replace(Some((origin, serial)))
-                && publisher == origin
-            {
-                let gap = serial.saturating_sub(before).saturating_sub(1);
-                self.missed.set(self.missed.get().saturating_add(gap));
-            }
+            let (origin, header) = (sample.origin(), sample.user_header());
+            let serial = header.serial;
+            let gap = match self.last.replace(Some((origin, serial))) {
+                Some((publisher, before)) if publisher == origin => {
+                    serial.saturating_sub(before).saturating_sub(1)
+                }
+                // Of a publisher that is older than the reader, none can tell what came before the reader.
+                _ if header.first_ns < self.since_ns => 0,
+                _ => serial,
+            };
+            self.missed.set(self.missed.get().saturating_add(gap));
         }
         Ok(sample.map(|sample| Sample { sample }))
     }

@@ -46,8 +46,8 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
     }
     let sample = subscriber.receive().unwrap().unwrap();
     assert_eq!(sample.header().sequence, 9);
-    // The first message that was seen is where counting starts.
-    assert_eq!(subscriber.take_missed(), 0);
+    // It was there before the first of them was sent.
+    assert_eq!(subscriber.take_missed(), 9);
     let images = pair::view(sample.header(), sample.payload()).unwrap();
     assert_eq!((images.left, images.right), (&[9_u8; 8][..], &[9_u8; 8][..]));
     // What is being read does not change while newer ones are sent.
@@ -58,13 +58,27 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
     drop(sample);
     assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 19);
     assert_eq!((subscriber.take_missed(), subscriber.take_missed()), (9, 0));
+    // Who comes later has missed nothing of what was sent before.
+    let late = bus.subscriber(&PAIR).unwrap();
+    publish(&publisher, 20);
+    assert_eq!(late.receive().unwrap().unwrap().header().sequence, 20);
+    assert_eq!(late.take_missed(), 0);
+    assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 20);
+    // A publisher that takes the place of another counts anew, and so do its readers.
+    drop(publisher);
+    let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
+    for sequence in 21..24 {
+        publish(&publisher, sequence);
+    }
+    assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 23);
+    assert_eq!(subscriber.take_missed(), 2);
     // The pool is as large as the table says, and no larger.
     let pools = PAIR.pool_bytes(4, 2) as u64;
     assert!(instance.shared_bytes() < pools + 100_000, "{} for {pools}", instance.shared_bytes());
     assert!(subscriber.receive().unwrap().is_none());
     assert!(!instance.shared_memory().is_empty());
     let prefix = lock.prefix().to_owned();
-    drop((publisher, subscriber, bus, lock));
+    drop((publisher, subscriber, late, bus, lock));
     let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
     assert_eq!(left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix)).count(), 0);
     assert!(!instance.directory().exists());

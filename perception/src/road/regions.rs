@@ -127,6 +127,17 @@ const STANDING: f64 = 0.4;
 const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a region is no such shadow.
 const SURE: f64 = 0.7;
+/// The far end of a long thing: the most columns that it is wide, and metres that it lies behind the near side.
+const TAIL_PX: u32 = 7 * STRIP_COLUMNS as u32;
+const TAIL_M: std::ops::Range<f64> = 0.3..6.0;
+/// Columns that such an end may be apart from the rest, and that it may lie before it.
+const APART_PX: u32 = STRIP_COLUMNS as u32;
+const BEFORE_PX: u32 = 2 * STRIP_COLUMNS as u32;
+/// What is so many rows or columns apart is at the same place.
+const SAME_ROW_PX: u32 = 2;
+/// Evidence that a thing must have for others to be its end, and evidence from which these are things themselves.
+const HAS_TAIL: f64 = 3.0;
+const NO_TAIL: f64 = 5.0;
 /// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Evidence that no look at the pictures could make up for, and the most that the map's counts beside one: it is
@@ -222,6 +233,7 @@ impl RegionFinder {
             }
             self.evidence.push(sum);
         }
+        self.doubt_tails();
         let look = |region: &Region| witness.and_then(|w| w.look(region)).map(|look| look.evidence());
         self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, look);
         // The seed is the nearest stray stixel; what counts is where the region stands.
@@ -286,6 +298,20 @@ impl RegionFinder {
             }
         }
         regions.truncate(kept);
+    }
+
+    /// Doubts narrow regions that cling to the far end of a nearer, larger one. The side of a long thing is seen
+    /// at a flat angle and its end is smeared over what lies beside it: unless much speaks for it, that is no
+    /// thing of its own.
+    fn doubt_tails(&mut self) {
+        for i in 0..self.regions.len() {
+            let mut others = self.regions.iter().zip(&self.evidence);
+            if self.evidence[i] < NO_TAIL
+                && others.any(|(near, &sum)| sum > HAS_TAIL && is_tail(&self.regions[i], near))
+            {
+                self.evidence[i] = self.evidence[i].min(0.0);
+            }
+        }
     }
 
     fn measure(
@@ -430,6 +456,26 @@ fn evidence(region: &Region, surface: &Surface) -> f64 {
         + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
 }
 
+/// Whether a region may be the far end of a nearer, larger one: beside it, and neither higher nor lower.
+fn is_tail(far: &Region, near: &Region) -> bool {
+    let (a, b) = (&near.bounds, &far.bounds);
+    let (a_end, b_end) = (a.x + a.width, b.x + b.width);
+    let is_left = b.x + b_end < a.x + a_end;
+    let (gap, overlap, beyond) = if is_left {
+        (a.x.saturating_sub(b_end), b_end.saturating_sub(a.x), a.x.saturating_sub(b.x))
+    } else {
+        (b.x.saturating_sub(a_end), a_end.saturating_sub(b.x), b_end.saturating_sub(a_end))
+    };
+    let beside = gap <= APART_PX && overlap <= BEFORE_PX && beyond > SAME_ROW_PX;
+    let (a_bottom, b_bottom) = (a.y + a.height, b.y + b.height);
+    beside
+        && b_bottom <= a_bottom + SAME_ROW_PX
+        && a.y <= b.y + 3 * SAME_ROW_PX
+        && b.width <= TAIL_PX
+        && 2 * a.width * a.height >= 3 * b.width * b.height
+        && TAIL_M.contains(&(far.distance_m - near.distance_m))
+}
+
 /// Standard deviations of the frame's noise that a region's top is above the road.
 fn prominence(region: &Region, surface: &Surface) -> f64 {
     region.height_m / surface.height_noise_m(region.disparity_px)
@@ -444,4 +490,59 @@ fn linked(a: &Stixel, b: &Stixel, surface: &Surface, metre_px: f32) -> bool {
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
     let beside = f64::from(shared) >= SIDE_BY_SIDE * f64::from(taller);
     beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn region(x: u32, width: u32, distance_m: f64) -> Region {
+        Region {
+            bounds: PixelBox { x, y: 200, width, height: 40 },
+            disparity_px: 100.0 / distance_m,
+            disparity_sigma_px: 0.1,
+            distance_m,
+            lateral_m: 0.0,
+            width_m: 1.0,
+            height_m: 1.0,
+            pixels: 400,
+            confidence: 0.9,
+        }
+    }
+
+    #[test]
+    fn the_far_end_of_a_car_is_no_thing_of_its_own() {
+        let car = region(300, 80, 18.0);
+        for x in [378, 380, 384] {
+            assert!(is_tail(&region(x, 16, 22.0), &car), "on its right, from {x}");
+            assert!(is_tail(&region(680 - x - 16, 16, 22.0), &car), "on its left");
+        }
+        assert!(!is_tail(&region(386, 16, 22.0), &car), "apart");
+        assert!(!is_tail(&region(366, 16, 22.0), &car), "before it");
+        assert!(!is_tail(&region(380, 32, 22.0), &car), "wide");
+        assert!(!is_tail(&region(380, 16, 24.5), &car), "far behind");
+        assert!(!is_tail(&region(380, 16, 17.0), &car), "nearer");
+        assert!(!is_tail(&region(380, 16, 22.0), &region(364, 16, 18.0)), "of a thing as small");
+        let mut low = region(380, 16, 22.0);
+        low.bounds.y += 3;
+        assert!(!is_tail(&low, &car), "its foot is lower: it stands nearer, or on something else");
+    }
+
+    #[test]
+    fn an_end_is_doubted_unless_much_speaks_for_it() {
+        let stixels = Stixels::new(640, 480);
+        let mut finder = RegionFinder::new(RegionParameters::default(), &stixels, 64);
+        finder.regions.extend([region(300, 80, 18.0), region(380, 16, 22.0), region(284, 16, 22.0)]);
+        for (given, kept) in [
+            ([9.0, 4.0, 6.0], [9.0, 0.0, 6.0]),
+            ([9.0, -3.0, 5.0], [9.0, -3.0, 5.0]),
+            // Of what is not there itself, nothing is the end.
+            ([2.0, 4.0, 4.0], [2.0, 4.0, 4.0]),
+        ] {
+            finder.evidence.clear();
+            finder.evidence.extend(given);
+            finder.doubt_tails();
+            assert_eq!(finder.evidence, kept);
+        }
+    }
 }

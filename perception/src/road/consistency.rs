@@ -78,7 +78,7 @@ pub struct Look {
 }
 
 impl Look {
-    /// Log-odds that this adds to what else is known of the region.
+    /// Log-odds that this adds to what else is known of the region; 6 at most.
     pub fn evidence(&self) -> f64 {
         let [upper, lower] = self.gain.map(|gain| (gain + NO_GAIN).ln());
         let width = (f64::from(self.width_px.max(1)) / 12.0).ln();

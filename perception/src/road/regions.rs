@@ -134,7 +134,7 @@ const TAIL_M: std::ops::Range<f64> = 0.3..6.0;
 const APART_PX: u32 = STRIP_COLUMNS as u32;
 const BEFORE_PX: u32 = 2 * STRIP_COLUMNS as u32;
 /// What is so many rows or columns apart is at the same place.
-const SAME_ROW_PX: u32 = 2;
+const SLACK_PX: u32 = 2;
 /// Evidence that a thing must have for others to be its end, and evidence from which these are things themselves.
 const HAS_TAIL: f64 = 3.0;
 const NO_TAIL: f64 = 5.0;
@@ -466,11 +466,11 @@ fn is_tail(far: &Region, near: &Region) -> bool {
     } else {
         (b.x.saturating_sub(a_end), a_end.saturating_sub(b.x), b_end.saturating_sub(a_end))
     };
-    let beside = gap <= APART_PX && overlap <= BEFORE_PX && beyond > SAME_ROW_PX;
+    let beside = gap <= APART_PX && overlap <= BEFORE_PX && beyond > SLACK_PX;
     let (a_bottom, b_bottom) = (a.y + a.height, b.y + b.height);
     beside
-        && b_bottom <= a_bottom + SAME_ROW_PX
-        && a.y <= b.y + 3 * SAME_ROW_PX
+        && b_bottom <= a_bottom + SLACK_PX
+        && a.y <= b.y + 3 * SLACK_PX
         && b.width <= TAIL_PX
         && 2 * a.width * a.height >= 3 * b.width * b.height
         && TAIL_M.contains(&(far.distance_m - near.distance_m))

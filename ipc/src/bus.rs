@@ -175,8 +175,8 @@ impl Bus {
                 .listener_builder()
                 .create()
                 .map_err(|e| IpcError::new("listen to", spec.name, e))?;
-            let (last, missed) = (Cell::new(None), Cell::new(0));
-            Ok(Subscriber { port, listener, name: spec.name, last, since_ns: monotonic_ns(), missed })
+            let (last, known_ns) = (Cell::new(None), Cell::new(monotonic_ns()));
+            Ok(Subscriber { port, listener, name: spec.name, last, known_ns, missed: Cell::new(0) })
         })
     }
 

@@ -112,8 +112,9 @@ pub struct Subscriber {
     pub(crate) name: &'static str,
     /// Publisher and serial number of the last message.
     pub(crate) last: Cell<Option<(UniquePublisherId, u64)>>,
-    /// When it was there to be sent to, on the monotonic clock.
-    pub(crate) since_ns: u64,
+    /// When it began, or when its last message was sent, on the monotonic clock: what a publisher sent that is
+    /// younger, it has been sent from the first message on.
+    pub(crate) known_ns: Cell<u64>,
     pub(crate) missed: Cell<u64>,
 }
 
@@ -138,10 +139,11 @@ impl Subscriber {
                 Some((publisher, before)) if publisher == origin => {
                     serial.saturating_sub(before).saturating_sub(1)
                 }
-                // Of a publisher that is older than the reader, none can tell what came before the reader.
-                _ if header.first_ns < self.since_ns => 0,
+                // Of one that is older, it cannot tell what came before the reader, or before another's message.
+                _ if header.first_ns < self.known_ns.get() => 0,
                 _ => serial,
             };
+            self.known_ns.set(header.issued_ns);
             self.missed.set(self.missed.get().saturating_add(gap));
         }
         Ok(sample.map(|sample| Sample { sample }))

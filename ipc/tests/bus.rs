@@ -85,6 +85,26 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
 }
 
 #[test]
+fn nothing_is_missed_when_two_send_in_turns() {
+    let (_folder, instance) = instance("turns");
+    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let bus = Bus::join(&instance).unwrap();
+    let subscriber = bus.subscriber(&OBSTACLES).unwrap();
+    let senders = [(); 2].map(|()| bus.publisher(&OBSTACLES, 4, 2).unwrap());
+    let send = |sender: usize| {
+        let mut loan = senders[sender].loan(16).unwrap();
+        *loan.header_mut() = Header::new(Kind::Obstacles);
+        senders[sender].send(loan).unwrap();
+        assert!(subscriber.receive().unwrap().is_some());
+    };
+    // One sends many, the other a word in between, as recognition and the scheduler do.
+    for sender in [0, 0, 0, 0, 1, 0, 0, 1, 1, 0] {
+        send(sender);
+    }
+    assert_eq!(subscriber.take_missed(), 0);
+}
+
+#[test]
 fn late_readers_get_the_history_and_long_messages_are_refused() {
     let (_folder, instance) = instance("history");
     let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();

@@ -288,7 +288,7 @@ mod tests {
             least_confidence: 100,
             steepest_px: 1.0,
         };
-        stixels.find(depth, &Surface::new(RIG, height, 32), &parameters);
+        stixels.find(depth, &Surface::new(RIG, width, height, 32), &parameters);
         let profile_px = vec![1.0; height];
         let ground = Ground { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
         let region = Region {

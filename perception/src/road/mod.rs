@@ -12,6 +12,7 @@ pub mod profile;
 pub mod radon;
 pub mod regions;
 pub mod residual;
+pub mod samples;
 pub mod small;
 pub mod stixels;
 pub mod straight;
@@ -135,7 +136,7 @@ impl RoadDetector {
             finder: RegionFinder::new(parameters.regions, &stixels, disparities),
             small: SmallFinder::new(width, height, parameters.regions.confirm),
             regions: Vec::with_capacity(regions::CAPACITY + small::CAPACITY),
-            surface: Surface::new(rig, height, disparities),
+            surface: Surface::new(rig, width, height, disparities),
             edges: EdgeFinder::default(),
             free_space: FreeSpace::new(width),
             histogram,

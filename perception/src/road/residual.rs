@@ -113,6 +113,8 @@ pub struct Residual {
     first: usize,
     /// g², g·r, r² and pixels, summed over everything above and to the left, modulo 2³².
     sums: Vec<[u32; 4]>,
+    /// Columns of each row of sums that are kept: nothing lies left or right of them, there and above.
+    kept: Vec<[u32; 2]>,
     /// A row of the right picture, moved.
     moved: Vec<f32>,
     gain: f32,
@@ -127,6 +129,7 @@ impl Residual {
             height,
             first: height,
             sums: vec![[0; 4]; (width + 1) * (height + 1)],
+            kept: vec![[0; 2]; height + 1],
             moved: vec![0.0; width],
             gain: 1.0,
             level: Level::best(),
@@ -158,35 +161,42 @@ impl Residual {
         let gain = brightness[0] as f32 / brightness[1] as f32;
         self.gain = gain.clamp(1.0 / GREATEST_GAIN, GREATEST_GAIN);
         let pitch = self.width + 1;
-        self.sums[self.first * pitch..][..pitch].fill([0; 4]);
+        // Nothing lies above the first row: one column, that of its corridor, is enough.
+        let [mut from, mut to] = [ground.columns(self.first.min(self.height - 1), half_m, self.width).start; 2];
+        self.sums[self.first * pitch + from] = [0; 4];
+        self.kept[self.first] = [from as u32; 2];
         for y in rows {
             let columns = ground.columns(y, half_m, self.width);
+            let (above, here) = self.sums[y * pitch..].split_at_mut(pitch);
             if columns.is_empty() {
-                self.sums.copy_within(y * pitch..(y + 1) * pitch, (y + 1) * pitch);
+                here[from..=to].copy_from_slice(&above[from..=to]);
+                self.kept[y + 1] = self.kept[y];
                 continue;
             }
-            let start = columns.start as f64;
+            let (first, last) = (columns.start, columns.end);
+            // What was not kept so far, for there is nothing there.
+            if first < from {
+                above[first..from].fill([0; 4]);
+            }
+            if last > to {
+                let whole = above[to];
+                above[to + 1..=last].fill(whole);
+            }
+            (from, to) = (from.min(first), to.max(last));
+            self.kept[y + 1] = [from as u32, to as u32];
+            let start = first as f64;
             let line = Line {
                 at: (start - ground.disparity_px(start, y)) as f32,
                 step: (1.0 - ground.tilt.roll) as f32,
                 gain: self.gain,
             };
+            here[from..=first].copy_from_slice(&above[from..=first]);
             let moved = &mut self.moved[columns.clone()];
-            let (above, here) = self.sums[y * pitch..].split_at_mut(pitch);
-            let (first, last) = (columns.start, columns.end);
-            here[..=first].copy_from_slice(&above[..=first]);
             let row = &left.row(y)[columns];
-            compare(
-                self.level,
-                right.row(y),
-                line,
-                row,
-                moved,
-                &above[first..=last],
-                &mut here[first..=last],
-            );
+            let sums = (&above[first..=last], &mut here[first..=last]);
+            compare(self.level, right.row(y), line, row, moved, sums.0, sums.1);
             let sum = minus(here[last], above[last]);
-            for (here, above) in here[last + 1..].iter_mut().zip(&above[last + 1..]) {
+            for (here, above) in here[last + 1..=to].iter_mut().zip(&above[last + 1..=to]) {
                 *here = plus(*above, sum);
             }
         }
@@ -194,10 +204,13 @@ impl Residual {
 
     /// Sums over a window.
     pub fn sums(&self, [left, top, right, bottom]: Window) -> Sums {
-        let column = |x: i32| x.clamp(0, self.width as i32) as usize;
-        let row = |y: i32| y.clamp(self.first as i32, self.height as i32) as usize * (self.width + 1);
-        let (left, right, top, bottom) = (column(left), column(right), row(top), row(bottom));
-        let [a, b, c, d] = [top + left, top + right, bottom + left, bottom + right].map(|i| self.sums[i]);
+        let row = |y: i32| y.clamp(self.first as i32, self.height as i32) as usize;
+        let at = |x: i32, y: usize| {
+            let [from, to] = self.kept[y];
+            self.sums[y * (self.width + 1) + x.clamp(from as i32, to as i32) as usize]
+        };
+        let (top, bottom) = (row(top), row(bottom));
+        let [a, b, c, d] = [at(left, top), at(right, top), at(left, bottom), at(right, bottom)];
         let sum = |k: usize| d[k].wrapping_sub(b[k]).wrapping_sub(c[k]).wrapping_add(a[k]);
         Sums {
             gradient: 0.25 * f64::from(sum(0)),
@@ -250,7 +263,8 @@ fn compare_row<S: Simd>(
     above: &[[u32; 4]],
     here: &mut [[u32; 4]],
 ) {
-    let place = |k: usize| line.at + line.step * k as f32;
+    // Whole numbers of 32 bits are what all levels make floats of.
+    let place = |k: usize| line.at + line.step * (k as i32) as f32;
     for (block, moved) in moved.chunks_mut(BLOCK).enumerate() {
         let (from, to) = (block * BLOCK, block * BLOCK + moved.len());
         let whole = place(from).floor();
@@ -260,7 +274,7 @@ fn compare_row<S: Simd>(
             // All of them lie between the same neighbours.
             Some(taps) if (0.0..1.0).contains(&last) => {
                 for (k, (moved, taps)) in moved.iter_mut().zip(taps.windows(4)).enumerate() {
-                    let t = place(from + k) - (whole + k as f32);
+                    let t = place(from + k) - (whole + (k as i32) as f32);
                     *moved = line.gain * cubic([0, 1, 2, 3].map(|i| f32::from(taps[i])), t);
                 }
             }
@@ -276,16 +290,31 @@ fn compare_row<S: Simd>(
     if let (Some(first), Some(above)) = (here.first_mut(), above.first()) {
         *first = *above;
     }
-    let inner = row.windows(3).zip(moved.windows(3)).zip(above[1..].iter().zip(&mut here[1..]));
-    for ((row, moved), (above, here)) in inner {
-        let grey = |i: usize| f32::from(row[i]);
-        let gradient = 0.5 * (grey(2) - grey(0) + moved[2] - moved[0]);
-        let difference = 2.0 * (moved[1] - grey(1));
-        // Adding so much leaves no places behind the point: it rounds as the processor does.
-        let whole = |v: f32| ((v.clamp(-MOST, MOST) + ROUND) - ROUND) as i32;
-        let (g, r) = (whole(gradient), whole(difference));
-        sum = plus(sum, [g * g, g * r, r * r, 1].map(|v| v as u32));
-        *here = plus(*above, sum);
+    let inner = row.len().saturating_sub(2);
+    let blocks = above[1..][..inner].chunks(BLOCK).zip(here[1..][..inner].chunks_mut(BLOCK));
+    for (block, (above, here)) in blocks.enumerate() {
+        // Products first, many at once; adding up is one after the other.
+        let mut terms = [[0_i32; 4]; BLOCK];
+        let from = block * BLOCK;
+        let (row, moved) = (&row[from..][..above.len() + 2], &moved[from..][..above.len() + 2]);
+        for ((row, moved), term) in row.windows(3).zip(moved.windows(3)).zip(&mut terms) {
+            let grey = |i: usize| f32::from(row[i]);
+            let gradient = 0.5 * (grey(2) - grey(0) + moved[2] - moved[0]);
+            let difference = 2.0 * (moved[1] - grey(1));
+            // Adding so much leaves no places behind the point: it rounds as the processor does, and the last
+            // bits are the whole number.
+            let whole = |v: f32| {
+                let v = if v > -MOST { v } else { -MOST };
+                let v = if v < MOST { v } else { MOST };
+                (v + ROUND).to_bits().wrapping_sub(ROUND.to_bits()) as i32
+            };
+            let (g, r) = (whole(gradient), whole(difference));
+            *term = [g * g, g * r, r * r, 1];
+        }
+        for ((term, above), here) in terms.iter().zip(above).zip(here) {
+            sum = plus(sum, term.map(|v| v as u32));
+            *here = plus(*above, sum);
+        }
     }
     if row.len() > 1 {
         here[row.len() - 1] = plus(above[row.len() - 1], sum);

@@ -2,6 +2,7 @@
 
 use super::depth::DepthView;
 use super::profile::RoadProfile;
+use super::samples::{Classes, Samples};
 use crate::rig::Rig;
 use nalgebra::{Matrix2, Vector2};
 
@@ -25,9 +26,13 @@ impl Tilt {
 
 /// Places of the table in a pixel of disparity.
 const FINE: usize = 16;
+/// Rows between those that tell of tilt and noise.
+const ROW_STEP: usize = 4;
+/// What is so near the road, in px, tells its tilt: nearer from round to round.
+const TILT_PX: [f64; 3] = [2.0, 1.0, 0.6];
 /// Least and greatest noise of a disparity that is believed, in px.
 const NOISE_PX: (f64, f64) = (0.06, 1.0);
-/// Residuals up to this many px are told apart for the noise, two px in all.
+/// Residuals that are told apart for the noise, in two px.
 const RESIDUALS: usize = 128;
 
 /// A row's own disparity may differ from the profile's by so many px.
@@ -49,19 +54,19 @@ pub struct Surface {
     tilt: Tilt,
     rig: Rig,
     noise_px: f64,
-    residuals: Vec<u32>,
+    samples: Samples,
 }
 
 impl Surface {
-    /// No road yet, for `height` image rows and disparities below `disparities` px.
-    pub fn new(rig: Rig, height: usize, disparities: usize) -> Self {
+    /// No road yet, for maps of `width` × `height` and disparities below `disparities` px.
+    pub fn new(rig: Rig, width: usize, height: usize, disparities: usize) -> Self {
         Self {
             shown_px: vec![0.0; height],
             rows: vec![f32::NAN; disparities * FINE + 2],
             tilt: Tilt::default(),
             rig,
             noise_px: NOISE_PX.0,
-            residuals: vec![0; RESIDUALS + 1],
+            samples: Samples::new(width, height),
         }
     }
 
@@ -77,37 +82,77 @@ impl Surface {
 
     /// Takes the road of a frame: its profile, with the tilt and the noise that pixels of some
     /// confidence show around it.
+    ///
+    /// # Panics
+    /// When the map has another size than the surface was made for.
     pub fn take(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
         for (i, row) in self.rows.iter_mut().enumerate() {
             *row = profile.row_at(i as f32 / FINE as f32).unwrap_or(f32::NAN);
         }
-        self.tilt = tilt(profile, depth, least_confidence, self.rig.cx_px);
-        self.measure_noise(profile, depth, least_confidence);
-        self.measure_rows(profile, depth, least_confidence);
+        self.samples.take(depth, profile.top(), least_confidence);
+        self.tilt = self.measure_tilt(profile);
+        self.measure_noise(profile);
+        self.measure_rows(profile);
+    }
+
+    /// Fits the sideways tilt of the road to what is left after the profile.
+    fn measure_tilt(&self, profile: &RoadProfile) -> Tilt {
+        let level = Tilt { cx_px: self.rig.cx_px, ..Tilt::default() };
+        let road_px = profile.disparity_px();
+        let mut tilt = level;
+        for tolerance_px in TILT_PX {
+            let rows = (profile.top()..road_px.len()).step_by(ROW_STEP);
+            let sums = self.samples.moments(rows, road_px, tilt, tolerance_px);
+            let normal = Matrix2::new(sums.square, sums.across, sums.across, sums.count);
+            // Too little road to tell: level.
+            tilt = match normal.cholesky() {
+                Some(solver) if sums.count > 50.0 => {
+                    let fit = solver.solve(&Vector2::new(sums.product, sums.residual));
+                    Tilt { roll: fit[0], offset_px: fit[1], ..level }
+                }
+                _ => level,
+            };
+        }
+        // More than this (about 10 degrees on a car) is a wall, not a roll.
+        if tilt.roll.abs() <= 0.06 && tilt.offset_px.abs() <= 3.0 { tilt } else { level }
+    }
+
+    /// The median distance of road pixels from the surface, as a standard deviation.
+    fn measure_noise(&mut self, profile: &RoadProfile) {
+        let classes = Classes { from_px: 0.0, per_px: 0.5 * RESIDUALS as f64, count: RESIDUALS };
+        let mut counts = [0; RESIDUALS];
+        for y in (profile.top()..profile.disparity_px().len()).step_by(ROW_STEP) {
+            let road = f64::from(profile.disparity_px()[y]);
+            self.samples.count(y, road, self.tilt, classes, &mut counts);
+        }
+        let half = counts.iter().sum::<u32>() / 2;
+        let mut seen = 0;
+        let median = counts.iter().position(|&n| {
+            seen += n;
+            seen > half
+        });
+        let median = (median.unwrap_or(0) as f64 + 0.5) * 2.0 / RESIDUALS as f64;
+        self.noise_px = (1.4826 * median).clamp(NOISE_PX.0, NOISE_PX.1);
     }
 
     /// What most of a row's road shows: a matcher draws a road that is seen at a flat angle as stairs, whose
     /// steps lie in the same rows everywhere. What is as near as the rest of its row is no thing.
-    fn measure_rows(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
+    fn measure_rows(&mut self, profile: &RoadProfile) {
         let scale = ROW_RESIDUALS as f64 / (2.0 * STEP_PX);
-        for y in 0..depth.height() {
+        let classes = Classes { from_px: -STEP_PX, per_px: scale, count: ROW_RESIDUALS };
+        self.shown_px.copy_from_slice(profile.disparity_px());
+        for y in profile.top()..self.shown_px.len() {
             let road = f64::from(profile.disparity_px()[y]);
-            self.shown_px[y] = road as f32;
-            if y < profile.top() {
-                continue;
-            }
             let mut counts = [0_u32; ROW_RESIDUALS];
-            for (x, d) in known(depth, y, least_confidence) {
-                let place = (self.tilt.level(x as f64, f64::from(d) / 256.0) - road + STEP_PX) * scale;
-                if place >= 0.0
-                    && let Some(count) = counts.get_mut(place as usize)
-                {
-                    *count += 1;
-                }
+            self.samples.count(y, road, self.tilt, classes, &mut counts);
+            // Counts of all classes before each.
+            let mut before = [0; ROW_RESIDUALS + 1];
+            for (i, count) in counts.iter().enumerate() {
+                before[i + 1] = before[i] + count;
             }
-            let all: u32 = counts.iter().sum();
+            let all = before[ROW_RESIDUALS];
             let window = |i: usize| i.saturating_sub(ROW_REACH)..(i + ROW_REACH + 1).min(ROW_RESIDUALS);
-            let sum = |i: usize| counts[window(i)].iter().sum::<u32>();
+            let sum = |i: usize| before[window(i).end] - before[window(i).start];
             let most = (0..ROW_RESIDUALS).max_by_key(|&i| sum(i)).unwrap_or(0);
             if all < ROW_PIXELS || f64::from(sum(most)) < ROW_SHARE * f64::from(all) {
                 continue;
@@ -121,28 +166,6 @@ impl Surface {
     #[inline]
     pub fn rise_px(&self, x_px: f64, y: usize, disparity_px: f64) -> f64 {
         self.tilt.level(x_px, disparity_px) - f64::from(self.shown_px[y])
-    }
-
-    /// The median distance of road pixels from the surface, as a standard deviation.
-    fn measure_noise(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
-        self.residuals.fill(0);
-        for y in (profile.top()..depth.height()).step_by(4) {
-            let road = f64::from(profile.disparity_px()[y]);
-            for (x, d) in known(depth, y, least_confidence) {
-                let residual = (self.tilt.level(x as f64, f64::from(d) / 256.0) - road).abs();
-                if residual < 2.0 {
-                    self.residuals[(residual * 0.5 * RESIDUALS as f64) as usize] += 1;
-                }
-            }
-        }
-        let half = self.residuals.iter().sum::<u32>() / 2;
-        let mut seen = 0;
-        let median = self.residuals.iter().position(|&n| {
-            seen += n;
-            seen > half
-        });
-        let median = (median.unwrap_or(0) as f64 + 0.5) * 2.0 / RESIDUALS as f64;
-        self.noise_px = (1.4826 * median).clamp(NOISE_PX.0, NOISE_PX.1);
     }
 
     /// The row where the road has disparity `disparity_px` in column `x`; NaN without a road.
@@ -172,43 +195,4 @@ impl Surface {
             / (above - below.min(above)).max(1) as f64;
         self.rig.baseline_m * self.noise_px * rows_per_px / disparity_px
     }
-}
-
-/// Every fourth pixel of a row that is known well enough: column and disparity.
-fn known(depth: DepthView<'_>, y: usize, least_confidence: u8) -> impl Iterator<Item = (usize, u16)> {
-    let row = depth.disparity(y).iter().zip(depth.confidence(y)).enumerate().step_by(4);
-    row.filter(move |(_, (d, confidence))| **d > 0 && **confidence >= least_confidence)
-        .map(|(x, (d, _))| (x, *d))
-}
-
-/// Fits the sideways tilt of the road to what is left after the profile, on every fourth pixel that
-/// lies near it.
-fn tilt(profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8, cx_px: f64) -> Tilt {
-    let level = Tilt { cx_px, ..Tilt::default() };
-    let mut tilt = level;
-    for tolerance_px in [2.0, 1.0, 0.6] {
-        let mut normal = Matrix2::<f64>::zeros();
-        let mut right = Vector2::<f64>::zeros();
-        for y in (profile.top()..depth.height()).step_by(4) {
-            let road = f64::from(profile.disparity_px()[y]);
-            for (x, d) in known(depth, y, least_confidence) {
-                let px = f64::from(d) / 256.0;
-                if (tilt.level(x as f64, px) - road).abs() < tolerance_px {
-                    let (across, residual) = (x as f64 - cx_px, px - road);
-                    normal += Matrix2::new(across * across, across, across, 1.0);
-                    right += Vector2::new(across * residual, residual);
-                }
-            }
-        }
-        // Too little road to tell: level.
-        tilt = match normal.cholesky() {
-            Some(solver) if normal[(1, 1)] > 50.0 => {
-                let fit = solver.solve(&right);
-                Tilt { roll: fit[0], offset_px: fit[1], ..level }
-            }
-            _ => level,
-        };
-    }
-    // More than this (about 10 degrees on a car) is a wall, not a roll.
-    if tilt.roll.abs() <= 0.06 && tilt.offset_px.abs() <= 3.0 { tilt } else { level }
 }

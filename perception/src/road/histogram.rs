@@ -1,12 +1,16 @@
 //! v-disparity: how often each disparity occurs in each row (paper, H_x).
 
 use super::depth::DepthView;
+use crate::simd::{Level, Simd, kernel};
 
 /// Bins per pixel of disparity.
 pub const BINS_PER_PX: usize = 4;
 
 /// 1/256 px in one bin.
 const BIN_STEP: u16 = (256 / BINS_PER_PX) as u16;
+/// Neighbours mostly lie in one bin, where one count would wait for the other: so many are kept beside each
+/// other.
+const BESIDE: usize = 4;
 
 /// Where a map is counted: so many columns to either side of a centre for each pixel of disparity,
 /// which is as many metres to either side of the camera at any distance.
@@ -29,15 +33,28 @@ pub struct VDisparity {
     counts: Vec<u16>,
     /// Least disparity that counts, by column, in 1/256 px.
     least: Vec<u16>,
+    /// Bin of each pixel of a row.
+    places: Vec<u16>,
+    /// Counts of a row, some beside each other; the last of each is of what has no bin.
+    beside: Vec<u16>,
     bins: usize,
     height: usize,
+    level: Level,
 }
 
 impl VDisparity {
     /// An empty histogram for maps of `width` × `height` and disparities below `disparities` px.
     pub fn new(width: usize, height: usize, disparities: usize) -> Self {
         let bins = disparities * BINS_PER_PX;
-        Self { counts: vec![0; bins * height], least: vec![0; width], bins, height }
+        Self {
+            counts: vec![0; bins * height],
+            least: vec![0; width],
+            places: vec![bins as u16; width.next_multiple_of(BESIDE)],
+            beside: vec![0; BESIDE * (bins + 1)],
+            bins,
+            height,
+            level: Level::best(),
+        }
     }
 
     /// Counts a map anew. Unknown disparities, those beyond the last bin and those below a confidence
@@ -48,21 +65,25 @@ impl VDisparity {
     pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8, corridor: Corridor) {
         let size = (self.least.len(), self.height);
         assert_eq!((depth.width(), depth.height()), size, "the histogram was made for another size");
-        self.counts.fill(0);
         for (x, least) in self.least.iter_mut().enumerate() {
             let columns = (x as f32 - corridor.centre_px).abs();
             *least = (256.0 * columns / corridor.columns_per_px).ceil().max(1.0) as u16;
         }
-        for y in 0..self.height {
-            let counts = &mut self.counts[y * self.bins..(y + 1) * self.bins];
-            let row = depth.disparity(y).iter().zip(depth.confidence(y));
-            for ((&d, &confidence), &least) in row.zip(&self.least) {
-                if d >= least
-                    && confidence >= least_confidence
-                    && let Some(count) = counts.get_mut(usize::from(d / BIN_STEP))
-                {
-                    *count = count.saturating_add(1);
-                }
+        for (y, counts) in self.counts.chunks_exact_mut(self.bins).enumerate() {
+            let (row, confidence) = (depth.disparity(y), depth.confidence(y));
+            place(self.level, row, confidence, &self.least, least_confidence, self.bins as u16, &mut self.places);
+            self.beside.fill(0);
+            let (a, rest) = self.beside.split_at_mut(self.bins + 1);
+            let (b, rest) = rest.split_at_mut(self.bins + 1);
+            let (c, d) = rest.split_at_mut(self.bins + 1);
+            for [i, j, k, l] in self.places.as_chunks::<BESIDE>().0 {
+                a[usize::from(*i)] += 1;
+                b[usize::from(*j)] += 1;
+                c[usize::from(*k)] += 1;
+                d[usize::from(*l)] += 1;
+            }
+            for ((((count, a), b), c), d) in counts.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                *count = a.saturating_add(*b).saturating_add(c.saturating_add(*d));
             }
         }
     }
@@ -80,6 +101,35 @@ impl VDisparity {
     /// Rows.
     pub fn height(&self) -> usize {
         self.height
+    }
+}
+
+kernel! {
+    /// The bin of each pixel of a row; `bins` where it does not count.
+    fn place(
+        row: &[u16],
+        confidence: &[u8],
+        least: &[u16],
+        least_confidence: u8,
+        bins: u16,
+        out: &mut [u16],
+    ) = place_each
+}
+
+#[inline(always)]
+fn place_each<S: Simd>(
+    _: S,
+    row: &[u16],
+    confidence: &[u8],
+    least: &[u16],
+    least_confidence: u8,
+    bins: u16,
+    out: &mut [u16],
+) {
+    let least_confidence = u16::from(least_confidence);
+    for (((&d, &confidence), &least), out) in row.iter().zip(confidence).zip(least).zip(out) {
+        let counts = (d >= least) & (u16::from(confidence) >= least_confidence);
+        *out = if counts { (d / BIN_STEP).min(bins) } else { bins };
     }
 }
 

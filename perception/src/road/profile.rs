@@ -14,6 +14,7 @@ use super::line_fit::LineFit;
 use super::plane;
 use super::radon::RoadLine;
 use super::straight::NearLine;
+use crate::simd::{Level, Simd, kernel};
 
 /// Rows of a block.
 pub(super) const BLOCK: usize = 8;
@@ -120,10 +121,13 @@ pub struct ProfileFinder {
     bins: usize,
     /// Counts of a block at each bin.
     counts: Vec<f32>,
-    /// Best sum up to each bin and its last move, for the block below and for this one.
+    /// Best sum up to each last move and bin, for the block below and for this one.
     energy: [Vec<f32>; 2],
     /// The move before the last of each, block by block from below.
     came: Vec<u8>,
+    /// The same of the bins of one move.
+    last: Vec<i32>,
+    level: Level,
     /// Disparity and weight of each block, from below.
     path: Vec<(f32, f32)>,
     /// Share of the corridor that shows the path in each block.
@@ -141,6 +145,8 @@ impl ProfileFinder {
             counts: vec![0.0; bins],
             energy: [vec![0.0; bins * MOVES], vec![0.0; bins * MOVES]],
             came: vec![0; bins * MOVES * blocks],
+            last: vec![0; bins],
+            level: Level::best(),
             path: Vec::with_capacity(blocks),
             shares: Vec::with_capacity(blocks),
         }
@@ -259,8 +265,8 @@ impl ProfileFinder {
             let shift = ((0.5 * (BLOCK - 1) as f64 - up as f64) * fall / BLOCK as f64).round() as isize;
             let count = |b: usize| row.get(b).map_or(0.0, |&c| f32::from(c.min(cap)));
             let first = low.saturating_add_signed(shift);
-            let mut beyond: f32 =
-                row[..first.saturating_sub(CLEAR).min(row.len())].iter().map(|&c| f32::from(c)).sum();
+            let beyond = &row[..first.saturating_sub(CLEAR).min(row.len())];
+            let mut beyond = beyond.iter().map(|&c| u32::from(c)).sum::<u32>() as f32;
             for (at, sum) in (first..).zip(&mut out[low..=high]) {
                 beyond += count(at.wrapping_sub(CLEAR));
                 *sum += 0.5 * count(at.wrapping_sub(1)) + count(at) + 0.5 * count(at + 1);
@@ -321,29 +327,41 @@ impl ProfileFinder {
         let mut best_end = (0, 0, f32::NEG_INFINITY);
         for block in 0..blocks {
             let (low, high) = self.band(line, self.middle(block), rise_px);
-            new.fill(f32::NEG_INFINITY);
+            // What the next block will ask for.
+            let next = self.band(line, self.middle(block + 1), rise_px);
+            let asked = low.min(next.0 + least)..(high.max(next.1 + least + moves) + 1).min(bins);
             Self::gather(histogram, block, fall, cap, (low, high), &mut self.counts);
-            for bin in low..=high {
-                for step in 0..moves {
-                    let (mut best, mut from) = (f32::NEG_INFINITY, step);
-                    if block == 0 {
-                        best = -bend * ((least + step) as f32 - fall as f32).abs();
-                    } else if bin + least + step < bins {
-                        let before = &old[(bin + least + step) * MOVES..][..moves];
-                        for last in step.saturating_sub(BEND)..(step + BEND + 1).min(moves) {
-                            let energy = before[last] - bend * step.abs_diff(last) as f32;
-                            if energy > best {
-                                (best, from) = (energy, last);
-                            }
-                        }
+            let mut most = f32::NEG_INFINITY;
+            for step in 0..moves {
+                let off = ((least + step) as f32 - fall as f32).abs();
+                let row = &mut new[step * bins..][..bins];
+                row[asked.clone()].fill(f32::NEG_INFINITY);
+                let last = &mut self.last[low..=high];
+                last.fill(step as i32);
+                if block == 0 {
+                    row[low..=high].fill(-bend * off);
+                } else {
+                    let from = (low + least + step).min(bins);
+                    let count = (high + 1 - low).min(bins - from);
+                    for before in step.saturating_sub(BEND)..(step + BEND + 1).min(moves) {
+                        let cost = bend * step.abs_diff(before) as f32;
+                        let energies = &old[before * bins + from..][..count];
+                        let best = &mut row[low..][..count];
+                        follow_move(self.level, energies, before as i32, cost, best, &mut last[..count]);
                     }
-                    let state = bin * MOVES + step;
-                    let off = pull * ((least + step) as f32 - fall as f32).abs();
-                    new[state] = best + self.counts[bin] - off;
-                    self.came[block * states + state] = from as u8;
-                    if new[state] > best_end.2 {
-                        best_end = (block, state, new[state]);
-                    }
+                }
+                let pull = pull * off;
+                for (energy, count) in row[low..=high].iter_mut().zip(&self.counts[low..=high]) {
+                    *energy = *energy + count - pull;
+                    most = if *energy > most { *energy } else { most };
+                }
+                let came = &mut self.came[block * states + step * bins + low..][..high + 1 - low];
+                came.iter_mut().zip(last).for_each(|(came, last)| *came = *last as u8);
+            }
+            if most > best_end.2 {
+                let mut ends = (low..=high).flat_map(|bin| (0..moves).map(move |step| step * bins + bin));
+                if let Some(state) = ends.find(|&state| new[state] == most) {
+                    best_end = (block, state, most);
                 }
             }
             std::mem::swap(&mut old, &mut new);
@@ -353,7 +371,7 @@ impl ProfileFinder {
         self.path.clear();
         self.path.resize(blocks.max(end + 1), (0.0, 0.0));
         for block in (0..=end).rev() {
-            let (bin, step) = (state / MOVES, state % MOVES);
+            let (step, bin) = (state / bins, state % bins);
             let (mut sum, mut moment) = (0.0, 0.0);
             for up in 0..BLOCK {
                 let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
@@ -369,7 +387,7 @@ impl ProfileFinder {
             let place = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
             self.path[block] = (place / BINS_PER_PX as f32, sum);
             let from = usize::from(self.came[block * states + state]);
-            state = (bin + least + step).min(bins - 1) * MOVES + from;
+            state = from * bins + (bin + least + step).min(bins - 1);
         }
     }
 
@@ -452,6 +470,29 @@ impl ProfileFinder {
                 profile.row_of_bin[bin] = y as f32 + share;
             }
         }
+    }
+}
+
+kernel! {
+    /// Takes a move before the last wherever it is better than what was: energies of the places that it came
+    /// to, less its cost.
+    fn follow_move(energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) = follow_each
+}
+
+#[inline(always)]
+fn follow_each<S: Simd>(
+    _: S,
+    energies: &[f32],
+    before: i32,
+    cost: f32,
+    best: &mut [f32],
+    last: &mut [i32],
+) {
+    for ((energy, best), last) in energies.iter().zip(best).zip(last) {
+        let energy = energy - cost;
+        let better = energy > *best;
+        *best = if better { energy } else { *best };
+        *last = if better { before } else { *last };
     }
 }
 

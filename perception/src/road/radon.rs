@@ -30,6 +30,8 @@ pub struct RadonRange {
 }
 
 const ANGLES: usize = 64;
+/// Cells that are looked at together.
+const GROUP: usize = 32;
 /// Rows above the first horizon that are looked at all the same.
 const ABOVE_PX: f64 = 4.0;
 /// One offset, in the units that lines are followed in.
@@ -60,9 +62,13 @@ impl Radon {
         // A line has no cells above its horizon but those that it touches by rounding.
         let first = (range.horizon_px.0 - ABOVE_PX).clamp(0.0, histogram.height() as f64) as usize;
         for y in first..histogram.height() {
-            for (bin, &count) in histogram.row(y).iter().enumerate() {
-                if count >= least {
-                    self.cells.push((bin as u16, y as u16, count.min(cap)));
+            for (group, counts) in histogram.row(y).chunks(GROUP).enumerate() {
+                // Most of them are empty, and a group is told at once.
+                if counts.iter().fold(0, |most, &count| most.max(count)) < least {
+                    continue;
+                }
+                for (i, &count) in counts.iter().enumerate().filter(|(_, count)| **count >= least) {
+                    self.cells.push(((GROUP * group + i) as u16, y as u16, count.min(cap)));
                 }
             }
         }
@@ -85,14 +91,18 @@ impl Radon {
                 let offset = i64::from(bin) * across + i64::from(row) * down + start;
                 self.sums[(offset >> FIXED_BITS) as usize] += u32::from(count);
             }
-            for (i, window) in self.sums.windows(2).enumerate() {
+            // The line crosses the centre of bin 0 (1/8 px) half a bin below the horizon.
+            let centre = -0.5 / bins_per_row;
+            // Offsets fall as the horizon does; one more on either side for what rounds.
+            let place = |horizon_px: f64| (horizon_px - centre) * sin + shift - 0.5;
+            let from = (place(range.horizon_px.1).floor() - 1.0).max(0.0) as usize;
+            let to = (place(range.horizon_px.0).ceil() + 2.0).max(0.0) as usize;
+            for (i, window) in self.sums.windows(2).enumerate().take(to).skip(from) {
                 let sum = window[0] + window[1];
                 if best.is_some_and(|(greatest, ..)| sum <= greatest) || sum == 0 {
                     continue;
                 }
-                // The line crosses the centre of bin 0 (1/8 px) half a bin below the horizon.
                 let offset = i as f64 + 0.5 - shift;
-                let centre = -0.5 / bins_per_row;
                 let horizon_px = offset / sin + centre;
                 if horizon_px >= range.horizon_px.0 && horizon_px <= range.horizon_px.1 {
                     best = Some((sum, slope, horizon_px));

@@ -8,6 +8,8 @@ use crate::simd::{Level, Simd, kernel};
 pub const STRIP_COLUMNS: usize = 4;
 /// The most runs of a strip.
 const RUNS: usize = 12;
+/// Rows that are turned into columns at once.
+const ROWS: usize = 16;
 /// Columns over which the steepness of a seam is told.
 const SEAM_COLUMNS: usize = 4;
 /// Rows without an estimate that a run may span.
@@ -63,8 +65,12 @@ pub struct Stixels {
     confidence: Vec<u8>,
     /// One row of the map with sharp seams.
     sharp: Vec<u16>,
-    /// One row of both.
-    row: (Vec<u16>, Vec<u8>),
+    /// Some rows of both.
+    rows: (Vec<u16>, Vec<u8>),
+    /// Where the seams of a row begin.
+    seams: Vec<u8>,
+    /// Rows of one strip that may show what stands.
+    stands: Vec<bool>,
     strips: usize,
     height: usize,
     level: Level,
@@ -81,7 +87,9 @@ impl Stixels {
             depths: vec![0; strips * height],
             confidence: vec![0; strips * height],
             sharp: vec![0; width],
-            row: (vec![0; strips], vec![0; strips]),
+            rows: (vec![0; strips * ROWS], vec![0; strips * ROWS]),
+            seams: vec![0; width],
+            stands: vec![false; height],
             strips,
             height,
             level: Level::best(),
@@ -127,14 +135,23 @@ impl Stixels {
     pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
         assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
         let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
-        for y in 0..self.height {
-            let (depths, confidence) = (&mut self.row.0, &mut self.row.1);
-            let (d, c) = (depth.disparity(y), depth.confidence(y));
-            sharpen(d, steepest, &mut self.sharp);
-            middles(self.level, &self.sharp, c, parameters.least_confidence, depths, confidence);
-            let places = (y..).step_by(self.height);
-            for (place, (&d, &c)) in places.zip(depths.iter().zip(confidence.iter())) {
-                (self.depths[place], self.confidence[place]) = (d, c);
+        for first in (0..self.height).step_by(ROWS) {
+            let rows = ROWS.min(self.height - first);
+            for (i, (depths, means)) in
+                self.rows.0.chunks_exact_mut(self.strips).zip(self.rows.1.chunks_exact_mut(self.strips)).take(rows).enumerate()
+            {
+                let (d, c) = (depth.disparity(first + i), depth.confidence(first + i));
+                sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);
+                middles(self.level, &self.sharp, c, parameters.least_confidence, depths, means);
+            }
+            // What lies beside each other there lies below each other here.
+            for strip in 0..self.strips {
+                let places = strip * self.height + first..strip * self.height + first + rows;
+                let (d, c) = (&mut self.depths[places.clone()], &mut self.confidence[places]);
+                let below = self.rows.0[strip..].iter().step_by(self.strips);
+                d.iter_mut().zip(below).for_each(|(d, from)| *d = *from);
+                let below = self.rows.1[strip..].iter().step_by(self.strips);
+                c.iter_mut().zip(below).for_each(|(c, from)| *c = *from);
             }
         }
         self.list.clear();
@@ -152,19 +169,19 @@ impl Stixels {
         let least = (parameters.least_disparity_px * 256.0).max(1.0) as u16;
         let mut run = Run::default();
         let mut found = 0;
-        for (y, &d) in depths.iter().enumerate().rev() {
+        // The quickest test first: most of what is near is road, most of what is far away too high.
+        let p = parameters;
+        surface.may_stand(x, depths, p.least_rise_px, p.greatest_height_m, &mut self.stands);
+        for y in (0..self.height).rev().filter(|&y| self.stands[y]) {
+            let d = depths[y];
             if d < least {
                 continue;
             }
             let px = f64::from(d) / 256.0;
-            // The quickest test first: most of what is near is road.
-            if surface.rise_px(x, y, px) < parameters.least_rise_px {
-                continue;
-            }
             let height = surface.height_m(x, y as f64, px);
             // Written so that NaN is left out.
-            if !(height >= parameters.least_height_m && height <= parameters.greatest_height_m)
-                || height < parameters.sigmas * surface.height_noise_m(px)
+            if !(height >= p.least_height_m && height <= p.greatest_height_m)
+                || height < p.sigmas * surface.height_noise_m(px)
             {
                 continue;
             }
@@ -239,37 +256,46 @@ impl Run {
 /// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
 /// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the most
 /// that a surface rises over [`SEAM_COLUMNS`], in 1/256 px.
-fn sharpen(row: &[u16], steepest: u16, out: &mut [u16]) {
+fn sharpen(level: Level, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) {
     out.copy_from_slice(row);
-    let after = row.get(SEAM_COLUMNS..).unwrap_or_default();
-    let steep = |x: usize| row[x] > 0 && after[x] > 0 && row[x].abs_diff(after[x]) >= steepest;
+    let Some(after) = row.get(SEAM_COLUMNS..) else { return };
+    let seams = &mut seams[..after.len()];
+    steps(level, row, after, steepest, seams);
     let mut x = 0;
-    while x < after.len() {
-        // Most chunks have no seam, and a whole one is told at once.
-        let chunk = row[x..].iter().zip(&after[x..]).take(32);
-        if chunk.fold(false, |any, (a, b)| any | (a.abs_diff(*b) >= steepest)) {
-            let end = (x + 32).min(after.len());
-            while x < end {
-                if !steep(x) {
-                    x += 1;
-                    continue;
-                }
-                let rises = after[x] > row[x];
-                let mut last = x;
-                while last + 1 < after.len() && steep(last + 1) && (after[last + 1] > row[last + 1]) == rises
-                {
-                    last += 1;
-                }
-                let (first, end) = (x, last + SEAM_COLUMNS);
-                let (a, b) = (row[first], row[end]);
-                for d in out[first + 1..end].iter_mut().filter(|d| **d > 0) {
-                    *d = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
-                }
-                x = end;
-            }
-        } else {
-            x += 32;
+    while x < seams.len() {
+        // Most columns have no seam, and many are told at once.
+        if let Some(chunk) = seams[x..].first_chunk::<8>()
+            && u64::from_ne_bytes(*chunk) == 0
+        {
+            x += chunk.len();
+            continue;
         }
+        if seams[x] == 0 {
+            x += 1;
+            continue;
+        }
+        let length = seams[x..].iter().take_while(|step| **step == seams[x]).count();
+        let end = x + length - 1 + SEAM_COLUMNS;
+        let (a, b) = (row[x], row[end]);
+        for d in out[x + 1..end].iter_mut().filter(|d| **d > 0) {
+            *d = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
+        }
+        x = end;
+    }
+}
+
+kernel! {
+    /// What begins in each column of a row, of which `after` begins [`SEAM_COLUMNS`] later: 1 a steep rise, 2 a
+    /// steep fall, 0 neither.
+    fn steps(row: &[u16], after: &[u16], steepest: u16, out: &mut [u8]) = every_step
+}
+
+#[inline(always)]
+fn every_step<S: Simd>(_: S, row: &[u16], after: &[u16], steepest: u16, out: &mut [u8]) {
+    for ((&a, &b), out) in row.iter().zip(after).zip(out) {
+        let steep = (a > 0) & (b > 0) & (a.abs_diff(b) >= steepest);
+        let way = if b > a { 1_u16 } else { 2 };
+        *out = (if steep { way } else { 0 }) as u8;
     }
 }
 
@@ -311,10 +337,14 @@ fn every_middle<S: Simd>(
 /// that it is done for many strips at once.
 #[inline(always)]
 fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], least_confidence: u8) -> (u16, u8) {
-    let known = |i: usize| columns[i] > 0 && confidence[i] >= least_confidence;
-    let depth = |i: usize| if known(i) { columns[i] } else { 0 };
-    let sure = |i: usize| if known(i) { u16::from(confidence[i]) } else { 0 };
-    let count = u16::from(known(0)) + u16::from(known(1)) + u16::from(known(2)) + u16::from(known(3));
+    // All in 16 bits: as many strips at once as fit.
+    let confidence = confidence.map(u16::from);
+    let least = u16::from(least_confidence);
+    let known = |i: usize| if (columns[i] > 0) & (confidence[i] >= least) { u16::MAX } else { 0 };
+    let known = [known(0), known(1), known(2), known(3)];
+    let depth = |i: usize| columns[i] & known[i];
+    let sure = |i: usize| confidence[i] & known[i];
+    let count = known.iter().fold(0_u16, |count, known| count.wrapping_sub(*known));
     let sum = sure(0) + sure(1) + sure(2) + sure(3);
     // Sorted; unknown ones come first.
     let (a, b) = (depth(0).min(depth(1)), depth(0).max(depth(1)));
@@ -324,12 +354,10 @@ fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], least_
     let (second, third) = (x.min(y), x.max(y));
     let low = if first > 0 { second } else { third };
     let high = if second == 0 { last } else { third };
-    let mean = match count {
-        0 | 1 => sum,
-        2 => sum / 2,
-        3 => ((u32::from(sum) * 43_691) >> 17) as u16,
-        _ => sum / 4,
-    };
+    let third_of = (((u32::from(sum) * 43_691) >> 16) as u16) >> 1;
+    let mean = if count < 2 { sum } else { sum >> 1 };
+    let mean = if count == 3 { third_of } else { mean };
+    let mean = if count == 4 { sum >> 2 } else { mean };
     let depth = (low & high) + ((low ^ high) >> 1);
     (if third == 0 { 0 } else { depth }, mean as u8)
 }
@@ -342,7 +370,8 @@ mod tests {
     fn a_seam_is_a_step_at_its_middle() {
         let sharp = |row: &[u16]| {
             let mut out = vec![0; row.len()];
-            sharpen(row, 200, &mut out);
+            let mut seams = vec![0; row.len()];
+            sharpen(Level::best(), row, 200, &mut seams, &mut out);
             out
         };
         let ramp = [500, 500, 500, 600, 700, 800, 900, 1000, 1000, 1000, 1000, 1000, 1000];

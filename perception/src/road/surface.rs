@@ -4,6 +4,7 @@ use super::depth::DepthView;
 use super::profile::RoadProfile;
 use super::samples::{Classes, Samples};
 use crate::rig::Rig;
+use crate::simd::{Level, Simd, kernel};
 use nalgebra::{Matrix2, Vector2};
 
 /// How the road lies across: what its disparity adds to the profile.
@@ -51,10 +52,15 @@ pub struct Surface {
     shown_px: Vec<f32>,
     /// Row where the road has each disparity.
     rows: Vec<f32>,
+    /// Rows by which a pixel of disparity moves the road, around each disparity.
+    rows_per_px: Vec<f64>,
+    /// A line of rows by disparity that the road's rows are nowhere above: at 0 px, and per px.
+    highest: [f64; 2],
     tilt: Tilt,
     rig: Rig,
     noise_px: f64,
     samples: Samples,
+    simd: Level,
 }
 
 impl Surface {
@@ -63,10 +69,13 @@ impl Surface {
         Self {
             shown_px: vec![0.0; height],
             rows: vec![f32::NAN; disparities * FINE + 2],
+            rows_per_px: vec![f64::NAN; disparities * FINE + 2],
+            highest: [f64::NAN; 2],
             tilt: Tilt::default(),
             rig,
             noise_px: NOISE_PX.0,
             samples: Samples::new(width, height),
+            simd: Level::best(),
         }
     }
 
@@ -89,10 +98,24 @@ impl Surface {
         for (i, row) in self.rows.iter_mut().enumerate() {
             *row = profile.row_at(i as f32 / FINE as f32).unwrap_or(f32::NAN);
         }
+        self.measure_steepness();
         self.samples.take(depth, profile.top(), least_confidence);
         self.tilt = self.measure_tilt(profile);
         self.measure_noise(profile);
         self.measure_rows(profile);
+    }
+
+    /// What is derived from the rows alone.
+    fn measure_steepness(&mut self) {
+        let (reach, last) = (FINE / 2, self.rows.len() - 1);
+        for (place, out) in self.rows_per_px.iter_mut().enumerate() {
+            let (below, above) = (place.saturating_sub(reach), (place + reach).min(last));
+            let rows = f64::from(self.rows[above] - self.rows[below]);
+            *out = rows * FINE as f64 / (above - below).max(1) as f64;
+        }
+        let per_place = f64::from(self.rows[last] - self.rows[0]) / last as f64;
+        let at_0 = self.rows.iter().enumerate().map(|(i, &row)| f64::from(row) - per_place * i as f64);
+        self.highest = [at_0.fold(f64::INFINITY, f64::min), per_place * FINE as f64];
     }
 
     /// Fits the sideways tilt of the road to what is left after the profile.
@@ -162,10 +185,14 @@ impl Surface {
         }
     }
 
-    /// By how many px of disparity what row `y` and column `x` show is nearer than the road of that row.
-    #[inline]
-    pub fn rise_px(&self, x_px: f64, y: usize, disparity_px: f64) -> f64 {
-        self.tilt.level(x_px, disparity_px) - f64::from(self.shown_px[y])
+    /// What column `x` of each row says at first glance: whether its disparity, in 1/256 px, is nearer than the
+    /// road of that row by `least_px`, and may lie at most `greatest_m` above the road. Whoever is told yes
+    /// must look closer.
+    pub fn may_stand(&self, x_px: f64, disparity: &[u16], least_px: f64, greatest_m: f64, out: &mut [bool]) {
+        // Room for what rounds.
+        let [at_0, per_px] = [self.highest[0] - 1.0, self.highest[1]];
+        let glance = Glance { least_px, at_0, per_px, taller: greatest_m / self.rig.baseline_m };
+        glance_at(self.simd, disparity, &self.shown_px, self.tilt, x_px, glance, out);
     }
 
     /// The row where the road has disparity `disparity_px` in column `x`; NaN without a road.
@@ -189,10 +216,51 @@ impl Surface {
     #[inline]
     pub fn height_noise_m(&self, disparity_px: f64) -> f64 {
         let place = (self.tilt.level(self.rig.cx_px, disparity_px).max(0.0) * FINE as f64) as usize;
-        let reach = FINE / 2;
-        let (below, above) = (place.saturating_sub(reach), (place + reach).min(self.rows.len() - 1));
-        let rows_per_px = f64::from(self.rows[above] - self.rows[below.min(above)]) * FINE as f64
-            / (above - below.min(above)).max(1) as f64;
+        let rows_per_px = self.rows_per_px[place.min(self.rows_per_px.len() - 1)];
         self.rig.baseline_m * self.noise_px * rows_per_px / disparity_px
+    }
+}
+
+/// What tells at first glance that something may stand somewhere.
+#[derive(Clone, Copy, Debug)]
+struct Glance {
+    /// Disparity by which it is nearer than the row's road, in px.
+    least_px: f64,
+    /// The road's row is nowhere above this one where its disparity is 0 px.
+    at_0: f64,
+    /// The rows that a px of disparity more adds.
+    per_px: f64,
+    /// The greatest height, over the baseline.
+    taller: f64,
+}
+
+kernel! {
+    /// One column's rows, see [`Surface::may_stand`].
+    fn glance_at(
+        disparity: &[u16],
+        shown_px: &[f32],
+        tilt: Tilt,
+        x_px: f64,
+        glance: Glance,
+        out: &mut [bool],
+    ) = glance_at_each
+}
+
+#[inline(always)]
+fn glance_at_each<S: Simd>(
+    _: S,
+    disparity: &[u16],
+    shown_px: &[f32],
+    tilt: Tilt,
+    x_px: f64,
+    glance: Glance,
+    out: &mut [bool],
+) {
+    for (y, ((&d, &shown), out)) in disparity.iter().zip(shown_px).zip(out).enumerate() {
+        let px = f64::from(d) / 256.0;
+        let level = tilt.level(x_px, px);
+        let stands = level - f64::from(shown) >= glance.least_px;
+        let too_high = f64::from(y as i32) < glance.at_0 + glance.per_px * level - glance.taller * px;
+        *out = stands & !too_high;
     }
 }

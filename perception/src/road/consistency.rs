@@ -14,6 +14,7 @@ use super::regions::Region;
 use super::residual::Ground;
 use super::stixels::{STRIP_COLUMNS, Stixels};
 use crate::image::GreyView;
+use crate::simd::{Level, Simd, kernel};
 
 /// Rows of a region that are looked at, at most.
 const ROWS: usize = 24;
@@ -112,7 +113,7 @@ impl Witness<'_> {
             let width = surfaces.to - surfaces.from;
             for (disparity_px, costs) in surfaces.disparity_px.iter().zip(&mut costs) {
                 match disparity_px {
-                    Some(d) => compare(left.row(y), right.row(y), *d, surfaces.from, &mut costs[..width]),
+                    Some(d) => compare(self.stixels.level(), left.row(y), right.row(y), *d, surfaces.from, &mut costs[..width]),
                     None => costs[..width].fill(NONE),
                 }
             }
@@ -181,7 +182,7 @@ impl Witness<'_> {
 
 /// By how much the gradients of a row of both pictures differ from column `from` on, at a disparity (0 px or
 /// more).
-fn compare(left: &[u8], right: &[u8], disparity_px: f32, from: usize, costs: &mut [f32]) {
+fn compare(level: Level, left: &[u8], right: &[u8], disparity_px: f32, from: usize, costs: &mut [f32]) {
     let whole = disparity_px.ceil();
     let share = whole - disparity_px;
     // Columns that the right picture does not have.
@@ -193,9 +194,19 @@ fn compare(left: &[u8], right: &[u8], disparity_px: f32, from: usize, costs: &mu
     }
     let from = from + hidden;
     let at = from - whole as usize;
-    let left = left[from - 1..].windows(3);
-    let right = right[at - 1..].windows(4);
-    for ((cost, left), right) in costs.iter_mut().zip(left).zip(right) {
+    let (left, right) = (&left[from - 1..], &right[at - 1..]);
+    differ(level, left, right, share, costs);
+}
+
+kernel! {
+    /// Differences of gradients: `left` begins a column before the first, `right` likewise, whose gradients are
+    /// taken `share` of a column later.
+    fn differ(left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) = differ_each
+}
+
+#[inline(always)]
+fn differ_each<S: Simd>(_: S, left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) {
+    for ((cost, left), right) in costs.iter_mut().zip(left.windows(3)).zip(right.windows(4)) {
         let [a, _, c] = [left[0], left[1], left[2]].map(f32::from);
         let [e, f, g, h] = [right[0], right[1], right[2], right[3]].map(f32::from);
         let gradient = (g - e) + share * ((h - f) - (g - e));
@@ -207,25 +218,27 @@ fn compare(left: &[u8], right: &[u8], disparity_px: f32, from: usize, costs: &mu
 /// and the columns of [`OWN`], if it has any.
 fn explain<const N: usize>(costs: &Costs, width: usize, order: &[usize; N]) -> (f32, Option<(usize, usize)>) {
     let mut sums = [0.0_f32; N];
-    // First column of the own surface and the one after its last, as each state knows them.
-    let mut own: [Option<(usize, usize)>; N] = [None; N];
+    // First column of the own surface and the one after its last, as each state knows them; 0 where it has not
+    // been yet.
+    let mut own = [[0_u16; 2]; N];
     for x in 0..width {
-        let (mut best, mut known) = (f32::INFINITY, None);
+        let (mut best, mut known) = (f32::INFINITY, [0; 2]);
         for state in 0..N {
             // What came before may end here; at equal costs, the earlier surface goes on.
-            if sums[state] < best {
-                (best, known) = (sums[state], own[state]);
-            }
+            let ends = sums[state] < best;
+            best = if ends { sums[state] } else { best };
+            known = if ends { own[state] } else { known };
             sums[state] = best + costs[order[state]][x];
-            own[state] = match known {
-                known if order[state] != OWN => known,
-                Some((first, _)) => Some((first, x + 1)),
-                None => Some((x, x + 1)),
-            };
+            own[state] = known;
+            if order[state] == OWN {
+                let first = if known[1] > 0 { known[0] } else { x as u16 };
+                own[state] = [first, x as u16 + 1];
+            }
         }
     }
     let best = (0..N).min_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-    (sums[best], own[best])
+    let [first, end] = own[best].map(usize::from);
+    (sums[best], (end > 0).then_some((first, end)))
 }
 
 #[cfg(test)]

@@ -32,25 +32,35 @@ pub struct RadonRange {
 const ANGLES: usize = 64;
 /// Cells that are looked at together.
 const GROUP: usize = 32;
+/// Neighbouring cells mostly lie on one line, where one sum would wait for the other: so many are kept beside
+/// each other.
+const BESIDE: usize = 4;
 /// Rows above the first horizon that are looked at all the same.
 const ABOVE_PX: f64 = 4.0;
 /// One offset, in the units that lines are followed in.
 const FIXED_BITS: u32 = 32;
 const FIXED: f64 = (1_u64 << FIXED_BITS) as f64;
 
+/// A cell of the histogram: bin, row, capped count.
+type Cell = (u16, u16, u16);
+
 /// Sums v-disparity along lines, with memory allocated once.
 #[derive(Debug)]
 pub struct Radon {
-    /// Sum along each line of the current angle, by its offset.
-    sums: Vec<u32>,
-    /// Cells of the histogram that count: bin, row, capped count.
-    cells: Vec<(u16, u16, u16)>,
+    /// Sums along each line of the current angle, by its offset.
+    sums: [Vec<u32>; BESIDE],
+    /// Those that count.
+    cells: Vec<Cell>,
 }
 
 impl Radon {
     /// A workspace for histograms of `bins` × `height` cells.
     pub fn new(bins: usize, height: usize) -> Self {
-        Self { sums: vec![0; 2 * (bins + height) + 2], cells: Vec::with_capacity(bins * height) }
+        let lines = 2 * (bins + height) + 2;
+        Self {
+            sums: std::array::from_fn(|_| vec![0; lines]),
+            cells: Vec::with_capacity((bins * height).next_multiple_of(BESIDE)),
+        }
     }
 
     /// The line with the greatest integral. One cell counts at most `cap`, so that a near wall
@@ -72,6 +82,9 @@ impl Radon {
                 }
             }
         }
+        // What counts nothing fills up the last group.
+        self.cells.resize(self.cells.len().next_multiple_of(BESIDE), (0, first as u16, 0));
+        let lines = self.sums[0].len();
         let mut best: Option<(u32, f64, f64)> = None;
         let (low, high) = range.slope;
         for angle in 0..ANGLES {
@@ -82,22 +95,33 @@ impl Radon {
             let (sin, cos) = phi.sin_cos();
             // Offset d = i·cosφ + j·sinφ of each cell (i bin, j row); shifted to be positive.
             let shift = histogram.height() as f64 + 1.0;
-            self.sums.fill(0);
-            // In 2^-32 of an offset; a half more, so that what is cut off rounds.
-            let fixed = |v: f64| (v * FIXED).round() as i64;
-            let (across, down, start) = (fixed(cos), fixed(sin), fixed(shift + 0.5));
-            for &(bin, row, count) in &self.cells {
-                // Half offsets: a line one bin wide catches what rounding spreads.
-                let offset = i64::from(bin) * across + i64::from(row) * down + start;
-                self.sums[(offset >> FIXED_BITS) as usize] += u32::from(count);
-            }
             // The line crosses the centre of bin 0 (1/8 px) half a bin below the horizon.
             let centre = -0.5 / bins_per_row;
             // Offsets fall as the horizon does; one more on either side for what rounds.
-            let place = |horizon_px: f64| (horizon_px - centre) * sin + shift - 0.5;
-            let from = (place(range.horizon_px.1).floor() - 1.0).max(0.0) as usize;
-            let to = (place(range.horizon_px.0).ceil() + 2.0).max(0.0) as usize;
-            for (i, window) in self.sums.windows(2).enumerate().take(to).skip(from) {
+            let place = |horizon_px: f64| ((horizon_px - centre) * sin + shift - 0.5).max(0.0);
+            let from = (place(range.horizon_px.1) as usize).saturating_sub(1).min(lines - 1);
+            let to = (place(range.horizon_px.0) as usize + 3).clamp(from + 1, lines - 1);
+            for sums in &mut self.sums {
+                sums[from..=to].fill(0);
+            }
+            // In 2^-32 of an offset; a half more, so that what is cut off rounds.
+            let fixed = |v: f64| (v * FIXED).round() as i64;
+            let (across, down, start) = (fixed(cos), fixed(sin), fixed(shift + 0.5));
+            let [a, b, c, d] = &mut self.sums;
+            for [i, j, k, l] in self.cells.as_chunks::<BESIDE>().0 {
+                // Half offsets: a line one bin wide catches what rounding spreads.
+                let place = |&(bin, row, _): &Cell| {
+                    ((i64::from(bin) * across + i64::from(row) * down + start) >> FIXED_BITS) as usize
+                };
+                a[place(i)] += u32::from(i.2);
+                b[place(j)] += u32::from(j.2);
+                c[place(k)] += u32::from(k.2);
+                d[place(l)] += u32::from(l.2);
+            }
+            for i in from..=to {
+                a[i] += b[i] + c[i] + d[i];
+            }
+            for (i, window) in a.windows(2).enumerate().take(to).skip(from) {
                 let sum = window[0] + window[1];
                 if best.is_some_and(|(greatest, ..)| sum <= greatest) || sum == 0 {
                     continue;

@@ -203,21 +203,32 @@ impl Residual {
     }
 
     /// Sums over a window.
-    pub fn sums(&self, [left, top, right, bottom]: Window) -> Sums {
+    pub fn sums(&self, window: Window) -> Sums {
+        let [gradient, product, difference, count] = self.add_up(window);
+        Sums {
+            gradient: 0.25 * f64::from(gradient),
+            product: 0.25 * f64::from(product as i32),
+            difference: 0.25 * f64::from(difference),
+            count: f64::from(count),
+        }
+    }
+
+    /// Whether a window may be as prominent as `least` at a noise of 1, told more quickly.
+    pub fn may_be_prominent(&self, window: Window, least: f64) -> bool {
+        let [gradient, product, ..] = self.add_up(window);
+        let product = f64::from(product as i32);
+        // Both in quarters.
+        product * product >= 4.0 * least * least * f64::from(gradient)
+    }
+
+    fn add_up(&self, [left, top, right, bottom]: Window) -> [u32; 4] {
         let row = |y: i32| y.clamp(self.first as i32, self.height as i32) as usize;
         let at = |x: i32, y: usize| {
             let [from, to] = self.kept[y];
             self.sums[y * (self.width + 1) + x.clamp(from as i32, to as i32) as usize]
         };
         let (top, bottom) = (row(top), row(bottom));
-        let [a, b, c, d] = [at(left, top), at(right, top), at(left, bottom), at(right, bottom)];
-        let sum = |k: usize| d[k].wrapping_sub(b[k]).wrapping_sub(c[k]).wrapping_add(a[k]);
-        Sums {
-            gradient: 0.25 * f64::from(sum(0)),
-            product: 0.25 * f64::from(sum(1) as i32),
-            difference: 0.25 * f64::from(sum(2)),
-            count: f64::from(sum(3)),
-        }
+        plus(minus(at(right, bottom), at(right, top)), minus(at(left, top), at(left, bottom)))
     }
 }
 

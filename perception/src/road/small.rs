@@ -191,8 +191,11 @@ impl SmallFinder {
 
     /// A window, when it stands out of what is around it, upwards by what a thing would.
     fn place(&self, window: Window, side: i32, per_metre: f64) -> Option<Place> {
-        let own = self.residual.sums(window);
         // The quickest test first: nearly everything is road.
+        if !self.residual.may_be_prominent(window, PROMINENT * NOISE.0) {
+            return None;
+        }
+        let own = self.residual.sums(window);
         if own.prominence(NOISE.0).abs() < PROMINENT {
             return None;
         }

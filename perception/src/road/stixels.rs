@@ -103,6 +103,11 @@ impl Stixels {
         self.strips * (RUNS + 1)
     }
 
+    /// What the kernels run on.
+    pub(super) fn level(&self) -> Level {
+        self.level
+    }
+
     /// Strips of the image.
     pub fn strips(&self) -> usize {
         self.strips
@@ -264,11 +269,12 @@ fn sharpen(level: Level, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut
     let mut x = 0;
     while x < seams.len() {
         // Most columns have no seam, and many are told at once.
-        if let Some(chunk) = seams[x..].first_chunk::<8>()
-            && u64::from_ne_bytes(*chunk) == 0
-        {
-            x += chunk.len();
-            continue;
+        if let Some(chunk) = seams[x..].first_chunk() {
+            let none = u64::from_le_bytes(*chunk).trailing_zeros() / u8::BITS;
+            if none > 0 {
+                x += none as usize;
+                continue;
+            }
         }
         if seams[x] == 0 {
             x += 1;

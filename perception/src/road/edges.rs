@@ -5,8 +5,10 @@
 //! 5 cm is plain. Outwards from the vehicle, the first one is the road's edge.
 
 use super::depth::DepthView;
+use super::heights::{BATCH, Pixels};
 use super::surface::Surface;
 use crate::rig::Rig;
+use crate::simd::{Level, Simd, kernel};
 
 /// Stretches that have an edge of their own.
 pub const STRETCHES: usize = 8;
@@ -19,8 +21,12 @@ const CELLS: usize = 40;
 const STEP: usize = 2;
 /// What is farther from the road's height is neither it nor its edge, in metres.
 const GREATEST_M: f64 = 0.5;
+/// A number that has no room for places behind the point.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
 /// Share of the heights of a frame that counts in the next.
 const MEMORY: f32 = 0.8;
+/// Pixels of a row that are looked at together.
+const GROUP: usize = 16;
 /// Pixels that a cell must have seen.
 const LEAST_PIXELS: f32 = 6.0;
 /// Nothing nearer to the camera's axis is an edge, in cells: the vehicle is there.
@@ -58,11 +64,13 @@ pub struct EdgeFinder {
     /// Sum of heights and number of pixels, by stretch, side and cell from the inside.
     cells: Vec<[f32; 2]>,
     edges: Edges,
+    level: Level,
 }
 
 impl Default for EdgeFinder {
     fn default() -> Self {
-        Self { cells: vec![[0.0; 2]; STRETCHES * 2 * CELLS], edges: Edges::default() }
+        let cells = vec![[0.0; 2]; STRETCHES * 2 * CELLS];
+        Self { cells, edges: Edges::default(), level: Level::best() }
     }
 }
 
@@ -92,25 +100,21 @@ impl EdgeFinder {
             *count *= MEMORY;
         }
         let ends_px = ENDS_M.map(|z| (256.0 * rig.disparity_px(z)).min(65_535.0) as u16);
+        let mut pixels = Pixels::default();
         for y in (top..depth.height()).step_by(STEP) {
-            let row = depth.disparity(y).iter().zip(depth.confidence(y)).enumerate().step_by(STEP);
-            for (x, (&d, &confidence)) in row {
-                if confidence < least_confidence || d >= ends_px[0] || d <= ends_px[STRETCHES] {
-                    continue;
+            let row = depth.disparity(y).chunks(STEP * GROUP).zip(depth.confidence(y).chunks(STEP * GROUP));
+            for (group, (row, confidence)) in row.enumerate() {
+                for (i, (d, confidence)) in row.iter().zip(confidence).enumerate().step_by(STEP) {
+                    let there = (*d < ends_px[0]) & (*d > ends_px[STRETCHES]);
+                    let x = STEP * GROUP * group + i;
+                    pixels.push(x as f32, y as f32, *d, there & (*confidence >= least_confidence));
                 }
-                let px = f64::from(d) / 256.0;
-                let across = rig.lateral_m(x as f64, rig.distance_m(px)) / CELL_M;
-                let height_m = surface.height_m(x as f64, y as f64, px);
-                // Written so that NaN is left out.
-                if across.abs() < CELLS as f64 && height_m.abs() < GREATEST_M {
-                    let stretch = ends_px[1..STRETCHES].iter().filter(|&&end| d <= end).count();
-                    let side = usize::from(across >= 0.0);
-                    let cell = &mut self.cells[(2 * stretch + side) * CELLS + across.abs() as usize];
-                    cell[0] += height_m as f32;
-                    cell[1] += 1.0;
+                if pixels.count() + GROUP > BATCH {
+                    self.add(&mut pixels, surface, rig, &ends_px);
                 }
             }
         }
+        self.add(&mut pixels, surface, rig, &ends_px);
         self.edges = std::array::from_fn(|stretch| [0, 1].map(|side| self.find(stretch, side, surface, rig)));
         let all = self.edges;
         for (stretch, edges) in self.edges.iter_mut().enumerate() {
@@ -122,6 +126,24 @@ impl EdgeFinder {
                 });
             }
         }
+    }
+
+    /// Adds the heights of some pixels to their cells.
+    fn add(&mut self, pixels: &mut Pixels, surface: &Surface, rig: &Rig, ends_px: &[u16; STRETCHES + 1]) {
+        let mut heights_m = [0.0; BATCH];
+        let mut places = [0; BATCH];
+        surface.heights_m(pixels, &mut heights_m);
+        place(self.level, pixels, *rig, ends_px, &mut places);
+        for (&height_m, &place) in heights_m.iter().zip(&places).take(pixels.count()) {
+            // Written so that NaN is left out.
+            if height_m.abs() < GREATEST_M
+                && let Some(cell) = self.cells.get_mut(usize::from(place))
+            {
+                cell[0] += height_m as f32;
+                cell[1] += 1.0;
+            }
+        }
+        pixels.clear();
     }
 
     /// The first step from the inside out.
@@ -174,6 +196,41 @@ impl EdgeFinder {
             x_px: x_px as f32,
             y_px,
         })
+    }
+}
+
+kernel! {
+    /// The cell of each pixel, by where stretches begin and end in 1/256 px; the greatest number where it lies
+    /// in none.
+    fn place(
+        pixels: &Pixels,
+        rig: Rig,
+        ends_px: &[u16; STRETCHES + 1],
+        out: &mut [u16; BATCH],
+    ) = place_each
+}
+
+#[inline(always)]
+fn place_each<S: Simd>(
+    _: S,
+    pixels: &Pixels,
+    rig: Rig,
+    ends_px: &[u16; STRETCHES + 1],
+    out: &mut [u16; BATCH],
+) {
+    for i in 0..BATCH {
+        let d = pixels.disparity[i];
+        let distance_m = rig.distance_m(f64::from(d) / 256.0);
+        let across = rig.lateral_m(f64::from(pixels.x_px[i]), distance_m) / CELL_M;
+        let beyond = ends_px[1..STRETCHES].iter().fold(0, |n, &end| n + u16::from(d <= end));
+        let side = u16::from(across >= 0.0);
+        // Written so that NaN is in none. There are so few cells that a float's last bits are its whole part.
+        let out_of_it = if across.abs() < CELLS as f64 { across.abs() } else { CELLS as f64 };
+        let near = out_of_it + WHOLE;
+        let whole = if near - WHOLE > out_of_it { near - 1.0 } else { near };
+        let cell = whole.to_bits() as u16;
+        let place = (2 * beyond + side) * CELLS as u16 + cell;
+        out[i] = if cell < CELLS as u16 { place } else { u16::MAX };
     }
 }
 

@@ -5,6 +5,7 @@ pub mod consistency;
 pub mod depth;
 pub mod edges;
 pub mod free_space;
+pub mod heights;
 pub mod histogram;
 pub mod line_fit;
 pub mod plane;

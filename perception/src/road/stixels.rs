@@ -1,13 +1,16 @@
 //! What stands in each narrow strip of columns: runs of rows of one depth above the road (stixels).
 
 use super::depth::DepthView;
-use super::surface::Surface;
+use super::heights::{BATCH, Pixels};
+use super::surface::{Glance, Surface};
 use crate::simd::{Level, Simd, kernel};
 
 /// Image columns of a strip.
 pub const STRIP_COLUMNS: usize = 4;
 /// The most runs of a strip.
 const RUNS: usize = 12;
+/// Rows of a strip that are looked at together.
+const GROUP: usize = 8;
 /// Rows that are turned into columns at once.
 const ROWS: usize = 16;
 /// Columns over which the steepness of a seam is told.
@@ -70,7 +73,7 @@ pub struct Stixels {
     /// Where the seams of a row begin.
     seams: Vec<u8>,
     /// Rows of one strip that may show what stands.
-    stands: Vec<bool>,
+    stands: Vec<u8>,
     strips: usize,
     height: usize,
     level: Level,
@@ -89,7 +92,7 @@ impl Stixels {
             sharp: vec![0; width],
             rows: (vec![0; strips * ROWS], vec![0; strips * ROWS]),
             seams: vec![0; width],
-            stands: vec![false; height],
+            stands: vec![0; height],
             strips,
             height,
             level: Level::best(),
@@ -171,35 +174,51 @@ impl Stixels {
         let x = Self::column(strip);
         let places = strip * self.height..(strip + 1) * self.height;
         let (depths, confidence) = (&self.depths[places.clone()], &self.confidence[places]);
-        let least = (parameters.least_disparity_px * 256.0).max(1.0) as u16;
         let mut run = Run::default();
         let mut found = 0;
         // The quickest test first: most of what is near is road, most of what is far away too high.
         let p = parameters;
-        surface.may_stand(x, depths, p.least_rise_px, p.greatest_height_m, &mut self.stands);
-        for y in (0..self.height).rev().filter(|&y| self.stands[y]) {
-            let d = depths[y];
-            if d < least {
-                continue;
-            }
-            let px = f64::from(d) / 256.0;
-            let height = surface.height_m(x, y as f64, px);
-            // Written so that NaN is left out.
-            if !(height >= p.least_height_m && height <= p.greatest_height_m)
-                || height < p.sigmas * surface.height_noise_m(px)
-            {
-                continue;
-            }
-            if !run.takes(y, d, surface.noise_px()) {
-                if let Some(stixel) = run.end(strip)
-                    && found < RUNS
-                {
-                    self.list.push(stixel);
-                    found += 1;
+        let glance = Glance {
+            least: (p.least_disparity_px * 256.0).max(1.0) as u16,
+            rise_px: p.least_rise_px,
+            greatest_m: p.greatest_height_m,
+        };
+        surface.may_stand(x, depths, glance, &mut self.stands);
+        let mut pixels = Pixels::default();
+        let mut heights_m = [0.0; BATCH];
+        let mut end = self.height;
+        while end > 0 {
+            pixels.clear();
+            while end > 0 && pixels.count() + GROUP <= BATCH {
+                let rows = end.saturating_sub(GROUP)..end;
+                end = rows.start;
+                // In most groups nothing may stand, which is told at once.
+                if self.stands[rows.clone()].first_chunk() != Some(&[0; GROUP]) {
+                    for y in rows.rev() {
+                        pixels.push(x as f32, y as f32, depths[y], self.stands[y] > 0);
+                    }
                 }
-                run = Run::default();
             }
-            run.add(y, d, confidence[y], height as f32);
+            surface.heights_m(&pixels, &mut heights_m);
+            for (i, &height) in heights_m.iter().enumerate().take(pixels.count()) {
+                let (y, d) = (pixels.y_px[i] as usize, pixels.disparity[i]);
+                // Written so that NaN is left out.
+                if !(height >= p.least_height_m && height <= p.greatest_height_m)
+                    || height < p.sigmas * surface.height_noise_m(f64::from(d) / 256.0)
+                {
+                    continue;
+                }
+                if !run.takes(y, d, surface.noise_px()) {
+                    if let Some(stixel) = run.end(strip)
+                        && found < RUNS
+                    {
+                        self.list.push(stixel);
+                        found += 1;
+                    }
+                    run = Run::default();
+                }
+                run.add(y, d, confidence[y], height as f32);
+            }
         }
         if let Some(stixel) = run.end(strip)
             && found < RUNS

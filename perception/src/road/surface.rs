@@ -1,6 +1,7 @@
 //! The road's surface as heights are measured from it: profile, tilt and noise of one frame.
 
 use super::depth::DepthView;
+use super::heights::{self, BATCH, Datum, Pixels};
 use super::profile::RoadProfile;
 use super::samples::{Classes, Samples};
 use crate::rig::Rig;
@@ -185,14 +186,13 @@ impl Surface {
         }
     }
 
-    /// What column `x` of each row says at first glance: whether its disparity, in 1/256 px, is nearer than the
-    /// road of that row by `least_px`, and may lie at most `greatest_m` above the road. Whoever is told yes
-    /// must look closer.
-    pub fn may_stand(&self, x_px: f64, disparity: &[u16], least_px: f64, greatest_m: f64, out: &mut [bool]) {
+    /// Where column `x` of each row, of which `disparity` says how near it is in 1/256 px, may show what stands
+    /// (1, else 0), at first glance.
+    pub fn may_stand(&self, x_px: f64, disparity: &[u16], glance: Glance, out: &mut [u8]) {
         // Room for what rounds.
-        let [at_0, per_px] = [self.highest[0] - 1.0, self.highest[1]];
-        let glance = Glance { least_px, at_0, per_px, taller: greatest_m / self.rig.baseline_m };
-        glance_at(self.simd, disparity, &self.shown_px, self.tilt, x_px, glance, out);
+        let highest = [self.highest[0] - 1.0, self.highest[1]];
+        let taller = glance.greatest_m / self.rig.baseline_m;
+        glance_at(self.simd, disparity, &self.shown_px, self.tilt, x_px, highest, glance, taller, out);
     }
 
     /// The row where the road has disparity `disparity_px` in column `x`; NaN without a road.
@@ -211,6 +211,13 @@ impl Surface {
         self.rig.baseline_m * (f64::from(self.row_at(x_px, disparity_px)) - y_px) / disparity_px
     }
 
+    /// The same of some pixels.
+    pub fn heights_m(&self, pixels: &Pixels, out: &mut [f64; BATCH]) {
+        let (per_px, baseline_m) = (FINE as f64, self.rig.baseline_m);
+        let datum = Datum { rows: &self.rows, per_px, tilt: self.tilt, baseline_m };
+        heights::measure(self.simd, datum, pixels, out);
+    }
+
     /// One standard deviation of such a height, in metres: what the frame's noise comes to where the road
     /// lies as it does there.
     #[inline]
@@ -221,46 +228,50 @@ impl Surface {
     }
 }
 
-/// What tells at first glance that something may stand somewhere.
+/// What something that stands must have, at first glance.
 #[derive(Clone, Copy, Debug)]
-struct Glance {
-    /// Disparity by which it is nearer than the row's road, in px.
-    least_px: f64,
-    /// The road's row is nowhere above this one where its disparity is 0 px.
-    at_0: f64,
-    /// The rows that a px of disparity more adds.
-    per_px: f64,
-    /// The greatest height, over the baseline.
-    taller: f64,
+pub struct Glance {
+    /// The least disparity, in 1/256 px.
+    pub least: u16,
+    /// By how much it is nearer than the row's road, in px.
+    pub rise_px: f64,
+    /// The greatest height above the road, in metres: what is plainly higher is left out, but not all of it.
+    pub greatest_m: f64,
 }
 
 kernel! {
-    /// One column's rows, see [`Surface::may_stand`].
+    /// One column's rows, see [`Surface::may_stand`]. The road is nowhere above the rows of `highest`, at 0 px
+    /// and for each px; `taller` is the greatest height over the baseline.
     fn glance_at(
         disparity: &[u16],
         shown_px: &[f32],
         tilt: Tilt,
         x_px: f64,
+        highest: [f64; 2],
         glance: Glance,
-        out: &mut [bool],
+        taller: f64,
+        out: &mut [u8],
     ) = glance_at_each
 }
 
 #[inline(always)]
+#[allow(clippy::too_many_arguments)]
 fn glance_at_each<S: Simd>(
     _: S,
     disparity: &[u16],
     shown_px: &[f32],
     tilt: Tilt,
     x_px: f64,
+    highest: [f64; 2],
     glance: Glance,
-    out: &mut [bool],
+    taller: f64,
+    out: &mut [u8],
 ) {
     for (y, ((&d, &shown), out)) in disparity.iter().zip(shown_px).zip(out).enumerate() {
         let px = f64::from(d) / 256.0;
         let level = tilt.level(x_px, px);
-        let stands = level - f64::from(shown) >= glance.least_px;
-        let too_high = f64::from(y as i32) < glance.at_0 + glance.per_px * level - glance.taller * px;
-        *out = stands & !too_high;
+        let stands = level - f64::from(shown) >= glance.rise_px;
+        let too_high = f64::from(y as i32) < highest[0] + highest[1] * level - taller * px;
+        *out = u8::from((d >= glance.least) & stands & !too_high);
     }
 }

@@ -203,8 +203,48 @@ impl Residual {
     }
 
     /// Sums over a window.
-    pub fn sums(&self, window: Window) -> Sums {
-        let [gradient, product, difference, count] = self.add_up(window);
+    pub fn sums(&self, [left, top, right, bottom]: Window) -> Sums {
+        self.band(top, bottom).sums(left, right)
+    }
+
+    /// The rows from `top` to before `bottom`, in which many windows are asked for.
+    pub fn band(&self, top: i32, bottom: i32) -> Band<'_> {
+        let edge = |y: i32| {
+            let y = y.clamp(self.first as i32, self.height as i32) as usize;
+            let [from, to] = self.kept[y];
+            Edge { from: from as i32, to: to as i32, sums: &self.sums[y * (self.width + 1)..][..self.width + 1] }
+        };
+        Band { top: edge(top), bottom: edge(bottom) }
+    }
+}
+
+/// Sums over everything above a row of pixels, by column.
+#[derive(Clone, Copy, Debug)]
+struct Edge<'a> {
+    from: i32,
+    to: i32,
+    sums: &'a [[u32; 4]],
+}
+
+impl Edge<'_> {
+    #[inline(always)]
+    fn at(&self, x: i32) -> [u32; 4] {
+        self.sums[x.clamp(self.from, self.to) as usize]
+    }
+}
+
+/// Some rows of the differences.
+#[derive(Clone, Copy, Debug)]
+pub struct Band<'a> {
+    top: Edge<'a>,
+    bottom: Edge<'a>,
+}
+
+impl Band<'_> {
+    /// Sums over its columns from `left` to before `right`.
+    #[inline]
+    pub fn sums(&self, left: i32, right: i32) -> Sums {
+        let [gradient, product, difference, count] = self.add_up(left, right);
         Sums {
             gradient: 0.25 * f64::from(gradient),
             product: 0.25 * f64::from(product as i32),
@@ -213,22 +253,18 @@ impl Residual {
         }
     }
 
-    /// Whether a window may be as prominent as `least` at a noise of 1, told more quickly.
-    pub fn may_be_prominent(&self, window: Window, least: f64) -> bool {
-        let [gradient, product, ..] = self.add_up(window);
+    /// Whether they may be as prominent as `least` at a noise of 1, told more quickly.
+    #[inline]
+    pub fn may_be_prominent(&self, left: i32, right: i32, least: f64) -> bool {
+        let [gradient, product, ..] = self.add_up(left, right);
         let product = f64::from(product as i32);
         // Both in quarters.
         product * product >= 4.0 * least * least * f64::from(gradient)
     }
 
-    fn add_up(&self, [left, top, right, bottom]: Window) -> [u32; 4] {
-        let row = |y: i32| y.clamp(self.first as i32, self.height as i32) as usize;
-        let at = |x: i32, y: usize| {
-            let [from, to] = self.kept[y];
-            self.sums[y * (self.width + 1) + x.clamp(from as i32, to as i32) as usize]
-        };
-        let (top, bottom) = (row(top), row(bottom));
-        plus(minus(at(right, bottom), at(right, top)), minus(at(left, top), at(left, bottom)))
+    #[inline(always)]
+    fn add_up(&self, left: i32, right: i32) -> [u32; 4] {
+        minus(minus(self.bottom.at(right), self.top.at(right)), minus(self.bottom.at(left), self.top.at(left)))
     }
 }
 

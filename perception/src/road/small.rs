@@ -10,7 +10,7 @@
 
 use super::confirm::Confirmation;
 use super::regions::{PixelBox, Region};
-use super::residual::{Ground, Residual, Sums, Window, sample};
+use super::residual::{Band, Ground, Residual, Sums, Window, sample};
 use super::surface::Surface;
 use crate::image::GreyView;
 use crate::rig::Rig;
@@ -155,10 +155,13 @@ impl SmallFinder {
             let half = HALF_M * road / ground.rig.baseline_m;
             let columns =
                 (ground.rig.cx_px - half).max(0.0) as usize..(ground.rig.cx_px + half).max(0.0) as usize;
+            let bottom = y as i32 + 1;
+            // Of the windows themselves, and of what is left out and taken around them.
+            let bands = [0, 1, 2].map(|along| self.residual.band(top - along * side, bottom + along * side));
             for x in columns.step_by(step) {
                 let left = x as i32 - side / 2;
-                let window = [left, top, left + side, y as i32 + 1];
-                let Some(place) = self.place(window, side, per_metre) else { continue };
+                let window = [left, top, left + side, bottom];
+                let Some(place) = place(&bands, window, per_metre) else { continue };
                 if taken.iter().any(|region| is_near(window, road, region, &ground.rig)) {
                     continue;
                 }
@@ -187,40 +190,6 @@ impl SmallFinder {
             }
         }
         self.places.truncate(kept);
-    }
-
-    /// A window, when it stands out of what is around it, upwards by what a thing would.
-    fn place(&self, window: Window, side: i32, per_metre: f64) -> Option<Place> {
-        // The quickest test first: nearly everything is road.
-        if !self.residual.may_be_prominent(window, PROMINENT * NOISE.0) {
-            return None;
-        }
-        let own = self.residual.sums(window);
-        if own.prominence(NOISE.0).abs() < PROMINENT {
-            return None;
-        }
-        let grown = |across: i32, along: i32| {
-            let [left, top, right, bottom] = window;
-            self.residual.sums([
-                left - across * side,
-                top - along * side,
-                right + across * side,
-                bottom + along * side,
-            ])
-        };
-        let around = grown(4, 2).without(grown(1, 1));
-        let sigma = (around.difference / around.count.max(1.0)).sqrt().max(NOISE.0);
-        let offset_px = around.offset_px(sigma, ROAD_PRIOR_PX);
-        let own = own.beyond(offset_px);
-        let mean_m = own.offset_px(sigma, THING_PRIOR_PX) / per_metre;
-        let prominence = own.prominence(sigma);
-        let is_thing = prominence >= PROMINENT && (MEAN_M.0..=MEAN_M.1).contains(&mean_m);
-        (sigma <= NOISE.1 && (is_thing || prominence <= -PROMINENT)).then_some(Place {
-            window,
-            prominence,
-            sigma,
-            offset_px,
-        })
     }
 
     /// Moves the edges of a window to where it stands out most: around the thing.
@@ -363,6 +332,41 @@ impl SmallFinder {
             confidence: better / (better + DOUBTFUL),
         })
     }
+}
+
+/// A window, when it stands out of what is around it, upwards by what a thing would. `bands` are its rows, and
+/// those with one and two sides more above and below.
+fn place(bands: &[Band<'_>; 3], window: Window, per_metre: f64) -> Option<Place> {
+    let [left, _, right, _] = window;
+    // The quickest test first: nearly everything is road.
+    if !bands[0].may_be_prominent(left, right, PROMINENT * NOISE.0) {
+        return None;
+    }
+    let own = bands[0].sums(left, right);
+    let side = right - left;
+    let wide = bands[2].sums(left - 4 * side, right + 4 * side);
+    let around = wide.without(bands[1].sums(left - side, right + side));
+    // Squares first, with room for what rounds: most of what is left is noise.
+    let variance = (around.difference / around.count.max(1.0)).max(NOISE.0.powi(2));
+    let off = around.product / (around.gradient + variance / ROAD_PRIOR_PX.powi(2));
+    let product = own.beyond(off).product;
+    if variance > 1.001 * NOISE.1.powi(2)
+        || product * product < 0.999 * PROMINENT.powi(2) * variance * own.gradient
+    {
+        return None;
+    }
+    let sigma = (around.difference / around.count.max(1.0)).sqrt().max(NOISE.0);
+    let offset_px = around.offset_px(sigma, ROAD_PRIOR_PX);
+    let own = own.beyond(offset_px);
+    let mean_m = own.offset_px(sigma, THING_PRIOR_PX) / per_metre;
+    let prominence = own.prominence(sigma);
+    let is_thing = prominence >= PROMINENT && (MEAN_M.0..=MEAN_M.1).contains(&mean_m);
+    (sigma <= NOISE.1 && (is_thing || prominence <= -PROMINENT)).then_some(Place {
+        window,
+        prominence,
+        sigma,
+        offset_px,
+    })
 }
 
 /// The part of a range over which a sum is greatest.

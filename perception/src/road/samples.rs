@@ -6,6 +6,8 @@ use crate::simd::{Level, Simd, kernel};
 
 /// Columns between samples.
 const STEP: usize = 4;
+/// A number that has no room for places behind the point: its last bits are the whole part of what is added.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
 /// Sums that are kept beside each other, and classes that are counted so.
 const FOLD: usize = 8;
 const BESIDE: usize = 4;
@@ -51,11 +53,12 @@ pub struct Moments {
 impl Samples {
     /// Room for maps of `width` × `height`.
     pub fn new(width: usize, height: usize) -> Self {
-        let columns = width.div_ceil(STEP);
+        // Whole groups: what lies behind the last column is unknown.
+        let columns = width.div_ceil(STEP).next_multiple_of(FOLD);
         Self {
             disparity: vec![0; columns * height],
             columns,
-            classes: vec![0; columns.next_multiple_of(BESIDE)],
+            classes: vec![0; columns],
             level: Level::best(),
         }
     }
@@ -65,9 +68,11 @@ impl Samples {
     /// # Panics
     /// When the map has another size.
     pub fn take(&mut self, depth: DepthView<'_>, top: usize, least_confidence: u8) {
-        let size = (depth.width().div_ceil(STEP), depth.height() * self.columns);
+        let columns = depth.width().div_ceil(STEP);
+        let size = (columns.next_multiple_of(FOLD), depth.height() * self.columns);
         assert_eq!(size, (self.columns, self.disparity.len()));
         for (y, row) in self.disparity.chunks_exact_mut(self.columns).enumerate().skip(top) {
+            let (row, _) = row.split_at_mut(columns);
             sample(self.level, depth.disparity(y), depth.confidence(y), least_confidence, row);
         }
     }
@@ -97,8 +102,7 @@ impl Samples {
     pub fn count(&mut self, y: usize, road_px: f64, tilt: Tilt, classes: Classes, counts: &mut [u32]) {
         assert_eq!(counts.len(), classes.count);
         let row = &self.disparity[y * self.columns..][..self.columns];
-        self.classes[self.columns..].fill(classes.count as u8);
-        classify(self.level, row, tilt, road_px, classes, &mut self.classes[..self.columns]);
+        classify(self.level, row, tilt, road_px, classes, &mut self.classes);
         // Neighbours are of one class mostly: one count would wait for the other.
         let mut beside = [[0_u32; 256]; BESIDE];
         let (four, _) = self.classes.as_chunks::<BESIDE>();
@@ -157,9 +161,7 @@ fn add_each<S: Simd>(
     sums: &mut [[f64; FOLD]; 5],
 ) {
     let [mut count, mut across, mut square, mut residual, mut product] = *sums;
-    for (group, samples) in row.chunks(FOLD).enumerate() {
-        let mut eight = [0; FOLD];
-        eight[..samples.len()].copy_from_slice(samples);
+    for (group, eight) in row.as_chunks::<FOLD>().0.iter().enumerate() {
         for i in 0..FOLD {
             let x = f64::from((STEP * (FOLD * group + i)) as i32);
             let px = f64::from(eight[i]) / 256.0;
@@ -189,7 +191,11 @@ fn classify_each<S: Simd>(_: S, row: &[u16], tilt: Tilt, road_px: f64, classes: 
         let off = tilt.level(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
         let place = (if folded { off.abs() } else { off - from_px }) * per_px;
         let inside = d > 0 && place >= 0.0 && place < most;
-        *class = (if inside { place } else { most }) as i32 as u8;
+        // The whole part; `as` would be a branch for what does not fit.
+        let place = if inside { place } else { most };
+        let near = place + WHOLE;
+        let whole = if near - WHOLE > place { near - 1.0 } else { near };
+        *class = whole.to_bits() as u8;
     }
 }
 

@@ -299,8 +299,15 @@ fn sharpen(level: Level, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut
             x += 1;
             continue;
         }
-        let length = seams[x..].iter().take_while(|step| **step == seams[x]).count();
-        let end = x + length - 1 + SEAM_COLUMNS;
+        let alike = match seams[x..].first_chunk() {
+            Some(chunk) => {
+                let other = u64::from_le_bytes(*chunk) ^ u64::from_le_bytes([seams[x]; 8]);
+                (other.trailing_zeros() / u8::BITS) as usize
+            }
+            None => 1,
+        };
+        let more = seams[x + alike..].iter().take_while(|step| **step == seams[x]).count();
+        let end = x + alike + more - 1 + SEAM_COLUMNS;
         let (a, b) = (row[x], row[end]);
         for d in out[x + 1..end].iter_mut().filter(|d| **d > 0) {
             *d = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };

@@ -9,7 +9,7 @@ use crate::simd::{Level, Simd, kernel};
 pub const STRIP_COLUMNS: usize = 4;
 /// The most runs of a strip.
 const RUNS: usize = 12;
-/// Rows of a strip that are looked at together.
+/// Rows of a strip, or columns of a seam, that are looked at together.
 const GROUP: usize = 8;
 /// Rows that are turned into columns at once.
 const ROWS: usize = 16;
@@ -66,7 +66,7 @@ pub struct Stixels {
     depths: Vec<u16>,
     /// Confidence of each.
     confidence: Vec<u8>,
-    /// One row of the map with sharp seams.
+    /// One row of the map with sharp seams, and some more columns.
     sharp: Vec<u16>,
     /// Some rows of both.
     rows: (Vec<u16>, Vec<u8>),
@@ -89,7 +89,7 @@ impl Stixels {
         Self {
             depths: vec![0; strips * height],
             confidence: vec![0; strips * height],
-            sharp: vec![0; width],
+            sharp: vec![0; width + GROUP],
             rows: (vec![0; strips * ROWS], vec![0; strips * ROWS]),
             seams: vec![0; width],
             stands: vec![0; height],
@@ -150,7 +150,8 @@ impl Stixels {
             {
                 let (d, c) = (depth.disparity(first + i), depth.confidence(first + i));
                 sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);
-                middles(self.level, &self.sharp, c, parameters.least_confidence, depths, means);
+                let sharp = &self.sharp[..d.len()];
+                middles(self.level, sharp, c, parameters.least_confidence, depths, means);
             }
             // What lies beside each other there lies below each other here.
             for strip in 0..self.strips {
@@ -277,57 +278,53 @@ impl Run {
     }
 }
 
-/// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
-/// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the most
-/// that a surface rises over [`SEAM_COLUMNS`], in 1/256 px.
-fn sharpen(level: Level, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) {
-    out.copy_from_slice(row);
+kernel! {
+    /// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
+    /// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the
+    /// most that a surface rises over [`SEAM_COLUMNS`], in 1/256 px; `out` is longer than the row by
+    /// [`GROUP`].
+    fn sharpen(row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) = sharpen_row
+}
+
+#[inline(always)]
+fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) {
+    out[..row.len()].copy_from_slice(row);
     let Some(after) = row.get(SEAM_COLUMNS..) else { return };
+    // What begins in each column: 1 a steep rise, 2 a steep fall, 0 neither.
     let seams = &mut seams[..after.len()];
-    steps(level, row, after, steepest, seams);
+    for ((&a, &b), seam) in row.iter().zip(after).zip(seams.iter_mut()) {
+        let steep = (a > 0) & (b > 0) & (a.abs_diff(b) >= steepest);
+        let way = if b > a { 1_u16 } else { 2 };
+        *seam = (if steep { way } else { 0 }) as u8;
+    }
+    let bytes = |x: usize| seams[x..].first_chunk().map(|chunk| u64::from_le_bytes(*chunk));
+    let zeros = |bytes: u64| (bytes.trailing_zeros() / u8::BITS) as usize;
     let mut x = 0;
     while x < seams.len() {
         // Most columns have no seam, and many are told at once.
-        if let Some(chunk) = seams[x..].first_chunk() {
-            let none = u64::from_le_bytes(*chunk).trailing_zeros() / u8::BITS;
-            if none > 0 {
-                x += none as usize;
-                continue;
-            }
+        if let Some(bytes) = bytes(x)
+            && bytes as u8 == 0
+        {
+            x += zeros(bytes);
+            continue;
         }
         if seams[x] == 0 {
             x += 1;
             continue;
         }
-        let alike = match seams[x..].first_chunk() {
-            Some(chunk) => {
-                let other = u64::from_le_bytes(*chunk) ^ u64::from_le_bytes([seams[x]; 8]);
-                (other.trailing_zeros() / u8::BITS) as usize
-            }
-            None => 1,
-        };
+        let alike = bytes(x).map_or(1, |bytes| zeros(bytes ^ u64::from_ne_bytes([seams[x]; GROUP])));
         let more = seams[x + alike..].iter().take_while(|step| **step == seams[x]).count();
         let end = x + alike + more - 1 + SEAM_COLUMNS;
         let (a, b) = (row[x], row[end]);
-        for d in out[x + 1..end].iter_mut().filter(|d| **d > 0) {
-            *d = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
+        for first in (x + 1..end).step_by(GROUP) {
+            let Some(group) = out[first..].first_chunk_mut::<GROUP>() else { break };
+            let inside = (end - first).min(GROUP) as u16;
+            for (i, d) in group.iter_mut().enumerate() {
+                let side = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
+                *d = if (*d > 0) & ((i as u16) < inside) { side } else { *d };
+            }
         }
         x = end;
-    }
-}
-
-kernel! {
-    /// What begins in each column of a row, of which `after` begins [`SEAM_COLUMNS`] later: 1 a steep rise, 2 a
-    /// steep fall, 0 neither.
-    fn steps(row: &[u16], after: &[u16], steepest: u16, out: &mut [u8]) = every_step
-}
-
-#[inline(always)]
-fn every_step<S: Simd>(_: S, row: &[u16], after: &[u16], steepest: u16, out: &mut [u8]) {
-    for ((&a, &b), out) in row.iter().zip(after).zip(out) {
-        let steep = (a > 0) & (b > 0) & (a.abs_diff(b) >= steepest);
-        let way = if b > a { 1_u16 } else { 2 };
-        *out = (if steep { way } else { 0 }) as u8;
     }
 }
 
@@ -401,10 +398,15 @@ mod tests {
     #[test]
     fn a_seam_is_a_step_at_its_middle() {
         let sharp = |row: &[u16]| {
-            let mut out = vec![0; row.len()];
-            let mut seams = vec![0; row.len()];
-            sharpen(Level::best(), row, 200, &mut seams, &mut out);
-            out
+            let results = Level::available().into_iter().map(|level| {
+                let (mut out, mut seams) = (vec![0; row.len() + GROUP], vec![0; row.len()]);
+                sharpen(level, row, 200, &mut seams, &mut out);
+                out.truncate(row.len());
+                out
+            });
+            let results: Vec<_> = results.collect();
+            assert!(results.windows(2).all(|two| two[0] == two[1]), "{results:?}");
+            results.into_iter().next().unwrap()
         };
         let ramp = [500, 500, 500, 600, 700, 800, 900, 1000, 1000, 1000, 1000, 1000, 1000];
         let step = [500, 500, 500, 500, 500, 1000, 1000, 1000, 1000, 1000, 1000, 1000, 1000];

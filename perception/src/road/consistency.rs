@@ -113,7 +113,14 @@ impl Witness<'_> {
             let width = surfaces.to - surfaces.from;
             for (disparity_px, costs) in surfaces.disparity_px.iter().zip(&mut costs) {
                 match disparity_px {
-                    Some(d) => compare(self.stixels.level(), left.row(y), right.row(y), *d, surfaces.from, &mut costs[..width]),
+                    Some(d) => compare(
+                        self.stixels.level(),
+                        left.row(y),
+                        right.row(y),
+                        *d,
+                        surfaces.from,
+                        &mut costs[..width],
+                    ),
                     None => costs[..width].fill(NONE),
                 }
             }

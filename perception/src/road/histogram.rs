@@ -71,7 +71,15 @@ impl VDisparity {
         }
         for (y, counts) in self.counts.chunks_exact_mut(self.bins).enumerate() {
             let (row, confidence) = (depth.disparity(y), depth.confidence(y));
-            place(self.level, row, confidence, &self.least, least_confidence, self.bins as u16, &mut self.places);
+            place(
+                self.level,
+                row,
+                confidence,
+                &self.least,
+                least_confidence,
+                self.bins as u16,
+                &mut self.places,
+            );
             self.beside.fill(0);
             let (a, rest) = self.beside.split_at_mut(self.bins + 1);
             let (b, rest) = rest.split_at_mut(self.bins + 1);

@@ -18,6 +18,7 @@ pub mod small;
 pub mod stixels;
 pub mod straight;
 pub mod surface;
+pub mod viterbi;
 
 use crate::rig::Rig;
 use consistency::Witness;

@@ -1,11 +1,6 @@
-//! The road profile: a Viterbi path through v-disparity from a Radon start (paper, e(i, j)).
+//! The road's profile: its disparity in every row, and the row of every disparity.
 //!
-//! From the bottom up, every block of rows i takes the bin j that maximises
-//! `e(i, j) = H(i, j) + max { e(i+1, j′) − κ·|Δ| : η₀ ≤ j′ − j ≤ η₁ }`, where H sums the block's rows along
-//! the Radon line's slope, and Δ is how much the move j′ − j differs from the one before (the paper has
-//! moves alone; the price of a bend is what keeps the path off walls). The path must fall with
-//! distance, at least a little (η₀ > 0: what stands upright cannot be followed), at most some (η₁): so
-//! crests, dips and slopes are followed where the road is not a plane, up to where it is last seen.
+//! The road is followed through v-disparity ([`Viterbi`]), laid straight where it is nearly so, and smoothed.
 
 use super::ROAD_CONFIDENCE;
 use super::depth::DepthView;
@@ -14,33 +9,14 @@ use super::line_fit::LineFit;
 use super::plane;
 use super::radon::RoadLine;
 use super::straight::NearLine;
-use crate::simd::{Level, Simd, kernel};
+use super::viterbi::{BLOCK, Viterbi, middle};
 
-/// Rows of a block.
-pub(super) const BLOCK: usize = 8;
-/// Least and greatest fall of a path, as shares of the line's.
-const FALL: (f64, f64) = (0.5, 2.2);
-/// The same where the road may rise ahead.
-const RISING_FALL: (f64, f64) = (0.3, 2.2);
-/// What a bend by one bin a block costs, as a share of a block's greatest count.
-const STIFFNESS: f32 = 0.02;
-/// What a fall by a bin a block more or less than the line's costs, likewise.
-const PULL: f32 = 0.15;
-/// The greatest bend at once, in bins a block.
-const BEND: usize = 2;
-/// What is counted this many bins farther than the road lies beyond it, and counts so much against it.
-const CLEAR: usize = 6;
-const BEYOND: f32 = 0.3;
-/// Moves that are told apart.
-const MOVES: usize = 24;
 /// A block is supported by this share of its greatest count.
 const SUPPORTED: f32 = 0.2;
 /// Blocks without support that end the road.
 const LOST: usize = 3;
 /// Rows above the line's horizon in which a rising road is followed, as a share of the height.
 const RISE: f64 = 0.15;
-/// How much nearer than the line's a rising road may be, in px.
-const RISE_PX: f64 = 3.0;
 /// Share of the corridor that a rising road fills where nothing nearer hides it, and the least number of
 /// such blocks.
 const PLAIN: f32 = 0.5;
@@ -119,15 +95,7 @@ pub struct ProfileFinder {
     profile: RoadProfile,
     shape: Shape,
     bins: usize,
-    /// Counts of a block at each bin.
-    counts: Vec<f32>,
-    /// Best sum up to each last move and bin, for the block below and for this one.
-    energy: [Vec<f32>; 2],
-    /// The move before the last of each, block by block from below.
-    came: Vec<u8>,
-    /// The same of the bins of one move.
-    last: Vec<i32>,
-    level: Level,
+    viterbi: Viterbi,
     /// Disparity and weight of each block, from below.
     path: Vec<(f32, f32)>,
     /// Share of the corridor that shows the path in each block.
@@ -142,11 +110,7 @@ impl ProfileFinder {
             profile: RoadProfile::new(height, bins),
             shape: Shape::default(),
             bins,
-            counts: vec![0.0; bins],
-            energy: [vec![0.0; bins * MOVES], vec![0.0; bins * MOVES]],
-            came: vec![0; bins * MOVES * blocks],
-            last: vec![0; bins],
-            level: Level::best(),
+            viterbi: Viterbi::new(bins, height),
             path: Vec::with_capacity(blocks),
             shares: Vec::with_capacity(blocks),
         }
@@ -193,7 +157,7 @@ impl ProfileFinder {
         if self.shape == Shape::Plane {
             self.lay_plane(histogram, line, cap, level);
         } else {
-            self.follow(histogram, line, cap, rising, true);
+            self.viterbi.follow(histogram, line, cap, rising, true, &mut self.path);
             self.measure_shares(depth, corridor, below);
             let hidden = |share: &f32| share.is_nan();
             let mut risen = self.shares.iter().take_while(|s| hidden(s) || **s >= PLAIN).count();
@@ -203,7 +167,7 @@ impl ProfileFinder {
             if self.shares[..risen].iter().filter(|s| !hidden(s)).count() >= RISEN {
                 self.path.truncate(below + risen);
             } else {
-                self.follow(histogram, line, cap, level, false);
+                self.viterbi.follow(histogram, line, cap, level, false, &mut self.path);
             }
         }
         let supported = |&&(_, weight): &&(f32, f32)| weight >= SUPPORTED * (usize::from(cap) * BLOCK) as f32;
@@ -235,44 +199,7 @@ impl ProfileFinder {
 
     /// Middle row of a block, counted from below.
     fn middle(&self, block: usize) -> f64 {
-        (self.profile.disparity_px.len() - BLOCK * block) as f64 - 0.5 * (BLOCK + 1) as f64
-    }
-
-    /// The bins in which the road of row `y` may lie.
-    fn band(&self, line: RoadLine, y: f64, rise_px: f64) -> (usize, usize) {
-        let per_px = BINS_PER_PX as f64;
-        let centre = line.at(y).max(0.0);
-        let half = 2.5 + 0.1 * centre;
-        let low = ((centre - half).max(0.5) * per_px) as usize;
-        let high = ((centre + half + rise_px) * per_px) as usize;
-        (low.min(self.bins - 1), high.min(self.bins - 1))
-    }
-
-    /// What speaks for each bin of a band in a block, along the line's slope: what is counted there, less
-    /// what is counted beyond, for nothing is seen through the road.
-    fn gather(
-        histogram: &VDisparity,
-        block: usize,
-        fall: f64,
-        cap: u16,
-        (low, high): (usize, usize),
-        out: &mut [f32],
-    ) {
-        out[low..=high].fill(0.0);
-        let bottom = histogram.height() - 1 - BLOCK * block;
-        for up in 0..BLOCK {
-            let row = histogram.row(bottom - up);
-            let shift = ((0.5 * (BLOCK - 1) as f64 - up as f64) * fall / BLOCK as f64).round() as isize;
-            let count = |b: usize| row.get(b).map_or(0.0, |&c| f32::from(c.min(cap)));
-            let first = low.saturating_add_signed(shift);
-            let beyond = &row[..first.saturating_sub(CLEAR).min(row.len())];
-            let mut beyond = beyond.iter().map(|&c| u32::from(c)).sum::<u32>() as f32;
-            for (at, sum) in (first..).zip(&mut out[low..=high]) {
-                beyond += count(at.wrapping_sub(CLEAR));
-                *sum += 0.5 * count(at.wrapping_sub(1)) + count(at) + 0.5 * count(at + 1);
-                *sum -= BEYOND * beyond.min(f32::from(cap));
-            }
-        }
+        middle(self.profile.disparity_px.len(), block)
     }
 
     /// How much of the corridor shows the path from a block on, of what nothing nearer hides; NaN where
@@ -311,83 +238,6 @@ impl ProfileFinder {
             let weight: f64 = counts.map(|(_, count)| count).sum();
             // The least weight keeps the line straight where nothing is counted.
             self.path.push((plane.at(self.middle(block)).max(0.0) as f32, weight.max(1.0) as f32));
-        }
-    }
-
-    fn follow(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize, rises: bool) {
-        let (bins, states) = (self.bins, self.bins * MOVES);
-        let (fall_share, rise_px) = if rises { (RISING_FALL, RISE_PX) } else { (FALL, 0.0) };
-        let fall = line.slope * (BLOCK * BINS_PER_PX) as f64;
-        let least = ((fall_share.0 * fall).round() as usize).max(1);
-        let moves = (((fall_share.1 * fall).ceil() as usize).max(least + 1) + 1 - least).min(MOVES);
-        let bend = STIFFNESS * (usize::from(cap) * BLOCK) as f32;
-        let pull = PULL * (usize::from(cap) * BLOCK) as f32;
-        let [mut old, mut new] = std::mem::take(&mut self.energy);
-        // Where the best path ends: block, state, energy.
-        let mut best_end = (0, 0, f32::NEG_INFINITY);
-        for block in 0..blocks {
-            let (low, high) = self.band(line, self.middle(block), rise_px);
-            // What the next block will ask for.
-            let next = self.band(line, self.middle(block + 1), rise_px);
-            let asked = low.min(next.0 + least)..(high.max(next.1 + least + moves) + 1).min(bins);
-            Self::gather(histogram, block, fall, cap, (low, high), &mut self.counts);
-            let mut most = f32::NEG_INFINITY;
-            for step in 0..moves {
-                let off = ((least + step) as f32 - fall as f32).abs();
-                let row = &mut new[step * bins..][..bins];
-                row[asked.clone()].fill(f32::NEG_INFINITY);
-                let last = &mut self.last[low..=high];
-                last.fill(step as i32);
-                if block == 0 {
-                    row[low..=high].fill(-bend * off);
-                } else {
-                    let from = (low + least + step).min(bins);
-                    let count = (high + 1 - low).min(bins - from);
-                    for before in step.saturating_sub(BEND)..(step + BEND + 1).min(moves) {
-                        let cost = bend * step.abs_diff(before) as f32;
-                        let energies = &old[before * bins + from..][..count];
-                        let best = &mut row[low..][..count];
-                        follow_move(self.level, energies, before as i32, cost, best, &mut last[..count]);
-                    }
-                }
-                let pull = pull * off;
-                for (energy, count) in row[low..=high].iter_mut().zip(&self.counts[low..=high]) {
-                    *energy = *energy + count - pull;
-                    most = if *energy > most { *energy } else { most };
-                }
-                let came = &mut self.came[block * states + step * bins + low..][..high + 1 - low];
-                came.iter_mut().zip(last).for_each(|(came, last)| *came = *last as u8);
-            }
-            if most > best_end.2 {
-                let mut ends = (low..=high).flat_map(|bin| (0..moves).map(move |step| step * bins + bin));
-                if let Some(state) = ends.find(|&state| new[state] == most) {
-                    best_end = (block, state, most);
-                }
-            }
-            std::mem::swap(&mut old, &mut new);
-        }
-        self.energy = [old, new];
-        let (end, mut state, _) = best_end;
-        self.path.clear();
-        self.path.resize(blocks.max(end + 1), (0.0, 0.0));
-        for block in (0..=end).rev() {
-            let (step, bin) = (state / bins, state % bins);
-            let (mut sum, mut moment) = (0.0, 0.0);
-            for up in 0..BLOCK {
-                let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
-                let shift = (0.5 * (BLOCK - 1) as f32 - up as f32) * (least + step) as f32 / BLOCK as f32;
-                let centre = bin as f32 + shift;
-                let first = (centre.round() as usize).saturating_sub(2);
-                for (b, &count) in row.iter().enumerate().skip(first).take(5) {
-                    let count = f32::from(count.min(cap));
-                    sum += count;
-                    moment += count * (b as f32 + 0.5 - shift);
-                }
-            }
-            let place = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
-            self.path[block] = (place / BINS_PER_PX as f32, sum);
-            let from = usize::from(self.came[block * states + state]);
-            state = from * bins + (bin + least + step).min(bins - 1);
         }
     }
 
@@ -470,29 +320,6 @@ impl ProfileFinder {
                 profile.row_of_bin[bin] = y as f32 + share;
             }
         }
-    }
-}
-
-kernel! {
-    /// Takes a move before the last wherever it is better than what was: energies of the places that it came
-    /// to, less its cost.
-    fn follow_move(energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) = follow_each
-}
-
-#[inline(always)]
-fn follow_each<S: Simd>(
-    _: S,
-    energies: &[f32],
-    before: i32,
-    cost: f32,
-    best: &mut [f32],
-    last: &mut [i32],
-) {
-    for ((energy, best), last) in energies.iter().zip(best).zip(last) {
-        let energy = energy - cost;
-        let better = energy > *best;
-        *best = if better { energy } else { *best };
-        *last = if better { before } else { *last };
     }
 }
 

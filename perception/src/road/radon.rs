@@ -1,6 +1,7 @@
 //! The straight start of the road model: the Radon transform of v-disparity (paper, R{U}).
 
 use super::histogram::{BINS_PER_PX, VDisparity};
+use crate::simd::{Level, Simd, kernel};
 
 /// A straight road in v-disparity: disparity = `slope`·(row − `horizon`).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,20 +38,17 @@ const GROUP: usize = 32;
 const BESIDE: usize = 4;
 /// Rows above the first horizon that are looked at all the same.
 const ABOVE_PX: f64 = 4.0;
-/// One offset, in the units that lines are followed in.
-const FIXED_BITS: u32 = 32;
-const FIXED: f64 = (1_u64 << FIXED_BITS) as f64;
-
-/// A cell of the histogram: bin, row, capped count.
-type Cell = (u16, u16, u16);
+/// A number that has no room for places behind the point: what is added is rounded, into its last bits.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
 
 /// Sums v-disparity along lines, with memory allocated once.
 #[derive(Debug)]
 pub struct Radon {
     /// Sums along each line of the current angle, by its offset.
     sums: [Vec<u32>; BESIDE],
-    /// Those that count.
-    cells: Vec<Cell>,
+    /// Cells of the histogram that count: bin, row, and capped count, in whole groups.
+    cells: [Vec<u16>; 3],
+    level: Level,
 }
 
 impl Radon {
@@ -59,7 +57,8 @@ impl Radon {
         let lines = 2 * (bins + height) + 2;
         Self {
             sums: std::array::from_fn(|_| vec![0; lines]),
-            cells: Vec::with_capacity((bins * height).next_multiple_of(BESIDE)),
+            cells: std::array::from_fn(|_| Vec::with_capacity((bins * height).next_multiple_of(GROUP))),
+            level: Level::best(),
         }
     }
 
@@ -67,7 +66,10 @@ impl Radon {
     /// (many pixels at one disparity) does not outweigh a road (some in every row).
     /// `None` when no line in the range has any support.
     pub fn strongest(&mut self, histogram: &VDisparity, range: RadonRange, cap: u16) -> Option<RoadLine> {
-        self.cells.clear();
+        let [bins, rows, capped] = &mut self.cells;
+        bins.clear();
+        rows.clear();
+        capped.clear();
         let least = (cap / 8).max(1);
         // A line has no cells above its horizon but those that it touches by rounding.
         let first = (range.horizon_px.0 - ABOVE_PX).clamp(0.0, histogram.height() as f64) as usize;
@@ -78,12 +80,17 @@ impl Radon {
                     continue;
                 }
                 for (i, &count) in counts.iter().enumerate().filter(|(_, count)| **count >= least) {
-                    self.cells.push(((GROUP * group + i) as u16, y as u16, count.min(cap)));
+                    bins.push((GROUP * group + i) as u16);
+                    rows.push(y as u16);
+                    capped.push(count.min(cap));
                 }
             }
         }
         // What counts nothing fills up the last group.
-        self.cells.resize(self.cells.len().next_multiple_of(BESIDE), (0, first as u16, 0));
+        let whole = bins.len().next_multiple_of(GROUP);
+        bins.resize(whole, 0);
+        rows.resize(whole, first as u16);
+        capped.resize(whole, 0);
         let lines = self.sums[0].len();
         let mut best: Option<(u32, f64, f64)> = None;
         let (low, high) = range.slope;
@@ -99,25 +106,13 @@ impl Radon {
             let centre = -0.5 / bins_per_row;
             // Offsets fall as the horizon does; one more on either side for what rounds.
             let place = |horizon_px: f64| ((horizon_px - centre) * sin + shift - 0.5).max(0.0);
-            let from = (place(range.horizon_px.1) as usize).saturating_sub(1).min(lines - 1);
+            let from = (place(range.horizon_px.1) as usize).saturating_sub(1).min(lines - 2);
             let to = (place(range.horizon_px.0) as usize + 3).clamp(from + 1, lines - 1);
             for sums in &mut self.sums {
                 sums[from..=to].fill(0);
             }
-            // In 2^-32 of an offset; a half more, so that what is cut off rounds.
-            let fixed = |v: f64| (v * FIXED).round() as i64;
-            let (across, down, start) = (fixed(cos), fixed(sin), fixed(shift + 0.5));
+            project(self.level, [bins, rows, capped], [cos, sin, shift], &mut self.sums);
             let [a, b, c, d] = &mut self.sums;
-            for [i, j, k, l] in self.cells.as_chunks::<BESIDE>().0 {
-                // Half offsets: a line one bin wide catches what rounding spreads.
-                let place = |&(bin, row, _): &Cell| {
-                    ((i64::from(bin) * across + i64::from(row) * down + start) >> FIXED_BITS) as usize
-                };
-                a[place(i)] += u32::from(i.2);
-                b[place(j)] += u32::from(j.2);
-                c[place(k)] += u32::from(k.2);
-                d[place(l)] += u32::from(l.2);
-            }
             for i in from..=to {
                 a[i] += b[i] + c[i] + d[i];
             }
@@ -138,6 +133,35 @@ impl Radon {
             let support = (f64::from(sum) / (rows * f64::from(cap.max(1)))).min(1.0);
             RoadLine { slope, horizon_px, support }
         })
+    }
+}
+
+kernel! {
+    /// Adds the counts of cells (bins, rows, counts, in whole groups) to the lines that they lie on: those of
+    /// offset bin·cosφ + row·sinφ + shift, rounded; `line` has the three factors.
+    fn project(cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; BESIDE]) = project_each
+}
+
+#[inline(always)]
+fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; BESIDE]) {
+    let [bins, rows, counts] = cells.map(|cells| cells.as_chunks::<GROUP>().0);
+    let [a, b, c, d] = sums.each_mut().map(|sums| &mut sums[..]);
+    let mut places = [0_u32; GROUP];
+    for ((bins, rows), counts) in bins.iter().zip(rows).zip(counts) {
+        for i in 0..GROUP {
+            let offset = f64::from(bins[i]) * line[0] + f64::from(rows[i]) * line[1] + line[2];
+            places[i] = (offset + WHOLE).to_bits() as u32;
+        }
+        // Half offsets: a line one bin wide catches what rounding spreads.
+        for (places, counts) in places.as_chunks::<BESIDE>().0.iter().zip(counts.as_chunks::<BESIDE>().0) {
+            let [i, j, k, l] = places.map(|place| place as usize);
+            let [p, q, r, s] = counts.map(u32::from);
+            // What is not asked for is not begun anew: it may wrap.
+            a[i] = a[i].wrapping_add(p);
+            b[j] = b[j].wrapping_add(q);
+            c[k] = c[k].wrapping_add(r);
+            d[l] = d[l].wrapping_add(s);
+        }
     }
 }
 

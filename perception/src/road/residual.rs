@@ -162,7 +162,8 @@ impl Residual {
         self.gain = gain.clamp(1.0 / GREATEST_GAIN, GREATEST_GAIN);
         let pitch = self.width + 1;
         // Nothing lies above the first row: one column, that of its corridor, is enough.
-        let [mut from, mut to] = [ground.columns(self.first.min(self.height - 1), half_m, self.width).start; 2];
+        let [mut from, mut to] =
+            [ground.columns(self.first.min(self.height - 1), half_m, self.width).start; 2];
         self.sums[self.first * pitch + from] = [0; 4];
         self.kept[self.first] = [from as u32; 2];
         for y in rows {
@@ -212,7 +213,11 @@ impl Residual {
         let edge = |y: i32| {
             let y = y.clamp(self.first as i32, self.height as i32) as usize;
             let [from, to] = self.kept[y];
-            Edge { from: from as i32, to: to as i32, sums: &self.sums[y * (self.width + 1)..][..self.width + 1] }
+            Edge {
+                from: from as i32,
+                to: to as i32,
+                sums: &self.sums[y * (self.width + 1)..][..self.width + 1],
+            }
         };
         Band { top: edge(top), bottom: edge(bottom) }
     }
@@ -264,7 +269,10 @@ impl Band<'_> {
 
     #[inline(always)]
     fn add_up(&self, left: i32, right: i32) -> [u32; 4] {
-        minus(minus(self.bottom.at(right), self.top.at(right)), minus(self.bottom.at(left), self.top.at(left)))
+        minus(
+            minus(self.bottom.at(right), self.top.at(right)),
+            minus(self.bottom.at(left), self.top.at(left)),
+        )
     }
 }
 

@@ -145,8 +145,13 @@ impl Stixels {
         let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
         for first in (0..self.height).step_by(ROWS) {
             let rows = ROWS.min(self.height - first);
-            for (i, (depths, means)) in
-                self.rows.0.chunks_exact_mut(self.strips).zip(self.rows.1.chunks_exact_mut(self.strips)).take(rows).enumerate()
+            for (i, (depths, means)) in self
+                .rows
+                .0
+                .chunks_exact_mut(self.strips)
+                .zip(self.rows.1.chunks_exact_mut(self.strips))
+                .take(rows)
+                .enumerate()
             {
                 let (d, c) = (depth.disparity(first + i), depth.confidence(first + i));
                 sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);

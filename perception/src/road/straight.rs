@@ -7,7 +7,7 @@
 
 use super::histogram::{BINS_PER_PX, VDisparity};
 use super::line_fit::LineFit;
-use super::profile::BLOCK;
+use super::viterbi::BLOCK;
 
 /// Share of the road's disparity in the lowest row from which on a row is near.
 const NEAR: f64 = 0.23;

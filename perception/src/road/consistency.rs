@@ -381,7 +381,7 @@ mod tests {
         let (left, right) = ([0, 50, 0, 50, 0, 50, 0, 50, 0, 50, 0, 50], [7; 12]);
         for disparity_px in [0.0, 0.5, 1.0, 3.3, 5.9, 6.0, 7.0, 200.0, f32::MAX, f32::INFINITY, f32::NAN] {
             let mut costs = [-1.0; 6];
-            compare(&left, &right, disparity_px, 3, &mut costs);
+            compare(Level::best(), &left, &right, disparity_px, 3, &mut costs);
             let hidden = if disparity_px.is_nan() { 0 } else { (disparity_px.ceil() as usize).min(6) };
             assert!(costs[..hidden].iter().all(|cost| *cost == MOST), "{disparity_px}: {costs:?}");
             assert!(costs.iter().all(|cost| *cost != -1.0), "{disparity_px}: {costs:?}");
@@ -416,6 +416,22 @@ mod tests {
             assert!((least - best).abs() < 1e-3, "{least} {best}");
             let (without, none) = explain(&costs, 7, &WITHOUT);
             assert!(without >= least - 1e-3 && none.is_none(), "{own:?}");
+        }
+    }
+
+    #[test]
+    fn all_levels_find_the_differences_of_gradients() {
+        let mut random = fastrand::Rng::with_seed(1);
+        let (left, right): (Vec<u8>, Vec<u8>) = (0..80).map(|_| (random.u8(..), random.u8(..))).unzip();
+        for level in Level::available() {
+            let mut costs = [0.0; 77];
+            differ(level, &left, &right, 0.3, &mut costs);
+            for (x, cost) in costs.iter().enumerate() {
+                let [e, f, g, h] = [0, 1, 2, 3].map(|k| f32::from(right[x + k]));
+                let gradient = (g - e) + 0.3 * ((h - f) - (g - e));
+                let expected = (f32::from(left[x + 2]) - f32::from(left[x]) - gradient).abs().min(MOST);
+                assert_eq!(*cost, expected, "{} {x}", level.name());
+            }
         }
     }
 }

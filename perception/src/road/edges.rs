@@ -316,4 +316,27 @@ mod tests {
         let kerbs = (0..5).map(|seed| map([-3.0, 3.0], 0.12, 0.0, seed));
         assert_eq!(edges(kerbs.chain([empty])), Edges::default());
     }
+
+    #[test]
+    fn all_levels_place_pixels_in_the_cells_that_dividing_gives() {
+        let mut random = fastrand::Rng::with_seed(1);
+        let ends_px = ENDS_M.map(|z| (256.0 * RIG.disparity_px(z)) as u16);
+        let mut pixels = Pixels::default();
+        for _ in 0..BATCH - 1 {
+            let d = random.u16(ends_px[STRETCHES] + 1..ends_px[0]);
+            pixels.push(f32::from(random.u16(..640)), 300.0, d, true);
+        }
+        for level in Level::available() {
+            let mut places = [0; BATCH];
+            place(level, &pixels, RIG, &ends_px, &mut places);
+            for (i, place) in places.iter().enumerate().take(pixels.count()) {
+                let distance_m = RIG.distance_m(f64::from(pixels.disparity[i]) / 256.0);
+                let across = RIG.lateral_m(f64::from(pixels.x_px[i]), distance_m) / CELL_M;
+                let stretch = ends_px[1..STRETCHES].iter().filter(|end| pixels.disparity[i] <= **end).count();
+                let cell = (2 * stretch + usize::from(across >= 0.0)) * CELLS + across.abs() as usize;
+                let expected = if across.abs() < CELLS as f64 { cell as u16 } else { u16::MAX };
+                assert_eq!(*place, expected, "{} {i}", level.name());
+            }
+        }
+    }
 }

@@ -163,4 +163,20 @@ mod tests {
         histogram.fill(depth(&map, &[99, 99, 100, 100, 100, 100, 100, 100]), 100, Corridor::ALL);
         assert_eq!(histogram.row(0)[4], 1, "doubtful ones are left out");
     }
+
+    #[test]
+    fn all_levels_place_pixels_in_the_bins_that_one_by_one_gives() {
+        let mut random = fastrand::Rng::with_seed(1);
+        let row: Vec<u16> = (0..77).map(|_| random.u16(..9000)).collect();
+        let least: Vec<u16> = (0..77).map(|_| random.u16(1..4000)).collect();
+        let confidence: Vec<u8> = (0..77).map(|_| random.u8(..)).collect();
+        for level in Level::available() {
+            let mut places = vec![0; 77];
+            place(level, &row, &confidence, &least, 100, 128, &mut places);
+            for (x, place) in places.iter().enumerate() {
+                let counts = row[x] >= least[x] && confidence[x] >= 100 && row[x] / BIN_STEP < 128;
+                assert_eq!(*place, if counts { row[x] / BIN_STEP } else { 128 }, "{} {x}", level.name());
+            }
+        }
+    }
 }

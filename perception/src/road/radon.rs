@@ -207,4 +207,23 @@ mod tests {
         let range = RadonRange { slope: (0.04, 1.0), horizon_px: (0.0, 40.0) };
         assert_eq!(Radon::new(histogram.bins(), 50).strongest(&histogram, range, 5), None);
     }
+
+    #[test]
+    fn all_levels_project_cells_onto_the_lines_that_rounding_gives() {
+        let mut random = fastrand::Rng::with_seed(1);
+        let mut cells = |most| -> Vec<u16> { (0..4 * GROUP).map(|_| random.u16(..most)).collect() };
+        let (bins, rows, counts) = (cells(256), cells(480), cells(40));
+        let (sin, cos) = (-0.4_f64).sin_cos();
+        let mut expected = vec![0_u32; 2000];
+        for ((bin, row), count) in bins.iter().zip(&rows).zip(&counts) {
+            let offset = f64::from(*bin) * cos + f64::from(*row) * sin + 481.0;
+            expected[offset.round() as usize] += u32::from(*count);
+        }
+        for level in Level::available() {
+            let mut sums: [Vec<u32>; BESIDE] = std::array::from_fn(|_| vec![0; 2000]);
+            project(level, [&bins, &rows, &counts], [cos, sin, 481.0], &mut sums);
+            let all: Vec<u32> = (0..2000).map(|i| sums.iter().map(|sums| sums[i]).sum()).collect();
+            assert_eq!(all, expected, "{}", level.name());
+        }
+    }
 }

@@ -506,4 +506,24 @@ mod tests {
         // The two cover other parts of the wave.
         assert!((residual.gain() - 1.0 / 0.9).abs() < 0.05, "{}", residual.gain());
     }
+
+    #[test]
+    fn what_is_prominent_always_may_be() {
+        let (left, right) = (noise(3), noise(4));
+        let profile: Vec<f32> = (0..SIZE.1).map(|y| 0.2 * y as f32).collect();
+        let ground = Ground { profile_px: &profile, tilt: Tilt::default(), rig: RIG };
+        let mut residual = Residual::new(SIZE.0, SIZE.1);
+        residual.fill([view(&left), view(&right)], &ground, 5, 5.0);
+        let mut random = fastrand::Rng::with_seed(1);
+        let (mut prominent, mut quickly) = (0, 0);
+        for _ in 0..4000 {
+            let [x, y] = [random.i32(-5..60), random.i32(0..38)];
+            let (right, bottom) = (x + random.i32(1..12), y + random.i32(1..12));
+            let is = residual.sums([x, y, right, bottom]).prominence(1.0).abs() >= 30.0;
+            let may = residual.band(y, bottom).may_be_prominent(x, right, 30.0);
+            assert!(may || !is, "{:?}", [x, y, right, bottom]);
+            (prominent, quickly) = (prominent + usize::from(is), quickly + usize::from(!may));
+        }
+        assert!(prominent > 100 && quickly > 100, "{prominent} {quickly}");
+    }
 }

@@ -209,7 +209,7 @@ mod tests {
     /// Disparities about a road of 10 px and 90 columns, some of them unknown, in two rows.
     fn map() -> (Vec<u16>, Vec<u8>) {
         let mut random = fastrand::Rng::with_seed(5);
-        let mut pixel = |_| if random.u8(..) < 40 { 0 } else { random.u16(1800..3300) };
+        let mut pixel = |_| if random.u8(..) < 40 { 0 } else { random.u16(2200..2950) };
         let map = (0..180).map(&mut pixel).collect();
         (map, (0..180).map(|_| random.u8(..)).collect())
     }

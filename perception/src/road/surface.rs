@@ -275,3 +275,43 @@ fn glance_at_each<S: Simd>(
         *out = u8::from((d >= glance.least) & stands & !too_high);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_levels_glance_at_what_may_stand_and_miss_nothing_that_does() {
+        const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 40.0, cy_px: 100.0 };
+        let mut random = fastrand::Rng::with_seed(1);
+        let mut surface = Surface::new(RIG, 80, 240, 64);
+        for (i, row) in surface.rows.iter_mut().enumerate() {
+            // A crest, by 0.2 px a row.
+            *row = 100.0 + 5.0 * i as f32 / FINE as f32 + 3.0 * (i as f32 / 100.0).sin();
+        }
+        surface.tilt = Tilt { roll: 0.01, offset_px: 0.1, cx_px: 40.0 };
+        surface.measure_steepness();
+        surface.shown_px = (0..240).map(|y| 0.2 * (y as f32 - 100.0).max(0.0)).collect();
+        let disparity: Vec<u16> = (0..240).map(|_| random.u16(..12_000)).collect();
+        let glance = Glance { least: 600, rise_px: 0.2, greatest_m: 2.5 };
+        let mut first: Option<Vec<u8>> = None;
+        for level in Level::available() {
+            let mut stands = vec![9; 240];
+            surface.simd = level;
+            surface.may_stand(31.0, &disparity, glance, &mut stands);
+            assert_eq!(*first.get_or_insert(stands.clone()), stands, "{}", level.name());
+            let mut standing = 0;
+            for (y, &d) in disparity.iter().enumerate() {
+                let px = f64::from(d) / 256.0;
+                let rises = surface.tilt.level(31.0, px) - f64::from(surface.shown_px[y]) >= glance.rise_px;
+                let height_m = surface.height_m(31.0, y as f64, px.max(0.01));
+                let does = d >= glance.least && rises && height_m <= glance.greatest_m;
+                assert!(stands[y] == 1 || !does, "row {y}, {height_m} m");
+                assert!(stands[y] == 0 || (d >= glance.least && rises));
+                standing += usize::from(does);
+            }
+            let glanced = stands.iter().filter(|s| **s == 1).count();
+            assert!(standing > 20 && glanced < standing + 40, "{standing} of {glanced}");
+        }
+    }
+}

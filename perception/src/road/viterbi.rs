@@ -205,3 +205,24 @@ fn follow_each<S: Simd>(_: S, energies: &[f32], before: i32, cost: f32, best: &m
         *last = if better { before } else { *last };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_levels_take_the_better_move_and_keep_what_is_as_good() {
+        let mut random = fastrand::Rng::with_seed(1);
+        let mut energies = || -> Vec<f32> { (0..77).map(|_| random.u8(..9).into()).collect() };
+        let (first, second) = (energies(), energies());
+        for level in Level::available() {
+            let (mut best, mut last) = (first.clone(), vec![3; 77]);
+            follow_move(level, &second, 5, 2.0, &mut best, &mut last);
+            for i in 0..77 {
+                let better = second[i] - 2.0 > first[i];
+                let expected = if better { (second[i] - 2.0, 5) } else { (first[i], 3) };
+                assert_eq!((best[i], last[i]), expected, "{}", level.name());
+            }
+        }
+    }
+}

@@ -8,6 +8,7 @@ use super::depth::DepthView;
 use super::heights::{BATCH, Pixels};
 use super::surface::Surface;
 use crate::rig::Rig;
+use crate::simd::whole::whole_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// Stretches that have an edge of their own.
@@ -21,8 +22,6 @@ const CELLS: usize = 40;
 const STEP: usize = 2;
 /// What is farther from the road's height is neither it nor its edge, in metres.
 const GREATEST_M: f64 = 0.5;
-/// A number that has no room for places behind the point.
-const WHOLE: f64 = 4_503_599_627_370_496.0;
 /// Share of the heights of a frame that counts in the next.
 const MEMORY: f32 = 0.8;
 /// Pixels of a row that are looked at together.
@@ -224,11 +223,8 @@ fn place_each<S: Simd>(
         let across = rig.lateral_m(f64::from(pixels.x_px[i]), distance_m) / CELL_M;
         let beyond = ends_px[1..STRETCHES].iter().fold(0, |n, &end| n + u16::from(d <= end));
         let side = u16::from(across >= 0.0);
-        // Written so that NaN is in none. There are so few cells that a float's last bits are its whole part.
-        let out_of_it = if across.abs() < CELLS as f64 { across.abs() } else { CELLS as f64 };
-        let near = out_of_it + WHOLE;
-        let whole = if near - WHOLE > out_of_it { near - 1.0 } else { near };
-        let cell = whole.to_bits() as u16;
+        // Written so that NaN is in none.
+        let cell = whole_f64(if across.abs() < CELLS as f64 { across.abs() } else { CELLS as f64 }) as u16;
         let place = (2 * beyond + side) * CELLS as u16 + cell;
         out[i] = if cell < CELLS as u16 { place } else { u16::MAX };
     }

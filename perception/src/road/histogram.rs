@@ -69,7 +69,7 @@ impl VDisparity {
             let columns = (x as f32 - corridor.centre_px).abs();
             *least = (256.0 * columns / corridor.columns_per_px).ceil().max(1.0) as u16;
         }
-        for (y, counts) in self.counts.chunks_exact_mut(self.bins).enumerate() {
+        for (y, counts) in self.counts.chunks_exact_mut(self.bins.max(1)).enumerate() {
             let (row, confidence) = (depth.disparity(y), depth.confidence(y));
             place(
                 self.level,
@@ -84,11 +84,15 @@ impl VDisparity {
             let (a, rest) = self.beside.split_at_mut(self.bins + 1);
             let (b, rest) = rest.split_at_mut(self.bins + 1);
             let (c, d) = rest.split_at_mut(self.bins + 1);
+            let add = |counts: &mut [u16], place: u16| {
+                let count = &mut counts[usize::from(place)];
+                *count = count.saturating_add(1);
+            };
             for [i, j, k, l] in self.places.as_chunks::<BESIDE>().0 {
-                a[usize::from(*i)] += 1;
-                b[usize::from(*j)] += 1;
-                c[usize::from(*k)] += 1;
-                d[usize::from(*l)] += 1;
+                add(a, *i);
+                add(b, *j);
+                add(c, *k);
+                add(d, *l);
             }
             for ((((count, a), b), c), d) in counts.iter_mut().zip(a).zip(b).zip(c).zip(d) {
                 *count = a.saturating_add(*b).saturating_add(c.saturating_add(*d));

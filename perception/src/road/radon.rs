@@ -1,6 +1,7 @@
 //! The straight start of the road model: the Radon transform of v-disparity (paper, R{U}).
 
 use super::histogram::{BINS_PER_PX, VDisparity};
+use crate::simd::whole::nearest_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// A straight road in v-disparity: disparity = `slope`·(row − `horizon`).
@@ -38,8 +39,6 @@ const GROUP: usize = 32;
 const BESIDE: usize = 4;
 /// Rows above the first horizon that are looked at all the same.
 const ABOVE_PX: f64 = 4.0;
-/// A number that has no room for places behind the point: what is added is rounded, into its last bits.
-const WHOLE: f64 = 4_503_599_627_370_496.0;
 
 /// Sums v-disparity along lines, with memory allocated once.
 #[derive(Debug)]
@@ -104,7 +103,7 @@ impl Radon {
             let shift = histogram.height() as f64 + 1.0;
             // The line crosses the centre of bin 0 (1/8 px) half a bin below the horizon.
             let centre = -0.5 / bins_per_row;
-            // Offsets fall as the horizon does; one more on either side for what rounds.
+            // Offsets fall as the horizon does; some more on either side for what rounds.
             let place = |horizon_px: f64| ((horizon_px - centre) * sin + shift - 0.5).max(0.0);
             let from = (place(range.horizon_px.1) as usize).saturating_sub(1).min(lines - 2);
             let to = (place(range.horizon_px.0) as usize + 3).clamp(from + 1, lines - 1);
@@ -116,6 +115,7 @@ impl Radon {
             for i in from..=to {
                 a[i] += b[i] + c[i] + d[i];
             }
+            // Half offsets: a line one bin wide catches what rounding spreads.
             for (i, window) in a.windows(2).enumerate().take(to).skip(from) {
                 let sum = window[0] + window[1];
                 if best.is_some_and(|(greatest, ..)| sum <= greatest) || sum == 0 {
@@ -150,9 +150,8 @@ fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [V
     for ((bins, rows), counts) in bins.iter().zip(rows).zip(counts) {
         for i in 0..GROUP {
             let offset = f64::from(bins[i]) * line[0] + f64::from(rows[i]) * line[1] + line[2];
-            places[i] = (offset + WHOLE).to_bits() as u32;
+            places[i] = nearest_f64(offset);
         }
-        // Half offsets: a line one bin wide catches what rounding spreads.
         for (places, counts) in places.as_chunks::<BESIDE>().0.iter().zip(counts.as_chunks::<BESIDE>().0) {
             let [i, j, k, l] = places.map(|place| place as usize);
             let [p, q, r, s] = counts.map(u32::from);

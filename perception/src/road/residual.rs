@@ -8,12 +8,11 @@
 use super::surface::Tilt;
 use crate::image::GreyView;
 use crate::rig::Rig;
+use crate::simd::whole::nearest;
 use crate::simd::{Level, Simd, kernel};
 
 /// Greatest gradient and difference that are counted, in half grey levels: sums of a window then fit.
 const MOST: f32 = 254.0;
-/// What rounds when it is added: whole numbers are apart by one there.
-const ROUND: f32 = 12_582_912.0;
 /// Columns at either border of a row that are left out: an interpolation and a gradient need them.
 const BORDER: f32 = 3.0;
 /// Rows and columns between the samples of the gain.
@@ -264,7 +263,7 @@ impl Band<'_> {
         let [gradient, product, ..] = self.add_up(left, right);
         let product = f64::from(product as i32);
         // Both in quarters.
-        product * product >= 4.0 * least * least * f64::from(gradient)
+        product * product > 4.0 * least * least * f64::from(gradient)
     }
 
     #[inline(always)]
@@ -318,7 +317,7 @@ fn compare_row<S: Simd>(
     above: &[[u32; 4]],
     here: &mut [[u32; 4]],
 ) {
-    // Whole numbers of 32 bits are what all levels make floats of.
+    // i32 first: not every level can turn usize into floats.
     let place = |k: usize| line.at + line.step * (k as i32) as f32;
     for (block, moved) in moved.chunks_mut(BLOCK).enumerate() {
         let (from, to) = (block * BLOCK, block * BLOCK + moved.len());
@@ -356,12 +355,10 @@ fn compare_row<S: Simd>(
             let grey = |i: usize| f32::from(row[i]);
             let gradient = 0.5 * (grey(2) - grey(0) + moved[2] - moved[0]);
             let difference = 2.0 * (moved[1] - grey(1));
-            // Adding so much leaves no places behind the point: it rounds as the processor does, and the last
-            // bits are the whole number.
+            // Written so that NaN is the least.
             let whole = |v: f32| {
                 let v = if v > -MOST { v } else { -MOST };
-                let v = if v < MOST { v } else { MOST };
-                (v + ROUND).to_bits().wrapping_sub(ROUND.to_bits()) as i32
+                nearest(if v < MOST { v } else { MOST })
             };
             let (g, r) = (whole(gradient), whole(difference));
             *term = [g * g, g * r, r * r, 1];

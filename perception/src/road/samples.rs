@@ -2,12 +2,11 @@
 
 use super::depth::DepthView;
 use super::surface::Tilt;
+use crate::simd::whole::whole_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// Columns between samples.
 const STEP: usize = 4;
-/// A number that has no room for places behind the point: its last bits are the whole part of what is added.
-const WHOLE: f64 = 4_503_599_627_370_496.0;
 /// Sums that are kept beside each other, and classes that are counted so.
 const FOLD: usize = 8;
 const BESIDE: usize = 4;
@@ -26,13 +25,14 @@ pub struct Samples {
 /// Classes of how far a sample is off the road.
 #[derive(Clone, Copy, Debug)]
 pub struct Classes {
-    /// Where the first one begins, in px; where it is 0, what lies beyond the road is as far off as what lies
-    /// before it.
+    /// Where the first one begins, in px.
     pub from_px: f64,
+    /// Whether what lies beyond the road is as far off as what lies before it.
+    pub folded: bool,
     /// Classes in a pixel.
     pub per_px: f64,
-    /// How many; fewer than 256.
-    pub count: usize,
+    /// How many.
+    pub count: u8,
 }
 
 /// Sums over samples: of their columns off the principal one, and of their disparities off the road.
@@ -100,19 +100,19 @@ impl Samples {
     /// # Panics
     /// When there is not one count a class.
     pub fn count(&mut self, y: usize, road_px: f64, tilt: Tilt, classes: Classes, counts: &mut [u32]) {
-        assert_eq!(counts.len(), classes.count);
+        assert_eq!(counts.len(), usize::from(classes.count));
         let row = &self.disparity[y * self.columns..][..self.columns];
         classify(self.level, row, tilt, road_px, classes, &mut self.classes);
         // Neighbours are of one class mostly: one count would wait for the other.
-        let mut beside = [[0_u32; 256]; BESIDE];
+        let mut beside = [[0_u16; 256]; BESIDE];
         let (four, _) = self.classes.as_chunks::<BESIDE>();
         for four in four {
             for (counts, &class) in beside.iter_mut().zip(four) {
-                counts[usize::from(class)] += 1;
+                counts[usize::from(class)] = counts[usize::from(class)].saturating_add(1);
             }
         }
         for (class, count) in counts.iter_mut().enumerate() {
-            *count += beside.iter().map(|counts| counts[class]).sum::<u32>();
+            *count += beside.iter().map(|counts| u32::from(counts[class])).sum::<u32>();
         }
     }
 
@@ -184,18 +184,13 @@ kernel! {
 
 #[inline(always)]
 fn classify_each<S: Simd>(_: S, row: &[u16], tilt: Tilt, road_px: f64, classes: Classes, out: &mut [u8]) {
-    let Classes { from_px, per_px, count } = classes;
-    let most = count as f64;
-    let folded = from_px == 0.0;
+    let Classes { from_px, folded, per_px, count } = classes;
+    let most = f64::from(count);
     for (i, (&d, class)) in row.iter().zip(out).enumerate() {
         let off = tilt.level(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
-        let place = (if folded { off.abs() } else { off - from_px }) * per_px;
+        let place = (if folded { off.abs() } else { off } - from_px) * per_px;
         let inside = d > 0 && place >= 0.0 && place < most;
-        // The whole part; `as` would be a branch for what does not fit.
-        let place = if inside { place } else { most };
-        let near = place + WHOLE;
-        let whole = if near - WHOLE > place { near - 1.0 } else { near };
-        *class = whole.to_bits() as u8;
+        *class = whole_f64(if inside { place } else { most }) as u8;
     }
 }
 
@@ -260,14 +255,14 @@ mod tests {
 
     #[test]
     fn all_levels_count_the_classes_that_one_by_one_gives() {
-        let signed = Classes { from_px: -1.0, per_px: 10.0, count: 20 };
-        let folded = Classes { from_px: 0.0, per_px: 7.0, count: 9 };
+        let signed = Classes { from_px: -1.0, folded: false, per_px: 10.0, count: 20 };
+        let folded = Classes { from_px: 0.0, folded: true, per_px: 7.0, count: 9 };
         for classes in [signed, folded] {
             for y in 0..2 {
-                let mut expected = vec![0; classes.count];
+                let mut expected = vec![0; usize::from(classes.count)];
                 for (x, px) in known(y) {
                     let off = TILT.level(x, px) - 10.0;
-                    let off = if classes.from_px == 0.0 { off.abs() } else { off - classes.from_px };
+                    let off = if classes.folded { off.abs() } else { off } - classes.from_px;
                     if off >= 0.0
                         && let Some(count) = expected.get_mut((off * classes.per_px) as usize)
                     {
@@ -276,7 +271,7 @@ mod tests {
                 }
                 assert!(expected.iter().sum::<u32>() > 3, "{expected:?}");
                 for level in Level::available() {
-                    let mut counts = vec![0; classes.count];
+                    let mut counts = vec![0; usize::from(classes.count)];
                     samples(level).count(y, 10.0, TILT, classes, &mut counts);
                     assert_eq!(counts, expected, "{}", level.name());
                 }

@@ -343,6 +343,9 @@ fn place(bands: &[Band<'_>; 3], window: Window, per_metre: f64) -> Option<Place>
         return None;
     }
     let own = bands[0].sums(left, right);
+    if own.prominence(NOISE.0).abs() < PROMINENT {
+        return None;
+    }
     let side = right - left;
     let wide = bands[2].sums(left - 4 * side, right + 4 * side);
     let around = wide.without(bands[1].sums(left - side, right + side));

@@ -145,15 +145,10 @@ impl Stixels {
         let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
         for first in (0..self.height).step_by(ROWS) {
             let rows = ROWS.min(self.height - first);
-            for (i, (depths, means)) in self
-                .rows
-                .0
-                .chunks_exact_mut(self.strips)
-                .zip(self.rows.1.chunks_exact_mut(self.strips))
-                .take(rows)
-                .enumerate()
-            {
-                let (d, c) = (depth.disparity(first + i), depth.confidence(first + i));
+            let (depths, means) = (&mut self.rows.0, &mut self.rows.1);
+            let middles_of = depths.chunks_exact_mut(self.strips).zip(means.chunks_exact_mut(self.strips));
+            for (y, (depths, means)) in (first..first + rows).zip(middles_of) {
+                let (d, c) = (depth.disparity(y), depth.confidence(y));
                 sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);
                 let sharp = &self.sharp[..d.len()];
                 middles(self.level, sharp, c, parameters.least_confidence, depths, means);
@@ -322,7 +317,7 @@ fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out:
         let end = x + alike + more - 1 + SEAM_COLUMNS;
         let (a, b) = (row[x], row[end]);
         for first in (x + 1..end).step_by(GROUP) {
-            let Some(group) = out[first..].first_chunk_mut::<GROUP>() else { break };
+            let group = &mut out[first..][..GROUP];
             let inside = (end - first).min(GROUP) as u16;
             for (i, d) in group.iter_mut().enumerate() {
                 let side = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };

@@ -35,12 +35,12 @@ const TILT_PX: [f64; 3] = [2.0, 1.0, 0.6];
 /// Least and greatest noise of a disparity that is believed, in px.
 const NOISE_PX: (f64, f64) = (0.06, 1.0);
 /// Residuals that are told apart for the noise, in two px.
-const RESIDUALS: usize = 128;
+const RESIDUALS: u8 = 128;
 
 /// A row's own disparity may differ from the profile's by so many px.
 const STEP_PX: f64 = 0.5;
 /// Residuals of a row that are told apart, and how many of these belong together on either side.
-const ROW_RESIDUALS: usize = 40;
+const ROW_RESIDUALS: u8 = 40;
 const ROW_REACH: usize = 3;
 /// Pixels of a row that tell its own disparity, and the share of them that must agree.
 const ROW_PIXELS: u32 = 12;
@@ -61,7 +61,7 @@ pub struct Surface {
     rig: Rig,
     noise_px: f64,
     samples: Samples,
-    simd: Level,
+    level: Level,
 }
 
 impl Surface {
@@ -76,7 +76,7 @@ impl Surface {
             rig,
             noise_px: NOISE_PX.0,
             samples: Samples::new(width, height),
-            simd: Level::best(),
+            level: Level::best(),
         }
     }
 
@@ -143,8 +143,9 @@ impl Surface {
 
     /// The median distance of road pixels from the surface, as a standard deviation.
     fn measure_noise(&mut self, profile: &RoadProfile) {
-        let classes = Classes { from_px: 0.0, per_px: 0.5 * RESIDUALS as f64, count: RESIDUALS };
-        let mut counts = [0; RESIDUALS];
+        let per_px = 0.5 * f64::from(RESIDUALS);
+        let classes = Classes { from_px: 0.0, folded: true, per_px, count: RESIDUALS };
+        let mut counts = [0; RESIDUALS as usize];
         for y in (profile.top()..profile.disparity_px().len()).step_by(ROW_STEP) {
             let road = f64::from(profile.disparity_px()[y]);
             self.samples.count(y, road, self.tilt, classes, &mut counts);
@@ -155,29 +156,30 @@ impl Surface {
             seen += n;
             seen > half
         });
-        let median = (median.unwrap_or(0) as f64 + 0.5) * 2.0 / RESIDUALS as f64;
+        let median = (median.unwrap_or(0) as f64 + 0.5) / per_px;
         self.noise_px = (1.4826 * median).clamp(NOISE_PX.0, NOISE_PX.1);
     }
 
     /// What most of a row's road shows: a matcher draws a road that is seen at a flat angle as stairs, whose
     /// steps lie in the same rows everywhere. What is as near as the rest of its row is no thing.
     fn measure_rows(&mut self, profile: &RoadProfile) {
-        let scale = ROW_RESIDUALS as f64 / (2.0 * STEP_PX);
-        let classes = Classes { from_px: -STEP_PX, per_px: scale, count: ROW_RESIDUALS };
+        const COUNT: usize = ROW_RESIDUALS as usize;
+        let scale = f64::from(ROW_RESIDUALS) / (2.0 * STEP_PX);
+        let classes = Classes { from_px: -STEP_PX, folded: false, per_px: scale, count: ROW_RESIDUALS };
         self.shown_px.copy_from_slice(profile.disparity_px());
         for y in profile.top()..self.shown_px.len() {
             let road = f64::from(profile.disparity_px()[y]);
-            let mut counts = [0_u32; ROW_RESIDUALS];
+            let mut counts = [0_u32; COUNT];
             self.samples.count(y, road, self.tilt, classes, &mut counts);
             // Counts of all classes before each.
-            let mut before = [0; ROW_RESIDUALS + 1];
+            let mut before = [0; COUNT + 1];
             for (i, count) in counts.iter().enumerate() {
                 before[i + 1] = before[i] + count;
             }
-            let all = before[ROW_RESIDUALS];
-            let window = |i: usize| i.saturating_sub(ROW_REACH)..(i + ROW_REACH + 1).min(ROW_RESIDUALS);
+            let all = before[COUNT];
+            let window = |i: usize| i.saturating_sub(ROW_REACH)..(i + ROW_REACH + 1).min(COUNT);
             let sum = |i: usize| before[window(i).end] - before[window(i).start];
-            let most = (0..ROW_RESIDUALS).max_by_key(|&i| sum(i)).unwrap_or(0);
+            let most = (0..COUNT).max_by_key(|&i| sum(i)).unwrap_or(0);
             if all < ROW_PIXELS || f64::from(sum(most)) < ROW_SHARE * f64::from(all) {
                 continue;
             }
@@ -188,11 +190,21 @@ impl Surface {
 
     /// Where column `x` of each row, of which `disparity` says how near it is in 1/256 px, may show what stands
     /// (1, else 0), at first glance.
+    ///
+    /// # Panics
+    /// When there is not one of each a row.
     pub fn may_stand(&self, x_px: f64, disparity: &[u16], glance: Glance, out: &mut [u8]) {
-        // Room for what rounds.
-        let highest = [self.highest[0] - 1.0, self.highest[1]];
-        let taller = glance.greatest_m / self.rig.baseline_m;
-        glance_at(self.simd, disparity, &self.shown_px, self.tilt, x_px, highest, glance, taller, out);
+        assert_eq!((disparity.len(), out.len()), (self.shown_px.len(), self.shown_px.len()));
+        let above = Above {
+            glance,
+            x_px,
+            tilt: self.tilt,
+            // Room for what rounds.
+            highest: [self.highest[0] - 1.0, self.highest[1]],
+            end_px: (self.rows.len() - 1) as f64 / FINE as f64,
+            taller: glance.greatest_m / self.rig.baseline_m,
+        };
+        glance_at(self.level, disparity, &self.shown_px, above, out);
     }
 
     /// The row where the road has disparity `disparity_px` in column `x`; NaN without a road.
@@ -215,7 +227,7 @@ impl Surface {
     pub fn heights_m(&self, pixels: &Pixels, out: &mut [f64; BATCH]) {
         let (per_px, baseline_m) = (FINE as f64, self.rig.baseline_m);
         let datum = Datum { rows: &self.rows, per_px, tilt: self.tilt, baseline_m };
-        heights::measure(self.simd, datum, pixels, out);
+        heights::measure(self.level, datum, pixels, out);
     }
 
     /// One standard deviation of such a height, in metres: what the frame's noise comes to where the road
@@ -239,39 +251,34 @@ pub struct Glance {
     pub greatest_m: f64,
 }
 
+/// The road as one column is glanced at.
+#[derive(Clone, Copy, Debug)]
+struct Above {
+    glance: Glance,
+    x_px: f64,
+    tilt: Tilt,
+    /// A line of rows that the road's rows are nowhere above: at 0 px, and per px.
+    highest: [f64; 2],
+    /// Nearer than this the road is where it is there, in px.
+    end_px: f64,
+    /// The greatest height over the baseline.
+    taller: f64,
+}
+
 kernel! {
-    /// One column's rows, see [`Surface::may_stand`]. The road is nowhere above the rows of `highest`, at 0 px
-    /// and for each px; `taller` is the greatest height over the baseline.
-    fn glance_at(
-        disparity: &[u16],
-        shown_px: &[f32],
-        tilt: Tilt,
-        x_px: f64,
-        highest: [f64; 2],
-        glance: Glance,
-        taller: f64,
-        out: &mut [u8],
-    ) = glance_at_each
+    /// One column's rows, see [`Surface::may_stand`].
+    fn glance_at(disparity: &[u16], shown_px: &[f32], above: Above, out: &mut [u8]) = glance_at_each
 }
 
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn glance_at_each<S: Simd>(
-    _: S,
-    disparity: &[u16],
-    shown_px: &[f32],
-    tilt: Tilt,
-    x_px: f64,
-    highest: [f64; 2],
-    glance: Glance,
-    taller: f64,
-    out: &mut [u8],
-) {
+fn glance_at_each<S: Simd>(_: S, disparity: &[u16], shown_px: &[f32], above: Above, out: &mut [u8]) {
+    let Above { glance, x_px, tilt, highest, end_px, taller } = above;
     for (y, ((&d, &shown), out)) in disparity.iter().zip(shown_px).zip(out).enumerate() {
         let px = f64::from(d) / 256.0;
         let level = tilt.level(x_px, px);
         let stands = level - f64::from(shown) >= glance.rise_px;
-        let too_high = f64::from(y as i32) < highest[0] + highest[1] * level - taller * px;
+        let road = if level < end_px { level } else { end_px };
+        let too_high = f64::from(y as i32) < highest[0] + highest[1] * road - taller * px;
         *out = u8::from((d >= glance.least) & stands & !too_high);
     }
 }
@@ -280,24 +287,30 @@ fn glance_at_each<S: Simd>(
 mod tests {
     use super::*;
 
-    #[test]
-    fn all_levels_glance_at_what_may_stand_and_miss_nothing_that_does() {
-        const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 40.0, cy_px: 100.0 };
-        let mut random = fastrand::Rng::with_seed(1);
+    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 40.0, cy_px: 100.0 };
+
+    /// A crest, by 0.2 px a row, on which columns to the left look beyond the table's end.
+    fn crest() -> Surface {
         let mut surface = Surface::new(RIG, 80, 240, 64);
         for (i, row) in surface.rows.iter_mut().enumerate() {
-            // A crest, by 0.2 px a row.
             *row = 100.0 + 5.0 * i as f32 / FINE as f32 + 3.0 * (i as f32 / 100.0).sin();
         }
-        surface.tilt = Tilt { roll: 0.01, offset_px: 0.1, cx_px: 40.0 };
+        surface.tilt = Tilt { roll: 0.05, offset_px: -1.0, cx_px: 140.0 };
         surface.measure_steepness();
         surface.shown_px = (0..240).map(|y| 0.2 * (y as f32 - 100.0).max(0.0)).collect();
-        let disparity: Vec<u16> = (0..240).map(|_| random.u16(..12_000)).collect();
+        surface
+    }
+
+    #[test]
+    fn all_levels_glance_at_what_may_stand_and_miss_nothing_that_does() {
+        let mut surface = crest();
+        let mut random = fastrand::Rng::with_seed(1);
+        let disparity: Vec<u16> = (0..240).map(|_| random.u16(..16_383)).collect();
         let glance = Glance { least: 600, rise_px: 0.2, greatest_m: 2.5 };
         let mut first: Option<Vec<u8>> = None;
         for level in Level::available() {
             let mut stands = vec![9; 240];
-            surface.simd = level;
+            surface.level = level;
             surface.may_stand(31.0, &disparity, glance, &mut stands);
             assert_eq!(*first.get_or_insert(stands.clone()), stands, "{}", level.name());
             let mut standing = 0;
@@ -313,5 +326,30 @@ mod tests {
             let glanced = stands.iter().filter(|s| **s == 1).count();
             assert!(standing > 20 && glanced < standing + 40, "{standing} of {glanced}");
         }
+    }
+
+    #[test]
+    fn all_levels_measure_the_heights_that_one_by_one_gives() {
+        let mut surface = crest();
+        let mut random = fastrand::Rng::with_seed(4);
+        let mut pixels = Pixels::default();
+        let mut seen = 0;
+        while pixels.count() < BATCH {
+            let (x, y, d) = (random.u8(..80), random.u8(..240), random.u16(1..));
+            pixels.push(x.into(), y.into(), d, seen % 2 == 0);
+            seen += 1;
+        }
+        for level in Level::available() {
+            let mut out = [0.0; BATCH];
+            surface.level = level;
+            surface.heights_m(&pixels, &mut out);
+            for (i, height_m) in out.iter().enumerate() {
+                let [x, y] = [pixels.x_px[i], pixels.y_px[i]].map(f64::from);
+                let expected = surface.height_m(x, y, f64::from(pixels.disparity[i]) / 256.0);
+                assert_eq!(height_m.to_bits(), expected.to_bits(), "{} {i}", level.name());
+            }
+        }
+        pixels.clear();
+        assert_eq!(pixels.count(), 0);
     }
 }

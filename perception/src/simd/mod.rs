@@ -11,6 +11,7 @@ pub mod avx512;
 #[cfg(target_arch = "aarch64")]
 pub mod neon;
 pub mod plain;
+pub mod whole;
 
 /// Pixels that one vector holds.
 pub const LANES: usize = 32;

@@ -3,6 +3,7 @@
 
 use super::energy::EnergyRow;
 use super::viterbi::NEAR;
+use crate::simd::whole::whole;
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
 /// How the winner of a pixel is chosen and trusted.
@@ -176,19 +177,6 @@ fn between(before: f32, here: f32, after: f32, lean: f32) -> i32 {
     whole(lower(higher(128.0 * (before - after + lean) / slope, -128.0), 128.0))
 }
 
-/// The whole number next to a small one on the way to zero, as `as i32` gives it, but by operations
-/// that compilers do for many lanes at once.
-#[inline(always)]
-fn whole(value: f32) -> i32 {
-    /// From here on floats have no fractions.
-    const WHOLE: f32 = (1 << 23) as f32;
-    let size = value.abs();
-    let near = (size + WHOLE) - WHOLE;
-    let floor = if near > size { near - 1.0 } else { near };
-    let bits = ((floor + WHOLE).to_bits() - WHOLE.to_bits()) as i32;
-    if value < 0.0 { -bits } else { bits }
-}
-
 /// Share of the jumps that [`SubPixel::Data`] takes: less keeps to whole pixels, more to halves.
 const JUMPS: f32 = 0.125;
 
@@ -355,15 +343,6 @@ mod tests {
         assert!(disparity[20..30].iter().all(|&d| d == 0), "{disparity:?}");
         assert_eq!(disparity[19], 2 * 256);
         assert_eq!(disparity[40], 12 * 256);
-    }
-
-    #[test]
-    fn whole_numbers_are_those_of_the_language() {
-        for i in -512 * 128..=512 * 128 {
-            let value = i as f32 / 512.0;
-            assert_eq!(whole(value), value as i32, "{value}");
-        }
-        assert_eq!([whole(-0.0), whole(127.99999), whole(-127.99999)], [0, 127, -127]);
     }
 
     #[test]

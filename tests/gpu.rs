@@ -183,9 +183,16 @@ fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
         "[soak]\nwarm_up_s = 0.5\n[clocks]\ncheck_ms = 100\n[board]\nsysfs = \"{}\"\n",
         bench.path("sys").display()
     ));
-    let mut soak =
-        bench.command(&["soak", &drive, "--gpu-table", "--minutes", "0.05", "--out", "seen", "--json"]);
-    let output = soak.args(["--set", PATIENT, "-c"]).arg(bench.path("car.toml")).output().unwrap();
+    let soak = |minutes| {
+        let args = ["soak", &drive, "--gpu-table", "--minutes", minutes, "--out", "seen", "--json"];
+        let mut soak = bench.command(&args);
+        soak.args(["--set", PATIENT, "-c"]).arg(bench.path("car.toml")).output().unwrap()
+    };
+    let mut output = soak("0.05");
+    // A driver in software compiles for longer than that where others want the cores, too.
+    if String::from_utf8_lossy(&output.stderr).contains("no result came out") {
+        output = soak("0.4");
+    }
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let table: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let runs = table["runs"].as_array().unwrap();

@@ -423,8 +423,14 @@ mod tests {
 
     #[test]
     fn sums_of_windows_equal_adding_up() {
+        add_up(|y| 0.2 * y as f32);
+        // The corridor moves aside, to where nothing was before, and back.
+        add_up(|y| if (20..30).contains(&y) { 50.0 } else { 4.0 + (y / 30) as f32 });
+    }
+
+    fn add_up(road_px: impl Fn(usize) -> f32) {
         let (left, right) = (noise(1), noise(2));
-        let profile: Vec<f32> = (0..SIZE.1).map(|y| 0.2 * y as f32).collect();
+        let profile: Vec<f32> = (0..SIZE.1).map(road_px).collect();
         let tilt = Tilt { roll: 0.01, offset_px: 0.1, cx_px: 30.0 };
         let ground = Ground { profile_px: &profile, tilt, rig: RIG };
         let mut residual = Residual::new(SIZE.0, SIZE.1);

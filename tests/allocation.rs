@@ -1,8 +1,10 @@
 //! The stages' algorithms ask the heap for nothing once they are made: counted on a drive, frame by frame.
 
-use ipc::allocation::{CountingAllocator, by_this_thread};
+use messages::allocation::{CountingAllocator, by_this_thread};
+use perception::depth::DepthView;
 use perception::image::GreyView;
-use perception::road::{DepthView, RoadDetector, RoadParameters, Shape};
+use perception::road::{RoadParameters, Shape};
+use perception::scene::{SceneDetector, SceneParameters};
 use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use sources::PairSource;
 use sources::scene::Scene;
@@ -23,8 +25,9 @@ fn a_frame_of_stereo_and_of_the_road_allocates_nothing() {
     let mut matcher =
         Mpv::new(MpvParameters::default(), Search::Windows, width, height, DISPARITIES).expect("it fits");
     let mut detectors = [Shape::Profile, Shape::Plane].map(|shape| {
-        let parameters = RoadParameters { shape, ..RoadParameters::default() };
-        RoadDetector::new(parameters, rig, width, height, DISPARITIES)
+        let road = RoadParameters { shape, ..RoadParameters::default() };
+        let parameters = SceneParameters { road, ..SceneParameters::default() };
+        SceneDetector::new(parameters, rig, width, height, DISPARITIES)
     });
     let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);

@@ -353,7 +353,7 @@ fn pictures_without_a_board_have_none() {
             let path = folder.join(path);
             let Ok((pixels, width, height)) = sources::folder::read_grey(&path) else { continue };
             let view = perception::image::GreyView::new(&pixels, width, height, width).unwrap();
-            let (found, ms) = tools::calibrate::timed(view, &board);
+            let (found, ms) = tools::calibration::timed(view, &board);
             assert!(found.is_err(), "{}: {found:?}", path.display());
             times.push((ms, path));
         }

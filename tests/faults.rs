@@ -2,10 +2,10 @@
 
 mod support;
 
-use ipc::bus::Bus;
-use ipc::header::{Header, Kind};
-use ipc::instance::Instance;
-use ipc::service::PAIR;
+use messages::bus::Bus;
+use messages::header::{Header, Kind};
+use messages::instance::Instance;
+use messages::service::PAIR;
 use support::{Bench, json, lines, pid_of, send};
 
 #[test]

@@ -2,11 +2,11 @@
 
 mod support;
 
-use ipc::bus::Bus;
-use ipc::instance::Instance;
-use ipc::role::Role;
-use ipc::wait::{self, Next};
-use ipc::{report, service};
+use messages::bus::Bus;
+use messages::instance::Instance;
+use messages::role::Role;
+use messages::wait::{self, Next};
+use messages::{report, service};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use support::{Bench, WATCHDOG, pid_of};
@@ -87,7 +87,7 @@ fn policy(pid: u32) -> (u32, u32) {
 /// Whether this user may have real-time priorities and locked memory; says so where not.
 fn is_privileged() -> bool {
     // In a thread of its own: this test program stays as it is.
-    let fifo = std::thread::spawn(|| ipc::privilege::set_fifo(10).is_ok()).join().unwrap();
+    let fifo = std::thread::spawn(|| messages::privilege::set_fifo(10).is_ok()).join().unwrap();
     let lock = rustix::process::getuid().is_root();
     if !(fifo && lock) {
         println!("skipped: this user may not have real-time priorities and locked memory");
@@ -193,7 +193,7 @@ fn listen(bench: &Bench, role: Role, count: usize) -> Vec<(f64, f64)> {
     let reports = bus.subscriber(&service::REPORT).unwrap();
     let mut heard = Vec::new();
     let start = Instant::now();
-    wait::run::<ipc::bus::IpcError>(&[&reports], || {
+    wait::run::<messages::bus::IpcError>(&[&reports], || {
         while let Some(sample) = reports.receive()? {
             let report = report::view(sample.header(), sample.payload()).unwrap();
             if report.role() == Some(role) && report.is_frame == 1 {

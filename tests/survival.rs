@@ -3,12 +3,12 @@
 
 mod support;
 
-use ipc::bus::Bus;
-use ipc::header::Header;
-use ipc::instance::Instance;
-use ipc::obstacles::{self, Newest};
-use ipc::service::OBSTACLES;
-use ipc::wait::{self, Next};
+use messages::bus::Bus;
+use messages::header::Header;
+use messages::instance::Instance;
+use messages::obstacles::{self, Newest};
+use messages::service::OBSTACLES;
+use messages::wait::{self, Next};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::io::Write;
 use std::path::Path;
@@ -181,7 +181,7 @@ fn obstacles_when(bench: &Bench, wanted: impl Fn(&Header, u32) -> bool) -> Heade
     let results = bus.subscriber(&OBSTACLES).unwrap();
     let (mut newest, mut found) = (Newest::default(), None);
     let start = Instant::now();
-    wait::run::<ipc::bus::IpcError>(&[&results], || {
+    wait::run::<messages::bus::IpcError>(&[&results], || {
         while let Some(sample) = results.receive()? {
             let header = *sample.header();
             let message = obstacles::view(&header, sample.payload()).unwrap();

@@ -7,7 +7,7 @@ mod support;
 mod viewer;
 
 use browser::Browser;
-use perception::road::PixelBox;
+use perception::region::PixelBox;
 use serde_json::Value;
 use sources::scene::Drive;
 use std::collections::BTreeSet;

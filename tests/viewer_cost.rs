@@ -8,10 +8,10 @@ mod support;
 #[path = "support/viewer.rs"]
 mod viewer;
 
-use ipc::bus::Bus;
-use ipc::instance::Instance;
-use ipc::wait::{self, Next};
-use ipc::{obstacles, service};
+use messages::bus::Bus;
+use messages::instance::Instance;
+use messages::wait::{self, Next};
+use messages::{obstacles, service};
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -95,7 +95,7 @@ fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
     let results = bus.subscriber(&service::OBSTACLES).expect("a place");
     let start = Instant::now();
     let mut last = None;
-    wait::run::<ipc::bus::IpcError>(&[&results], || {
+    wait::run::<messages::bus::IpcError>(&[&results], || {
         while let Some(sample) = results.receive()? {
             let header = *sample.header();
             assert!(obstacles::view(&header, sample.payload()).is_ok());

@@ -16,7 +16,7 @@ pub fn source(config: &Config) -> Result<CameraSource, InputError> {
         return Err(InputError::NoCamera);
     }
     let settings = settings(config);
-    Ok(CameraSource::new(opener(config)?, settings, ipc::clock::monotonic_ns))
+    Ok(CameraSource::new(opener(config)?, settings, messages::clock::monotonic_ns))
 }
 
 /// Whole numbers of the configuration are checked to fit when it is read.
@@ -40,9 +40,7 @@ fn settings(config: &Config) -> Settings {
         },
         exposure: match c.exposure.as_str() {
             "fixed" => ExposureMode::Once(Exposure::Fixed { time_us, gain }),
-            "matched" => {
-                ExposureMode::Matched(ExposureParameters { longest_us: time_us, greatest_gain: gain })
-            }
+            "matched" => ExposureMode::Matched(ExposureParameters { longest_us: time_us, max_gain: gain }),
             _ => ExposureMode::Once(Exposure::Automatic),
         },
     }
@@ -63,7 +61,7 @@ fn opener(config: &Config) -> Result<Box<dyn Opener>, InputError> {
             devices: devices(config),
             rate_hz: config.camera.fps,
             format: config.camera.format.clone(),
-            clock: ipc::clock::monotonic_ns,
+            clock: messages::clock::monotonic_ns,
         })),
         #[cfg(feature = "gstreamer")]
         "gstreamer" => Ok(Box::new(sources::camera::gstreamer::GstOpener { pipelines: devices(config) })),
@@ -86,7 +84,7 @@ mod tests {
             (settings.size, settings.period_ns, settings.skew_ns),
             ((320, 240), 50_000_000, 2_500_000)
         );
-        let matched = ExposureParameters { longest_us: 4000, greatest_gain: 8 };
+        let matched = ExposureParameters { longest_us: 4000, max_gain: 8 };
         assert_eq!(settings.exposure, ExposureMode::Matched(matched));
         let wide = "[camera]\nskew_ms = 30\n";
         let error = config::parse(wide, Path::new("car.toml")).unwrap_err().to_string();

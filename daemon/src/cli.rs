@@ -5,7 +5,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use sources::scene::file::Weather;
 use std::path::PathBuf;
-use tools::evaluate::disturb::Disturbance;
+use tools::evaluation::disturb::Disturbance;
 
 /// Watches the road ahead of a vehicle with two cameras.
 ///

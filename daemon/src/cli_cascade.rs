@@ -53,7 +53,7 @@ pub struct EvaluateRecognition {
     pub json: bool,
 }
 
-/// Defaults are those of `tools::train::TrainParameters::usual`.
+/// Defaults are those of `tools::training::TrainParameters::usual`.
 #[derive(Args, Debug)]
 pub struct Train {
     /// Pictures of one object each
@@ -118,8 +118,8 @@ pub struct Train {
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub learning_rate: Option<f64>,
     /// Least share of the weight in a leaf
-    #[arg(long, value_name = "SHARE", value_parser = rate)]
-    pub least_leaf: Option<f64>,
+    #[arg(long = "least-leaf", value_name = "SHARE", value_parser = rate)]
+    pub min_leaf: Option<f64>,
     /// A leaf's mean is drawn to 0 as by this many samples
     #[arg(long, value_name = "SAMPLES", value_parser = prior)]
     pub leaf_prior: Option<f64>,

@@ -1,9 +1,9 @@
 //! From a message to the record that people read.
 
-use ipc::alarm::{Faults, level_name, rule_name};
-use ipc::header::{Header, get_text};
-use ipc::obstacles::Obstacles;
-use tools::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
+use messages::alarm::{Faults, level_name, rule_name};
+use messages::header::{Header, get_text};
+use messages::obstacles::Obstacles;
+use tools::reporting::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
 
 /// The record of a frame.
 pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
@@ -24,7 +24,7 @@ pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
             nearest_m: tidy_finite(alarm.nearest_m),
             time_to_collision_s: tidy_finite(alarm.time_to_collision_s),
             required_deceleration_m_s2: (alarm.track > 0).then(|| tidy(alarm.required_deceleration_m_s2)),
-            reason: (alarm.level == ipc::alarm::OFF).then(|| Faults(alarm.faults).to_string()),
+            reason: (alarm.level == messages::alarm::OFF).then(|| Faults(alarm.faults).to_string()),
         },
         obstacles: message
             .obstacles

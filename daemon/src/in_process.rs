@@ -9,12 +9,12 @@ use crate::rooms::road::RoadRoom;
 use crate::rooms::stereo::StereoRoom;
 use crate::rooms::{FrameError, Room, RoomError};
 use config::Config;
-use ipc::header::{Header, Kind, MessageError};
-use ipc::{depth, obstacles, pair, regions};
+use messages::header::{Header, Kind, MessageError};
+use messages::{depth, obstacles, pair, regions};
 use sources::{PairSource, SourceError};
 use thiserror::Error;
-use tools::overlay::OverlayInput;
-use tools::record::FrameRecord;
+use tools::reporting::overlay::OverlayInput;
+use tools::reporting::record::FrameRecord;
 
 /// Why a frame cannot be worked on.
 #[derive(Debug, Error)]

@@ -14,7 +14,7 @@ use tracing_subscriber::layer::Context;
 const SOCKET: &str = "/run/systemd/journal/socket";
 
 /// The longest message that is sent: datagrams have a limit, and beyond that no line is read.
-const GREATEST_MESSAGE: usize = 32 * 1024;
+const MAX_MESSAGE: usize = 32 * 1024;
 
 /// Writes events to the journal.
 pub struct Journal {
@@ -78,7 +78,7 @@ fn key(name: &str) -> String {
 
 /// `KEY=value`; with a line break in it, the key, the length and the value.
 fn put(entry: &mut Vec<u8>, key: &str, value: &str) {
-    let mut end = value.len().min(GREATEST_MESSAGE);
+    let mut end = value.len().min(MAX_MESSAGE);
     while !value.is_char_boundary(end) {
         end -= 1;
     }
@@ -167,8 +167,8 @@ mod tests {
                 (fields["LOOKOUT_PROCESS"].as_str(), fields["SYSLOG_IDENTIFIER"].as_str()),
                 ("stereo", "lookout")
             );
-            tracing::error!("{}", "ü".repeat(GREATEST_MESSAGE));
-            assert!(next()["MESSAGE"].len() <= GREATEST_MESSAGE, "cut at a character");
+            tracing::error!("{}", "ü".repeat(MAX_MESSAGE));
+            assert!(next()["MESSAGE"].len() <= MAX_MESSAGE, "cut at a character");
         });
     }
 

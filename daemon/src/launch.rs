@@ -55,7 +55,7 @@ impl FrameFormat {
     }
 
     /// Whether a frame has the run's size.
-    pub fn has_size(&self, header: &ipc::header::Header) -> bool {
+    pub fn has_size(&self, header: &messages::header::Header) -> bool {
         (header.width as usize, header.height as usize) == (self.width, self.height)
     }
 

@@ -195,7 +195,7 @@ pub fn set_level(level: &str) {
 /// runs at a desk does.
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
-    ipc::bus::set_library_log_level();
+    messages::bus::set_library_log_level();
     let (filter, handle) = reload::Layer::new(filter);
     let output = Output(if is_daemon(process) { queue() } else { None });
     if let Some(journal) = Journal::open(process, output) {
@@ -221,7 +221,7 @@ pub fn start(process: &'static str, level: &str) {
 }
 
 fn is_daemon(process: &str) -> bool {
-    process.parse::<ipc::role::Role>().is_ok()
+    process.parse::<messages::role::Role>().is_ok()
 }
 
 impl<S, N> FormatEvent<S, N> for Lines

@@ -30,7 +30,7 @@ use std::process::ExitCode;
 
 /// Counts what each thread allocates: a stage reports it with every frame.
 #[global_allocator]
-static ALLOCATOR: ipc::allocation::CountingAllocator = ipc::allocation::CountingAllocator;
+static ALLOCATOR: messages::allocation::CountingAllocator = messages::allocation::CountingAllocator;
 
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();

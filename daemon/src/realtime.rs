@@ -4,10 +4,10 @@
 //! process with a reason; what is preferred and refused is logged, and shown in the status.
 
 use config::Config;
-use ipc::bus::{Bus, IpcError};
-use ipc::privilege;
-use ipc::realtime::{Privilege, RealtimeRecord};
-use ipc::role::Role;
+use messages::bus::{Bus, IpcError};
+use messages::privilege;
+use messages::realtime::{Privilege, RealtimeRecord};
+use messages::role::Role;
 use std::fmt::Display;
 use std::io;
 use thiserror::Error;

@@ -14,7 +14,7 @@ use std::fmt;
 use thiserror::Error;
 
 /// Processes that may use the services at once: ours, and readers from outside.
-const GREATEST_NODES: usize = 32;
+const MAX_NODES: usize = 32;
 
 /// Why shared memory cannot be used.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -143,7 +143,7 @@ impl Bus {
             let factory = self.data(spec)?;
             let port = factory
                 .publisher_builder()
-                .initial_max_slice_len(spec.greatest_payload_bytes(width, height).div_ceil(LINE_BYTES))
+                .initial_max_slice_len(spec.max_payload_bytes(width, height).div_ceil(LINE_BYTES))
                 .max_loaned_samples(LOANED)
                 // With overflow on, a full buffer never blocks; this is for the unforeseen.
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
@@ -195,7 +195,7 @@ impl Bus {
             .enable_safe_overflow(true)
             .max_publishers(spec.publishers)
             .max_subscribers(spec.subscribers)
-            .max_nodes(GREATEST_NODES)
+            .max_nodes(MAX_NODES)
             .subscriber_max_buffer_size(spec.buffer)
             .subscriber_max_borrowed_samples(spec.borrowed)
             .history_size(spec.history)
@@ -213,7 +213,7 @@ impl Bus {
             .event()
             .max_notifiers(spec.publishers)
             .max_listeners(spec.subscribers)
-            .max_nodes(GREATEST_NODES)
+            .max_nodes(MAX_NODES)
             .open_or_create()
             .map_err(|e| IpcError::new("open the events of", spec.name, e))
     }

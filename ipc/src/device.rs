@@ -4,7 +4,7 @@ use crate::header::{get_text, put_text};
 use bytemuck::{Pod, Zeroable};
 
 /// The most stages that are timed.
-pub const MOST_STAGES: usize = 8;
+pub const MAX_STAGES: usize = 8;
 
 /// What the stereo stage says of its device.
 #[repr(C)]
@@ -16,7 +16,7 @@ pub struct DeviceRecord {
     /// Entries of `stages_ms` that count; 0 where the device has no timestamps.
     pub stages: u32,
     /// Time of each stage of the last frame on the device, in milliseconds.
-    pub stages_ms: [f32; MOST_STAGES],
+    pub stages_ms: [f32; MAX_STAGES],
     /// Name of the adapter.
     pub adapter: [u8; 64],
     /// Its driver and the driver's version.
@@ -52,7 +52,7 @@ impl DeviceRecord {
 
     /// The times of the stages in milliseconds; empty where there are none.
     pub fn times_ms(&self) -> &[f32] {
-        &self.stages_ms[..(self.stages as usize).min(MOST_STAGES)]
+        &self.stages_ms[..(self.stages as usize).min(MAX_STAGES)]
     }
 
     /// Whether it was lost.
@@ -92,9 +92,9 @@ mod tests {
         used.set_times_ns([1_500_000, 250_000].into_iter());
         assert_eq!((used.words(), used.times_ms()), ("Orin (NVIDIA 540)".into(), &[1.5, 0.25][..]));
         used.set_times_ns([7; 20].into_iter());
-        assert_eq!(used.times_ms().len(), MOST_STAGES);
+        assert_eq!(used.times_ms().len(), MAX_STAGES);
         used.stages = u32::MAX;
-        assert_eq!(used.times_ms().len(), MOST_STAGES, "whatever a message holds");
+        assert_eq!(used.times_ms().len(), MAX_STAGES, "whatever a message holds");
         let lost = DeviceRecord::new("Orin", "NVIDIA 540", Some("it hangs"));
         assert!(lost.is_lost() && !used.is_lost());
         assert_eq!(lost.words(), "Orin (NVIDIA 540) is lost: it hangs: the CPU matches");

@@ -22,7 +22,7 @@ unsafe impl ZeroCopySend for Line {}
 pub const LINE_BYTES: usize = 64;
 
 /// The greatest width and height of an image, in pixels.
-pub const GREATEST_SIDE: u32 = 8192;
+pub const MAX_SIDE: u32 = 8192;
 
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -166,7 +166,7 @@ impl Header {
             return Err(MessageError::Kind(self.kind));
         }
         let frame = matches!(kind, Kind::Pair | Kind::Depth | Kind::Regions | Kind::Obstacles);
-        let side = 1..=GREATEST_SIDE;
+        let side = 1..=MAX_SIDE;
         if frame && !(side.contains(&self.width) && side.contains(&self.height)) {
             return Err(MessageError::Size { width: self.width, height: self.height });
         }
@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(Header::default().check(Kind::Pair), Err(MessageError::Magic));
         let newer = Header { version: 99, ..good };
         assert_eq!(newer.check(Kind::Pair), Err(MessageError::Version(99)));
-        for (width, height) in [(0, 480), (640, 0), (GREATEST_SIDE + 1, 1), (u32::MAX, u32::MAX)] {
+        for (width, height) in [(0, 480), (640, 0), (MAX_SIDE + 1, 1), (u32::MAX, u32::MAX)] {
             let header = Header { width, height, ..good };
             assert!(matches!(header.check(Kind::Pair), Err(MessageError::Size { .. })));
         }

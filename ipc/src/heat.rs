@@ -4,10 +4,10 @@ use crate::header::{get_text, put_text};
 use bytemuck::{Pod, Zeroable};
 
 /// Most zones that a status shows.
-pub const MOST_ZONES: usize = 8;
+pub const MAX_ZONES: usize = 8;
 
 /// Most clocks that a status shows.
-pub const MOST_CLOCKS: usize = 8;
+pub const MAX_CLOCKS: usize = 8;
 
 /// Words for the rungs of the thermal ladder.
 pub const RUNGS: [&str; 6] =
@@ -56,9 +56,9 @@ pub struct HeatRecord {
     /// Why the rung is what it is, in words.
     pub reason: [u8; 160],
     /// The zones.
-    pub zone: [ZoneRecord; MOST_ZONES],
+    pub zone: [ZoneRecord; MAX_ZONES],
     /// The clocks.
-    pub clock: [ClockRecord; MOST_CLOCKS],
+    pub clock: [ClockRecord; MAX_CLOCKS],
 }
 
 impl HeatRecord {
@@ -104,12 +104,12 @@ impl HeatRecord {
 
     /// The zones.
     pub fn zones(&self) -> &[ZoneRecord] {
-        &self.zone[..(self.zones as usize).min(MOST_ZONES)]
+        &self.zone[..(self.zones as usize).min(MAX_ZONES)]
     }
 
     /// The clocks.
     pub fn clocks(&self) -> &[ClockRecord] {
-        &self.clock[..(self.clocks as usize).min(MOST_CLOCKS)]
+        &self.clock[..(self.clocks as usize).min(MAX_CLOCKS)]
     }
 }
 
@@ -138,10 +138,10 @@ mod tests {
             heat.add_zone(&format!("zone{zone}"), 50.0, zone == 3);
             heat.add_clock(&format!("clock{zone}"), 852.0, 0.0);
         }
-        assert_eq!((heat.zones().len(), heat.clocks().len()), (MOST_ZONES, MOST_CLOCKS));
+        assert_eq!((heat.zones().len(), heat.clocks().len()), (MAX_ZONES, MAX_CLOCKS));
         assert_eq!((heat.zones()[3].name().as_str(), heat.zones()[3].projected), ("zone3", 1));
         let hostile = HeatRecord { rung: 99, zones: u32::MAX, clocks: u32::MAX, ..heat };
         assert_eq!(hostile.rung_name(), "power off");
-        assert_eq!((hostile.zones().len(), hostile.clocks().len()), (MOST_ZONES, MOST_CLOCKS));
+        assert_eq!((hostile.zones().len(), hostile.clocks().len()), (MAX_ZONES, MAX_CLOCKS));
     }
 }

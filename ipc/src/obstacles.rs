@@ -1,12 +1,12 @@
 //! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road in brief
-//! and up to [`GREATEST_COUNT`] tracked obstacles.
+//! and up to [`MAX_COUNT`] tracked obstacles.
 
 use crate::alarm::{LEVELS, RULES};
 use crate::header::{Header, Kind, MessageError};
 use bytemuck::{Pod, Zeroable};
 
 /// The most obstacles of a message.
-pub const GREATEST_COUNT: usize = 128;
+pub const MAX_COUNT: usize = 128;
 
 /// The alarm and the road of a frame.
 #[repr(C)]
@@ -113,7 +113,7 @@ pub fn write(
     obstacles: &[ObstacleRecord],
 ) -> Result<usize, MessageError> {
     let needed = payload_bytes(obstacles.len());
-    if payload.len() < needed || obstacles.len() > GREATEST_COUNT {
+    if payload.len() < needed || obstacles.len() > MAX_COUNT {
         return Err(MessageError::Length { given: payload.len(), needed });
     }
     let alarm = AlarmRecord { obstacles: obstacles.len() as u32, ..alarm };
@@ -133,7 +133,7 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
     let (start, rest) = payload.split_at_checked(size_of::<AlarmRecord>()).ok_or(short)?;
     let alarm: AlarmRecord = bytemuck::pod_read_unaligned(start);
     let count = alarm.obstacles as usize;
-    if count > GREATEST_COUNT {
+    if count > MAX_COUNT {
         return Err(MessageError::Value { what: "count of obstacles", value: count as u64 });
     }
     let known = (alarm.level as usize) < LEVELS.len() && (alarm.rule as usize) < RULES.len();

@@ -1,4 +1,4 @@
-//! `regions`: road → recognition. The road, up to [`GREATEST_COUNT`] regions, and their crops.
+//! `regions`: road → recognition. The road, up to [`MAX_COUNT`] regions, and their crops.
 //!
 //! Payload: [`RoadRecord`], the road's profile (f32 per image row), the free space (f32 per
 //! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey bytes).
@@ -7,7 +7,7 @@ use crate::header::{Header, Kind, MessageError};
 use bytemuck::{Pod, Zeroable};
 
 /// The most regions of a message.
-pub const GREATEST_COUNT: usize = 64;
+pub const MAX_COUNT: usize = 64;
 
 /// Columns that share one distance of the free space.
 pub const FREE_COLUMNS: usize = 8;
@@ -16,7 +16,7 @@ pub const FREE_COLUMNS: usize = 8;
 pub const STRETCHES: usize = 8;
 
 /// No number of an edge is larger.
-const GREATEST_EDGE: f32 = 1e6;
+const MAX_EDGE: f32 = 1e6;
 
 /// The road's edge on one side of a stretch: a kerb, or what else steps up there.
 #[repr(C)]
@@ -92,8 +92,8 @@ pub struct RegionRecord {
 }
 
 /// Bytes of the payload for images of `width` × `height` at its longest.
-pub fn greatest_payload_bytes(width: usize, height: usize) -> usize {
-    fixed_bytes(width, height) + GREATEST_COUNT * size_of::<RegionRecord>() + width * height
+pub fn max_payload_bytes(width: usize, height: usize) -> usize {
+    fixed_bytes(width, height) + MAX_COUNT * size_of::<RegionRecord>() + width * height
 }
 
 fn fixed_bytes(width: usize, height: usize) -> usize {
@@ -144,15 +144,14 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
     let (road, profile) = start.split_at(size_of::<RoadRecord>());
     let road: RoadRecord = bytemuck::pod_read_unaligned(road);
     let of_edge = |e: &EdgeRecord| [e.step_m, e.lateral_m, e.distance_m, e.x_px, e.y_px];
-    if let Some(v) =
-        road.edges.iter().flatten().flat_map(of_edge).find(|v| v.is_nan() || v.abs() > GREATEST_EDGE)
+    if let Some(v) = road.edges.iter().flatten().flat_map(of_edge).find(|v| v.is_nan() || v.abs() > MAX_EDGE)
     {
         return Err(MessageError::Value { what: "edge of the road", value: v.to_bits().into() });
     }
     let numbers: &[f32] = bytemuck::try_cast_slice(profile).map_err(misaligned)?;
     let (profile_px, free_m) = numbers.split_at(height);
     let count = road.regions as usize;
-    if count > GREATEST_COUNT || road.seen > 1 {
+    if count > MAX_COUNT || road.seen > 1 {
         return Err(MessageError::Value { what: "count of regions", value: u64::from(road.regions) });
     }
     let records = count * size_of::<RegionRecord>();
@@ -192,7 +191,7 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
     Ok(Regions { road, profile_px, free_m, regions, crops })
 }
 
-/// Writes a message piece by piece into a payload of [`greatest_payload_bytes`].
+/// Writes a message piece by piece into a payload of [`max_payload_bytes`].
 #[derive(Debug)]
 pub struct Writer<'a> {
     payload: &'a mut [u8],
@@ -205,7 +204,7 @@ pub struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     /// Starts a message with the road, its profile, the free space and how many regions will come (at most
-    /// [`GREATEST_COUNT`]; the rest is left out).
+    /// [`MAX_COUNT`]; the rest is left out).
     ///
     /// # Errors
     /// When the payload is too short.
@@ -216,7 +215,7 @@ impl<'a> Writer<'a> {
         free_m: &[f32],
         regions: usize,
     ) -> Result<Self, MessageError> {
-        let records = regions.min(GREATEST_COUNT);
+        let records = regions.min(MAX_COUNT);
         let numbers = (profile_px.len() + free_m.len()).next_multiple_of(2);
         let fixed = size_of::<RoadRecord>() + numbers * size_of::<f32>();
         let needed = fixed + records * size_of::<RegionRecord>();
@@ -281,7 +280,7 @@ mod tests {
     /// Eight-byte aligned memory, as shared memory is.
     fn message() -> (Header, Vec<u64>) {
         let header = Header { width: 16, height: 9, ..Header::new(Kind::Regions) };
-        let mut memory = vec![u64::MAX; greatest_payload_bytes(16, 9).div_ceil(8)];
+        let mut memory = vec![u64::MAX; max_payload_bytes(16, 9).div_ceil(8)];
         let payload = bytemuck::cast_slice_mut(&mut memory);
         let mut road = RoadRecord { seen: 1, slope: 0.1, ..RoadRecord::default() };
         road.edges[2][1] = EdgeRecord { step_m: 0.12, x_px: 12.4, y_px: 7.6, ..EdgeRecord::default() };

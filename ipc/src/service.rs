@@ -65,12 +65,12 @@ const fn frames(kind: Kind, name: &'static str, subscribers: usize) -> ServiceSp
 
 impl ServiceSpec {
     /// The longest payload for images of `width` × `height`, in bytes.
-    pub fn greatest_payload_bytes(&self, width: usize, height: usize) -> usize {
+    pub fn max_payload_bytes(&self, width: usize, height: usize) -> usize {
         match self.kind {
             Kind::Pair => pair::payload_bytes(width, height),
             Kind::Depth => depth::payload_bytes(width, height),
-            Kind::Regions => regions::greatest_payload_bytes(width, height),
-            Kind::Obstacles => obstacles::payload_bytes(obstacles::GREATEST_COUNT),
+            Kind::Regions => regions::max_payload_bytes(width, height),
+            Kind::Obstacles => obstacles::payload_bytes(obstacles::MAX_COUNT),
             Kind::Report => report::PAYLOAD_BYTES,
             Kind::Command => command::PAYLOAD_BYTES,
             Kind::Status => status::PAYLOAD_BYTES,
@@ -85,7 +85,7 @@ impl ServiceSpec {
     /// Bytes of the pool of one publisher, with headers and alignment.
     pub fn pool_bytes(&self, width: usize, height: usize) -> usize {
         // The library's own header is below 128 bytes.
-        let sample = self.greatest_payload_bytes(width, height) + size_of::<Header>() + 128 + LINE_BYTES;
+        let sample = self.max_payload_bytes(width, height) + size_of::<Header>() + 128 + LINE_BYTES;
         self.pool_samples() * sample.next_multiple_of(LINE_BYTES)
     }
 }
@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(PAIR.pool_samples(), 3 * (1 + 1) + 1);
         assert_eq!(OBSTACLES.pool_samples(), 11 * 2 + 1 + 1);
         assert_eq!(REPORT.pool_samples(), 2 * 65 + 1);
-        assert_eq!(PAIR.greatest_payload_bytes(640, 480), 614_400);
+        assert_eq!(PAIR.max_payload_bytes(640, 480), 614_400);
         let total = total_pool_bytes(640, 480, 5);
         assert!((26 << 20..31 << 20).contains(&total), "{total}");
     }

@@ -2,9 +2,10 @@
 //! `cargo bench -p lookout-perception --bench road`.
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use lookout_perception::depth::DepthView;
 use lookout_perception::image::{GreyImage, GreyView};
 use lookout_perception::rig::Rig;
-use lookout_perception::road::{DepthView, RoadDetector, RoadParameters};
+use lookout_perception::scene::{SceneDetector, SceneParameters};
 use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 
 const WIDTH: usize = 640;
@@ -83,7 +84,7 @@ fn stages(c: &mut Criterion) {
         match_pair(&mut matcher, views, &mut map);
         let depth = DisparityView::new(&map.0, WIDTH, HEIGHT).and_then(|view| DepthView::new(view, &map.1));
         let Some(depth) = depth else { continue };
-        let mut detector = RoadDetector::new(RoadParameters::default(), RIG, WIDTH, HEIGHT, disparities);
+        let mut detector = SceneDetector::new(SceneParameters::default(), RIG, WIDTH, HEIGHT, disparities);
         for _ in 0..5 {
             detector.detect(depth);
         }

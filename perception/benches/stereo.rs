@@ -5,6 +5,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use lookout_perception::image::GreyImage;
 use lookout_perception::simd::{Lanes, Level};
 use lookout_perception::stereo::blocks::Block;
+use lookout_perception::stereo::confidence::Trust;
 use lookout_perception::stereo::cost::{CostParameters, CostStrip, STRIP};
 use lookout_perception::stereo::energy::EnergyRow;
 use lookout_perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters};
@@ -12,7 +13,6 @@ use lookout_perception::stereo::fill::{BridgeParameters, Fill};
 use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
 use lookout_perception::stereo::speckle::{SpeckleFilter, SpeckleParameters};
-use lookout_perception::stereo::trust::Trust;
 use lookout_perception::stereo::viterbi::{Energies, Merge, PAD, Span, Sum, single, triple};
 use lookout_perception::stereo::winner::{Winner, WinnerParameters};
 use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 /// Matchers with what they were made for, as a program calls with the same sizes many times.
 static MATCHERS: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
 /// So many are kept, the last used ones.
-const MOST_KEPT: usize = 4;
+const MAX_KEPT: usize = 4;
 
 struct Kept {
     made_for: [i32; 5],
@@ -57,7 +57,7 @@ pub unsafe extern "C" fn peer_run(
             let parameters = MpvParameters { threads, ..MpvParameters::default() };
             let search = if variant == 1 { Search::Full } else { Search::Windows };
             let Ok(matcher) = Mpv::new(parameters, search, w, h, d) else { return 4 };
-            if kept.len() == MOST_KEPT {
+            if kept.len() == MAX_KEPT {
                 kept.remove(0);
             }
             let (disparity, confidence) = (vec![0; w * h], vec![0; w * h]);

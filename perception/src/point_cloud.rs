@@ -67,13 +67,13 @@ pub fn fill(
     let mut tally = Tally::default();
     let every = parameters.every.max(1);
     let width = disparity.width();
-    let least_px = rig.disparity_px(parameters.distance_max_m);
+    let min_px = rig.disparity_px(parameters.distance_max_m);
     for y in (0..disparity.height()).step_by(every) {
         for (x, &d) in disparity.row(y).iter().enumerate().step_by(every) {
             let px = f64::from(d) / 256.0;
             if d == 0 {
                 tally.unknown += 1;
-            } else if px < least_px {
+            } else if px < min_px {
                 tally.far += 1;
             } else if !agrees(disparity, x, y, parameters) {
                 tally.outliers += 1;

@@ -72,8 +72,8 @@ fn hits_and_groups_are_those_of_opencv() {
             expected.push(numbers.try_into().expect("four numbers"));
         }
         let sizes = Sizes::Range {
-            least_px: least.parse().expect("a number"),
-            greatest_px: greatest.parse().expect("a number"),
+            min_px: least.parse().expect("a number"),
+            max_px: greatest.parse().expect("a number"),
             growth: growth.parse().expect("a number"),
         };
         // Memory for a larger picture changes nothing.

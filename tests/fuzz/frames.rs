@@ -1,9 +1,10 @@
 //! What a frame can hold that no check of a message refuses: any disparity in any pixel, any picture.
 
 use super::harness::fuzz;
+use perception::depth::DepthView;
 use perception::image::GreyView;
 use perception::rig::Rig;
-use perception::road::{DepthView, RoadDetector, RoadParameters};
+use perception::scene::{SceneDetector, SceneParameters};
 use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 
 const WIDTH: usize = 96;
@@ -35,7 +36,7 @@ fn disparity() {
         confidence.resize(WIDTH * HEIGHT, u8::MAX);
         let mut map: Vec<u16> = map.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         map.resize(WIDTH * HEIGHT, 0);
-        let mut detector = RoadDetector::new(RoadParameters::default(), RIG, WIDTH, HEIGHT, 32);
+        let mut detector = SceneDetector::new(SceneParameters::default(), RIG, WIDTH, HEIGHT, 32);
         // Pictures that have nothing to do with each other, or with the map.
         let right: Vec<u8> = map.iter().map(|d| (d >> 4) as u8).collect();
         let mut said = String::new();

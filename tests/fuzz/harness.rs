@@ -19,13 +19,13 @@ use std::time::{Duration, Instant};
 const CHILD: &str = "LOOKOUT_FUZZ_CHILD";
 
 /// Processor time that one input may take: a thousand times what it should.
-const MOST_CPU_NS: u64 = 10_000_000_000;
+const MAX_CPU_NS: u64 = 10_000_000_000;
 
 /// Memory that a reader may take beyond what the process has.
-const MOST_BYTES: u64 = 256 << 20;
+const MAX_BYTES: u64 = 256 << 20;
 
 /// Inputs that have joined the corpus, at most.
-const MOST_INPUTS: usize = 2000;
+const MAX_INPUTS: usize = 2000;
 
 /// Fuzzes a reader: it is called with inputs and says what it made of each, in words. `name` is the
 /// name of the test that calls this.
@@ -115,12 +115,12 @@ fn child(
         // On disk before it is read: whatever happens, it is known.
         input_file.set_len(0).expect("the input is written");
         input_file.write_all_at(&input, 0).expect("the input is written");
-        let before = ipc::clock::process_cpu_ns();
+        let before = messages::clock::process_cpu_ns();
         let answer = read(&input, &path);
-        let taken_ns = ipc::clock::process_cpu_ns() - before;
+        let taken_ns = messages::clock::process_cpu_ns() - before;
         slowest_ns = slowest_ns.max(taken_ns);
-        assert!(taken_ns < MOST_CPU_NS, "an input of {} bytes took {} ms", input.len(), taken_ns / 1_000_000);
-        if corpus.len() < MOST_INPUTS && seen.insert(shape(&answer)) {
+        assert!(taken_ns < MAX_CPU_NS, "an input of {} bytes took {} ms", input.len(), taken_ns / 1_000_000);
+        if corpus.len() < MAX_INPUTS && seen.insert(shape(&answer)) {
             corpus.push(input);
         }
         runs += 1;
@@ -148,7 +148,7 @@ fn limit_memory() {
     let status = std::fs::read_to_string("/proc/self/status").expect("/proc/self/status");
     let line = status.lines().find_map(|l| l.strip_prefix("VmSize:")).expect("VmSize");
     let now: u64 = line.trim().trim_end_matches(" kB").parse().expect("a number of kB");
-    let limit = Rlimit { current: Some(now * 1024 + MOST_BYTES), maximum: getrlimit(Resource::As).maximum };
+    let limit = Rlimit { current: Some(now * 1024 + MAX_BYTES), maximum: getrlimit(Resource::As).maximum };
     setrlimit(Resource::As, limit).expect("the limit of memory");
 }
 

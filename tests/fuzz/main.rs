@@ -63,8 +63,7 @@ fn cascade() {
             Ok(cascade) => {
                 // What was accepted can be used.
                 let view = perception::image::GreyView::new(&picture, 64, 48, 64).expect("a picture");
-                let sizes =
-                    perception::recognition::Sizes::Range { least_px: 0, greatest_px: 0, growth: 1.5 };
+                let sizes = perception::recognition::Sizes::Range { min_px: 0, max_px: 0, growth: 1.5 };
                 let mut detector = perception::recognition::Detector::new(&cascade, 64, 48);
                 let found = detector.detect(view, sizes, 2).len();
                 format!("ok {} stages, {}", cascade.stages.len().min(9), found.min(1))

@@ -2,8 +2,8 @@
 
 use super::harness::fuzz;
 use fastrand::Rng;
-use ipc::header::{Header, Kind, Stamp};
-use ipc::{command, depth, obstacles, pair, regions, report, role, status};
+use messages::header::{Header, Kind, Stamp};
+use messages::{command, depth, obstacles, pair, regions, report, role, status};
 use std::path::Path;
 
 /// Bytes of the fields of a header that anybody may write.
@@ -89,8 +89,7 @@ fn seeds() -> Vec<Vec<u8>> {
     let noise: Vec<u8> = std::iter::repeat_with(|| random.u8(..)).take(5 * pixels).collect();
     let mut seeds = vec![input(0, width, height, &noise[..2 * pixels]), input(1, width, height, &noise)];
 
-    let mut memory =
-        vec![0_u64; regions::greatest_payload_bytes(width as usize, height as usize).div_ceil(8)];
+    let mut memory = vec![0_u64; regions::max_payload_bytes(width as usize, height as usize).div_ceil(8)];
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = regions::RoadRecord { seen: 1, ..Default::default() };
     let profile = vec![1.5_f32; height as usize];

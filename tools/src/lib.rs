@@ -1,19 +1,9 @@
-//! What people look at: pictures, plots, records of frames, summaries of runs and scores against
-//! truth.
+//! What people run at a desk, without processes of its own: evaluation against truth, training, calibration
+//! sessions, recordings, soak statistics, and the pictures, plots and records that all of these write.
 
-pub mod calibrate;
-pub mod colour;
-pub mod compare;
-pub mod evaluate;
-pub mod output;
-pub mod overlay;
-pub mod picture;
-pub mod plot;
-pub mod ply;
-pub mod record;
+pub mod calibration;
+pub mod evaluation;
 pub mod recording;
+pub mod reporting;
 pub mod soak;
-pub mod summary;
-pub mod svg;
-pub mod train;
-pub mod v_disparity;
+pub mod training;

@@ -2,8 +2,8 @@
 
 use super::CommandError;
 use config::Config;
-use ipc::bus::Bus;
-use ipc::instance::{Instance, InstanceError};
+use messages::bus::Bus;
+use messages::instance::{Instance, InstanceError};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

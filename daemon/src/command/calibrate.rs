@@ -8,7 +8,7 @@ use perception::calibration::{Board, Grade};
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
-use tools::calibrate::{Outcome, Request, report, run as calibrate};
+use tools::calibration::{Outcome, Request, report, run as calibrate};
 
 #[derive(Serialize)]
 struct Figures {
@@ -104,7 +104,7 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
         Some(folder) if !args.live => folder.clone(),
         _ => calibrate_live::collect(args, board, log)?,
     };
-    let (start, cpu) = (Instant::now(), ipc::clock::process_cpu_ns());
+    let (start, cpu) = (Instant::now(), messages::clock::process_cpu_ns());
     let bar = ProgressBar::new(0);
     if args.json || !std::io::stderr().is_terminal() {
         bar.set_draw_target(ProgressDrawTarget::hidden());
@@ -126,7 +126,7 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let mut figures = Figures::new(&outcome);
     figures.seconds = start.elapsed().as_secs_f64();
-    figures.cpu_seconds = (ipc::clock::process_cpu_ns() - cpu) as f64 * 1e-9;
+    figures.cpu_seconds = (messages::clock::process_cpu_ns() - cpu) as f64 * 1e-9;
     let redo = outcome.verdict.grade == Grade::Redo;
     let now = date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()));
     let serial = args.serial.clone().unwrap_or_else(|| format!("rig {now}"));

@@ -5,8 +5,8 @@ use super::{CommandError, load};
 use crate::cli_rig::Calibrate;
 use crate::input;
 use config::Config;
-use ipc::wait::{self, Next};
-use ipc::{pair, service};
+use messages::wait::{self, Next};
+use messages::{pair, service};
 use perception::calibration::Board;
 use perception::image::GreyView;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use tools::calibrate::live::{Session, Step};
-use tools::picture::save_grey;
+use tools::calibration::live::{Session, Step};
+use tools::reporting::picture::save_grey;
 
 /// How long a source may be silent.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -77,7 +77,7 @@ fn choose(config: &mut Config, path: &Path) {
             config.source.path = text["scene:".len()..].into();
         }
         _ => {
-            let is_file = tools::compare::is_recording(path);
+            let is_file = tools::evaluation::compare::is_recording(path);
             config.source.kind = if is_file { "recording" } else { "folder" }.into();
             config.source.path = path.to_owned();
         }

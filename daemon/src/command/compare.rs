@@ -2,7 +2,7 @@
 
 use super::{CommandError, say};
 use crate::cli_record::Compare;
-use tools::compare::{Tolerance, compare, is_recording, read};
+use tools::evaluation::compare::{Tolerance, compare, is_recording, read};
 
 pub fn run(args: &Compare) -> Result<(), CommandError> {
     // A replay numbers the pairs that it has.

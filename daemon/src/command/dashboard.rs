@@ -1,10 +1,10 @@
 //! `lookout status --watch`: on a terminal a screen that is drawn anew each second, elsewhere a line each.
 
 use super::CommandError;
-use ipc::alarm::{ALARM, STANDBY, level_name};
-use ipc::calibration::CalibrationState;
-use ipc::role::Role;
-use ipc::status::{ProcessRecord, StatusRecord};
+use messages::alarm::{ALARM, STANDBY, level_name};
+use messages::calibration::CalibrationState;
+use messages::role::Role;
+use messages::status::{ProcessRecord, StatusRecord};
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal, Write};
 
@@ -278,7 +278,7 @@ mod tests {
         let of = |role: Role, state: &str| {
             let mut p =
                 ProcessRecord { role: role as u32, cpu_percent: 42.0, skipped, rate_hz: 12.5, ..process };
-            ipc::header::put_text(&mut p.state, state);
+            messages::header::put_text(&mut p.state, state);
             p
         };
         status.process[0] = of(Role::Road, "waiting");

@@ -2,21 +2,22 @@
 
 use super::{CommandError, load, say, status};
 use crate::cli::Demo;
-use crate::rooms::road_parameters;
+use crate::rooms::scene_parameters;
 use crate::scheduler::collector::FrameTrace;
 use crate::scheduler::{self, Ends, RunOptions};
 use crate::{input, scheduler::RunOutcome};
 use config::Config;
-use ipc::role::Role;
-use perception::road::{DepthView, RoadDetector};
+use messages::role::Role;
+use perception::depth::DepthView;
+use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tools::output::write_summary;
-use tools::plot::{self, Series};
-use tools::record::FrameRecord;
-use tools::{colour, v_disparity};
+use tools::reporting::output::write_summary;
+use tools::reporting::plot::{self, Series};
+use tools::reporting::record::FrameRecord;
+use tools::reporting::{colour, v_disparity};
 
 /// The drive needs no more: nearest distance 1.65 m with the paper's rig.
 const DISPARITIES: i64 = 64;
@@ -49,7 +50,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
             drop(say(format_args!(
                 "{:>3} frames, alarm {}, {} obstacles",
                 record.frames,
-                ipc::alarm::level_name(record.alarm),
+                messages::alarm::level_name(record.alarm),
                 record.obstacles
             )));
         }
@@ -92,7 +93,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     colour::disparity(&map, width, height, disparities as f32).save(&out.join("disparity.png"))?;
     let source = input::open(config).map_err(scheduler::RunError::from)?;
     let rig = input::rig(config, source.as_ref()).map_err(scheduler::RunError::from)?;
-    let mut detector = RoadDetector::new(road_parameters(config), rig, width, height, disparities);
+    let mut detector = SceneDetector::new(scene_parameters(config), rig, width, height, disparities);
     // The picture of a map does not tell its confidence.
     let certain = vec![u8::MAX; width * height];
     let view = DisparityView::new(&map, width, height).and_then(|map| DepthView::new(map, &certain));
@@ -115,7 +116,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     Ok(())
 }
 
-fn latency_plot(traces: &[FrameTrace]) -> tools::picture::Picture {
+fn latency_plot(traces: &[FrameTrace]) -> tools::reporting::picture::Picture {
     let points = |value: &dyn Fn(&FrameTrace) -> f64| -> Vec<(f64, f64)> {
         traces.iter().map(|t| (t.sequence as f64, value(t))).collect()
     };

@@ -9,7 +9,7 @@ use perception::recognition::{Cascade, Detector, Sizes, xml};
 use serde::Serialize;
 use sources::folder::read_grey;
 use std::path::Path;
-use tools::picture::{Colour, Picture};
+use tools::reporting::picture::{Colour, Picture};
 
 const RED: Colour = [255, 40, 40];
 
@@ -38,7 +38,7 @@ pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
         return Err(CommandError::Other(text));
     }
     let cascade = read_cascade(&args.cascade)?;
-    let sizes = Sizes::Range { least_px: args.min_px, greatest_px: args.max_px, growth: args.growth };
+    let sizes = Sizes::Range { min_px: args.min_px, max_px: args.max_px, growth: args.growth };
     let mut found = Vec::new();
     for path in &args.images {
         let (pixels, width, height) = read_grey(path)?;
@@ -47,9 +47,9 @@ pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
         let mut groups: Vec<Group> = Vec::new();
         let mut cpu_ms = Vec::new();
         for _ in 0..args.repeat {
-            let begin = ipc::clock::process_cpu_ns();
+            let begin = messages::clock::process_cpu_ns();
             let result = detector.detect(image, sizes, args.neighbours);
-            cpu_ms.push((ipc::clock::process_cpu_ns() - begin) as f64 * 1e-6);
+            cpu_ms.push((messages::clock::process_cpu_ns() - begin) as f64 * 1e-6);
             if groups.is_empty() {
                 groups.extend_from_slice(result);
             }

@@ -122,7 +122,7 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let mut halved = 0;
     let budget_ms = args.budget_ms.unwrap_or(config.stereo.budget_ms);
     for _ in 0..args.repeat {
-        let (cpu, wall) = (ipc::clock::process_cpu_ns(), Instant::now());
+        let (cpu, wall) = (messages::clock::process_cpu_ns(), Instant::now());
         let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
         let mut go_on = || budget_ms <= 0.0 || wall.elapsed().as_secs_f64() * 1e3 < budget_ms;
         halved = matcher.compute_within(left, right, output, &mut go_on)?;
@@ -132,12 +132,12 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
             }
             all_ms.push(device.stages.iter().map(|stage| stage.ns as f64 * 1e-6).sum());
         }
-        cpu_ms.push((ipc::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
+        cpu_ms.push((messages::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
         wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
     }
-    tools::picture::save_disparity(&args.out, &disparity, width, height)?;
+    tools::reporting::picture::save_disparity(&args.out, &disparity, width, height)?;
     if let Some(path) = &args.color {
-        tools::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
+        tools::reporting::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
     }
     let view = DisparityView::new(&disparity, width, height)
         .ok_or_else(|| CommandError::Other("the disparity map has another size than the image".into()))?;

@@ -11,15 +11,15 @@ use perception::stereo::{MatchOutput, Matcher};
 use sources::truth::{Region, Truth, TruthError, TruthPair, find, map_file};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use tools::evaluate::disturb::Disturbance;
-use tools::evaluate::error_picture::{self, ErrorInput};
-use tools::evaluate::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
-use tools::evaluate::fill::interpolate_background;
-use tools::evaluate::report::{Row, SetReport, StereoReport};
-use tools::evaluate::roc::Sparsification;
-use tools::evaluate::score::score;
-use tools::evaluate::subpixel::SubpixelHistogram;
-use tools::{colour, picture};
+use tools::evaluation::disturb::Disturbance;
+use tools::evaluation::error_picture::{self, ErrorInput};
+use tools::evaluation::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
+use tools::evaluation::fill::interpolate_background;
+use tools::evaluation::report::{Row, SetReport, StereoReport};
+use tools::evaluation::roc::Sparsification;
+use tools::evaluation::score::score;
+use tools::evaluation::subpixel::SubpixelHistogram;
+use tools::reporting::{colour, picture};
 
 /// A data set of the command line.
 struct Set {
@@ -89,7 +89,7 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
                 bar.inc(1);
                 continue;
             };
-            let px = tools::evaluate::pixels(&estimate.disparity);
+            let px = tools::evaluation::pixels(&estimate.disparity);
             let mut filled = px.clone();
             interpolate_background(&mut filled, images.width, images.height);
             for (region, mask) in &truth.regions {
@@ -105,16 +105,8 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
                 roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
             }
             if let Some(out) = &args.out {
-                let greatest_px = f32::from(args.max_disparity);
-                save_pictures(
-                    &out.join(&set.name),
-                    &pair.name,
-                    &truth,
-                    &images,
-                    &estimate,
-                    &filled,
-                    greatest_px,
-                )?;
+                let max_px = f32::from(args.max_disparity);
+                save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
             }
             bar.inc(1);
         }
@@ -252,11 +244,11 @@ impl Estimator for Matchers<'_> {
         let mut cpu_ms = Vec::new();
         for _ in 0..self.args.repeat {
             let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
-            let start = ipc::clock::process_cpu_ns();
+            let start = messages::clock::process_cpu_ns();
             matcher.compute(left, right, output)?;
-            cpu_ms.push((ipc::clock::process_cpu_ns() - start) as f64 * 1e-6);
+            cpu_ms.push((messages::clock::process_cpu_ns() - start) as f64 * 1e-6);
         }
-        let cpu_ms = Some(tools::record::tidy(median(&mut cpu_ms)));
+        let cpu_ms = Some(tools::reporting::record::tidy(median(&mut cpu_ms)));
         Ok(Some(Estimate { disparity, confidence: Some(confidence), cpu_ms }))
     }
 
@@ -412,7 +404,7 @@ fn save_pictures(
     images: &Images,
     estimate: &Estimate,
     filled: &[f32],
-    greatest_px: f32,
+    max_px: f32,
 ) -> Result<(), CommandError> {
     let [errors, disparity, colours] =
         PICTURE_FOLDERS.map(|part| folder.join(part).join(format!("{name}.png")));
@@ -427,6 +419,6 @@ fn save_pictures(
     };
     error_picture::draw(input).save(&errors)?;
     picture::save_disparity(&disparity, &estimate.disparity, width, height)?;
-    colour::disparity(&estimate.disparity, width, height, greatest_px).save(&colours)?;
+    colour::disparity(&estimate.disparity, width, height, max_px).save(&colours)?;
     Ok(())
 }

@@ -3,9 +3,9 @@
 use super::detect::read_cascade;
 use super::{CommandError, say};
 use crate::cli_cascade::EvaluateDetection;
-use tools::evaluate::detection::{judge_all, report};
-use tools::train::pictures::{self, SourcePicture};
-use tools::train::report::roc_plot;
+use tools::evaluation::detection::{judge_all, report};
+use tools::training::pictures::{self, SourcePicture};
+use tools::training::report::roc_plot;
 
 pub fn run(args: &EvaluateDetection, log: Option<&str>) -> Result<(), CommandError> {
     crate::logging::start("evaluate", log.unwrap_or("info"));

@@ -5,17 +5,17 @@ use super::scene_run::{SceneRun, found};
 use super::{CommandError, load, say};
 use crate::cli::EvaluateDistance;
 use crate::rooms::matcher::Method;
-use perception::road::PixelBox;
+use perception::region::PixelBox;
 use sources::PairSource;
 use sources::scene::{ObjectClass, ObjectTruth, Scene, SceneTruth};
 use std::path::{Path, PathBuf};
-use tools::evaluate::approach::{
+use tools::evaluation::approach::{
     Approach, ApproachFrame, DistanceReport, Shot, Silent, filmstrip, shown_frames,
 };
-use tools::evaluate::files::{prepare, write_report};
-use tools::evaluate::scene_match::{Found, is_found, match_frame};
-use tools::overlay;
-use tools::record::ObstacleLine;
+use tools::evaluation::files::{prepare, write_report};
+use tools::evaluation::scene_match::{Found, is_found, match_frame};
+use tools::reporting::overlay;
+use tools::reporting::record::ObstacleLine;
 
 /// The scenes that are looked at when none are named: approaches, then silent ones.
 const SCENES: [&str; 18] = [

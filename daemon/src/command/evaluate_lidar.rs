@@ -6,11 +6,13 @@ use super::replay::progress;
 use super::{CommandError, load, say};
 use crate::cli_lidar::EvaluateLidar;
 use crate::rooms::matcher::{Backend, Method};
-use crate::rooms::road_parameters;
+use crate::rooms::scene_parameters;
 use config::Config;
+use perception::depth::DepthView;
 use perception::image::GreyView;
+use perception::region::Region;
 use perception::rig::Rig;
-use perception::road::{DepthView, Region, RoadDetector};
+use perception::scene::SceneDetector;
 use perception::stereo::{DisparityView, MatchOutput};
 use sources::calibration_file;
 use sources::folder::read_grey;
@@ -18,11 +20,11 @@ use sources::truth::label::{self, Label};
 use sources::truth::lidar::{LidarFrame, frames};
 use sources::truth::map_file::DisparityMap;
 use std::path::PathBuf;
-use tools::evaluate::files::{prepare, write_report};
-use tools::evaluate::lidar::{Disparity, LidarReport, PictureRow, judge, label_box, label_distance_m};
-use tools::overlay::{self, OverlayInput};
-use tools::picture::{Colour, Picture};
-use tools::record::{FrameRecord, ObstacleLine};
+use tools::evaluation::files::{prepare, write_report};
+use tools::evaluation::lidar::{Disparity, LidarReport, PictureRow, judge, label_box, label_distance_m};
+use tools::reporting::overlay::{self, OverlayInput};
+use tools::reporting::picture::{Colour, Picture};
+use tools::reporting::record::{FrameRecord, ObstacleLine};
 
 const BLUE: Colour = [90, 160, 255];
 
@@ -62,7 +64,7 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         let labels = frame.labels.as_deref().map(label::read).transpose()?.unwrap_or_default();
         let seen = Seen::new(&config, frame, &rig, &depth_m)?;
         let mut detector =
-            RoadDetector::new(road_parameters(&config), rig, seen.width, seen.height, disparities(&config));
+            SceneDetector::new(scene_parameters(&config), rig, seen.width, seen.height, disparities(&config));
         for _ in 1..args.repeat {
             detector.detect(seen.depth(frame)?);
         }

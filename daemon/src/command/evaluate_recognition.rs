@@ -5,12 +5,12 @@ use super::replay::progress;
 use super::scene_run::SceneRun;
 use super::{CommandError, load, say};
 use crate::cli_cascade::EvaluateRecognition;
-use ipc::clock::process_cpu_ns;
+use messages::clock::process_cpu_ns;
 use perception::image::GreyView;
 use perception::recognition::{Detector, Sizes};
 use sources::PairSource;
 use sources::scene::Scene;
-use tools::evaluate::running_time::{PictureTimes, RunningTime, RunningTimes};
+use tools::evaluation::running_time::{PictureTimes, RunningTime, RunningTimes};
 
 /// Frames after which the regions have settled.
 const SETTLED: u64 = 20;
@@ -37,7 +37,7 @@ pub fn run(args: &EvaluateRecognition, log: Option<&str>) -> Result<(), CommandE
     let bar = progress(Some(run.frames), "frames");
     let (mut pictures, mut regions) = (0, 0);
     let r = &config.recognition;
-    let least_neighbours = u32::try_from(r.neighbours_min).unwrap_or(0);
+    let min_neighbours = u32::try_from(r.neighbours_min).unwrap_or(0);
     for index in 0..run.frames {
         let (_, frame) = run.frame(index)?;
         bar.inc(1);
@@ -58,7 +58,7 @@ pub fn run(args: &EvaluateRecognition, log: Option<&str>) -> Result<(), CommandE
         regions += crops.len();
         for (_, _, detector, times) in &mut cascades {
             let mut search = |view, sizes| {
-                detector.detect(view, sizes, least_neighbours);
+                detector.detect(view, sizes, min_neighbours);
             };
             times.push(PictureTimes {
                 sliding_ms: ms(|| search(image, Sizes::default())),

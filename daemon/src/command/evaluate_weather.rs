@@ -5,17 +5,17 @@ use super::scene_run::{SceneRun, found};
 use super::{CommandError, load, say};
 use crate::cli::EvaluateWeather;
 use crate::rooms::matcher::Method;
-use perception::road::PixelBox;
+use perception::region::PixelBox;
 use sources::scene::Scene;
 use sources::scene::file::Weather;
 use sources::scene::library;
 use std::path::PathBuf;
-use tools::evaluate::files::{prepare, write_report};
-use tools::evaluate::scene_match::{Found, match_frame};
-use tools::evaluate::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport, WeatherRow};
-use tools::overlay;
-use tools::picture::Picture;
-use tools::record::ObstacleLine;
+use tools::evaluation::files::{prepare, write_report};
+use tools::evaluation::scene_match::{Found, match_frame};
+use tools::evaluation::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport, WeatherRow};
+use tools::reporting::overlay;
+use tools::reporting::picture::Picture;
+use tools::reporting::record::ObstacleLine;
 
 /// A scene in one weather.
 struct Condition {

@@ -39,7 +39,7 @@ use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
 use crate::launch::Launch;
 use crate::stage::StageError;
 use config::Config;
-use ipc::role::Role;
+use messages::role::Role;
 use std::fmt;
 use std::io::{self, Read, Write};
 use thiserror::Error;
@@ -79,28 +79,28 @@ pub enum CommandError {
     Image(#[from] perception::image::ImageError),
     /// A picture.
     #[error(transparent)]
-    Picture(#[from] tools::picture::PictureError),
+    Picture(#[from] tools::reporting::picture::PictureError),
     /// A calibration's report.
     #[error(transparent)]
-    Report(#[from] tools::calibrate::report::ReportError),
+    Report(#[from] tools::calibration::report::ReportError),
     /// Training.
     #[error(transparent)]
-    Train(#[from] tools::train::TrainError),
+    Train(#[from] tools::training::TrainError),
     /// Results.
     #[error(transparent)]
-    Output(#[from] tools::output::OutputError),
+    Output(#[from] tools::reporting::output::OutputError),
     /// A recording.
     #[error(transparent)]
     Record(#[from] tools::recording::RecordError),
     /// Two runs that cannot be compared.
     #[error(transparent)]
-    Compare(#[from] tools::compare::CompareError),
+    Compare(#[from] tools::evaluation::compare::CompareError),
     /// Shared memory.
     #[error(transparent)]
-    Ipc(#[from] ipc::bus::IpcError),
+    Ipc(#[from] messages::bus::IpcError),
     /// An instance.
     #[error(transparent)]
-    Instance(#[from] ipc::instance::InstanceError),
+    Instance(#[from] messages::instance::InstanceError),
     /// A room.
     #[error(transparent)]
     Room(#[from] crate::rooms::RoomError),

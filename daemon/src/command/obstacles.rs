@@ -13,7 +13,7 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let (mut pipeline, _) = one_pair::pipeline(&config, args.rig.as_deref(), &args.left, &args.right)?;
     let result = pipeline.frame(0, 0)?;
     if let Some(path) = &args.overlay {
-        tools::overlay::draw(result.images, &result.record).save(path)?;
+        tools::reporting::overlay::draw(result.images, &result.record).save(path)?;
     }
     let record = &result.record;
     if args.json {

@@ -6,10 +6,10 @@ use perception::point_cloud::{self, Point, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde_json::json;
-use tools::colour::rainbow;
-use tools::picture::Colour;
-use tools::ply;
-use tools::record::{RoadLine, tidy};
+use tools::reporting::colour::rainbow;
+use tools::reporting::picture::Colour;
+use tools::reporting::ply;
+use tools::reporting::record::{RoadLine, tidy};
 
 /// Heights up to this are told apart by colour, in metres.
 const HEIGHT_SPAN_M: f64 = 3.0;

@@ -5,11 +5,11 @@ use super::replay::progress;
 use super::{CommandError, load, say};
 use crate::cli_record::Record;
 use crate::recorder::{Feed, Plan};
-use ipc::header::Header;
-use ipc::port::Subscriber;
-use ipc::rig::RigRecord;
-use ipc::wait::{self, Next};
-use ipc::{depth, obstacles, pair, service, status};
+use messages::header::Header;
+use messages::port::Subscriber;
+use messages::rig::RigRecord;
+use messages::wait::{self, Next};
+use messages::{depth, obstacles, pair, service, status};
 use perception::rig::Rig;
 use signal_hook::consts::SIGXFSZ;
 use std::sync::Arc;
@@ -58,7 +58,7 @@ fn limits(args: &Record) -> Limits {
     Limits {
         split_bytes: args.split_mb.map(|mb| mb << 20),
         split_ns: args.split_s.map(ns),
-        least_free_bytes: args.min_free_mb << 20,
+        min_free_bytes: args.min_free_mb << 20,
         ring: args.ring_s.map(|seconds| RingLimits {
             before_ns: ns(seconds),
             after_ns: ns(args.after_s),

@@ -6,8 +6,8 @@ use crate::cli_rig::{Rectify, RigCommand};
 use perception::image::GreyView;
 use perception::rectify::Remap;
 use sources::rig_file::{RigFile, export, import};
-use tools::calibrate::report::before_and_after;
-use tools::picture::save_grey;
+use tools::calibration::report::before_and_after;
+use tools::reporting::picture::save_grey;
 
 pub fn run(args: &Rectify) -> Result<(), CommandError> {
     let rig = RigFile::read(&args.rig)?;

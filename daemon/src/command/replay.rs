@@ -9,8 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Instant;
-use tools::output::{FrameWriter, prepare, write_summary};
-use tools::summary::RunSummary;
+use tools::reporting::output::{FrameWriter, prepare, write_summary};
+use tools::reporting::summary::RunSummary;
 
 /// A path that starts so names a scene.
 const SCENE: &str = "scene:";
@@ -62,7 +62,7 @@ pub fn set_source(config: &mut Config, path: &Path) {
             config.source.path = scene.into();
         }
         None => {
-            let is_file = tools::compare::is_recording(path);
+            let is_file = tools::evaluation::compare::is_recording(path);
             config.source.kind = if is_file { "recording" } else { "folder" }.into();
             config.source.path = path.to_owned();
         }

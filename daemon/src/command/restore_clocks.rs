@@ -4,7 +4,7 @@ use super::{CommandError, load, say};
 use crate::cli_board::RestoreClocks;
 use crate::scheduler::clocks;
 use crate::scheduler::sysfs::Sysfs;
-use ipc::instance::Instance;
+use messages::instance::Instance;
 
 pub fn run(args: &RestoreClocks, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "restore-clocks", Some("warn"))?;

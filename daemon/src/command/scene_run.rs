@@ -3,14 +3,14 @@
 use super::CommandError;
 use crate::in_process::{FrameResult, Pipeline};
 use config::Config;
-use ipc::regions::RegionRecord;
+use messages::regions::RegionRecord;
+use perception::region::PixelBox;
 use perception::rig::Rig;
-use perception::road::PixelBox;
 use sources::scene::{Scene, SceneTruth};
 use sources::{PairSource, SourceError};
 use std::cell::RefCell;
 use std::rc::Rc;
-use tools::evaluate::scene_match::Found;
+use tools::evaluation::scene_match::Found;
 
 /// The scene that the pipeline draws from and the truth is asked of.
 struct Shared(Rc<RefCell<Scene>>);

@@ -197,7 +197,7 @@ fn plan(
     let ms = |v: i64| v.unsigned_abs() * 1_000_000;
     let faults = with_faults.then(|| DirectorParameters {
         mix: if args.faults { Mix::All } else { Mix::Kills },
-        seed: args.seed.unwrap_or_else(|| ipc::clock::monotonic_ns() % 1_000_000_007),
+        seed: args.seed.unwrap_or_else(|| messages::clock::monotonic_ns() % 1_000_000_007),
         pause_ns: ms(match args.kills {
             Some(_) => config.soak.fault_pause_ms.min(200),
             None => config.soak.fault_pause_ms,

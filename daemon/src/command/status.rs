@@ -4,16 +4,16 @@ use super::dashboard::Dashboard;
 use super::status_heat::HeatJson;
 use super::{CommandError, load, say};
 use crate::cli::Status;
-use ipc::alarm::{Faults, level_name, rule_name};
-use ipc::bus::Bus;
-use ipc::calibration::CalibrationState;
-use ipc::device::DeviceRecord;
-use ipc::instance::{Instance, InstanceError};
-use ipc::realtime::Privilege;
-use ipc::role::Role;
-use ipc::service;
-use ipc::status::{self, StatusRecord};
-use ipc::wait::{self, Next};
+use messages::alarm::{Faults, level_name, rule_name};
+use messages::bus::Bus;
+use messages::calibration::CalibrationState;
+use messages::device::DeviceRecord;
+use messages::instance::{Instance, InstanceError};
+use messages::realtime::Privilege;
+use messages::role::Role;
+use messages::service;
+use messages::status::{self, StatusRecord};
+use messages::wait::{self, Next};
 use perception::stereo::device::STAGES;
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -202,7 +202,8 @@ impl StatusJson {
             latency_p99_ms: status.latency_p99_ms,
             alarm: level_name(status.alarm),
             alarm_rule: rule_name(status.alarm_rule),
-            alarm_reason: (status.alarm == ipc::alarm::OFF).then(|| Faults(status.alarm_faults).to_string()),
+            alarm_reason: (status.alarm == messages::alarm::OFF)
+                .then(|| Faults(status.alarm_faults).to_string()),
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
@@ -266,7 +267,7 @@ impl StatusJson {
 fn alarm_words(status: &StatusRecord) -> String {
     let level = level_name(status.alarm);
     match (status.alarm, rule_name(status.alarm_rule)) {
-        (ipc::alarm::OFF, _) if status.alarm_faults != 0 => {
+        (messages::alarm::OFF, _) if status.alarm_faults != 0 => {
             format!("{level}: {}", Faults(status.alarm_faults))
         }
         (_, Some(rule)) => format!("{level} ({})", rule.replace('_', " ")),

@@ -1,6 +1,6 @@
 //! Heat and clocks in `lookout status`.
 
-use ipc::heat::HeatRecord;
+use messages::heat::HeatRecord;
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -32,12 +32,12 @@ struct ClockJson {
 
 impl HeatJson {
     pub fn new(heat: &HeatRecord) -> Self {
-        let zone = |z: &ipc::heat::ZoneRecord| ZoneJson {
+        let zone = |z: &messages::heat::ZoneRecord| ZoneJson {
             name: z.name(),
             celsius: z.celsius,
             projected: z.projected == 1,
         };
-        let clock = |c: &ipc::heat::ClockRecord| ClockJson {
+        let clock = |c: &messages::heat::ClockRecord| ClockJson {
             name: c.name(),
             wanted_mhz: c.wanted_mhz,
             read_mhz: (c.read_mhz > 0.0).then_some(c.read_mhz),

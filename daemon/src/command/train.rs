@@ -7,11 +7,11 @@ use perception::recognition::xml::{self, TrainedWith};
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::time::Instant;
-use tools::evaluate::detection::{self, DetectionReport};
-use tools::train::checkpoint::Checkpoint;
-use tools::train::finish::Aim;
-use tools::train::pictures::{self, Split};
-use tools::train::{FeatureKind, Progress, StageFigures, TrainParameters, ablation, report, sweep, train};
+use tools::evaluation::detection::{self, DetectionReport};
+use tools::training::checkpoint::Checkpoint;
+use tools::training::finish::Aim;
+use tools::training::pictures::{self, Split};
+use tools::training::{FeatureKind, Progress, StageFigures, TrainParameters, ablation, report, sweep, train};
 
 #[derive(Serialize)]
 struct Figures {
@@ -61,7 +61,7 @@ fn parameters(args: &Train) -> TrainParameters {
     p.stage.chained = !args.unchained;
     p.bags = args.bags.into();
     p.stage.tree.max_depth = args.max_depth;
-    set(&mut p.stage.tree.least_leaf, args.least_leaf);
+    set(&mut p.stage.tree.min_leaf, args.min_leaf);
     set(&mut p.stage.tree.leaf_prior, args.leaf_prior);
     set(&mut p.stage.tree.category_prior, args.category_prior);
     p.variation = p.variation.times(args.variation);
@@ -203,7 +203,7 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
         (objects.training.len() + objects.validation.len(), rest.training.len() + rest.validation.len());
     let mut failed = None;
     let mut kept = begun.clone();
-    let cpu = ipc::clock::process_cpu_ns();
+    let cpu = messages::clock::process_cpu_ns();
     let trained = train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |event| {
         show.event("", event, p.stage.max_trees);
         if let Progress::Done { bag, cascade, figures } = event {
@@ -243,7 +243,7 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
         trees: cascade.trees(),
         exhausted: trained.exhausted,
         wall_s: show.begin.elapsed().as_secs_f64(),
-        cpu_s: (ipc::clock::process_cpu_ns() - cpu) as f64 * 1e-9,
+        cpu_s: (messages::clock::process_cpu_ns() - cpu) as f64 * 1e-9,
         stages: figures,
         validation,
     };

@@ -6,7 +6,7 @@ use crate::view::access::{Access, TokenError, given_token, new_token};
 use crate::view::hub::Hub;
 use crate::view::server::Server;
 use crate::view::watcher::Watcher;
-use ipc::instance::Instance;
+use messages::instance::Instance;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io;
 use std::net::SocketAddr;
@@ -28,7 +28,7 @@ pub fn run(args: &View, log: Option<&str>) -> Result<(), CommandError> {
         )));
     }
     let token = token(args).map_err(|error| CommandError::Other(error.to_string()))?;
-    ipc::bus::set_library_log_level_of_reader();
+    messages::bus::set_library_log_level_of_reader();
     yield_to_the_daemon();
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -81,7 +81,7 @@ fn invitation(address: SocketAddr, name: &str, token: Option<&str>) -> String {
 
 /// Takes the last place for the processor, and the first when memory runs out.
 fn yield_to_the_daemon() {
-    if let Err(error) = ipc::idle::run_when_idle() {
+    if let Err(error) = messages::idle::run_when_idle() {
         tracing::warn!(%error, "does not wait until the processor is idle");
     }
     if let Err(error) = rustix::process::nice(NICE) {

@@ -2,11 +2,11 @@
 
 use crate::command::StatusJson;
 use crate::frame_record::frame_record;
-use ipc::depth::Depth;
-use ipc::header::Header;
-use ipc::obstacles::Obstacles;
-use ipc::pair::Pair;
-use ipc::status::StatusRecord;
+use messages::depth::Depth;
+use messages::header::Header;
+use messages::obstacles::Obstacles;
+use messages::pair::Pair;
+use messages::status::StatusRecord;
 use perception::point_cloud::{self, Point, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
@@ -123,7 +123,7 @@ impl Feed {
     fn put(&mut self, item: Item) {
         match &mut self.output {
             Output::Thread(recorder) => {
-                if recorder.offer(item, ipc::clock::monotonic_ns()) == Offer::Refused {
+                if recorder.offer(item, messages::clock::monotonic_ns()) == Offer::Refused {
                     recorder.lost("disk", 1, self.now_ns);
                 }
             }
@@ -190,7 +190,7 @@ impl Feed {
         if self.plan.topics.scene {
             self.put_message(encode::scene(stamp, &record, &self.rig));
         }
-        if message.alarm.level == ipc::alarm::ALARM {
+        if message.alarm.level == messages::alarm::ALARM {
             self.put(Item::Alarm { time_ns: stamp.time_ns });
         }
     }
@@ -238,7 +238,9 @@ impl Feed {
     /// Whether the recording has ended by itself, or the disk does not follow.
     pub fn is_over(&self) -> bool {
         match &self.output {
-            Output::Thread(recorder) => recorder.is_over() || recorder.is_stuck(ipc::clock::monotonic_ns()),
+            Output::Thread(recorder) => {
+                recorder.is_over() || recorder.is_stuck(messages::clock::monotonic_ns())
+            }
             Output::Direct(_) => self.error.is_some(),
         }
     }

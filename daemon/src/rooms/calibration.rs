@@ -2,7 +2,7 @@
 //! that makes small offsets good.
 
 use config::Config;
-use ipc::calibration::{CalibrationRecord, CalibrationState};
+use messages::calibration::{CalibrationRecord, CalibrationState};
 use perception::image::GreyView;
 use perception::rectify::{Remap, RemapError};
 use perception::simd::Level;

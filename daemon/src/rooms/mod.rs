@@ -8,13 +8,16 @@ pub mod road;
 pub mod stereo;
 
 use config::Config;
-use ipc::alarm::Faults;
-use ipc::calibration::CalibrationRecord;
-use ipc::device::DeviceRecord;
-use ipc::header::{Header, MessageError};
+use messages::alarm::Faults;
+use messages::calibration::CalibrationRecord;
+use messages::device::DeviceRecord;
+use messages::header::{Header, MessageError};
+use perception::alarm::AlarmParameters;
+use perception::detection::RegionParameters;
 use perception::recognition::xml::CascadeError;
 use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
-use perception::road::{RegionParameters, RoadParameters, Shape};
+use perception::road::{RoadParameters, Shape};
+use perception::scene::SceneParameters;
 use perception::stereo::cost::CostParameters;
 use perception::stereo::fill::BridgeParameters;
 use perception::stereo::scale::PathParameters;
@@ -23,8 +26,7 @@ use perception::stereo::viterbi::Merge;
 use perception::stereo::winner::{SubPixel, WinnerParameters};
 use perception::stereo::{MatchError, MpvParameters};
 use perception::tracking::TrackerParameters;
-use perception::tracking::alarm::AlarmParameters;
-use perception::tracking::looks::LookParameters;
+use perception::tracking::classification_schedule::ScheduleParameters;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -146,30 +148,32 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
             },
             ..default.winner
         },
-        least_confidence: whole(c.confidence_min),
-        speckle: SpeckleParameters { least_pixels: whole(c.speckle_pixels), ..default.speckle },
+        min_confidence: whole(c.confidence_min),
+        speckle: SpeckleParameters { min_pixels: whole(c.speckle_pixels), ..default.speckle },
         bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },
         complete: c.fill,
         threads: whole(c.threads),
     }
 }
 
-/// The road's parameters.
-pub fn road_parameters(config: &Config) -> RoadParameters {
+/// The parameters of the road model and of the regions.
+pub fn scene_parameters(config: &Config) -> SceneParameters {
     let (c, r) = (&config.road, &config.regions);
-    RoadParameters {
-        camera_height_m: (c.camera_height_min_m, c.camera_height_max_m),
-        horizon_share: c.horizon_share,
-        least_support: c.least_support,
-        shape: if c.shape == "plane" { Shape::Plane } else { Shape::Profile },
+    SceneParameters {
+        road: RoadParameters {
+            camera_height_m: (c.camera_height_min_m, c.camera_height_max_m),
+            horizon_share: c.horizon_share,
+            min_support: c.least_support,
+            shape: if c.shape == "plane" { Shape::Plane } else { Shape::Profile },
+        },
         regions: RegionParameters {
-            least_height_m: r.height_min_m,
-            greatest_height_m: r.height_max_m,
-            greatest_distance_m: r.distance_max_m,
-            least_width_m: r.width_min_m,
+            min_height_m: r.height_min_m,
+            max_height_m: r.height_max_m,
+            max_distance_m: r.distance_max_m,
+            min_width_m: r.width_min_m,
             depth_span_m: r.depth_span_m,
-            least_pixels: whole(r.pixels_min),
-            greatest_count: whole(r.count_max),
+            min_pixels: whole(r.pixels_min),
+            max_count: whole(r.count_max),
             confirm: r.confirm,
         },
     }
@@ -181,8 +185,8 @@ pub fn tracker_parameters(config: &Config) -> TrackerParameters {
     TrackerParameters {
         confirm_frames: whole(c.confirm_frames),
         forget_frames: whole(c.forget_frames),
-        least_overlap: c.overlap_min,
-        greatest_count: ipc::obstacles::GREATEST_COUNT,
+        min_overlap: c.overlap_min,
+        max_count: messages::obstacles::MAX_COUNT,
     }
 }
 
@@ -203,9 +207,9 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
 }
 
 /// How often the recogniser looks at tracks.
-pub fn look_parameters(config: &Config) -> LookParameters {
+pub fn look_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
-    LookParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
+    ScheduleParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
 }
 
 /// The text of a cascade that ships with the daemon, by its name. It is no part of the program and
@@ -244,13 +248,13 @@ pub fn recogniser(
         .map_err(|source| RoomError::Cascade { path: path(), source })?;
     let parameters = RecogniserParameters {
         sizes: Sizes::Range {
-            least_px: whole(c.window_min_px),
-            greatest_px: whole(c.window_max_px),
+            min_px: whole(c.window_min_px),
+            max_px: whole(c.window_max_px),
             growth: c.growth,
         },
         growth: c.growth,
         window_m: c.window_m,
-        least_neighbours: whole(c.neighbours_min),
+        min_neighbours: whole(c.neighbours_min),
     };
     Ok(Some(CascadeRecogniser::new(&cascade, parameters, width, height)))
 }

@@ -6,17 +6,17 @@ use super::{
 };
 use crate::launch::FrameFormat;
 use config::Config;
-use ipc::alarm::Faults;
-use ipc::header::{Header, modes, put_text};
-use ipc::obstacles::{self, AlarmRecord, GREATEST_COUNT, ObstacleRecord};
-use ipc::regions::{self, RegionRecord};
+use messages::alarm::Faults;
+use messages::header::{Header, modes, put_text};
+use messages::obstacles::{self, AlarmRecord, MAX_COUNT, ObstacleRecord};
+use messages::regions::{self, RegionRecord};
+use perception::alarm::{Alarm, Candidate};
 use perception::image::GreyView;
 use perception::recognition::Recogniser;
+use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
-use perception::road::{PixelBox, Region};
-use perception::tracking::alarm::{Alarm, Candidate};
-use perception::tracking::growth::GrowthMeter;
-use perception::tracking::looks::LookParameters;
+use perception::tracking::classification_schedule::ScheduleParameters;
+use perception::tracking::scale_change::GrowthMeter;
 use perception::tracking::{Track, Tracker};
 
 /// The word for what no class recognised.
@@ -24,15 +24,15 @@ pub const UNRECOGNISED: &str = "obstacle";
 
 /// Regions narrower or lower than this share of the recogniser's window are parts at most and are
 /// not looked at: posts, kerbs.
-const LEAST_SHARE: f64 = 0.35;
+const MIN_SHARE: f64 = 0.35;
 
 /// Recogniser, tracker and alarm between their messages.
 pub struct RecognitionRoom {
     recogniser: Option<Box<dyn Recogniser>>,
     label: String,
     /// Least width and height of a region that is looked at, in metres.
-    least_m: f64,
-    looks: LookParameters,
+    min_m: f64,
+    looks: ScheduleParameters,
     tracker: Tracker,
     growth: GrowthMeter,
     alarm: Alarm,
@@ -60,7 +60,7 @@ impl RecognitionRoom {
         Ok(Self {
             recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
             label: config.recognition.label.clone(),
-            least_m: LEAST_SHARE * config.recognition.window_m,
+            min_m: MIN_SHARE * config.recognition.window_m,
             looks: look_parameters(config),
             tracker: Tracker::new(tracker_parameters(config), rig, size),
             growth: GrowthMeter::new(format.width, format.height),
@@ -71,8 +71,8 @@ impl RecognitionRoom {
             rig,
             width: format.width,
             height: format.height,
-            regions: Vec::with_capacity(regions::GREATEST_COUNT),
-            records: Vec::with_capacity(GREATEST_COUNT),
+            regions: Vec::with_capacity(regions::MAX_COUNT),
+            records: Vec::with_capacity(MAX_COUNT),
             last: None,
         })
     }
@@ -129,7 +129,7 @@ impl RecognitionRoom {
             camera_height_m: road.camera_height_m,
         };
         self.records.clear();
-        for track in tracker.tracks().iter().take(GREATEST_COUNT) {
+        for track in tracker.tracks().iter().take(MAX_COUNT) {
             let confirmed = tracker.is_confirmed(track);
             self.records.push(obstacle(track, confirmed, self.path_width_m, &self.label));
         }
@@ -140,10 +140,10 @@ impl RecognitionRoom {
     /// Lets the recogniser look at some of the tracks. A crop that cannot be used is not recognised.
     fn recognise(&mut self, message: &regions::Regions<'_>) {
         let Some(recogniser) = &mut self.recogniser else { return };
-        let (least_m, baseline_m) = (self.least_m, self.rig.baseline_m);
+        let (min_m, baseline_m) = (self.min_m, self.rig.baseline_m);
         let record = |track: &Track| track.detection.and_then(|d| message.regions.get(d));
         let may = |track: &Track| {
-            record(track).is_some_and(|r| r.width_m.min(r.height_m) >= least_m && message.crop(r).is_some())
+            record(track).is_some_and(|r| r.width_m.min(r.height_m) >= min_m && message.crop(r).is_some())
         };
         self.tracker.look(self.looks, may, |track| {
             let record = record(track)?;
@@ -157,7 +157,7 @@ impl RecognitionRoom {
 
 impl Room for RecognitionRoom {
     fn output_bytes(&self) -> usize {
-        obstacles::payload_bytes(GREATEST_COUNT)
+        obstacles::payload_bytes(MAX_COUNT)
     }
 
     fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
@@ -212,14 +212,14 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
 
 #[cfg(test)]
 mod tests {
-    use ipc::alarm::{LEVELS, RULES, level_name, rule_name};
-    use perception::tracking::alarm::{AlarmLevel, AlarmRule};
+    use messages::alarm::{LEVELS, RULES, level_name, rule_name};
+    use perception::alarm::{AlarmLevel, AlarmRule};
 
     #[test]
     fn levels_and_rules_have_the_numbers_of_their_names() {
         let levels = [AlarmLevel::Off, AlarmLevel::Standby, AlarmLevel::Warning, AlarmLevel::Alarm];
         assert_eq!(levels.map(|l| level_name(l as u32)), LEVELS);
-        assert_eq!(levels[3] as u32, ipc::alarm::ALARM);
+        assert_eq!(levels[3] as u32, messages::alarm::ALARM);
         let rules = [AlarmRule::Distance, AlarmRule::TimeToCollision, AlarmRule::Deceleration];
         assert_eq!(rules.map(|r| rule_name(r as u32).unwrap()), RULES[1..]);
         assert_eq!(rule_name(AlarmRule::None as u32), None);

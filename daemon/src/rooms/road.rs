@@ -1,17 +1,19 @@
 //! Depth to regions.
 
-use super::{FrameError, Room, check_size, road_parameters};
+use super::{FrameError, Room, check_size, scene_parameters};
 use crate::launch::FrameFormat;
 use config::Config;
-use ipc::alarm::Faults;
-use ipc::header::{Header, MessageError};
-use ipc::regions::{EdgeRecord, RegionRecord, RoadRecord, Writer};
-use ipc::{depth, regions};
+use messages::alarm::Faults;
+use messages::header::{Header, MessageError};
+use messages::regions::{EdgeRecord, RegionRecord, RoadRecord, Writer};
+use messages::{depth, regions};
+use perception::depth::DepthView;
 use perception::image::GreyView;
+use perception::image_quality::{TextureCheck, road_texture};
+use perception::region::Region;
 use perception::rig::Rig;
 use perception::road::edges::Edge;
-use perception::road::{DepthView, Region, RoadDetector};
-use perception::sight::{TextureCheck, road_texture};
+use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
 
 // What the algorithm gives and what the message holds are the same columns.
@@ -23,11 +25,11 @@ const _: () = assert!(perception::road::edges::STRETCHES == regions::STRETCHES);
 const CROP_MARGIN: f64 = 0.2;
 
 /// Least side of a crop, in pixels.
-const CROP_LEAST: u32 = 32;
+const MIN_CROP: u32 = 32;
 
 /// The road detector between its messages.
 pub struct RoadRoom {
-    detector: RoadDetector,
+    detector: SceneDetector,
     rig: Rig,
     path_width_m: f64,
     /// Whether the road has texture to be matched by, if it is asked for.
@@ -42,7 +44,7 @@ impl RoadRoom {
     pub fn new(config: &Config, format: &FrameFormat) -> Self {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        let detector = RoadDetector::new(road_parameters(config), format.rig(), width, height, disparities);
+        let detector = SceneDetector::new(scene_parameters(config), format.rig(), width, height, disparities);
         Self {
             detector,
             rig: format.rig(),
@@ -57,7 +59,7 @@ impl RoadRoom {
 
 impl Room for RoadRoom {
     fn output_bytes(&self) -> usize {
-        regions::greatest_payload_bytes(self.width, self.height)
+        regions::max_payload_bytes(self.width, self.height)
     }
 
     fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
@@ -111,8 +113,7 @@ fn edge_record(edge: Edge) -> EdgeRecord {
 fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
     let b = region.bounds;
     let grow = |start: u32, side: u32, limit: u32| {
-        let margin =
-            ((f64::from(side) * CROP_MARGIN) as u32).max(CROP_LEAST.saturating_sub(side).div_ceil(2));
+        let margin = ((f64::from(side) * CROP_MARGIN) as u32).max(MIN_CROP.saturating_sub(side).div_ceil(2));
         let from = start.saturating_sub(margin);
         let to = (start + side + margin).min(limit);
         (from, to - from)

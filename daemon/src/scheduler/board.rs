@@ -4,7 +4,7 @@ use super::clocks::{self, ClockError, ClockWishes, Clocks, Hertz};
 use super::heat::{Celsius, Heat, HeatAction, HeatParameters, Rung};
 use super::sysfs::{Sensors, Sysfs};
 use config::Config;
-use ipc::heat::HeatRecord;
+use messages::heat::HeatRecord;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use thiserror::Error;

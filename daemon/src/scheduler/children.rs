@@ -2,7 +2,7 @@
 
 use super::notify::VARIABLES;
 use crate::launch::Launch;
-use ipc::role::Role;
+use messages::role::Role;
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::consts::{SIGABRT, SIGBUS, SIGKILL, SIGSEGV, SIGXCPU};
 use std::io::{self, Write};

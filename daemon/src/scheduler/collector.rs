@@ -2,16 +2,18 @@
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
-use ipc::alarm::{self, Faults};
-use ipc::calibration::{CalibrationRecord, CalibrationState};
-use ipc::deadline::DeadlineRecord;
-use ipc::device::DeviceRecord;
-use ipc::header::{Header, put_text};
-use ipc::obstacles::AlarmRecord;
-use ipc::report::ReportRecord;
-use ipc::role::Role;
-use ipc::status::{ProcessRecord, WARM_FRAMES};
-use tools::summary::{AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary};
+use messages::alarm::{self, Faults};
+use messages::calibration::{CalibrationRecord, CalibrationState};
+use messages::deadline::DeadlineRecord;
+use messages::device::DeviceRecord;
+use messages::header::{Header, put_text};
+use messages::obstacles::AlarmRecord;
+use messages::report::ReportRecord;
+use messages::role::Role;
+use messages::status::{ProcessRecord, WARM_FRAMES};
+use tools::reporting::summary::{
+    AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary,
+};
 
 /// Frames whose times are kept one by one where they are drawn.
 const KEPT_TRACES: usize = 20_000;
@@ -405,7 +407,7 @@ impl Collector {
 mod tests {
     use super::*;
     use crate::scheduler::supervisor::tests::PARAMETERS;
-    use ipc::header::{Kind, Stamp};
+    use messages::header::{Kind, Stamp};
 
     fn report(role: Role, pid: u32, frames: u64) -> ReportRecord {
         ReportRecord {

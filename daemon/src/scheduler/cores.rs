@@ -1,7 +1,7 @@
 //! Which process runs on which core.
 
 use config::Cores;
-use ipc::role::Role;
+use messages::role::Role;
 
 /// The core of each role.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The figures of a run in the log, once a minute: fields of the journal for whoever keeps no metrics.
 
-use ipc::role::Role;
-use ipc::status::StatusRecord;
+use messages::role::Role;
+use messages::status::StatusRecord;
 
 /// Time between two lines.
 const PERIOD_NS: u64 = 60_000_000_000;

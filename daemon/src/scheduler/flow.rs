@@ -6,15 +6,15 @@
 //! give the same answer again.
 
 use super::heat::HeatAction;
-use ipc::command::CommandRecord;
-use ipc::header::modes;
-use ipc::role::Role;
+use messages::command::CommandRecord;
+use messages::header::modes;
+use messages::role::Role;
 
 /// How long the last frame may be on its way once the source has stopped.
 pub const DRAIN_NS: u64 = 3_000_000_000;
 
 /// Frames by which a stage's report may be read before the source's own.
-const MOST_AHEAD: u64 = 1024;
+const MAX_AHEAD: u64 = 1024;
 
 /// The frames of a run.
 #[derive(Clone, Debug)]
@@ -76,7 +76,7 @@ impl Flow {
         let most = if self.is_lockstep() {
             self.command.credit
         } else {
-            self.published.unwrap_or(0).saturating_add(MOST_AHEAD)
+            self.published.unwrap_or(0).saturating_add(MAX_AHEAD)
         };
         if sequence > most && role != Role::Capture {
             return false;

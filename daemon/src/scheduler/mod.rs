@@ -22,18 +22,18 @@ use crate::input::InputError;
 use crate::rooms::RoomError;
 use collector::FrameTrace;
 use config::Config;
-use ipc::bus::IpcError;
-use ipc::clock::monotonic_ns;
-use ipc::instance::InstanceError;
-use ipc::service;
-use ipc::status::StatusRecord;
-use ipc::wait;
+use messages::bus::IpcError;
+use messages::clock::monotonic_ns;
+use messages::instance::InstanceError;
+use messages::service;
+use messages::status::StatusRecord;
+use messages::wait;
 use perception::stereo::MatcherError;
 use run::Run;
 use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
-use tools::summary::RunSummary;
+use tools::reporting::summary::RunSummary;
 
 /// Why the daemon cannot run.
 #[derive(Debug, Error)]
@@ -80,7 +80,7 @@ pub enum RunError {
     Record(#[from] tools::recording::RecordError),
     /// Results cannot be written.
     #[error(transparent)]
-    Output(#[from] tools::output::OutputError),
+    Output(#[from] tools::reporting::output::OutputError),
     /// The stages cannot be told what to do.
     #[error("a path of the configuration is not text: {0}")]
     Launch(#[from] serde_json::Error),

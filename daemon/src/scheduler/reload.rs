@@ -7,7 +7,7 @@
 //! a restart of the daemon, and a configuration that changes one of them is refused as a whole.
 
 use config::Config;
-use ipc::role::Role;
+use messages::role::Role;
 use thiserror::Error;
 
 /// What a changed key asks for.

@@ -22,17 +22,17 @@ use crate::realtime;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::{RoomError, matcher};
 use config::Config;
-use ipc::bus::{Bus, IpcError};
-use ipc::clock::monotonic_ns;
-use ipc::header::{GREATEST_SIDE, Header, Kind};
-use ipc::instance::{Instance, InstanceLock};
-use ipc::port::{Publisher, Subscriber};
-use ipc::realtime::RealtimeRecord;
-use ipc::report::{Health, ReportRecord};
-use ipc::role::Role;
-use ipc::status::StatusRecord;
-use ipc::wait::Next;
-use ipc::{report, service};
+use messages::bus::{Bus, IpcError};
+use messages::clock::monotonic_ns;
+use messages::header::{Header, Kind, MAX_SIDE};
+use messages::instance::{Instance, InstanceLock};
+use messages::port::{Publisher, Subscriber};
+use messages::realtime::RealtimeRecord;
+use messages::report::{Health, ReportRecord};
+use messages::role::Role;
+use messages::status::StatusRecord;
+use messages::wait::Next;
+use messages::{report, service};
 use perception::stereo::Mpv;
 use result::Results;
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM, SIGUSR1};
@@ -109,8 +109,8 @@ impl Run {
             "folder" | "recording" => config.source.path.display().to_string(),
             kind => kind.to_owned(),
         };
-        if width.max(height) > GREATEST_SIDE as usize {
-            return Err(RunError::Side { source_name: source_name(), width, height, most: GREATEST_SIDE });
+        if width.max(height) > MAX_SIDE as usize {
+            return Err(RunError::Side { source_name: source_name(), width, height, most: MAX_SIDE });
         }
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         Mpv::check(width, height, disparities)
@@ -151,7 +151,7 @@ impl Run {
         }
         let board = Board::start(config, instance.directory(), started_ns)?;
         if let Some(out) = &options.out {
-            tools::output::prepare(out)?;
+            tools::reporting::output::prepare(out)?;
         }
         if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
             return Err(RecordError::Exists { path: path.clone() }.into());

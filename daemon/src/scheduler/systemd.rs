@@ -5,8 +5,8 @@ use super::reload;
 use super::run::{Phase, Run};
 use crate::rooms::recognition::RecognitionRoom;
 use config::Config;
-use ipc::role::Role;
-use ipc::status::StatusRecord;
+use messages::role::Role;
+use messages::status::StatusRecord;
 use std::sync::atomic::Ordering;
 
 impl Run {

@@ -2,9 +2,9 @@
 
 use super::SoakError;
 use config::Config;
-use ipc::bus::Bus;
-use ipc::clock::monotonic_ns;
-use ipc::instance::Instance;
+use messages::bus::Bus;
+use messages::clock::monotonic_ns;
+use messages::instance::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::File;
 use std::os::unix::process::CommandExt;

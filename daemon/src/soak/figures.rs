@@ -4,15 +4,15 @@ use super::observer::{Counts, Observer};
 use super::processes::MachineTime;
 use super::{Plan, Soaked};
 use config::Config;
-use ipc::role::Role;
+use messages::role::Role;
+use tools::reporting::summary::Latency;
+use tools::reporting::svg::{Plot, Series};
 use tools::soak::budget::{Budgets, Figures, Kind, SLOPE_SPAN_S, Verdict, judge};
 use tools::soak::latency::{Latencies, STAGES};
 use tools::soak::paper::RateRun;
 use tools::soak::recovery::Recoveries;
 use tools::soak::report::{Machine, ProcessRow, SoakReport, StageRow, StallRow};
 use tools::soak::trend::Trend;
-use tools::summary::Latency;
-use tools::svg::{Plot, Series};
 
 const HOUR_S: f64 = 3600.0;
 

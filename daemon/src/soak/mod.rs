@@ -13,7 +13,7 @@ mod processes;
 use child::DaemonChild;
 use config::Config;
 pub use figures::processor;
-use ipc::bus::IpcError;
+use messages::bus::IpcError;
 use observer::{Ended, Observer};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,12 +22,12 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use thiserror::Error;
+use tools::reporting::svg::Plot;
 use tools::soak::budget::Kind;
 use tools::soak::director::DirectorParameters;
 use tools::soak::latency::STAGES;
 use tools::soak::paper::RateRun;
 use tools::soak::report::{Setting, SoakReport};
-use tools::svg::Plot;
 
 /// Why there is no report.
 #[derive(Debug, Error)]
@@ -133,7 +133,7 @@ pub fn run(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Soaked, SoakError> {
     std::fs::create_dir_all(&plan.out).map_err(SoakError::io(&plan.out))?;
-    let entries_before = ipc::instance::shared_entries("lookout.").len() as u64;
+    let entries_before = messages::instance::shared_entries("lookout.").len() as u64;
     let mut daemon = DaemonChild::start(config, &plan.out)?;
     let (bus, prefix) = daemon.join(stop)?;
     let mut observer = Observer::new(config, plan, &daemon);
@@ -151,7 +151,7 @@ pub fn run(
         Ok(status) => reasons.push(format!("the daemon ended with {status} when it was asked to stop")),
         Err(error) => reasons.push(error.to_string()),
     }
-    let left = ipc::instance::shared_entries(&prefix).len() + entries_below(&folder);
+    let left = messages::instance::shared_entries(&prefix).len() + entries_below(&folder);
     Ok(observer.conclude(plan, config, entries_before, left as u64, reasons))
 }
 
@@ -162,6 +162,6 @@ fn entries_below(folder: &Path) -> usize {
 }
 
 /// Roles of the stages, as `tools::soak` numbers them.
-fn stage_index(role: ipc::role::Role) -> Option<usize> {
-    ipc::role::Role::STAGES.iter().position(|&stage| stage == role).filter(|&i| i < STAGES)
+fn stage_index(role: messages::role::Role) -> Option<usize> {
+    messages::role::Role::STAGES.iter().position(|&stage| stage == role).filter(|&i| i < STAGES)
 }

@@ -3,8 +3,8 @@
 //! holds them up, too.
 
 use super::processes::Reading;
-use ipc::clock::monotonic_ns;
-use ipc::privilege;
+use messages::clock::monotonic_ns;
+use messages::privilege;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,6 +1,6 @@
 //! What the kernel tells of the daemon's processes: processor time, memory, priority.
 
-use ipc::role::Role;
+use messages::role::Role;
 use std::collections::BTreeMap;
 
 /// What /proc tells of one process.

@@ -6,14 +6,14 @@
 use super::reader::Reader;
 use super::{Stage, StageError};
 use crate::input;
-use ipc::clock::monotonic_ns;
-use ipc::command::{self, CommandRecord};
-use ipc::header::{Header, Kind, Stamp};
-use ipc::pair;
-use ipc::port::{Loan, Publisher};
-use ipc::report::Health;
-use ipc::service;
-use ipc::wait::{self, Next};
+use messages::clock::monotonic_ns;
+use messages::command::{self, CommandRecord};
+use messages::header::{Header, Kind, Stamp};
+use messages::pair;
+use messages::port::{Loan, Publisher};
+use messages::report::Health;
+use messages::service;
+use messages::wait::{self, Next};
 use sources::{PairSource, Readiness};
 use std::time::Duration;
 

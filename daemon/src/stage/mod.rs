@@ -10,17 +10,17 @@ use crate::launch::Launch;
 use crate::memory::MemoryProbe;
 use crate::realtime::{self, Refused};
 use crate::rooms::RoomError;
-use ipc::allocation;
-use ipc::bus::{Bus, IpcError};
-use ipc::calibration::CalibrationRecord;
-use ipc::clock::{monotonic_ns, process_cpu_ns};
-use ipc::device::DeviceRecord;
-use ipc::header::{Header, Kind};
-use ipc::instance::Instance;
-use ipc::port::Publisher;
-use ipc::report::{Health, ReportRecord};
-use ipc::role::Role;
-use ipc::service;
+use messages::allocation;
+use messages::bus::{Bus, IpcError};
+use messages::calibration::CalibrationRecord;
+use messages::clock::{monotonic_ns, process_cpu_ns};
+use messages::device::DeviceRecord;
+use messages::header::{Header, Kind};
+use messages::instance::Instance;
+use messages::port::Publisher;
+use messages::report::{Health, ReportRecord};
+use messages::role::Role;
+use messages::service;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io;
@@ -60,7 +60,7 @@ pub enum StageError {
     Record(#[from] tools::recording::RecordError),
     /// Results cannot be written.
     #[error(transparent)]
-    Output(#[from] tools::output::OutputError),
+    Output(#[from] tools::reporting::output::OutputError),
 }
 
 /// Runs a stage until it is asked to stop.

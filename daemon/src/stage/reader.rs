@@ -3,7 +3,7 @@
 
 use crate::input;
 use crate::launch::Launch;
-use ipc::clock::monotonic_ns;
+use messages::clock::monotonic_ns;
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use sources::PairSource;

@@ -3,10 +3,10 @@
 
 use super::{Stage, StageError};
 use crate::recorder::{Feed, Plan};
-use ipc::header::Header;
-use ipc::obstacles::Obstacles;
-use ipc::port::Subscriber;
-use ipc::{pair, service, status};
+use messages::header::Header;
+use messages::obstacles::Obstacles;
+use messages::port::Subscriber;
+use messages::{pair, service, status};
 use std::path::Path;
 use tools::recording::{Choice, ImageForm, Limits};
 

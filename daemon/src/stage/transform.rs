@@ -5,11 +5,11 @@ use crate::rooms::Room;
 use crate::rooms::recognition::RecognitionRoom;
 use crate::rooms::road::RoadRoom;
 use crate::rooms::stereo::StereoRoom;
-use ipc::alarm::Faults;
-use ipc::clock::monotonic_ns;
-use ipc::header::Stamp;
-use ipc::service::{self, ServiceSpec};
-use ipc::wait::{self, Next};
+use messages::alarm::Faults;
+use messages::clock::monotonic_ns;
+use messages::header::Stamp;
+use messages::service::{self, ServiceSpec};
+use messages::wait::{self, Next};
 
 /// Runs the stereo stage.
 ///
@@ -49,9 +49,8 @@ fn run(
 ) -> Result<(), StageError> {
     let format = stage.launch.frames;
     // In lock-step a frame may be as old as it likes: it waits for whoever is slow.
-    let greatest_ms = stage.launch.config.alarm.frame_age_max_ms.unsigned_abs();
-    let oldest_ns =
-        if stage.launch.lockstep || greatest_ms == 0 { u64::MAX } else { greatest_ms * 1_000_000 };
+    let max_ms = stage.launch.config.alarm.frame_age_max_ms.unsigned_abs();
+    let oldest_ns = if stage.launch.lockstep || max_ms == 0 { u64::MAX } else { max_ms * 1_000_000 };
     let messages = stage.bus.subscriber(input)?;
     let publisher = stage.bus.publisher(output, format.width, format.height)?;
     stage.ready()?;

@@ -4,13 +4,13 @@
 use super::tape::Tape;
 use super::{Stage, StageError};
 use crate::frame_record::frame_record;
-use ipc::clock::monotonic_ns;
-use ipc::port::Subscriber;
-use ipc::report::Health;
-use ipc::wait::{self, Next};
-use ipc::{depth, obstacles, regions, service};
-use tools::output::FrameWriter;
-use tools::overlay::{EdgePoints, OverlayInput};
+use messages::clock::monotonic_ns;
+use messages::port::Subscriber;
+use messages::report::Health;
+use messages::wait::{self, Next};
+use messages::{depth, obstacles, regions, service};
+use tools::reporting::output::FrameWriter;
+use tools::reporting::overlay::{EdgePoints, OverlayInput};
 
 /// Frames whose images are kept until their obstacles come.
 const KEPT: usize = 4;

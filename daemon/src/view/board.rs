@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// The most sensors and the most clocks that are shown.
-const GREATEST_COUNT: usize = 16;
+const MAX_COUNT: usize = 16;
 
 /// The files that are read, found once.
 #[derive(Clone, Debug, Default)]
@@ -47,8 +47,8 @@ impl Board {
         for device in entries(&root.join("class/devfreq"), "") {
             board.clocks.push((file_name(&device), device.join("cur_freq"), 1.0));
         }
-        board.temperatures.truncate(GREATEST_COUNT);
-        board.clocks.truncate(GREATEST_COUNT);
+        board.temperatures.truncate(MAX_COUNT);
+        board.clocks.truncate(MAX_COUNT);
         board
     }
 

@@ -2,16 +2,16 @@
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use ipc::header::Header;
-use ipc::regions::{FREE_COLUMNS, RegionRecord, Regions};
+use messages::header::Header;
+use messages::regions::{FREE_COLUMNS, RegionRecord, Regions};
 use perception::point_cloud::{self, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde::Serialize;
 use std::sync::OnceLock;
-use tools::picture::Picture;
-use tools::record::{FrameRecord, tidy};
-use tools::{colour, v_disparity};
+use tools::reporting::picture::Picture;
+use tools::reporting::record::{FrameRecord, tidy};
+use tools::reporting::{colour, v_disparity};
 
 /// Quality of the pictures, of 100.
 const QUALITY: u8 = 75;
@@ -243,8 +243,8 @@ fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ipc::header::Kind;
-    use ipc::regions::{self, RoadRecord, Writer};
+    use messages::header::Kind;
+    use messages::regions::{self, RoadRecord, Writer};
 
     const RIG: Rig = Rig { focal_px: 400.0, baseline_m: 0.2, cx_px: 32.0, cy_px: 16.0 };
 

@@ -1,9 +1,9 @@
 //! The last minutes, second by second: what the charts show to one who comes late, too.
 
 use super::board::{Reading, Readings};
-use ipc::header::Header;
-use ipc::role::Role;
-use ipc::status::StatusRecord;
+use messages::header::Header;
+use messages::role::Role;
+use messages::status::StatusRecord;
 use serde::Serialize;
 use std::collections::VecDeque;
 
@@ -126,8 +126,8 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ipc::header::{Kind, Stamp};
-    use ipc::status::ProcessRecord;
+    use messages::header::{Kind, Stamp};
+    use messages::status::ProcessRecord;
 
     fn status(skipped: u64) -> StatusRecord {
         let mut status = StatusRecord::empty();

@@ -2,8 +2,8 @@
 
 use super::frame::Frame;
 use super::history::{History, Sample};
-use ipc::header::Header;
-use ipc::status::StatusRecord;
+use messages::header::Header;
+use messages::status::StatusRecord;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};

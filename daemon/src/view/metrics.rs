@@ -2,9 +2,9 @@
 
 use super::history::Sample;
 use super::hub::Hub;
-use ipc::alarm::LEVELS;
-use ipc::calibration::CalibrationState;
-use ipc::status::StatusRecord;
+use messages::alarm::LEVELS;
+use messages::calibration::CalibrationState;
+use messages::status::StatusRecord;
 use std::fmt::{Display, Write};
 use std::sync::atomic::Ordering;
 
@@ -125,7 +125,7 @@ fn daemon(page: &mut Page, status: &StatusRecord) {
 
 fn processes(page: &mut Page, status: &StatusRecord) {
     let all: Vec<_> = status.processes().collect();
-    let each = |value: &dyn Fn(&ipc::status::ProcessRecord) -> f64| {
+    let each = |value: &dyn Fn(&messages::status::ProcessRecord) -> f64| {
         all.iter().map(|(r, p)| (labels(&[("process", r.name())]), value(p))).collect::<Vec<_>>()
     };
     page.family("process_up", "gauge", "Whether it runs.", each(&|p| f64::from(u8::from(p.pid > 0))));
@@ -180,7 +180,7 @@ mod tests {
     use super::*;
     use crate::view::board::{Reading, Readings};
     use crate::view::history::History;
-    use ipc::role::Role;
+    use messages::role::Role;
     use std::collections::{HashMap, HashSet};
 
     /// Reads the text format as Prometheus does; gives the kind and the samples of each family.

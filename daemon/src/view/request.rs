@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 /// The longest head that is read, in bytes.
-const GREATEST_HEAD: usize = 8 * 1024;
+const MAX_HEAD: usize = 8 * 1024;
 
 /// The most header lines.
-const GREATEST_HEADERS: usize = 64;
+const MAX_HEADERS: usize = 64;
 
 /// A head must be there by then, however slowly it comes.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -48,7 +48,7 @@ pub enum RequestError {
     #[error("no HTTP request: {0}")]
     Syntax(httparse::Error),
     /// Too much of it.
-    #[error("the head is longer than {GREATEST_HEAD} bytes or {GREATEST_HEADERS} lines")]
+    #[error("the head is longer than {MAX_HEAD} bytes or {MAX_HEADERS} lines")]
     TooLong,
     /// Too slow.
     #[error("no whole request within {} s", PATIENCE.as_secs())]
@@ -92,11 +92,11 @@ impl Request {
     /// # Errors
     /// When it is none, or too long.
     pub fn parse(bytes: &[u8]) -> Result<Option<Self>, RequestError> {
-        let mut lines = [httparse::EMPTY_HEADER; GREATEST_HEADERS];
+        let mut lines = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut head = httparse::Request::new(&mut lines);
         let length = match head.parse(bytes) {
-            Ok(httparse::Status::Complete(length)) if length <= GREATEST_HEAD => length,
-            Ok(httparse::Status::Partial) if bytes.len() < GREATEST_HEAD => return Ok(None),
+            Ok(httparse::Status::Complete(length)) if length <= MAX_HEAD => length,
+            Ok(httparse::Status::Partial) if bytes.len() < MAX_HEAD => return Ok(None),
             Ok(_) | Err(httparse::Error::TooManyHeaders) => return Err(RequestError::TooLong),
             Err(error) => return Err(RequestError::Syntax(error)),
         };
@@ -164,9 +164,9 @@ mod tests {
 
     #[test]
     fn too_much_is_refused() {
-        let long = format!("GET / HTTP/1.1\r\nX: {}", "y".repeat(GREATEST_HEAD));
+        let long = format!("GET / HTTP/1.1\r\nX: {}", "y".repeat(MAX_HEAD));
         assert!(matches!(Request::parse(long.as_bytes()), Err(RequestError::TooLong)));
-        let many = format!("GET / HTTP/1.1\r\n{}\r\n", "X: y\r\n".repeat(GREATEST_HEADERS + 1));
+        let many = format!("GET / HTTP/1.1\r\n{}\r\n", "X: y\r\n".repeat(MAX_HEADERS + 1));
         assert!(matches!(Request::parse(many.as_bytes()), Err(RequestError::TooLong)));
         assert!(matches!(Request::parse(b"\x16\x03\x01\x02\x00\x01"), Err(RequestError::Syntax(_))));
     }

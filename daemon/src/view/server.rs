@@ -13,10 +13,10 @@ use std::time::Duration;
 use tungstenite::handshake::derive_accept_key;
 
 /// Connections at once, whatever they want.
-const GREATEST_CONNECTIONS: usize = 32;
+const MAX_CONNECTIONS: usize = 32;
 
 /// Clients that look at once.
-const GREATEST_CLIENTS: usize = 8;
+const MAX_CLIENTS: usize = 8;
 
 /// An answer must be taken within this.
 const STALL: Duration = Duration::from_secs(10);
@@ -83,7 +83,7 @@ impl Server {
                     continue;
                 }
             };
-            if self.connections.fetch_add(1, Ordering::Relaxed) >= GREATEST_CONNECTIONS {
+            if self.connections.fetch_add(1, Ordering::Relaxed) >= MAX_CONNECTIONS {
                 self.connections.fetch_sub(1, Ordering::Relaxed);
                 self.turned_away();
                 let _ = answer(&stream, "503 Service Unavailable", TEXT, "", "too many connections\n", true);
@@ -203,7 +203,7 @@ impl Server {
         if !matches!(self.access.judge(request), Verdict::Welcome | Verdict::WelcomeByLink) {
             return refuse("403 Forbidden", "not from this page, or without its token\n");
         }
-        let Some(_place) = self.hub.enter(GREATEST_CLIENTS) else {
+        let Some(_place) = self.hub.enter(MAX_CLIENTS) else {
             return refuse("503 Service Unavailable", "too many are looking\n");
         };
         let accept = derive_accept_key(key.as_bytes());

@@ -8,7 +8,7 @@ use super::frame::{FrameLine, Part};
 use super::history::Sample;
 use super::hub::{Hub, News, Seen};
 use crate::command::status::StatusJson;
-use ipc::role::Role;
+use messages::role::Role;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::net::TcpStream;
@@ -18,7 +18,7 @@ use tungstenite::protocol::{Role as End, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
 /// The longest question.
-const GREATEST_QUESTION: usize = 1024;
+const MAX_QUESTION: usize = 1024;
 
 /// An answer comes after this at the latest, news or not.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -64,8 +64,8 @@ pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
         return;
     }
     let config = WebSocketConfig::default()
-        .max_message_size(Some(GREATEST_QUESTION))
-        .max_frame_size(Some(GREATEST_QUESTION))
+        .max_message_size(Some(MAX_QUESTION))
+        .max_frame_size(Some(MAX_QUESTION))
         .read_buffer_size(4 * 1024)
         .write_buffer_size(0);
     let mut socket = WebSocket::from_partially_read(stream, already_read, End::Server, Some(config));
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn a_long_question_ends_it() {
         with_client(|socket| {
-            let _ = socket.send(Message::text("x".repeat(GREATEST_QUESTION + 1)));
+            let _ = socket.send(Message::text("x".repeat(MAX_QUESTION + 1)));
             assert!(socket.read().is_err() || socket.read().is_err());
         });
     }

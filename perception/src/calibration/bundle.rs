@@ -4,9 +4,12 @@
 //! (Schur complement) and only the cameras' numbers, some two dozen, are solved for at once. The same
 //! elimination leaves what the uncertainty of the cameras needs.
 
-use super::camera::{Camera, Lens, MOST_PARAMETERS};
+use super::camera::{Camera, Lens, MAX_PARAMETERS};
 use super::pose::{Pose, cross};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+/// Residuals above this many pixels count less while it is not known which corners are wrong.
+pub(super) const HUBER_PX: f64 = 0.7;
 
 /// A view's own numbers: rotation and translation of the board, and the shift of the second picture.
 const OWN: usize = 8;
@@ -212,7 +215,7 @@ impl Problem<'_> {
         }
         let beside: Matrix3<f64> = *state.between.rotation.matrix();
         // A row of derivatives, dense over what a corner of this camera touches.
-        const WIDEST: usize = MOST_PARAMETERS + 6 + 4;
+        const WIDEST: usize = MAX_PARAMETERS + 6 + 4;
         let inverse_reach = self.inverse_reach();
         for (c, seen) in self.views[view].corners.iter().enumerate() {
             let (start, extra) = (camera_starts[c], if c == 0 { 0 } else { 6 });

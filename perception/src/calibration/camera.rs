@@ -3,10 +3,10 @@
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Most parameters that a camera can have: 4 of the pinhole, 8 of the lens.
-pub const MOST_PARAMETERS: usize = 12;
+pub const MAX_PARAMETERS: usize = 12;
 
 /// Derivatives of a pixel by all parameters, in the order of [`Camera::parameters`].
-pub type ByParameters = SMatrix<f64, 2, MOST_PARAMETERS>;
+pub type ByParameters = SMatrix<f64, 2, MAX_PARAMETERS>;
 
 /// Which coefficients of the lens are estimated. The others are zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,13 +65,13 @@ impl Camera {
     }
 
     /// fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6.
-    pub fn parameters(&self) -> [f64; MOST_PARAMETERS] {
+    pub fn parameters(&self) -> [f64; MAX_PARAMETERS] {
         let d = &self.distortion;
         [self.fx_px, self.fy_px, self.cx_px, self.cy_px, d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7]]
     }
 
     /// The camera with these parameters, in the order of [`Camera::parameters`].
-    pub fn from_parameters(p: &[f64; MOST_PARAMETERS]) -> Self {
+    pub fn from_parameters(p: &[f64; MAX_PARAMETERS]) -> Self {
         Self {
             fx_px: p[0],
             fy_px: p[1],
@@ -201,7 +201,7 @@ mod tests {
         {
             let exact = CAMERA.project_with_derivatives(&point).unwrap();
             assert!((exact.pixel - CAMERA.project(&point).unwrap()).norm() < 1e-12);
-            for i in 0..MOST_PARAMETERS {
+            for i in 0..MAX_PARAMETERS {
                 let at = |step: f64| {
                     let mut p = CAMERA.parameters();
                     p[i] += step;

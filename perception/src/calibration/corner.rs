@@ -32,7 +32,7 @@ fn erf(x: f64) -> (f64, f64) {
 }
 
 /// Fits a crossing to the pixels around `start`. `along` and `down` lead to the next corners (in
-/// pixels); pixels up to `reach` of that way, and at most `most_px` away, take part. `None` when
+/// pixels); pixels up to `reach` of that way, and at most `max_px` away, take part. `None` when
 /// the fit leaves the window, or contradicts a crossing.
 pub fn refine(
     plane: &Plane,
@@ -40,7 +40,7 @@ pub fn refine(
     along: Vector2<f64>,
     down: Vector2<f64>,
     reach: f64,
-    most_px: f64,
+    max_px: f64,
 ) -> Option<Corner> {
     let determinant = along.x * down.y - along.y * down.x;
     if determinant.abs() < 1e-6 {
@@ -56,7 +56,7 @@ pub fn refine(
     let mut result = None;
     // The window follows the corner once.
     for _ in 0..2 {
-        let radius = most_px.min(reach * along.norm().max(down.norm())).ceil();
+        let radius = max_px.min(reach * along.norm().max(down.norm())).ceil();
         let (low, high) = (centre.add_scalar(-radius), centre.add_scalar(radius));
         if low.x < 0.0
             || low.y < 0.0
@@ -71,7 +71,7 @@ pub fn refine(
             for x in low.x.ceil() as usize..=high.x as usize {
                 let d = Vector2::new(x as f64, y as f64) - centre;
                 let s = squares(d);
-                if d.norm() <= most_px && s.x.abs() <= reach && s.y.abs() <= reach {
+                if d.norm() <= max_px && s.x.abs() <= reach && s.y.abs() <= reach {
                     let d = Vector2::new(x as f64, y as f64) - middle;
                     pixels.push((d, f64::from(plane.at(x, y)), s.x * s.y));
                 }

@@ -10,7 +10,7 @@ use nalgebra::Vector2;
 use thiserror::Error;
 
 /// Saddles considered at one scale.
-const MOST_SADDLES: usize = 2500;
+const MAX_SADDLES: usize = 2500;
 /// Pictures wider than this are searched at half, a quarter, … of their size.
 const WIDEST: usize = 900;
 /// Pictures narrower than this are searched at twice their size, too.
@@ -18,7 +18,7 @@ const NARROW: usize = 520;
 /// Share of the way to the next corner that takes part in the fit.
 const REACH: f64 = 0.42;
 /// Radius of the fit in pixels, at most.
-const MOST_RADIUS_PX: f64 = 8.0;
+const MAX_RADIUS_PX: f64 = 8.0;
 
 /// The printed pattern: inner corners, where four squares meet, and the side of a square.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -178,7 +178,7 @@ pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
 
 /// Finds the board in `plane` and refines its corners in `planes`, from the last to the first.
 fn at_scale(plane: &Plane, planes: &[Plane], board: &Board) -> Result<Sighting, NoBoard> {
-    let saddles = saddle::find(&plane.blurred(saddle::SIGMA_PX), MOST_SADDLES);
+    let saddles = saddle::find(&plane.blurred(saddle::SIGMA_PX), MAX_SADDLES);
     let (mut other, mut lost) = ((0, 0), None);
     for lattice in grid::grow(&saddles).iter().take(4) {
         match lattice.matched(board.columns, board.rows) {
@@ -238,7 +238,7 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
                 };
                 let along = shorter(corners[k] - corners[left], corners[right] - corners[k]);
                 let down = shorter(corners[k] - corners[above], corners[below] - corners[k]);
-                corner::refine(plane, corners[k], along, down, REACH, MOST_RADIUS_PX)
+                corner::refine(plane, corners[k], along, down, REACH, MAX_RADIUS_PX)
             })
             .collect();
         let located = fits.iter().flatten().count();

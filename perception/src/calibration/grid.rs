@@ -11,9 +11,9 @@ const CONE: f64 = 0.3;
 /// Most that a corner may lie off the place predicted for it, in steps.
 const STRAY: f64 = 0.3;
 /// Share of a board's corners that must be there, in percent.
-const LEAST_PERCENT: usize = 85;
+const MIN_PERCENT: usize = 85;
 /// Seeds tried in a picture.
-const MOST_SEEDS: usize = 80;
+const MAX_SEEDS: usize = 80;
 
 /// Corners with their places in a lattice of unknown size and origin. Steps along the first
 /// coordinate and then along the second turn as x turns to y.
@@ -45,7 +45,7 @@ pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
         if used[seed] {
             continue;
         }
-        if seeds == MOST_SEEDS {
+        if seeds == MAX_SEEDS {
             break;
         }
         let Some(grown) = Growth::from_seed(saddles, &index, &used, seed) else { continue };
@@ -281,7 +281,7 @@ impl Lattice {
         let (wide, high) = ((i.1 - i.0 + 1) as usize, (j.1 - j.0 + 1) as usize);
         let mut best: Option<(usize, f64, Places)> = None;
         // Too small a lattice is not even tried in all the places of a large board.
-        let enough = |count: usize| 100 * count >= LEAST_PERCENT * columns * rows;
+        let enough = |count: usize| 100 * count >= MIN_PERCENT * columns * rows;
         for turned in [false, true].into_iter().filter(|_| enough(self.cells.len())) {
             let (n, m) = if turned { (rows, columns) } else { (columns, rows) };
             if wide > n || high > m {

@@ -11,9 +11,9 @@ const RINGS: [f64; 2] = [5.0, 3.2];
 /// Samples of half a ring.
 const HALF: usize = 20;
 /// Least half difference of bright and dark, in grey levels.
-const LEAST_CONTRAST: f64 = 3.5;
+const MIN_CONTRAST: f64 = 3.5;
 /// Least share of the ring's variation that repeats on its other side.
-const LEAST_SYMMETRY: f64 = 0.7;
+const MIN_SYMMETRY: f64 = 0.7;
 
 /// A place that may be a corner of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +51,7 @@ fn edges(plane: &Plane, centre: Vector2<f64>, radius: f64) -> Option<(f64, f64)>
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
-    if high - low < 2.0 * LEAST_CONTRAST {
+    if high - low < 2.0 * MIN_CONTRAST {
         return None;
     }
     let (mut all, mut both) = (0.0, 0.0);
@@ -63,7 +63,7 @@ fn edges(plane: &Plane, centre: Vector2<f64>, radius: f64) -> Option<(f64, f64)>
         both += 2.0 * a * b;
         w[i] = 0.5 * (a + b);
     }
-    if both < LEAST_SYMMETRY * all {
+    if both < MIN_SYMMETRY * all {
         return None;
     }
     let (mut rising, mut falling) = (None, None);
@@ -86,7 +86,7 @@ fn edges(plane: &Plane, centre: Vector2<f64>, radius: f64) -> Option<(f64, f64)>
 pub fn find(blurred: &Plane, most: usize) -> Vec<Saddle> {
     let (width, height) = (blurred.width(), blurred.height());
     // A saddle of the least contrast under this blur has a mixed derivative of 0.64·contrast/σ².
-    let least = (0.3 * LEAST_CONTRAST as f32 / (SIGMA_PX * SIGMA_PX)).powi(2);
+    let least = (0.3 * MIN_CONTRAST as f32 / (SIGMA_PX * SIGMA_PX)).powi(2);
     let mut response = vec![0.0_f32; width * height];
     for y in 1..height - 1 {
         let (a, b, c) = (blurred.row(y - 1), blurred.row(y), blurred.row(y + 1));

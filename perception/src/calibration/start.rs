@@ -1,10 +1,9 @@
 //! From corners alone to two cameras that least squares can improve.
 
-use super::bundle::{Free, Problem, RIGID, Shape, Solution, State, View};
+use super::bundle::{Free, HUBER_PX, Problem, RIGID, Shape, Solution, State, View};
 use super::camera::{Camera, Lens};
 use super::homography;
 use super::pose::{Pose, median};
-use super::stereo::HUBER_PX;
 use nalgebra::{Matrix3, Vector2};
 
 /// Two cameras before all boards, which are taken for flat: homographies, the closed form, each

@@ -1,7 +1,7 @@
 //! Two cameras from the boards that both saw: the whole way from corners to a rectified pair, with
 //! what it is worth.
 
-use super::bundle::{Free, Problem, RIGID, Shape, Solution, State, View};
+use super::bundle::{Free, HUBER_PX, Problem, RIGID, Shape, Solution, State, View};
 use super::camera::{Camera, Lens};
 use super::finder::Board;
 use super::pose::Pose;
@@ -12,12 +12,10 @@ use super::uncertainty::Uncertainty;
 use nalgebra::{Vector2, Vector3};
 use thiserror::Error;
 
-/// Residuals above this many pixels count less while it is not known which corners are wrong.
-pub(super) const HUBER_PX: f64 = 0.7;
 /// Least views with which two cameras can be solved for.
-pub const LEAST_VIEWS: usize = 4;
+pub const MIN_VIEWS: usize = 4;
 /// Views from which on the board's bend is estimated.
-const LEAST_VIEWS_TO_BEND: usize = 8;
+const MIN_VIEWS_TO_BEND: usize = 8;
 /// Squared ratio of corner noise to the views' shifts above which the shifts are taken for none.
 const STEADY: f64 = 20.0;
 /// A view is left out when its second picture is off by more than these many robust deviations …
@@ -45,7 +43,7 @@ pub struct Pair {
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum CalibrationError {
     /// Too few views.
-    #[error("{given} pairs show the board, at least {LEAST_VIEWS} are needed (10 to 30 are good)")]
+    #[error("{given} pairs show the board, at least {MIN_VIEWS} are needed (10 to 30 are good)")]
     TooFew {
         /// Views that were given, or left.
         given: usize,
@@ -170,7 +168,7 @@ fn solve(
     crop: Crop,
     selective: bool,
 ) -> Result<StereoCalibration, CalibrationError> {
-    if pairs.len() < LEAST_VIEWS {
+    if pairs.len() < MIN_VIEWS {
         return Err(CalibrationError::TooFew { given: pairs.len() });
     }
     let points = board.points_m();
@@ -190,7 +188,7 @@ fn solve(
     let mut rejected = vec![Vec::new(); views.len()];
     let mut sigma = [0.0; 2];
     let solved = |views: &[View], state: State, shift_cost: f64, huber_px: f64| {
-        let bend = views.len() >= LEAST_VIEWS_TO_BEND;
+        let bend = views.len() >= MIN_VIEWS_TO_BEND;
         let free = Free { lens, cameras: true, stretch: false, bend };
         let problem = Problem { board: &points, views, free, huber_px, shift_cost };
         problem.solve(state).ok_or(CalibrationError::Undetermined)
@@ -198,7 +196,7 @@ fn solve(
     for _ in 0..12 {
         let chosen: Vec<View> = used.iter().map(|&i| views[i].clone()).collect();
         let solution = solved(&chosen, state, shift_cost, HUBER_PX)?;
-        let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= LEAST_VIEWS_TO_BEND };
+        let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
         let problem = Problem { board: &points, views: &chosen, free, huber_px: HUBER_PX, shift_cost };
         let mut again = reject_corners(&problem, &solution.state, &used, &mut views, &mut rejected);
         let new_faults =
@@ -215,7 +213,7 @@ fn solve(
         state.boards.retain(|_| *next.next().unwrap_or(&true));
         let mut next = keep.iter();
         state.shifts.retain(|_| *next.next().unwrap_or(&true));
-        if used.len() < LEAST_VIEWS {
+        if used.len() < MIN_VIEWS {
             return Err(CalibrationError::TooFew { given: used.len() });
         }
         if !again {
@@ -265,7 +263,7 @@ fn solve(
         reports.push(report);
     }
     // A view that is used has pulled the cameras its way.
-    let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= LEAST_VIEWS_TO_BEND };
+    let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
     let problem = Problem { board: &points, views: &chosen, free, huber_px: f64::INFINITY, shift_cost };
     for (&i, offset) in used.iter().zip(offsets(&problem, &solution, noise)) {
         reports[i].shift_px = offset.shift_px;
@@ -422,7 +420,7 @@ fn stretch(
     solution: &Solution,
 ) -> (f64, f64) {
     // A board's bend and stretch look alike in a few views.
-    let bend = views.len() >= LEAST_VIEWS_TO_BEND;
+    let bend = views.len() >= MIN_VIEWS_TO_BEND;
     let free = Free { lens, cameras: true, stretch: true, bend };
     let problem = Problem { board: points, views, free, huber_px: f64::INFINITY, shift_cost };
     let open = (1.0, f64::INFINITY);

@@ -6,7 +6,7 @@
 //! of the information is known from the solution), and the larger of both is stated.
 
 use super::bundle::{Solution, State};
-use super::camera::{Camera, Lens, MOST_PARAMETERS};
+use super::camera::{Camera, Lens, MAX_PARAMETERS};
 use super::pose::Pose;
 use nalgebra::{DMatrix, DVector, SVector, Vector2};
 
@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector, SVector, Vector2};
 pub struct Uncertainty {
     /// Of the parameters of both cameras, in the order of [`Camera::parameters`]; 0 for those that
     /// were not estimated.
-    pub cameras: [[f64; MOST_PARAMETERS]; 2],
+    pub cameras: [[f64; MAX_PARAMETERS]; 2],
     /// Of the rotation vector between the cameras (about x, y, z), in radians.
     pub rotation_rad: [f64; 3],
     /// Of the translation between the cameras, in metres.
@@ -86,7 +86,7 @@ impl Uncertainty {
         let covariance = Self::covariance(solution, noise)?;
         let n = lens.parameters();
         let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-        let mut cameras = [[0.0; MOST_PARAMETERS]; 2];
+        let mut cameras = [[0.0; MAX_PARAMETERS]; 2];
         for (side, camera) in cameras.iter_mut().enumerate() {
             for (k, s) in camera.iter_mut().enumerate().take(n) {
                 *s = sigma(side * n + k);

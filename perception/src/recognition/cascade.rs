@@ -3,6 +3,7 @@
 //! `program` lays the same cascade out for speed; tests hold the two equal.
 
 use super::integral::Integral;
+pub use super::window::{Contrast, WeightedRect};
 
 /// A multi-block LBP feature: 3 × 3 equal blocks, the first one at (`x`, `y`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -42,21 +43,6 @@ impl LbpFeature {
     }
 }
 
-/// A rectangle of a Haar feature.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct WeightedRect {
-    /// Left column; the column of the apex when tilted.
-    pub x: u16,
-    /// Top row; the row of the apex when tilted.
-    pub y: u16,
-    /// Width; the length of the arm that runs down to the right when tilted.
-    pub width: u16,
-    /// Height; the length of the arm that runs down to the left when tilted.
-    pub height: u16,
-    /// Factor of the sum of its pixels.
-    pub weight: f32,
-}
-
 /// A Haar feature: up to three weighted rectangles, upright or turned by 45°. A rectangle that is
 /// not there has weight 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,30 +72,6 @@ impl HaarFeature {
     /// The rectangles that are there.
     pub fn rects(&self) -> impl Iterator<Item = &WeightedRect> {
         self.rects.iter().filter(|r| r.weight != 0.0)
-    }
-}
-
-/// The contrast of a window, by which Haar values are divided.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contrast {
-    /// One over its area × standard deviation, over the window less one pixel on each side.
-    pub inverse: f32,
-    /// False when the window is too flat to be judged: standard deviation of 10 grey levels or less.
-    pub sound: bool,
-}
-
-impl Contrast {
-    /// From the sum and the sum of squares of `area` pixels; squares wrap as OpenCV's do.
-    #[inline]
-    pub fn new(sum: u32, squares: u32, area: f64) -> Self {
-        let sum = f64::from(sum as i32);
-        let spread = area * f64::from(squares) - sum * sum;
-        if spread > 0.0 {
-            let inverse = (1.0 / spread.sqrt()) as f32;
-            Self { inverse, sound: area * f64::from(inverse) < 0.1 }
-        } else {
-            Self { inverse: 1.0, sound: false }
-        }
     }
 }
 
@@ -189,7 +151,7 @@ pub struct Stage {
 
 impl Stage {
     /// What a sum is compared with: the threshold with OpenCV's tolerance, in single precision.
-    pub fn least_sum(&self) -> f64 {
+    pub fn min_sum(&self) -> f64 {
         f64::from(self.threshold - 1e-5)
     }
 }
@@ -242,7 +204,7 @@ impl Cascade {
                     }
                 };
             }
-            if sum < stage.least_sum() {
+            if sum < stage.min_sum() {
                 return Some(i);
             }
         }

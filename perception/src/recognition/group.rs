@@ -55,11 +55,11 @@ impl Grouper {
         }
     }
 
-    /// Groups of more than `least_neighbours` hits, in the order of their first hits, without
+    /// Groups of more than `min_neighbours` hits, in the order of their first hits, without
     /// those that lie inside a surer one. With 0 every hit is its own group.
-    pub fn group(&mut self, hits: &[Window], least_neighbours: u32) -> &[Group] {
+    pub fn group(&mut self, hits: &[Window], min_neighbours: u32) -> &[Group] {
         self.groups.clear();
-        if least_neighbours == 0 {
+        if min_neighbours == 0 {
             self.groups.extend(hits.iter().map(|&window| Group { window, hits: 1 }));
             return &self.groups;
         }
@@ -81,7 +81,7 @@ impl Grouper {
         }
         self.means.clear();
         // Only classes of enough hits are kept, and only those can hide others.
-        let sure = self.sums.iter().filter(|&&(_, hits)| hits > least_neighbours);
+        let sure = self.sums.iter().filter(|&&(_, hits)| hits > min_neighbours);
         self.means.extend(sure.map(|&(sum, hits)| {
             let share = 1.0 / hits as f32;
             let mean = |v: i64| f64::from(v as f32 * share).round_ties_even() as i32;

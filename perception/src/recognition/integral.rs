@@ -1,6 +1,6 @@
 //! Integral images: sums over any upright or tilted rectangle from four numbers.
 
-use super::cascade::{Contrast, WeightedRect};
+use super::window::{Contrast, WeightedRect};
 
 /// Sums, sums of squares and tilted sums of one image, rows without gaps: for single windows and
 /// as the definition that the scanner's layouts follow. All sums wrap; differences stay right.

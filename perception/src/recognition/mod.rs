@@ -7,6 +7,7 @@ pub mod integral;
 mod program;
 pub mod resize;
 pub mod scan;
+pub mod window;
 pub mod xml;
 
 use crate::image::GreyView;
@@ -47,11 +48,11 @@ pub struct RecogniserParameters {
     /// Width of the cascade's window at the object, in metres; 0 tries all `sizes`.
     pub window_m: f64,
     /// A find needs more overlapping hits than this.
-    pub least_neighbours: u32,
+    pub min_neighbours: u32,
 }
 
 /// Hits kept per crop: more than this is no find.
-const MOST_HITS: usize = 4096;
+const MAX_HITS: usize = 4096;
 
 /// The cascade as a recogniser, with its workspace.
 #[derive(Debug)]
@@ -65,8 +66,8 @@ impl CascadeRecogniser {
     /// A recogniser for crops of at most `width` × `height` pixels.
     pub fn new(cascade: &Cascade, parameters: RecogniserParameters, width: usize, height: usize) -> Self {
         Self {
-            scanner: Scanner::new(cascade, width, height, MOST_HITS),
-            grouper: Grouper::new(MOST_HITS),
+            scanner: Scanner::new(cascade, width, height, MAX_HITS),
+            grouper: Grouper::new(MAX_HITS),
             parameters,
         }
     }
@@ -81,7 +82,7 @@ impl Recogniser for CascadeRecogniser {
             }
             _ => p.sizes,
         };
-        let groups = self.grouper.group(self.scanner.scan(crop, sizes), p.least_neighbours);
+        let groups = self.grouper.group(self.scanner.scan(crop, sizes), p.min_neighbours);
         let best = groups.iter().max_by_key(|group| group.hits)?;
         let (width, height) = (crop.width() as i32, crop.height() as i32);
         let window = clip(best.window, width, height)?;
@@ -120,13 +121,13 @@ impl Detector {
         }
     }
 
-    /// Groups of more than `least_neighbours` overlapping hits, clipped to the image; with 0 every
+    /// Groups of more than `min_neighbours` overlapping hits, clipped to the image; with 0 every
     /// hit is one.
     ///
     /// # Panics
     /// When the image is larger than the detector was made for.
-    pub fn detect(&mut self, image: GreyView<'_>, sizes: Sizes, least_neighbours: u32) -> &[Group] {
-        let groups = self.grouper.group(self.scanner.scan(image, sizes), least_neighbours);
+    pub fn detect(&mut self, image: GreyView<'_>, sizes: Sizes, min_neighbours: u32) -> &[Group] {
+        let groups = self.grouper.group(self.scanner.scan(image, sizes), min_neighbours);
         let (width, height) = (image.width() as i32, image.height() as i32);
         self.found.clear();
         self.found.extend(

@@ -34,7 +34,7 @@ struct Tree {
 #[derive(Clone, Copy, Debug)]
 struct StageRange {
     trees: (usize, usize),
-    least_sum: f64,
+    min_sum: f64,
     /// Its sum goes on from that of the stage before: it begins with the same trees.
     goes_on: bool,
 }
@@ -351,8 +351,8 @@ impl<T> Program<T> {
                 }
                 program.small &= usize::from(next) <= SMALL_TREE;
             }
-            let least_sum = stage.least_sum();
-            program.stages.push(StageRange { trees: (first_tree, program.trees.len()), least_sum, goes_on });
+            let min_sum = stage.min_sum();
+            program.stages.push(StageRange { trees: (first_tree, program.trees.len()), min_sum, goes_on });
             before = &stage.trees;
         }
         // Small trees read sixteen values wherever they start.
@@ -429,7 +429,7 @@ fn stage_lanes<S: Simd, T: Test, const N: usize>(
     }
     let mut passed = 0;
     for i in 0..N {
-        passed |= u32::from(sums[i] >= stage.least_sum) << i;
+        passed |= u32::from(sums[i] >= stage.min_sum) << i;
     }
     passed
 }
@@ -477,7 +477,7 @@ fn stage_one<T: Test>(
         }
         *sum += program.values[tree.values + usize::from(place)];
     }
-    *sum >= stage.least_sum
+    *sum >= stage.min_sum
 }
 
 /// Adds the place (column, row) in the grid of every window that passes all stages.

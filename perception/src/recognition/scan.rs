@@ -25,12 +25,12 @@ pub struct Window {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sizes {
     /// The cascade's own size, and that grown again and again, as far as it lies in the range; the
-    /// one nearest to `least_px` when none does. OpenCV's rule.
+    /// one nearest to `min_px` when none does. OpenCV's rule.
     Range {
         /// Least width and height of a window, in pixels; 0 for no limit.
-        least_px: u32,
+        min_px: u32,
         /// Greatest width and height, in pixels; 0 for no limit.
-        greatest_px: u32,
+        max_px: u32,
         /// From one size to the next, above 1.
         growth: f64,
     },
@@ -46,12 +46,12 @@ pub enum Sizes {
 impl Default for Sizes {
     /// The paper's: 30 to 90 px, growing by 1.3.
     fn default() -> Self {
-        Self::Range { least_px: 30, greatest_px: 90, growth: 1.3 }
+        Self::Range { min_px: 30, max_px: 90, growth: 1.3 }
     }
 }
 
 /// Least factor from one size to the next; what is less is taken as this.
-pub const LEAST_GROWTH: f64 = 1.01;
+pub const MIN_GROWTH: f64 = 1.01;
 
 /// An expected window may be smaller than the cascade's by this factor: the image is enlarged.
 const SMALLEST_SCALE: f64 = 0.6;
@@ -87,7 +87,7 @@ pub struct Scanner {
     scales: Vec<f32>,
     places: Vec<(u32, u32)>,
     hits: Vec<Window>,
-    most_hits: usize,
+    max_hits: usize,
 }
 
 /// Rounds like OpenCV: half to even.
@@ -101,14 +101,14 @@ fn scaled(length: i32, scale: f32) -> i32 {
 }
 
 impl Scanner {
-    /// A scanner for images of up to `width` × `height` pixels that stops after `most_hits` hits;
+    /// A scanner for images of up to `width` × `height` pixels that stops after `max_hits` hits;
     /// with usize::MAX it finds all, and its memory grows with them.
-    pub fn new(cascade: &Cascade, width: usize, height: usize, most_hits: usize) -> Self {
-        Self::at_level(cascade, width, height, most_hits, Level::best())
+    pub fn new(cascade: &Cascade, width: usize, height: usize, max_hits: usize) -> Self {
+        Self::at_level(cascade, width, height, max_hits, Level::best())
     }
 
     /// The same on a level of one's choice.
-    pub fn at_level(cascade: &Cascade, width: usize, height: usize, most_hits: usize, level: Level) -> Self {
+    pub fn at_level(cascade: &Cascade, width: usize, height: usize, max_hits: usize, level: Level) -> Self {
         let layouts = [Layout::new(width, 1), Layout::new(width, 2)];
         let plane = || Plane::<u32>::new(width, height, LANES);
         let engine = match &cascade.features {
@@ -132,7 +132,7 @@ impl Scanner {
                 tilted: program::has_tilted(cascade).then(|| (plane(), TiltedRows::new(width))),
             },
         };
-        let reserve = if most_hits == usize::MAX { 0 } else { most_hits };
+        let reserve = if max_hits == usize::MAX { 0 } else { max_hits };
         Self {
             level,
             window: (cascade.width.into(), cascade.height.into()),
@@ -143,7 +143,7 @@ impl Scanner {
             scales: Vec::with_capacity(1024),
             places: Vec::with_capacity(reserve),
             hits: Vec::with_capacity(reserve),
-            most_hits,
+            max_hits,
         }
     }
 
@@ -152,11 +152,10 @@ impl Scanner {
         self.scales.clear();
         let (window_width, window_height) = self.window;
         match sizes {
-            Sizes::Range { least_px, greatest_px, growth } => {
+            Sizes::Range { min_px, max_px, growth } => {
                 let side = |px: u32| i32::try_from(px).unwrap_or(i32::MAX);
-                let least = side(least_px);
-                let greatest =
-                    if greatest_px == 0 { (width, height) } else { (side(greatest_px), side(greatest_px)) };
+                let least = side(min_px);
+                let greatest = if max_px == 0 { (width, height) } else { (side(max_px), side(max_px)) };
                 let mut nearest: Option<(i64, f32)> = None;
                 let mut factor = 1.0_f64;
                 while round(f64::from(window_width) * factor) <= width
@@ -172,14 +171,14 @@ impl Scanner {
                     if nearest.is_none_or(|(d, _)| away < d) {
                         nearest = Some((away, scale));
                     }
-                    factor *= growth.max(LEAST_GROWTH);
+                    factor *= growth.max(MIN_GROWTH);
                 }
                 if self.scales.is_empty() {
                     self.scales.extend(nearest.map(|(_, scale)| scale));
                 }
             }
             Sizes::Around { width_px, growth } => {
-                let half = growth.max(LEAST_GROWTH).sqrt();
+                let half = growth.max(MIN_GROWTH).sqrt();
                 let expected = width_px / f64::from(window_width);
                 // No window is larger than the image, no image larger than the memory.
                 let greatest = (f64::from(width) / f64::from(window_width))
@@ -247,7 +246,7 @@ impl Scanner {
             rows: rows.div_ceil(step).min(covered),
             down: layout.index(0, step),
             skip: true,
-            most: self.most_hits - self.hits.len().min(self.most_hits),
+            most: self.max_hits - self.hits.len().min(self.max_hits),
         };
         let (level, width, places) = (self.level, width as usize, &mut self.places);
         places.clear();

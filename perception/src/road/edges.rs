@@ -4,9 +4,9 @@
 //! all pixels are averaged in cells, some metres long and a hand wide, and over some frames; there a step of
 //! 5 cm is plain. Outwards from the vehicle, the first one is the road's edge.
 
-use super::depth::DepthView;
 use super::heights::{BATCH, Pixels};
 use super::surface::Surface;
+use crate::depth::DepthView;
 use crate::rig::Rig;
 use crate::simd::whole::whole_f64;
 use crate::simd::{Level, Simd, kernel};
@@ -21,20 +21,20 @@ const CELLS: usize = 40;
 /// Rows and columns between the pixels that are looked at.
 const STEP: usize = 2;
 /// What is farther from the road's height is neither it nor its edge, in metres.
-const GREATEST_M: f64 = 0.5;
+const MAX_M: f64 = 0.5;
 /// Share of the heights of a frame that counts in the next.
 const MEMORY: f32 = 0.8;
 /// Pixels of a row that are looked at together.
 const GROUP: usize = 16;
 /// Pixels that a cell must have seen.
-const LEAST_PIXELS: f32 = 6.0;
+const MIN_PIXELS: f32 = 6.0;
 /// Nothing nearer to the camera's axis is an edge, in cells: the vehicle is there.
 const INNERMOST: usize = 4;
 /// Cells that are compared on the inner and the outer side of an edge.
 const INNER: usize = 5;
 const OUTER: usize = 3;
 /// The least step, and how much lower than all of the outer side all of the inner side is, in metres.
-const LEAST_STEP_M: f32 = 0.05;
+const MIN_STEP_M: f32 = 0.05;
 const CLEAR_M: f32 = 0.02;
 /// Metres by which the edges of neighbouring stretches may differ: one alone is no edge.
 const AGREE_M: f32 = 0.6;
@@ -92,7 +92,7 @@ impl EdgeFinder {
         surface: &Surface,
         rig: &Rig,
         top: usize,
-        least_confidence: u8,
+        min_confidence: u8,
     ) {
         for [sum, count] in &mut self.cells {
             *sum *= MEMORY;
@@ -106,7 +106,7 @@ impl EdgeFinder {
                 for (i, (d, confidence)) in row.iter().zip(confidence).enumerate().step_by(STEP) {
                     let there = (*d < ends_px[0]) & (*d > ends_px[STRETCHES]);
                     let x = STEP * GROUP * group + i;
-                    pixels.push(x as f32, y as f32, *d, there & (*confidence >= least_confidence));
+                    pixels.push(x as f32, y as f32, *d, there & (*confidence >= min_confidence));
                 }
                 if pixels.count() + GROUP > BATCH {
                     self.add(&mut pixels, surface, rig, &ends_px);
@@ -135,7 +135,7 @@ impl EdgeFinder {
         place(self.level, pixels, *rig, ends_px, &mut places);
         for (&height_m, &place) in heights_m.iter().zip(&places).take(pixels.count()) {
             // Written so that NaN is left out.
-            if height_m.abs() < GREATEST_M
+            if height_m.abs() < MAX_M
                 && let Some(cell) = self.cells.get_mut(usize::from(place))
             {
                 cell[0] += height_m as f32;
@@ -148,7 +148,7 @@ impl EdgeFinder {
     /// The first step from the inside out.
     fn find(&self, stretch: usize, side: usize, surface: &Surface, rig: &Rig) -> Option<Edge> {
         let cells = &self.cells[(2 * stretch + side) * CELLS..][..CELLS];
-        let height = |i: usize| (cells[i][1] >= LEAST_PIXELS).then(|| cells[i][0] / cells[i][1]);
+        let height = |i: usize| (cells[i][1] >= MIN_PIXELS).then(|| cells[i][0] / cells[i][1]);
         // Height inside, and how much higher it is outside, of cell i on.
         let step = |i: usize| {
             let (mut inside, mut known, mut highest) = (0.0, 0, f32::NEG_INFINITY);
@@ -164,7 +164,7 @@ impl EdgeFinder {
                 lowest = lowest.min(value);
             }
             let inside = inside / known.max(1) as f32;
-            (known + 1 >= i.min(INNER) && outside - inside >= LEAST_STEP_M && lowest - highest > CLEAR_M)
+            (known + 1 >= i.min(INNER) && outside - inside >= MIN_STEP_M && lowest - highest > CLEAR_M)
                 .then_some((inside, outside - inside))
         };
         let first = (INNERMOST..=CELLS - OUTER).find(|&i| step(i).is_some())?;
@@ -233,7 +233,7 @@ fn place_each<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::road::{RoadDetector, RoadParameters};
+    use crate::scene::{SceneDetector, SceneParameters};
     use crate::stereo::DisparityView;
 
     const SIZE: (usize, usize) = (640, 480);
@@ -264,7 +264,7 @@ mod tests {
     }
 
     fn edges(frames: impl Iterator<Item = Vec<u16>>) -> Edges {
-        let mut detector = RoadDetector::new(RoadParameters::default(), RIG, SIZE.0, SIZE.1, 128);
+        let mut detector = SceneDetector::new(SceneParameters::default(), RIG, SIZE.0, SIZE.1, 128);
         let mut edges = Edges::default();
         for map in frames {
             let sure = vec![255; map.len()];

@@ -1,6 +1,6 @@
 //! Where the way is free: per column the distance to what stands first.
 
-use super::regions::Region;
+use crate::region::Region;
 
 /// Columns that share one distance.
 pub const COLUMNS: usize = 8;
@@ -44,7 +44,7 @@ impl FreeSpace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::road::PixelBox;
+    use crate::region::PixelBox;
 
     #[test]
     fn the_nearest_region_ends_what_is_free() {

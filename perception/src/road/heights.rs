@@ -1,6 +1,6 @@
 //! Heights above the road of pixels that were picked here and there, many at once.
 
-use super::surface::Tilt;
+use super::tilt::Tilt;
 use crate::simd::whole::whole;
 use crate::simd::{Simd, kernel};
 

@@ -1,7 +1,10 @@
 //! v-disparity: how often each disparity occurs in each row (paper, H_x).
 
-use super::depth::DepthView;
+use crate::depth::DepthView;
 use crate::simd::{Level, Simd, kernel};
+
+/// Pixels of less confidence (0 to 255) do not take part in the road model.
+pub(super) const MIN_CONFIDENCE: u8 = 100;
 
 /// Bins per pixel of disparity.
 pub const BINS_PER_PX: usize = 4;
@@ -62,7 +65,7 @@ impl VDisparity {
     ///
     /// # Panics
     /// When the map has another size.
-    pub fn fill(&mut self, depth: DepthView<'_>, least_confidence: u8, corridor: Corridor) {
+    pub fn fill(&mut self, depth: DepthView<'_>, min_confidence: u8, corridor: Corridor) {
         let size = (self.least.len(), self.height);
         assert_eq!((depth.width(), depth.height()), size, "the histogram was made for another size");
         for (x, least) in self.least.iter_mut().enumerate() {
@@ -76,7 +79,7 @@ impl VDisparity {
                 row,
                 confidence,
                 &self.least,
-                least_confidence,
+                min_confidence,
                 self.bins as u16,
                 &mut self.places,
             );
@@ -122,7 +125,7 @@ kernel! {
         row: &[u16],
         confidence: &[u8],
         least: &[u16],
-        least_confidence: u8,
+        min_confidence: u8,
         bins: u16,
         out: &mut [u16],
     ) = place_each
@@ -134,13 +137,13 @@ fn place_each<S: Simd>(
     row: &[u16],
     confidence: &[u8],
     least: &[u16],
-    least_confidence: u8,
+    min_confidence: u8,
     bins: u16,
     out: &mut [u16],
 ) {
-    let least_confidence = u16::from(least_confidence);
+    let min_confidence = u16::from(min_confidence);
     for (((&d, &confidence), &least), out) in row.iter().zip(confidence).zip(least).zip(out) {
-        let counts = (d >= least) & (u16::from(confidence) >= least_confidence);
+        let counts = (d >= least) & (u16::from(confidence) >= min_confidence);
         *out = if counts { (d / BIN_STEP).min(bins) } else { bins };
     }
 }

@@ -2,14 +2,13 @@
 //!
 //! The road is followed through v-disparity ([`Viterbi`]), laid straight where it is nearly so, and smoothed.
 
-use super::ROAD_CONFIDENCE;
-use super::depth::DepthView;
-use super::histogram::{BINS_PER_PX, Corridor, VDisparity};
+use super::far_road::NearLine;
+use super::histogram::{BINS_PER_PX, Corridor, MIN_CONFIDENCE, VDisparity};
 use super::line_fit::LineFit;
+use super::path_search::{BLOCK, Viterbi, middle};
 use super::plane;
 use super::radon::RoadLine;
-use super::straight::NearLine;
-use super::viterbi::{BLOCK, Viterbi, middle};
+use crate::depth::DepthView;
 
 /// A block is supported by this share of its greatest count.
 const SUPPORTED: f32 = 0.2;
@@ -215,7 +214,7 @@ impl ProfileFinder {
                 let y = depth.height() - 1 - BLOCK * block - up;
                 let (row, confidence) = (depth.disparity(y), depth.confidence(y));
                 for x in (first..end).step_by(2) {
-                    let known = row[x] > 0 && confidence[x] >= ROAD_CONFIDENCE;
+                    let known = row[x] > 0 && confidence[x] >= MIN_CONFIDENCE;
                     let nearer = f32::from(row[x]) / 256.0 - place;
                     all += 1;
                     seen += u32::from(!known || nearer <= AT_PX);
@@ -326,7 +325,7 @@ impl ProfileFinder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::road::DepthView;
+    use crate::depth::DepthView;
     use crate::stereo::DisparityView;
 
     fn find(road: impl Fn(f64) -> f64, line: RoadLine) -> RoadProfile {

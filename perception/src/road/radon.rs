@@ -167,7 +167,7 @@ fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::road::DepthView;
+    use crate::depth::DepthView;
     use crate::road::histogram::Corridor;
     use crate::stereo::DisparityView;
 

@@ -1,7 +1,7 @@
 //! Every fourth column of a map: what the road's surface is measured at.
 
-use super::depth::DepthView;
-use super::surface::Tilt;
+use super::tilt::Tilt;
+use crate::depth::DepthView;
 use crate::simd::whole::whole_f64;
 use crate::simd::{Level, Simd, kernel};
 
@@ -67,13 +67,13 @@ impl Samples {
     ///
     /// # Panics
     /// When the map has another size.
-    pub fn take(&mut self, depth: DepthView<'_>, top: usize, least_confidence: u8) {
+    pub fn take(&mut self, depth: DepthView<'_>, top: usize, min_confidence: u8) {
         let columns = depth.width().div_ceil(STEP);
         let size = (columns.next_multiple_of(FOLD), depth.height() * self.columns);
         assert_eq!(size, (self.columns, self.disparity.len()));
         for (y, row) in self.disparity.chunks_exact_mut(self.columns).enumerate().skip(top) {
             let (row, _) = row.split_at_mut(columns);
-            sample(self.level, depth.disparity(y), depth.confidence(y), least_confidence, row);
+            sample(self.level, depth.disparity(y), depth.confidence(y), min_confidence, row);
         }
     }
 
@@ -123,12 +123,12 @@ impl Samples {
 
 kernel! {
     /// Every fourth pixel of a row that is known well enough; 0 for the others.
-    fn sample(row: &[u16], confidence: &[u8], least_confidence: u8, out: &mut [u16]) = every_fourth
+    fn sample(row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) = every_fourth
 }
 
 #[inline(always)]
-fn every_fourth<S: Simd>(_: S, row: &[u16], confidence: &[u8], least_confidence: u8, out: &mut [u16]) {
-    let known = |d: u16, confidence: u8| if confidence >= least_confidence { d } else { 0 };
+fn every_fourth<S: Simd>(_: S, row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) {
+    let known = |d: u16, confidence: u8| if confidence >= min_confidence { d } else { 0 };
     let (whole, rest) = row.as_chunks::<STEP>();
     let (sure, doubt) = confidence.as_chunks::<STEP>();
     for ((row, sure), out) in whole.iter().zip(sure).zip(out.iter_mut()) {

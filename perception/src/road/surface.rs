@@ -1,30 +1,13 @@
 //! The road's surface as heights are measured from it: profile, tilt and noise of one frame.
 
-use super::depth::DepthView;
 use super::heights::{self, BATCH, Datum, Pixels};
 use super::profile::RoadProfile;
 use super::samples::{Classes, Samples};
+use super::tilt::Tilt;
+use crate::depth::DepthView;
 use crate::rig::Rig;
 use crate::simd::{Level, Simd, kernel};
 use nalgebra::{Matrix2, Vector2};
-
-/// How the road lies across: what its disparity adds to the profile.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tilt {
-    /// Disparity that one column to the right adds, px per px.
-    pub roll: f64,
-    /// Disparity of the road at the principal column, less the profile's, in px.
-    pub offset_px: f64,
-    /// The principal column.
-    pub cx_px: f64,
-}
-
-impl Tilt {
-    /// The disparity in column `x` as it would be on a level road, where the profile holds.
-    pub fn level(&self, x_px: f64, disparity_px: f64) -> f64 {
-        disparity_px - self.roll * (x_px - self.cx_px) - self.offset_px
-    }
-}
 
 /// Places of the table in a pixel of disparity.
 const FINE: usize = 16;
@@ -95,12 +78,12 @@ impl Surface {
     ///
     /// # Panics
     /// When the map has another size than the surface was made for.
-    pub fn take(&mut self, profile: &RoadProfile, depth: DepthView<'_>, least_confidence: u8) {
+    pub fn take(&mut self, profile: &RoadProfile, depth: DepthView<'_>, min_confidence: u8) {
         for (i, row) in self.rows.iter_mut().enumerate() {
             *row = profile.row_at(i as f32 / FINE as f32).unwrap_or(f32::NAN);
         }
         self.measure_steepness();
-        self.samples.take(depth, profile.top(), least_confidence);
+        self.samples.take(depth, profile.top(), min_confidence);
         self.tilt = self.measure_tilt(profile);
         self.measure_noise(profile);
         self.measure_rows(profile);
@@ -202,7 +185,7 @@ impl Surface {
             // Room for what rounds.
             highest: [self.highest[0] - 1.0, self.highest[1]],
             end_px: (self.rows.len() - 1) as f64 / FINE as f64,
-            taller: glance.greatest_m / self.rig.baseline_m,
+            taller: glance.max_m / self.rig.baseline_m,
         };
         glance_at(self.level, disparity, &self.shown_px, above, out);
     }
@@ -248,7 +231,7 @@ pub struct Glance {
     /// By how much it is nearer than the row's road, in px.
     pub rise_px: f64,
     /// The greatest height above the road, in metres: what is plainly higher is left out, but not all of it.
-    pub greatest_m: f64,
+    pub max_m: f64,
 }
 
 /// The road as one column is glanced at.
@@ -306,7 +289,7 @@ mod tests {
         let mut surface = crest();
         let mut random = fastrand::Rng::with_seed(1);
         let disparity: Vec<u16> = (0..240).map(|_| random.u16(8000..16_383)).collect();
-        let glance = Glance { least: 9000, rise_px: 0.2, greatest_m: 1.5 };
+        let glance = Glance { least: 9000, rise_px: 0.2, max_m: 1.5 };
         let mut first: Option<Vec<u8>> = None;
         for level in Level::available() {
             let mut stands = vec![9; 240];
@@ -318,7 +301,7 @@ mod tests {
                 let px = f64::from(d) / 256.0;
                 let rises = surface.tilt.level(31.0, px) - f64::from(surface.shown_px[y]) >= glance.rise_px;
                 let height_m = surface.height_m(31.0, y as f64, px.max(0.01));
-                let does = d >= glance.least && rises && height_m <= glance.greatest_m;
+                let does = d >= glance.least && rises && height_m <= glance.max_m;
                 assert!(stands[y] == 1 || !does, "row {y}, {height_m} m");
                 assert!(stands[y] == 0 || (d >= glance.least && rises));
                 standing += usize::from(does);

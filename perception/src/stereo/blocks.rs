@@ -25,7 +25,7 @@ const GAIN: i32 = 11;
 /// Edge of the cells whose slopes are summed first, in pixels of the coarser map.
 const CELL: usize = 8;
 /// Measurements that a slope needs.
-const LEAST_MEASURES: i32 = 32;
+const MIN_MEASURES: i32 = 32;
 
 /// One block's search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -157,7 +157,7 @@ impl Blocks {
     }
 
     /// The least vectors that planned blocks need: with every window at its shortest.
-    pub fn least_vectors(&self) -> usize {
+    pub fn min_vectors(&self) -> usize {
         self.tiles * self.strips * BLOCK * pitch(GRAIN.min(self.disparities))
     }
 
@@ -183,7 +183,7 @@ impl Blocks {
 
     /// Sets slopes and windows from the map of the next coarser scale (half the size). `windows`
     /// (None: they stay) gives how many disparities a window has at most, and how many vectors all
-    /// may take together, at least [`Self::least_vectors`].
+    /// may take together, at least [`Self::min_vectors`].
     pub fn plan(
         &mut self,
         level: Level,
@@ -299,7 +299,7 @@ impl Blocks {
                     }
                 }
                 let slope = |(sum, count): (i32, i32)| {
-                    if count < LEAST_MEASURES {
+                    if count < MIN_MEASURES {
                         return 0;
                     }
                     (sum * GAIN / (SLOPE_BASE as i32 * count * 10)).clamp(-128, 128)
@@ -331,18 +331,18 @@ fn sum_of_steps<S: Simd>(_: S, from: &[u16], to: &[u16], way: usize, cells: &mut
 #[derive(Clone, Copy, Debug)]
 struct Ends {
     /// Less one, so that 0 (nothing known) becomes the greatest.
-    least_less_one: u8,
+    min_less_one: u8,
     most: u8,
 }
 
 impl Ends {
-    const NONE: Ends = Ends { least_less_one: u8::MAX, most: 0 };
+    const NONE: Ends = Ends { min_less_one: u8::MAX, most: 0 };
 }
 
 #[inline(always)]
 fn ends_of<S: Simd>(_: S, row: &[u8], ends: &mut Ends) {
     for &seed in row {
-        ends.least_less_one = ends.least_less_one.min(seed.wrapping_sub(1));
+        ends.min_less_one = ends.min_less_one.min(seed.wrapping_sub(1));
         ends.most = ends.most.max(seed);
     }
 }
@@ -368,7 +368,7 @@ fn window(
     if ends.most == 0 {
         return (0, disparities.min(widest));
     }
-    let (first, last) = (usize::from(ends.least_less_one) + 1, usize::from(ends.most));
+    let (first, last) = (usize::from(ends.min_less_one) + 1, usize::from(ends.most));
     let need = (last - first + 2 * MARGIN + 1).next_multiple_of(GRAIN);
     let span = need.min(widest).min(disparities);
     let inner = span.saturating_sub(2 * MARGIN).max(1);
@@ -435,7 +435,7 @@ mod tests {
             }
         }
         assert_eq!(next, blocks.vectors());
-        let budget = blocks.least_vectors() * 2;
+        let budget = blocks.min_vectors() * 2;
         blocks.plan(Level::best(), coarse, true, Some((64, budget)));
         assert!(blocks.vectors() <= budget);
         // Slopes alone leave the windows.

@@ -74,9 +74,9 @@ const SIDE: usize = 2 * HALF + 1;
 /// Columns to both sides of the disparity in which a patch is sought.
 const ASIDE: usize = 4;
 /// Least eigenvalue of a patch's structure, per pixel, in squared grey levels: below, it is no corner.
-const LEAST_CORNER: f32 = 12.0;
+const MIN_CORNER: f32 = 12.0;
 /// Points that must have been seen for a state.
-const LEAST_POINTS: f64 = 60.0;
+const MIN_POINTS: f64 = 60.0;
 /// What is kept of the past when a frame contradicts it.
 const FORGET: f64 = 0.3;
 /// Share of the bound below which a degraded calibration is good again.
@@ -261,7 +261,7 @@ impl EpipolarCheck {
                     continue;
                 }
                 let corner = corner(left, x, y);
-                if corner > LEAST_CORNER && best.is_none_or(|b| corner > b.0) {
+                if corner > MIN_CORNER && best.is_none_or(|b| corner > b.0) {
                     best = Some((corner, x, y));
                 }
             }
@@ -392,7 +392,7 @@ impl EpipolarCheck {
             .map(|(x, y)| (estimate[0] + x * estimate[1] + y * estimate[2]).abs());
         let worst_px = worst.into_iter().fold(0.0, f64::max);
         let bound = self.parameters.bound_px;
-        let state = if self.weight < LEAST_POINTS {
+        let state = if self.weight < MIN_POINTS {
             EpipolarState::Unknown
         } else if worst_px > bound {
             EpipolarState::Degraded

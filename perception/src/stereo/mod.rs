@@ -1,6 +1,7 @@
 //! Dense stereo: from a rectified pair to a disparity map with confidence.
 
 pub mod blocks;
+pub mod confidence;
 pub mod cost;
 pub mod device;
 pub mod energy;
@@ -13,7 +14,6 @@ pub mod mpv;
 pub mod pyramid;
 pub mod scale;
 pub mod speckle;
-pub mod trust;
 pub mod viterbi;
 pub mod winner;
 mod worker;

@@ -3,6 +3,7 @@
 //! coarser scale let the paths of the finer one follow slanted surfaces at no cost.
 
 use super::blocks::{BLOCK, Blocks};
+use super::confidence::Trust;
 use super::cost::CostParameters;
 use super::energy::{EnergyRow, Volumes};
 use super::fill::{BridgeParameters, Fill};
@@ -10,25 +11,24 @@ use super::median::Median;
 use super::pyramid::{Coarse, double, half_size, halve};
 use super::scale::{PathParameters, Scale};
 use super::speckle::{SpeckleFilter, SpeckleParameters};
-use super::trust::Trust;
 use super::winner::{SubPixel, Winner, WinnerParameters};
 use super::{DisparityView, MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
 use crate::simd::{LANES, Level};
 
 /// The least width and height of a pair.
-pub const LEAST_SIZE: usize = 8;
+pub const MIN_SIZE: usize = 8;
 
 /// The most nodes of an image, two bytes of workspace each: 4096 × 2048 pixels with 128
 /// disparities.
-pub const MOST_NODES: usize = 1 << 30;
+pub const MAX_NODES: usize = 1 << 30;
 
 /// The most scales of a pyramid.
 pub const SCALES: usize = 3;
 /// A coarser scale must be at least this wide and high.
-const LEAST_COARSE: usize = 16;
+const MIN_COARSE: usize = 16;
 /// A coarser scale must have at least this many disparities.
-const LEAST_DISPARITIES: usize = 8;
+const MIN_DISPARITIES: usize = 8;
 /// The widest window at the finest scale and at the one before it.
 const WIDEST: [usize; 2] = [96, 48];
 /// Larger volumes than this are taken not to stay in a cache.
@@ -61,7 +61,7 @@ pub struct MpvParameters {
     pub winner: WinnerParameters,
     /// Estimates of less confidence are unknown; at the finest scale it is that of the
     /// neighbourhood.
-    pub least_confidence: u8,
+    pub min_confidence: u8,
     /// Which small islands are removed.
     pub speckle: SpeckleParameters,
     /// Which holes are bridged.
@@ -80,7 +80,7 @@ impl Default for MpvParameters {
             scales: SCALES,
             slopes: true,
             winner: WinnerParameters::default(),
-            least_confidence: 105,
+            min_confidence: 105,
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,
@@ -119,7 +119,7 @@ pub struct Mpv {
     volumes: Volumes,
     median: Median,
     trust: Trust,
-    least_confidence: u8,
+    min_confidence: u8,
     fill: Fill,
     complete: bool,
     /// The greatest disparity in 1/256 px.
@@ -134,8 +134,8 @@ impl Mpv {
     /// # Errors
     /// As [`Self::new`].
     pub fn check(width: usize, height: usize, disparities: usize) -> Result<(), MatcherError> {
-        if width < LEAST_SIZE || height < LEAST_SIZE {
-            return Err(MatcherError::TooSmall { width, height, least: LEAST_SIZE });
+        if width < MIN_SIZE || height < MIN_SIZE {
+            return Err(MatcherError::TooSmall { width, height, least: MIN_SIZE });
         }
         if !(2..=255).contains(&disparities) {
             return Err(MatcherError::Disparities(disparities));
@@ -146,7 +146,7 @@ impl Mpv {
             .and_then(|(w, h)| w.checked_mul(h))
             .and_then(|pixels| pixels.checked_mul(disparities));
         match nodes {
-            Some(nodes) if nodes <= MOST_NODES => Ok(()),
+            Some(nodes) if nodes <= MAX_NODES => Ok(()),
             _ => Err(MatcherError::TooLarge { width, height, disparities }),
         }
     }
@@ -155,8 +155,8 @@ impl Mpv {
     /// the fastest hardware level there is.
     ///
     /// # Errors
-    /// When the image is smaller than [`LEAST_SIZE`], `disparities` is not 2 to 255, or there are
-    /// more than [`MOST_NODES`] nodes.
+    /// When the image is smaller than [`MIN_SIZE`], `disparities` is not 2 to 255, or there are
+    /// more than [`MAX_NODES`] nodes.
     pub fn new(
         parameters: MpvParameters,
         search: Search,
@@ -219,7 +219,7 @@ impl Mpv {
             volumes: Volumes::new(vectors),
             median: Median::new(level, width),
             trust: Trust::new(level, width),
-            least_confidence: parameters.least_confidence,
+            min_confidence: parameters.min_confidence,
             fill: Fill::new(parameters.bridge, width),
             complete: parameters.complete,
             most: ((disparities - 1) * 256) as u16,
@@ -239,7 +239,7 @@ impl Mpv {
         for (disparity, confidence) in disparity.iter_mut().zip(confidence.iter_mut()) {
             // Alone in doubt, but not gone: only an unknown pixel has none at all.
             *confidence = (*confidence).max(1);
-            *disparity = if *confidence < self.least_confidence { 0 } else { *disparity };
+            *disparity = if *confidence < self.min_confidence { 0 } else { *disparity };
         }
         self.median.apply(disparity);
         if let Some(finest) = self.stages.last_mut() {
@@ -284,7 +284,7 @@ pub(super) fn sizes(
     while sizes.len() < scales.min(SCALES) {
         let (w, h, d) = sizes[0];
         let ((w, h), d) = (half_size(w, h), d.div_ceil(2) + 1);
-        if w.min(h) < LEAST_COARSE || d < LEAST_DISPARITIES {
+        if w.min(h) < MIN_COARSE || d < MIN_DISPARITIES {
             break;
         }
         sizes.insert(0, (w, h, d));
@@ -296,7 +296,7 @@ pub(super) fn sizes(
 /// and of half the scale before it; a little less, so that all three stay within 0.3281.
 pub(super) fn budget(blocks: &Blocks, finest_disparities: usize) -> usize {
     let (width, height) = blocks.size();
-    (width * height * finest_disparities * 24 / 100 / LANES).max(blocks.least_vectors())
+    (width * height * finest_disparities * 24 / 100 / LANES).max(blocks.min_vectors())
 }
 
 /// The widest window of a scale that is halved so often.
@@ -308,17 +308,17 @@ pub(super) fn widest(halved: usize) -> usize {
 pub(super) fn choices(parameters: &MpvParameters, finest: bool) -> (WinnerParameters, SpeckleParameters) {
     if finest {
         // It asks the neighbourhood, which is known only later.
-        return (WinnerParameters { least_confidence: 0, ..parameters.winner }, parameters.speckle);
+        return (WinnerParameters { min_confidence: 0, ..parameters.winner }, parameters.speckle);
     }
     // Slopes and windows are measured on the coarser maps: what scatters less serves them better.
     let sub_pixel = match parameters.winner.sub_pixel {
         SubPixel::Data => SubPixel::Energy,
         chosen => chosen,
     };
-    let least_confidence = parameters.least_confidence;
+    let min_confidence = parameters.min_confidence;
     (
-        WinnerParameters { least_confidence, sub_pixel, ..parameters.winner },
-        SpeckleParameters { least_pixels: COARSE_SPECKLE, ..parameters.speckle },
+        WinnerParameters { min_confidence, sub_pixel, ..parameters.winner },
+        SpeckleParameters { min_pixels: COARSE_SPECKLE, ..parameters.speckle },
     )
 }
 

@@ -4,14 +4,14 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SpeckleParameters {
     /// Islands of fewer pixels are removed; 0 keeps all.
-    pub least_pixels: u32,
+    pub min_pixels: u32,
     /// Neighbours belong together when they differ by at most this, in 1/256 px.
     pub step: u16,
 }
 
 impl Default for SpeckleParameters {
     fn default() -> Self {
-        Self { least_pixels: 100, step: 256 }
+        Self { min_pixels: 100, step: 256 }
     }
 }
 
@@ -112,7 +112,7 @@ impl SpeckleFilter {
 
     /// Sets the pixels of small islands in `disparity` to 0 (unknown).
     pub fn apply(&mut self, disparity: &mut [u16]) {
-        if self.parameters.least_pixels == 0 {
+        if self.parameters.min_pixels == 0 {
             return;
         }
         self.cut_rows(disparity);
@@ -142,7 +142,7 @@ impl SpeckleFilter {
         for y in 0..self.rows.len() - 1 {
             for i in self.rows[y]..self.rows[y + 1] {
                 let root = self.root(i);
-                if self.runs[root as usize].pixels < self.parameters.least_pixels {
+                if self.runs[root as usize].pixels < self.parameters.min_pixels {
                     let run = self.runs[i as usize];
                     let row = &mut disparity[y * self.width..(y + 1) * self.width];
                     row[run.start as usize..run.end as usize].fill(0);
@@ -166,7 +166,7 @@ mod tests {
         }
         map[3] = 0;
         let before = map.clone();
-        let parameters = SpeckleParameters { least_pixels: 5, step: 256 };
+        let parameters = SpeckleParameters { min_pixels: 5, step: 256 };
         SpeckleFilter::new(parameters, width, height).apply(&mut map);
         for (i, (&after, &before)) in map.iter().zip(&before).enumerate() {
             let expected = if [85, 86, 105, 106].contains(&i) { 0 } else { before };
@@ -174,7 +174,7 @@ mod tests {
         }
         // Kept when islands of four are large enough.
         map.copy_from_slice(&before);
-        let parameters = SpeckleParameters { least_pixels: 4, step: 256 };
+        let parameters = SpeckleParameters { min_pixels: 4, step: 256 };
         SpeckleFilter::new(parameters, width, height).apply(&mut map);
         assert_eq!(map, before);
     }
@@ -185,7 +185,7 @@ mod tests {
         for _ in 0..50 {
             let (width, height) = (random.usize(1..30), random.usize(1..20));
             let map: Vec<u16> = (0..width * height).map(|_| random.u16(0..4) * 200).collect();
-            let parameters = SpeckleParameters { least_pixels: random.u32(1..12), step: 256 };
+            let parameters = SpeckleParameters { min_pixels: random.u32(1..12), step: 256 };
             let mut flooded = map.clone();
             let mut seen = vec![false; map.len()];
             for start in 0..map.len() {
@@ -210,7 +210,7 @@ mod tests {
                         }
                     }
                 }
-                if area.len() < parameters.least_pixels as usize {
+                if area.len() < parameters.min_pixels as usize {
                     area.iter().for_each(|&i| flooded[i] = 0);
                 }
             }

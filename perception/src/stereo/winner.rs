@@ -13,7 +13,7 @@ pub struct WinnerParameters {
     /// check out.
     pub left_right_px: u8,
     /// A winner of less confidence than this is unknown.
-    pub least_confidence: u8,
+    pub min_confidence: u8,
     /// How a winner's place between the nodes is found.
     pub sub_pixel: SubPixel,
 }
@@ -34,7 +34,7 @@ pub enum SubPixel {
 
 impl Default for WinnerParameters {
     fn default() -> Self {
-        Self { left_right_px: 1, least_confidence: 0, sub_pixel: SubPixel::Data }
+        Self { left_right_px: 1, min_confidence: 0, sub_pixel: SubPixel::Data }
     }
 }
 
@@ -254,7 +254,7 @@ fn take<S: Simd>(
     }
     let (zero, one) = (s.splat(0), s.splat(1));
     let most = s.splat(parameters.left_right_px);
-    let least = s.splat(parameters.least_confidence);
+    let least = s.splat(parameters.min_confidence);
     let outputs = disparity.chunks_mut(LANES).zip(confidence.chunks_mut(LANES));
     for (tile, (winners, (disparity, confidence))) in winners.iter().zip(outputs).enumerate() {
         let x = tile * LANES;

@@ -10,7 +10,7 @@ pub const NEVER: f64 = f64::INFINITY;
 #[derive(Debug)]
 pub struct Assignment {
     /// Greatest number of columns.
-    most_columns: usize,
+    max_columns: usize,
     costs: Vec<f64>,
     columns: usize,
     row_price: Vec<f64>,
@@ -29,7 +29,7 @@ impl Assignment {
         // A row's place of its own, where it stays alone, comes behind the columns.
         let all = columns + rows;
         Self {
-            most_columns: columns,
+            max_columns: columns,
             costs: Vec::with_capacity(rows * columns),
             columns: 0,
             row_price: Vec::with_capacity(rows),
@@ -44,7 +44,7 @@ impl Assignment {
 
     /// Begins a problem of `rows` × `columns` in which nothing fits.
     pub fn begin(&mut self, rows: usize, columns: usize) {
-        self.columns = columns.min(self.most_columns);
+        self.columns = columns.min(self.max_columns);
         self.costs.clear();
         self.costs.resize(rows * self.columns, NEVER);
     }

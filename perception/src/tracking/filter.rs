@@ -11,7 +11,7 @@ const NEAREST_M: f64 = 0.3;
 const FIRST_CLOSING_M_S: f64 = 12.0;
 
 /// Closing speeds beyond this are no vehicle's, in m/s.
-const GREATEST_M_S: f64 = 90.0;
+const MAX_M_S: f64 = 90.0;
 
 /// How fast closing speed may change: spectral density of the acceleration, m²/s³. A spread of
 /// 0.5 m/s after one second of driving.
@@ -24,7 +24,7 @@ const MANOEUVRE_AGILITY: f64 = 5.0;
 const STRAIN_KEPT: f64 = 0.8;
 
 /// Surprises of one sign, added up, that are no noise any more: 3.6 standard deviations of such a sum.
-const GREATEST_STRAIN: f64 = 6.0;
+const MAX_STRAIN: f64 = 6.0;
 
 /// A surprise of more standard deviations than this is believed less, the more so the larger it is.
 const BELIEVED_SIGMAS: f64 = 3.0;
@@ -61,7 +61,7 @@ impl Surprises {
 
 /// A straight line through noisy measurements: place, speed, and their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Line {
+struct ConstantVelocityFilter {
     place: f64,
     speed: f64,
     /// Covariance: place², place·speed, speed².
@@ -73,7 +73,7 @@ struct Line {
     unknown_speed: f64,
 }
 
-impl Line {
+impl ConstantVelocityFilter {
     fn new(place: f64, sigma: f64, speed_sigma: f64) -> Self {
         Self {
             place,
@@ -124,7 +124,7 @@ impl Line {
 
     /// Whether measurements keep lying on one side.
     fn is_strained(&self) -> bool {
-        self.strain.abs() > GREATEST_STRAIN
+        self.strain.abs() > MAX_STRAIN
     }
 
     fn sigma(&self) -> f64 {
@@ -151,7 +151,7 @@ pub struct DistanceFilter {
     /// Focal length × baseline, px·m.
     scale: f64,
     /// Place is the distance; its speed is the closing speed with the other sign.
-    line: Line,
+    line: ConstantVelocityFilter,
 }
 
 impl DistanceFilter {
@@ -160,7 +160,7 @@ impl DistanceFilter {
     pub fn new(scale: f64, disparity_px: f64, sigma_px: f64) -> Self {
         let distance = scale / disparity_px;
         let sigma = distance * distance * sigma_px / scale;
-        Self { scale, line: Line::new(distance, sigma, FIRST_CLOSING_M_S) }
+        Self { scale, line: ConstantVelocityFilter::new(distance, sigma, FIRST_CLOSING_M_S) }
     }
 
     /// Moves on by `elapsed_s` seconds at constant closing speed.
@@ -177,7 +177,7 @@ impl DistanceFilter {
         let sigma = expected * expected * sigma_px / self.scale;
         self.line.update(self.scale / disparity_px, sigma);
         self.line.place = self.line.place.max(NEAREST_M);
-        self.line.speed = self.line.speed.clamp(-GREATEST_M_S, GREATEST_M_S);
+        self.line.speed = self.line.speed.clamp(-MAX_M_S, MAX_M_S);
     }
 
     /// Distance and its rate, in metres and m/s.
@@ -273,13 +273,13 @@ const ACROSS_AGILITY: f64 = 0.6;
 /// Place and speed across the view, in metres right of the camera axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LateralFilter {
-    line: Line,
+    line: ConstantVelocityFilter,
 }
 
 impl LateralFilter {
     /// Starts at a first measurement.
     pub fn new(lateral_m: f64, sigma_m: f64) -> Self {
-        Self { line: Line::new(lateral_m, sigma_m, FIRST_ACROSS_M_S) }
+        Self { line: ConstantVelocityFilter::new(lateral_m, sigma_m, FIRST_ACROSS_M_S) }
     }
 
     /// Moves on by `elapsed_s` seconds.
@@ -290,7 +290,7 @@ impl LateralFilter {
     /// Takes in a measurement with its standard deviation.
     pub fn update(&mut self, lateral_m: f64, sigma_m: f64) {
         self.line.update(lateral_m, sigma_m);
-        self.line.speed = self.line.speed.clamp(-GREATEST_M_S, GREATEST_M_S);
+        self.line.speed = self.line.speed.clamp(-MAX_M_S, MAX_M_S);
     }
 
     /// Metres right of the camera axis.

@@ -1,18 +1,17 @@
 //! Obstacles over time: which region continues which track, where it is, how fast it comes, and what
 //! follows from that for the vehicle.
 
-pub mod alarm;
 pub mod assign;
+pub mod class;
+pub mod classification_schedule;
 pub mod filter;
-pub mod growth;
-pub mod looks;
-pub mod path;
+pub mod scale_change;
 
+use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
-use crate::road::{PixelBox, Region};
 use assign::Assignment;
+use class::Class;
 use filter::{DistanceFilter, LateralFilter, TimeToCollision};
-use looks::Class;
 
 /// An obstacle that is followed from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,19 +90,19 @@ pub struct TrackerParameters {
     /// A confirmed one ends after this many frames without a region; any other at its first miss.
     pub forget_frames: u32,
     /// Least overlap of boxes, 0 to 1, that continues a track.
-    pub least_overlap: f64,
+    pub min_overlap: f64,
     /// At most this many tracks live at once.
-    pub greatest_count: usize,
+    pub max_count: usize,
 }
 
 impl Default for TrackerParameters {
     fn default() -> Self {
-        Self { confirm_frames: 3, forget_frames: 5, least_overlap: 0.2, greatest_count: 128 }
+        Self { confirm_frames: 3, forget_frames: 5, min_overlap: 0.2, max_count: 128 }
     }
 }
 
 /// Detections of a frame for which memory is set aside; the nearest are used.
-const MOST_DETECTIONS: usize = 64;
+const MAX_DETECTIONS: usize = 64;
 /// A region may differ from what is expected by so many standard deviations of both,
 const GATE_SIGMAS: f64 = 4.0;
 /// and by this much more, in px and as a share of the disparity: its near side jumps when parts join it.
@@ -131,7 +130,7 @@ const LOWER_GAIN: f64 = 0.5;
 /// Errors of a region's disparity last for some frames, the filter thinks that they do not.
 const LASTING: f64 = 1.5;
 /// and a measurement is hardly better than this, in px, whatever it says: a thing's parts move within its region.
-const LEAST_SIGMA_PX: f64 = 0.08;
+const MIN_SIGMA_PX: f64 = 0.08;
 
 /// Follows obstacles, with memory allocated once.
 #[derive(Debug)]
@@ -152,10 +151,10 @@ impl Tracker {
     /// A tracker without tracks, for regions of images of `size` (width, height) that the rig sees.
     pub fn new(parameters: TrackerParameters, rig: Rig, size: (usize, usize)) -> Self {
         Self {
-            tracks: Vec::with_capacity(parameters.greatest_count),
-            assignment: Assignment::new(MOST_DETECTIONS, parameters.greatest_count),
-            taken: Vec::with_capacity(MOST_DETECTIONS),
-            order: Vec::with_capacity(parameters.greatest_count),
+            tracks: Vec::with_capacity(parameters.max_count),
+            assignment: Assignment::new(MAX_DETECTIONS, parameters.max_count),
+            taken: Vec::with_capacity(MAX_DETECTIONS),
+            order: Vec::with_capacity(parameters.max_count),
             parameters,
             rig,
             size: (size.0 as u32, size.1 as u32),
@@ -186,7 +185,7 @@ impl Tracker {
             None => 0.0,
         };
         self.last_ns = Some(time_ns);
-        let regions = &regions[..regions.len().min(MOST_DETECTIONS)];
+        let regions = &regions[..regions.len().min(MAX_DETECTIONS)];
         for track in &mut self.tracks {
             track.along.predict(elapsed_s);
             track.across.predict(elapsed_s);
@@ -210,7 +209,7 @@ impl Tracker {
             track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
         }
         for (d, region) in regions.iter().enumerate() {
-            if !self.taken[d] && self.tracks.len() < self.parameters.greatest_count {
+            if !self.taken[d] && self.tracks.len() < self.parameters.max_count {
                 let track = self.begin(d, region);
                 self.tracks.push(track);
             }
@@ -232,7 +231,7 @@ impl Tracker {
                     continue;
                 }
                 let overlap = overlap(&expected, &region.bounds);
-                if overlap < self.parameters.least_overlap {
+                if overlap < self.parameters.min_overlap {
                     continue;
                 }
                 let sigmas = (surprise / spread.max(1e-3)).min(GATE_SIGMAS);
@@ -269,7 +268,7 @@ impl Tracker {
 
 /// One standard deviation of a region's disparity, as the filter takes it.
 fn noise_px(region: &Region) -> f64 {
-    LASTING * region.disparity_sigma_px.max(LEAST_SIGMA_PX)
+    LASTING * region.disparity_sigma_px.max(MIN_SIGMA_PX)
 }
 
 /// A track goes on with region `d`.

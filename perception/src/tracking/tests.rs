@@ -1,6 +1,6 @@
-use super::alarm::{Alarm, AlarmLevel, AlarmParameters, Candidate};
-use super::looks::LookParameters;
+use super::classification_schedule::ScheduleParameters;
 use super::*;
+use crate::alarm::{Alarm, AlarmLevel, AlarmParameters, Candidate};
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
 const SIZE: (usize, usize) = (640, 480);
@@ -204,7 +204,7 @@ fn regions_that_split_and_merge_keep_their_tracks() {
 #[test]
 fn a_score_is_a_vote_and_a_jump_back_in_time_starts_anew() {
     let (mut tracker, mut time) = settled(&[region(20.0, 0.0), region(10.0, 3.0)]);
-    let policy = LookParameters { most: 1, again_frames: 3 };
+    let policy = ScheduleParameters { most: 1, again_frames: 3 };
     let mut looked = Vec::new();
     let mut frame = |tracker: &mut Tracker, score: Option<f32>| {
         time += PERIOD_NS;

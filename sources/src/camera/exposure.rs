@@ -10,7 +10,7 @@ const TARGET: f64 = 105.0;
 const DEAD_ZONE: f64 = 1.15;
 
 /// The most by which brightness is changed at once.
-const GREATEST_STEP: f64 = 1.6;
+const MAX_STEP: f64 = 1.6;
 
 /// Frames after a change before the images show it.
 const SETTLE_FRAMES: u32 = 4;
@@ -21,7 +21,7 @@ pub struct ExposureParameters {
     /// The longest exposure, in microseconds: longer blurs what moves.
     pub longest_us: u32,
     /// The greatest gain, in the device's unit; gain 0 counts as 1.
-    pub greatest_gain: u32,
+    pub max_gain: u32,
 }
 
 /// Steers exposure time first, gain when that does not suffice.
@@ -51,7 +51,7 @@ impl ExposureControl {
             self.settle -= 1;
             return None;
         }
-        let wanted = (TARGET / mean.max(1.0)).clamp(1.0 / GREATEST_STEP, GREATEST_STEP);
+        let wanted = (TARGET / mean.max(1.0)).clamp(1.0 / MAX_STEP, MAX_STEP);
         if (1.0 / DEAD_ZONE..=DEAD_ZONE).contains(&wanted) {
             return None;
         }
@@ -60,7 +60,7 @@ impl ExposureControl {
         let total = self.time_us * self.gain * wanted;
         // As little gain as will do: it brings noise.
         self.time_us = total.clamp(1.0, longest);
-        self.gain = (total / self.time_us).clamp(1.0, f64::from(self.parameters.greatest_gain.max(1)));
+        self.gain = (total / self.time_us).clamp(1.0, f64::from(self.parameters.max_gain.max(1)));
         let after = self.exposure();
         (after != before).then(|| {
             self.settle = SETTLE_FRAMES;
@@ -75,7 +75,7 @@ mod tests {
 
     /// A scene so bright that an exposure of 1 µs at gain 1 gives `light` grey levels.
     fn settle(light: f64, frames: u32) -> (f64, Exposure, u32) {
-        let parameters = ExposureParameters { longest_us: 20_000, greatest_gain: 16 };
+        let parameters = ExposureParameters { longest_us: 20_000, max_gain: 16 };
         let mut control = ExposureControl::new(parameters);
         let mut changes = 0;
         let mut mean = 0.0;

@@ -432,7 +432,7 @@ mod tests {
     fn matched_exposure_sets_both_cameras_alike() {
         let frames = || (1..60_u64).map(|n| Event::Frame { at_ns: n * 33 * MS, level: 20 }).collect();
         let rig = FakeRig::new([frames(), frames()]);
-        let exposure = ExposureMode::Matched(ExposureParameters { longest_us: 10_000, greatest_gain: 4 });
+        let exposure = ExposureMode::Matched(ExposureParameters { longest_us: 10_000, max_gain: 4 });
         let settings = Settings { exposure, ..settings(false) };
         let mut source = CameraSource::new(rig.opener(), settings, now_ns);
         play(&mut source, &rig);

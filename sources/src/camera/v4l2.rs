@@ -17,7 +17,7 @@ use std::time::Duration;
 const BUFFERS: u32 = 4;
 
 /// No driver gives more.
-const MOST_BUFFERS: usize = 32;
+const MAX_BUFFERS: usize = 32;
 
 /// Readable, as poll(2) has it.
 const READABLE: i16 = 1;
@@ -97,7 +97,7 @@ impl Opener for V4l2Opener {
         let stream = Stream::with_buffers(&device, Type::VideoCapture, BUFFERS);
         let mut stream = stream.map_err(|e| what("give memory for frames", &e))?;
         // All buffers but the first, which counts as read: the next frame gives it back.
-        for index in 1..MOST_BUFFERS {
+        for index in 1..MAX_BUFFERS {
             if CaptureStream::queue(&mut stream, index).is_err() {
                 break;
             }

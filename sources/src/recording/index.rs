@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 const RECORD_HEAD: u64 = 9;
 
 /// No sound chunk is larger when unpacked.
-const GREATEST_CHUNK: u64 = 128 << 20;
+const MAX_CHUNK: u64 = 128 << 20;
 
 /// What is wrong with a record that [`lengths::fit`] refuses.
 const LONGER: &str = "a length in a record reaches beyond its end";
@@ -232,7 +232,7 @@ impl Index {
             }
             _ => return Ok(Vec::new()),
         };
-        if header.uncompressed_size > GREATEST_CHUNK {
+        if header.uncompressed_size > MAX_CHUNK {
             let reason = format!("a chunk of {} bytes", header.uncompressed_size);
             return Err(self.damaged(place.at, reason));
         }

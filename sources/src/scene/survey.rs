@@ -4,7 +4,7 @@ use super::Scene;
 use super::truth::{FIRST_OBJECT, ObjectTruth, ROAD, RoadTruth, SceneTruth};
 use super::view::{Camera, MIDDLE, Surface, View};
 use super::world::HALF_PATH_M;
-use perception::road::PixelBox;
+use perception::region::PixelBox;
 
 /// What pixels see at their middle: 1/z and the patch's number from 1.
 struct Map {

@@ -1,6 +1,6 @@
 //! What is exactly true of a frame.
 
-use perception::road::PixelBox;
+use perception::region::PixelBox;
 
 /// Owner of a pixel that sees the sky.
 pub const SKY: u16 = 0;

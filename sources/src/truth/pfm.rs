@@ -4,7 +4,7 @@ use super::TruthError;
 use std::path::Path;
 
 /// More bytes than any map has; a file beyond is a mistake, not a map.
-const MOST_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1 << 30;
 
 /// A PFM as it is in its file, rows turned to run from the top down.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +26,7 @@ pub fn read(path: &Path) -> Result<Pfm, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
     let map = |reason| TruthError::Map { path: path.to_owned(), reason };
     let bytes = std::fs::metadata(path).map_err(io)?.len();
-    if bytes > MOST_BYTES {
+    if bytes > MAX_BYTES {
         return Err(map(format!("{bytes} bytes are more than a map has: give the PFM of one image")));
     }
     parse(&std::fs::read(path).map_err(io)?).map_err(map)

@@ -4,7 +4,7 @@
 //! the view, in metres), `vehicle` with x forward, y left, z up.
 
 use super::topic::{ImageForm, Message, Topic};
-use crate::record::{FrameRecord, ObstacleLine};
+use crate::reporting::record::{FrameRecord, ObstacleLine};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};

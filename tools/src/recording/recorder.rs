@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// The most bytes that wait for the disk.
-const MOST_WAITING_BYTES: u64 = 64 << 20;
+const MAX_WAITING_BYTES: u64 = 64 << 20;
 
 /// How long a disk may be too slow before the recording ends, in nanoseconds.
 const PATIENCE_NS: u64 = 10_000_000_000;
@@ -83,7 +83,7 @@ impl Recorder {
         let bytes = if let Item::Message(message) = &item { message.data.len() as u64 } else { 0 };
         let waiting = self.shared.waiting_bytes.load(Ordering::Relaxed);
         // A single message of any size is taken.
-        if waiting > 0 && waiting + bytes > MOST_WAITING_BYTES {
+        if waiting > 0 && waiting + bytes > MAX_WAITING_BYTES {
             self.full_since_ns.get_or_insert(now_ns);
             return Offer::Refused;
         }

@@ -12,13 +12,13 @@ pub struct Ring {
     messages: VecDeque<Message>,
     bytes: usize,
     longest_ns: u64,
-    most_bytes: usize,
+    max_bytes: usize,
 }
 
 impl Ring {
-    /// A ring of `longest_ns`, and of at most `most_bytes`.
-    pub fn new(longest_ns: u64, most_bytes: usize) -> Self {
-        Self { messages: VecDeque::new(), bytes: 0, longest_ns, most_bytes }
+    /// A ring of `longest_ns`, and of at most `max_bytes`.
+    pub fn new(longest_ns: u64, max_bytes: usize) -> Self {
+        Self { messages: VecDeque::new(), bytes: 0, longest_ns, max_bytes }
     }
 
     /// Adds a message; the oldest go when there are too many. Gives whether one went that was not
@@ -29,7 +29,7 @@ impl Ring {
         self.messages.push_back(message);
         let mut is_short = false;
         while let Some(first) = self.messages.front()
-            && (first.time_ns < oldest_ns || self.bytes > self.most_bytes)
+            && (first.time_ns < oldest_ns || self.bytes > self.max_bytes)
         {
             is_short |= first.time_ns >= oldest_ns;
             self.bytes -= first.data.len() + MESSAGE_BYTES;

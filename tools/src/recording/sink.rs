@@ -18,7 +18,7 @@ pub struct Limits {
     /// A new file after this time.
     pub split_ns: Option<u64>,
     /// The recording ends when fewer bytes are free.
-    pub least_free_bytes: u64,
+    pub min_free_bytes: u64,
     /// Only what is around alarms is recorded.
     pub ring: Option<RingLimits>,
 }
@@ -60,7 +60,7 @@ pub enum RecordError {
     },
     /// Too little room.
     #[error(
-        "{}: the recording has ended: {free_mb} MB are free, {least_mb} MB must stay (--min-free-mb): make room, or \
+        "{}: the recording has ended: {free_mb} MB are free, {min_mb} MB must stay (--min-free-mb): make room, or \
          record elsewhere", path.display()
     )]
     Space {
@@ -69,7 +69,7 @@ pub enum RecordError {
         /// Free megabytes.
         free_mb: u64,
         /// Megabytes that must stay free.
-        least_mb: u64,
+        min_mb: u64,
     },
     /// It cannot be written.
     #[error("{}: the recording has ended: {reason}: what was written until then can be replayed", path.display())]
@@ -203,11 +203,11 @@ impl Sink {
     fn check_space(&self, path: &Path) -> Result<(), RecordError> {
         // A system that does not tell is no reason not to record.
         let Ok(free) = self.storage.free_bytes(path) else { return Ok(()) };
-        if free >= self.limits.least_free_bytes {
+        if free >= self.limits.min_free_bytes {
             return Ok(());
         }
-        let (free_mb, least_mb) = (free >> 20, self.limits.least_free_bytes >> 20);
-        Err(RecordError::Space { path: path.to_owned(), free_mb, least_mb })
+        let (free_mb, min_mb) = (free >> 20, self.limits.min_free_bytes >> 20);
+        Err(RecordError::Space { path: path.to_owned(), free_mb, min_mb })
     }
 
     /// Takes an item.

@@ -226,7 +226,7 @@ fn a_full_disk_ends_the_recording_with_a_reason_and_what_was_written_can_be_read
     // Nearly full: it ends before, and the file is whole.
     let path = folder.path().join("near.mcap");
     let disk = SmallDisk { room: Arc::new(AtomicU64::new(200_000)) };
-    let limits = Limits { least_free_bytes: 100_000, ..Limits::default() };
+    let limits = Limits { min_free_bytes: 100_000, ..Limits::default() };
     let mut sink = Sink::new(Box::new(disk), &path, ImageForm::Raw, limits, about()).unwrap();
     let error = put(&mut sink, 0..1000, ImageForm::Raw).unwrap_err();
     assert!(matches!(error, RecordError::Space { .. }), "{error}");

@@ -4,7 +4,7 @@
 use super::delays::Delays;
 use super::stalls::Stalls;
 use super::trend::Trend;
-use crate::summary::Latency;
+use crate::reporting::summary::Latency;
 use std::collections::VecDeque;
 
 /// Stages that a frame passes: capture, stereo, road, recognition.

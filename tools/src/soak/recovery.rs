@@ -3,7 +3,7 @@
 use super::fault::{Fault, FaultKind, place};
 use super::latency::STAGES;
 use super::trend::Trend;
-use crate::summary::Latency;
+use crate::reporting::summary::Latency;
 use serde::Serialize;
 
 /// The longest waits that are told one by one.

@@ -6,7 +6,7 @@ use super::latency::{Latencies, STAGES};
 use super::markdown::table;
 use super::recovery::{FaultRow, Recovery};
 use super::stalls::CoreFigures;
-use crate::summary::Latency;
+use crate::reporting::summary::Latency;
 use serde::Serialize;
 use std::fmt::Write;
 

@@ -1,14 +1,14 @@
 //! When the machine itself stood still: what a probe at the stages' priority has seen.
 //!
 //! A probe on each core asks to be woken every 2 ms. A wake-up that comes late by more than
-//! [`LEAST_NS`] is a stall of that core from the time it was due until it came: nothing at this
+//! [`MIN_NS`] is a stall of that core from the time it was due until it came: nothing at this
 //! priority ran there on time, whoever was at fault.
 
-use crate::summary::Latency;
+use crate::reporting::summary::Latency;
 use std::collections::VecDeque;
 
 /// Shorter delays are the scheduler's ordinary business.
-pub const LEAST_NS: u64 = 1_000_000;
+pub const MIN_NS: u64 = 1_000_000;
 
 /// Stalls of a core that are kept for frames still to be judged.
 const KEPT: usize = 8192;
@@ -32,7 +32,7 @@ pub struct CoreFigures {
     pub core: Option<u32>,
     /// Wake-ups.
     pub wakes: u64,
-    /// Wake-ups that were late by more than [`LEAST_NS`].
+    /// Wake-ups that were late by more than [`MIN_NS`].
     pub stalls: u64,
     /// Time of all stalls.
     pub total_ns: u64,
@@ -65,7 +65,7 @@ impl Stalls {
         });
         let core = &mut self.cores[place];
         core.lateness.add_ns(late_ns);
-        if late_ns > LEAST_NS {
+        if late_ns > MIN_NS {
             core.stalls += 1;
             core.total_ns += late_ns;
             core.longest_ns = core.longest_ns.max(late_ns);

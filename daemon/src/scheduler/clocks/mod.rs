@@ -43,7 +43,7 @@ impl fmt::Display for Hertz {
 }
 
 /// A clock that reads less than this share of what it was set to runs too slowly.
-const LEAST_SHARE: f64 = 0.98;
+const MIN_SHARE: f64 = 0.98;
 
 /// Low readings in a row that are no coincidence.
 const CONFIRM: u32 = 3;
@@ -188,7 +188,7 @@ impl Clocks {
             clock.read = clock.device.read(&self.sysfs).ok();
             // At the full share, the configured clock counts: the board may not have it.
             let expected = if self.share < 1.0 { clock.target } else { clock.configured };
-            let is_low = clock.read.is_none_or(|read| read < expected.times(LEAST_SHARE));
+            let is_low = clock.read.is_none_or(|read| read < expected.times(MIN_SHARE));
             clock.low = if is_low { clock.low.saturating_add(1) } else { 0 };
         }
     }

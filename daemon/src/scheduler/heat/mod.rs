@@ -57,7 +57,7 @@ impl Rung {
 
     /// The word for it.
     pub fn name(self) -> &'static str {
-        ipc::heat::RUNGS[self as usize]
+        messages::heat::RUNGS[self as usize]
     }
 
     fn below(self) -> Rung {

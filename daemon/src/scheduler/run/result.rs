@@ -6,12 +6,12 @@
 //! was said before. The first result after that speaks for itself.
 
 use super::Run;
-use ipc::alarm::{self, Faults};
-use ipc::bus::IpcError;
-use ipc::clock::monotonic_ns;
-use ipc::header::{Header, Kind};
-use ipc::obstacles::{self, AlarmRecord, Newest};
-use ipc::port::{Publisher, Sample};
+use messages::alarm::{self, Faults};
+use messages::bus::IpcError;
+use messages::clock::monotonic_ns;
+use messages::header::{Header, Kind};
+use messages::obstacles::{self, AlarmRecord, Newest};
+use messages::port::{Publisher, Sample};
 
 /// What the last result said.
 #[derive(Clone, Copy, Debug)]

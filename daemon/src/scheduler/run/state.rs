@@ -3,15 +3,15 @@
 use super::result::Results;
 use super::{Phase, Run};
 use crate::scheduler::condition::Condition;
-use ipc::alarm;
-use ipc::calibration::CalibrationState;
-use ipc::clock::process_cpu_ns;
-use ipc::deadline::PacingRecord;
-use ipc::header::{Header, Kind};
-use ipc::report::ReportRecord;
-use ipc::rig::RigRecord;
-use ipc::role::Role;
-use ipc::status::StatusRecord;
+use messages::alarm;
+use messages::calibration::CalibrationState;
+use messages::clock::process_cpu_ns;
+use messages::deadline::PacingRecord;
+use messages::header::{Header, Kind};
+use messages::report::ReportRecord;
+use messages::rig::RigRecord;
+use messages::role::Role;
+use messages::status::StatusRecord;
 
 impl Run {
     /// The status now. Rates are since the last call.

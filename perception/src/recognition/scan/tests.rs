@@ -187,7 +187,7 @@ fn every_level_gives_the_hits_of_the_definition() {
         })
         .collect();
     let image = GreyView::new(&data, width, height, width).unwrap();
-    let sizes = Sizes::Range { least_px: 0, greatest_px: 0, growth: 1.25 };
+    let sizes = Sizes::Range { min_px: 0, max_px: 0, growth: 1.25 };
     for (seed, (haar, side, nodes)) in [
         (false, 24, 1),
         (false, 24, 3),

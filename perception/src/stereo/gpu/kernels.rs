@@ -78,7 +78,7 @@ impl ScaleKernels {
         let sizes = format!("const LANES = {}u;\nconst WORDS = {}u;\n{COMMON}", scale.lanes, scale.words);
         // Lanes of a path in one subgroup need no memory to find their least.
         let least =
-            if scale.lanes <= engine.subgroup { shader!("least_subgroup") } else { shader!("least_memory") };
+            if scale.lanes <= engine.subgroup { shader!("min_subgroup") } else { shader!("min_memory") };
         let path = compile(engine, &format!("{sizes}\n{}\n{least}", shader!("path")));
         let winner = compile(engine, &format!("{sizes}\n{}", shader!("winner")));
         Self { advance: pipeline(engine, &path, "advance"), pick: pipeline(engine, &winner, "pick") }

@@ -154,13 +154,13 @@ impl GpuMpv {
         }
     }
 
-    /// Pairs that were submitted and not collected, at most [`Self::most_in_flight`].
+    /// Pairs that were submitted and not collected, at most [`Self::max_in_flight`].
     pub fn in_flight(&self) -> usize {
         self.in_flight
     }
 
     /// The most pairs in flight.
-    pub fn most_in_flight(&self) -> usize {
+    pub fn max_in_flight(&self) -> usize {
         SLOTS
     }
 

@@ -333,7 +333,7 @@ fn scale_passes(
     }
 
     let score = [(0, &buffers.uniform), (1, &scratch.features), (2, &buffers.blocks), (3, &scratch.jumps)];
-    let items = BLOCK as u32 * most_words(scale);
+    let items = BLOCK as u32 * max_words(scale);
     pass(COST, None, vec![run(engine, &kernels.score, &score, [items.div_ceil(64), blocks, 1])]);
 
     let paths = 32 / scale.lanes;
@@ -407,7 +407,7 @@ fn scale_passes(
 }
 
 /// The most words of a pixel that a block of the scale may have.
-fn most_words(scale: &ScalePlan) -> u32 {
+fn max_words(scale: &ScalePlan) -> u32 {
     if !scale.windows {
         return scale.blocks.iter().map(BlockUniform::words).max().unwrap_or(0);
     }

@@ -368,15 +368,15 @@ fn whole_maps_equal_the_plain_twin_bit_for_bit() {
             1 => parameters.winner.sub_pixel = SubPixel::Energy,
             2 => parameters.slopes = false,
             3 => {
-                parameters.least_confidence = 20;
-                parameters.speckle.least_pixels = 0;
+                parameters.min_confidence = 20;
+                parameters.speckle.min_pixels = 0;
                 parameters.bridge.widest_px = 0;
             }
             4 => {
                 parameters.scales = 2;
                 parameters.winner.sub_pixel = SubPixel::None;
                 parameters.winner.left_right_px = 255;
-                parameters.least_confidence = 0;
+                parameters.min_confidence = 0;
             }
             _ => {}
         }
@@ -412,7 +412,7 @@ fn two_pairs_in_flight_keep_their_order() {
     for i in 0..pairs.len() {
         if let Some(next) = pairs.get(i + 1) {
             gpu.submit(next.0.view(), next.1.view()).unwrap();
-            assert_eq!(gpu.in_flight(), gpu.most_in_flight());
+            assert_eq!(gpu.in_flight(), gpu.max_in_flight());
         }
         let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
         gpu.collect(MatchOutput { disparity: &mut disparity, confidence: &mut confidence }).unwrap();

@@ -31,12 +31,12 @@ pub(super) struct ScaleUniform {
     pub(super) budget: u32,
     pub(super) sub_pixel: u32,
     pub(super) left_right: u32,
-    pub(super) least_confidence: u32,
+    pub(super) min_confidence: u32,
     pub(super) speckle_pixels: u32,
     pub(super) speckle_step: u32,
     pub(super) bridge_px: u32,
     pub(super) bridge_step: u32,
-    pub(super) least_trust: u32,
+    pub(super) min_trust: u32,
 }
 
 /// `Direction` of `path.wgsl`.
@@ -209,12 +209,12 @@ pub(super) fn plan(
                     SubPixel::Data => 2,
                 },
                 left_right: winner.left_right_px.into(),
-                least_confidence: winner.least_confidence.into(),
-                speckle_pixels: speckle.least_pixels,
+                min_confidence: winner.min_confidence.into(),
+                speckle_pixels: speckle.min_pixels,
                 speckle_step: speckle.step.into(),
                 bridge_px: parameters.bridge.widest_px.into(),
                 bridge_step: parameters.bridge.step.into(),
-                least_trust: parameters.least_confidence.into(),
+                min_trust: parameters.min_confidence.into(),
             },
             directions: [
                 direction(1, 0, horizontal, across, 0),

@@ -25,7 +25,7 @@ fn check(@builtin(global_invocation_id) id: vec3<u32>) {
         if difference > 0u {
             sure = max(sure - min(sure, DISAGREEMENT), 1u);
         }
-        if difference <= scale.left_right && sure >= scale.least_confidence {
+        if difference <= scale.left_right && sure >= scale.min_confidence {
             kept = disparity_of(winner) | (sure << 16u);
         }
     }

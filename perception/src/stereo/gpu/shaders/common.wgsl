@@ -24,14 +24,14 @@ struct Scale {
     // The winner.
     sub_pixel: u32,
     left_right: u32,
-    least_confidence: u32,
+    min_confidence: u32,
     // Islands and holes.
     speckle_pixels: u32,
     speckle_step: u32,
     bridge_px: u32,
     bridge_step: u32,
     // Below this confidence of the neighbourhood a pixel of the finest scale is unknown.
-    least_trust: u32,
+    min_trust: u32,
 }
 
 // Edge of a block in pixels.

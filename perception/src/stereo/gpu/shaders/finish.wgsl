@@ -27,7 +27,7 @@ fn trust(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     let confidence = max(sum / 25u, 1u);
-    let disparity = select(disparity_of(at(x, y)), 0u, confidence < scale.least_trust);
+    let disparity = select(disparity_of(at(x, y)), 0u, confidence < scale.min_trust);
     after[id.y * scale.width + id.x] = disparity | (confidence << 16u);
 }
 

@@ -2,17 +2,17 @@
 // turns: one is read, one is written, one is cleared.
 var<workgroup> leasts: array<atomic<u32>, 3u * SLOTS>;
 
-fn least_start(thread: u32) {
+fn min_start(thread: u32) {
     if thread < SLOTS {
         atomicStore(&leasts[thread], 255u);
     }
 }
 
-fn least_before(slot: u32, i: u32, carried: u32) -> u32 {
+fn min_before(slot: u32, i: u32, carried: u32) -> u32 {
     return atomicLoad(&leasts[(i + 2u) % 3u * SLOTS + slot]);
 }
 
-fn least_after(slot: u32, lane: u32, i: u32, least: u32, running: bool) -> u32 {
+fn min_after(slot: u32, lane: u32, i: u32, least: u32, running: bool) -> u32 {
     if running {
         atomicMin(&leasts[i % 3u * SLOTS + slot], least);
         if lane == 0u {

@@ -4,7 +4,7 @@
 // passed each other, the second adds to what the first has left, so no two workgroups share a node.
 //
 // The text before this one sets LANES (threads of a path) and WORDS (the most words of a pixel), and
-// gives `least_before` and `least_after`.
+// gives `min_before` and `min_after`.
 
 struct Direction {
     // Columns by which a forward path moves with each step, and whether it moves down a row.
@@ -133,7 +133,7 @@ fn advance(
     // one pixel at once.
     let lag = steps & 1u;
     let late = select(0u, lag, backwards);
-    least_start(thread);
+    min_start(thread);
     workgroupBarrier();
 
     var carried = 0u;
@@ -156,7 +156,7 @@ fn advance(
             let place = select(i, steps - 1u - i, backwards);
             let ahead = place < steps - 1u - place + lag;
             let is_first = ahead != backwards;
-            let least_of_before = least_before(slot, i, carried);
+            let min_of_before = min_before(slot, i, carried);
             let low_word = here.low / 4u;
             let high_word = (here.high + 3u) / 4u;
             let before = ((i + 1u) % 2u * SLOTS + slot) * WORDS;
@@ -201,7 +201,7 @@ fn advance(
                     backward.y = min(own.y, backward.z + w);
                     backward.x = min(own.x, backward.y + w);
                     let energy = min(min(forward, backward), vec4<u32>(255u));
-                    jump = min(energy - vec4<u32>(least_of_before), vec4<u32>(direction.truncation));
+                    jump = min(energy - vec4<u32>(min_of_before), vec4<u32>(direction.truncation));
                 }
                 var total = min(cost + jump, vec4<u32>(255u));
                 // Nodes beside the window do not exist.
@@ -234,7 +234,7 @@ fn advance(
             first = i32(low_word);
             end = i32(high_word);
         }
-        carried = least_after(slot, lane, i, least, running);
+        carried = min_after(slot, lane, i, least, running);
         workgroupBarrier();
         if 2u * turn + 4u >= steps {
             // What one direction has written the other will read.

@@ -23,7 +23,7 @@ const SLOPE_BASE = 4u;
 const EDGE = 614;
 const GAIN = 11;
 const CELL = 8u;
-const LEAST_MEASURES = 32;
+const MIN_MEASURES = 32;
 
 fn coarse_disparity(x: u32, y: u32) -> u32 {
     return disparity_of(coarse[y * scale.coarse_width + x]);
@@ -69,7 +69,7 @@ fn seed(@builtin(global_invocation_id) id: vec3<u32>) {
 var<workgroup> steps: array<atomic<i32>, 4>;
 
 fn slope_of(sum: i32, count: i32) -> i32 {
-    if count < LEAST_MEASURES {
+    if count < MIN_MEASURES {
         return 0;
     }
     return clamp(sum * GAIN / (i32(SLOPE_BASE) * count * 10), -128, 128);

@@ -1,0 +1,481 @@
+//! Which regions are believed: what stands out when it comes back, what is weaker a little later.
+//!
+//! Each sighting of a region has some evidence (log-odds that something stands there). Noise does not
+//! come back at the same place, things do: so the evidence of one place adds up over the frames, and
+//! fades. What was well believed is still reported, moved on, in a frame that does not show it.
+
+use crate::region::{PixelBox, Region};
+use crate::rig::Rig;
+
+/// Evidence summed up from which a region is reported.
+const BELIEVED: f64 = 2.5;
+/// A sighting of less evidence is reported on no account: it may be another thing than what was believed.
+const PLAUSIBLE: f64 = 0.5;
+/// Overlap with the box that is expected from which on a sighting is of the same thing; below it, evidence
+/// that it must have to be reported, and to take the place of what is well known: for regions, and for what is
+/// small, whose boxes overlap by chance.
+const ALIKE: f64 = 0.3;
+const UNLIKE: f64 = 5.0;
+const UNLIKE_SMALL: f64 = 3.0;
+/// Sightings from which on what is small may be elsewhere than was expected: two flakes are two things.
+const OFTEN: u32 = 3;
+/// Evidence of a first sighting that is reported at once, and the same where nothing comes back.
+const AT_ONCE: f64 = 5.0;
+const ALONE: f64 = 3.5;
+/// Evidence that the last sighting must have had for a region to be reported unseen: what was half seen
+/// then is hardly where it is expected.
+const CLEAR: f64 = 6.0;
+/// Evidence of the pictures that an unseen region must have, where they tell.
+const BORNE_OUT: f64 = 2.0;
+/// No more is summed up, so that what vanishes is soon doubted.
+const MOST: f64 = 9.0;
+/// Evidence of one sighting counts within these bounds.
+const SIGHTING: (f64, f64) = (-2.0, 3.0);
+/// Share that is left of the sum from one frame to the next.
+const MEMORY: f64 = 0.8;
+/// What a frame without a sighting takes away.
+const MISS: f64 = 1.0;
+/// Below this a candidate is forgotten.
+const FORGOTTEN: f64 = 0.3;
+/// Frames for which a region that was well believed is reported unseen.
+const COASTING: u8 = 2;
+/// What a side that stays counts less than a middle that does, in px.
+const SIDE_PX: f64 = 4.0;
+/// Belief and sightings from which on a thing is well known.
+const KNOWN: (f64, u32) = (5.0, 5);
+/// Metres across the road that something may move from frame to frame.
+const ACROSS_M: f64 = 0.1;
+/// The most pairs of a region and a candidate that are weighed.
+const PAIRS: usize = 4096;
+/// The most candidates that are remembered.
+const CAPACITY: usize = 256;
+
+/// Something that was seen, or may have been.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    /// Its last sighting.
+    region: Region,
+    /// Movement a frame of the box's middle, its foot, and the disparity, smoothed.
+    step: [f64; 3],
+    /// Evidence summed up.
+    belief: f64,
+    /// Evidence of the last sighting.
+    last: f64,
+    sightings: u32,
+    /// Frames since the last sighting.
+    unseen: u8,
+    /// Whether this frame has a sighting of it.
+    taken: bool,
+    /// Whether what this frame shows in its place is something else.
+    hidden: bool,
+}
+
+/// Remembers the regions of the last frames, with memory allocated once.
+#[derive(Debug)]
+pub struct Confirmation {
+    candidates: Vec<Candidate>,
+    /// What each region may be a sighting of: cost, region, candidate.
+    pairs: Vec<(f64, u32, u32)>,
+    /// The candidate that each region is a sighting of.
+    owners: Vec<Option<u32>>,
+    /// The most that one sighting counts.
+    most: f64,
+    /// Evidence of a first sighting that is reported.
+    at_once: f64,
+    /// Evidence that a sighting must have which is elsewhere than was expected, and the sightings before it counts.
+    unlike: f64,
+    often: u32,
+}
+
+impl Confirmation {
+    /// Nothing seen yet. Unless a region must come back (`again`), strong evidence counts at once.
+    pub fn new(again: bool) -> Self {
+        let (most, at_once) = if again { (SIGHTING.1, AT_ONCE) } else { (MOST, ALONE) };
+        Self {
+            candidates: Vec::with_capacity(2 * CAPACITY),
+            pairs: Vec::with_capacity(PAIRS),
+            owners: Vec::with_capacity(CAPACITY),
+            most,
+            at_once,
+            unlike: UNLIKE,
+            often: 0,
+        }
+    }
+
+    /// The same for what even strong evidence does not prove at once: a flake before the lens is as plain as
+    /// anything, for one frame.
+    pub fn twice(again: bool) -> Self {
+        let fresh = Self::new(again);
+        let at_once = if again { f64::INFINITY } else { fresh.at_once };
+        Self { at_once, unlike: UNLIKE_SMALL, often: OFTEN, ..fresh }
+    }
+
+    /// Takes the regions of a frame, nearest first, each with its evidence, and leaves those that are
+    /// believed; adds those that were and are not seen just now, as far as there is room. `size` is the image's
+    /// width and height; `look` gives the evidence of the pictures alone for a region that is expected, where
+    /// they tell.
+    pub fn filter(
+        &mut self,
+        regions: &mut Vec<Region>,
+        evidence: &[f64],
+        size: (usize, usize),
+        rig: &Rig,
+        mut look: impl FnMut(&Region) -> Option<f64>,
+    ) {
+        for candidate in &mut self.candidates {
+            candidate.unseen += 1;
+            (candidate.taken, candidate.hidden) = (false, false);
+        }
+        self.assign(regions, rig);
+        let mut place = 0;
+        regions.retain(|region| {
+            let own = self.owners[place];
+            let evidence = evidence[place];
+            place += 1;
+            let seen = evidence.clamp(SIGHTING.0, self.most);
+            if let Some(own) = own {
+                let candidate = &mut self.candidates[own as usize];
+                // What is seen in its stead now and then is another thing, or a part of it.
+                let alike = candidate
+                    .ahead(size)
+                    .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= ALIKE);
+                if !alike && evidence < self.unlike && candidate.is_known() {
+                    candidate.hidden = true;
+                    return false;
+                }
+                candidate.take(region, seen);
+                candidate.last = evidence;
+                let back = alike && evidence >= PLAUSIBLE
+                    || evidence >= self.unlike && candidate.sightings >= self.often;
+                return candidate.belief >= BELIEVED && back;
+            }
+            if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
+                let (step, belief) = ([0.0; 3], seen);
+                let region = *region;
+                self.candidates.push(Candidate {
+                    region,
+                    step,
+                    belief,
+                    last: evidence,
+                    sightings: 1,
+                    unseen: 0,
+                    taken: true,
+                    hidden: false,
+                });
+            }
+            evidence >= self.at_once
+        });
+        self.candidates.retain_mut(|candidate| {
+            if candidate.unseen > 0 {
+                let known = candidate.is_known() && candidate.unseen <= COASTING;
+                let expected = candidate.ahead(size).filter(|_| known);
+                let seen = expected.as_ref().and_then(&mut look);
+                candidate.belief =
+                    MEMORY * candidate.belief - seen.map_or(MISS, |seen| (-seen).clamp(-MISS, MISS));
+                let goes_on =
+                    seen.map_or(candidate.last >= CLEAR || candidate.hidden, |seen| seen >= BORNE_OUT);
+                if goes_on
+                    && regions.len() < regions.capacity()
+                    && let Some(region) = expected
+                {
+                    regions.push(region);
+                }
+            }
+            candidate.belief >= FORGOTTEN
+        });
+        self.candidates.truncate(CAPACITY);
+    }
+
+    /// Gives each region the candidate that it is most likely a sighting of, the likeliest pair first, none
+    /// of them twice.
+    fn assign(&mut self, regions: &[Region], rig: &Rig) {
+        self.pairs.clear();
+        for (r, region) in regions.iter().enumerate() {
+            for (c, candidate) in self.candidates.iter().enumerate() {
+                if let Some(cost) = distance(candidate, region, rig)
+                    && self.pairs.len() < PAIRS
+                {
+                    self.pairs.push((cost, r as u32, c as u32));
+                }
+            }
+        }
+        self.pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        self.owners.clear();
+        self.owners.resize(regions.len(), None);
+        for &(_, r, c) in &self.pairs {
+            let candidate = &mut self.candidates[c as usize];
+            if self.owners[r as usize].is_none() && !candidate.taken {
+                (self.owners[r as usize], candidate.taken) = (Some(c), true);
+            }
+        }
+    }
+}
+
+/// Middle, foot and disparity of a region.
+fn place(region: &Region) -> [f64; 3] {
+    let b = &region.bounds;
+    [f64::from(b.x) + 0.5 * f64::from(b.width), f64::from(b.y + b.height), region.disparity_px]
+}
+
+impl Candidate {
+    /// A new sighting.
+    fn take(&mut self, region: &Region, seen: f64) {
+        let (before, now) = (place(&self.region), place(region));
+        let frames = f64::from(self.unseen);
+        let share = if self.sightings == 1 { 0.6 } else { 0.35 };
+        for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
+            *step += share * ((now - before) / frames - *step);
+        }
+        self.belief = (MEMORY * self.belief + seen).min(MOST);
+        self.sightings += 1;
+        (self.region, self.unseen) = (*region, 0);
+    }
+
+    fn is_known(&self) -> bool {
+        self.belief >= KNOWN.0 && self.sightings >= KNOWN.1
+    }
+
+    /// Where it should be now.
+    fn expected(&self) -> [f64; 3] {
+        let frames = f64::from(self.unseen);
+        let [x, foot, disparity_px] = place(&self.region);
+        let [dx, dfoot, rate] = self.step;
+        [x + frames * dx, foot + frames * dfoot, (disparity_px + frames * rate).max(0.5 * disparity_px)]
+    }
+
+    /// The region where it should be now, if that is inside the image.
+    fn ahead(&self, size: (usize, usize)) -> Option<Region> {
+        let (old, [x, foot, disparity_px]) = (&self.region, self.expected());
+        let nearer = disparity_px / old.disparity_px;
+        let width = (f64::from(old.bounds.width) * nearer).max(1.0);
+        let height = (f64::from(old.bounds.height) * nearer).max(1.0);
+        let (left, top) = (x - 0.5 * width, foot - height);
+        // What leaves the image is not missed.
+        if left < 0.0 || top < 0.0 || left + width > size.0 as f64 || foot > size.1 as f64 {
+            return None;
+        }
+        let [left, top, width, height] = [left, top, width, height].map(|v| v as u32);
+        Some(Region {
+            bounds: PixelBox { x: left, y: top, width, height },
+            disparity_px,
+            disparity_sigma_px: old.disparity_sigma_px * (1.0 + 0.5 * f64::from(self.unseen)),
+            distance_m: old.distance_m / nearer,
+            ..*old
+        })
+    }
+}
+
+/// How far a region is from where a candidate should be, 0 to 1, and how much it differs in size; `None` when it cannot be it.
+fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
+    let (expected, now) = (candidate.expected(), place(region));
+    let depth = now[2] - expected[2];
+    let frames = f64::from(candidate.unseen);
+    // Vehicles close in faster than they fall back; what was seen once has no speed yet.
+    let reach = if candidate.sightings == 1 {
+        (0.35 + 0.05 * now[2]) * if depth > 0.0 { 2.5 } else { 1.0 }
+    } else {
+        // At an even speed the disparity grows ever faster.
+        (0.3 + 0.045 * now[2]) * if depth > 0.0 { 1.5 } else { 1.0 }
+    };
+    // Most pairs end here.
+    if depth.abs() > reach {
+        return None;
+    }
+    // What hardly moves across the road moves outwards in the image as it comes nearer.
+    let [x, _, disparity_px] = place(&candidate.region);
+    let at = if candidate.sightings == 1 {
+        rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px
+    } else {
+        expected[0]
+    };
+    // Of a thing that is seen in part, one side stays where it is.
+    let half = 0.5 * f64::from(candidate.region.bounds.width) * now[2] / disparity_px;
+    let own = 0.5 * f64::from(region.bounds.width);
+    let side = (now[0] - own - (at - half)).abs().min((now[0] + own - (at + half)).abs());
+    let across = (now[0] - at).abs().min(side + SIDE_PX);
+    let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
+    let slack = 2.0 + 0.3 * widest + frames * ACROSS_M * now[2] / rig.baseline_m;
+    let cost = (depth.abs() / reach).max(across.abs() / slack);
+    let (a, b) = (&candidate.region.bounds, &region.bounds);
+    let ratio = |a: u32, b: u32| (f64::from(a.max(1)) / f64::from(b.max(1))).ln().abs();
+    (cost <= 1.0).then(|| cost + ratio(a.width, b.width) + ratio(a.height, b.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
+
+    fn region(x: u32, disparity_px: f64) -> Region {
+        Region {
+            bounds: PixelBox { x, y: 200, width: 16, height: 20 },
+            disparity_px,
+            disparity_sigma_px: 0.1,
+            distance_m: 100.0 / disparity_px,
+            lateral_m: 0.0,
+            width_m: 0.4,
+            height_m: 0.5,
+            pixels: 100,
+            confidence: 0.9,
+        }
+    }
+
+    /// A frame whose regions all have the same evidence, of which the pictures tell nothing.
+    fn filter(confirmation: &mut Confirmation, regions: &mut Vec<Region>, evidence: f64) {
+        let evidence = vec![evidence; regions.len()];
+        confirmation.filter(regions, &evidence, (640, 480), &RIG, |_| None);
+    }
+
+    /// How many are believed of each frame's regions.
+    fn believed(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
+        let mut confirmation = Confirmation::new(true);
+        frames
+            .iter()
+            .map(|frame| {
+                let mut regions = Vec::with_capacity(8);
+                regions.extend_from_slice(frame);
+                filter(&mut confirmation, &mut regions, evidence);
+                regions.len()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn weak_evidence_adds_up() {
+        let seen = [region(300, 5.0)];
+        assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.2), [0, 0, 1, 1]);
+        assert_eq!(believed(&[&seen, &seen], 3.8), [0, 1], "strong evidence when it comes back");
+        assert_eq!(believed(&[&seen, &seen], 8.5), [1, 1], "what is as plain as that at once");
+        assert_eq!(believed(&[&seen[..]; 12], 0.45), [0; 12], "too little never does");
+        // What comes and goes is not believed.
+        assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
+    }
+
+    #[test]
+    fn what_may_be_a_flake_must_come_back_however_plain() {
+        let reported = |again: bool| {
+            let mut confirmation = Confirmation::twice(again);
+            [(); 2].map(|()| {
+                let mut regions = vec![region(300, 5.0)];
+                filter(&mut confirmation, &mut regions, 50.0);
+                regions.len()
+            })
+        };
+        assert_eq!(reported(true), [0, 1]);
+        assert_eq!(reported(false), [1, 1], "a single picture has no second frame");
+        let flakes = |mut confirmation: Confirmation| {
+            [10, 2, 15].map(|height| {
+                let bounds = PixelBox { x: 300, y: 230 - height, width: 16, height };
+                let mut regions = vec![Region { bounds, ..region(300, 5.0) }];
+                filter(&mut confirmation, &mut regions, 50.0);
+                regions.len()
+            })
+        };
+        assert_eq!(flakes(Confirmation::twice(true)), [0, 0, 1], "another flake is not the first");
+        assert_eq!(flakes(Confirmation::new(true)), [1, 1, 1]);
+    }
+
+    #[test]
+    fn single_pictures_need_strong_evidence_only() {
+        let mut regions = vec![region(300, 5.0), region(100, 5.0)];
+        Confirmation::new(false).filter(&mut regions, &[3.8, 2.0], (640, 480), &RIG, |_| None);
+        assert_eq!(regions, [region(300, 5.0)]);
+    }
+
+    #[test]
+    fn what_was_believed_may_be_missed_for_a_moment() {
+        let seen = [region(300, 5.0)];
+        let none: &[Region] = &[];
+        let frames = [&seen[..], &seen, &seen, &seen, &seen, none, none, none, none];
+        assert_eq!(believed(&frames, 6.1), [1, 1, 1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(believed(&frames, 4.0), [0, 1, 1, 1, 1, 0, 0, 0, 0], "unless it was not seen clearly");
+    }
+
+    #[test]
+    fn what_is_unseen_goes_on_as_far_as_the_pictures_bear_it_out() {
+        let reported = |shown: f64| {
+            let mut confirmation = Confirmation::new(true);
+            let mut all = Vec::new();
+            for frame in 0..10 {
+                let mut regions = if frame < 5 { vec![region(300, 5.0)] } else { Vec::with_capacity(1) };
+                let evidence = [4.0; 1];
+                confirmation.filter(&mut regions, &evidence, (640, 480), &RIG, |_| Some(shown));
+                all.push(regions.len());
+            }
+            all
+        };
+        // Not seen as clearly as what goes on unasked, but the pictures show it; or do not.
+        assert_eq!(reported(3.0), [0, 1, 1, 1, 1, 1, 1, 0, 0, 0]);
+        assert_eq!(reported(1.0), [0, 1, 1, 1, 1, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn a_sighting_that_speaks_against_it_is_not_reported() {
+        let mut confirmation = Confirmation::new(true);
+        let mut reported = Vec::new();
+        for evidence in [4.0, 4.0, 4.0, -1.0, 4.0] {
+            let mut regions = vec![region(300, 5.0)];
+            filter(&mut confirmation, &mut regions, evidence);
+            reported.push(regions.len());
+        }
+        assert_eq!(reported, [0, 1, 1, 0, 1]);
+    }
+
+    #[test]
+    fn a_piece_that_comes_first_does_not_take_the_place_of_the_whole() {
+        let mut confirmation = Confirmation::new(true);
+        let wide = |x, width, disparity_px| Region {
+            bounds: PixelBox { x, y: 180, width, height: 60 },
+            ..region(x, disparity_px)
+        };
+        let mut reported = Vec::new();
+        for frame in 0..6 {
+            // Rain makes a piece of the car stand out, a little nearer, in the last frames.
+            let whole = wide(300, 80, 8.0);
+            let mut regions = if frame < 4 { vec![whole] } else { vec![wide(330, 12, 8.2), whole] };
+            filter(&mut confirmation, &mut regions, 4.0);
+            reported.push(regions);
+        }
+        assert_eq!(reported[4], [wide(300, 80, 8.0)]);
+        assert!(reported[5].contains(&wide(300, 80, 8.0)), "{:?}", reported[5]);
+    }
+
+    #[test]
+    fn a_weak_look_at_another_thing_leaves_what_is_known_where_it_was_expected() {
+        let mut confirmation = Confirmation::new(true);
+        let post = |evidence: f64| {
+            let bounds = PixelBox { x: 303, y: 150, width: 8, height: 70 };
+            (Region { bounds, ..region(303, 5.0) }, evidence)
+        };
+        let mut last = Vec::new();
+        for (region, evidence) in [(region(300, 5.0), 4.0); 6].into_iter().chain([post(3.5)]) {
+            last = vec![region];
+            filter(&mut confirmation, &mut last, evidence);
+        }
+        assert_eq!(last, [Region { disparity_sigma_px: last[0].disparity_sigma_px, ..region(300, 5.0) }]);
+        // What is plain is believed.
+        last = vec![post(9.0).0];
+        filter(&mut confirmation, &mut last, 9.0);
+        assert_eq!(last, [post(9.0).0]);
+    }
+
+    #[test]
+    fn noise_elsewhere_confirms_nothing() {
+        let frames: Vec<[Region; 1]> = (0..20).map(|i| [region(60 * (i * 7 % 10), 5.0)]).collect();
+        let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
+        assert!(believed(&frames, 1.6).iter().all(|&n| n == 0));
+        let depths: Vec<[Region; 1]> = (0..20).map(|i| [region(300, 3.0 + f64::from(i * 7 % 10))]).collect();
+        let depths: Vec<&[Region]> = depths.iter().map(|f| &f[..]).collect();
+        assert!(believed(&depths, 1.6).iter().all(|&n| n == 0));
+    }
+
+    #[test]
+    fn what_comes_nearer_stays_the_same() {
+        // 20 m/s at 12.5 frames a second from 20 m on.
+        let frames: Vec<[Region; 1]> =
+            (0..8).map(|i| [region(300 + i * 2, 105.0 / (20.0 - 1.6 * f64::from(i)))]).collect();
+        let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
+        assert_eq!(believed(&frames, 1.2), [0, 0, 1, 1, 1, 1, 1, 1]);
+    }
+}

@@ -1,0 +1,89 @@
+//! What stands on the road (paper, section 3.5): stixels, the regions that they form, small obstacles, and the
+//! verification of both in the two pictures.
+
+pub mod confirmation;
+pub mod photometric;
+pub mod regions;
+pub mod residual;
+pub mod small_obstacles;
+pub mod stixels;
+
+use crate::depth::DepthView;
+use crate::region::Region;
+use crate::rig::Rig;
+use crate::road::profile::RoadProfile;
+use crate::road::surface::Surface;
+use photometric::Verifier;
+use regions::RegionFinder;
+pub use regions::RegionParameters;
+use residual::Ground;
+use small_obstacles::SmallFinder;
+use stixels::{StixelParameters, Stixels};
+
+/// Pixels of less confidence (0 to 255) do not take part in obstacle detection.
+const MIN_CONFIDENCE: u8 = 100;
+
+/// No side of an object passes the camera nearer than this, in metres: disparity that changes faster from column
+/// to column than such a side does is a seam between two surfaces.
+const SIDE_M: f64 = 0.9;
+
+/// Finds obstacle regions in disparity maps of one size, with memory allocated once.
+#[derive(Debug)]
+pub struct ObstacleDetector {
+    parameters: RegionParameters,
+    rig: Rig,
+    size: (usize, usize),
+    stixels: Stixels,
+    finder: RegionFinder,
+    small: SmallFinder,
+    regions: Vec<Region>,
+}
+
+impl ObstacleDetector {
+    /// A detector for maps of `width` × `height` with disparities below `disparities` px.
+    pub fn new(
+        parameters: RegionParameters,
+        rig: Rig,
+        width: usize,
+        height: usize,
+        disparities: usize,
+    ) -> Self {
+        let stixels = Stixels::new(width, height);
+        Self {
+            finder: RegionFinder::new(parameters, &stixels, disparities),
+            small: SmallFinder::new(width, height, parameters.confirm),
+            regions: Vec::with_capacity(regions::CAPACITY + small_obstacles::CAPACITY),
+            size: (width, height),
+            stixels,
+            parameters,
+            rig,
+        }
+    }
+
+    /// Finds what stands on the road, nearest first.
+    pub fn detect(&mut self, depth: DepthView<'_>, profile: &RoadProfile, surface: &Surface) -> &[Region] {
+        let p = &self.parameters;
+        let standing = StixelParameters {
+            min_height_m: 0.4 * p.min_height_m,
+            sigmas: 0.3,
+            min_rise_px: 0.2,
+            max_height_m: p.max_height_m,
+            min_disparity_px: self.rig.disparity_px(p.max_distance_m),
+            min_confidence: MIN_CONFIDENCE,
+            steepest_px: self.rig.baseline_m / SIDE_M,
+        };
+        self.stixels.find(depth, surface, &standing);
+        self.regions.clear();
+        let ground = Ground { profile_px: profile.disparity_px(), tilt: surface.tilt(), rig: self.rig };
+        let verifier = depth.pictures().map(|pictures| Verifier { pictures, ground, stixels: &self.stixels });
+        let found = self.finder.find(&self.stixels, surface, &self.rig, self.size, verifier.as_ref());
+        self.regions.extend_from_slice(found);
+        if let Some(pictures) = depth.pictures() {
+            let small = self.small.find(pictures, &ground, surface, &self.regions);
+            self.regions.extend_from_slice(small);
+            self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
+            self.regions.truncate(p.max_count);
+        }
+        &self.regions
+    }
+}

@@ -1,0 +1,486 @@
+//! What stands in each narrow strip of columns: runs of rows of one depth above the road (stixels).
+
+use crate::depth::DepthView;
+use crate::road::heights::{BATCH, Pixels};
+use crate::road::surface::{Glance, Surface};
+use crate::simd::{Level, Simd, kernel};
+
+/// Image columns of a strip.
+pub const STRIP_COLUMNS: usize = 4;
+/// The most runs of a strip.
+const RUNS: usize = 12;
+/// Rows of a strip, or columns of a seam, that are looked at together.
+const GROUP: usize = 8;
+/// Rows that are turned into columns at once.
+const ROWS: usize = 16;
+/// Columns over which the steepness of a seam is told.
+const SEAM_COLUMNS: usize = 4;
+/// Rows without an estimate that a run may span.
+const GAP: usize = 10;
+
+/// A run of rows in one strip whose disparity hardly changes, above the road.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stixel {
+    /// The strip.
+    pub strip: u32,
+    /// First row, from above.
+    pub top: u16,
+    /// Last row.
+    pub bottom: u16,
+    /// Rows with an estimate.
+    pub rows: u16,
+    /// Mean disparity, in px.
+    pub disparity_px: f32,
+    /// Mean confidence, 0 to 255.
+    pub confidence: f32,
+    /// Height of the first row above the road, in metres.
+    pub high_m: f32,
+    /// Height of the last row above the road, in metres.
+    pub low_m: f32,
+}
+
+/// What makes a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StixelParameters {
+    /// What reaches less than this above the road is road, in metres; more where the noise of the
+    /// frame asks for it.
+    pub min_height_m: f64,
+    /// Standard deviations of the noise that a row must be above the road.
+    pub sigmas: f64,
+    /// Disparity by which a row must be nearer than the road that the row shows, in px.
+    pub min_rise_px: f64,
+    /// What begins higher than this above the road is not in the way, in metres.
+    pub max_height_m: f64,
+    /// Nothing is looked for farther away, in px of disparity.
+    pub min_disparity_px: f64,
+    /// Pixels of less confidence are left out.
+    pub min_confidence: u8,
+    /// The most that the disparity of a surface changes from column to column, in px.
+    pub steepest_px: f64,
+}
+
+/// The stixels of a frame, with memory allocated once.
+#[derive(Debug)]
+pub struct Stixels {
+    /// Disparity by strip and row, in 1/256 px; 0 = unknown.
+    depths: Vec<u16>,
+    /// Confidence of each.
+    confidence: Vec<u8>,
+    /// One row of the map with sharp seams, and some more columns.
+    sharp: Vec<u16>,
+    /// Some rows of both.
+    rows: (Vec<u16>, Vec<u8>),
+    /// Where the seams of a row begin.
+    seams: Vec<u8>,
+    /// Rows of one strip that may show what stands.
+    stands: Vec<u8>,
+    strips: usize,
+    height: usize,
+    level: Level,
+    list: Vec<Stixel>,
+    /// Where the stixels of each strip begin in the list; one more for the end.
+    starts: Vec<u32>,
+}
+
+impl Stixels {
+    /// A workspace for maps of `width` × `height`.
+    pub fn new(width: usize, height: usize) -> Self {
+        let strips = width.div_ceil(STRIP_COLUMNS);
+        Self {
+            depths: vec![0; strips * height],
+            confidence: vec![0; strips * height],
+            sharp: vec![0; width + GROUP],
+            rows: (vec![0; strips * ROWS], vec![0; strips * ROWS]),
+            seams: vec![0; width],
+            stands: vec![0; height],
+            strips,
+            height,
+            level: Level::best(),
+            list: Vec::with_capacity(strips * (RUNS + 1)),
+            starts: vec![0; strips + 1],
+        }
+    }
+
+    /// The most stixels that there may be.
+    pub fn capacity(&self) -> usize {
+        self.strips * (RUNS + 1)
+    }
+
+    /// What the kernels run on.
+    pub(super) fn level(&self) -> Level {
+        self.level
+    }
+
+    /// Strips of the image.
+    pub fn strips(&self) -> usize {
+        self.strips
+    }
+
+    /// All stixels, strip by strip, from below.
+    pub fn list(&self) -> &[Stixel] {
+        &self.list
+    }
+
+    /// Where those of a strip lie in the list.
+    pub fn of(&self, strip: usize) -> std::ops::Range<usize> {
+        self.starts[strip] as usize..self.starts[strip + 1] as usize
+    }
+
+    /// Disparities of a strip, row by row from above, in 1/256 px; 0 = unknown.
+    pub fn depths(&self, strip: usize) -> &[u16] {
+        &self.depths[strip * self.height..(strip + 1) * self.height]
+    }
+
+    /// Middle column of a strip.
+    pub fn column(strip: usize) -> f64 {
+        (strip * STRIP_COLUMNS) as f64 + 0.5 * (STRIP_COLUMNS - 1) as f64
+    }
+
+    /// Finds what stands on the road.
+    ///
+    /// # Panics
+    /// When the map has another size than the workspace.
+    pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
+        assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
+        let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
+        for first in (0..self.height).step_by(ROWS) {
+            let rows = ROWS.min(self.height - first);
+            let (depths, means) = (&mut self.rows.0, &mut self.rows.1);
+            let middles_of = depths.chunks_exact_mut(self.strips).zip(means.chunks_exact_mut(self.strips));
+            for (y, (depths, means)) in (first..first + rows).zip(middles_of) {
+                let (d, c) = (depth.disparity(y), depth.confidence(y));
+                sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);
+                let sharp = &self.sharp[..d.len()];
+                middles(self.level, sharp, c, parameters.min_confidence, depths, means);
+            }
+            // What lies beside each other there lies below each other here.
+            for strip in 0..self.strips {
+                let places = strip * self.height + first..strip * self.height + first + rows;
+                let (d, c) = (&mut self.depths[places.clone()], &mut self.confidence[places]);
+                let below = self.rows.0[strip..].iter().step_by(self.strips);
+                d.iter_mut().zip(below).for_each(|(d, from)| *d = *from);
+                let below = self.rows.1[strip..].iter().step_by(self.strips);
+                c.iter_mut().zip(below).for_each(|(c, from)| *c = *from);
+            }
+        }
+        self.list.clear();
+        for strip in 0..self.strips {
+            self.starts[strip] = self.list.len() as u32;
+            self.find_in(strip, surface, parameters);
+        }
+        self.starts[self.strips] = self.list.len() as u32;
+    }
+
+    fn find_in(&mut self, strip: usize, surface: &Surface, parameters: &StixelParameters) {
+        let x = Self::column(strip);
+        let places = strip * self.height..(strip + 1) * self.height;
+        let (depths, confidence) = (&self.depths[places.clone()], &self.confidence[places]);
+        let mut run = Run::default();
+        let mut found = 0;
+        // The quickest test first: most of what is near is road, most of what is far away too high.
+        let p = parameters;
+        let glance = Glance {
+            least: (p.min_disparity_px * 256.0).max(1.0) as u16,
+            rise_px: p.min_rise_px,
+            max_m: p.max_height_m,
+        };
+        surface.may_stand(x, depths, glance, &mut self.stands);
+        let mut pixels = Pixels::default();
+        let mut heights_m = [0.0; BATCH];
+        let mut end = self.height;
+        while end > 0 {
+            pixels.clear();
+            while end > 0 && pixels.count() + GROUP <= BATCH {
+                let rows = end.saturating_sub(GROUP)..end;
+                end = rows.start;
+                // In most groups nothing may stand, which is told at once.
+                if self.stands[rows.clone()].first_chunk() != Some(&[0; GROUP]) {
+                    for y in rows.rev() {
+                        pixels.push(x as f32, y as f32, depths[y], self.stands[y] > 0);
+                    }
+                }
+            }
+            surface.heights_m(&pixels, &mut heights_m);
+            for (i, &height) in heights_m.iter().enumerate().take(pixels.count()) {
+                let (y, d) = (pixels.y_px[i] as usize, pixels.disparity[i]);
+                // Written so that NaN is left out.
+                if !(height >= p.min_height_m && height <= p.max_height_m)
+                    || height < p.sigmas * surface.height_noise_m(f64::from(d) / 256.0)
+                {
+                    continue;
+                }
+                if !run.takes(y, d, surface.noise_px()) {
+                    if let Some(stixel) = run.end(strip)
+                        && found < RUNS
+                    {
+                        self.list.push(stixel);
+                        found += 1;
+                    }
+                    run = Run::default();
+                }
+                run.add(y, d, confidence[y], height as f32);
+            }
+        }
+        if let Some(stixel) = run.end(strip)
+            && found < RUNS
+        {
+            self.list.push(stixel);
+        }
+    }
+}
+
+/// A run that grows upwards.
+#[derive(Clone, Copy, Debug, Default)]
+struct Run {
+    top: usize,
+    bottom: usize,
+    rows: u32,
+    sum: u64,
+    confidence: u32,
+    /// Smoothed disparity of the last rows, in px.
+    last_px: f32,
+    low_m: f32,
+    high_m: f32,
+}
+
+impl Run {
+    /// Whether row `y` goes on with the run: near it, and of its depth.
+    fn takes(&self, y: usize, d: u16, noise_px: f64) -> bool {
+        let px = f32::from(d) / 256.0;
+        let tolerance = 0.25 + 2.0 * (noise_px as f32).min(0.12) + 0.01 * px;
+        self.rows == 0 || (self.top - y <= GAP && (px - self.last_px).abs() <= tolerance)
+    }
+
+    fn add(&mut self, y: usize, d: u16, confidence: u8, height_m: f32) {
+        let px = f32::from(d) / 256.0;
+        if self.rows == 0 {
+            *self = Run { bottom: y, last_px: px, low_m: height_m, ..Run::default() };
+        }
+        self.top = y;
+        self.rows += 1;
+        self.sum += u64::from(d);
+        self.confidence += u32::from(confidence);
+        self.last_px += (px - self.last_px) * 0.3;
+        self.high_m = height_m;
+    }
+
+    fn end(&self, strip: usize) -> Option<Stixel> {
+        (self.rows >= 2).then(|| Stixel {
+            strip: strip as u32,
+            top: self.top as u16,
+            bottom: self.bottom as u16,
+            rows: self.rows as u16,
+            disparity_px: (self.sum as f64 / f64::from(self.rows) / 256.0) as f32,
+            confidence: self.confidence as f32 / self.rows as f32,
+            low_m: self.low_m,
+            high_m: self.high_m,
+        })
+    }
+}
+
+kernel! {
+    /// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
+    /// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the
+    /// most that a surface rises over [`SEAM_COLUMNS`], in 1/256 px; `out` is longer than the row by
+    /// [`GROUP`].
+    fn sharpen(row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) = sharpen_row
+}
+
+#[inline(always)]
+fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) {
+    out[..row.len()].copy_from_slice(row);
+    let Some(after) = row.get(SEAM_COLUMNS..) else { return };
+    // What begins in each column: 1 a steep rise, 2 a steep fall, 0 neither.
+    let seams = &mut seams[..after.len()];
+    for ((&a, &b), seam) in row.iter().zip(after).zip(seams.iter_mut()) {
+        let steep = (a > 0) & (b > 0) & (a.abs_diff(b) >= steepest);
+        let way = if b > a { 1_u16 } else { 2 };
+        *seam = (if steep { way } else { 0 }) as u8;
+    }
+    let bytes = |x: usize| seams[x..].first_chunk().map(|chunk| u64::from_le_bytes(*chunk));
+    let zeros = |bytes: u64| (bytes.trailing_zeros() / u8::BITS) as usize;
+    let mut x = 0;
+    while x < seams.len() {
+        // Most columns have no seam, and many are told at once.
+        if let Some(bytes) = bytes(x)
+            && bytes as u8 == 0
+        {
+            x += zeros(bytes);
+            continue;
+        }
+        if seams[x] == 0 {
+            x += 1;
+            continue;
+        }
+        let alike = bytes(x).map_or(1, |bytes| zeros(bytes ^ u64::from_ne_bytes([seams[x]; GROUP])));
+        let more = seams[x + alike..].iter().take_while(|step| **step == seams[x]).count();
+        let end = x + alike + more - 1 + SEAM_COLUMNS;
+        let (a, b) = (row[x], row[end]);
+        for first in (x + 1..end).step_by(GROUP) {
+            let group = &mut out[first..][..GROUP];
+            let inside = (end - first).min(GROUP) as u16;
+            for (i, d) in group.iter_mut().enumerate() {
+                let side = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
+                *d = if (*d > 0) & ((i as u16) < inside) { side } else { *d };
+            }
+        }
+        x = end;
+    }
+}
+
+kernel! {
+    /// The middle of each strip of a row of disparities and confidences.
+    fn middles(
+        row: &[u16],
+        confidence: &[u8],
+        min_confidence: u8,
+        depths: &mut [u16],
+        means: &mut [u8],
+    ) = every_middle
+}
+
+#[inline(always)]
+fn every_middle<S: Simd>(
+    _: S,
+    row: &[u16],
+    confidence: &[u8],
+    min_confidence: u8,
+    depths: &mut [u16],
+    means: &mut [u8],
+) {
+    let (whole, rest) = row.as_chunks::<STRIP_COLUMNS>();
+    let (sure, doubt) = confidence.as_chunks::<STRIP_COLUMNS>();
+    for (((row, sure), depth), mean) in whole.iter().zip(sure).zip(depths.iter_mut()).zip(means.iter_mut()) {
+        (*depth, *mean) = middle(*row, *sure, min_confidence);
+    }
+    if let (false, Some(depth), Some(mean)) = (rest.is_empty(), depths.last_mut(), means.last_mut()) {
+        let (mut row, mut sure) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
+        row[..rest.len()].copy_from_slice(rest);
+        sure[..doubt.len()].copy_from_slice(doubt);
+        (*depth, *mean) = middle(row, sure, min_confidence);
+    }
+}
+
+/// What the columns of a strip agree on: the median of those that are known well enough, two at least;
+/// of an even number the mean of the middle two. With it, their mean confidence. Without branches, so
+/// that it is done for many strips at once.
+#[inline(always)]
+fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], min_confidence: u8) -> (u16, u8) {
+    // All in 16 bits: as many strips at once as fit.
+    let confidence = confidence.map(u16::from);
+    let least = u16::from(min_confidence);
+    let known = |i: usize| if (columns[i] > 0) & (confidence[i] >= least) { u16::MAX } else { 0 };
+    let known = [known(0), known(1), known(2), known(3)];
+    let depth = |i: usize| columns[i] & known[i];
+    let sure = |i: usize| confidence[i] & known[i];
+    let count = known.iter().fold(0_u16, |count, known| count.wrapping_sub(*known));
+    let sum = sure(0) + sure(1) + sure(2) + sure(3);
+    // Sorted; unknown ones come first.
+    let (a, b) = (depth(0).min(depth(1)), depth(0).max(depth(1)));
+    let (c, d) = (depth(2).min(depth(3)), depth(2).max(depth(3)));
+    let (first, last) = (a.min(c), b.max(d));
+    let (x, y) = (a.max(c), b.min(d));
+    let (second, third) = (x.min(y), x.max(y));
+    let low = if first > 0 { second } else { third };
+    let high = if second == 0 { last } else { third };
+    let third_of = (((u32::from(sum) * 43_691) >> 16) as u16) >> 1;
+    let mean = if count < 2 { sum } else { sum >> 1 };
+    let mean = if count == 3 { third_of } else { mean };
+    let mean = if count == 4 { sum >> 2 } else { mean };
+    let depth = (low & high) + ((low ^ high) >> 1);
+    (if third == 0 { 0 } else { depth }, mean as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seam_is_a_step_at_its_middle() {
+        let sharp = |row: &[u16]| {
+            let results = Level::available().into_iter().map(|level| {
+                let (mut out, mut seams) = (vec![0; row.len() + GROUP], vec![0; row.len()]);
+                sharpen(level, row, 200, &mut seams, &mut out);
+                out.truncate(row.len());
+                out
+            });
+            let results: Vec<_> = results.collect();
+            assert!(results.windows(2).all(|two| two[0] == two[1]), "{results:?}");
+            results.into_iter().next().unwrap()
+        };
+        let ramp = [500, 500, 500, 600, 700, 800, 900, 1000, 1000, 1000, 1000, 1000, 1000];
+        let step = [500, 500, 500, 500, 500, 1000, 1000, 1000, 1000, 1000, 1000, 1000, 1000];
+        let (out, back) = (sharp(&ramp), sharp(&ramp.map(|d| 1500 - d)));
+        // The middle itself, 750, lies between two columns.
+        assert_eq!(out, step);
+        assert_eq!(back, step.map(|d| 1500 - d));
+        // A side that is seen at an angle stays, and so does what is unknown, wherever chunks begin.
+        let side: Vec<u16> = (0..100).map(|x| 1000 + 40 * x).collect();
+        assert_eq!(sharp(&side), side);
+        for at in 0..60 {
+            let mut row = vec![500; at];
+            row.extend_from_slice(&ramp);
+            row[at + 4] = 0;
+            let mut expected = vec![500; at];
+            expected.extend_from_slice(&step);
+            expected[at + 4] = 0;
+            row.resize(90, 1000);
+            expected.resize(90, 1000);
+            assert_eq!(sharp(&row), expected, "{at}");
+        }
+        assert_eq!(sharp(&[7, 900]), [7, 900], "too narrow to tell");
+    }
+
+    #[test]
+    fn a_strip_is_the_median_of_what_is_known() {
+        let middle = |columns: &[u16], confidence: &[u8]| {
+            let mut expected = None;
+            for level in Level::available() {
+                let (mut depth, mut mean) = ([0], [0]);
+                let confidence = &confidence[..columns.len()];
+                middles(level, columns, confidence, 100, &mut depth, &mut mean);
+                assert_eq!(*expected.get_or_insert((depth[0], mean[0])), (depth[0], mean[0]), "{level:?}");
+            }
+            expected.unwrap()
+        };
+        let depth = |columns: &[u16]| middle(columns, &[200; 4]).0;
+        assert_eq!(depth(&[0, 0, 0, 9]), 0);
+        assert_eq!(depth(&[4, 0, 0, 8]), 6);
+        assert_eq!(depth(&[4, 0, 100, 8]), 8);
+        assert_eq!(depth(&[4, 6, 100, 8]), 7);
+        assert_eq!(depth(&[4, 6]), 5);
+        assert_eq!(depth(&[4]), 0);
+        assert_eq!(middle(&[4, 6, 100, 8], &[110, 120, 99, 130]), (6, 120), "one is not believed");
+    }
+
+    #[test]
+    fn all_levels_give_the_middles_that_sorting_gives() {
+        let mut random = fastrand::Rng::with_seed(3);
+        for length in [1, 4, 63, 640, 1242] {
+            // Few values, so that unknown and equal ones occur.
+            let row: Vec<u16> = (0..length).map(|_| random.u16(..6) * random.u16(..13_107)).collect();
+            let confidence: Vec<u8> = (0..length).map(|_| random.u8(..)).collect();
+            let strips = row.len().div_ceil(STRIP_COLUMNS);
+            let expected: Vec<(u16, u8)> = (row.chunks(STRIP_COLUMNS).zip(confidence.chunks(STRIP_COLUMNS)))
+                .map(|(row, confidence)| {
+                    let known = || row.iter().zip(confidence).filter(|(d, c)| **d > 0 && **c >= 100);
+                    let mut depths: Vec<u16> = known().map(|(d, _)| *d).collect();
+                    depths.sort_unstable();
+                    let depth = match depths[..] {
+                        [a, b] | [_, a, b, _] => a.midpoint(b),
+                        [_, b, _] => b,
+                        _ => 0,
+                    };
+                    let sum: u32 = known().map(|(_, c)| u32::from(*c)).sum();
+                    (depth, (sum / depths.len().max(1) as u32) as u8)
+                })
+                .collect();
+            for level in Level::available() {
+                let (mut depths, mut means) = (vec![0; strips], vec![0; strips]);
+                middles(level, &row, &confidence, 100, &mut depths, &mut means);
+                let given: Vec<(u16, u8)> = depths.into_iter().zip(means).collect();
+                assert_eq!(given, expected, "{level:?}, {length}");
+            }
+        }
+    }
+}

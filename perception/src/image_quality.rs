@@ -1,0 +1,292 @@
+//! Whether a pair of pictures shows enough to judge by: not black, not dazzled, not covered, and both
+//! alike. A self-check: where it fails, silence would not mean that the road is free.
+
+use crate::image::GreyView;
+use crate::rig::Rig;
+
+/// Every so many columns and rows are looked at.
+const STEP: usize = 4;
+
+/// Frames in a row that change a verdict: one flash, or one frame behind a wiper, says nothing.
+const FRAMES: u8 = 3;
+
+/// 95 % of the picture are darker: nothing is lit.
+const DARK: u8 = 16;
+
+/// Three quarters of the picture are at least as bright: dazzled.
+const BRIGHT: u8 = 250;
+
+/// Nine tenths of the picture lie within so many grey levels: a hand, fog, a cap.
+const FLAT: u8 = 14;
+
+/// Contrast of one picture over that of the other.
+const UNLIKE: f32 = 4.0;
+
+/// What is wrong with a pair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SightFaults {
+    /// A picture is too dark.
+    pub dark: bool,
+    /// A picture is too bright.
+    pub bright: bool,
+    /// A picture shows nothing.
+    pub blocked: bool,
+    /// One picture has far more contrast than the other.
+    pub unlike: bool,
+}
+
+/// Grey levels below which 5 %, 25 % and 95 % of a picture lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Levels {
+    /// 5 %.
+    pub low: u8,
+    /// 25 %.
+    pub quarter: u8,
+    /// 95 %.
+    pub high: u8,
+}
+
+impl Levels {
+    /// Those of a picture, from a sixteenth of its pixels.
+    pub fn of(picture: GreyView<'_>) -> Self {
+        let mut histogram = [0_u32; 256];
+        let mut count = 0;
+        for y in (0..picture.height()).step_by(STEP) {
+            for &v in picture.row(y).iter().step_by(STEP) {
+                histogram[usize::from(v)] += 1;
+                count += 1;
+            }
+        }
+        let level = |percent: u32| {
+            let mut below = 0;
+            let found = histogram.iter().position(|&n| {
+                below += n;
+                below * 100 >= count * percent
+            });
+            found.unwrap_or(255) as u8
+        };
+        Self { low: level(5), quarter: level(25), high: level(95) }
+    }
+
+    fn contrast(self) -> u8 {
+        self.high - self.low
+    }
+}
+
+/// A verdict that changes only when several frames in a row say so.
+#[derive(Clone, Copy, Debug, Default)]
+struct Steady {
+    verdict: bool,
+    against: u8,
+}
+
+impl Steady {
+    fn update(&mut self, now: bool) -> bool {
+        self.against = if now == self.verdict { 0 } else { self.against + 1 };
+        if self.against >= FRAMES {
+            (self.verdict, self.against) = (now, 0);
+        }
+        self.verdict
+    }
+}
+
+/// Looks at pair after pair.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SightCheck {
+    dark: Steady,
+    bright: Steady,
+    blocked: Steady,
+    unlike: Steady,
+}
+
+impl SightCheck {
+    /// What is wrong, with this pair counted in.
+    pub fn update(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> SightFaults {
+        let levels = [Levels::of(left), Levels::of(right)];
+        let any = |is: &dyn Fn(Levels) -> bool| levels.iter().any(|&l| is(l));
+        let dark = any(&|l| l.high < DARK);
+        let bright = any(&|l| l.quarter >= BRIGHT);
+        let blocked = !dark && !bright && any(&|l| l.contrast() < FLAT);
+        let [a, b] = levels.map(|l| f32::from(l.contrast()).max(1.0));
+        let unlike = !dark && !bright && !blocked && (a / b).max(b / a) > UNLIKE;
+        SightFaults {
+            dark: self.dark.update(dark),
+            bright: self.bright.update(bright),
+            blocked: self.blocked.update(blocked),
+            unlike: self.unlike.update(unlike),
+        }
+    }
+}
+
+/// Side of the blocks whose means are compared: noise averages out in them.
+const BLOCK: usize = 4;
+
+/// The road is looked at up to this distance, in metres.
+const ROAD_M: f64 = 20.0;
+
+/// Blocks side by side differ by less than this beyond what noise explains, in grey levels: nothing for a
+/// matcher to hold on to. Dry and wet asphalt, snow and night have 1.6 and more.
+const MIN_TEXTURE: f32 = 0.7;
+
+/// Fewer pairs of blocks say nothing.
+const MIN_BLOCKS: u32 = 60;
+
+/// Texture of the road in the vehicle's path: how much neighbouring blocks of 4 × 4 px differ in the mean,
+/// in grey levels, less what noise explains. `profile_px` is the road's disparity in each row (0 above it).
+/// `None` when too little of it is in the picture.
+pub fn road_texture(left: GreyView<'_>, profile_px: &[f32], rig: &Rig, path_width_m: f64) -> Option<f32> {
+    let farthest_px = rig.disparity_px(ROAD_M);
+    let (mut sum, mut count) = (0.0_f32, 0_u32);
+    // How much a pixel differs from the mean of its neighbours, by size: the median is the noise.
+    let mut second = [0_u32; 64];
+    let rows = left.height().min(profile_px.len());
+    for y in (0..rows.saturating_sub(BLOCK)).step_by(BLOCK) {
+        let disparity = f64::from(profile_px[y]);
+        if disparity < farthest_px {
+            continue;
+        }
+        let half_px = path_width_m / 2.0 * disparity / rig.baseline_m;
+        let from = (rig.cx_px - half_px).max(0.0) as usize;
+        let to = ((rig.cx_px + half_px).max(0.0) as usize).min(left.width());
+        let mut before: Option<f32> = None;
+        let mut x = from;
+        while x + BLOCK <= to {
+            let total: u32 = (y..y + BLOCK)
+                .map(|y| left.row(y)[x..x + BLOCK].iter().map(|&v| u32::from(v)).sum::<u32>())
+                .sum();
+            let mean = total as f32 / (BLOCK * BLOCK) as f32;
+            if let Some(before) = before.replace(mean) {
+                sum += (mean - before).abs();
+                count += 1;
+            }
+            let [a, b, c] = [left.row(y)[x], left.row(y)[x + 1], left.row(y)[x + 2]].map(i32::from);
+            second[(a - 2 * b + c).unsigned_abs().min(63) as usize] += 1;
+            x += BLOCK;
+        }
+    }
+    if count < MIN_BLOCKS {
+        return None;
+    }
+    let half = second.iter().sum::<u32>() / 2;
+    let mut below = 0;
+    let median = second.iter().position(|&n| {
+        below += n;
+        below > half
+    });
+    // Of normal noise of σ the median is 1.65 σ, and neighbouring means differ by 0.28 σ in the mean.
+    let noise = 0.28 / 1.65 * median.unwrap_or(0) as f32;
+    let mean = sum / count as f32;
+    Some((mean * mean - noise * noise).max(0.0).sqrt())
+}
+
+/// Whether the road has enough texture, frame after frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TextureCheck {
+    sparse: Steady,
+}
+
+impl TextureCheck {
+    /// Whether there is too little of it, with this frame counted in; a frame that cannot tell changes nothing.
+    pub fn update(&mut self, texture: Option<f32>) -> bool {
+        let now = texture.map_or(self.sparse.verdict, |t| t < MIN_TEXTURE);
+        self.sparse.update(now)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (64, 48);
+
+    fn picture(value: impl Fn(usize, usize) -> u8) -> Vec<u8> {
+        (0..SIZE.0 * SIZE.1).map(|i| value(i % SIZE.0, i / SIZE.0)).collect()
+    }
+
+    fn view(pixels: &[u8]) -> GreyView<'_> {
+        GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a picture")
+    }
+
+    fn verdict(left: &[u8], right: &[u8], frames: usize) -> SightFaults {
+        let mut check = SightCheck::default();
+        let mut faults = SightFaults::default();
+        for _ in 0..frames {
+            faults = check.update(view(left), view(right));
+        }
+        faults
+    }
+
+    #[test]
+    fn what_shows_nothing_is_named() {
+        let road = picture(|x, y| (40 + 2 * y + x) as u8);
+        let night = picture(|x, y| if y > 30 { (8 + x / 2) as u8 } else { 5 });
+        let fine = SightFaults::default();
+        for good in [&road, &night] {
+            assert_eq!(verdict(good, good, 5), fine);
+        }
+        let black = picture(|x, _| (x % 9) as u8);
+        let dazzled = picture(|_, y| if y < 40 { 255 } else { 90 });
+        let hand = picture(|x, _| 60 + (x % 7) as u8);
+        let fog = picture(|x, y| 120 + ((x + y) / 5) as u8);
+        for (bad, expected) in [
+            (&black, SightFaults { dark: true, ..fine }),
+            (&dazzled, SightFaults { bright: true, ..fine }),
+            (&hand, SightFaults { blocked: true, ..fine }),
+            (&fog, SightFaults { unlike: true, ..fine }),
+        ] {
+            assert_eq!(verdict(bad, &road, 3), expected);
+            assert_eq!(verdict(&road, bad, 3), expected, "whichever camera");
+            assert_eq!(verdict(&road, bad, 2), fine, "two frames are not enough");
+        }
+    }
+
+    #[test]
+    fn a_road_without_texture_is_told_from_noise() {
+        let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
+        let profile: Vec<f32> = (0..480).map(|y| (y as f32 - 215.0).max(0.0) * 0.096).collect();
+        for (seed, noise) in [(1, 1.0), (2, 3.0), (3, 6.0)] {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let mut road = |texture: f64| -> Vec<u8> {
+                let mut grain = vec![0.0; 640 * 480];
+                // Grains of several pixels, as stones and cracks are.
+                for _ in 0..12_000 {
+                    let (x, y, v) = (random.usize(0..634), random.usize(0..476), random.f64() * 2.0 - 1.0);
+                    for (dx, dy) in (0..24).map(|i| (i % 6, i / 6)) {
+                        grain[(y + dy) * 640 + x + dx] += texture * v;
+                    }
+                }
+                grain
+                    .iter()
+                    .map(|g| {
+                        let normal = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
+                        (110.0 + g + noise * normal).clamp(0.0, 255.0) as u8
+                    })
+                    .collect()
+            };
+            let texture = |pixels: &[u8]| {
+                let view = GreyView::new(pixels, 640, 480, 640).expect("a picture");
+                road_texture(view, &profile, &rig, 2.4).expect("enough road")
+            };
+            let (bare, rough) = (texture(&road(0.0)), texture(&road(6.0)));
+            println!("noise {noise}: bare {bare:.2}, rough {rough:.2}");
+            assert!(bare < MIN_TEXTURE && rough > 2.0 * MIN_TEXTURE, "noise {noise}: {bare} {rough}");
+        }
+        let view = vec![9; 640 * 480];
+        let view = GreyView::new(&view, 640, 480, 640).expect("a picture");
+        assert_eq!(road_texture(view, &[0.0; 480], &rig, 2.4), None);
+        let mut check = TextureCheck::default();
+        let verdicts = [Some(0.1), None, Some(0.1), Some(0.1), Some(0.1), None, Some(3.0)];
+        assert_eq!(verdicts.map(|t| check.update(t)), [false, false, false, false, true, true, true]);
+    }
+
+    #[test]
+    fn it_recovers_as_slowly_as_it_failed() {
+        let (road, black) = (picture(|x, y| (40 + 2 * y + x) as u8), picture(|_, _| 3));
+        let mut check = SightCheck::default();
+        for _ in 0..3 {
+            check.update(view(&black), view(&black));
+        }
+        let after: Vec<bool> = (0..4).map(|_| check.update(view(&road), view(&road)).dark).collect();
+        assert_eq!(after, [true, true, false, false]);
+    }
+}

@@ -1,0 +1,224 @@
+//! One disparity map to the road and the obstacle regions on it: [`crate::road`], then [`crate::detection`].
+
+use crate::depth::DepthView;
+use crate::detection::{ObstacleDetector, RegionParameters};
+use crate::region::Region;
+use crate::rig::Rig;
+use crate::road::edges::Edges;
+use crate::road::free_space::FreeSpace;
+use crate::road::histogram::VDisparity;
+use crate::road::{RoadEstimator, RoadModel, RoadParameters};
+
+/// What shapes the road model and the regions.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SceneParameters {
+    /// The road model.
+    pub road: RoadParameters,
+    /// The regions.
+    pub regions: RegionParameters,
+}
+
+/// What one disparity map shows.
+#[derive(Debug)]
+pub struct Scene<'a> {
+    /// The road; `None` when no road was seen (then there are no regions either).
+    pub road: Option<RoadModel>,
+    /// Disparity of the road in each row, in pixels, 0 above it.
+    pub profile_px: &'a [f32],
+    /// Obstacle regions, nearest first.
+    pub regions: &'a [Region],
+    /// Free distance ahead in metres, for each [`crate::road::free_space::COLUMNS`] columns; 0 without a road.
+    pub free_m: &'a [f32],
+    /// Where the road ends to the left and to the right.
+    pub edges: &'a Edges,
+}
+
+/// Finds the road and the obstacle regions in disparity maps of one size, with memory allocated once.
+#[derive(Debug)]
+pub struct SceneDetector {
+    rig: Rig,
+    max_distance_m: f64,
+    road: RoadEstimator,
+    obstacles: ObstacleDetector,
+    free_space: FreeSpace,
+}
+
+impl SceneDetector {
+    /// A detector for maps of `width` × `height` with disparities below `disparities` px.
+    pub fn new(
+        parameters: SceneParameters,
+        rig: Rig,
+        width: usize,
+        height: usize,
+        disparities: usize,
+    ) -> Self {
+        Self {
+            max_distance_m: parameters.regions.max_distance_m,
+            road: RoadEstimator::new(parameters.road, rig, width, height, disparities),
+            obstacles: ObstacleDetector::new(parameters.regions, rig, width, height, disparities),
+            free_space: FreeSpace::new(width),
+            rig,
+        }
+    }
+
+    /// The v-disparity histogram of the last map.
+    pub fn v_disparity(&self) -> &VDisparity {
+        self.road.v_disparity()
+    }
+
+    /// Finds the road in a map, then what stands on it.
+    ///
+    /// # Panics
+    /// When the map has another size than the detector was made for.
+    pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
+        let Some(model) = self.road.estimate(depth) else {
+            self.free_space.clear();
+            let profile_px = self.road.profile().disparity_px();
+            let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
+            return Scene { road: None, profile_px, regions: &[], free_m, edges };
+        };
+        let profile = self.road.profile();
+        let regions = self.obstacles.detect(depth, profile, self.road.surface());
+        let profile_px = profile.disparity_px();
+        let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
+        let min_px = self.rig.disparity_px(self.max_distance_m);
+        let seen_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
+        self.free_space.take(regions, seen_m);
+        let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
+        Scene { road: Some(model), profile_px, regions, free_m, edges }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stereo::DisparityView;
+
+    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 160.0, cy_px: 100.0 };
+    const CAMERA_HEIGHT_M: f64 = 1.5;
+
+    /// A map of a flat road with boxes: (left, right) and height in metres, at a distance.
+    fn map(boxes: &[(f64, f64, f64, f64)], roll: f64) -> Vec<u16> {
+        let (width, height) = (320, 240);
+        let mut random = fastrand::Rng::with_seed(8);
+        let mut out = vec![0_u16; width * height];
+        for y in 0..height {
+            for x in 0..width {
+                let road = RIG.baseline_m / CAMERA_HEIGHT_M * (y as f64 - RIG.cy_px);
+                let mut d = road + roll * (x as f64 - RIG.cx_px);
+                for &(left, right, tall, distance) in boxes {
+                    let across = RIG.lateral_m(x as f64, distance);
+                    let up = CAMERA_HEIGHT_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
+                    if across >= left && across <= right && (0.0..=tall).contains(&up) {
+                        d = d.max(RIG.disparity_px(distance));
+                    }
+                }
+                let noise = f64::from(random.f32()) * 0.3 - 0.15;
+                if d > 0.3 {
+                    out[y * width + x] = ((d + noise) * 256.0) as u16;
+                }
+            }
+        }
+        out
+    }
+
+    /// A map that is believed everywhere.
+    fn certain(map: &[u16]) -> DepthView<'_> {
+        DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
+    }
+
+    /// What is found once a map has been seen a few times.
+    fn settled<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
+        for _ in 0..3 {
+            detector.detect(certain(map));
+        }
+        detector.detect(certain(map))
+    }
+
+    fn detector() -> SceneDetector {
+        SceneDetector::new(SceneParameters::default(), RIG, 320, 240, 64)
+    }
+
+    #[test]
+    fn a_car_and_a_post_are_found_at_their_distance() {
+        let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
+        let map = map(&boxes, 0.0);
+        let mut detector = detector();
+        let scene = settled(&mut detector, &map);
+        let road = scene.road.expect("the road is in plain sight");
+        assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
+        assert!(road.confidence > 0.8, "{road:?}");
+        assert_eq!(scene.regions.len(), 2, "{:?}", scene.regions);
+        // Nearest first.
+        for (region, (left, right, tall, distance)) in scene.regions.iter().zip([boxes[1], boxes[0]]) {
+            assert!((region.distance_m - distance).abs() < 0.03 * distance, "{region:?}");
+            assert!((region.lateral_m - (left + right) / 2.0).abs() < 0.2, "{region:?}");
+            assert!((region.width_m - (right - left)).abs() < 0.3, "{region:?}");
+            assert!((region.height_m - tall).abs() < 0.3, "{region:?}");
+        }
+    }
+
+    #[test]
+    fn the_side_of_a_near_car_is_one_with_its_front() {
+        // A front at 5.5 m, then a side along the road to 7.4 m.
+        let mut map = map(&[(-1.9, -1.6, 1.4, 5.5)], 0.0);
+        for x in 0..320 {
+            // Where a line of sight meets the plane 1.6 m left of the camera.
+            let distance = -1.6 * RIG.focal_px / (x as f64 - RIG.cx_px);
+            if !(5.5..7.4).contains(&distance) {
+                continue;
+            }
+            for y in 0..240 {
+                let up = CAMERA_HEIGHT_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
+                if (0.0..=1.4).contains(&up) {
+                    map[y * 320 + x] = (RIG.disparity_px(distance) * 256.0) as u16;
+                }
+            }
+        }
+        let mut detector = detector();
+        let scene = settled(&mut detector, &map);
+        let [car] = scene.regions else { panic!("{:?}", scene.regions) };
+        let side_end = RIG.cx_px - 1.6 * RIG.focal_px / 7.4;
+        assert!(f64::from(car.bounds.x + car.bounds.width) > side_end - 8.0, "{car:?}");
+        assert!((car.distance_m - 5.5).abs() < 0.3, "{car:?}");
+    }
+
+    #[test]
+    fn an_empty_road_stays_empty_even_when_rolled() {
+        for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
+            let map = map(&[], roll);
+            let mut detector = detector();
+            let scene = settled(&mut detector, &map);
+            let road = scene.road.expect("the road is in plain sight");
+            assert!((road.roll - roll).abs() < 0.001, "{road:?}");
+            assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
+        }
+    }
+
+    #[test]
+    fn boxes_at_both_edges_of_a_rolled_road_keep_their_height() {
+        let boxes = [(-2.6, -1.6, 1.5, 10.0), (1.6, 2.6, 1.5, 10.0)];
+        for roll in [0.01, -0.01] {
+            let map = map(&boxes, roll);
+            let mut detector = detector();
+            let scene = settled(&mut detector, &map);
+            assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
+            for region in scene.regions {
+                assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");
+                assert!((region.distance_m - 10.0).abs() < 0.5, "roll {roll}: {region:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_known_is_no_road() {
+        let mut detector = detector();
+        let scene = detector.detect(certain(&[0; 320 * 240]));
+        assert!(scene.road.is_none() && scene.regions.is_empty());
+        // A wall that fills the view is no road either, and is no reason to panic.
+        let scene = detector.detect(certain(&[10 * 256; 320 * 240]));
+        assert!(scene.road.is_none_or(|road| road.confidence < 0.6));
+        let scene = detector.detect(certain(&[u16::MAX; 320 * 240]));
+        assert!(scene.regions.is_empty());
+    }
+}

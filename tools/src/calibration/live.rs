@@ -1,0 +1,259 @@
+//! Which pairs of a running source are worth keeping for a calibration, and what is still missing.
+//!
+//! A pair is kept when the board is at rest in both pictures and stands as it has not stood before: in
+//! place, size or slant. After each kept pair all of them are solved and judged: what the verdict finds
+//! wanting is what is missing. Once there are enough, those whose board moved between the exposures are
+//! dropped, so that their places can be taken again.
+
+use super::features;
+use nalgebra::Vector2;
+use perception::calibration::finder::{self, ordered_alike};
+use perception::calibration::stereo::ViewReport;
+use perception::calibration::{Board, Crop, Grade, Lens, Pair, Verdict, calibrate, judge};
+use perception::image::GreyView;
+
+/// Fewer pairs never make an end: all that is judged needs some to be judged by.
+pub const MIN_PAIRS: usize = 12;
+
+/// More are not taken.
+pub const MAX_PAIRS: usize = 40;
+
+/// A board whose corners move by less between two pictures, root mean square in pixels, is at rest.
+const REST_PX: f64 = 0.7;
+
+/// Difference of place, size and slants (see `features`) from every kept pair that makes a new view.
+const NOVEL: f64 = 0.16;
+
+/// With fewer pairs there is no solution to speak of.
+const MIN_SOLVED: usize = 4;
+
+/// What became of a pair.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// The board is not in both pictures.
+    NoBoard,
+    /// It moves.
+    Moving,
+    /// It stands about as it did before.
+    Known,
+    /// It was kept.
+    Kept {
+        /// What all kept pairs come to; none while they are too few.
+        verdict: Option<Verdict>,
+        /// Numbers of pairs that are dropped, as their boards moved between the exposures.
+        dropped: Vec<usize>,
+    },
+}
+
+/// The pairs that were kept, as far as they matter for choosing others.
+pub struct Session {
+    board: Board,
+    lens: Lens,
+    crop: Crop,
+    size: (usize, usize),
+    needs_rest: bool,
+    kept: Vec<Pair>,
+    /// Their numbers: those of dropped pairs are not used again.
+    numbers: Vec<usize>,
+    taken: usize,
+    features: Vec<[f64; 5]>,
+    before: Option<[Vec<Vector2<f64>>; 2]>,
+    verdict: Option<Verdict>,
+}
+
+impl Session {
+    /// A session for pictures of `size`. With `needs_rest` the board must be where it was in the pair
+    /// before: cameras need not expose together then.
+    pub fn new(board: Board, lens: Lens, crop: Crop, size: (usize, usize), needs_rest: bool) -> Self {
+        Self {
+            board,
+            lens,
+            crop,
+            size,
+            needs_rest,
+            kept: Vec::new(),
+            numbers: Vec::new(),
+            taken: 0,
+            features: Vec::new(),
+            before: None,
+            verdict: None,
+        }
+    }
+
+    /// Pairs that are kept.
+    pub fn kept(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Pairs that were ever kept, which is the number of the last one.
+    pub fn taken(&self) -> usize {
+        self.taken
+    }
+
+    /// Whether no more pairs are needed: they are good, or as many as are taken.
+    pub fn is_complete(&self) -> bool {
+        let is_good = self.verdict.as_ref().is_some_and(|v| v.grade == Grade::Good);
+        (is_good && self.kept.len() >= MIN_PAIRS) || self.taken >= MAX_PAIRS
+    }
+
+    /// Looks at the next pair.
+    pub fn offer(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Step {
+        let found = finder::find(left, &self.board).and_then(|l| Ok([l, finder::find(right, &self.board)?]));
+        let Ok([left, right]) = found else {
+            self.before = None;
+            return Step::NoBoard;
+        };
+        let right = ordered_alike(&left.corners, &right.corners, &self.board);
+        let now = [left.corners, right];
+        let is_at_rest = !self.needs_rest || self.before.as_ref().is_some_and(|before| rests(before, &now));
+        let features = features(&now[0], self.size);
+        let [left, right] = &now;
+        let pair = Pair { left: left.clone(), right: right.clone() };
+        self.before = Some(now);
+        if !is_at_rest {
+            return Step::Moving;
+        }
+        let apart = |a: &[f64; 5]| a.iter().zip(&features).map(|(x, y)| (x - y).abs()).sum::<f64>();
+        if self.features.iter().any(|kept| apart(kept) < NOVEL) {
+            return Step::Known;
+        }
+        self.features.push(features);
+        self.kept.push(pair);
+        self.taken += 1;
+        self.numbers.push(self.taken);
+        let mut dropped = Vec::new();
+        if self.kept.len() >= MIN_SOLVED {
+            let mut moved = self.judge();
+            // One by one: a pair that is off makes others look so. Judged by few, none is dropped.
+            while let (Some(worst), MIN_PAIRS..) = (moved, self.kept.len()) {
+                dropped.push(self.numbers.remove(worst));
+                self.kept.remove(worst);
+                self.features.remove(worst);
+                moved = self.judge();
+            }
+        }
+        Step::Kept { verdict: self.verdict.clone(), dropped }
+    }
+
+    /// Judges the kept pairs; gives the one whose board moved most between the exposures, if any did.
+    fn judge(&mut self) -> Option<usize> {
+        let names: Vec<String> = self.numbers.iter().map(|n| format!("pair {n}")).collect();
+        match calibrate(&self.board, self.size, &self.kept, self.lens, self.crop) {
+            Ok(c) => {
+                self.verdict = Some(judge(&c, &names));
+                let moved = c.views.iter().enumerate().filter(|(_, v)| v.moved);
+                let far = |v: &ViewReport| v.shift_px.amax();
+                moved.max_by(|a, b| far(a.1).total_cmp(&far(b.1))).map(|(i, _)| i)
+            }
+            Err(error) => {
+                self.verdict = Some(Verdict::redo(error.to_string()));
+                None
+            }
+        }
+    }
+}
+
+/// Whether corners have stayed where they were, in both pictures.
+fn rests(before: &[Vec<Vector2<f64>>; 2], now: &[Vec<Vector2<f64>>; 2]) -> bool {
+    before.iter().zip(now).all(|(a, b)| {
+        let sum: f64 = a.iter().zip(b).map(|(p, q)| (p - q).norm_squared()).sum();
+        sum / a.len().max(1) as f64 <= REST_PX * REST_PX
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3};
+    use perception::calibration::{Camera, Pose};
+    use perception::image::GreyImage;
+    use sources::chessboard::{Conditions, Studio, poses};
+
+    const SIZE: (usize, usize) = (320, 240);
+
+    fn views(count: usize) -> Vec<[GreyImage; 2]> {
+        let camera = Camera::pinhole(270.0, 270.0, 160.0, 120.0);
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let studio = Studio::new(&camera, SIZE, board);
+        let between = Pose {
+            rotation: Rotation3::new(Vector3::new(0.004, 0.008, -0.003)),
+            translation_m: Vector3::new(-0.1, 0.0, 0.0),
+        };
+        let take = |(i, mut pose): (usize, Pose)| {
+            pose.translation_m.x += 0.05;
+            let conditions = Conditions::default();
+            let left = studio.picture(&pose, &conditions, 2 * i as u64);
+            [left, studio.picture(&pose.then(&between), &conditions, 2 * i as u64 + 1)]
+        };
+        poses(count, (0.4, 0.7), 270.0 / 320.0, 5).into_iter().enumerate().map(take).collect()
+    }
+
+    #[test]
+    fn new_views_at_rest_are_kept_until_the_verdict_is_good() {
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, true);
+        let empty = GreyImage::new(SIZE.0, SIZE.1);
+        assert_eq!(session.offer(empty.view(), empty.view()), Step::NoBoard);
+        let mut missing = Vec::new();
+        for [left, right] in views(40) {
+            if session.is_complete() {
+                break;
+            }
+            // It comes, is at rest, and stays for a while.
+            assert_eq!(session.offer(left.view(), right.view()), Step::Moving);
+            if let Step::Kept { verdict, .. } = session.offer(left.view(), right.view()) {
+                missing.push(
+                    verdict.map_or(String::new(), |v| {
+                        v.reasons.first().map_or(String::new(), |r| r.text.clone())
+                    }),
+                );
+                assert_eq!(session.offer(left.view(), right.view()), Step::Known);
+            }
+        }
+        assert!(session.is_complete(), "{missing:#?}");
+        assert!((MIN_PAIRS..=MAX_PAIRS).contains(&session.kept()), "{}", session.kept());
+        assert!(
+            missing.iter().any(|m| m.contains("views were used")),
+            "it must say what is missing: {missing:#?}"
+        );
+    }
+
+    #[test]
+    fn a_folder_needs_no_rest() {
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, false);
+        let [left, right] = &views(1)[0];
+        assert!(matches!(session.offer(left.view(), right.view()), Step::Kept { verdict: None, .. }));
+        assert_eq!(session.offer(left.view(), right.view()), Step::Known);
+    }
+
+    #[test]
+    fn a_pair_whose_board_moved_is_dropped_and_its_place_taken_again() {
+        let board = Board::new(9, 6, 0.025).unwrap();
+        let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, false);
+        let mut dropped_all = Vec::new();
+        let views = views(16);
+        let mut moved = None;
+        for (i, [left, right]) in views.iter().enumerate() {
+            // The right picture of one is a pixel lower.
+            let mut lower = right.clone();
+            if i == 5 {
+                lower.as_mut_slice()[SIZE.0..].copy_from_slice(&right.as_slice()[..SIZE.0 * (SIZE.1 - 1)]);
+            }
+            if let Step::Kept { dropped, .. } = session.offer(left.view(), lower.view()) {
+                if i == 5 {
+                    moved = Some(session.taken());
+                }
+                dropped_all.extend(dropped);
+            }
+        }
+        assert!(moved.is_some() && session.kept() >= MIN_PAIRS - 1, "{moved:?} {}", session.kept());
+        assert_eq!(dropped_all, moved.as_slice());
+        assert_eq!(session.kept(), session.taken() - 1);
+        let [left, right] = &views[5];
+        assert!(
+            matches!(session.offer(left.view(), right.view()), Step::Kept { dropped, .. } if dropped.is_empty())
+        );
+        assert_eq!(session.offer(left.view(), right.view()), Step::Known);
+    }
+}

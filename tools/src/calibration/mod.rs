@@ -1,0 +1,283 @@
+//! From a folder of chessboard pictures to a pair of calibrated cameras and a verdict.
+
+pub mod live;
+mod pictures;
+pub mod report;
+
+pub use pictures::{PicturePair, Pictures, PicturesError};
+
+use nalgebra::Vector2;
+use perception::calibration::finder::{self, ordered_alike};
+use perception::calibration::{
+    Board, Crop, Grade, Lens, NoBoard, Pair, Reason, Sighting, StereoCalibration, Verdict, calibrate,
+    calibrate_all, judge,
+};
+use perception::image::GreyView;
+use rustix::time::{ClockId, clock_gettime};
+use sources::folder::read_grey;
+use sources::rig_file::{Quality, RigFile};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Views beyond this many are thinned out: those that differ most stay.
+const MAX_VIEWS: usize = 60;
+
+/// What is calibrated, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// Folder of the pictures.
+    pub folder: &'a Path,
+    /// The board.
+    pub board: Board,
+    /// Which coefficients of the lenses are estimated.
+    pub lens: Lens,
+    /// How the pair is rectified.
+    pub crop: Crop,
+    /// Whether the figures of all views are wanted, too: nothing left out.
+    pub cross_validate: bool,
+}
+
+/// What came of it.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// The cameras, if there was a solution.
+    pub calibration: Option<StereoCalibration>,
+    /// The pairs whose boards were used or left out, in the order of the calibration's views.
+    pub views: Vec<PicturePair>,
+    /// Their corners.
+    pub corners: Vec<Pair>,
+    /// Pairs of pictures in the folder.
+    pub pairs: usize,
+    /// Pictures without the board: the file, and why.
+    pub without: Vec<(PathBuf, NoBoard)>,
+    /// Processor time that the search for the board took in each picture, in ms.
+    pub picture_ms: Vec<f64>,
+    /// The cameras from all views, those that contradict the others too, when that was asked for.
+    pub of_all: Option<StereoCalibration>,
+}
+
+/// The board in a picture, the picture's size, and the processor time that the search took, in ms.
+type Look = Result<((usize, usize), Result<Sighting, NoBoard>, f64), String>;
+
+/// [`finder::find`], and the processor time of this thread that it took, in ms.
+pub fn timed(view: GreyView<'_>, board: &Board) -> (Result<Sighting, NoBoard>, f64) {
+    let now = || {
+        let t = clock_gettime(ClockId::ThreadCPUTime);
+        t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
+    };
+    let start = now();
+    let found = finder::find(view, board);
+    (found, now() - start)
+}
+
+/// Looks for the board in all pictures, on as many threads as there are processors.
+fn look(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Look> {
+    let next = AtomicUsize::new(0);
+    let done = AtomicUsize::new(0);
+    let results: Mutex<Vec<Option<Look>>> = Mutex::new(vec![None; paths.len()]);
+    let work = || {
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(path) = paths.get(i) else { return };
+            let result = read_grey(path).map_err(|e| e.to_string()).and_then(|(pixels, width, height)| {
+                let view = GreyView::new(&pixels, width, height, width)
+                    .map_err(|e| format!("{}: {e}", path.display()))?;
+                let (found, ms) = timed(view, board);
+                Ok(((width, height), found, ms))
+            });
+            if let Ok(mut results) = results.lock() {
+                results[i] = Some(result);
+            }
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, paths.len());
+        }
+    };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(paths.len().max(1));
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(work);
+        }
+        work();
+    });
+    let results = results.into_inner().unwrap_or_default();
+    results.into_iter().map(|r| r.unwrap_or_else(|| Err("not looked at".into()))).collect()
+}
+
+/// Calibrates from a folder. Whatever is wrong with the pictures becomes a verdict; `progress` hears
+/// how many of how many pictures are done.
+pub fn run(request: &Request<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Outcome {
+    let mut outcome = Outcome {
+        verdict: Verdict::redo(""),
+        calibration: None,
+        views: Vec::new(),
+        corners: Vec::new(),
+        pairs: 0,
+        without: Vec::new(),
+        picture_ms: Vec::new(),
+        of_all: None,
+    };
+    outcome.verdict = attempt(request, progress, &mut outcome).unwrap_or_else(Verdict::redo);
+    outcome
+}
+
+fn attempt(
+    request: &Request<'_>,
+    progress: &(dyn Fn(usize, usize) + Sync),
+    outcome: &mut Outcome,
+) -> Result<Verdict, String> {
+    let pictures = Pictures::find(request.folder).map_err(|e| e.to_string())?;
+    outcome.pairs = pictures.pairs.len();
+    let board = &request.board;
+    let paths: Vec<&Path> =
+        pictures.pairs.iter().flat_map(|p| [p.left.as_path(), p.right.as_path()]).collect();
+    let looks = look(&paths, board, progress);
+    let mut size: Option<((usize, usize), &Path)> = None;
+    let mut sizes_seen: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    for ((pair, path), sides) in pictures.pairs.iter().zip(paths.chunks(2)).zip(looks.chunks(2)) {
+        let mut found = Vec::new();
+        for (path, look) in path.iter().zip(sides) {
+            let (own, sighting, ms) = look.as_ref().map_err(Clone::clone)?;
+            outcome.picture_ms.push(*ms);
+            match size {
+                None => size = Some((*own, path)),
+                Some((first, first_path)) if first != *own => {
+                    return Err(format!(
+                        "{} has {}x{} pixels, but {} has {}x{}: all pictures need one size, that of the running cameras",
+                        path.display(),
+                        own.0,
+                        own.1,
+                        first_path.display(),
+                        first.0,
+                        first.1
+                    ));
+                }
+                Some(_) => {}
+            }
+            match sighting {
+                Ok(sighting) => found.push(sighting.corners.clone()),
+                Err(why) => {
+                    if let NoBoard::Other { columns, rows } = why {
+                        *sizes_seen.entry((*columns, *rows)).or_default() += 1;
+                    }
+                    outcome.without.push((path.to_path_buf(), *why));
+                }
+            }
+        }
+        if let [left, right] = &found[..] {
+            outcome.corners.push(Pair { left: left.clone(), right: ordered_alike(left, right, board) });
+            outcome.views.push(pair.clone());
+        }
+    }
+    let Some((size, _)) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
+    thin_out(outcome, size);
+    let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
+    let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
+    let mut verdict = match &result {
+        Ok(calibration) => judge(calibration, &names),
+        Err(error) => Verdict::redo(error.to_string()),
+    };
+    // A lattice that is seen in most pictures is the board.
+    let most = sizes_seen.iter().max_by_key(|(_, count)| **count);
+    if let Some(((columns, rows), count)) = most
+        && 2 * count > outcome.without.len()
+        && outcome.without.len() > outcome.views.len()
+        && *count >= 3
+    {
+        let text = format!(
+            "{count} pictures show {columns}x{rows} corners, not {}x{}: count the inner corners again \
+             (--board {columns}x{rows}?), and keep the whole board in sight",
+            board.columns(),
+            board.rows()
+        );
+        verdict.reasons.insert(0, Reason { grade: Grade::Redo, text });
+        verdict.grade = Grade::Redo;
+    } else if !outcome.without.is_empty() {
+        // A part of a board says more than none.
+        let part = outcome.without.iter().find(|w| matches!(w.1, NoBoard::Other { .. }));
+        let (path, why) = part.unwrap_or(&outcome.without[0]);
+        let count = outcome.without.len();
+        let grade = if count > paths.len() / 2 { Grade::Usable } else { Grade::Good };
+        let text = format!(
+            "the board was not found in {count} of {} pictures; {}: {why}",
+            paths.len(),
+            path.display()
+        );
+        verdict.reasons.push(Reason { grade, text });
+        verdict.grade = verdict.grade.max(grade);
+    }
+    if let Some(path) = pictures.single.first() {
+        let text = format!("{} pictures have no partner, such as {}", pictures.single.len(), path.display());
+        verdict.reasons.push(Reason { grade: Grade::Good, text });
+    }
+    outcome.calibration = result.ok();
+    if request.cross_validate {
+        outcome.of_all = calibrate_all(board, size, &outcome.corners, request.lens, request.crop).ok();
+    }
+    Ok(verdict)
+}
+
+/// Keeps the views that differ most in place, size and slant, when there are many.
+fn thin_out(outcome: &mut Outcome, size: (usize, usize)) {
+    if outcome.views.len() <= MAX_VIEWS {
+        return;
+    }
+    let features: Vec<[f64; 5]> = outcome.corners.iter().map(|p| features(&p.left, size)).collect();
+    let apart = |a: &[f64; 5], b: &[f64; 5]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f64>();
+    let mut kept = vec![0];
+    let mut nearest: Vec<f64> = features.iter().map(|f| apart(f, &features[0])).collect();
+    while kept.len() < MAX_VIEWS {
+        let Some(next) = (0..nearest.len()).max_by(|&a, &b| nearest[a].total_cmp(&nearest[b])) else { break };
+        kept.push(next);
+        for (n, f) in nearest.iter_mut().zip(&features) {
+            *n = n.min(apart(f, &features[next]));
+        }
+    }
+    kept.sort_unstable();
+    outcome.views = kept.iter().map(|&i| outcome.views[i].clone()).collect();
+    outcome.corners = kept.iter().map(|&i| outcome.corners[i].clone()).collect();
+}
+
+/// Place, size and slants of a board in a picture, each about 0 to 1.
+fn features(corners: &[Vector2<f64>], (width, height): (usize, usize)) -> [f64; 5] {
+    let n = corners.len().max(1) as f64;
+    let mean = corners.iter().sum::<Vector2<f64>>() / n;
+    let spread = (corners.iter().map(|c| (c - mean).norm_squared()).sum::<f64>() / n).sqrt();
+    // How the board widens to one side: third moments over the spread.
+    let skew = |axis: usize| {
+        corners.iter().map(|c| (c[axis] - mean[axis]).powi(3)).sum::<f64>() / n / spread.powi(3).max(1e-9)
+    };
+    [mean.x / width as f64, mean.y / height as f64, 2.0 * spread / width as f64, 3.0 * skew(0), 3.0 * skew(1)]
+}
+
+impl Outcome {
+    /// The rig file of the outcome; none without a solution.
+    pub fn rig(&self, serial: &str, date: &str) -> Option<RigFile> {
+        let c = self.calibration.as_ref()?;
+        Some(RigFile {
+            serial: serial.to_owned(),
+            date: date.to_owned(),
+            cameras: c.cameras,
+            between: c.between,
+            rectification: c.rectification,
+            quality: Some(Quality {
+                verdict: self.verdict.grade.name().to_owned(),
+                pairs_used: self.pairs_used(),
+                rms_px: c.rms_px,
+                vertical_mean_px: c.vertical_mean_px,
+                vertical_heldout_px: c.vertical_heldout_px,
+                baseline_sigma_m: c.uncertainty.baseline_m,
+                disparity_sigma_px: c.uncertainty.disparity_px,
+                left_sigma: c.uncertainty.cameras[0],
+                right_sigma: c.uncertainty.cameras[1],
+            }),
+        })
+    }
+
+    /// Views that took part.
+    pub fn pairs_used(&self) -> usize {
+        self.calibration.as_ref().map_or(0, |c| c.views.iter().filter(|v| v.fault.is_none()).count())
+    }
+}

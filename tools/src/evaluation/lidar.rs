@@ -1,0 +1,470 @@
+//! Regions of real pictures against LiDAR depth and labels.
+//!
+//! **Due** are labelled cars (KITTI's classes Car and Van) whose middle is at most 40 m away, of which at
+//! most half is cut off by the picture's border and which are at most partly hidden (KITTI's level 1).
+//! One is **covered** by a region whose box overlaps its own by 0.4 (shared ÷ joint).
+//!
+//! The **LiDAR distance** of a car is that of its near side, as a region's is: a tenth of the depths within
+//! its box, and within its length of its labelled place, are nearer. That of a region without a label is found in
+//! the same way among the depths around the fullest one of its box.
+
+use super::quantile;
+use super::weather::cell;
+use crate::reporting::record::{tidy, tidy_finite};
+use perception::region::{PixelBox, Region};
+use serde::Serialize;
+use sources::truth::label::Label;
+use sources::truth::map_file::DisparityMap;
+use std::fmt;
+
+/// Farthest car, and farthest region, that is judged, in metres.
+pub const FARTHEST_M: f64 = 40.0;
+
+/// Overlap of boxes from which on a region covers a car.
+pub const OVERLAP: f64 = 0.4;
+
+/// The greatest share of a car that the picture's border may cut off.
+const CUT: f64 = 0.5;
+
+/// A distance is told by at least so many depths.
+const MIN_DEPTHS: usize = 30;
+
+/// Share of the depths that are nearer than the near side.
+const NEARER: f64 = 0.1;
+
+/// Where the disparity of a picture comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Disparity {
+    /// The pair was matched.
+    Matched,
+    /// There is no right picture: made from the depth map.
+    DepthMap,
+}
+
+/// Why a labelled object is not due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Covered by a region.
+    Covered,
+    /// Due, and not covered.
+    Missed,
+    /// No car: not judged.
+    OtherClass,
+    /// Too far away: not judged.
+    Far,
+    /// Cut off by the border: not judged.
+    Cut,
+    /// Hidden: not judged.
+    Hidden,
+}
+
+impl Verdict {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Covered => "covered",
+            Self::Missed => "missed",
+            Self::OtherClass => "(other)",
+            Self::Far => "(far)",
+            Self::Cut => "(cut)",
+            Self::Hidden => "(hidden)",
+        }
+    }
+}
+
+/// A labelled object, and the region that overlaps it most.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LabelRow {
+    /// Its picture.
+    pub picture: String,
+    /// Its class.
+    pub class: String,
+    /// Distance of its middle by its label, in metres.
+    pub label_m: f64,
+    /// LiDAR distance of its near side, in metres.
+    pub lidar_m: Option<f64>,
+    /// The region's box against its own, 0 to 1.
+    pub overlap: f64,
+    /// The region's distance, in metres.
+    pub region_m: Option<f64>,
+    /// That against the LiDAR distance, in percent; above zero is too far.
+    pub error_percent: Option<f64>,
+    /// What became of it.
+    pub verdict: Verdict,
+}
+
+/// One picture.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PictureRow {
+    /// Its name.
+    pub picture: String,
+    /// Where its disparity comes from.
+    pub disparity: Disparity,
+    /// Height of the camera above the road; `null` when no road was seen.
+    pub camera_height_m: Option<f64>,
+    /// Regions within 40 m.
+    pub regions: usize,
+    /// Errors of their distances against LiDAR in percent, where it tells one.
+    pub errors_percent: Vec<f64>,
+}
+
+/// Errors of distances.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Errors {
+    /// How many.
+    pub count: usize,
+    /// Median of their size, in percent.
+    pub median_percent: Option<f64>,
+    /// Nine of ten are smaller, in percent.
+    pub p90_percent: Option<f64>,
+    /// Median with its sign, in percent: above zero is too far.
+    pub bias_percent: Option<f64>,
+}
+
+/// The whole evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LidarReport {
+    /// The matcher.
+    pub method: String,
+    /// Times that each picture was looked at in a row; 1: alone, without `regions.confirm`.
+    pub repeats: u64,
+    /// Pictures.
+    pub pictures: Vec<PictureRow>,
+    /// Labelled objects.
+    pub labels: Vec<LabelRow>,
+    /// Cars that were due.
+    pub due: usize,
+    /// Those that were covered.
+    pub covered: usize,
+    /// covered ÷ due.
+    pub share: Option<f64>,
+    /// Distance errors of the covered cars.
+    pub cars: Errors,
+    /// Distance errors of all regions of matched pairs.
+    pub matched: Errors,
+    /// Distance errors of all regions of pictures with a depth map alone.
+    pub depth_map: Errors,
+}
+
+impl Errors {
+    fn new(errors_percent: impl Iterator<Item = f64>) -> Self {
+        let mut signed: Vec<f64> = errors_percent.collect();
+        let mut sizes: Vec<f64> = signed.iter().map(|e| e.abs()).collect();
+        Self {
+            count: signed.len(),
+            median_percent: quantile(&mut sizes, 0.5).map(tidy),
+            p90_percent: quantile(&mut sizes, 0.9).map(tidy),
+            bias_percent: quantile(&mut signed, 0.5).map(tidy),
+        }
+    }
+}
+
+/// The known depths of a box that lie between two distances.
+fn depths(map: &DisparityMap, bounds: &PixelBox, (from_m, to_m): (f64, f64)) -> Vec<f64> {
+    let columns = (bounds.x as usize).min(map.width)..((bounds.x + bounds.width) as usize).min(map.width);
+    let rows = (bounds.y as usize).min(map.height)..((bounds.y + bounds.height) as usize).min(map.height);
+    rows.flat_map(|y| &map.px[y * map.width..][columns.clone()])
+        .map(|&z| f64::from(z))
+        .filter(|z| *z > 0.0 && (from_m..=to_m).contains(z))
+        .collect()
+}
+
+fn near_side_m(mut depths: Vec<f64>) -> Option<f64> {
+    if depths.len() < MIN_DEPTHS { None } else { quantile(&mut depths, NEARER) }
+}
+
+/// The box of a label, in whole pixels of a picture.
+pub fn label_box(label: &Label, width: usize, height: usize) -> PixelBox {
+    let [left, top, right, bottom] = label.bounds_px;
+    let edge = |v: f64, most: usize| v.round().clamp(0.0, most as f64) as u32;
+    let (x, y) = (edge(left, width), edge(top, height));
+    // KITTI's right and bottom edges are pixels of the box.
+    let (right, bottom) = (edge(right + 1.0, width), edge(bottom + 1.0, height));
+    PixelBox { x, y, width: right.saturating_sub(x), height: bottom.saturating_sub(y) }
+}
+
+/// LiDAR distance of a labelled object's near side.
+pub fn label_distance_m(depth_m: &DisparityMap, label: &Label) -> Option<f64> {
+    let reach = 0.5 * label.length_m.hypot(label.width_m) + 0.3;
+    let bounds = label_box(label, depth_m.width, depth_m.height);
+    near_side_m(depths(depth_m, &bounds, (label.distance_m - reach, label.distance_m + reach)))
+}
+
+/// LiDAR distance of the near side of what fills most of a box.
+pub fn region_distance_m(depth_m: &DisparityMap, bounds: &PixelBox) -> Option<f64> {
+    // Steps of 4 % of the distance.
+    const PER_STEP: f64 = 25.0;
+    let all = depths(depth_m, bounds, (0.0, f64::INFINITY));
+    let step = |z: f64| (z.max(1.0).ln() * PER_STEP) as usize;
+    let mut counts = vec![0_usize; all.iter().map(|&z| step(z) + 2).max()?];
+    for &z in &all {
+        counts[step(z)] += 1;
+    }
+    let around = |k: usize| counts[k.saturating_sub(1)..(k + 2).min(counts.len())].iter().sum::<usize>();
+    let fullest = (0..counts.len()).max_by_key(|&k| around(k))?;
+    near_side_m(all.into_iter().filter(|&z| step(z).abs_diff(fullest) <= 1).collect())
+}
+
+fn error_percent(found_m: f64, true_m: f64) -> f64 {
+    tidy(100.0 * (found_m - true_m) / true_m)
+}
+
+/// A labelled object among the regions of its picture.
+pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Region]) -> LabelRow {
+    let bounds = label_box(label, depth_m.width, depth_m.height);
+    let overlap = |region: &&Region| region.bounds.overlap(&bounds);
+    let best = regions.iter().max_by(|a, b| overlap(a).total_cmp(&overlap(b))).filter(|r| overlap(r) > 0.0);
+    let shared = best.as_ref().map_or(0.0, overlap);
+    let lidar_m = label_distance_m(depth_m, label);
+    let region_m = best.map(|region| region.distance_m);
+    let verdict = match label {
+        Label { class, .. } if !["Car", "Van"].contains(&&class[..]) => Verdict::OtherClass,
+        Label { distance_m, .. } if *distance_m > FARTHEST_M => Verdict::Far,
+        Label { truncated, .. } if *truncated > CUT => Verdict::Cut,
+        Label { occluded, .. } if *occluded > 1 => Verdict::Hidden,
+        _ if shared >= OVERLAP => Verdict::Covered,
+        _ => Verdict::Missed,
+    };
+    LabelRow {
+        picture: picture.to_owned(),
+        class: label.class.clone(),
+        label_m: tidy(label.distance_m),
+        lidar_m: lidar_m.map(tidy),
+        overlap: tidy(shared),
+        region_m: region_m.map(tidy),
+        error_percent: region_m.zip(lidar_m).map(|(found, truth)| error_percent(found, truth)),
+        verdict,
+    }
+}
+
+impl PictureRow {
+    /// What was found in a picture.
+    pub fn new(
+        picture: &str,
+        disparity: Disparity,
+        camera_height_m: Option<f64>,
+        depth_m: &DisparityMap,
+        regions: &[Region],
+    ) -> Self {
+        let judged = || regions.iter().filter(|region| region.distance_m <= FARTHEST_M);
+        let error = |region: &Region| {
+            Some(error_percent(region.distance_m, region_distance_m(depth_m, &region.bounds)?))
+        };
+        Self {
+            picture: picture.to_owned(),
+            disparity,
+            camera_height_m: camera_height_m.map(tidy),
+            regions: judged().count(),
+            errors_percent: judged().filter_map(error).collect(),
+        }
+    }
+}
+
+impl LidarReport {
+    /// The report of all pictures.
+    pub fn new(method: &str, repeats: u64, pictures: Vec<PictureRow>, labels: Vec<LabelRow>) -> Self {
+        let count = |verdict: Verdict| labels.iter().filter(|row| row.verdict == verdict).count();
+        let covered = count(Verdict::Covered);
+        let due = covered + count(Verdict::Missed);
+        let cars = labels.iter().filter(|row| row.verdict == Verdict::Covered);
+        let of = |disparity: Disparity| {
+            let rows = pictures.iter().filter(move |row| row.disparity == disparity);
+            Errors::new(rows.flat_map(|row| row.errors_percent.iter().copied()))
+        };
+        Self {
+            method: method.to_owned(),
+            repeats,
+            due,
+            covered,
+            share: tidy_finite(covered as f64 / due as f64),
+            cars: Errors::new(cars.filter_map(|row| row.error_percent)),
+            matched: of(Disparity::Matched),
+            depth_map: of(Disparity::DepthMap),
+            pictures,
+            labels,
+        }
+    }
+}
+
+impl fmt::Display for Errors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sign = self.bias_percent.map_or("-".into(), |v| format!("{v:+.2}"));
+        write!(
+            f,
+            "{} distances, error {} % median, {} % at nine of ten, {sign} % with its sign",
+            self.count,
+            cell(self.median_percent, 2),
+            cell(self.p90_percent, 2)
+        )
+    }
+}
+
+impl fmt::Display for LidarReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = self.pictures.iter().map(|row| row.picture.chars().count());
+        let width = names.max().unwrap_or(0).max(8) + 1;
+        writeln!(
+            f,
+            "{:<width$}{:>11}{:>10}{:>9}{:>10}{:>10}",
+            "picture", "disparity", "camera m", "regions", "error %", "90 % of"
+        )?;
+        for row in &self.pictures {
+            let errors = Errors::new(row.errors_percent.iter().copied());
+            writeln!(
+                f,
+                "{:<width$}{:>11}{:>10}{:>9}{:>10}{:>10}",
+                row.picture,
+                if row.disparity == Disparity::Matched { "matched" } else { "depth map" },
+                row.camera_height_m.map_or("no road".into(), |m| format!("{m:.2}")),
+                row.regions,
+                cell(errors.median_percent, 2),
+                cell(errors.p90_percent, 2)
+            )?;
+        }
+        if !self.labels.is_empty() {
+            writeln!(
+                f,
+                "\n{:<width$}{:>12}{:>9}{:>9}{:>9}{:>10}{:>9}  ",
+                "picture", "label", "label m", "LiDAR m", "overlap", "region m", "error %"
+            )?;
+        }
+        for row in &self.labels {
+            writeln!(
+                f,
+                "{:<width$}{:>12}{:>9.2}{:>9}{:>9.2}{:>10}{:>9}  {}",
+                row.picture,
+                row.class,
+                row.label_m,
+                cell(row.lidar_m, 2),
+                row.overlap,
+                cell(row.region_m, 2),
+                cell(row.error_percent, 2),
+                row.verdict.name()
+            )?;
+        }
+        writeln!(f)?;
+        if self.due > 0 {
+            writeln!(
+                f,
+                "cars within {FARTHEST_M} m in view: {} of {} covered ({}); {}",
+                self.covered,
+                self.due,
+                cell(self.share, 3),
+                self.cars
+            )?;
+        }
+        if self.matched.count > 0 {
+            writeln!(f, "regions of matched pairs: {}", self.matched)?;
+        }
+        if self.depth_map.count > 0 {
+            writeln!(f, "regions of depth maps: {}", self.depth_map)?;
+        }
+        if self.pictures.iter().any(|row| row.disparity == Disparity::DepthMap) {
+            writeln!(
+                f,
+                "depth map: no right picture, so the disparity is made from the LiDAR depth; the matcher takes no part"
+            )?;
+        }
+        let history = match self.repeats {
+            1 => "each picture alone, regions.confirm off".to_owned(),
+            n => format!("each picture {n} times in a row, regions.confirm as configured"),
+        };
+        write!(f, "{history}; method: {}", self.method)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A road of 12 m, a car's rear of 40 × 30 px at 10 m and a wall at 30 m above it.
+    fn depth() -> DisparityMap {
+        let (width, height) = (100, 80);
+        let px = (0..width * height).map(|i| {
+            let (x, y) = (i % width, i / width);
+            if (40..80).contains(&x) && (30..60).contains(&y) {
+                10.0
+            } else if y < 30 {
+                30.0
+            } else {
+                12.0
+            }
+        });
+        DisparityMap { px: px.collect(), width, height }
+    }
+
+    fn label() -> Label {
+        Label {
+            class: "Car".into(),
+            truncated: 0.0,
+            occluded: 0,
+            bounds_px: [40.0, 30.0, 79.0, 59.0],
+            width_m: 1.6,
+            length_m: 4.0,
+            distance_m: 12.0,
+        }
+    }
+
+    fn region(bounds: PixelBox, distance_m: f64) -> Region {
+        Region {
+            bounds,
+            disparity_px: 10.0,
+            disparity_sigma_px: 0.1,
+            distance_m,
+            lateral_m: 0.0,
+            width_m: 1.6,
+            height_m: 1.4,
+            pixels: 900,
+            confidence: 1.0,
+        }
+    }
+
+    #[test]
+    fn distances_are_those_of_the_near_side() {
+        let depth = depth();
+        assert_eq!(label_box(&label(), 100, 80), PixelBox { x: 40, y: 30, width: 40, height: 30 });
+        assert_eq!(label_distance_m(&depth, &label()), Some(10.0));
+        // Half of the box shows the wall: its label tells which half is the car.
+        let tall = Label { bounds_px: [40.0, 0.0, 79.0, 59.0], ..label() };
+        assert_eq!(label_distance_m(&depth, &tall), Some(10.0));
+        assert_eq!(label_distance_m(&depth, &Label { distance_m: 20.0, ..label() }), None);
+        assert_eq!(region_distance_m(&depth, &PixelBox { x: 38, y: 28, width: 44, height: 34 }), Some(10.0));
+        assert_eq!(region_distance_m(&depth, &PixelBox { x: 0, y: 0, width: 5, height: 5 }), None);
+        assert_eq!(region_distance_m(&depth, &PixelBox { x: 200, y: 0, width: 5, height: 5 }), None);
+    }
+
+    #[test]
+    fn cars_are_covered_by_overlap_and_others_are_not_judged() {
+        let depth = depth();
+        let regions = [
+            region(PixelBox { x: 44, y: 30, width: 36, height: 30 }, 10.5),
+            region(PixelBox { x: 0, y: 0, width: 90, height: 70 }, 10.0),
+        ];
+        let row = judge("1", &label(), &depth, &regions);
+        assert_eq!((row.verdict, row.overlap), (Verdict::Covered, 0.9));
+        assert_eq!((row.region_m, row.lidar_m, row.error_percent), (Some(10.5), Some(10.0), Some(5.0)));
+        let verdict = |label: Label| judge("1", &label, &depth, &regions[1..]).verdict;
+        assert_eq!(verdict(label()), Verdict::Missed);
+        assert_eq!(verdict(Label { class: "Cyclist".into(), ..label() }), Verdict::OtherClass);
+        assert_eq!(verdict(Label { distance_m: 40.1, ..label() }), Verdict::Far);
+        assert_eq!(verdict(Label { truncated: 0.6, ..label() }), Verdict::Cut);
+        assert_eq!(verdict(Label { occluded: 2, ..label() }), Verdict::Hidden);
+        assert_eq!(judge("1", &label(), &depth, &[]).region_m, None);
+        let pictures = vec![
+            PictureRow::new("1", Disparity::DepthMap, Some(1.6), &depth, &regions[..1]),
+            PictureRow::new("2", Disparity::Matched, None, &depth, &[]),
+        ];
+        assert_eq!(pictures[0].errors_percent, [5.0]);
+        let missed = judge("1", &label(), &depth, &regions[1..]);
+        let report = LidarReport::new("fast", 1, pictures, vec![row, missed]);
+        assert_eq!((report.due, report.covered, report.share), (2, 1, Some(0.5)));
+        assert_eq!(
+            (report.cars.median_percent, report.matched.count, report.depth_map.count),
+            (Some(5.0), 0, 1)
+        );
+        let text = report.to_string();
+        assert!(text.contains("1 of 2 covered (0.500)") && text.contains("no road"), "{text}");
+        assert!(text.contains("the matcher takes no part") && text.contains("regions.confirm off"), "{text}");
+    }
+}

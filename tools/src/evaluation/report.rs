@@ -1,0 +1,226 @@
+//! The result of an evaluation: as a table for people, as a document for machines.
+
+use super::roc::Roc;
+use super::score::{COLUMNS, Scores, mean};
+use super::subpixel::Subpixel;
+use crate::reporting::record::tidy;
+use serde::Serialize;
+use sources::truth::Region;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Scores of one image and region.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Name of the pair within its set.
+    pub name: String,
+    /// `all` or `noc`.
+    pub region: &'static str,
+    /// The scores, under their names.
+    #[serde(flatten)]
+    pub scores: Scores,
+    /// Processor time of the matcher, median of its runs; `None` when maps were given.
+    pub cpu_ms: Option<f64>,
+}
+
+/// Mean over the images of a set that have a region.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Mean {
+    /// Images.
+    pub images: usize,
+    /// Mean of each score, images without it left out.
+    #[serde(flatten)]
+    pub scores: Scores,
+    /// Mean of the times.
+    pub cpu_ms: Option<f64>,
+}
+
+/// One data set.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SetReport {
+    /// Name of the folder that was given.
+    pub set: String,
+    /// Pairs without a map, which were left out.
+    pub left_out: usize,
+    /// By region, then in the order of the pairs.
+    pub rows: Vec<Row>,
+    /// By region.
+    pub mean: BTreeMap<&'static str, Mean>,
+}
+
+impl SetReport {
+    /// Sorts the rows by region and adds the means.
+    pub fn new(set: String, mut rows: Vec<Row>, left_out: usize) -> Self {
+        let order = [Region::All.name(), Region::Noc.name()];
+        rows.sort_by_key(|row| order.iter().position(|name| *name == row.region));
+        let mut means = BTreeMap::new();
+        for region in order {
+            let of_region = || rows.iter().filter(|row| row.region == region);
+            let times: Vec<f64> = of_region().filter_map(|row| row.cpu_ms).collect();
+            let images = of_region().count();
+            if images > 0 {
+                let cpu_ms =
+                    (!times.is_empty()).then(|| tidy(times.iter().sum::<f64>() / times.len() as f64));
+                let scores = mean(of_region().map(|row| &row.scores));
+                means.insert(region, Mean { images, scores, cpu_ms });
+            }
+        }
+        Self { set, left_out, rows, mean: means }
+    }
+}
+
+/// A whole evaluation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StereoReport {
+    /// The matcher, or `maps`.
+    pub method: String,
+    /// Disparities searched; `None` when maps were given.
+    pub disparities: Option<usize>,
+    /// Which pairs of each set: `all`, `odd` or `even`.
+    pub pairs: String,
+    /// What was done to the right images.
+    pub disturb: Option<&'static str>,
+    /// Runs of each pair.
+    pub repeat: u32,
+    /// Memory of the largest matcher; `None` when maps were given.
+    pub workspace_bytes: Option<usize>,
+    /// The sets.
+    pub sets: Vec<SetReport>,
+    /// Errors by confidence over the pixels of all sets (`noc` where a set has it, else `all`);
+    /// `None` when maps were given.
+    pub roc: Option<Roc>,
+    /// Fractions of the disparities, over the same pixels of the images whose truth has any.
+    pub subpixel: Option<Subpixel>,
+}
+
+/// A number of a table; a dash where there is none.
+fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.filter(|v| v.is_finite()).map_or("-".into(), |v| format!("{v:.decimals$}"))
+}
+
+fn line(
+    f: &mut fmt::Formatter<'_>,
+    name: &str,
+    width: usize,
+    region: &str,
+    scores: &Scores,
+    cpu_ms: Option<f64>,
+) -> fmt::Result {
+    write!(f, "{name:<width$} {region:<6}")?;
+    for value in scores.values() {
+        write!(f, "{:>8}", cell(Some(value), 2))?;
+    }
+    writeln!(f, "{:>8}", cell(cpu_ms, 1))
+}
+
+/// The tables, then what they do not show.
+impl fmt::Display for StereoReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = self.sets.iter().flat_map(|set| &set.rows).map(|row| row.name.chars().count());
+        let width = names.max().unwrap_or(0).max(16);
+        for set in &self.sets {
+            writeln!(f, "{}", set.set)?;
+            write!(f, "{:<width$} {:<6}", "pair", "region")?;
+            for name in COLUMNS.iter().chain(&["ms"]) {
+                write!(f, "{name:>8}")?;
+            }
+            writeln!(f)?;
+            for (&region, mean) in &set.mean {
+                for row in set.rows.iter().filter(|row| row.region == region) {
+                    line(f, &row.name, width, region, &row.scores, row.cpu_ms)?;
+                }
+                let name = format!("mean of {}", mean.images);
+                line(f, &name, width, region, &mean.scores, mean.cpu_ms)?;
+            }
+            if set.left_out > 0 {
+                writeln!(f, "{} pairs have no map and were left out", set.left_out)?;
+            }
+            writeln!(f)?;
+        }
+        match &self.subpixel {
+            Some(subpixel) => writeln!(f, "{subpixel}")?,
+            None => writeln!(f, "sub-pixel: not told: no estimate within 1 px of a truth with fractions")?,
+        }
+        if let Some(roc) = &self.roc {
+            writeln!(f, "{roc}")?;
+        }
+        write!(f, "method: {}", self.method)?;
+        if let Some(disparities) = self.disparities {
+            write!(f, ", {disparities} disparities")?;
+        }
+        if let Some(bytes) = self.workspace_bytes {
+            write!(f, ", workspace {:.1} MiB", bytes as f64 / f64::from(1 << 20))?;
+        }
+        if self.pairs != "all" {
+            write!(f, "; {} pairs only", self.pairs)?;
+        }
+        if let Some(name) = self.disturb {
+            write!(f, "; right images disturbed: {name}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(name: &str, region: Region, bad3: f64, cpu_ms: Option<f64>) -> Row {
+        let scores = Scores {
+            dens: 100.0,
+            bad1: 30.0,
+            bad2: 20.0,
+            bad3,
+            d1: 5.0,
+            epe: 0.5,
+            hole3: 9.0,
+            val3: f64::NAN,
+        };
+        Row { name: name.into(), region: region.name(), scores, cpu_ms }
+    }
+
+    fn report() -> StereoReport {
+        let rows = vec![
+            row("1", Region::All, 12.0, Some(100.0)),
+            row("1", Region::Noc, 10.0, Some(100.0)),
+            row("2", Region::All, 8.0, Some(200.0)),
+        ];
+        StereoReport {
+            method: "full".into(),
+            pairs: "odd".into(),
+            sets: vec![SetReport::new("kitti".into(), rows, 3)],
+            ..StereoReport::default()
+        }
+    }
+
+    #[test]
+    fn the_table_has_a_line_for_each_image_and_region_and_the_means() {
+        let text = report().to_string();
+        let lines: Vec<Vec<&str>> = text.lines().map(|l| l.split_whitespace().collect()).collect();
+        assert_eq!(lines[0], ["kitti"]);
+        assert_eq!(lines[1][..4], ["pair", "region", "dens", "bad1"]);
+        assert_eq!(
+            lines[2],
+            ["1", "all", "100.00", "30.00", "20.00", "12.00", "5.00", "0.50", "9.00", "-", "100.0"]
+        );
+        assert_eq!((lines[3][0], lines[3][5]), ("2", "8.00"));
+        assert_eq!(lines[4][..4], ["mean", "of", "2", "all"]);
+        assert_eq!((lines[4][7], lines[4][12]), ("10.00", "150.0"));
+        assert_eq!(lines[5][..2], ["1", "noc"]);
+        assert_eq!(lines[6][..4], ["mean", "of", "1", "noc"]);
+        assert!(
+            text.contains("3 pairs have no map") && text.ends_with("method: full; odd pairs only"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn the_document_has_the_table_in_it() {
+        let json = serde_json::to_value(report()).unwrap();
+        let set = &json["sets"][0];
+        assert_eq!(set["rows"].as_array().unwrap().len(), 3);
+        assert_eq!((&set["rows"][1]["name"], &set["rows"][1]["bad3"]), (&"2".into(), &8.0.into()));
+        assert_eq!((&set["mean"]["all"]["bad3"], &set["mean"]["noc"]["images"]), (&10.0.into(), &1.into()));
+        assert!(set["mean"]["all"]["val3"].is_null() && json["roc"].is_null());
+    }
+}

@@ -1,0 +1,345 @@
+//! What a frame's regions have to do with what is true of it.
+//!
+//! **Due** are the objects that a scene names (not the rows beside the road), but bridges, whose
+//! nearest visible point is 3 to 40 m away (debris: 20 m), of which at least 40 pixels (debris: 12) are
+//! visible, of which at least half can be seen in both images, and which the picture's left and right border
+//! do not cut.
+//!
+//! A due object is **found** by a region whose distance is within 1 m or 15 % of the truth (whichever
+//! is more) and whose box overlaps the box of the object's visible pixels by 0.25 (shared ÷ joint), or
+//! holds at least half of it without being more than six times as large; if the object touches another one
+//! within that distance of it, which no stereo camera tells apart, also without being more than one and a
+//! half times as large as the box of both.
+//!
+//! A region is **explained** when it finds a due object, or when at least a tenth of its box's pixels see
+//! something that stands there, object or row beside the road, at the region's distance within 1.5 m or 20 %.
+//! One that is not, within 40 m, is **false** where its foot is on the asphalt, and **stray** elsewhere.
+
+use perception::region::PixelBox;
+use sources::scene::truth::{FIRST_OBJECT, ROAD};
+use sources::scene::{ObjectClass, ObjectTruth, SceneTruth};
+
+/// Nearest and farthest object that is due, in metres.
+pub const DUE_M: (f64, f64) = (3.0, 40.0);
+
+/// What lies so many columns or rows apart touches.
+const TOUCHING_PX: u32 = 4;
+
+/// What a detector found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// Where, in the left image.
+    pub bounds: PixelBox,
+    /// How far, in metres.
+    pub distance_m: f64,
+    /// One standard deviation of that.
+    pub sigma_m: f64,
+}
+
+/// A due object, and the region that found it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Due {
+    /// The object.
+    pub object: ObjectTruth,
+    /// The region that overlaps it most, among those that found it.
+    pub found: Option<Found>,
+}
+
+/// What was made of a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameMatch {
+    /// The due objects.
+    pub due: Vec<Due>,
+    /// For each region whether the truth explains it.
+    pub explained: Vec<bool>,
+    /// Unexplained regions on the asphalt, and elsewhere.
+    pub unexplained: (usize, usize),
+}
+
+/// Whether an object has to be found.
+pub fn is_due(object: &ObjectTruth, width: usize) -> bool {
+    let small = object.class == ObjectClass::Debris;
+    let (farthest, pixels) = if small { (20.0, 12) } else { (DUE_M.1, 40) };
+    let cut = object.bounds.x == 0 || object.bounds.x + object.bounds.width >= width as u32;
+    object.subject
+        && object.class != ObjectClass::Bridge
+        && (DUE_M.0..=farthest).contains(&object.distance_m)
+        && object.visible >= 0.5
+        && object.pixels >= pixels
+        && object.visible * object.seen_by_both >= 0.5
+        && !cut
+}
+
+/// Whether a region's place and distance are those of an object.
+pub fn is_found(object: &ObjectTruth, found: &Found) -> bool {
+    is_found_beside(object, &[], found)
+}
+
+/// The same among all objects of a frame.
+fn is_found_beside(object: &ObjectTruth, all: &[ObjectTruth], found: &Found) -> bool {
+    let tolerance = tolerance_m(object);
+    let (a, b) = (&found.bounds, &object.bounds);
+    let shared = shared_area(a, b);
+    let own = f64::from(b.width) * f64::from(b.height);
+    let area = f64::from(a.width) * f64::from(a.height);
+    (found.distance_m - object.distance_m).abs() <= tolerance
+        && (a.overlap(b) >= 0.25
+            || (shared >= 0.5 * own
+                && (area <= 6.0 * own
+                    || all.iter().any(|other| {
+                        is_one_with(object, other) && area <= 1.5 * area_of_both(b, &other.bounds)
+                    }))))
+}
+
+fn tolerance_m(object: &ObjectTruth) -> f64 {
+    (0.15 * object.distance_m).max(1.0)
+}
+
+/// Whether two objects touch in the image, and in depth as far as a disparity tells.
+fn is_one_with(object: &ObjectTruth, other: &ObjectTruth) -> bool {
+    let (a, b) = (&object.bounds, &other.bounds);
+    let near = |a: u32, al: u32, b: u32, bl: u32| a <= b + bl + TOUCHING_PX && b <= a + al + TOUCHING_PX;
+    other.id != object.id
+        && other.subject
+        && other.pixels > 0
+        && (other.distance_m - object.distance_m).abs() <= tolerance_m(object)
+        && near(a.x, a.width, b.x, b.width)
+        && near(a.y, a.height, b.y, b.height)
+}
+
+fn area_of_both(a: &PixelBox, b: &PixelBox) -> f64 {
+    let span = |a: u32, al: u32, b: u32, bl: u32| f64::from((a + al).max(b + bl) - a.min(b));
+    span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
+}
+
+fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
+    let span = |a: u32, al: u32, b: u32, bl: u32| f64::from((a + al).min(b + bl).saturating_sub(a.max(b)));
+    span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
+}
+
+/// Compares what was found in a frame with its truth. `focal_baseline` is the rig's focal length in
+/// px times its baseline in metres.
+pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Found]) -> FrameMatch {
+    let due = truth.objects.iter().filter(|object| is_due(object, truth.width)).map(|&object| {
+        let by = found.iter().filter(|found| is_found_beside(&object, &truth.objects, found));
+        let best =
+            by.max_by(|a, b| a.bounds.overlap(&object.bounds).total_cmp(&b.bounds.overlap(&object.bounds)));
+        Due { object, found: best.copied() }
+    });
+    let mut result = FrameMatch { due: due.collect(), ..FrameMatch::default() };
+    for region in found {
+        let finds = |due: &Due| is_found_beside(&due.object, &truth.objects, region);
+        let explained = explains(truth, focal_baseline, region) || result.due.iter().any(finds);
+        result.explained.push(explained);
+        if !explained && region.distance_m <= DUE_M.1 {
+            if stands_on_road(truth, region) {
+                result.unexplained.0 += 1;
+            } else {
+                result.unexplained.1 += 1;
+            }
+        }
+    }
+    result
+}
+
+fn explains(truth: &SceneTruth, focal_baseline: f64, region: &Found) -> bool {
+    let tolerance = (0.2 * region.distance_m).max(1.5);
+    let near = region.distance_m - tolerance;
+    let most = if near > 0.0 { (focal_baseline / near) as f32 } else { f32::INFINITY };
+    let least = (focal_baseline / (region.distance_m + tolerance)) as f32;
+    let (mut there, mut all) = (0_u32, 0_u32);
+    for y in rows(&region.bounds, truth.height) {
+        for x in columns(&region.bounds, truth.width) {
+            let i = y * truth.width + x;
+            all += 1;
+            there +=
+                u32::from(truth.owner[i] >= FIRST_OBJECT && (least..=most).contains(&truth.disparity_px[i]));
+        }
+    }
+    all > 0 && 10 * there >= all
+}
+
+/// Whether the lowest tenth of a box shows asphalt.
+fn stands_on_road(truth: &SceneTruth, region: &Found) -> bool {
+    let b = &region.bounds;
+    let foot = PixelBox { y: b.y + b.height - b.height.div_ceil(10), height: b.height.div_ceil(10), ..*b };
+    let (mut road, mut all) = (0_u32, 0_u32);
+    for y in rows(&foot, truth.height) {
+        for x in columns(&foot, truth.width) {
+            all += 1;
+            road += u32::from(truth.owner[y * truth.width + x] == ROAD);
+        }
+    }
+    2 * road >= all
+}
+
+fn rows(b: &PixelBox, height: usize) -> std::ops::Range<usize> {
+    (b.y as usize).min(height)..((b.y + b.height) as usize).min(height)
+}
+
+fn columns(b: &PixelBox, width: usize) -> std::ops::Range<usize> {
+    (b.x as usize).min(width)..((b.x + b.width) as usize).min(width)
+}
+
+/// Height errors of a road model: for each row that both know, how far above the true surface the
+/// model's lies where it says that the road is, in metres. `profile_px` is the model's disparity of
+/// each row (0 = none), `rows_px` the true one's; only what is nearer than `farthest_m` counts.
+pub fn road_errors(
+    profile_px: &[f32],
+    rows_px: &[f32],
+    baseline_m: f64,
+    focal_baseline: f64,
+    farthest_m: f64,
+    errors_m: &mut Vec<f64>,
+) {
+    for (y, &model) in profile_px.iter().enumerate() {
+        if f64::from(model) * farthest_m < focal_baseline {
+            continue;
+        }
+        // The row in which the road truly has this disparity; rows grow nearer downwards.
+        let below = rows_px.iter().position(|&d| d >= model && d > 0.0);
+        let Some(k) = below.filter(|&k| k > 0 && rows_px[k - 1] > 0.0) else { continue };
+        let (a, b) = (rows_px[k - 1], rows_px[k]);
+        let row = (k - 1) as f64 + f64::from((model - a) / (b - a).max(1e-6));
+        errors_m.push(baseline_m * (row - y as f64) / f64::from(model));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCALE: f64 = 100.0;
+
+    /// A road with a car of 20 × 20 px at 10 m.
+    fn truth() -> SceneTruth {
+        let (width, height) = (100, 80);
+        let mut truth = SceneTruth { width, height, ..SceneTruth::default() };
+        truth.owner = vec![ROAD; width * height];
+        truth.disparity_px = (0..width * height).map(|i| (i / width) as f32 * 0.3).collect();
+        for y in 30..50 {
+            for x in 40..60 {
+                truth.owner[y * width + x] = FIRST_OBJECT;
+                truth.disparity_px[y * width + x] = 10.0;
+            }
+        }
+        truth.objects.push(ObjectTruth {
+            id: FIRST_OBJECT,
+            class: ObjectClass::Car,
+            subject: true,
+            distance_m: 10.0,
+            lateral_m: 0.0,
+            width_m: 1.8,
+            height_m: 1.5,
+            closing_m_s: 0.0,
+            bounds: PixelBox { x: 40, y: 30, width: 20, height: 20 },
+            pixels: 400,
+            visible: 1.0,
+            seen_by_both: 1.0,
+            in_path: true,
+            on_road: true,
+        });
+        truth
+    }
+
+    fn found(x: u32, y: u32, width: u32, height: u32, distance_m: f64) -> Found {
+        Found { bounds: PixelBox { x, y, width, height }, distance_m, sigma_m: 0.2 }
+    }
+
+    #[test]
+    fn place_and_distance_must_both_fit() {
+        let object = truth().objects[0];
+        assert!(is_found(&object, &found(42, 32, 20, 20, 10.9)));
+        assert!(!is_found(&object, &found(42, 32, 20, 20, 11.6)), "too far");
+        assert!(!is_found(&object, &found(58, 32, 20, 20, 10.0)), "beside it");
+        assert!(is_found(&object, &found(30, 20, 40, 40, 10.0)), "larger, and around it");
+        assert!(!is_found(&object, &found(0, 0, 100, 80, 10.0)), "everything is no answer");
+    }
+
+    #[test]
+    fn what_touches_at_one_distance_may_be_found_as_one() {
+        let mut truth = truth();
+        let bounds = PixelBox { x: 60, y: 44, width: 6, height: 6 };
+        let block =
+            ObjectTruth { id: FIRST_OBJECT + 1, bounds, pixels: 50, distance_m: 10.5, ..truth.objects[0] };
+        truth.objects.push(block);
+        let both = found(41, 30, 24, 20, 10.2);
+        let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).due[1].found;
+        assert_eq!(blocks(&truth, both), Some(both));
+        assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must hold it");
+        assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not hold everything");
+        truth.objects[1].distance_m = 12.0;
+        assert_eq!(blocks(&truth, found(41, 30, 24, 20, 11.0)), None, "another distance");
+        truth.objects[1] = ObjectTruth { bounds: PixelBox { x: 66, ..bounds }, ..block };
+        assert_eq!(blocks(&truth, found(41, 30, 30, 20, 10.2)), None, "they do not touch");
+    }
+
+    #[test]
+    fn what_the_truth_cannot_explain_is_false_on_the_road() {
+        let mut truth = truth();
+        for i in 0..100 * 80 {
+            if i % 100 < 10 {
+                truth.owner[i] = sources::scene::truth::VERGE;
+            }
+        }
+        let regions = [
+            found(41, 31, 18, 19, 10.2),
+            found(41, 31, 18, 19, 20.0),
+            found(70, 40, 10, 10, 10.0),
+            found(0, 40, 9, 10, 10.0),
+            found(70, 40, 10, 10, 55.0),
+        ];
+        let result = match_frame(&truth, SCALE, &regions);
+        assert_eq!(result.explained, [true, false, false, false, false]);
+        // The second stands before the car's foot; the fourth beside the road; the last is too far.
+        assert_eq!(result.unexplained, (1, 2));
+        assert_eq!(result.due.len(), 1);
+        assert_eq!(result.due[0].found, Some(regions[0]));
+        assert_eq!(match_frame(&truth, SCALE, &[]).due[0].found, None);
+    }
+
+    #[test]
+    fn what_finds_something_is_not_false() {
+        let mut truth = truth();
+        // A post whose box is mostly road.
+        truth.objects[0].bounds = PixelBox { x: 50, y: 20, width: 8, height: 30 };
+        truth.owner.fill(ROAD);
+        for y in 20..50 {
+            truth.owner[y * truth.width + 53] = FIRST_OBJECT;
+        }
+        let wide = found(40, 20, 20, 30, 10.0);
+        let result = match_frame(&truth, SCALE, &[wide]);
+        assert_eq!((result.due[0].found, result.unexplained), (Some(wide), (0, 0)));
+        assert_eq!(match_frame(&truth, SCALE, &[found(20, 20, 20, 30, 10.0)]).unexplained, (1, 0));
+    }
+
+    #[test]
+    fn hidden_and_cut_objects_are_not_due() {
+        let object = truth().objects[0];
+        assert!(is_due(&object, 100));
+        assert!(!is_due(&ObjectTruth { visible: 0.4, ..object }, 100));
+        assert!(
+            !is_due(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
+            "half of it, by both"
+        );
+        assert!(is_due(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
+        assert!(!is_due(&ObjectTruth { distance_m: 41.0, ..object }, 100));
+        assert!(!is_due(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
+        assert!(!is_due(&ObjectTruth { subject: false, ..object }, 100));
+        assert!(!is_due(&object, 60), "cut by the border");
+    }
+
+    #[test]
+    fn a_model_that_lies_too_high_has_that_error() {
+        // Disparity 0.1 px a row below row 100: with a baseline of 0.12 m the camera is 1.2 m high.
+        let rows: Vec<f32> = (0..480).map(|y| (y as f32 - 100.0).max(0.0) * 0.1).collect();
+        let raised: Vec<f32> = rows.iter().map(|d| d * 1.05).collect();
+        let mut errors = Vec::new();
+        road_errors(&rows, &rows, 0.12, 105.0, 40.0, &mut errors);
+        assert!(errors.len() > 300 && errors.iter().all(|e| e.abs() < 1e-5));
+        errors.clear();
+        road_errors(&raised, &rows, 0.12, 105.0, 40.0, &mut errors);
+        // The model's camera is 1.2 ÷ 1.05 m high: its road lies 5.7 cm above the true one.
+        assert!(errors.iter().all(|e| (e - 0.0571).abs() < 1e-3), "{errors:?}");
+    }
+}

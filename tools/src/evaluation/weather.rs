@@ -1,0 +1,440 @@
+//! Detection, distance and road by weather, beside the paper's table.
+
+use super::quantile;
+use super::scene_match::{Found, FrameMatch, is_found, road_errors};
+use crate::reporting::record::{tidy, tidy_finite};
+use serde::Serialize;
+use sources::scene::{ObjectClass, RoadTruth};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+/// The paper's accuracy rates (its table "Result of Accuracy Rate").
+pub const PAPER: [(&str, f64); 6] = [
+    ("sunny", 0.905),
+    ("light_rain", 0.851),
+    ("heavy_rain", 0.687),
+    ("night", 0.806),
+    ("snow", 0.882),
+    ("backlight", 0.763),
+];
+
+/// Ranges of distance, in metres: from, to.
+pub const RANGES_M: [(f64, f64); 5] = [(3.0, 7.5), (7.5, 12.5), (12.5, 20.0), (20.0, 27.5), (27.5, 40.0)];
+
+/// The stated error bar is this many standard deviations to either side.
+pub const BAR_SIGMAS: f64 = 2.0;
+
+/// Road rows beyond this are not compared, in metres.
+pub const ROAD_M: f64 = 40.0;
+
+/// Distance errors of one range.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RangeErrors {
+    /// From, in metres.
+    pub from_m: f64,
+    /// To, in metres.
+    pub to_m: f64,
+    /// Objects that were due.
+    pub due: usize,
+    /// Those that were found.
+    pub found: usize,
+    /// Median of the error's size, in percent of the distance.
+    pub median_percent: Option<f64>,
+    /// Median of the error with its sign, in percent: above zero is too far.
+    pub bias_percent: Option<f64>,
+    /// Share of the found whose truth lies within the stated error bar.
+    pub covered: Option<f64>,
+}
+
+/// Objects, and those of them that were given the right class.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Share {
+    /// Objects due, frame by frame.
+    pub due: usize,
+    /// Those that a track found.
+    pub tracked: usize,
+    /// Those whose track has the right class.
+    pub right: usize,
+}
+
+impl Share {
+    fn add(&mut self, tracked: bool, right: bool) {
+        self.due += 1;
+        self.tracked += usize::from(tracked);
+        self.right += usize::from(tracked && right);
+    }
+
+    fn rate(&self) -> Option<f64> {
+        tidy_finite(self.right as f64 / self.due as f64)
+    }
+}
+
+/// A confirmed track, as its class is judged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Labelled {
+    /// Where it is.
+    pub found: Found,
+    /// Whether it is called a vehicle.
+    pub is_vehicle: bool,
+}
+
+/// Whether an object is what the recogniser calls a vehicle.
+pub fn is_vehicle(class: ObjectClass) -> bool {
+    matches!(class, ObjectClass::Car | ObjectClass::Bus)
+}
+
+/// One weather, or one scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WeatherRow {
+    /// The scene.
+    pub scene: String,
+    /// The weather.
+    pub weather: String,
+    /// What the road was fitted by, where that is compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub road: Option<String>,
+    /// Frames.
+    pub frames: usize,
+    /// Seconds of driving.
+    pub seconds: f64,
+    /// Objects due, frame by frame.
+    pub due: usize,
+    /// Those that were found.
+    pub found: usize,
+    /// found ÷ due.
+    pub detection_rate: Option<f64>,
+    /// The paper's accuracy rate for this weather.
+    pub paper_rate: Option<f64>,
+    /// Vehicles due, and those of them that a track called a vehicle.
+    pub vehicles: Share,
+    /// Other objects due, and those of them that a track found and called nothing else than an obstacle.
+    pub others: Share,
+    /// Share of all objects due that were found and given the right class.
+    pub class_rate: Option<f64>,
+    /// The same of those that a track found.
+    pub class_rate_of_found: Option<f64>,
+    /// Objects that were due and not found, by class.
+    pub missed: BTreeMap<&'static str, usize>,
+    /// Unexplained regions on the asphalt, each frame counted, per minute.
+    pub false_per_minute: f64,
+    /// Confirmed tracks that were an unexplained region on the asphalt, per minute.
+    pub false_tracks_per_minute: f64,
+    /// Unexplained regions elsewhere, each frame counted, per minute.
+    pub stray_per_minute: f64,
+    /// Frames in which a road was seen.
+    pub road_seen: usize,
+    /// Median size of the road's height error, in metres.
+    pub road_median_m: Option<f64>,
+    /// 95 % of the road's height errors are smaller, in metres.
+    pub road_p95_m: Option<f64>,
+    /// Distance errors by range.
+    pub ranges: Vec<RangeErrors>,
+    /// Distance errors over all ranges.
+    pub all: RangeErrors,
+}
+
+/// What a frame adds.
+pub struct FrameResult<'a> {
+    /// Regions against truth.
+    pub matched: &'a FrameMatch,
+    /// Confirmed tracks that no truth explains and that stand on the asphalt.
+    pub false_tracks: &'a [u32],
+    /// All confirmed tracks.
+    pub tracks: &'a [Labelled],
+    /// The model's road, when one was seen.
+    pub profile_px: Option<&'a [f32]>,
+    /// The true road.
+    pub road: &'a RoadTruth,
+}
+
+/// Gathers the frames of one weather.
+#[derive(Debug)]
+pub struct Tally {
+    scene: String,
+    weather: String,
+    rig: perception::rig::Rig,
+    period_s: f64,
+    frames: usize,
+    unexplained: (usize, usize),
+    false_tracks: BTreeSet<u32>,
+    road_seen: usize,
+    road_errors_m: Vec<f64>,
+    /// Per due object: true distance, and distance and sigma found.
+    distances: Vec<(f64, Option<(f64, f64)>)>,
+    missed: BTreeMap<&'static str, usize>,
+    vehicles: Share,
+    others: Share,
+}
+
+impl Tally {
+    /// Nothing yet; frames are `period_s` seconds apart.
+    pub fn new(scene: &str, weather: &str, rig: perception::rig::Rig, period_s: f64) -> Self {
+        Self {
+            scene: scene.into(),
+            weather: weather.into(),
+            rig,
+            period_s,
+            frames: 0,
+            unexplained: (0, 0),
+            false_tracks: BTreeSet::new(),
+            road_seen: 0,
+            road_errors_m: Vec::new(),
+            distances: Vec::new(),
+            missed: BTreeMap::new(),
+            vehicles: Share::default(),
+            others: Share::default(),
+        }
+    }
+
+    /// Adds a frame.
+    pub fn add(&mut self, frame: &FrameResult<'_>) {
+        self.frames += 1;
+        self.unexplained.0 += frame.matched.unexplained.0;
+        self.unexplained.1 += frame.matched.unexplained.1;
+        self.false_tracks.extend(frame.false_tracks);
+        for due in &frame.matched.due {
+            self.distances.push((due.object.distance_m, due.found.map(|f| (f.distance_m, f.sigma_m))));
+            if due.found.is_none() {
+                *self.missed.entry(due.object.class.name()).or_default() += 1;
+            }
+            let overlap = |t: &&Labelled| t.found.bounds.overlap(&due.object.bounds);
+            let by = frame.tracks.iter().filter(|t| is_found(&due.object, &t.found));
+            let track = by.max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
+            let wanted = is_vehicle(due.object.class);
+            let share = if wanted { &mut self.vehicles } else { &mut self.others };
+            share.add(track.is_some(), track.is_some_and(|t| t.is_vehicle == wanted));
+        }
+        if let Some(profile) = frame.profile_px {
+            self.road_seen += 1;
+            let scale = self.rig.focal_px * self.rig.baseline_m;
+            let errors = &mut self.road_errors_m;
+            road_errors(profile, &frame.road.rows_px, self.rig.baseline_m, scale, ROAD_M, errors);
+        }
+    }
+
+    fn range(&self, from_m: f64, to_m: f64) -> RangeErrors {
+        let of_range = || self.distances.iter().filter(|(truth, _)| (from_m..to_m).contains(truth));
+        let found: Vec<(f64, f64, f64)> =
+            of_range().filter_map(|&(truth, found)| found.map(|(d, sigma)| (truth, d, sigma))).collect();
+        let mut sizes: Vec<f64> =
+            found.iter().map(|(truth, d, _)| 100.0 * (d - truth).abs() / truth).collect();
+        let mut signed: Vec<f64> = found.iter().map(|(truth, d, _)| 100.0 * (d - truth) / truth).collect();
+        let covered =
+            found.iter().filter(|(truth, d, sigma)| (d - truth).abs() <= BAR_SIGMAS * sigma).count();
+        RangeErrors {
+            from_m,
+            to_m,
+            due: of_range().count(),
+            found: found.len(),
+            median_percent: quantile(&mut sizes, 0.5).map(tidy),
+            bias_percent: quantile(&mut signed, 0.5).map(tidy),
+            covered: tidy_finite(covered as f64 / found.len() as f64),
+        }
+    }
+
+    /// The row of the table.
+    pub fn row(&self) -> WeatherRow {
+        let seconds = self.frames as f64 * self.period_s;
+        let per_minute = |count: usize| tidy(count as f64 * 60.0 / seconds.max(1e-9));
+        let found = self.distances.iter().filter(|(_, found)| found.is_some()).count();
+        let due = self.distances.len();
+        let mut heights: Vec<f64> = self.road_errors_m.iter().map(|e| e.abs()).collect();
+        WeatherRow {
+            scene: self.scene.clone(),
+            weather: self.weather.clone(),
+            road: None,
+            frames: self.frames,
+            seconds: tidy(seconds),
+            due,
+            found,
+            detection_rate: tidy_finite(found as f64 / due as f64),
+            paper_rate: PAPER.iter().find(|(name, _)| *name == self.weather).map(|(_, rate)| *rate),
+            missed: self.missed.clone(),
+            vehicles: self.vehicles,
+            others: self.others,
+            class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / due as f64),
+            class_rate_of_found: tidy_finite(
+                (self.vehicles.right + self.others.right) as f64
+                    / (self.vehicles.tracked + self.others.tracked) as f64,
+            ),
+            false_per_minute: per_minute(self.unexplained.0),
+            false_tracks_per_minute: per_minute(self.false_tracks.len()),
+            stray_per_minute: per_minute(self.unexplained.1),
+            road_seen: self.road_seen,
+            road_median_m: quantile(&mut heights, 0.5).map(tidy),
+            road_p95_m: quantile(&mut heights, 0.95).map(tidy),
+            ranges: RANGES_M.iter().map(|&(from, to)| self.range(from, to)).collect(),
+            all: self.range(0.0, f64::INFINITY),
+        }
+    }
+}
+
+/// The whole evaluation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WeatherReport {
+    /// The matcher.
+    pub method: String,
+    /// A row for each scene and weather.
+    pub rows: Vec<WeatherRow>,
+}
+
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("-".into(), |v| format!("{v:.decimals$}"))
+}
+
+impl fmt::Display for WeatherReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let road = |row: &WeatherRow| row.road.as_ref().map_or(String::new(), |road| format!(", {road}"));
+        let name = |row: &WeatherRow| format!("{} {}{}", row.scene, row.weather, road(row));
+        let width = self.rows.iter().map(|row| name(row).chars().count()).max().unwrap_or(0).max(12);
+        writeln!(
+            f,
+            "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10}{:>11}{:>10}{:>10}{:>10}{:>9}",
+            "scene",
+            "frames",
+            "due",
+            "detected",
+            "paper",
+            "false/min",
+            "tracks/min",
+            "stray/min",
+            "road seen",
+            "road cm",
+            "95 % cm"
+        )?;
+        for row in &self.rows {
+            writeln!(
+                f,
+                "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10.1}{:>11.1}{:>10.1}{:>10}{:>10}{:>9}",
+                name(row),
+                row.frames,
+                row.due,
+                cell(row.detection_rate, 3),
+                cell(row.paper_rate, 3),
+                row.false_per_minute,
+                row.false_tracks_per_minute,
+                row.stray_per_minute,
+                row.road_seen,
+                cell(row.road_median_m.map(|m| 100.0 * m), 1),
+                cell(row.road_p95_m.map(|m| 100.0 * m), 1),
+            )?;
+        }
+        writeln!(
+            f,
+            "\nDistance: median error in percent, of it too far (+) or near (-), share of truths within the error bar"
+        )?;
+        write!(f, "{:<width$}", "scene")?;
+        for (from, to) in RANGES_M {
+            write!(f, "{:>22}", format!("{from} to {to} m"))?;
+        }
+        writeln!(f, "{:>22}", "all")?;
+        for row in &self.rows {
+            write!(f, "{:<width$}", name(row))?;
+            for range in row.ranges.iter().chain([&row.all]) {
+                let sign = range.bias_percent.map_or("-".into(), |v| format!("{v:+.2}"));
+                let text = format!("{} {sign} {}", cell(range.median_percent, 2), cell(range.covered, 2));
+                write!(f, "{text:>22}")?;
+            }
+            writeln!(f)?;
+        }
+        writeln!(
+            f,
+            "\nClass: share of the objects due that a track found and gave the right class; of those found; of vehicles, of others"
+        )?;
+        for row in &self.rows {
+            writeln!(
+                f,
+                "{:<width$}{:>8}{:>8}{:>16}{:>16}",
+                name(row),
+                cell(row.class_rate, 3),
+                cell(row.class_rate_of_found, 3),
+                format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.due),
+                format!("{} of {}", cell(row.others.rate(), 3), row.others.due),
+            )?;
+        }
+        let missed: Vec<String> = self
+            .rows
+            .iter()
+            .filter(|row| !row.missed.is_empty())
+            .map(|row| {
+                let classes: Vec<String> =
+                    row.missed.iter().map(|(class, n)| format!("{n} {class}")).collect();
+                format!("{}: {}", name(row), classes.join(", "))
+            })
+            .collect();
+        if !missed.is_empty() {
+            writeln!(f, "\nMissed\n{}", missed.join("\n"))?;
+        }
+        write!(f, "\nmethod: {}", self.method)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene_match::Due;
+    use super::*;
+    use perception::region::PixelBox;
+    use perception::rig::Rig;
+    use sources::scene::ObjectTruth;
+
+    fn due(distance_m: f64, found: Option<(f64, f64)>) -> Due {
+        let bounds = PixelBox { x: 1, y: 1, width: 9, height: 9 };
+        let object = ObjectTruth {
+            id: 3,
+            class: ObjectClass::Cone,
+            subject: true,
+            distance_m,
+            lateral_m: 0.0,
+            width_m: 0.4,
+            height_m: 0.7,
+            closing_m_s: 0.0,
+            bounds,
+            pixels: 81,
+            visible: 1.0,
+            seen_by_both: 1.0,
+            in_path: true,
+            on_road: true,
+        };
+        Due { object, found: found.map(|(distance_m, sigma_m)| Found { bounds, distance_m, sigma_m }) }
+    }
+
+    #[test]
+    fn rates_errors_and_cover_are_those_of_the_frames() {
+        let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
+        let mut tally = Tally::new("street", "night", rig, 0.08);
+        let matched = FrameMatch {
+            due: vec![due(10.0, Some((10.2, 0.11))), due(10.0, Some((9.5, 0.1))), due(30.0, None)],
+            explained: vec![true, true, false],
+            unexplained: (1, 0),
+        };
+        let road = RoadTruth::default();
+        for _ in 0..3 {
+            let found = matched.due[0].found.unwrap();
+            let tracks = [Labelled { found, is_vehicle: false }];
+            let frame = FrameResult {
+                matched: &matched,
+                false_tracks: &[7],
+                tracks: &tracks,
+                profile_px: None,
+                road: &road,
+            };
+            tally.add(&frame);
+        }
+        let row = tally.row();
+        assert_eq!((row.frames, row.due, row.found), (3, 9, 6));
+        assert_eq!(row.detection_rate, Some(0.6667));
+        assert_eq!(row.paper_rate, Some(0.806));
+        // One a frame, every 80 ms; one track.
+        assert_eq!((row.false_per_minute, row.false_tracks_per_minute), (750.0, 250.0));
+        assert_eq!(row.missed["cone"], 3);
+        // Cones are no vehicles: right when they are called none.
+        assert_eq!((row.others.due, row.others.tracked, row.others.right, row.vehicles.due), (9, 6, 6, 0));
+        assert_eq!((row.class_rate, row.class_rate_of_found), (Some(0.6667), Some(1.0)));
+        let near = &row.ranges[1];
+        assert_eq!((near.due, near.found, near.covered), (6, 6, Some(0.5)));
+        assert!([Some(2.0), Some(5.0)].contains(&near.median_percent), "{near:?}");
+        assert_eq!(row.ranges[4].median_percent, None);
+        let text = WeatherReport { method: "fast".into(), rows: vec![row] }.to_string();
+        assert!(text.contains("0.667") && text.contains("0.806") && text.contains("3 cone"), "{text}");
+    }
+}

@@ -1,0 +1,176 @@
+//! Results of a run as files: overlays, disparity maps, `obstacles.jsonl` and `summary.json`.
+
+use crate::reporting::overlay::{self, OverlayInput};
+use crate::reporting::picture::{PictureError, save_disparity};
+use crate::reporting::record::FrameRecord;
+use crate::reporting::summary::RunSummary;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A line per frame.
+const LINES: &str = "obstacles.jsonl";
+
+/// The figures of the run.
+const SUMMARY: &str = "summary.json";
+
+/// Results cannot be written.
+#[derive(Debug, Error)]
+pub enum OutputError {
+    /// A folder or file.
+    #[error("{}: {source}: give a folder that can be written with --out", path.display())]
+    Io {
+        /// What was written.
+        path: PathBuf,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// A picture.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+}
+
+/// Writes frames into a folder, in the order in which they come.
+#[derive(Debug)]
+pub struct FrameWriter {
+    folder: PathBuf,
+    lines: File,
+    lines_path: PathBuf,
+    last: Option<u64>,
+}
+
+/// Makes the folder and its parts, and removes the results of an earlier run, which would be
+/// mistaken for this one's: pictures named by a frame number, lines and summary, nothing else.
+///
+/// # Errors
+/// When that cannot be done.
+pub fn prepare(folder: &Path) -> Result<(), OutputError> {
+    for name in [LINES, SUMMARY] {
+        let path = folder.join(name);
+        if path.is_file() {
+            std::fs::remove_file(&path).map_err(|source| OutputError::Io { path, source })?;
+        }
+    }
+    for part in ["overlay", "disparity"] {
+        let path = folder.join(part);
+        let io = |source| OutputError::Io { path: path.clone(), source };
+        std::fs::create_dir_all(&path).map_err(io)?;
+        for entry in std::fs::read_dir(&path).map_err(io)?.flatten() {
+            let name = entry.file_name();
+            let number = name.to_str().and_then(|n| n.strip_suffix(".png"));
+            if number.is_some_and(|n| n.len() >= 6 && n.bytes().all(|b| b.is_ascii_digit())) {
+                std::fs::remove_file(entry.path()).map_err(io)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+impl FrameWriter {
+    /// Opens the folder, which [`prepare`] has made. A writer that takes over from another adds its
+    /// lines to those that are there.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn open(folder: &Path) -> Result<Self, OutputError> {
+        let lines_path = folder.join(LINES);
+        let last = last_sequence(&lines_path);
+        let lines = File::options()
+            .create(true)
+            .append(true)
+            .open(&lines_path)
+            .map_err(|source| OutputError::Io { path: lines_path.clone(), source })?;
+        Ok(Self { folder: folder.to_owned(), lines, lines_path, last })
+    }
+
+    /// Number of the last frame that was written, also by the writer before this one.
+    pub fn last(&self) -> Option<u64> {
+        self.last
+    }
+
+    /// Writes the line of a frame; with images also its overlay and its disparity map. The line
+    /// comes last: where it is, the pictures are whole.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn write(
+        &mut self,
+        record: &FrameRecord,
+        images: Option<OverlayInput<'_>>,
+    ) -> Result<(), OutputError> {
+        if let Some(input) = images {
+            let name = format!("{:06}.png", record.sequence);
+            overlay::draw(input, record).save(&self.folder.join("overlay").join(&name))?;
+            let path = self.folder.join("disparity").join(&name);
+            save_disparity(&path, input.disparity, input.width, input.height)?;
+        }
+        let io = |source| OutputError::Io { path: self.lines_path.clone(), source };
+        let mut line = serde_json::to_vec(record).map_err(|e| io(e.into()))?;
+        line.push(b'\n');
+        // One write per line: a killed writer leaves no half line.
+        self.lines.write_all(&line).map_err(io)?;
+        self.last = Some(record.sequence);
+        Ok(())
+    }
+}
+
+/// Number of the frame in the last line of a file; `None` when there is none.
+fn last_sequence(path: &Path) -> Option<u64> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let record: FrameRecord = serde_json::from_str(text.lines().last()?).ok()?;
+    Some(record.sequence)
+}
+
+/// Writes `summary.json`.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_summary(folder: &Path, summary: &RunSummary) -> Result<(), OutputError> {
+    let path = folder.join(SUMMARY);
+    let mut text = serde_json::to_vec_pretty(summary)
+        .map_err(|e| OutputError::Io { path: path.clone(), source: e.into() })?;
+    text.push(b'\n');
+    std::fs::write(&path, text).map_err(|source| OutputError::Io { path, source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_become_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("a/b");
+        prepare(&out).unwrap();
+        let mut writer = FrameWriter::open(&out).unwrap();
+        let (left, disparity, profile) = (vec![5; 600], vec![256; 600], vec![0.0; 20]);
+        let images = OverlayInput {
+            left: &left,
+            disparity: &disparity,
+            profile_px: &profile,
+            edges: Default::default(),
+            width: 30,
+            height: 20,
+        };
+        writer.write(&FrameRecord { sequence: 7, ..Default::default() }, Some(images)).unwrap();
+        drop(writer);
+        let mut writer = FrameWriter::open(&out).unwrap();
+        assert_eq!(writer.last(), Some(7));
+        writer.write(&FrameRecord { sequence: 8, ..Default::default() }, None).unwrap();
+        let lines = std::fs::read_to_string(out.join("obstacles.jsonl")).unwrap();
+        let sequences: Vec<u64> =
+            lines.lines().map(|l| serde_json::from_str::<FrameRecord>(l).unwrap().sequence).collect();
+        assert_eq!(sequences, [7, 8]);
+        assert!(out.join("overlay/000007.png").is_file() && out.join("disparity/000007.png").is_file());
+        write_summary(&out, &RunSummary::default()).unwrap();
+        // A new run removes the pictures of the old one, and nothing else.
+        std::fs::write(out.join("overlay/mine.png"), b"x").unwrap();
+        prepare(&out).unwrap();
+        assert!(!out.join("overlay/000007.png").exists() && out.join("overlay/mine.png").exists());
+        assert!(!out.join(LINES).exists() && !out.join(SUMMARY).exists());
+        std::fs::write(out.join("file"), b"x").unwrap();
+        let error = prepare(&out.join("file")).unwrap_err().to_string();
+        assert!(error.contains("--out"), "{error}");
+    }
+}

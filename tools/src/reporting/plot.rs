@@ -1,0 +1,163 @@
+//! Plots with axes: lines over frames, bars of a histogram.
+
+use crate::reporting::picture::{Colour, Picture};
+use crate::reporting::record::tidy;
+
+/// One line, or one colour of bars, of a plot.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What it shows.
+    pub name: String,
+    /// (x, y), x rising.
+    pub points: Vec<(f64, f64)>,
+}
+
+const COLOURS: [Colour; 6] =
+    [[80, 160, 255], [255, 120, 60], [90, 210, 110], [220, 110, 240], [240, 240, 240], [250, 220, 80]];
+const MARGIN: i32 = 50;
+
+/// A step of 1, 2 or 5 times a power of ten that divides a range into about five.
+fn step(range: f64) -> f64 {
+    let rough = (range / 5.0).max(1e-9);
+    let power = 10_f64.powf(rough.log10().floor());
+    let factor = match rough / power {
+        r if r <= 1.0 => 1.0,
+        r if r <= 2.0 => 2.0,
+        r if r <= 5.0 => 5.0,
+        _ => 10.0,
+    };
+    factor * power
+}
+
+/// An empty plot and where its points lie.
+struct Axes {
+    picture: Picture,
+    left: f64,
+    right: f64,
+    top: f64,
+}
+
+const GRID: Colour = [58, 62, 70];
+const INK: Colour = [190, 195, 205];
+
+impl Axes {
+    /// Axes from `left` to `right` and from 0 to a little above `top`, with their grid.
+    fn new(title: &str, (left, right): (f64, f64), top: f64) -> Self {
+        let picture = Picture::new(900, 420, [24, 26, 30]);
+        let mut axes = Self { picture, left, right, top: top * 1.08 };
+        let y_step = step(axes.top);
+        for i in 0..=(axes.top / y_step) as u32 {
+            let y = f64::from(i) * y_step;
+            let (from, to) = (axes.place(left, y), axes.place(right, y));
+            axes.picture.line(from, to, GRID, 1);
+            axes.picture.text(&format!("{:>6}", tidy(y)), 4, from.1 - 7, INK);
+        }
+        let x_step = step(right - left);
+        let (first, last) = ((left / x_step).ceil() as i32, (right / x_step).floor() as i32);
+        for i in first..=last {
+            let x = f64::from(i) * x_step;
+            let (from, to) = (axes.place(x, 0.0), axes.place(x, axes.top));
+            axes.picture.line(from, to, GRID, 1);
+            axes.picture.text(&format!("{}", tidy(x)), from.0 - 7, from.1 + 5, INK);
+        }
+        axes.picture.text(title, MARGIN, 6, [240, 240, 240]);
+        axes
+    }
+
+    fn place(&self, x: f64, y: f64) -> (i32, i32) {
+        let (width, height) = (self.picture.width() as i32, self.picture.height() as i32);
+        let share = (x - self.left) / (self.right - self.left);
+        let px = f64::from(MARGIN) + share * f64::from(width - MARGIN - 20);
+        let py = f64::from(height - 40) - y / self.top * f64::from(height - 90);
+        (px.round() as i32, py.round() as i32)
+    }
+
+    /// Names every series in its colour.
+    fn legend(mut self, series: &[Series]) -> Picture {
+        let mut x = MARGIN;
+        for (line, colour) in series.iter().zip(COLOURS.iter().cycle()) {
+            self.picture.text(&line.name, x, 24, *colour);
+            x += 7 * line.name.chars().count() as i32 + 20;
+        }
+        self.picture
+    }
+}
+
+fn finite(series: &[Series]) -> impl Iterator<Item = &(f64, f64)> {
+    series.iter().flat_map(|s| &s.points).filter(|(x, y)| x.is_finite() && y.is_finite())
+}
+
+/// Draws lines with axes that start at zero, `unit` on the upright one.
+pub fn lines(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
+    let right = finite(series).map(|p| p.0).fold(1.0, f64::max);
+    let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
+    let mut axes = Axes::new(&format!("{title} ({unit} over {x_name})"), (0.0, right), top);
+    for (line, colour) in series.iter().zip(COLOURS.iter().cycle()) {
+        for pair in line.points.windows(2) {
+            if pair.iter().all(|(x, y)| x.is_finite() && y.is_finite()) {
+                let (from, to) = (axes.place(pair[0].0, pair[0].1), axes.place(pair[1].0, pair[1].1));
+                axes.picture.line(from, to, *colour, 1);
+            }
+        }
+    }
+    axes.legend(series)
+}
+
+/// Draws bars that stand on zero, those of all series side by side around their x; `unit` on the
+/// upright axis. All series have the same evenly spaced x.
+pub fn bars(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
+    let low = finite(series).map(|p| p.0).fold(f64::INFINITY, f64::min);
+    let high = finite(series).map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+    let (low, high) = if low <= high { (low, high) } else { (0.0, 0.0) };
+    let count = series.iter().map(|s| s.points.len()).max().unwrap_or(0).max(2);
+    let space = if high > low { (high - low) / (count - 1) as f64 } else { 1.0 };
+    let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
+    let ends = (low - 0.6 * space, high + 0.6 * space);
+    let mut axes = Axes::new(&format!("{title} ({unit} over {x_name})"), ends, top);
+    let strength = 0.8 * space / series.len().max(1) as f64;
+    for (i, (bars, colour)) in series.iter().zip(COLOURS.iter().cycle()).enumerate() {
+        for &(x, y) in bars.points.iter().filter(|(x, y)| x.is_finite() && y.is_finite()) {
+            let start = x - 0.4 * space + i as f64 * strength;
+            let (from, to) = (axes.place(start, y.max(0.0)), axes.place(start + strength, 0.0));
+            axes.picture.fill([from.0, from.1, to.0 - from.0 - 1, to.1 - from.1], *colour);
+        }
+    }
+    axes.legend(series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round_numbers() {
+        assert_eq!(step(10.0), 2.0);
+        assert_eq!(step(0.9), 0.2);
+        assert_eq!(step(480.0), 100.0);
+    }
+
+    #[test]
+    fn a_line_is_drawn_from_left_to_right_and_gaps_do_no_harm() {
+        let points = vec![(0.0, 5.0), (50.0, f64::NAN), (60.0, 5.0), (100.0, 5.0)];
+        let picture = lines("test", "frame", "ms", &[Series { name: "a".into(), points }]);
+        let coloured = |x: usize| (0..picture.height()).any(|y| picture.at(x, y) == COLOURS[0]);
+        assert!(coloured(700) && coloured(800));
+        // Nothing to show is no reason to panic.
+        lines("empty", "frame", "ms", &[]);
+    }
+    #[test]
+    fn bars_stand_side_by_side() {
+        let series = |name: &str, height: f64| Series {
+            name: name.into(),
+            points: (-2..=2).map(|x| (f64::from(x) / 4.0, height)).collect(),
+        };
+        let picture = bars("test", "px", "%", &[series("a", 10.0), series("b", 5.0)]);
+        let count =
+            |colour: Colour, y: usize| (0..picture.width()).filter(|&x| picture.at(x, y) == colour).count();
+        // Low down both colours are as broad; high up only the tall ones are there.
+        assert!(count(COLOURS[0], 370) > 200 && count(COLOURS[1], 370) > 200);
+        assert!(count(COLOURS[0], 120) > 200 && count(COLOURS[1], 120) == 0);
+        bars("empty", "px", "%", &[]);
+        bars("one", "px", "%", &[Series { name: "a".into(), points: vec![(3.0, f64::NAN)] }]);
+    }
+}

@@ -2,7 +2,8 @@
 
 use super::{CommandError, say};
 use crate::cli::CheckConfig;
-use crate::rooms;
+use crate::stages::recognition::cascade::recogniser;
+use crate::stages::stage::SetupError;
 
 pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     if args.reference {
@@ -10,7 +11,7 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     }
     let config = config::load(args.file.as_deref())?;
     // What the configuration names must be there and sound, too.
-    rooms::recogniser(&config, 8, 8)?;
+    recogniser(&config, 8, 8).map_err(SetupError::from)?;
     if !config.source.rig.as_os_str().is_empty() {
         sources::calibration_file::read(&config.source.rig, true)?;
     }

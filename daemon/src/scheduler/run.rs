@@ -12,9 +12,9 @@ use super::deadline_monitor::DeadlineMonitor;
 use super::diagnostics::{Condition, Conditions};
 use super::figures::MinuteFigures;
 use super::notify::Notify;
+use super::options::{Ends, RunError, RunOptions, RunOutcome};
 use super::pacer::{Pacer, PacerParameters};
 use super::supervisor::{Action, Supervisor, SupervisorParameters};
-use super::{Ends, RunError, RunOptions, RunOutcome};
 use crate::input;
 use crate::launch::{FrameFormat, Launch};
 use crate::memory::MemoryProbe;
@@ -26,12 +26,12 @@ use messages::clock::monotonic_ns;
 use messages::header::{Header, Kind, MAX_SIDE};
 use messages::instance::{Instance, InstanceLock};
 use messages::pipeline::{Role, Starts};
-use messages::port::{Publisher, Subscriber};
+use messages::port::{Publisher, Sample, Subscriber};
 use messages::realtime::RealtimeRecord;
 use messages::report::{Health, ReportRecord};
 use messages::status::StatusRecord;
 use messages::wait::Next;
-use messages::{report, service};
+use messages::{obstacles, report, service};
 use perception::stereo::Mpv;
 use result::Results;
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM, SIGUSR1};
@@ -318,6 +318,19 @@ impl Run {
             return Ok(Next::Stop);
         }
         Ok(Next::Wait(TICK))
+    }
+
+    /// A message of the last stage.
+    fn take_result(&mut self, sample: &Sample) {
+        let header = *sample.header();
+        match obstacles::view(&header, sample.payload()) {
+            Err(error) => tracing::warn!(%error, "obstacles were refused"),
+            Ok(message) => {
+                if self.results.take(header, &message) {
+                    self.collector.alarm(header.sequence, &message.alarm);
+                }
+            }
+        }
     }
 
     fn take_report(&mut self, header: &Header, report: &ReportRecord) -> Result<(), IpcError> {

@@ -1,8 +1,8 @@
 //! The report of what an observer has seen.
 
 use super::observer::{Counts, Observer};
+use super::plan::{Plan, Soaked};
 use super::processes::MachineTime;
-use super::{Plan, Soaked};
 use config::Config;
 use messages::pipeline::{PATH, Role};
 use tools::reporting::summary::Latency;

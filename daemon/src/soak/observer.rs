@@ -1,10 +1,11 @@
 //! Watches a daemon through shared memory and /proc, and makes faults.
 
 use super::child::DaemonChild;
+use super::error::SoakError;
 use super::hot_board::HotBoard;
+use super::plan::{Plan, Progress};
 use super::probe::Probes;
 use super::processes::{MachineTime, Processes, Reading, waited_ns};
-use super::{Plan, Progress, SoakError, stage_index};
 use config::Config;
 use messages::bus::Bus;
 use messages::clock::monotonic_ns;
@@ -498,4 +499,9 @@ fn send(order: Order, processes: &Processes, daemon_pid: u32) -> bool {
         Signal::Heat | Signal::Cool => return false,
     };
     Pid::from_raw(pid as i32).is_some_and(|pid| kill_process(pid, signal).is_ok())
+}
+
+/// Roles of the stages, as `tools::soak` numbers them.
+fn stage_index(role: Role) -> Option<usize> {
+    Role::STAGES.iter().position(|&stage| stage == role)
 }

@@ -4,7 +4,7 @@ use super::access::{Access, Verdict};
 use super::hub::Hub;
 use super::request::{Request, RequestError};
 use super::{metrics, session};
-use crate::command::status::StatusJson;
+use crate::status_json::StatusJson;
 use std::io::{self, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;

@@ -7,7 +7,7 @@
 use super::frame::{FrameLine, Part};
 use super::history::Sample;
 use super::hub::{Hub, News, Seen};
-use crate::command::status::StatusJson;
+use crate::status_json::StatusJson;
 use messages::pipeline::{PATH, PATH_LENGTH, Role};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;

@@ -101,6 +101,9 @@ pub struct StatusRecord {
 }
 
 impl StatusRecord {
+    /// Names of the states, by their numbers.
+    pub const STATES: [&str; 4] = ["starting", "running", "degraded", "stopping"];
+
     /// A status without processes; all else zero.
     pub fn empty() -> Self {
         Self { heat: HeatRecord::empty(), ..Self::zeroed() }
@@ -118,7 +121,7 @@ impl StatusRecord {
 
     /// The word for the state.
     pub fn state_name(&self) -> &'static str {
-        ["starting", "running", "degraded", "stopping"][self.state.min(3) as usize]
+        Self::STATES[self.state.min(3) as usize]
     }
 
     /// The processes with their roles.

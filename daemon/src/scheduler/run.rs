@@ -35,6 +35,7 @@ use messages::{obstacles, report, service};
 use perception::stereo::Mpv;
 use result::Results;
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use sources::PairSource;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -101,77 +102,19 @@ impl Run {
     /// Checks everything that can be known to be wrong, then takes the instance over.
     pub fn start(config: &Config, options: &RunOptions) -> Result<Self, RunError> {
         let started_ns = monotonic_ns();
-        let source = input::open(config)?;
-        let rig = input::rig(config, source.as_ref())?;
-        let (width, height) = source.size();
-        let source_name = || match config.source.kind.as_str() {
-            "folder" | "recording" => config.source.path.display().to_string(),
-            kind => kind.to_owned(),
-        };
-        if width.max(height) > MAX_SIDE as usize {
-            return Err(RunError::Side { source_name: source_name(), width, height, most: MAX_SIDE });
-        }
-        let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        Mpv::check(width, height, disparities)
-            .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
-        let frames = FrameFormat::new((width, height), rig);
-        stages::check(config, &frames)?;
-        let nearest_m = rig.distance_m(disparities as f64 - 1.0);
-        if nearest_m > config.alarm.distance_m {
-            tracing::warn!(
-                nearest_m,
-                alarm_distance_m = config.alarm.distance_m,
-                "nothing nearer than nearest_m can be seen: raise stereo.disparities"
-            );
-        }
-
+        let (source, frames) = open_source(config)?;
+        let (width, height) = (frames.width, frames.height);
         // Before anything is made that a signal would leave behind.
-        let stop = Arc::new(AtomicBool::new(false));
-        let hangup = Arc::new(AtomicBool::new(false));
-        for signal in [SIGTERM, SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
-        if options.ends == Ends::Never {
-            signal_hook::flag::register(SIGHUP, Arc::clone(&hangup))?;
-        } else if !ignores_hangup() {
-            // nohup means: go on when the terminal is gone.
-            signal_hook::flag::register(SIGHUP, Arc::clone(&stop))?;
-        }
-        let retry = Arc::new(AtomicBool::new(false));
-        signal_hook::flag::register(SIGUSR1, Arc::clone(&retry))?;
-        // Only to be woken when a child ends.
-        signal_hook::flag::register(SIGCHLD, Arc::new(AtomicBool::new(false)))?;
-
+        let signals = Signals::register(options.ends)?;
         let instance = Instance::new(&config.instance.name, &config.instance.directory);
         let lock = InstanceLock::take(&instance, started_ns / 1_000_000)?;
         if lock.stale > 0 {
             tracing::warn!(files = lock.stale, "removed what a dead run had left behind");
         }
         let board = Board::start(config, instance.directory(), started_ns)?;
-        if let Some(out) = &options.out {
-            tools::reporting::output::prepare(out)?;
-        }
-        if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
-            return Err(RecordError::Exists { path: path.clone() }.into());
-        }
-        let mut roles = Role::STAGES.to_vec();
-        let has_writer = options.out.is_some() || options.record.is_some();
-        let asked = |role: &Role| has_writer && role.spec().starts == Starts::OnRequest;
-        roles.extend(Role::ALL.into_iter().filter(asked));
-        let pool_bytes = service::total_pool_bytes(width, height, roles.len()) as u64;
-        lock.check_memory(pool_bytes)?;
-        for spec in service::SERVICES {
-            let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
-            tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
-        }
-        tracing::info!(
-            instance = instance.name(),
-            width,
-            height,
-            pool_bytes,
-            prefix = lock.prefix(),
-            "starting"
-        );
+        prepare_outputs(options)?;
+        let roles = roles(options);
+        check_memory(&lock, &instance, &frames, roles.len())?;
 
         let available: Vec<usize> =
             core_affinity::get_core_ids().unwrap_or_default().iter().map(|core| core.id).collect();
@@ -182,34 +125,19 @@ impl Run {
         let mut realtime = realtime::enter(config, Role::Scheduler, plan.core(Role::Scheduler))?;
         tracing::info!("scheduler: {realtime}");
 
-        let count = if config.source.repeat { None } else { source.count() };
-        let launch = Launch {
-            config: config.clone(),
-            core: None,
-            scheduler_pid: std::process::id(),
-            frames,
-            lockstep: options.lockstep,
-            first_sequence: 0,
-            end_sequence: match (count, options.limit) {
-                (Some(count), Some(limit)) => Some(count.min(limit)),
-                (count, limit) => count.or(limit),
-            },
-            source_period_ns: source.period_ns(),
-            out: options.out.clone(),
-            record: options.record.clone(),
-        };
+        let launch = launch(config, options, source.as_ref(), frames);
         // Found now, not when the first stage is started.
         serde_json::to_vec(&launch)?;
         let bus = Bus::join(&instance)?;
         let now = monotonic_ns();
         let parameters = supervisor_parameters(config);
-        let period_ns = input::period_ns(config, source.as_ref());
         let patience_ns = parameters.liveness_deadline_ns;
         let mut collector = Collector::new(&all, started_ns);
         if matches!(options.ends, Ends::After(_)) {
             // The demo draws them.
             collector.keep_traces();
         }
+        let period_ns = input::period_ns(config, source.as_ref());
         let pacer = Pacer::new(pacer_parameters(config, options.lockstep, period_ns), now);
         // In lock-step a frame may take as long as it takes.
         let stale_ns = if options.lockstep { patience_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
@@ -229,11 +157,11 @@ impl Run {
             phase: Phase::Running,
             board,
             notify: Notify::from_environment(),
-            hangup,
+            hangup: signals.hangup,
             failure: None,
             reason: String::new(),
-            stop,
-            retry,
+            stop: signals.stop,
+            retry: signals.retry,
             was_stopped: false,
             memory: MemoryProbe::open()?,
             started_ns,
@@ -538,6 +466,117 @@ impl Run {
         tracing::info!(frames = summary.frames, dropped = summary.dropped, lost = summary.lost, "stopped");
         let traces = self.collector.traces().to_vec();
         RunOutcome { summary, traces, failure, was_stopped: self.was_stopped }
+    }
+}
+
+/// Opens the source, and checks that the stages can be configured for its frames.
+fn open_source(config: &Config) -> Result<(Box<dyn PairSource>, FrameFormat), RunError> {
+    let source = input::open(config)?;
+    let rig = input::rig(config, source.as_ref())?;
+    let (width, height) = source.size();
+    let source_name = || match config.source.kind.as_str() {
+        "folder" | "recording" => config.source.path.display().to_string(),
+        kind => kind.to_owned(),
+    };
+    if width.max(height) > MAX_SIDE as usize {
+        return Err(RunError::Side { source_name: source_name(), width, height, most: MAX_SIDE });
+    }
+    let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
+    Mpv::check(width, height, disparities)
+        .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
+    let frames = FrameFormat::new((width, height), rig);
+    stages::check(config, &frames)?;
+    let nearest_m = rig.distance_m(disparities as f64 - 1.0);
+    if nearest_m > config.alarm.distance_m {
+        tracing::warn!(
+            nearest_m,
+            alarm_distance_m = config.alarm.distance_m,
+            "nothing nearer than nearest_m can be seen: raise stereo.disparities"
+        );
+    }
+    Ok((source, frames))
+}
+
+/// Signals that have come.
+struct Signals {
+    stop: Arc<AtomicBool>,
+    hangup: Arc<AtomicBool>,
+    retry: Arc<AtomicBool>,
+}
+
+impl Signals {
+    fn register(ends: Ends) -> Result<Self, RunError> {
+        let flag = || Arc::new(AtomicBool::new(false));
+        let signals = Self { stop: flag(), hangup: flag(), retry: flag() };
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&signals.stop))?;
+        }
+        if ends == Ends::Never {
+            signal_hook::flag::register(SIGHUP, Arc::clone(&signals.hangup))?;
+        } else if !ignores_hangup() {
+            // nohup means: go on when the terminal is gone.
+            signal_hook::flag::register(SIGHUP, Arc::clone(&signals.stop))?;
+        }
+        signal_hook::flag::register(SIGUSR1, Arc::clone(&signals.retry))?;
+        // Only to be woken when a child ends.
+        signal_hook::flag::register(SIGCHLD, flag())?;
+        Ok(signals)
+    }
+}
+
+/// Makes the folder of the results, and sees that no recording is overwritten.
+fn prepare_outputs(options: &RunOptions) -> Result<(), RunError> {
+    if let Some(out) = &options.out {
+        tools::reporting::output::prepare(out)?;
+    }
+    if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
+        return Err(RecordError::Exists { path: path.clone() }.into());
+    }
+    Ok(())
+}
+
+/// The processes of the run, the scheduler apart.
+fn roles(options: &RunOptions) -> Vec<Role> {
+    let has_writer = options.out.is_some() || options.record.is_some();
+    let asked = |role: &Role| has_writer && role.spec().starts == Starts::OnRequest;
+    Role::STAGES.into_iter().chain(Role::ALL.into_iter().filter(asked)).collect()
+}
+
+/// Sees that /dev/shm has room for the pools of all services.
+fn check_memory(
+    lock: &InstanceLock,
+    instance: &Instance,
+    frames: &FrameFormat,
+    processes: usize,
+) -> Result<(), RunError> {
+    let (width, height) = (frames.width, frames.height);
+    let pool_bytes = service::total_pool_bytes(width, height, processes) as u64;
+    lock.check_memory(pool_bytes)?;
+    for spec in service::SERVICES {
+        let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
+        tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
+    }
+    tracing::info!(instance = instance.name(), width, height, pool_bytes, prefix = lock.prefix(), "starting");
+    Ok(())
+}
+
+/// What every stage is told; its core and first frame are set when it is started.
+fn launch(config: &Config, options: &RunOptions, source: &dyn PairSource, frames: FrameFormat) -> Launch {
+    let count = if config.source.repeat { None } else { source.count() };
+    Launch {
+        config: config.clone(),
+        core: None,
+        scheduler_pid: std::process::id(),
+        frames,
+        lockstep: options.lockstep,
+        first_sequence: 0,
+        end_sequence: match (count, options.limit) {
+            (Some(count), Some(limit)) => Some(count.min(limit)),
+            (count, limit) => count.or(limit),
+        },
+        source_period_ns: source.period_ns(),
+        out: options.out.clone(),
+        record: options.record.clone(),
     }
 }
 

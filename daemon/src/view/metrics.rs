@@ -125,7 +125,9 @@ fn flag(holds: bool) -> f64 {
 }
 
 fn status(source: &Source<'_>, read: impl FnOnce(&StatusRecord)) {
-    source.status.into_iter().for_each(|status| read(status));
+    if let Some(status) = source.status {
+        read(status);
+    }
 }
 
 /// One sample for each process.

@@ -1,13 +1,13 @@
 //! Reading and checking: every error at once, each with its line, key and remedy.
 
 use crate::keys::{self, Key, Kind};
-use crate::model::Config;
+use crate::tables::Config;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// The profiles that come with the daemon; the first is the default and is complete.
+/// The profiles that come with the daemon: what differs from the defaults. The first is used where none is named.
 const PROFILES: [(&str, &str); 4] = [
     ("replay", include_str!("../profiles/replay.toml")),
     ("tk1", include_str!("../profiles/tk1.toml")),
@@ -93,31 +93,28 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     if !checker.errors.is_empty() {
         return Err(checker.finish());
     }
-    // The faultless text over its profile over the default.
-    let mut merged = toml::Table::new();
-    for layer in [PROFILES[0].1, base, text] {
-        let layer: toml::Table = match toml::from_str(layer) {
-            Ok(layer) => layer,
-            Err(error) => {
-                checker.add(None, error.message().to_owned());
-                return Err(ConfigErrors(checker.errors));
-            }
-        };
-        for (name, value) in layer {
-            if let toml::Value::Table(keys) = value {
-                let target = merged.entry(name).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-                if let Some(target) = target.as_table_mut() {
-                    target.extend(keys);
-                }
-            }
-        }
-    }
-    let config: Config = merged.try_into().map_err(|error: toml::de::Error| {
-        checker.add(None, error.message().to_owned());
+    let config = layered(&[base, text]).map_err(|message| {
+        checker.add(None, message);
         ConfigErrors(checker.errors.clone())
     })?;
     checker.relations(&config, table.get_ref());
     if checker.errors.is_empty() { Ok(config) } else { Err(checker.finish()) }
+}
+
+/// The defaults, overwritten by one text after the other.
+fn layered(texts: &[&str]) -> Result<Config, String> {
+    let mut merged = toml::Table::try_from(Config::default()).map_err(|error| error.to_string())?;
+    for text in texts {
+        let layer: toml::Table = toml::from_str(text).map_err(|error| error.message().to_owned())?;
+        for (name, value) in layer {
+            if let (Some(target), toml::Value::Table(keys)) = (merged.get_mut(&name), value)
+                && let Some(target) = target.as_table_mut()
+            {
+                target.extend(keys);
+            }
+        }
+    }
+    merged.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
 }
 
 struct Checker<'a> {
@@ -155,25 +152,22 @@ impl Checker<'_> {
             if name.get_ref() == "profile" {
                 continue;
             }
-            let prefix = format!("{}.", name.get_ref());
-            if !keys::all().any(|key| key.name.starts_with(&prefix)) {
-                let known = keys::all().filter_map(|key| key.name.split_once('.')).map(|(table, _)| table);
-                let hint = nearest(name.get_ref(), known);
+            let Some(table) = keys::tables().iter().find(|table| table.name == name.get_ref()) else {
+                let hint = nearest(name.get_ref(), keys::tables().iter().map(|table| table.name));
                 self.add(Some(name.span().start), format!("unknown table [{}]{hint}", name.get_ref()));
                 continue;
-            }
+            };
             let Some(keys) = value.get_ref().as_table() else {
                 self.add(Some(value.span().start), format!("{} is a table: write [{0}]", name.get_ref()));
                 continue;
             };
             for (key_name, value) in keys {
-                let full = format!("{prefix}{}", key_name.get_ref());
-                if let Some(key) = keys::all().find(|key| key.name == full) {
+                if let Some(key) = table.keys.iter().find(|key| key.name == key_name.get_ref().as_ref()) {
                     self.value(key, value);
                 } else {
-                    let known = keys::all().filter_map(|key| key.name.strip_prefix(&prefix));
-                    let hint = nearest(key_name.get_ref(), known);
-                    self.add(Some(key_name.span().start), format!("unknown key {full}{hint}"));
+                    let hint = nearest(key_name.get_ref(), table.keys.iter().map(|key| &key.name[..]));
+                    let text = format!("unknown key {}.{}{hint}", table.name, key_name.get_ref());
+                    self.add(Some(key_name.span().start), text);
                 }
             }
         }
@@ -205,7 +199,7 @@ impl Checker<'_> {
         };
         if !fits {
             let remedy = key.kind.to_string();
-            self.add(Some(value.span().start), format!("{} = {shown}: give {remedy}", key.name));
+            self.add(Some(value.span().start), format!("{} = {shown}: give {remedy}", key.path()));
         }
     }
 
@@ -305,37 +299,9 @@ impl Checker<'_> {
     }
 }
 
-impl fmt::Display for Kind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Kind::Switch => f.write_str("true or false"),
-            Kind::Whole(low, high) => write!(f, "a whole number from {low} to {high}"),
-            Kind::Number(low, high) => write!(f, "a number from {low} to {high}"),
-            Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),
-            Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
-            Kind::Path => f.write_str("a path in quotes"),
-            Kind::Text(most) => write!(f, "one line of at most {most} characters, in quotes"),
-        }
-    }
-}
-
 /// "; did you mean X?" for the known name that is most alike.
 fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let distance = |a: &str, b: &str| {
-        let b: Vec<char> = b.chars().collect();
-        let mut row: Vec<usize> = (0..=b.len()).collect();
-        for (i, x) in a.chars().enumerate() {
-            let mut diagonal = row[0];
-            row[0] = i + 1;
-            for (j, &y) in b.iter().enumerate() {
-                let cost = diagonal + usize::from(x != y);
-                diagonal = row[j + 1];
-                row[j + 1] = cost.min(diagonal + 1).min(row[j] + 1);
-            }
-        }
-        row[b.len()]
-    };
-    match known.map(|k| (distance(name, k), k)).min() {
+    match known.map(|k| (strsim::levenshtein(name, k), k)).min() {
         Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {word}?"),
         _ => "; docs/configuration.md lists all keys".into(),
     }
@@ -350,19 +316,18 @@ mod tests {
     }
 
     #[test]
-    fn the_table_of_keys_and_the_types_agree() {
-        let config = toml::Table::try_from(load(None).unwrap()).unwrap();
-        let mut typed: Vec<String> = Vec::new();
-        for (table, keys) in &config {
-            typed.extend(keys.as_table().unwrap().keys().map(|key| format!("{table}.{key}")));
+    fn defaults_pass_every_check_and_come_back() {
+        let config = Config::default();
+        assert_eq!(load(None).unwrap(), config);
+        let text = toml::to_string(&config).unwrap();
+        assert_eq!(parse(&text, Path::new("defaults")).unwrap(), config);
+        // Each key stands where its declaration says, with the default that it says, and there are no others.
+        let written: toml::Table = text.parse().unwrap();
+        for key in keys::all() {
+            assert_eq!(written[key.table].get(&key.name), Some(&key.default), "{}", key.path());
         }
-        let mut listed: Vec<String> = keys::all().map(|key| key.name.to_owned()).collect();
-        typed.sort();
-        listed.sort();
-        assert_eq!(typed, listed);
-        // The default profile leaves nothing out.
-        let default: toml::Table = toml::from_str(PROFILES[0].1).unwrap();
-        assert_eq!(default, config);
+        let count: usize = written.values().map(|table| table.as_table().unwrap().len()).sum();
+        assert_eq!(count, keys::all().count());
     }
 
     #[test]

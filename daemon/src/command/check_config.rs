@@ -17,3 +17,24 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
     say(format_args!("# The effective configuration. No errors.\n{text}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::rooms;
+    use config::Config;
+    use perception::alarm::AlarmParameters;
+    use perception::scene::SceneParameters;
+    use perception::stereo::MpvParameters;
+    use perception::tracking::TrackerParameters;
+    use perception::tracking::classification_schedule::ScheduleParameters;
+
+    #[test]
+    fn the_default_configuration_gives_the_default_parameters_of_the_algorithms() {
+        let config = Config::default();
+        assert_eq!(rooms::mpv_parameters(&config), MpvParameters::default());
+        assert_eq!(rooms::scene_parameters(&config), SceneParameters::default());
+        assert_eq!(rooms::tracker_parameters(&config), TrackerParameters::default());
+        assert_eq!(rooms::alarm_parameters(&config), AlarmParameters::default());
+        assert_eq!(rooms::look_parameters(&config), ScheduleParameters::default());
+    }
+}

@@ -1,4 +1,4 @@
-//! Reading and checking: every error at once, each with its line, key and remedy.
+//! Parses and checks a configuration. All errors are reported at once, each with its line, key and remedy.
 
 use crate::keys::{self, Key, Kind};
 use crate::tables::Config;
@@ -20,12 +20,12 @@ pub fn profile_names() -> impl Iterator<Item = &'static str> {
     PROFILES.iter().map(|(name, _)| *name)
 }
 
-/// One fault of a configuration.
+/// One error in a configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigError {
     /// The file, or the name of a profile.
     pub file: PathBuf,
-    /// Its line, from 1; `None` when the file itself is at fault.
+    /// Its line, from 1; `None` if the file itself cannot be read.
     pub line: Option<usize>,
     /// What is wrong and what to do.
     pub text: String,
@@ -41,7 +41,7 @@ impl fmt::Display for ConfigError {
     }
 }
 
-/// All faults of a configuration, in the order of their lines.
+/// All errors in a configuration, in the order of their lines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigErrors(pub Vec<ConfigError>);
 
@@ -59,7 +59,7 @@ impl std::error::Error for ConfigErrors {}
 /// Loads the configuration that `-c` names: a file, or a built-in profile. `None` is `replay`.
 ///
 /// # Errors
-/// All faults of the file, each with its line.
+/// All errors in the file, each with its line.
 pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
     let Some(path) = name else { return parse("", Path::new("replay")) };
     if let Some((_, text)) = PROFILES.iter().find(|(profile, _)| path == Path::new(profile)) {
@@ -78,7 +78,7 @@ pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
 /// Parses the text of a configuration; `file` is named in errors.
 ///
 /// # Errors
-/// All faults of the text, each with its line.
+/// All errors in the text, each with its line.
 pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     let mut checker = Checker { text, file, errors: Vec::new() };
     let table = match DeTable::parse(text) {
@@ -107,10 +107,11 @@ fn layered(texts: &[&str]) -> Result<Config, String> {
     for text in texts {
         let layer: toml::Table = toml::from_str(text).map_err(|error| error.message().to_owned())?;
         for (name, value) in layer {
-            if let (Some(target), toml::Value::Table(keys)) = (merged.get_mut(&name), value)
-                && let Some(target) = target.as_table_mut()
-            {
-                target.extend(keys);
+            // `profile = "…"` is the only value outside of a table.
+            let toml::Value::Table(keys) = value else { continue };
+            let table = merged.entry(name).or_insert_with(|| toml::Table::new().into());
+            if let Some(table) = table.as_table_mut() {
+                table.extend(keys);
             }
         }
     }
@@ -124,7 +125,7 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    /// All faults, in the order of their lines.
+    /// All errors, in the order of their lines.
     fn finish(mut self) -> ConfigErrors {
         self.errors.sort_by_key(|error| error.line);
         ConfigErrors(self.errors)
@@ -135,7 +136,7 @@ impl Checker<'_> {
         self.errors.push(ConfigError { file: self.file.to_owned(), line, text });
     }
 
-    /// The text of the profile that `profile = "…"` names, or the default's.
+    /// The text of the profile that `profile = "…"` names, or of the default profile.
     fn profile(&mut self, table: &DeTable<'_>) -> &'static str {
         let Some(value) = table.get("profile") else { return PROFILES[0].1 };
         let named = value.get_ref().as_str().and_then(|n| PROFILES.iter().find(|(name, _)| *name == n));
@@ -203,7 +204,7 @@ impl Checker<'_> {
         }
     }
 
-    /// What no single key can tell.
+    /// Checks that involve several keys.
     fn relations(&mut self, c: &Config, root: &DeTable<'_>) {
         let place = |name: &str| {
             let (table, key) = name.split_once('.')?;
@@ -239,10 +240,10 @@ impl Checker<'_> {
             heartbeat,
             ("supervision.liveness_deadline_ms", c.supervision.liveness_deadline_ms as f64 / 2.0),
         );
-        // A stage hears of a request to stop at its next heartbeat at the latest.
+        // An idle stage notices a stop request at its next heartbeat at the latest.
         ordered(heartbeat, ("supervision.stop_grace_ms", c.supervision.stop_grace_ms as f64 / 2.0));
-        // A GPU that hangs must be noticed before the stage counts as hanging, with time left for the CPU to
-        // match the frame.
+        // A hanging GPU must be detected before the stage counts as hanging, with time left for the CPU to match
+        // the frame.
         if c.stereo.backend != "cpu" {
             ordered(
                 ("stereo.gpu_timeout_ms", c.stereo.gpu_timeout_ms),
@@ -261,7 +262,7 @@ impl Checker<'_> {
             ("camera.retry_first_ms", c.camera.retry_first_ms as f64),
             ("camera.retry_longest_ms", c.camera.retry_longest_ms as f64),
         );
-        // A limit of 0 is none.
+        // 0 disables a rule.
         if c.alarm.ttc_alarm_s > 0.0 && c.alarm.ttc_warning_s > 0.0 {
             ordered(
                 ("alarm.ttc_alarm_s", c.alarm.ttc_alarm_s),
@@ -274,7 +275,7 @@ impl Checker<'_> {
                 ("alarm.deceleration_alarm_m_s2", c.alarm.deceleration_alarm_m_s2),
             );
         }
-        // The ladder: each rung at or above the one before.
+        // Each step of load shedding begins at or above the temperature of the step before.
         let h = &c.heat;
         for pair in [
             ("heat.frame_rate_above_c", h.frame_rate_above_c),
@@ -299,7 +300,7 @@ impl Checker<'_> {
     }
 }
 
-/// "; did you mean X?" for the known name that is most alike.
+/// "; did you mean X?" for the known name with the smallest edit distance.
 fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     match known.map(|k| (strsim::levenshtein(name, k), k)).min() {
         Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {word}?"),
@@ -331,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn all_profiles_are_sound() {
+    fn all_profiles_are_valid() {
         for name in profile_names() {
             load(Some(Path::new(name))).unwrap_or_else(|e| panic!("{e}"));
         }
@@ -341,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_reported_at_once_with_its_line() {
+    fn every_error_is_reported_at_once_with_its_line() {
         let text = "profile = \"tk2\"
 [stereo]
 disparities = 1000
@@ -402,7 +403,7 @@ name = \"a b\"
         ] {
             assert!(errors(text)[0].contains(expected), "{:?}", errors(text));
         }
-        // Where the CPU matches, nobody waits for a GPU.
+        // On the CPU the GPU's timeout does not matter.
         let cpu = "[stereo]\nbackend = \"cpu\"\ngpu_timeout_ms = 2600\n";
         assert!(parse(cpu, Path::new("car.toml")).is_ok());
         let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
@@ -410,7 +411,7 @@ name = \"a b\"
     }
 
     #[test]
-    fn a_fault_with_a_value_of_the_profile_has_the_line_of_the_file() {
+    fn an_error_with_a_value_of_the_profile_has_the_line_of_the_file() {
         // The file lowers the maximum below the default minimum: the line is that of the file.
         let crossed = errors("[road]\ncamera_height_max_m = 0.2\n");
         assert!(crossed[0].starts_with("car.toml:2: "), "{crossed:?}");

@@ -4,7 +4,7 @@ mod support;
 
 use messages::bus::Bus;
 use messages::instance::Instance;
-use messages::role::Role;
+use messages::pipeline::Role;
 use messages::wait::{self, Next};
 use messages::{report, service};
 use std::process::{Command, Stdio};

@@ -1,6 +1,6 @@
 //! The command line. Its words are stable.
 
-use crate::rooms::matcher::{Backend, Method};
+use crate::stages::stereo::matcher::{Backend, Method};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use sources::scene::file::Weather;

@@ -221,7 +221,7 @@ pub fn start(process: &'static str, level: &str) {
 }
 
 fn is_daemon(process: &str) -> bool {
-    process.parse::<messages::role::Role>().is_ok()
+    process.parse::<messages::pipeline::Role>().is_ok()
 }
 
 impl<S, N> FormatEvent<S, N> for Lines

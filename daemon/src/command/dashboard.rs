@@ -3,7 +3,7 @@
 use super::CommandError;
 use messages::alarm::{ALARM, STANDBY, level_name};
 use messages::calibration::CalibrationState;
-use messages::role::Role;
+use messages::pipeline::Role;
 use messages::status::{ProcessRecord, StatusRecord};
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal, Write};
@@ -231,7 +231,7 @@ fn process(role: Role, p: &ProcessRecord) -> String {
 }
 
 fn rate(status: &StatusRecord) -> f64 {
-    let last = status.processes().find(|(role, _)| *role == Role::Recognition);
+    let last = status.processes().find(|(role, _)| *role == Role::LAST);
     last.map_or(0.0, |(_, p)| f64::from(p.rate_hz))
 }
 

@@ -2,12 +2,12 @@
 
 use super::{CommandError, load, say, status};
 use crate::cli::Demo;
-use crate::rooms::scene_parameters;
 use crate::scheduler::collector::FrameTrace;
 use crate::scheduler::{self, Ends, RunOptions};
+use crate::stages::road::parameters::scene_parameters;
 use crate::{input, scheduler::RunOutcome};
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::PATH;
 use perception::depth::DepthView;
 use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
@@ -121,7 +121,7 @@ fn latency_plot(traces: &[FrameTrace]) -> tools::reporting::picture::Picture {
         traces.iter().map(|t| (t.sequence as f64, value(t))).collect()
     };
     let mut series = vec![Series { name: "end to end".into(), points: points(&|t| t.latency_ms) }];
-    for (i, role) in Role::STAGES.iter().enumerate() {
+    for (i, role) in PATH.iter().enumerate() {
         series.push(Series { name: role.name().into(), points: points(&|t| t.work_ms[i]) });
     }
     plot::lines("Time per frame", "frame", "ms", &series)

@@ -2,7 +2,7 @@
 
 use super::{CommandError, load, say};
 use crate::cli::Disparity;
-use crate::rooms::matcher::{Backend, Method};
+use crate::stages::stereo::matcher::{Backend, Method};
 use perception::image::GreyView;
 use perception::stereo::device::STAGES;
 use perception::stereo::{DisparityView, MatchOutput, Matcher};

@@ -4,7 +4,7 @@ use super::disparity::{median, read_pair};
 use super::replay::progress;
 use super::{CommandError, load, say};
 use crate::cli::{EvaluateStereo, PairChoice};
-use crate::rooms::matcher::{Backend, Method};
+use crate::stages::stereo::matcher::{Backend, Method};
 use config::Config;
 use perception::image::GreyView;
 use perception::stereo::{MatchOutput, Matcher};

@@ -4,7 +4,7 @@ use super::replay::progress;
 use super::scene_run::{SceneRun, found};
 use super::{CommandError, load, say};
 use crate::cli::EvaluateDistance;
-use crate::rooms::matcher::Method;
+use crate::stages::stereo::matcher::Method;
 use perception::region::PixelBox;
 use sources::PairSource;
 use sources::scene::{ObjectClass, ObjectTruth, Scene, SceneTruth};

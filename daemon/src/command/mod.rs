@@ -36,10 +36,10 @@ mod view;
 pub use status::StatusJson;
 
 use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
+use crate::host::HostError;
 use crate::launch::Launch;
-use crate::stage::StageError;
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::Role;
 use std::fmt;
 use std::io::{self, Read, Write};
 use thiserror::Error;
@@ -58,7 +58,7 @@ pub enum CommandError {
     Pipeline(#[from] crate::in_process::PipelineError),
     /// A stage.
     #[error(transparent)]
-    Stage(#[from] StageError),
+    Stage(#[from] HostError),
     /// An image.
     #[error(transparent)]
     Source(#[from] sources::SourceError),
@@ -103,7 +103,7 @@ pub enum CommandError {
     Instance(#[from] messages::instance::InstanceError),
     /// A room.
     #[error(transparent)]
-    Room(#[from] crate::rooms::RoomError),
+    Setup(#[from] crate::stages::stage::SetupError),
     /// A soak.
     #[error(transparent)]
     Soak(#[from] crate::soak::SoakError),
@@ -223,11 +223,11 @@ fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError>
 fn stage(role: &str) -> Result<(), CommandError> {
     let role: Role = role.parse().map_err(CommandError::Other)?;
     let mut document = Vec::new();
-    let launch = |error: String| CommandError::Stage(StageError::Launch(error));
+    let launch = |error: String| CommandError::Stage(HostError::Launch(error));
     std::io::stdin().read_to_end(&mut document).map_err(|e| launch(e.to_string()))?;
     let document: Launch = serde_json::from_slice(&document).map_err(|e| launch(e.to_string()))?;
     crate::logging::start(role.name(), &document.config.log.level);
-    crate::stage::run(role, document).map_err(|error| {
+    crate::stages::run(role, document).map_err(|error| {
         tracing::error!(%error, "stage failed");
         error.into()
     })

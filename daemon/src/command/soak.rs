@@ -196,6 +196,7 @@ fn plan(
     }
     let ms = |v: i64| v.unsigned_abs() * 1_000_000;
     let faults = with_faults.then(|| DirectorParameters {
+        stages: &messages::pipeline::Role::STAGE_NAMES,
         mix: if args.faults { Mix::All } else { Mix::Kills },
         seed: args.seed.unwrap_or_else(|| messages::clock::monotonic_ns() % 1_000_000_007),
         pause_ns: ms(match args.kills {

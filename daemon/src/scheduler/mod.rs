@@ -4,12 +4,12 @@ pub mod board;
 pub mod children;
 pub mod clocks;
 pub mod collector;
-pub mod condition;
 pub mod cores;
+pub mod credit;
+pub mod deadline_monitor;
+pub mod diagnostics;
 mod figures;
-pub mod flow;
 pub mod heat;
-pub mod lateness;
 mod notify;
 pub mod pacer;
 mod reload;
@@ -19,7 +19,7 @@ pub mod sysfs;
 mod systemd;
 
 use crate::input::InputError;
-use crate::rooms::RoomError;
+use crate::stages::stage::SetupError;
 use collector::FrameTrace;
 use config::Config;
 use messages::bus::IpcError;
@@ -74,7 +74,7 @@ pub enum RunError {
     },
     /// A stage cannot be furnished.
     #[error(transparent)]
-    Room(#[from] RoomError),
+    Setup(#[from] SetupError),
     /// The run cannot be recorded.
     #[error(transparent)]
     Record(#[from] tools::recording::RecordError),

@@ -8,7 +8,7 @@
 
 use config::Config;
 use config::keys::{Key, Reload};
-use messages::role::Role;
+use messages::pipeline::Role;
 use thiserror::Error;
 
 /// What a reload has to do.

@@ -6,11 +6,11 @@ mod state;
 use super::board::Board;
 use super::children::Children;
 use super::collector::Collector;
-use super::condition::{Condition, Conditions};
 use super::cores::CorePlan;
+use super::credit::{Credit, DRAIN_NS};
+use super::deadline_monitor::DeadlineMonitor;
+use super::diagnostics::{Condition, Conditions};
 use super::figures::MinuteFigures;
-use super::flow::{DRAIN_NS, Flow};
-use super::lateness::Lateness;
 use super::notify::Notify;
 use super::pacer::{Pacer, PacerParameters};
 use super::supervisor::{Action, Supervisor, SupervisorParameters};
@@ -19,17 +19,16 @@ use crate::input;
 use crate::launch::{FrameFormat, Launch};
 use crate::memory::MemoryProbe;
 use crate::realtime;
-use crate::rooms::recognition::RecognitionRoom;
-use crate::rooms::{RoomError, matcher};
+use crate::stages;
 use config::Config;
 use messages::bus::{Bus, IpcError};
 use messages::clock::monotonic_ns;
 use messages::header::{Header, Kind, MAX_SIDE};
 use messages::instance::{Instance, InstanceLock};
+use messages::pipeline::{Role, Starts};
 use messages::port::{Publisher, Subscriber};
 use messages::realtime::RealtimeRecord;
 use messages::report::{Health, ReportRecord};
-use messages::role::Role;
 use messages::status::StatusRecord;
 use messages::wait::Next;
 use messages::{report, service};
@@ -67,14 +66,14 @@ pub struct Run {
     pub(super) supervisor: Supervisor,
     pub(super) collector: Collector,
     children: Children,
-    pub(super) flow: Flow,
+    pub(super) credit: Credit,
     pub(super) phase: Phase,
     pub(super) board: Board,
     pub(super) notify: Notify,
     /// SIGHUP has come.
     pub(super) hangup: Arc<AtomicBool>,
     pacer: Pacer,
-    lateness: Lateness,
+    deadline_monitor: DeadlineMonitor,
     conditions: Conditions,
     realtime: RealtimeRecord,
     failure: Option<String>,
@@ -115,9 +114,8 @@ impl Run {
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         Mpv::check(width, height, disparities)
             .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
-        matcher::check(config, width, height).map_err(RoomError::from)?;
         let frames = FrameFormat::new((width, height), rig);
-        RecognitionRoom::new(config, &frames)?;
+        stages::check(config, &frames)?;
         let nearest_m = rig.distance_m(disparities as f64 - 1.0);
         if nearest_m > config.alarm.distance_m {
             tracing::warn!(
@@ -158,10 +156,11 @@ impl Run {
         }
         let mut roles = Role::STAGES.to_vec();
         let has_writer = options.out.is_some() || options.record.is_some();
-        roles.extend(has_writer.then_some(Role::Writer));
+        let asked = |role: &Role| has_writer && role.spec().starts == Starts::OnRequest;
+        roles.extend(Role::ALL.into_iter().filter(asked));
         let pool_bytes = service::total_pool_bytes(width, height, roles.len()) as u64;
         lock.check_memory(pool_bytes)?;
-        for spec in &service::SERVICES {
+        for spec in service::SERVICES {
             let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
             tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
         }
@@ -222,9 +221,9 @@ impl Run {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
             children: Children::default(),
-            flow: Flow::new(options.lockstep, has_writer, pacer.period_ns(), patience_ns, now),
+            credit: Credit::new(options.lockstep, &roles, pacer.period_ns(), patience_ns, now),
             pacer,
-            lateness: Lateness::new(config.pacing.late_frames.unsigned_abs()),
+            deadline_monitor: DeadlineMonitor::new(config.pacing.late_frames.unsigned_abs()),
             conditions: Conditions::default(),
             realtime,
             phase: Phase::Running,
@@ -284,21 +283,21 @@ impl Run {
         }
         if let Some(period_ns) = self.pacer.tick(now) {
             tracing::info!(rate_hz = 1e9 / period_ns as f64, slowest = ?self.pacer.slowest(), "pace");
-            self.flow.set_period(period_ns);
+            self.credit.set_period(period_ns);
             self.send_command()?;
         }
-        if self.flow.tick(self.supervisor.all_running(), now) {
+        if self.credit.tick(self.supervisor.all_running(), now) {
             tracing::warn!("the frame in lock-step does not move: asking for it again");
             self.send_command()?;
         }
         if let Some(heat) = self.board.tick(now)
-            && self.flow.limit(&heat)
+            && self.credit.limit(&heat)
         {
             self.send_command()?;
         }
         self.advance(now)?;
         self.notify(now);
-        let period_ns = self.flow.command().period_ns;
+        let period_ns = self.credit.command().period_ns;
         let withdrawn = self.results.withdraw_stale(self.supervisor.frames_pass(), period_ns, now)?;
         if let (Phase::Running, Some(faults)) = (self.phase, withdrawn) {
             self.collector.alarm_off(faults);
@@ -342,42 +341,42 @@ impl Run {
         let is_running = self.supervisor.all_running();
         if !was_running && is_running {
             tracing::info!("all stages are running");
-            self.flow.all_running(now);
+            self.credit.all_running(now);
             self.send_command()?;
-        } else if role == Role::Capture && report.is_frame == 0 && report.frames == 0 {
+        } else if role == Role::SOURCE && report.is_frame == 0 && report.frames == 0 {
             // It has just come up and knows nothing yet. Before all stages are there it stays so:
             // what it published would be lost.
             if is_running || self.supervisor.given_up().is_some() {
                 self.send_command()?;
             }
         }
-        if report.health() == Health::Finished && role == Role::Capture {
-            self.flow.source_finished();
+        if report.health() == Health::Finished && role == Role::SOURCE {
+            self.credit.source_finished();
         }
         if report.is_frame == 1 {
             self.pacer.work(role, report.work_ns);
-            if role == Role::Recognition {
+            if role == Role::LAST {
                 self.take_lateness(report);
             }
         }
-        if report.is_frame == 1 && self.flow.frame_done(role, header.sequence, now) {
+        if report.is_frame == 1 && self.credit.frame_done(role, header.sequence, now) {
             self.send_command()?;
         }
         Ok(())
     }
 
     fn send_command(&self) -> Result<(), IpcError> {
-        self.commands.send_record(Header::new(Kind::Command), &self.flow.command())
+        self.commands.send_record(Header::new(Kind::Command), &self.credit.command())
     }
 
     /// How a stage says that it is. A daemon that is to go on for ever waits for a source that is away;
     /// a replay has failed.
     fn take_health(&mut self, role: Role, report: &ReportRecord, now: u64) {
-        let goes_on = role == Role::Capture && self.options.ends == Ends::Never;
+        let goes_on = role == Role::SOURCE && self.options.ends == Ends::Never;
         let reason = match report.health() {
             Health::Unusable if !goes_on => return self.fail(report.text(), now),
-            Health::Unusable | Health::Stalled if role == Role::Capture => Some(report.text()),
-            _ if role == Role::Capture => None,
+            Health::Unusable | Health::Stalled if role == Role::SOURCE => Some(report.text()),
+            _ if role == Role::SOURCE => None,
             _ => return,
         };
         if self.conditions.set(Condition::Source, reason.as_deref()) {
@@ -390,8 +389,8 @@ impl Run {
 
     fn take_lateness(&mut self, report: &ReportRecord) {
         let deadline = report.deadline;
-        if self.lateness.frame(deadline.late_in_a_row > 0) {
-            let reason = self.lateness.is_late().then(|| {
+        if self.deadline_monitor.frame(deadline.late_in_a_row > 0) {
+            let reason = self.deadline_monitor.is_late().then(|| {
                 let (age_ms, of_ms) = (deadline.age_ns as f64 * 1e-6, deadline.deadline_ns as f64 * 1e-6);
                 format!(
                     "results are late: {} in a row, the last after {age_ms:.0} ms of {of_ms:.0}",
@@ -412,7 +411,7 @@ impl Run {
         } else {
             tracing::warn!(%role, how, "stage ended unasked");
         }
-        self.flow.stage_died();
+        self.credit.stage_died();
         self.collector.ended(role);
         // Only reaped children count as dead; now their places can be freed.
         let sweep = self.bus.sweep();
@@ -447,8 +446,8 @@ impl Run {
 
     fn spawn(&mut self, role: Role, now: u64) {
         let mut launch = Launch { core: self.plan.core(role), ..self.launch.clone() };
-        if role == Role::Capture {
-            launch.first_sequence = self.flow.resume_at();
+        if role == Role::SOURCE {
+            launch.first_sequence = self.credit.resume_at();
         }
         let started = self.children.spawn(role, &launch);
         self.supervisor.spawned(role, now);
@@ -474,7 +473,7 @@ impl Run {
 
     /// Ends the run when it is time to.
     fn advance(&mut self, now: u64) -> Result<(), IpcError> {
-        let is_empty = self.flow.is_empty(self.supervisor.all_running(), now);
+        let is_empty = self.credit.is_empty(self.supervisor.all_running(), now);
         // Taken, so that a second signal is told from the first.
         let asked = self.stop.swap(false, Ordering::Relaxed);
         self.was_stopped |= asked;
@@ -487,14 +486,14 @@ impl Run {
                 if asked || over {
                     self.reason = if asked { "asked to stop" } else { "its time is up" }.into();
                     self.phase = Phase::Draining { until_ns: now + DRAIN_NS };
-                    self.flow.drain();
+                    self.credit.drain();
                     self.send_command()?;
-                } else if self.flow.is_finished() && self.options.ends != Ends::Never && is_empty {
+                } else if self.credit.is_finished() && self.options.ends != Ends::Never && is_empty {
                     self.stop_stages(now);
                 }
             }
             Phase::Draining { until_ns } => {
-                if asked || now >= until_ns || (self.flow.is_finished() && is_empty) {
+                if asked || now >= until_ns || (self.credit.is_finished() && is_empty) {
                     self.stop_stages(now);
                 }
             }

@@ -4,11 +4,11 @@ use super::observer::{Counts, Observer};
 use super::processes::MachineTime;
 use super::{Plan, Soaked};
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::{PATH, Role};
 use tools::reporting::summary::Latency;
 use tools::reporting::svg::{Plot, Series};
 use tools::soak::budget::{Budgets, Figures, Kind, SLOPE_SPAN_S, Verdict, judge};
-use tools::soak::latency::{Latencies, STAGES};
+use tools::soak::latency::Latencies;
 use tools::soak::paper::RateRun;
 use tools::soak::recovery::Recoveries;
 use tools::soak::report::{Machine, ProcessRow, SoakReport, StageRow, StallRow};
@@ -33,6 +33,9 @@ pub fn budgets(config: &Config) -> Budgets {
     }
 }
 
+/// The stages that follow stereo: the paper counts them as its obstacle detection.
+const AFTER_STEREO: &[Role] = PATH.split_at(2).1;
+
 impl Observer {
     /// The report, once the daemon has ended; `left` entries of it are still there.
     pub fn conclude(
@@ -55,7 +58,7 @@ impl Observer {
             self.counts.roles[i][field].saturating_sub(base.roles[i][field])
         };
         let frames = self.counts.frames.saturating_sub(base.frames);
-        let offered = since(Role::Capture, 0);
+        let offered = since(Role::SOURCE, 0);
         let dropped: u64 = Role::STAGES.iter().map(|&role| since(role, 1)).sum();
         let restarts: u64 = Role::STAGES.iter().map(|&role| since(role, 3)).sum();
         let no_faults = Recoveries::default();
@@ -72,7 +75,7 @@ impl Observer {
         let slope = self.growing.slope(from_s);
         let rise = self.entries.floor_rise(from_s).unwrap_or(0.0).max(0.0) as u64;
         let leaked = left + rise;
-        let nothing = Latencies::new(0, self.period_ns, [None; STAGES]);
+        let nothing = Latencies::new(0, self.period_ns, &[]);
         let latencies = self.latencies.as_ref().unwrap_or(&nothing);
         let memory_bytes = self.memory.greatest(from_s).unwrap_or(f64::NAN);
         let stereo = &latencies.stages[1];
@@ -190,7 +193,7 @@ impl Observer {
                 probe_policy: self.probe_policy.clone(),
             },
         };
-        let rate = self.rate_run(config, &report, from_s, seconds, cpu(Role::Capture));
+        let rate = self.rate_run(config, &report, from_s, seconds, cpu(Role::SOURCE));
         let plots = self.plots(config, latencies, recoveries, plan.kind);
         let device_p50_ms = (self.device_time.count() > 0).then(|| self.device_time.percentile_ms(50.0));
         Soaked { report, plots, rate, device: self.device, device_p50_ms, clocks_mhz: self.clocks_mhz }
@@ -208,23 +211,22 @@ impl Observer {
         let total = memory_total_bytes().max(1) as f64;
         let part = |i: usize| {
             let (from, to) = (from_s + seconds / 5.0 * i as f64, from_s + seconds / 5.0 * (i + 1) as f64);
-            let sum = |trends: &[Trend; 6]| {
-                let both = [Role::Road, Role::Recognition].map(|role| trends[role as usize].mean(from, to));
-                Some(both[0]? + both[1]?)
+            let sum = |trends: &[Trend; Role::COUNT]| {
+                AFTER_STEREO.iter().map(|role| trends[*role as usize].mean(from, to)).sum::<Option<f64>>()
             };
             Some((sum(&self.role_cpu)?, sum(&self.role_memory)? / total * 100.0))
         };
-        let mut work_p50_ms = [0.0; STAGES];
-        for (p50, stage) in work_p50_ms.iter_mut().zip(&report.stages) {
-            *p50 = stage.work_ms.p50;
-        }
+        let p50_ms = |role: &Role| {
+            report.stages.iter().filter(|row| row.role == role.name()).map(|row| row.work_ms.p50).sum::<f64>()
+        };
         RateRun {
             fps: config.source.fps,
             processed_fps: report.rate_hz,
             cpu_cores: report.cpu_cores,
             capture_cores,
             memory_bytes: report.rss_bytes as f64,
-            work_p50_ms,
+            stereo_p50_ms: p50_ms(&Role::Stereo),
+            obstacles_p50_ms: AFTER_STEREO.iter().map(p50_ms).sum(),
             obstacles: (0..5).filter_map(part).collect(),
         }
     }
@@ -241,7 +243,7 @@ impl Observer {
         };
         let line = |name: &str, points: Vec<(f64, f64)>| Series { name: name.into(), points, dots: false };
         let minutes = || "minutes since the start".to_owned();
-        let roles = |trends: &[Trend; 6], scale: f64| -> Vec<Series> {
+        let roles = |trends: &[Trend; Role::COUNT], scale: f64| -> Vec<Series> {
             let seen = |role: &Role| trends[*role as usize].points().next().is_some();
             let series = |role: Role| line(role.name(), over(&trends[role as usize], scale));
             Role::ALL.into_iter().filter(seen).map(series).collect()

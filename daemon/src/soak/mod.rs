@@ -25,7 +25,6 @@ use thiserror::Error;
 use tools::reporting::svg::Plot;
 use tools::soak::budget::Kind;
 use tools::soak::director::DirectorParameters;
-use tools::soak::latency::STAGES;
 use tools::soak::paper::RateRun;
 use tools::soak::report::{Setting, SoakReport};
 
@@ -162,6 +161,6 @@ fn entries_below(folder: &Path) -> usize {
 }
 
 /// Roles of the stages, as `tools::soak` numbers them.
-fn stage_index(role: messages::role::Role) -> Option<usize> {
-    messages::role::Role::STAGES.iter().position(|&stage| stage == role).filter(|&i| i < STAGES)
+fn stage_index(role: messages::pipeline::Role) -> Option<usize> {
+    messages::pipeline::Role::STAGES.iter().position(|&stage| stage == role)
 }

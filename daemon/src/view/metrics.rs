@@ -180,7 +180,7 @@ mod tests {
     use super::*;
     use crate::view::board::{Reading, Readings};
     use crate::view::history::History;
-    use messages::role::Role;
+    use messages::pipeline::Role;
     use std::collections::{HashMap, HashSet};
 
     /// Reads the text format as Prometheus does; gives the kind and the samples of each family.

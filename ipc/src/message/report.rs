@@ -5,7 +5,8 @@ use crate::deadline::DeadlineRecord;
 use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::realtime::RealtimeRecord;
-use crate::role::Role;
+use crate::pipeline::Role;
+use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
 /// How a stage is doing.
@@ -119,6 +120,23 @@ pub fn view(header: &Header, payload: &[u8]) -> Result<ReportRecord, MessageErro
         return Err(MessageError::Value { what: "health", value: report.health.into() });
     }
     Ok(report)
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct ReportMessage;
+
+impl Message for ReportMessage {
+    const KIND: Kind = Kind::Report;
+    type View<'a> = ReportRecord;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(_: usize, _: usize) -> usize {
+        PAYLOAD_BYTES
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Makes matchers by the names of their method and their backend.
 
-use super::mpv_parameters;
+use super::parameters::mpv_parameters;
 use clap::ValueEnum;
 use config::Config;
 use perception::stereo::{Matcher, MatcherError, Mpv, Search};

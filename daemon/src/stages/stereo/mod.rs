@@ -1,24 +1,29 @@
 //! Pair to depth.
 
-use super::calibration::CalibrationRoom;
-use super::matcher::{Backend, Method};
-use super::{FrameError, Room, RoomError, check_size};
+mod calibration;
+pub mod matcher;
+pub mod parameters;
+
+use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
+use calibration::CalibrationMonitor;
 use config::Config;
+use matcher::{Backend, Method};
 use messages::alarm::Faults;
 use messages::calibration::{CalibrationRecord, CalibrationState};
+use messages::depth::{DepthMessage, DepthMut};
 use messages::device::DeviceRecord;
-use messages::header::Header;
-use messages::{depth, pair};
+use messages::pair::{Pair, PairMessage};
+use messages::typed::{Output, Written};
 use perception::image::GreyView;
 use perception::image_quality::{SightCheck, SightFaults};
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use std::time::{Duration, Instant};
 
 /// The matcher between its messages.
-pub struct StereoRoom {
+pub struct StereoStage {
     matcher: Box<dyn Matcher>,
-    calibration: Option<CalibrationRoom>,
+    calibration: Option<CalibrationMonitor>,
     /// Looks at the pictures themselves, if it is asked for.
     sight: Option<SightCheck>,
     seen: SightFaults,
@@ -32,39 +37,9 @@ pub struct StereoRoom {
     loss_told: bool,
 }
 
-impl StereoRoom {
-    /// A matcher for the run's frames.
-    ///
-    /// # Errors
-    /// When the frames are too small or there are too many disparities.
-    pub fn new(config: &Config, format: &FrameFormat) -> Result<Self, RoomError> {
-        let (width, height) = (format.width, format.height);
-        let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        let backend = Backend::configured(config);
-        let matcher = Method::configured(config).matcher(backend, config, width, height, disparities)?;
-        if let Some(device) = matcher.device() {
-            tracing::info!(adapter = device.adapter, driver = device.driver, "matches on a GPU");
-        }
-        let budget =
-            (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
-        let calibration = CalibrationRoom::new(config, width, height);
-        let sight = config.alarm.self_check.then(SightCheck::default);
-        let seen = SightFaults::default();
-        let (coarse, loss_told) = (0, false);
-        Ok(Self { matcher, calibration, sight, seen, budget, coarse, width, height, loss_told })
-    }
-}
-
-impl Room for StereoRoom {
-    fn output_bytes(&self) -> usize {
-        depth::payload_bytes(self.width, self.height)
-    }
-
-    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
-        let pair = pair::view(header, payload)?;
-        check_size(header, self.width, self.height)?;
-        let bytes = self.output_bytes().min(output.len());
-        let out = depth::split_mut(&mut output[..bytes], header.pixels())?;
+impl StereoStage {
+    /// Matches a pair into the maps of a message.
+    fn matched(&mut self, frame: &FrameContext, pair: Pair<'_>, out: DepthMut<'_>) -> Result<(), FrameError> {
         out.left.copy_from_slice(pair.left);
         let view = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (view(pair.left)?, view(pair.right)?);
@@ -88,7 +63,7 @@ impl Room for StereoRoom {
             && let Some(loss) = device.loss
         {
             self.loss_told = true;
-            tracing::error!(adapter = device.adapter, %loss, sequence = header.sequence, "the CPU matches from this frame on");
+            tracing::error!(adapter = device.adapter, %loss, sequence = frame.sequence, "the CPU matches from this frame on");
         }
         if halved > 0 {
             self.coarse += 1;
@@ -107,7 +82,42 @@ impl Room for StereoRoom {
         {
             calibration.update(left, right, map, out.confidence);
         }
-        Ok(self.output_bytes())
+        Ok(())
+    }
+}
+
+impl Stage for StereoStage {
+    type In = PairMessage;
+    type Out = DepthMessage;
+
+    fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError> {
+        let (width, height) = (format.width, format.height);
+        let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
+        let backend = Backend::configured(config);
+        let matcher = Method::configured(config).matcher(backend, config, width, height, disparities)?;
+        if let Some(device) = matcher.device() {
+            tracing::info!(adapter = device.adapter, driver = device.driver, "matches on a GPU");
+        }
+        let budget =
+            (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
+        let calibration = CalibrationMonitor::new(config, width, height);
+        let sight = config.alarm.self_check.then(SightCheck::default);
+        let seen = SightFaults::default();
+        let (coarse, loss_told) = (0, false);
+        Ok(Self { matcher, calibration, sight, seen, budget, coarse, width, height, loss_told })
+    }
+
+    fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
+        Ok(matcher::check(config, format.width, format.height)?)
+    }
+
+    fn process(
+        &mut self,
+        frame: &FrameContext,
+        pair: Pair<'_>,
+        output: Output<'_, DepthMessage>,
+    ) -> Result<Written, FrameError> {
+        output.write(self.width * self.height, |out| self.matched(frame, pair, out))
     }
 
     fn device(&self) -> DeviceRecord {
@@ -120,7 +130,7 @@ impl Room for StereoRoom {
     }
 
     fn calibration(&self) -> CalibrationRecord {
-        self.calibration.as_ref().map(CalibrationRoom::record).unwrap_or_default()
+        self.calibration.as_ref().map(CalibrationMonitor::record).unwrap_or_default()
     }
 
     fn faults(&self) -> Faults {

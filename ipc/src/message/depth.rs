@@ -2,6 +2,7 @@
 //! image as it was matched, each width × height values.
 
 use crate::header::{Header, Kind, MessageError, check_length};
+use crate::typed::{Message, Output, Written};
 
 /// Bytes of the payload for images of `width` × `height`.
 pub fn payload_bytes(width: usize, height: usize) -> usize {
@@ -63,4 +64,39 @@ pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, Mess
     let (left, rest) = rest.split_at_mut(pixels);
     let (confidence, right) = rest.split_at_mut(pixels);
     Ok(DepthMut { disparity, left, confidence, right })
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthMessage;
+
+impl Message for DepthMessage {
+    const KIND: Kind = Kind::Depth;
+    type View<'a> = Depth<'a>;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(width: usize, height: usize) -> usize {
+        payload_bytes(width, height)
+    }
+}
+
+impl<'a> Output<'a, DepthMessage> {
+    /// Lets `fill` write the maps of a frame of `pixels` pixels.
+    ///
+    /// # Errors
+    /// When the payload is too short, or whatever `fill` gives.
+    pub fn write<E: From<MessageError>>(
+        self,
+        pixels: usize,
+        fill: impl FnOnce(DepthMut<'_>) -> Result<(), E>,
+    ) -> Result<Written, E> {
+        let needed = 5 * pixels;
+        let given = self.payload.len();
+        let payload = self.payload.get_mut(..needed).ok_or(MessageError::Length { given, needed })?;
+        fill(split_mut(payload, pixels)?)?;
+        Ok(Written(needed))
+    }
 }

@@ -3,8 +3,9 @@
 //! A source that fails or brings nothing does not end the stage: it says so, goes on reporting, and
 //! tries again.
 
-use super::reader::Reader;
-use super::{Stage, StageError};
+mod reader;
+
+use crate::host::{Host, HostError};
 use crate::input;
 use messages::clock::monotonic_ns;
 use messages::command::{self, CommandRecord};
@@ -14,6 +15,7 @@ use messages::port::{Loan, Publisher};
 use messages::report::Health;
 use messages::service;
 use messages::wait::{self, Next};
+use reader::Reader;
 use sources::{PairSource, Readiness};
 use std::time::Duration;
 
@@ -32,42 +34,42 @@ const RETRY_LONGEST_NS: u64 = 30_000_000_000;
 ///
 /// # Errors
 /// When shared memory cannot be used.
-pub fn run(mut stage: Stage) -> Result<(), StageError> {
-    let format = stage.launch.frames;
-    let commands = stage.bus.subscriber(&service::COMMAND)?;
-    let pairs = stage.bus.publisher(&service::PAIR, format.width, format.height)?;
-    let is_live = stage.launch.config.source.kind == "camera";
+pub fn run(mut host: Host) -> Result<(), HostError> {
+    let format = host.launch.frames;
+    let commands = host.bus.subscriber(&service::COMMAND)?;
+    let pairs = host.bus.publisher(&service::PAIR, format.width, format.height)?;
+    let is_live = host.launch.config.source.kind == "camera";
     let reader = (!is_live)
-        .then(|| Reader::start(&stage.launch))
+        .then(|| Reader::start(&host.launch))
         .transpose()
-        .map_err(|source| StageError::System { what: "starting the reader", source })?;
+        .map_err(|source| HostError::System { what: "starting the reader", source })?;
     let mut capture = Capture {
-        next: stage.launch.first_sequence,
+        next: host.launch.first_sequence,
         published: None,
         due_ns: 0,
-        stall_ns: (stage.launch.config.pacing.stall_ms * 1e6) as u64,
+        stall_ns: (host.launch.config.pacing.stall_ms * 1e6) as u64,
         command: None,
         input: reader.as_ref().map_or(Input::Live(None), Input::Recorded),
         pairs,
         state: State::Flowing,
     };
     // In this order: the scheduler answers the first report with a command.
-    stage.ready()?;
+    host.ready()?;
     wait::run_with(&[&commands], reader.as_ref().map(Reader::descriptor), || {
-        if stage.should_stop() {
+        if host.should_stop() {
             return Ok(Next::Stop);
         }
         while let Some(sample) = commands.receive()? {
             match command::view(sample.header(), sample.payload()) {
                 Ok(command) => capture.command = Some(command),
-                Err(error) => stage.refused("command", &error),
+                Err(error) => host.refused("command", &error),
             }
         }
         if let Some(reader) = &reader {
             reader.take_notifications();
         }
-        let until_frame = capture.step(&mut stage)?;
-        let until_beat = stage.heartbeat()?;
+        let until_frame = capture.step(&mut host)?;
+        let until_beat = host.heartbeat()?;
         Ok(Next::Wait(until_frame.map_or(until_beat, |t| t.min(until_beat))))
     })
 }
@@ -127,27 +129,27 @@ struct Capture<'a> {
 
 impl Capture<'_> {
     /// Publishes what may be published now; gives the time until something is due, if that is known.
-    fn step(&mut self, stage: &mut Stage) -> Result<Option<Duration>, StageError> {
+    fn step(&mut self, host: &mut Host) -> Result<Option<Duration>, HostError> {
         let Some(command) = self.command else { return Ok(None) };
         if command.lockstep == 1 && command.hold == 0 {
             // Even when it is over: a stage may have died with the last frame.
-            self.repeat(stage, &command)?;
+            self.repeat(host, &command)?;
         }
         if self.state == State::Over {
             return Ok(None);
         }
         if command.drain == 1 {
-            return self.finish(stage, "drained").map(|()| None);
+            return self.finish(host, "drained").map(|()| None);
         }
         if command.hold == 1 {
-            return self.hold(stage).map(|()| None);
+            return self.hold(host).map(|()| None);
         }
         if matches!(self.input, Input::Live(_)) {
-            return self.step_live(stage, &command);
+            return self.step_live(host, &command);
         }
         if command.lockstep == 1 {
             while self.next <= command.credit && self.state != State::Over {
-                if !self.publish_next(stage, command.attempt)? {
+                if !self.publish_next(host, command.attempt)? {
                     return Ok(self.patience());
                 }
             }
@@ -160,7 +162,7 @@ impl Capture<'_> {
         if now < self.due_ns {
             return Ok(Some(Duration::from_nanos(self.due_ns - now)));
         }
-        if !self.publish_next(stage, 0)? {
+        if !self.publish_next(host, 0)? {
             return Ok(self.patience());
         }
         // A source that cannot keep up is not hurried afterwards.
@@ -171,33 +173,29 @@ impl Capture<'_> {
     }
 
     /// Takes what the cameras bring; they run by themselves.
-    fn step_live(
-        &mut self,
-        stage: &mut Stage,
-        command: &CommandRecord,
-    ) -> Result<Option<Duration>, StageError> {
+    fn step_live(&mut self, host: &mut Host, command: &CommandRecord) -> Result<Option<Duration>, HostError> {
         if command.lockstep == 1 {
             self.state = State::Over;
             let text =
                 "cameras run by themselves and know no lock-step: record them, and replay the recording";
-            return stage.set_health(Health::Unusable, text).map(|()| None);
+            return host.set_health(Health::Unusable, text).map(|()| None);
         }
-        if self.is_at_end(stage)? {
+        if self.is_at_end(host)? {
             return Ok(None);
         }
-        if !self.open_live(stage)? {
+        if !self.open_live(host)? {
             return Ok(self.patience());
         }
         let Input::Live(Some(source)) = &mut self.input else { return Ok(None) };
         match source.live().map_or(Readiness::Nothing, |live| live.wait(LIVE_PATIENCE)) {
-            Readiness::Pair { capture_ns } => self.publish_live(stage, capture_ns, command.period_ns)?,
+            Readiness::Pair { capture_ns } => self.publish_live(host, capture_ns, command.period_ns)?,
             Readiness::Trouble(text) => {
                 tracing::warn!("{text}");
-                stage.set_health(Health::Stalled, &text)?;
+                host.set_health(Health::Stalled, &text)?;
             }
             Readiness::Recovered => {
                 tracing::info!("pairs come again");
-                stage.set_health(Health::Ready, "")?;
+                host.set_health(Health::Ready, "")?;
             }
             Readiness::Nothing => {}
         }
@@ -205,23 +203,23 @@ impl Capture<'_> {
     }
 
     /// Opens the cameras unless they are open. Gives false when they cannot be, and says why.
-    fn open_live(&mut self, stage: &mut Stage) -> Result<bool, StageError> {
+    fn open_live(&mut self, host: &mut Host) -> Result<bool, HostError> {
         let Input::Live(source @ None) = &mut self.input else { return Ok(true) };
         if matches!(self.state, State::Failed { retry_ns, .. } if monotonic_ns() < retry_ns) {
             return Ok(false);
         }
-        match input::open(&stage.launch.config) {
+        match input::open(&host.launch.config) {
             Ok(opened) => {
                 *source = Some(opened);
                 self.state = State::Flowing;
-                stage.set_health(Health::Ready, "").map(|()| true)
+                host.set_health(Health::Ready, "").map(|()| true)
             }
-            Err(error) => self.fail(stage, &error.to_string()).map(|()| false),
+            Err(error) => self.fail(host, &error.to_string()).map(|()| false),
         }
     }
 
     /// Publishes the pair that has come, unless the cameras are faster than pairs are wanted.
-    fn publish_live(&mut self, stage: &mut Stage, capture_ns: u64, period_ns: u64) -> Result<(), StageError> {
+    fn publish_live(&mut self, host: &mut Host, capture_ns: u64, period_ns: u64) -> Result<(), HostError> {
         // Half a period early is in time: cameras keep their own.
         if capture_ns.saturating_add(period_ns / 2) < self.due_ns {
             return Ok(());
@@ -230,14 +228,14 @@ impl Capture<'_> {
         let is_late = capture_ns > self.due_ns.saturating_add(period_ns);
         self.due_ns = if is_late { capture_ns } else { self.due_ns }.saturating_add(period_ns);
         let Input::Live(Some(source)) = &mut self.input else { return Ok(()) };
-        let format = stage.launch.frames;
+        let format = host.launch.frames;
         let begin_ns = monotonic_ns();
         let mut loan = self.pairs.loan(pair::payload_bytes(format.width, format.height))?;
         let (left, right) = pair::split_mut(loan.payload_mut());
         if let Err(error) = source.read(self.next, left, right) {
             // Opened anew for the next try.
             self.input = Input::Live(None);
-            return self.fail(stage, &error.to_string());
+            return self.fail(host, &error.to_string());
         }
         let source_ns = source.time_ns(self.next);
         let stamp = Stamp { begin_ns, end_ns: monotonic_ns() };
@@ -246,7 +244,7 @@ impl Capture<'_> {
         header.sequence = self.next;
         header.source_ns = source_ns;
         header.capture_ns = capture_ns;
-        self.send(stage, loan, header, stamp, 0)
+        self.send(host, loan, header, stamp, 0)
     }
 
     /// How long to wait for a pair that is not there before something has to be done about it; the
@@ -261,39 +259,39 @@ impl Capture<'_> {
     }
 
     /// Publishes the frame of the credit once more when the scheduler asks for another attempt.
-    fn repeat(&mut self, stage: &mut Stage, command: &CommandRecord) -> Result<(), StageError> {
+    fn repeat(&mut self, host: &mut Host, command: &CommandRecord) -> Result<(), HostError> {
         match self.published {
             Some((sequence, attempt)) if sequence == command.credit && attempt < command.attempt => {
-                self.publish(stage, sequence, command.attempt).map(|_| ())
+                self.publish(host, sequence, command.attempt).map(|_| ())
             }
             _ => Ok(()),
         }
     }
 
-    fn finish(&mut self, stage: &mut Stage, text: &str) -> Result<(), StageError> {
+    fn finish(&mut self, host: &mut Host, text: &str) -> Result<(), HostError> {
         self.state = State::Over;
-        stage.set_health(Health::Finished, text)
+        host.set_health(Health::Finished, text)
     }
 
     /// Nothing is wanted: what is not there is not missing.
-    fn hold(&mut self, stage: &mut Stage) -> Result<(), StageError> {
+    fn hold(&mut self, host: &mut Host) -> Result<(), HostError> {
         let State::Missing { is_said, .. } = self.state else { return Ok(()) };
         self.state = State::Flowing;
-        if is_said { stage.set_health(Health::Ready, "") } else { Ok(()) }
+        if is_said { host.set_health(Health::Ready, "") } else { Ok(()) }
     }
 
     /// Whether all pairs that are wanted have been published; then it says so.
-    fn is_at_end(&mut self, stage: &mut Stage) -> Result<bool, StageError> {
-        let is_over = stage.launch.end_sequence.is_some_and(|end| self.next >= end);
+    fn is_at_end(&mut self, host: &mut Host) -> Result<bool, HostError> {
+        let is_over = host.launch.end_sequence.is_some_and(|end| self.next >= end);
         if is_over {
-            self.finish(stage, "the source has no more pairs")?;
+            self.finish(host, "the source has no more pairs")?;
         }
         Ok(is_over)
     }
 
     /// Publishes the next pair. Gives false when it is not there, and says so in time.
-    fn publish_next(&mut self, stage: &mut Stage, attempt: u32) -> Result<bool, StageError> {
-        if self.is_at_end(stage)? {
+    fn publish_next(&mut self, host: &mut Host, attempt: u32) -> Result<bool, HostError> {
+        if self.is_at_end(host)? {
             return Ok(false);
         }
         if let State::Failed { retry_ns, wait_ns, trying: false } = self.state
@@ -305,18 +303,18 @@ impl Capture<'_> {
         if matches!(self.state, State::Failed { trying: false, .. }) {
             return Ok(false);
         }
-        if !self.publish(stage, self.next, attempt)? {
+        if !self.publish(host, self.next, attempt)? {
             return Ok(false);
         }
         if !matches!(self.state, State::Flowing | State::Missing { is_said: false, .. }) {
-            stage.set_health(Health::Ready, "")?;
+            host.set_health(Health::Ready, "")?;
         }
         self.state = State::Flowing;
         Ok(true)
     }
 
     /// The next pair is not there yet.
-    fn miss(&mut self, stage: &mut Stage) -> Result<(), StageError> {
+    fn miss(&mut self, host: &mut Host) -> Result<(), HostError> {
         let now = monotonic_ns();
         match self.state {
             State::Flowing => self.state = State::Missing { since_ns: now, is_said: false },
@@ -324,7 +322,7 @@ impl Capture<'_> {
                 self.state = State::Missing { since_ns, is_said: true };
                 let seconds = self.stall_ns as f64 * 1e-9;
                 let text = format!("the source has stalled: pair {} is late by {seconds} s", self.next);
-                stage.set_health(Health::Stalled, &text)?;
+                host.set_health(Health::Stalled, &text)?;
             }
             _ => {}
         }
@@ -332,7 +330,7 @@ impl Capture<'_> {
     }
 
     /// The next pair cannot be read: says why, and when it is tried again.
-    fn fail(&mut self, stage: &mut Stage, reason: &str) -> Result<(), StageError> {
+    fn fail(&mut self, host: &mut Host, reason: &str) -> Result<(), HostError> {
         let wait_ns = match self.state {
             State::Failed { wait_ns, .. } => wait_ns,
             _ => RETRY_FIRST_NS,
@@ -342,21 +340,21 @@ impl Capture<'_> {
             wait_ns: (2 * wait_ns).min(RETRY_LONGEST_NS),
             trying: false,
         };
-        stage.set_health(Health::Unusable, reason)
+        host.set_health(Health::Unusable, reason)
     }
 
     /// Copies a pair into shared memory. Gives false when it is not there, or cannot be read.
-    fn publish(&mut self, stage: &mut Stage, sequence: u64, attempt: u32) -> Result<bool, StageError> {
+    fn publish(&mut self, host: &mut Host, sequence: u64, attempt: u32) -> Result<bool, HostError> {
         let Input::Recorded(reader) = self.input else { return Ok(false) };
         let Some(pair) = reader.pair(sequence) else {
-            return self.miss(stage).map(|()| false);
+            return self.miss(host).map(|()| false);
         };
         if let Err(reason) = &pair.result {
             let reason = reason.clone();
             drop(pair);
-            return self.fail(stage, &reason).map(|()| false);
+            return self.fail(host, &reason).map(|()| false);
         }
-        let format = stage.launch.frames;
+        let format = host.launch.frames;
         let begin_ns = monotonic_ns();
         let mut loan = self.pairs.loan(pair::payload_bytes(format.width, format.height))?;
         let (left, right) = pair::split_mut(loan.payload_mut());
@@ -371,23 +369,23 @@ impl Capture<'_> {
         header.attempt = attempt;
         header.source_ns = source_ns;
         header.capture_ns = end_ns;
-        self.send(stage, loan, header, Stamp { begin_ns, end_ns }, read_ns).map(|()| true)
+        self.send(host, loan, header, Stamp { begin_ns, end_ns }, read_ns).map(|()| true)
     }
 
     /// Hands a pair over and reports it. To have read it ahead was this stage's work, too: `read_ns`.
     fn send(
         &mut self,
-        stage: &mut Stage,
+        host: &mut Host,
         mut loan: Loan,
         mut header: Header,
         stamp: Stamp,
         read_ns: u64,
-    ) -> Result<(), StageError> {
+    ) -> Result<(), HostError> {
         let (sequence, attempt) = (header.sequence, header.attempt);
         header.modes = self.command.map_or(0, |command| command.modes);
-        header.width = stage.launch.frames.width as u32;
-        header.height = stage.launch.frames.height as u32;
-        header.stamps[0] = stamp;
+        header.width = host.launch.frames.width as u32;
+        header.height = host.launch.frames.height as u32;
+        header.set_stamp(host.role(), stamp);
         *loan.header_mut() = header;
         self.pairs.send(loan)?;
         if let Some((before, _)) = self.published.replace((sequence, attempt))
@@ -400,6 +398,6 @@ impl Capture<'_> {
             // The same frame once more is no new one.
             return Ok(());
         }
-        stage.frame_done(&header, 0, stamp.end_ns - stamp.begin_ns + read_ns)
+        host.frame_done(&header, 0, stamp.end_ns - stamp.begin_ns + read_ns)
     }
 }

@@ -3,7 +3,7 @@
 
 /// See the module.
 #[derive(Clone, Debug)]
-pub struct Lateness {
+pub struct DeadlineMonitor {
     /// Frames in a row that change the state.
     run: u64,
     /// Frames in a row that speak against the state.
@@ -11,7 +11,7 @@ pub struct Lateness {
     is_late: bool,
 }
 
-impl Lateness {
+impl DeadlineMonitor {
     /// In time, until `run` frames in a row are not.
     pub fn new(run: u64) -> Self {
         Self { run: run.max(1), against: 0, is_late: false }
@@ -44,14 +44,14 @@ mod tests {
 
     #[test]
     fn a_run_of_late_frames_is_a_state_and_so_is_a_run_of_good_ones() {
-        let mut lateness = Lateness::new(3);
+        let mut monitor = DeadlineMonitor::new(3);
         for late in [true, true, false, true, true] {
-            assert!(!lateness.frame(late) && !lateness.is_late());
+            assert!(!monitor.frame(late) && !monitor.is_late());
         }
-        assert!(lateness.frame(true) && lateness.is_late());
+        assert!(monitor.frame(true) && monitor.is_late());
         for late in [false, false, true, false, false] {
-            assert!(!lateness.frame(late) && lateness.is_late());
+            assert!(!monitor.frame(late) && monitor.is_late());
         }
-        assert!(lateness.frame(false) && !lateness.is_late());
+        assert!(monitor.frame(false) && !monitor.is_late());
     }
 }

@@ -1,15 +1,9 @@
-//! The stage processes: what they share.
-
-pub mod capture;
-mod reader;
-mod tape;
-pub mod transform;
-pub mod writer;
+//! The process side of a stage: shared memory, reports, heartbeats, signals, privileges.
 
 use crate::launch::Launch;
 use crate::memory::MemoryProbe;
 use crate::realtime::{self, Refused};
-use crate::rooms::RoomError;
+use crate::stages::stage::SetupError;
 use messages::allocation;
 use messages::bus::{Bus, IpcError};
 use messages::calibration::CalibrationRecord;
@@ -17,9 +11,9 @@ use messages::clock::{monotonic_ns, process_cpu_ns};
 use messages::device::DeviceRecord;
 use messages::header::{Header, Kind};
 use messages::instance::Instance;
+use messages::pipeline::Role;
 use messages::port::Publisher;
 use messages::report::{Health, ReportRecord};
-use messages::role::Role;
 use messages::service;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -34,7 +28,7 @@ const MEMORY_PERIOD_NS: u64 = 500_000_000;
 
 /// Why a stage ends before it is asked to.
 #[derive(Debug, Error)]
-pub enum StageError {
+pub enum HostError {
     /// Standard input held no launch document.
     #[error("a stage is started by the scheduler, not by hand: {0}")]
     Launch(String),
@@ -52,9 +46,9 @@ pub enum StageError {
     /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] IpcError),
-    /// The stage cannot be furnished.
+    /// The stage cannot be configured.
     #[error(transparent)]
-    Room(#[from] RoomError),
+    Setup(#[from] SetupError),
     /// The run cannot be recorded.
     #[error(transparent)]
     Record(#[from] tools::recording::RecordError),
@@ -63,24 +57,9 @@ pub enum StageError {
     Output(#[from] tools::reporting::output::OutputError),
 }
 
-/// Runs a stage until it is asked to stop.
-///
-/// # Errors
-/// When it cannot work at all; the scheduler then restarts it.
-pub fn run(role: Role, launch: Launch) -> Result<(), StageError> {
-    let stage = Stage::new(role, launch)?;
-    match role {
-        Role::Capture => capture::run(stage),
-        Role::Stereo => transform::stereo(stage),
-        Role::Road => transform::road(stage),
-        Role::Recognition => transform::recognition(stage),
-        Role::Writer => writer::run(stage),
-        Role::Scheduler => Err(StageError::Launch("the scheduler is no stage".into())),
-    }
-}
-
-/// The place of a stage in the daemon: its bus, its reports, its signals.
-pub struct Stage {
+/// The process of a stage: its shared memory, its reports, its signals.
+pub struct Host {
+    role: Role,
     /// What it was told.
     pub launch: Launch,
     /// Its way into shared memory.
@@ -99,14 +78,18 @@ pub struct Stage {
     header: Header,
 }
 
-impl Stage {
-    fn new(role: Role, launch: Launch) -> Result<Self, StageError> {
-        let system = |what, source: io::Error| StageError::System { what, source };
+impl Host {
+    /// Sets the process of a stage up: signals, privileges, shared memory.
+    ///
+    /// # Errors
+    /// When the scheduler is gone, or something required is refused.
+    pub fn new(role: Role, launch: Launch) -> Result<Self, HostError> {
+        let system = |what, source: io::Error| HostError::System { what, source };
         // A stage without its scheduler would hold shared memory for nobody.
         set_parent_process_death_signal(Some(Signal::KILL))
             .map_err(|e| system("asking to end with the scheduler", e.into()))?;
         if getppid().map(|p| p.as_raw_nonzero().get() as u32) != Some(launch.scheduler_pid) {
-            return Err(StageError::Launch("its scheduler is gone".into()));
+            return Err(HostError::Launch("its scheduler is gone".into()));
         }
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGTERM, SIGINT] {
@@ -115,14 +98,15 @@ impl Stage {
         }
         allocation::keep_small_pieces();
         let realtime = realtime::enter(&launch.config, role, launch.core)?;
-        if role == Role::Writer {
-            // It may be late; the stages may not.
+        if role.spec().priority.is_none() {
+            // A process without a real-time priority may be late.
             let _ = rustix::process::nice(10);
         }
         let instance = Instance::new(&launch.config.instance.name, &launch.config.instance.directory);
         let bus = Bus::join(&instance)?;
         let reports = bus.publisher(&service::REPORT, 0, 0)?;
-        let mut stage = Self {
+        let mut host = Self {
+            role,
             heartbeat: Duration::from_millis(launch.config.supervision.heartbeat_ms.unsigned_abs()),
             launch,
             bus,
@@ -136,11 +120,16 @@ impl Stage {
             allocations: 0,
             header: Header::new(Kind::Report),
         };
-        stage.report.set_health(Health::Starting, "");
-        stage.report.realtime = realtime;
-        stage.report.deadline.deadline_ns = (stage.launch.config.pacing.deadline_ms * 1e6) as u64;
-        stage.send_report(false)?;
-        Ok(stage)
+        host.report.set_health(Health::Starting, "");
+        host.report.realtime = realtime;
+        host.report.deadline.deadline_ns = (host.launch.config.pacing.deadline_ms * 1e6) as u64;
+        host.send_report(false)?;
+        Ok(host)
+    }
+
+    /// The role of the process.
+    pub fn role(&self) -> Role {
+        self.role
     }
 
     /// Whether the stage was asked to stop.
@@ -152,7 +141,7 @@ impl Stage {
     ///
     /// # Errors
     /// When the report cannot be sent, or shared memory is required to be there and is not.
-    pub fn ready(&mut self) -> Result<(), StageError> {
+    pub fn ready(&mut self) -> Result<(), HostError> {
         realtime::reserve(&self.launch.config, &self.bus, &mut self.report.realtime)?;
         self.report.set_health(Health::Ready, "");
         self.send_report(false)
@@ -162,7 +151,7 @@ impl Stage {
     ///
     /// # Errors
     /// When the report cannot be sent.
-    pub fn set_health(&mut self, health: Health, text: &str) -> Result<(), StageError> {
+    pub fn set_health(&mut self, health: Health, text: &str) -> Result<(), HostError> {
         self.report.set_health(health, text);
         self.send_report(false)
     }
@@ -171,7 +160,7 @@ impl Stage {
     ///
     /// # Errors
     /// When the report cannot be sent.
-    pub fn frame_done(&mut self, header: &Header, age_ns: u64, work_ns: u64) -> Result<(), StageError> {
+    pub fn frame_done(&mut self, header: &Header, age_ns: u64, work_ns: u64) -> Result<(), HostError> {
         self.report.frames += 1;
         self.report.age_ns = age_ns;
         self.report.work_ns = work_ns;
@@ -210,7 +199,7 @@ impl Stage {
     ///
     /// # Errors
     /// When the report cannot be sent.
-    pub fn heartbeat(&mut self) -> Result<Duration, StageError> {
+    pub fn heartbeat(&mut self) -> Result<Duration, HostError> {
         let now = monotonic_ns();
         if now >= self.next_beat_ns {
             self.send_report(false)?;
@@ -218,7 +207,7 @@ impl Stage {
         Ok(Duration::from_nanos(self.next_beat_ns.saturating_sub(now)).max(Duration::from_millis(1)))
     }
 
-    fn send_report(&mut self, is_frame: bool) -> Result<(), StageError> {
+    fn send_report(&mut self, is_frame: bool) -> Result<(), HostError> {
         self.report.is_frame = u32::from(is_frame);
         if is_frame {
             let allocations = allocation::by_this_thread();

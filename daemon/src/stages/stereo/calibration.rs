@@ -13,7 +13,7 @@ use perception::stereo::epipolar::{EpipolarCheck, EpipolarHealth, EpipolarParame
 const SETTLED: u32 = 4;
 
 /// The check of a run, and its correction.
-pub struct CalibrationRoom {
+pub struct CalibrationMonitor {
     check: EpipolarCheck,
     size: (usize, usize),
     every: u64,
@@ -29,7 +29,7 @@ pub struct CalibrationRoom {
     record: CalibrationRecord,
 }
 
-impl CalibrationRoom {
+impl CalibrationMonitor {
     /// The check that the configuration asks for, of frames of `width` × `height`; `None` when it asks
     /// for none.
     pub fn new(config: &Config, width: usize, height: usize) -> Option<Self> {

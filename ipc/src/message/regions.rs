@@ -4,6 +4,7 @@
 //! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey bytes).
 
 use crate::header::{Header, Kind, MessageError};
+use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
 /// The most regions of a message.
@@ -265,6 +266,46 @@ impl<'a> Writer<'a> {
         self.payload[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(&record));
         self.count += 1;
         fits
+    }
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct RegionsMessage;
+
+impl Message for RegionsMessage {
+    const KIND: Kind = Kind::Regions;
+    type View<'a> = Regions<'a>;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(width: usize, height: usize) -> usize {
+        max_payload_bytes(width, height)
+    }
+}
+
+impl<'a> Output<'a, RegionsMessage> {
+    /// Starts a message: see [`Writer::new`].
+    ///
+    /// # Errors
+    /// When the payload is too short.
+    pub fn begin(
+        self,
+        road: RoadRecord,
+        profile_px: &[f32],
+        free_m: &[f32],
+        regions: usize,
+    ) -> Result<Writer<'a>, MessageError> {
+        Writer::new(self.payload, road, profile_px, free_m, regions)
+    }
+}
+
+impl Writer<'_> {
+    /// Ends the message.
+    pub fn finish(self) -> Written {
+        Written(self.bytes())
     }
 }
 

@@ -1,6 +1,7 @@
 //! `command`: scheduler → capture. How fast to bring pairs, and in lock-step how far to go.
 
 use crate::header::{Header, Kind, MessageError, record};
+use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
 /// What the scheduler wants of the source.
@@ -39,4 +40,21 @@ pub fn view(header: &Header, payload: &[u8]) -> Result<CommandRecord, MessageErr
         return Err(MessageError::Value { what: "period", value: 0 });
     }
     Ok(command)
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct CommandMessage;
+
+impl Message for CommandMessage {
+    const KIND: Kind = Kind::Command;
+    type View<'a> = CommandRecord;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(_: usize, _: usize) -> usize {
+        PAYLOAD_BYTES
+    }
 }

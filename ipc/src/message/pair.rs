@@ -1,6 +1,7 @@
 //! `pair`: capture → stereo. Left image, then right image, each width × height grey bytes.
 
 use crate::header::{Header, Kind, MessageError, check_length};
+use crate::typed::Message;
 
 /// Bytes of the payload for images of `width` × `height`.
 pub fn payload_bytes(width: usize, height: usize) -> usize {
@@ -30,4 +31,21 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Pair<'a>, MessageE
 /// The two images of a payload, to be written.
 pub fn split_mut(payload: &mut [u8]) -> (&mut [u8], &mut [u8]) {
     payload.split_at_mut(payload.len() / 2)
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct PairMessage;
+
+impl Message for PairMessage {
+    const KIND: Kind = Kind::Pair;
+    type View<'a> = Pair<'a>;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(width: usize, height: usize) -> usize {
+        payload_bytes(width, height)
+    }
 }

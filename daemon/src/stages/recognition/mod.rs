@@ -1,15 +1,18 @@
 //! Regions to tracked obstacles and the alarm.
 
-use super::{
-    FrameError, Room, RoomError, alarm_parameters, check_size, look_parameters, recogniser,
-    tracker_parameters,
-};
+pub mod cascade;
+pub mod parameters;
+
+use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
+use cascade::recogniser;
 use config::Config;
 use messages::alarm::Faults;
-use messages::header::{Header, modes, put_text};
-use messages::obstacles::{self, AlarmRecord, MAX_COUNT, ObstacleRecord};
-use messages::regions::{self, RegionRecord};
+use messages::header::{modes, put_text};
+use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
+use messages::regions::{self, RegionRecord, Regions, RegionsMessage};
+use messages::typed::{Output, Written};
+use parameters::{alarm_parameters, schedule_parameters, tracker_parameters};
 use perception::alarm::{Alarm, Candidate};
 use perception::image::GreyView;
 use perception::recognition::Recogniser;
@@ -27,7 +30,7 @@ pub const UNRECOGNISED: &str = "obstacle";
 const MIN_SHARE: f64 = 0.35;
 
 /// Recogniser, tracker and alarm between their messages.
-pub struct RecognitionRoom {
+pub struct RecognitionStage {
     recogniser: Option<Box<dyn Recogniser>>,
     label: String,
     /// Least width and height of a region that is looked at, in metres.
@@ -41,76 +44,45 @@ pub struct RecognitionRoom {
     road_ns: u64,
     hold_ns: u64,
     rig: Rig,
-    width: usize,
-    height: usize,
     regions: Vec<Region>,
     records: Vec<ObstacleRecord>,
     /// Sequence and alarm of the last frame: a frame that comes again gets the same answer.
     last: Option<(u64, AlarmRecord)>,
 }
 
-impl RecognitionRoom {
-    /// A room for the run's frames.
-    ///
-    /// # Errors
-    /// When the cascade cannot be used.
-    pub fn new(config: &Config, format: &FrameFormat) -> Result<Self, RoomError> {
-        let recogniser = recogniser(config, format.width, format.height)?;
-        let (rig, size) = (format.rig(), (format.width, format.height));
-        Ok(Self {
-            recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
-            label: config.recognition.label.clone(),
-            min_m: MIN_SHARE * config.recognition.window_m,
-            looks: look_parameters(config),
-            tracker: Tracker::new(tracker_parameters(config), rig, size),
-            growth: GrowthMeter::new(format.width, format.height),
-            alarm: Alarm::new(alarm_parameters(config)),
-            road_ns: 0,
-            hold_ns: alarm_parameters(config).hold_ns,
-            path_width_m: config.alarm.path_width_m,
-            rig,
-            width: format.width,
-            height: format.height,
-            regions: Vec::with_capacity(regions::MAX_COUNT),
-            records: Vec::with_capacity(MAX_COUNT),
-            last: None,
-        })
-    }
-
+impl RecognitionStage {
     /// Tracks and recognises the regions of a message, to `records`; gives the alarm.
-    fn judge(&mut self, header: &Header, payload: &[u8]) -> Result<AlarmRecord, FrameError> {
-        let message = regions::view(header, payload)?;
-        check_size(header, self.width, self.height)?;
+    fn judge(&mut self, frame: &FrameContext, message: &Regions<'_>) -> AlarmRecord {
         if let Some((sequence, alarm)) = self.last
-            && sequence == header.sequence
+            && sequence == frame.sequence
         {
-            return Ok(alarm);
+            return alarm;
         }
         self.regions.clear();
         self.regions.extend(message.regions.iter().map(region));
-        self.tracker.update(header.source_ns, &self.regions);
+        self.tracker.update(frame.source_ns, &self.regions);
         let crop = |track: &Track| {
             let record = message.regions.get(track.detection?)?;
             let [x, y, width, height] = record.crop;
             let pixels = message.crop(record)?;
             Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
         };
-        self.tracker.measure_growth(&mut self.growth, header.source_ns, crop);
-        if header.modes & modes::RECOGNITION_OFF == 0 {
-            self.recognise(&message);
+        self.tracker.measure_growth(&mut self.growth, frame.source_ns, crop);
+        if frame.modes & modes::RECOGNITION_OFF == 0 {
+            self.recognise(message);
         }
         let tracker = &self.tracker;
         let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
         let road = &message.road;
-        if road.seen == 1 || header.source_ns < self.road_ns {
-            self.road_ns = header.source_ns;
+        if road.seen == 1 || frame.source_ns < self.road_ns {
+            self.road_ns = frame.source_ns;
         }
         // What the alarm is about may itself cover the road.
         let is_raised = matches!(self.last, Some((_, alarm)) if alarm.track > 0);
-        let is_covered = is_raised && header.source_ns - self.road_ns <= self.hold_ns;
+        let is_covered = is_raised && frame.source_ns - self.road_ns <= self.hold_ns;
         let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
-        let faults = Faults(header.faults).and(no_road);
-        let state = self.alarm.update(header.source_ns, faults.is_none(), candidates);
+        let faults = frame.faults.and(no_road);
+        let state = self.alarm.update(frame.source_ns, faults.is_none(), candidates);
         let alarm = AlarmRecord {
             level: state.level as u32,
             rule: state.rule as u32,
@@ -133,8 +105,8 @@ impl RecognitionRoom {
             let confirmed = tracker.is_confirmed(track);
             self.records.push(obstacle(track, confirmed, self.path_width_m, &self.label));
         }
-        self.last = Some((header.sequence, alarm));
-        Ok(alarm)
+        self.last = Some((frame.sequence, alarm));
+        alarm
     }
 
     /// Lets the recogniser look at some of the tracks. A crop that cannot be used is not recognised.
@@ -155,14 +127,44 @@ impl RecognitionRoom {
     }
 }
 
-impl Room for RecognitionRoom {
-    fn output_bytes(&self) -> usize {
-        obstacles::payload_bytes(MAX_COUNT)
+impl Stage for RecognitionStage {
+    type In = RegionsMessage;
+    type Out = ObstaclesMessage;
+
+    fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError> {
+        let recogniser = recogniser(config, format.width, format.height)?;
+        let (rig, size) = (format.rig(), (format.width, format.height));
+        Ok(Self {
+            recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
+            label: config.recognition.label.clone(),
+            min_m: MIN_SHARE * config.recognition.window_m,
+            looks: schedule_parameters(config),
+            tracker: Tracker::new(tracker_parameters(config), rig, size),
+            growth: GrowthMeter::new(format.width, format.height),
+            alarm: Alarm::new(alarm_parameters(config)),
+            road_ns: 0,
+            hold_ns: alarm_parameters(config).hold_ns,
+            path_width_m: config.alarm.path_width_m,
+            rig,
+            regions: Vec::with_capacity(regions::MAX_COUNT),
+            records: Vec::with_capacity(MAX_COUNT),
+            last: None,
+        })
     }
 
-    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
-        let alarm = self.judge(header, payload)?;
-        Ok(obstacles::write(output, alarm, &self.records)?)
+    fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
+        recogniser(config, format.width, format.height)?;
+        Ok(())
+    }
+
+    fn process(
+        &mut self,
+        frame: &FrameContext,
+        message: Regions<'_>,
+        output: Output<'_, ObstaclesMessage>,
+    ) -> Result<Written, FrameError> {
+        let alarm = self.judge(frame, &message);
+        Ok(output.write(alarm, &self.records)?)
     }
 }
 

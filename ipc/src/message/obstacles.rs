@@ -3,6 +3,7 @@
 
 use crate::alarm::{LEVELS, RULES};
 use crate::header::{Header, Kind, MessageError};
+use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
 /// The most obstacles of a message.
@@ -183,6 +184,33 @@ impl Newest {
             self.issued_ns = header.issued_ns;
         }
         newer
+    }
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct ObstaclesMessage;
+
+impl Message for ObstaclesMessage {
+    const KIND: Kind = Kind::Obstacles;
+    type View<'a> = Obstacles<'a>;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(_: usize, _: usize) -> usize {
+        payload_bytes(MAX_COUNT)
+    }
+}
+
+impl Output<'_, ObstaclesMessage> {
+    /// Writes the message.
+    ///
+    /// # Errors
+    /// When the payload is too short, or there are too many obstacles.
+    pub fn write(self, alarm: AlarmRecord, obstacles: &[ObstacleRecord]) -> Result<Written, MessageError> {
+        write(self.payload, alarm, obstacles).map(Written)
     }
 }
 

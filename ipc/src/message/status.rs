@@ -7,7 +7,8 @@ use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
-use crate::role::Role;
+use crate::pipeline::Role;
+use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
 /// Frames after which a stage has all the memory that it needs.
@@ -96,7 +97,7 @@ pub struct StatusRecord {
     /// Why the daemon is in its state, in words.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].
-    pub process: [ProcessRecord; 6],
+    pub process: [ProcessRecord; Role::COUNT],
 }
 
 impl StatusRecord {
@@ -144,4 +145,21 @@ pub const PAYLOAD_BYTES: usize = size_of::<StatusRecord>();
 pub fn view(header: &Header, payload: &[u8]) -> Result<StatusRecord, MessageError> {
     header.check(Kind::Status)?;
     record(payload)
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct StatusMessage;
+
+impl Message for StatusMessage {
+    const KIND: Kind = Kind::Status;
+    type View<'a> = StatusRecord;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(_: usize, _: usize) -> usize {
+        PAYLOAD_BYTES
+    }
 }

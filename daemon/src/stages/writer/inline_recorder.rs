@@ -1,7 +1,7 @@
 //! Records a run from inside of it: the writer's part of `lookout replay --record`. In lock-step the
 //! next pair waits until this one is in the file, so nothing is lost.
 
-use super::{Stage, StageError};
+use crate::host::{Host, HostError};
 use crate::recorder::{Feed, Plan};
 use messages::header::Header;
 use messages::obstacles::Obstacles;
@@ -11,27 +11,27 @@ use std::path::Path;
 use tools::recording::{Choice, ImageForm, Limits};
 
 /// See the module.
-pub struct Tape {
+pub struct InlineRecorder {
     statuses: Subscriber,
     feed: Feed,
 }
 
-impl Tape {
+impl InlineRecorder {
     /// Starts the file. A writer that takes over from one that died finds its file, and goes on in a
     /// numbered one.
     ///
     /// # Errors
     /// When it cannot be written, or shared memory cannot be used.
-    pub fn start(stage: &Stage, path: &Path) -> Result<Self, StageError> {
+    pub fn start(host: &Host, path: &Path) -> Result<Self, HostError> {
         let goes_on = path.exists();
         let limits = Limits { split_ns: goes_on.then_some(u64::MAX), ..Limits::default() };
-        let instance = stage.launch.config.instance.name.clone();
+        let instance = host.launch.config.instance.name.clone();
         let plan = Plan { form: ImageForm::Raw, topics: Choice::default(), limits, instance };
-        let frames = stage.launch.frames;
+        let frames = host.launch.frames;
         let size = (frames.width as u32, frames.height as u32);
         Ok(Self {
-            statuses: stage.bus.subscriber(&service::STATUS)?,
-            feed: Feed::start(path, plan, frames.rig(), size, stage.launch.lockstep)?,
+            statuses: host.bus.subscriber(&service::STATUS)?,
+            feed: Feed::start(path, plan, frames.rig(), size, host.launch.lockstep)?,
         })
     }
 
@@ -39,16 +39,16 @@ impl Tape {
     ///
     /// # Errors
     /// When shared memory cannot be used.
-    pub fn follow(&mut self, stage: &mut Stage, pairs: &Subscriber) -> Result<(), StageError> {
+    pub fn follow(&mut self, host: &mut Host, pairs: &Subscriber) -> Result<(), HostError> {
         while let Some(sample) = pairs.receive()? {
             match pair::view(sample.header(), sample.payload()) {
-                Err(error) => stage.refused("pair", &error),
-                Ok(_) if !stage.launch.frames.has_size(sample.header()) => {
-                    stage.refused("pair", &"another size than the run's");
+                Err(error) => host.refused("pair", &error),
+                Ok(_) if !host.launch.frames.has_size(sample.header()) => {
+                    host.refused("pair", &"another size than the run's");
                 }
                 Ok(pair) => {
                     if let Err(error) = self.feed.pair(sample.header(), &pair) {
-                        stage.refused("pair", &error);
+                        host.refused("pair", &error);
                     }
                 }
             }
@@ -82,7 +82,7 @@ impl Tape {
     ///
     /// # Errors
     /// Why it ended early.
-    pub fn finish(self) -> Result<(), StageError> {
+    pub fn finish(self) -> Result<(), HostError> {
         self.feed.finish("the run has ended")?;
         Ok(())
     }

@@ -1,9 +1,11 @@
 //! Writes results to files, and records the run where asked to. It joins the streams of a frame in memory of its own, so that no
 //! stage has to.
 
-use super::tape::Tape;
-use super::{Stage, StageError};
+mod inline_recorder;
+
 use crate::frame_record::frame_record;
+use crate::host::{Host, HostError};
+use inline_recorder::InlineRecorder;
 use messages::clock::monotonic_ns;
 use messages::port::Subscriber;
 use messages::report::Health;
@@ -30,21 +32,21 @@ struct Kept {
 ///
 /// # Errors
 /// When shared memory cannot be used, or results cannot be written.
-pub fn run(mut stage: Stage) -> Result<(), StageError> {
-    let format = stage.launch.frames;
-    let mut writer = stage.launch.out.as_deref().map(FrameWriter::open).transpose()?;
-    let path = stage.launch.record.clone();
-    let mut tape = path.map(|path| Tape::start(&stage, &path)).transpose()?;
-    let depths = stage.bus.subscriber(&service::DEPTH)?;
-    let roads = stage.bus.subscriber(&service::REGIONS)?;
-    let results = stage.bus.subscriber(&service::OBSTACLES)?;
+pub fn run(mut host: Host) -> Result<(), HostError> {
+    let format = host.launch.frames;
+    let mut writer = host.launch.out.as_deref().map(FrameWriter::open).transpose()?;
+    let path = host.launch.record.clone();
+    let mut recorder = path.map(|path| InlineRecorder::start(&host, &path)).transpose()?;
+    let depths = host.bus.subscriber(&service::DEPTH)?;
+    let roads = host.bus.subscriber(&service::REGIONS)?;
+    let results = host.bus.subscriber(&service::OBSTACLES)?;
     let mut sources = vec![&depths, &roads, &results];
-    let pairs = tape.is_some().then(|| stage.bus.subscriber(&service::PAIR)).transpose()?;
+    let pairs = recorder.is_some().then(|| host.bus.subscriber(&service::PAIR)).transpose()?;
     sources.extend(&pairs);
     let mut kept: [Kept; KEPT] = std::array::from_fn(|_| Kept::default());
-    stage.ready()?;
-    wait::run::<StageError>(&sources, || {
-        if stage.should_stop() {
+    host.ready()?;
+    wait::run::<HostError>(&sources, || {
+        if host.should_stop() {
             return Ok(Next::Stop);
         }
         // Obstacles first: whatever they were made from was sent before, and is there by now.
@@ -54,13 +56,13 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
             drop(result);
             result = results.receive()?;
         }
-        keep_depth(&mut stage, &depths, &mut kept)?;
-        keep_profile(&mut stage, &roads, &mut kept)?;
+        keep_depth(&mut host, &depths, &mut kept)?;
+        keep_profile(&mut host, &roads, &mut kept)?;
         let missed = results.take_missed();
-        stage.skipped(missed);
-        if let (Some(tape), Some(pairs)) = (&mut tape, &pairs) {
-            tape.follow(&mut stage, pairs)?;
-            if tape.is_over() {
+        host.skipped(missed);
+        if let (Some(recorder), Some(pairs)) = (&mut recorder, &pairs) {
+            recorder.follow(&mut host, pairs)?;
+            if recorder.is_over() {
                 return Ok(Next::Stop);
             }
         }
@@ -68,13 +70,13 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
             let begin_ns = monotonic_ns();
             let header = *sample.header();
             match obstacles::view(&header, sample.payload()) {
-                Err(error) => stage.refused("obstacles", &error),
+                Err(error) => host.refused("obstacles", &error),
                 Ok(_) if !format.has_size(&header) => {
-                    stage.refused("obstacles", &"another size than the run's");
+                    host.refused("obstacles", &"another size than the run's");
                 }
                 // A frame that came again after a stage died is written once.
                 Ok(_) if writer.as_ref().and_then(FrameWriter::last) == Some(header.sequence) => {
-                    stage.frame_done(&header, 0, 0)?;
+                    host.frame_done(&header, 0, 0)?;
                 }
                 Ok(message) => {
                     let of = Some(header.sequence);
@@ -88,41 +90,41 @@ pub fn run(mut stage: Stage) -> Result<(), StageError> {
                         height: format.height,
                     });
                     let is_whole = writer.is_none() || input.is_some();
-                    let has_pair = tape.as_ref().is_none_or(|t| t.has_pair(header.sequence));
-                    if !is_whole || (stage.launch.lockstep && !has_pair) {
-                        if stage.launch.lockstep {
+                    let has_pair = recorder.as_ref().is_none_or(|t| t.has_pair(header.sequence));
+                    if !is_whole || (host.launch.lockstep && !has_pair) {
+                        if host.launch.lockstep {
                             // Its parts came before this writer did; the frame comes again.
-                            return Ok(Next::Wait(stage.heartbeat()?));
+                            return Ok(Next::Wait(host.heartbeat()?));
                         }
                         // At live rate the line is written all the same.
-                        stage.skipped(1);
+                        host.skipped(1);
                     }
-                    if let Some(tape) = &mut tape {
-                        tape.result(&header, &message, missed);
+                    if let Some(recorder) = &mut recorder {
+                        recorder.result(&header, &message, missed);
                     }
                     if let Some(writer) = &mut writer {
                         writer.write(&frame_record(&header, &message), input)?;
                     }
                     let age_ns = begin_ns.saturating_sub(header.capture_ns);
-                    stage.frame_done(&header, age_ns, monotonic_ns() - begin_ns)?;
+                    host.frame_done(&header, age_ns, monotonic_ns() - begin_ns)?;
                 }
             }
         }
-        Ok(Next::Wait(stage.heartbeat()?))
+        Ok(Next::Wait(host.heartbeat()?))
     })?;
-    let Some(Err(error)) = tape.map(Tape::finish) else { return Ok(()) };
+    let Some(Err(error)) = recorder.map(InlineRecorder::finish) else { return Ok(()) };
     // The run cannot become what was asked for.
-    stage.set_health(Health::Unusable, &error.to_string())?;
-    wait::run(&[], || Ok(if stage.should_stop() { Next::Stop } else { Next::Wait(stage.heartbeat()?) }))
+    host.set_health(Health::Unusable, &error.to_string())?;
+    wait::run(&[], || Ok(if host.should_stop() { Next::Stop } else { Next::Wait(host.heartbeat()?) }))
 }
 
-fn keep_depth(stage: &mut Stage, depths: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), StageError> {
+fn keep_depth(host: &mut Host, depths: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), HostError> {
     while let Some(sample) = depths.receive()? {
         let header = sample.header();
-        let format = stage.launch.frames;
+        let format = host.launch.frames;
         match depth::view(header, sample.payload()) {
-            Err(error) => stage.refused("depth", &error),
-            Ok(_) if !format.has_size(header) => stage.refused("depth", &"another size than the run's"),
+            Err(error) => host.refused("depth", &error),
+            Ok(_) if !format.has_size(header) => host.refused("depth", &"another size than the run's"),
             Ok(message) => {
                 let slot = &mut kept[(header.sequence % KEPT as u64) as usize];
                 slot.depth_of = Some(header.sequence);
@@ -132,18 +134,18 @@ fn keep_depth(stage: &mut Stage, depths: &Subscriber, kept: &mut [Kept; KEPT]) -
                 slot.disparity.extend_from_slice(message.disparity);
             }
         }
-        stage.heartbeat()?;
+        host.heartbeat()?;
     }
     Ok(())
 }
 
-fn keep_profile(stage: &mut Stage, roads: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), StageError> {
+fn keep_profile(host: &mut Host, roads: &Subscriber, kept: &mut [Kept; KEPT]) -> Result<(), HostError> {
     while let Some(sample) = roads.receive()? {
         let header = sample.header();
-        let format = stage.launch.frames;
+        let format = host.launch.frames;
         match regions::view(header, sample.payload()) {
-            Err(error) => stage.refused("regions", &error),
-            Ok(_) if !format.has_size(header) => stage.refused("regions", &"another size than the run's"),
+            Err(error) => host.refused("regions", &error),
+            Ok(_) if !format.has_size(header) => host.refused("regions", &"another size than the run's"),
             Ok(message) => {
                 let slot = &mut kept[(header.sequence % KEPT as u64) as usize];
                 slot.profile_of = Some(header.sequence);
@@ -152,7 +154,7 @@ fn keep_profile(stage: &mut Stage, roads: &Subscriber, kept: &mut [Kept; KEPT]) 
                 slot.edges = message.edge_points();
             }
         }
-        stage.heartbeat()?;
+        host.heartbeat()?;
     }
     Ok(())
 }

@@ -1,12 +1,16 @@
 //! Depth to regions.
 
-use super::{FrameError, Room, check_size, scene_parameters};
+pub mod parameters;
+
+use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
 use config::Config;
 use messages::alarm::Faults;
-use messages::header::{Header, MessageError};
-use messages::regions::{EdgeRecord, RegionRecord, RoadRecord, Writer};
-use messages::{depth, regions};
+use messages::depth::{Depth, DepthMessage};
+use messages::header::MessageError;
+use messages::regions;
+use messages::regions::{EdgeRecord, RegionRecord, RegionsMessage, RoadRecord};
+use messages::typed::{Output, Written};
 use perception::depth::DepthView;
 use perception::image::GreyView;
 use perception::image_quality::{TextureCheck, road_texture};
@@ -28,7 +32,7 @@ const CROP_MARGIN: f64 = 0.2;
 const MIN_CROP: u32 = 32;
 
 /// The road detector between its messages.
-pub struct RoadRoom {
+pub struct RoadStage {
     detector: SceneDetector,
     rig: Rig,
     path_width_m: f64,
@@ -39,13 +43,21 @@ pub struct RoadRoom {
     height: usize,
 }
 
-impl RoadRoom {
-    /// A detector for the run's frames.
-    pub fn new(config: &Config, format: &FrameFormat) -> Self {
+impl Stage for RoadStage {
+    type In = DepthMessage;
+    type Out = RegionsMessage;
+
+    fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError> {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        let detector = SceneDetector::new(scene_parameters(config), format.rig(), width, height, disparities);
-        Self {
+        let detector = SceneDetector::new(
+            parameters::scene_parameters(config),
+            format.rig(),
+            width,
+            height,
+            disparities,
+        );
+        Ok(Self {
             detector,
             rig: format.rig(),
             path_width_m: config.alarm.path_width_m,
@@ -53,25 +65,25 @@ impl RoadRoom {
             is_sparse: false,
             width,
             height,
-        }
-    }
-}
-
-impl Room for RoadRoom {
-    fn output_bytes(&self) -> usize {
-        regions::max_payload_bytes(self.width, self.height)
+        })
     }
 
-    fn process(&mut self, header: &Header, payload: &[u8], output: &mut [u8]) -> Result<usize, FrameError> {
-        let depth = depth::view(header, payload)?;
-        check_size(header, self.width, self.height)?;
+    fn process(
+        &mut self,
+        _frame: &FrameContext,
+        depth: Depth<'_>,
+        output: Output<'_, RegionsMessage>,
+    ) -> Result<Written, FrameError> {
         let picture = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (picture(depth.left)?, picture(depth.right)?);
         let disparity = DisparityView::new(depth.disparity, self.width, self.height)
-            .ok_or(MessageError::Length { given: depth.disparity.len(), needed: header.pixels() })?;
+            .ok_or(MessageError::Length { given: depth.disparity.len(), needed: self.width * self.height })?;
         let depth_view = DepthView::new(disparity, depth.confidence)
             .and_then(|view| view.with_pictures([left, right]))
-            .ok_or(MessageError::Length { given: depth.confidence.len(), needed: header.pixels() })?;
+            .ok_or(MessageError::Length {
+                given: depth.confidence.len(),
+                needed: self.width * self.height,
+            })?;
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
@@ -87,7 +99,7 @@ impl Room for RoadRoom {
             camera_height_m: road.camera_height_m,
             edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
         });
-        let mut writer = Writer::new(output, road, scene.profile_px, scene.free_m, scene.regions.len())?;
+        let mut writer = output.begin(road, scene.profile_px, scene.free_m, scene.regions.len())?;
         for region in scene.regions {
             let record = record(region, self.width as u32, self.height as u32);
             let [x, y, width, height] = record.crop.map(|v| v as usize);
@@ -95,7 +107,7 @@ impl Room for RoadRoom {
             let rows = (0..height).filter_map(|row| crop.map(|c| c.row(row)));
             writer.push(record, rows);
         }
-        Ok(writer.bytes())
+        Ok(writer.finish())
     }
 
     fn faults(&self) -> Faults {

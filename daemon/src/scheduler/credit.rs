@@ -8,7 +8,7 @@
 use super::heat::HeatAction;
 use messages::command::CommandRecord;
 use messages::header::modes;
-use messages::role::Role;
+use messages::pipeline::Role;
 
 /// How long the last frame may be on its way once the source has stopped.
 pub const DRAIN_NS: u64 = 3_000_000_000;
@@ -18,19 +18,16 @@ const MAX_AHEAD: u64 = 1024;
 
 /// The frames of a run.
 #[derive(Clone, Debug)]
-pub struct Flow {
+pub struct Credit {
     command: CommandRecord,
     /// Time between pairs when the board is not hot.
     period_ns: u64,
     /// What heat leaves of the frame rate.
     rate_share: f64,
-    with_writer: bool,
-    /// Last pair that capture published.
+    /// Last pair that the source published.
     published: Option<u64>,
-    /// Last frame that recognition finished.
-    recognised: Option<u64>,
-    /// Last frame that the writer finished.
-    written: Option<u64>,
+    /// Last frame of each process without which no frame is done.
+    finishing: Vec<(Role, Option<u64>)>,
     finished: bool,
     /// A stage died; the frame in flight is to be asked for again once all are there.
     ask_again: bool,
@@ -42,17 +39,15 @@ pub struct Flow {
     patience_ns: u64,
 }
 
-impl Flow {
-    /// No frame has moved yet.
-    pub fn new(lockstep: bool, with_writer: bool, period_ns: u64, patience_ns: u64, now_ns: u64) -> Self {
+impl Credit {
+    /// No frame has moved yet; `roles` are the processes of the run.
+    pub fn new(lockstep: bool, roles: &[Role], period_ns: u64, patience_ns: u64, now_ns: u64) -> Self {
         Self {
             command: CommandRecord { lockstep: u32::from(lockstep), period_ns, ..CommandRecord::default() },
             period_ns,
             rate_share: 1.0,
-            with_writer,
             published: None,
-            recognised: None,
-            written: None,
+            finishing: roles.iter().filter(|r| r.finishes_frames()).map(|&r| (r, None)).collect(),
             finished: false,
             ask_again: false,
             all_there: false,
@@ -78,15 +73,14 @@ impl Flow {
         } else {
             self.published.unwrap_or(0).saturating_add(MAX_AHEAD)
         };
-        if sequence > most && role != Role::Capture {
+        if sequence > most && role != Role::SOURCE {
             return false;
         }
         self.moved_ns = now_ns;
-        let place = match role {
-            Role::Capture => &mut self.published,
-            Role::Recognition => &mut self.recognised,
-            Role::Writer => &mut self.written,
-            Role::Scheduler | Role::Stereo | Role::Road => return false,
+        let place = match self.finishing.iter_mut().find(|(finishing, _)| *finishing == role) {
+            Some((_, last)) => last,
+            None if role == Role::SOURCE => &mut self.published,
+            None => return false,
         };
         *place = (*place).max(Some(sequence));
         if !self.is_lockstep() {
@@ -98,11 +92,11 @@ impl Flow {
             return true;
         }
         // A stage died and came back before this frame was published; it may have missed it.
-        role == Role::Capture && self.all_there && std::mem::take(&mut self.ask_again) && self.ask()
+        role == Role::SOURCE && self.all_there && std::mem::take(&mut self.ask_again) && self.ask()
     }
 
     fn is_done(&self, sequence: u64) -> bool {
-        self.recognised >= Some(sequence) && (!self.with_writer || self.written >= Some(sequence))
+        self.finishing.iter().all(|(_, last)| *last >= Some(sequence))
     }
 
     fn ask(&mut self) -> bool {
@@ -201,8 +195,10 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
-    fn flow(lockstep: bool, with_writer: bool) -> Flow {
-        Flow::new(lockstep, with_writer, 100, 5 * S, 0)
+    fn flow(lockstep: bool, with_writer: bool) -> Credit {
+        let writer = with_writer.then_some(Role::Writer);
+        let roles: Vec<Role> = Role::STAGES.into_iter().chain(writer).collect();
+        Credit::new(lockstep, &roles, 100, 5 * S, 0)
     }
 
     #[test]

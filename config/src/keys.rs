@@ -1,5 +1,6 @@
 //! All keys of the configuration, as their tables declare them.
 
+use messages::pipeline::Role;
 use std::fmt;
 use std::sync::LazyLock;
 
@@ -40,8 +41,8 @@ impl fmt::Display for Kind {
 /// What a running daemon does when a key has changed at a reload (SIGHUP).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reload {
-    /// Restarts these stages.
-    Stages(&'static [&'static str]),
+    /// Restarts the stages that read the table, as [`messages::pipeline`] lists them.
+    Readers,
     /// Restarts all stages.
     AllStages,
     /// The scheduler applies it at once.
@@ -50,19 +51,6 @@ pub enum Reload {
     OtherProcess,
     /// Refuses the whole configuration: memory, names or frames that all processes share depend on the key.
     Restart,
-}
-
-/// The column "on reload" of the reference page.
-impl fmt::Display for Reload {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Reload::Stages(stages) => write!(f, "restarts {}", stages.join(", ")),
-            Reload::AllStages => f.write_str("restarts all stages"),
-            Reload::Scheduler => f.write_str("applied at once"),
-            Reload::OtherProcess => f.write_str("not used by the daemon"),
-            Reload::Restart => f.write_str("refused: restart the daemon"),
-        }
-    }
 }
 
 /// One key.
@@ -89,6 +77,28 @@ impl Key {
     pub fn path(&self) -> String {
         format!("{}.{}", self.table, self.name)
     }
+
+    /// The stages that a reload restarts when the value has changed.
+    pub fn restarts(&self) -> impl Iterator<Item = Role> {
+        Role::STAGES.into_iter().filter(|role| match self.reload {
+            Reload::Readers => role.spec().config_tables.contains(&self.table),
+            Reload::AllStages => true,
+            Reload::Scheduler | Reload::OtherProcess | Reload::Restart => false,
+        })
+    }
+
+    /// The column "on reload" of the reference page.
+    pub(crate) fn on_reload(&self) -> String {
+        match self.reload {
+            Reload::Readers => {
+                format!("restarts {}", self.restarts().map(Role::name).collect::<Vec<_>>().join(", "))
+            }
+            Reload::AllStages => "restarts all stages".into(),
+            Reload::Scheduler => "applied at once".into(),
+            Reload::OtherProcess => "not used by the daemon".into(),
+            Reload::Restart => "refused: restart the daemon".into(),
+        }
+    }
 }
 
 /// One table.
@@ -112,4 +122,20 @@ pub fn tables() -> &'static [Table] {
 /// All keys, table by table.
 pub fn all() -> impl Iterator<Item = &'static Key> {
     tables().iter().flat_map(|table| &table.keys)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::pipeline::PROCESSES;
+
+    #[test]
+    fn each_table_that_restarts_its_readers_has_some() {
+        for key in all().filter(|key| key.reload == Reload::Readers) {
+            assert!(key.restarts().next().is_some(), "no stage reads [{}]", key.table);
+        }
+        for table in PROCESSES.iter().flat_map(|stage| stage.config_tables) {
+            assert!(tables().iter().any(|known| known.name == *table), "[{table}] is no table");
+        }
+    }
 }

@@ -29,7 +29,8 @@ pub fn reference() -> String {
             "| key | default | range | unit | on reload | description |\n|---|---|---|---|---|---|\n",
         );
         for key in &table.keys {
-            let keys::Key { name, kind, unit, text, reload, default, .. } = key;
+            let keys::Key { name, kind, unit, text, default, .. } = key;
+            let reload = key.on_reload();
             let _ = writeln!(out, "| `{name}` | `{default}` | {kind} | {unit} | {reload} | {text} |");
         }
     }

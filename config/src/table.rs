@@ -2,6 +2,7 @@
 
 use crate::keys::{Key, Kind, Reload};
 use crate::stages::{PerStage, StageKey};
+use messages::pipeline::Role;
 
 /// A table as [`table!`] declares it.
 pub trait Table {
@@ -17,7 +18,7 @@ pub trait Table {
 /// ```text
 /// table! {
 ///     /// What the table is about.
-///     pub struct Alarm, reload: Reload::Stages(&["recognition"]);
+///     pub struct Alarm, reload: Reload::Readers;
 ///
 ///     /// What the key means.
 ///     hold_ms: Whole(0, 60_000) in "ms" = 1000;
@@ -170,12 +171,12 @@ impl Entry {
     /// A key for each process.
     pub fn per_stage<K: StageKey>(&self, defaults: &PerStage<K>) -> Vec<Key> {
         let &Self { table, unit, text, reload, .. } = self;
-        let key = |(stage, value): (&str, i64)| Key {
+        let key = |(role, value): (Role, i64)| Key {
             table,
-            name: format!("{}{stage}", K::PREFIX),
+            name: PerStage::<K>::name(role),
             kind: Kind::Whole(K::RANGE.0, K::RANGE.1),
             unit,
-            text: text.replace("{stage}", stage),
+            text: text.replace("{stage}", role.name()),
             reload,
             default: value.into(),
         };

@@ -117,7 +117,7 @@ pub fn reserve(config: &Config, bus: &Bus, record: &mut RealtimeRecord) -> Resul
 
 /// SCHED_FIFO priority of a role; `None` for a role that never has one.
 fn priority(config: &Config, role: Role) -> Option<u32> {
-    config.realtime.priority(role.name()).and_then(|priority| u32::try_from(priority).ok())
+    config.realtime.priority(role).and_then(|priority| u32::try_from(priority).ok())
 }
 
 /// The lowest priority that a stage of frames asks for; `None` where time is shared.

@@ -6,7 +6,7 @@ use perception::alarm::AlarmParameters as Rules;
 
 table! {
     /// Rules of warnings and alarms.
-    pub struct Alarm, reload: Reload::Stages(&["recognition"]);
+    pub struct Alarm, reload: Reload::Readers;
 
     /// Alarm if an obstacle in the path is nearer than this.
     distance_m: Number(0.5, 200.0) in "m" = Rules::default().distance_m;

@@ -3,6 +3,7 @@
 use crate::keys::Reload;
 use crate::stages::Core;
 use crate::table::table;
+use messages::pipeline::{self, Role};
 
 table! {
     /// Identity of the daemon on its machine.
@@ -38,10 +39,12 @@ table! {
 }
 
 impl Cores {
-    /// Core of a process. One without a key of its own, such as the writer, shares the scheduler's: it may be
-    /// late, the stages may not.
-    pub fn of(&self, stage: &str) -> i64 {
-        self.stages.get(stage).or_else(|| self.stages.get("scheduler")).unwrap_or(0)
+    /// Core of a process: its own, or that of the process with which it shares one.
+    pub fn of(&self, role: Role) -> i64 {
+        match role.spec().core {
+            pipeline::Core::With(other) if other != role => self.of(other),
+            _ => self.stages.get(role).unwrap_or(0),
+        }
     }
 }
 

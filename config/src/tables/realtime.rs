@@ -3,6 +3,7 @@
 use crate::keys::Reload;
 use crate::stages::Priority;
 use crate::table::table;
+use messages::pipeline::Role;
 
 /// How much the daemon insists on a privilege.
 const WISH: &[&str] = &["off", "prefer", "require"];
@@ -41,8 +42,8 @@ table! {
 
 impl Realtime {
     /// SCHED_FIFO priority of a process; `None` for one that never has one, such as the writer.
-    pub fn priority(&self, stage: &str) -> Option<i64> {
-        self.priorities.get(stage)
+    pub fn priority(&self, role: Role) -> Option<i64> {
+        self.priorities.get(role)
     }
 }
 

@@ -9,7 +9,7 @@ use perception::tracking::classification_schedule::ScheduleParameters as Schedul
 
 table! {
     /// Recognition of obstacles by a boosted cascade.
-    pub struct Recognition, reload: Reload::Stages(&["recognition"]);
+    pub struct Recognition, reload: Reload::Readers;
 
     /// OpenCV cascade file (XML), LBP or Haar; `vehicle` is the cascade that ships (models/README.md); if empty,
     /// every region is labelled `obstacle`.
@@ -45,7 +45,7 @@ table! {
 
 table! {
     /// Tracking of regions from frame to frame.
-    pub struct Tracking, reload: Reload::Stages(&["recognition"]);
+    pub struct Tracking, reload: Reload::Readers;
 
     /// Number of frames in which an obstacle must be detected before it can raise an alarm.
     confirm_frames: Whole(1, 100) in "frames" = Tracker::default().confirm_frames;

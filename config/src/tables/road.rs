@@ -7,7 +7,7 @@ use perception::road::{RoadParameters, Shape};
 
 table! {
     /// Road surface model.
-    pub struct Road, reload: Reload::Stages(&["road"]);
+    pub struct Road, reload: Reload::Readers;
 
     /// Minimum height of the camera above the road.
     camera_height_min_m: Number(0.1, 10.0) in "m" = RoadParameters::default().camera_height_m.0;
@@ -35,7 +35,7 @@ fn shape() -> &'static str {
 
 table! {
     /// Detection of obstacle regions above the road.
-    pub struct Regions, reload: Reload::Stages(&["road"]);
+    pub struct Regions, reload: Reload::Readers;
 
     /// Minimum height of an obstacle above the road; lower structures count as road.
     height_min_m: Number(0.05, 3.0) in "m" = Region::default().min_height_m;

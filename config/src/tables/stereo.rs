@@ -11,7 +11,7 @@ use perception::stereo::winner::SubPixel;
 
 table! {
     /// Stereo matching by Multi-Path Viterbi.
-    pub struct Stereo, reload: Reload::Stages(&["stereo"]);
+    pub struct Stereo, reload: Reload::Readers;
 
     /// Search strategy: `fast` searches windows around the disparities of a coarser map; `full` searches all
     /// disparities of every pixel and is a few times slower.
@@ -119,7 +119,7 @@ fn sub_pixel() -> &'static str {
 
 table! {
     /// Monitoring of the epipolar alignment.
-    pub struct Calibration, reload: Reload::Stages(&["stereo"]);
+    pub struct Calibration, reload: Reload::Readers;
 
     /// Monitors whether matching points lie in the same row of both images; if they do not, the daemon is
     /// degraded.

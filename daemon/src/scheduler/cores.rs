@@ -24,7 +24,7 @@ impl CorePlan {
                 Some(available[number % available.len()])
             }
         };
-        Self { cores: Role::ALL.map(|role| (role, core(wanted.of(role.name())))).to_vec() }
+        Self { cores: Role::ALL.map(|role| (role, core(wanted.of(role)))).to_vec() }
     }
 
     /// The core of a role; `None` when it is not pinned.

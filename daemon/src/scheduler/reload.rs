@@ -1,6 +1,6 @@
 //! Reload: the configuration is read again while the daemon runs.
 //!
-//! The declaration of each key says what a change of it requires ([`Reload`]). A stage is configured once, at start,
+//! The declaration of each key says what a change of its value requires ([`Reload`]). A stage is configured once, at start,
 //! from its launch document, so a stage that reads a changed key is restarted: in the same way as at any restart, but
 //! without delay and without counting as a failure. The scheduler applies the tables of the board at once. All other
 //! keys determine what all processes share (memory, names, frames): a configuration that changes one of them is
@@ -40,10 +40,7 @@ pub fn plan(old: &Config, new: &Config) -> Result<Plan, Refused> {
     };
     for key in changed(old, new) {
         match key.reload {
-            Reload::Stages(names) => {
-                Role::STAGES.into_iter().filter(|role| names.contains(&role.name())).for_each(&mut add);
-            }
-            Reload::AllStages => Role::STAGES.into_iter().for_each(&mut add),
+            Reload::Readers | Reload::AllStages => key.restarts().for_each(&mut add),
             Reload::Scheduler => plan.board = true,
             Reload::OtherProcess => {}
             Reload::Restart => refused.push(key.path()),
@@ -93,17 +90,5 @@ mod tests {
         let refused = plan(&old, &new).unwrap_err();
         assert_eq!(refused, Refused(vec!["source.seed".into(), "stereo.disparities".into()]));
         assert!(refused.to_string().contains("source.seed, stereo.disparities cannot change while"));
-    }
-
-    #[test]
-    fn declarations_name_stages_that_exist() {
-        let stages = Role::STAGES.map(Role::name);
-        for key in config::keys::all() {
-            if let Reload::Stages(names) = key.reload {
-                assert!(!names.is_empty() && names.iter().all(|n| stages.contains(n)), "{}", key.path());
-            }
-        }
-        let roles = config::stages::STAGES.iter().map(|stage| stage.name);
-        assert!(roles.eq(Role::ALL.into_iter().filter(|r| *r != Role::Writer).map(Role::name)));
     }
 }

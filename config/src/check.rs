@@ -1,13 +1,13 @@
-//! Reading and checking: every error at once, each with its line, key and remedy.
+//! Parses and checks a configuration. All errors are reported at once, each with its line, key and remedy.
 
 use crate::keys::{self, Key, Kind};
-use crate::model::Config;
+use crate::tables::Config;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// The profiles that come with the daemon; the first is the default and is complete.
+/// The profiles that come with the daemon: what differs from the defaults. The first is used where none is named.
 const PROFILES: [(&str, &str); 4] = [
     ("replay", include_str!("../profiles/replay.toml")),
     ("tk1", include_str!("../profiles/tk1.toml")),
@@ -20,12 +20,12 @@ pub fn profile_names() -> impl Iterator<Item = &'static str> {
     PROFILES.iter().map(|(name, _)| *name)
 }
 
-/// One fault of a configuration.
+/// One error in a configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigError {
     /// The file, or the name of a profile.
     pub file: PathBuf,
-    /// Its line, from 1; `None` when the file itself is at fault.
+    /// Its line, from 1; `None` if the file itself cannot be read.
     pub line: Option<usize>,
     /// What is wrong and what to do.
     pub text: String,
@@ -41,7 +41,7 @@ impl fmt::Display for ConfigError {
     }
 }
 
-/// All faults of a configuration, in the order of their lines.
+/// All errors in a configuration, in the order of their lines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigErrors(pub Vec<ConfigError>);
 
@@ -59,7 +59,7 @@ impl std::error::Error for ConfigErrors {}
 /// Loads the configuration that `-c` names: a file, or a built-in profile. `None` is `replay`.
 ///
 /// # Errors
-/// All faults of the file, each with its line.
+/// All errors in the file, each with its line.
 pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
     let Some(path) = name else { return parse("", Path::new("replay")) };
     if let Some((_, text)) = PROFILES.iter().find(|(profile, _)| path == Path::new(profile)) {
@@ -78,7 +78,7 @@ pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
 /// Parses the text of a configuration; `file` is named in errors.
 ///
 /// # Errors
-/// All faults of the text, each with its line.
+/// All errors in the text, each with its line.
 pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     let mut checker = Checker { text, file, errors: Vec::new() };
     let table = match DeTable::parse(text) {
@@ -93,31 +93,29 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     if !checker.errors.is_empty() {
         return Err(checker.finish());
     }
-    // The faultless text over its profile over the default.
-    let mut merged = toml::Table::new();
-    for layer in [PROFILES[0].1, base, text] {
-        let layer: toml::Table = match toml::from_str(layer) {
-            Ok(layer) => layer,
-            Err(error) => {
-                checker.add(None, error.message().to_owned());
-                return Err(ConfigErrors(checker.errors));
-            }
-        };
-        for (name, value) in layer {
-            if let toml::Value::Table(keys) = value {
-                let target = merged.entry(name).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-                if let Some(target) = target.as_table_mut() {
-                    target.extend(keys);
-                }
-            }
-        }
-    }
-    let config: Config = merged.try_into().map_err(|error: toml::de::Error| {
-        checker.add(None, error.message().to_owned());
+    let config = layered(&[base, text]).map_err(|message| {
+        checker.add(None, message);
         ConfigErrors(checker.errors.clone())
     })?;
     checker.relations(&config, table.get_ref());
     if checker.errors.is_empty() { Ok(config) } else { Err(checker.finish()) }
+}
+
+/// The defaults, overwritten by one text after the other.
+fn layered(texts: &[&str]) -> Result<Config, String> {
+    let mut merged = toml::Table::try_from(Config::default()).map_err(|error| error.to_string())?;
+    for text in texts {
+        let layer: toml::Table = toml::from_str(text).map_err(|error| error.message().to_owned())?;
+        for (name, value) in layer {
+            // `profile = "…"` is the only value outside of a table.
+            let toml::Value::Table(keys) = value else { continue };
+            let table = merged.entry(name).or_insert_with(|| toml::Table::new().into());
+            if let Some(table) = table.as_table_mut() {
+                table.extend(keys);
+            }
+        }
+    }
+    merged.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
 }
 
 struct Checker<'a> {
@@ -127,7 +125,7 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    /// All faults, in the order of their lines.
+    /// All errors, in the order of their lines.
     fn finish(mut self) -> ConfigErrors {
         self.errors.sort_by_key(|error| error.line);
         ConfigErrors(self.errors)
@@ -138,7 +136,7 @@ impl Checker<'_> {
         self.errors.push(ConfigError { file: self.file.to_owned(), line, text });
     }
 
-    /// The text of the profile that `profile = "…"` names, or the default's.
+    /// The text of the profile that `profile = "…"` names, or of the default profile.
     fn profile(&mut self, table: &DeTable<'_>) -> &'static str {
         let Some(value) = table.get("profile") else { return PROFILES[0].1 };
         let named = value.get_ref().as_str().and_then(|n| PROFILES.iter().find(|(name, _)| *name == n));
@@ -155,25 +153,22 @@ impl Checker<'_> {
             if name.get_ref() == "profile" {
                 continue;
             }
-            let prefix = format!("{}.", name.get_ref());
-            if !keys::all().any(|key| key.name.starts_with(&prefix)) {
-                let known = keys::all().filter_map(|key| key.name.split_once('.')).map(|(table, _)| table);
-                let hint = nearest(name.get_ref(), known);
+            let Some(table) = keys::tables().iter().find(|table| table.name == name.get_ref()) else {
+                let hint = nearest(name.get_ref(), keys::tables().iter().map(|table| table.name));
                 self.add(Some(name.span().start), format!("unknown table [{}]{hint}", name.get_ref()));
                 continue;
-            }
+            };
             let Some(keys) = value.get_ref().as_table() else {
                 self.add(Some(value.span().start), format!("{} is a table: write [{0}]", name.get_ref()));
                 continue;
             };
             for (key_name, value) in keys {
-                let full = format!("{prefix}{}", key_name.get_ref());
-                if let Some(key) = keys::all().find(|key| key.name == full) {
+                if let Some(key) = table.keys.iter().find(|key| key.name == key_name.get_ref().as_ref()) {
                     self.value(key, value);
                 } else {
-                    let known = keys::all().filter_map(|key| key.name.strip_prefix(&prefix));
-                    let hint = nearest(key_name.get_ref(), known);
-                    self.add(Some(key_name.span().start), format!("unknown key {full}{hint}"));
+                    let hint = nearest(key_name.get_ref(), table.keys.iter().map(|key| &key.name[..]));
+                    let text = format!("unknown key {}.{}{hint}", table.name, key_name.get_ref());
+                    self.add(Some(key_name.span().start), text);
                 }
             }
         }
@@ -205,11 +200,11 @@ impl Checker<'_> {
         };
         if !fits {
             let remedy = key.kind.to_string();
-            self.add(Some(value.span().start), format!("{} = {shown}: give {remedy}", key.name));
+            self.add(Some(value.span().start), format!("{} = {shown}: give {remedy}", key.path()));
         }
     }
 
-    /// What no single key can tell.
+    /// Checks that involve several keys.
     fn relations(&mut self, c: &Config, root: &DeTable<'_>) {
         let place = |name: &str| {
             let (table, key) = name.split_once('.')?;
@@ -245,10 +240,10 @@ impl Checker<'_> {
             heartbeat,
             ("supervision.liveness_deadline_ms", c.supervision.liveness_deadline_ms as f64 / 2.0),
         );
-        // A stage hears of a request to stop at its next heartbeat at the latest.
+        // An idle stage notices a stop request at its next heartbeat at the latest.
         ordered(heartbeat, ("supervision.stop_grace_ms", c.supervision.stop_grace_ms as f64 / 2.0));
-        // A GPU that hangs must be noticed before the stage counts as hanging, with time left for the CPU to
-        // match the frame.
+        // A hanging GPU must be detected before the stage counts as hanging, with time left for the CPU to match
+        // the frame.
         if c.stereo.backend != "cpu" {
             ordered(
                 ("stereo.gpu_timeout_ms", c.stereo.gpu_timeout_ms),
@@ -267,7 +262,7 @@ impl Checker<'_> {
             ("camera.retry_first_ms", c.camera.retry_first_ms as f64),
             ("camera.retry_longest_ms", c.camera.retry_longest_ms as f64),
         );
-        // A limit of 0 is none.
+        // 0 disables a rule.
         if c.alarm.ttc_alarm_s > 0.0 && c.alarm.ttc_warning_s > 0.0 {
             ordered(
                 ("alarm.ttc_alarm_s", c.alarm.ttc_alarm_s),
@@ -280,7 +275,7 @@ impl Checker<'_> {
                 ("alarm.deceleration_alarm_m_s2", c.alarm.deceleration_alarm_m_s2),
             );
         }
-        // The ladder: each rung at or above the one before.
+        // Each step of load shedding begins at or above the temperature of the step before.
         let h = &c.heat;
         for pair in [
             ("heat.frame_rate_above_c", h.frame_rate_above_c),
@@ -305,37 +300,9 @@ impl Checker<'_> {
     }
 }
 
-impl fmt::Display for Kind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Kind::Switch => f.write_str("true or false"),
-            Kind::Whole(low, high) => write!(f, "a whole number from {low} to {high}"),
-            Kind::Number(low, high) => write!(f, "a number from {low} to {high}"),
-            Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),
-            Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
-            Kind::Path => f.write_str("a path in quotes"),
-            Kind::Text(most) => write!(f, "one line of at most {most} characters, in quotes"),
-        }
-    }
-}
-
-/// "; did you mean X?" for the known name that is most alike.
+/// "; did you mean X?" for the known name with the smallest edit distance.
 fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let distance = |a: &str, b: &str| {
-        let b: Vec<char> = b.chars().collect();
-        let mut row: Vec<usize> = (0..=b.len()).collect();
-        for (i, x) in a.chars().enumerate() {
-            let mut diagonal = row[0];
-            row[0] = i + 1;
-            for (j, &y) in b.iter().enumerate() {
-                let cost = diagonal + usize::from(x != y);
-                diagonal = row[j + 1];
-                row[j + 1] = cost.min(diagonal + 1).min(row[j] + 1);
-            }
-        }
-        row[b.len()]
-    };
-    match known.map(|k| (distance(name, k), k)).min() {
+    match known.map(|k| (strsim::levenshtein(name, k), k)).min() {
         Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {word}?"),
         _ => "; docs/configuration.md lists all keys".into(),
     }
@@ -350,23 +317,22 @@ mod tests {
     }
 
     #[test]
-    fn the_table_of_keys_and_the_types_agree() {
-        let config = toml::Table::try_from(load(None).unwrap()).unwrap();
-        let mut typed: Vec<String> = Vec::new();
-        for (table, keys) in &config {
-            typed.extend(keys.as_table().unwrap().keys().map(|key| format!("{table}.{key}")));
+    fn defaults_pass_every_check_and_come_back() {
+        let config = Config::default();
+        assert_eq!(load(None).unwrap(), config);
+        let text = toml::to_string(&config).unwrap();
+        assert_eq!(parse(&text, Path::new("defaults")).unwrap(), config);
+        // Each key stands where its declaration says, with the default that it says, and there are no others.
+        let written: toml::Table = text.parse().unwrap();
+        for key in keys::all() {
+            assert_eq!(written[key.table].get(&key.name), Some(&key.default), "{}", key.path());
         }
-        let mut listed: Vec<String> = keys::all().map(|key| key.name.to_owned()).collect();
-        typed.sort();
-        listed.sort();
-        assert_eq!(typed, listed);
-        // The default profile leaves nothing out.
-        let default: toml::Table = toml::from_str(PROFILES[0].1).unwrap();
-        assert_eq!(default, config);
+        let count: usize = written.values().map(|table| table.as_table().unwrap().len()).sum();
+        assert_eq!(count, keys::all().count());
     }
 
     #[test]
-    fn all_profiles_are_sound() {
+    fn all_profiles_are_valid() {
         for name in profile_names() {
             load(Some(Path::new(name))).unwrap_or_else(|e| panic!("{e}"));
         }
@@ -376,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_reported_at_once_with_its_line() {
+    fn every_error_is_reported_at_once_with_its_line() {
         let text = "profile = \"tk2\"
 [stereo]
 disparities = 1000
@@ -437,7 +403,7 @@ name = \"a b\"
         ] {
             assert!(errors(text)[0].contains(expected), "{:?}", errors(text));
         }
-        // Where the CPU matches, nobody waits for a GPU.
+        // On the CPU the GPU's timeout does not matter.
         let cpu = "[stereo]\nbackend = \"cpu\"\ngpu_timeout_ms = 2600\n";
         assert!(parse(cpu, Path::new("car.toml")).is_ok());
         let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
@@ -445,7 +411,7 @@ name = \"a b\"
     }
 
     #[test]
-    fn a_fault_with_a_value_of_the_profile_has_the_line_of_the_file() {
+    fn an_error_with_a_value_of_the_profile_has_the_line_of_the_file() {
         // The file lowers the maximum below the default minimum: the line is that of the file.
         let crossed = errors("[road]\ncamera_height_max_m = 0.2\n");
         assert!(crossed[0].starts_with("car.toml:2: "), "{crossed:?}");

@@ -1,14 +1,17 @@
-//! The configuration of the daemon: typed, checked, with a reference that cannot go stale.
+//! The configuration of the daemon: typed and checked, with a generated reference page.
 //!
-//! A file is TOML. Keys that it leaves out come from the profile that it names (`profile = "tk1"`)
-//! or from `replay`, the default. [`keys::all`] lists every key with its unit, range and effect;
-//! checks, error texts and `docs/configuration.md` all come from that one table.
+//! A file is TOML. Keys that it leaves out come from the profile that it names (`profile = "tk1"`), or
+//! else from the defaults. Each key is declared once, in the `tables` module: type, default, range, unit, documentation
+//! and what a reload does with it. The types here, the checks, error messages, `docs/configuration.md` and
+//! the reload of a running daemon are derived from that declaration ([`keys::all`]).
 
 mod check;
 pub mod keys;
-mod model;
 mod reference;
+pub mod stages;
+mod table;
+mod tables;
 
 pub use check::{ConfigError, ConfigErrors, load, parse, profile_names};
-pub use model::*;
 pub use reference::reference;
+pub use tables::*;

@@ -115,18 +115,9 @@ pub fn reserve(config: &Config, bus: &Bus, record: &mut RealtimeRecord) -> Resul
     wish.note(Privilege::Prefault, remedy, result, record)
 }
 
-/// The priority of a role; `None` for what must never be in the way.
+/// SCHED_FIFO priority of a role; `None` for a role that never has one.
 fn priority(config: &Config, role: Role) -> Option<u32> {
-    let c = &config.realtime;
-    let priority = match role {
-        Role::Scheduler => c.priority_scheduler,
-        Role::Capture => c.priority_capture,
-        Role::Stereo => c.priority_stereo,
-        Role::Road => c.priority_road,
-        Role::Recognition => c.priority_recognition,
-        Role::Writer => return None,
-    };
-    u32::try_from(priority).ok()
+    config.realtime.priority(role).and_then(|priority| u32::try_from(priority).ok())
 }
 
 /// The lowest priority that a stage of frames asks for; `None` where time is shared.

@@ -23,6 +23,9 @@ fn text(input: &[u8]) -> String {
 #[test]
 fn configuration() {
     let mut seeds = files("config/profiles", "toml");
+    seeds.push(
+        toml::to_string(&config::Config::default()).expect("a configuration can be written").into_bytes(),
+    );
     seeds.push(b"profile = \"tk1\"\n[alarm]\ndistance_m = 7\n[source]\npath = 'a\\b'\n".to_vec());
     fuzz("configuration", seeds, 8192, |input, _| match config::parse(&text(input), Path::new("car.toml")) {
         Err(errors) => {

@@ -453,8 +453,7 @@ mod tests {
         collector.alarm_off(Faults::STAGE);
         collector.alarm_off(Faults::STALE);
         let supervisor = Supervisor::new(PARAMETERS, &roles, 0);
-        let cores = config::Cores { pin: true, scheduler: 0, capture: 0, stereo: 0, road: 0, recognition: 0 };
-        let plan = CorePlan::new(&cores, &[0]);
+        let plan = CorePlan::new(&config::Cores::default(), &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
         assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
         assert!(collector.traces().is_empty(), "nobody asked for them");

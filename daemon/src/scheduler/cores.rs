@@ -24,16 +24,7 @@ impl CorePlan {
                 Some(available[number % available.len()])
             }
         };
-        // The writer keeps the scheduler company: it may be late, the stages may not.
-        let wishes = [
-            (Role::Scheduler, wanted.scheduler),
-            (Role::Capture, wanted.capture),
-            (Role::Stereo, wanted.stereo),
-            (Role::Road, wanted.road),
-            (Role::Recognition, wanted.recognition),
-            (Role::Writer, wanted.scheduler),
-        ];
-        Self { cores: wishes.map(|(role, number)| (role, core(number))).to_vec() }
+        Self { cores: Role::ALL.map(|role| (role, core(wanted.of(role)))).to_vec() }
     }
 
     /// The core of a role; `None` when it is not pinned.
@@ -66,31 +57,29 @@ impl CorePlan {
 mod tests {
     use super::*;
 
-    const WANTED: Cores = Cores { pin: true, scheduler: 0, capture: 0, stereo: 1, road: 2, recognition: 3 };
-
     #[test]
     fn every_role_has_its_core_when_there_are_enough() {
-        let plan = CorePlan::new(&WANTED, &[0, 1, 2, 3]);
+        let plan = CorePlan::new(&Cores::default(), &[0, 1, 2, 3]);
         let cores = Role::ALL.map(|role| plan.core(role));
         assert_eq!(cores, [Some(0), Some(0), Some(1), Some(2), Some(3), Some(0)]);
     }
 
     #[test]
     fn on_fewer_cores_roles_are_doubled_up_and_it_says_how() {
-        let plan = CorePlan::new(&WANTED, &[0, 1]);
+        let plan = CorePlan::new(&Cores::default(), &[0, 1]);
         assert_eq!(plan.core(Role::Recognition), Some(1));
         let text = plan.describe(&Role::ALL);
         assert_eq!(text, "core 0: scheduler, capture, road, writer; core 1: stereo, recognition");
         // Cores of a cpuset need not start at 0.
-        let plan = CorePlan::new(&WANTED, &[4, 6]);
+        let plan = CorePlan::new(&Cores::default(), &[4, 6]);
         assert_eq!((plan.core(Role::Capture), plan.core(Role::Stereo)), (Some(4), Some(6)));
     }
 
     #[test]
     fn nothing_is_pinned_when_that_is_off_or_impossible() {
-        let plan = CorePlan::new(&Cores { pin: false, ..WANTED }, &[0, 1]);
+        let plan = CorePlan::new(&Cores { pin: false, ..Cores::default() }, &[0, 1]);
         assert_eq!(plan.core(Role::Stereo), None);
         assert_eq!(plan.describe(&Role::ALL), "no process is pinned");
-        assert_eq!(CorePlan::new(&WANTED, &[]).core(Role::Stereo), None);
+        assert_eq!(CorePlan::new(&Cores::default(), &[]).core(Role::Stereo), None);
     }
 }

@@ -1,51 +1,22 @@
-//! A configuration that is read again while the daemon runs: what may change, and who has to know.
+//! Reload: the configuration is read again while the daemon runs.
 //!
-//! A stage is furnished once, from its launch document; nothing in it changes while it works. So a
-//! stage that reads a changed key is started anew, on the way that every restart takes, but without
-//! waiting and without counting as a failure. The tables of the board are the scheduler's own and
-//! hold at once. All other keys have shaped what is shared by all (memory, names, frames): they need
-//! a restart of the daemon, and a configuration that changes one of them is refused as a whole.
+//! The declaration of each key says what a change of its value requires ([`Reload`]). A stage is configured once, at start,
+//! from its launch document, so a stage that reads a changed key is restarted: in the same way as at any restart, but
+//! without delay and without counting as a failure. The scheduler applies the tables of the board at once. All other
+//! keys determine what all processes share (memory, names, frames): a configuration that changes one of them is
+//! refused as a whole.
 
 use config::Config;
+use config::keys::{Key, Reload};
 use messages::pipeline::Role;
 use thiserror::Error;
 
-/// What a changed key asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Effect {
-    /// This stage starts anew.
-    Stage(Role),
-    /// All stages start anew.
-    Stages,
-    /// The scheduler takes it over.
-    Own,
-    /// It is no business of a running daemon.
-    Others,
-    /// The daemon would have to start anew.
-    Restart,
-}
-
-fn effect(key: &str) -> Effect {
-    match key.split_once('.').unwrap_or((key, "")) {
-        // The one key of stereo that the size of things hangs on.
-        ("stereo", "disparities") => Effect::Restart,
-        ("stereo" | "calibration", _) => Effect::Stage(Role::Stereo),
-        ("road" | "regions", _) => Effect::Stage(Role::Road),
-        ("recognition" | "tracking" | "alarm", _) => Effect::Stage(Role::Recognition),
-        ("log", _) => Effect::Stages,
-        ("heat" | "clocks" | "board", _) => Effect::Own,
-        // Read by another process when that starts.
-        ("soak", _) => Effect::Others,
-        _ => Effect::Restart,
-    }
-}
-
-/// What has to be done.
+/// What a reload has to do.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// Keys that changed.
     pub keys: Vec<String>,
-    /// Stages that start anew.
+    /// Stages that are restarted.
     pub roles: Vec<Role>,
     /// Whether a table of the board changed.
     pub board: bool,
@@ -56,10 +27,10 @@ pub struct Plan {
 #[error("{} cannot change while the daemon runs: restart it", .0.join(", "))]
 pub struct Refused(pub Vec<String>);
 
-/// What has to be done to get from one configuration to another.
+/// What a reload has to do to get from one configuration to another.
 ///
 /// # Errors
-/// Names the keys that forbid it.
+/// The keys that cannot change while the daemon runs.
 pub fn plan(old: &Config, new: &Config) -> Result<Plan, Refused> {
     let (mut plan, mut refused) = (Plan::default(), Vec::new());
     let mut add = |role| {
@@ -67,32 +38,24 @@ pub fn plan(old: &Config, new: &Config) -> Result<Plan, Refused> {
             plan.roles.push(role);
         }
     };
-    let keys = changed(old, new);
-    for key in &keys {
-        match effect(key) {
-            Effect::Stage(role) => add(role),
-            Effect::Stages => Role::STAGES.into_iter().for_each(&mut add),
-            Effect::Own => plan.board = true,
-            Effect::Others => {}
-            Effect::Restart => refused.push(key.clone()),
+    for key in changed(old, new) {
+        match key.reload {
+            Reload::Readers | Reload::AllStages => key.restarts().for_each(&mut add),
+            Reload::Scheduler => plan.board = true,
+            Reload::OtherProcess => {}
+            Reload::Restart => refused.push(key.path()),
         }
+        plan.keys.push(key.path());
     }
-    plan.keys = keys;
     if refused.is_empty() { Ok(plan) } else { Err(Refused(refused)) }
 }
 
 /// Keys whose values differ.
-fn changed(old: &Config, new: &Config) -> Vec<String> {
+fn changed(old: &Config, new: &Config) -> Vec<&'static Key> {
     let tables = |config: &Config| toml::Table::try_from(config).unwrap_or_default();
     let (old, new) = (tables(old), tables(new));
-    config::keys::all()
-        .filter(|key| {
-            let (table, name) = key.name.split_once('.').unwrap_or((key.name, ""));
-            let value = |tables: &toml::Table| tables.get(table).and_then(|t| t.get(name)).cloned();
-            value(&old) != value(&new)
-        })
-        .map(|key| key.name.to_owned())
-        .collect()
+    let value = |tables: &toml::Table, key: &Key| tables.get(key.table)?.get(&key.name).cloned();
+    config::keys::all().filter(|key| value(&old, key) != value(&new, key)).collect()
 }
 
 #[cfg(test)]
@@ -105,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_that_read_a_changed_key_start_anew() {
+    fn stages_that_read_a_changed_key_are_restarted() {
         let old = config("");
         assert_eq!(plan(&old, &old), Ok(Plan::default()));
         let new = config("[alarm]\ndistance_m = 12\n[tracking]\nconfirm_frames = 2\n[stereo]\nfill = true\n");
@@ -121,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_what_all_share_is_refused_with_every_such_key() {
+    fn a_change_of_a_shared_key_is_refused_and_every_such_key_is_named() {
         let old = config("");
         let new = config("[alarm]\ndistance_m = 12\n[source]\nseed = 3\n[stereo]\ndisparities = 64\n");
         let refused = plan(&old, &new).unwrap_err();

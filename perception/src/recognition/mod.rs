@@ -51,6 +51,12 @@ pub struct RecogniserParameters {
     pub min_neighbours: u32,
 }
 
+impl Default for RecogniserParameters {
+    fn default() -> Self {
+        Self { sizes: Sizes::default(), growth: scan::DEFAULT_GROWTH, window_m: 2.0, min_neighbours: 3 }
+    }
+}
+
 /// Hits kept per crop: more than this is no find.
 const MAX_HITS: usize = 4096;
 

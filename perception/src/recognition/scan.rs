@@ -43,10 +43,17 @@ pub enum Sizes {
     },
 }
 
+/// Smallest window of the paper, in pixels.
+pub const DEFAULT_MIN_PX: u32 = 30;
+/// Largest window of the paper, in pixels.
+pub const DEFAULT_MAX_PX: u32 = 90;
+/// Factor from one window size to the next of the paper.
+pub const DEFAULT_GROWTH: f64 = 1.3;
+
 impl Default for Sizes {
-    /// The paper's: 30 to 90 px, growing by 1.3.
+    /// The window sizes of the paper.
     fn default() -> Self {
-        Self::Range { min_px: 30, max_px: 90, growth: 1.3 }
+        Self::Range { min_px: DEFAULT_MIN_PX, max_px: DEFAULT_MAX_PX, growth: DEFAULT_GROWTH }
     }
 }
 

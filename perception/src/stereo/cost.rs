@@ -41,6 +41,9 @@ const WORD_ROWS: usize = STRIP + 2 * RADIUS;
 /// Vectors may reach this many columns beyond the last window.
 const OVERRUN: usize = 16;
 
+/// Default of [`CostParameters::k2`].
+pub const DEFAULT_K2: f64 = 0.03;
+
 /// What shapes the matching cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostParameters {
@@ -53,7 +56,7 @@ pub struct CostParameters {
 
 impl Default for CostParameters {
     fn default() -> Self {
-        Self { k2: 0.03, gradient_limit: 8 }
+        Self { k2: DEFAULT_K2 as f32, gradient_limit: 8 }
     }
 }
 

@@ -3,7 +3,11 @@
 
 use super::{MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
+use core::time::Duration;
 use thiserror::Error;
+
+/// Default of the time after which a device that has not finished a frame is treated as hanging.
+pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Why a device is no longer used.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]

@@ -18,6 +18,12 @@ pub struct ScheduleParameters {
     pub again_frames: u32,
 }
 
+impl Default for ScheduleParameters {
+    fn default() -> Self {
+        Self { most: 8, again_frames: 5 }
+    }
+}
+
 impl Tracker {
     /// Lets the recogniser look: calls `recognise` for some of the tracks that were seen in this frame
     /// and that `may` be looked at, and keeps the score of the recogniser's class that it gives. Call

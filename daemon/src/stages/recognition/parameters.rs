@@ -38,3 +38,16 @@ pub fn schedule_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
     ScheduleParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_configuration_gives_the_defaults_of_the_algorithms() {
+        let config = Config::default();
+        assert_eq!(tracker_parameters(&config), TrackerParameters::default());
+        assert_eq!(alarm_parameters(&config), AlarmParameters::default());
+        assert_eq!(schedule_parameters(&config), ScheduleParameters::default());
+    }
+}

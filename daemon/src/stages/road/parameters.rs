@@ -28,3 +28,13 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
         },
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_configuration_gives_the_defaults_of_the_algorithms() {
+        assert_eq!(scene_parameters(&Config::default()), SceneParameters::default());
+    }
+}

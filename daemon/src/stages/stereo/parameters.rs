@@ -44,3 +44,13 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
         threads: whole(c.threads),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_configuration_gives_the_defaults_of_the_algorithms() {
+        assert_eq!(mpv_parameters(&Config::default()), MpvParameters::default());
+    }
+}

@@ -22,7 +22,7 @@ mod verify;
 pub use adapter::{AdapterDescription, GpuError, adapters};
 pub use engine::Gate;
 
-use super::device::{DeviceState, Loss, STAGES, StageTime};
+use super::device::{DEFAULT_TIMEOUT, DeviceState, Loss, STAGES, StageTime};
 use super::fill::Fill;
 use super::mpv::Mpv;
 use super::{MatchError, MatchOutput, Matcher, MpvParameters, Search};
@@ -45,7 +45,7 @@ pub struct GpuOptions {
 
 impl Default for GpuOptions {
     fn default() -> Self {
-        Self { adapter: String::new(), software: false, patience: Duration::from_secs(2) }
+        Self { adapter: String::new(), software: false, patience: DEFAULT_TIMEOUT }
     }
 }
 

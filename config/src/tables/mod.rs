@@ -1,0 +1,46 @@
+//! The tables of the configuration. A key is declared here and nowhere else.
+
+mod alarm;
+mod board;
+mod daemon;
+mod realtime;
+mod recognition;
+mod road;
+mod soak;
+mod source;
+mod stereo;
+
+pub use alarm::Alarm;
+pub use board::{Board, Clocks, Heat};
+pub use daemon::{Cores, Instance, Log, Supervision};
+pub use realtime::{Pacing, Realtime};
+pub use recognition::{Recognition, Tracking};
+pub use road::{Regions, Road};
+pub use soak::Soak;
+pub use source::{Camera, Source};
+pub use stereo::{Calibration, Stereo};
+
+crate::table::configuration! {
+    /// The whole configuration. [`Config::default`] is the profile `replay`.
+    pub struct Config {
+        instance: Instance,
+        log: Log,
+        source: Source,
+        stereo: Stereo,
+        calibration: Calibration,
+        road: Road,
+        regions: Regions,
+        recognition: Recognition,
+        tracking: Tracking,
+        alarm: Alarm,
+        cores: Cores,
+        supervision: Supervision,
+        heat: Heat,
+        clocks: Clocks,
+        board: Board,
+        soak: Soak,
+        camera: Camera,
+        realtime: Realtime,
+        pacing: Pacing,
+    }
+}

@@ -68,7 +68,7 @@ impl McapFile {
             Some(&channel) => channel,
             None => {
                 let schema = message.topic.schema(self.form);
-                let id = self.writer.add_schema(schema.name(), schema.encoding(), &schema.data())?;
+                let id = self.writer.add_schema(schema.name(), schema.encoding(), schema.data())?;
                 let name = message.topic.name();
                 let channel =
                     self.writer.add_channel(id, name, schema.message_encoding(), &BTreeMap::new())?;

@@ -45,8 +45,6 @@ pub struct Channel {
 pub struct Stored {
     /// Channel identifier of its topic.
     pub channel: u16,
-    /// Sequence number that the writer assigned.
-    pub sequence: u32,
     /// Log time, in nanoseconds.
     pub time_ns: u64,
     /// The encoded message.
@@ -226,7 +224,6 @@ impl Index {
             Record::Message { header, data } => {
                 return Ok(vec![Stored {
                     channel: header.channel_id,
-                    sequence: header.sequence,
                     time_ns: header.log_time,
                     data: data.into_owned().into(),
                 }]);
@@ -266,7 +263,6 @@ impl Index {
                     match parse_record(opcode, data).map_err(|e| self.damaged(place.at, damaged(e)))? {
                         Record::Message { header, data } => messages.push(Stored {
                             channel: header.channel_id,
-                            sequence: header.sequence,
                             time_ns: header.log_time,
                             data: data.into_owned().into(),
                         }),

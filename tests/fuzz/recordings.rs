@@ -30,7 +30,7 @@ fn recording(form: ImageForm, compression: Option<Compression>) -> Vec<u8> {
         let calibrations = geometry(stamp, &rig, SIZE);
         for message in images.iter().chain(&calibrations) {
             let schema = message.topic.schema(form);
-            let id = writer.add_schema(schema.name(), schema.encoding(), &schema.data()).expect("a schema");
+            let id = writer.add_schema(schema.name(), schema.encoding(), schema.data()).expect("a schema");
             let channel = writer
                 .add_channel(id, message.topic.name(), schema.message_encoding(), &BTreeMap::new())
                 .expect("a channel");

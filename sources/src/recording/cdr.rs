@@ -1,6 +1,6 @@
-//! CDR, the encoding of ROS 2 messages: as much as images and calibrations need.
+//! CDR (Common Data Representation), the encoding of ROS 2 messages: the types that images and calibrations use.
 
-/// Reads the fields of a message one after the other.
+/// Reads the fields of a message in order.
 pub struct Cdr<'a> {
     body: &'a [u8],
     at: usize,
@@ -8,38 +8,38 @@ pub struct Cdr<'a> {
 }
 
 impl<'a> Cdr<'a> {
-    /// Reads behind the four bytes that tell the encoding; `None` when it is another than plain CDR.
+    /// A reader behind the encapsulation header of four bytes; `None` for encodings other than plain CDR.
     pub fn new(message: &'a [u8]) -> Option<Self> {
         let (head, body) = message.split_at_checked(4)?;
         (head[0] == 0 && head[1] <= 1).then_some(Self { body, at: 0, is_little: head[1] == 1 })
     }
 
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        // Numbers lie at multiples of their size.
+        // Numbers are aligned to their size.
         self.at = self.at.next_multiple_of(N);
         let bytes: [u8; N] = self.body.get(self.at..self.at.checked_add(N)?)?.try_into().ok()?;
         self.at += N;
         Some(bytes)
     }
 
-    /// A byte.
+    /// An unsigned integer of one byte.
     pub fn u8(&mut self) -> Option<u8> {
         self.take::<1>().map(|[b]| b)
     }
 
-    /// A number of four bytes.
+    /// An unsigned integer of four bytes.
     pub fn u32(&mut self) -> Option<u32> {
         let bytes = self.take()?;
         Some(if self.is_little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
     }
 
-    /// A double.
+    /// A floating-point number of eight bytes.
     pub fn f64(&mut self) -> Option<f64> {
         let bytes = self.take()?;
         Some(if self.is_little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) })
     }
 
-    /// Bytes with their count before them.
+    /// A sequence of bytes, which its length precedes.
     pub fn bytes(&mut self) -> Option<&'a [u8]> {
         let count = self.u32()? as usize;
         let bytes = self.body.get(self.at..self.at.checked_add(count)?)?;
@@ -47,13 +47,13 @@ impl<'a> Cdr<'a> {
         Some(bytes)
     }
 
-    /// Text with its terminating zero.
+    /// A string, without its terminating zero.
     pub fn text(&mut self) -> Option<&'a str> {
         let bytes = self.bytes()?;
         std::str::from_utf8(bytes.strip_suffix(&[0]).unwrap_or(bytes)).ok()
     }
 
-    /// A `std_msgs/msg/Header`: passed over.
+    /// Skips a `std_msgs/msg/Header`.
     pub fn header(&mut self) -> Option<()> {
         self.u32()?;
         self.u32()?;

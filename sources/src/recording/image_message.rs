@@ -1,24 +1,25 @@
-//! From an image message to grey pixels, and from a calibration to its projection.
+//! Conversion of image messages to grey pixels, and of calibration messages to projection matrices.
 
 use super::cdr::Cdr;
+use super::foxglove::{self, CameraCalibration, CompressedImage, RawImage};
 use super::index::Channel;
-use super::protobuf::Decoder;
 use crate::folder;
 use image::ImageReader;
+use prost::bytes::Bytes;
 use std::io::Cursor;
 
-/// What a message type means here.
+/// The message types that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// An image as it is.
+    /// An uncompressed image.
     Raw,
     /// A PNG or JPEG file.
     Compressed,
-    /// A camera's projection.
+    /// Calibration of a camera.
     Calibration,
 }
 
-/// What the messages of a topic are; `None` for all that is no image or calibration.
+/// The kind of a topic's messages; `None` if they are neither images nor calibrations.
 pub fn kind(channel: &Channel) -> Option<Kind> {
     Some(match (channel.encoding.as_str(), channel.schema.as_str()) {
         ("protobuf", "foxglove.RawImage") | ("cdr", "sensor_msgs/msg/Image") => Kind::Raw,
@@ -32,8 +33,7 @@ pub fn kind(channel: &Channel) -> Option<Kind> {
     })
 }
 
-/// An image as it lies in its message.
-#[derive(Default)]
+/// An uncompressed image: `height` rows of `width` pixels, `step` bytes from one row to the next.
 struct Raw<'a> {
     width: usize,
     height: usize,
@@ -42,52 +42,40 @@ struct Raw<'a> {
     data: &'a [u8],
 }
 
+/// Error of a CDR message that cannot be read.
+const NOT_CDR: &str = "the message is cut off or not plain CDR";
+
 /// Grey pixels, width and height of an image message.
 ///
 /// # Errors
-/// In words, what is wrong with it.
-pub fn grey(channel: &Channel, message: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
+/// If the message or its image cannot be decoded: the reason.
+pub fn grey(channel: &Channel, message: &Bytes) -> Result<(Vec<u8>, usize, usize), String> {
     if kind(channel) == Some(Kind::Compressed) {
-        let file = if channel.encoding == "cdr" {
-            cdr_compressed(message).ok_or("the message is cut off or no plain CDR")?
-        } else {
-            protobuf_field(message, 2)?
-        };
-        let reader = ImageReader::new(Cursor::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
-        return Ok(folder::grey_of(folder::decode(reader).map_err(|e| e.to_string())?));
+        if channel.encoding == "cdr" {
+            return decode_file(cdr_compressed(message).ok_or(NOT_CDR)?);
+        }
+        let image: CompressedImage = foxglove::decode(message)?;
+        return decode_file(&image.data);
     }
-    let raw = if channel.encoding == "cdr" {
-        cdr_image(message).ok_or("the message is cut off or no plain CDR")?
-    } else {
-        protobuf_image(message)?
-    };
-    to_grey(&raw)
+    if channel.encoding == "cdr" {
+        return to_grey(&cdr_image(message).ok_or(NOT_CDR)?);
+    }
+    let image: RawImage = foxglove::decode(message)?;
+    to_grey(&Raw {
+        width: image.width as usize,
+        height: image.height as usize,
+        encoding: &image.encoding,
+        step: image.step as usize,
+        data: &image.data,
+    })
 }
 
-fn protobuf_field(message: &[u8], wanted: u32) -> Result<&[u8], String> {
-    for field in Decoder::new(message) {
-        let (number, value) = field.map_err(|e| e.to_string())?;
-        if number == wanted {
-            return Ok(value.as_bytes());
-        }
+fn decode_file(file: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
+    if file.is_empty() {
+        return Err("the message holds no image".into());
     }
-    Err("the message holds no image".into())
-}
-
-fn protobuf_image(message: &[u8]) -> Result<Raw<'_>, String> {
-    let mut raw = Raw::default();
-    for field in Decoder::new(message) {
-        let (number, value) = field.map_err(|e| e.to_string())?;
-        match number {
-            2 => raw.width = value.as_number() as usize,
-            3 => raw.height = value.as_number() as usize,
-            4 => raw.encoding = value.as_text(),
-            5 => raw.step = value.as_number() as usize,
-            6 => raw.data = value.as_bytes(),
-            _ => {}
-        }
-    }
-    Ok(raw)
+    let reader = ImageReader::new(Cursor::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
+    Ok(folder::grey_of(folder::decode(reader).map_err(|e| e.to_string())?))
 }
 
 fn cdr_image(message: &[u8]) -> Option<Raw<'_>> {
@@ -108,7 +96,7 @@ fn cdr_compressed(message: &[u8]) -> Option<&[u8]> {
 }
 
 fn to_grey(raw: &Raw<'_>) -> Result<(Vec<u8>, usize, usize), String> {
-    // Places of red, green and blue in a pixel.
+    // Bytes of a pixel, and the offsets of red, green and blue in it.
     let (bytes, rgb) = match raw.encoding {
         "mono8" | "8UC1" => (1, None),
         "rgb8" => (3, Some([0, 1, 2])),
@@ -138,12 +126,13 @@ fn to_grey(raw: &Raw<'_>) -> Result<(Vec<u8>, usize, usize), String> {
     Ok((grey, raw.width, raw.height))
 }
 
-/// The 3 × 4 projection of a calibration message, row after row.
-pub fn projection(channel: &Channel, message: &[u8]) -> Option<[f64; 12]> {
+/// The 3 × 4 projection matrix of a calibration message, in row-major order; `None` if the message cannot be
+/// decoded or has no such matrix.
+pub fn projection(channel: &Channel, message: &Bytes) -> Option<[f64; 12]> {
     if channel.encoding == "cdr" {
         let mut cdr = Cdr::new(message)?;
         cdr.header()?;
-        // Height and width.
+        // Height and width, distortion model, D, K, R: skipped.
         cdr.u32()?;
         cdr.u32()?;
         cdr.text()?;
@@ -160,6 +149,6 @@ pub fn projection(channel: &Channel, message: &[u8]) -> Option<[f64; 12]> {
         }
         return Some(p);
     }
-    let fields = Decoder::new(message).flatten();
-    fields.filter(|(number, _)| *number == 8).find_map(|(_, value)| value.as_doubles().try_into().ok())
+    let calibration: CameraCalibration = foxglove::decode(message).ok()?;
+    calibration.p.try_into().ok()
 }

@@ -1,68 +1,67 @@
-//! What is where in an MCAP file: found from the records themselves, not from the summary at the end,
-//! which a recording that was cut off does not have.
+//! Index of an MCAP file: where its messages are. It is built from the records themselves, not from the summary
+//! at the end of the file, which a truncated recording does not have.
 
 use super::{RecordingError, lengths};
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use prost::bytes::Bytes;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Opcode and length before every record.
+/// Bytes of the opcode and the length before each record.
 const RECORD_HEAD: u64 = 9;
 
-/// No sound chunk is larger when unpacked.
+/// Maximum size of an uncompressed chunk, in bytes.
 const MAX_CHUNK: u64 = 128 << 20;
 
-/// What is wrong with a record that [`lengths::fit`] refuses.
+/// Error of a record that [`lengths::fit`] rejects.
 const LONGER: &str = "a length in a record reaches beyond its end";
 
-/// A recording that ends before its end.
+/// The truncated part at the end of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cut {
-    /// Byte from which on nothing is whole.
+    /// Offset of the first incomplete record, in bytes.
     pub at: u64,
-    /// Bytes from there to the end of the file.
+    /// Number of bytes from there to the end of the file.
     pub bytes: u64,
 }
 
-/// A topic of a file.
+/// A topic of a file: an MCAP channel and its schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Channel {
-    /// Its name.
+    /// Name of the topic.
     pub topic: String,
-    /// How its messages are encoded: `protobuf`, `cdr`, `json`.
+    /// Encoding of its messages: `protobuf`, `cdr`, `json`.
     pub encoding: String,
-    /// Name of their type.
+    /// Name of the message type.
     pub schema: String,
 }
 
-/// A message.
+/// A message as the file holds it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stored {
-    /// Number of its topic in the file.
+    /// Channel identifier of its topic.
     pub channel: u16,
-    /// Number of the message, as its writer counts.
-    pub sequence: u32,
-    /// Its time in the file, in nanoseconds.
+    /// Log time, in nanoseconds.
     pub time_ns: u64,
-    /// The message.
-    pub data: Vec<u8>,
+    /// The encoded message.
+    pub data: Bytes,
 }
 
-/// Where messages lie: in a chunk, or one by itself.
+/// A record with messages: a chunk, or a single message outside of chunks.
 #[derive(Clone, Debug)]
 struct Place {
     opcode: u8,
     at: u64,
     length: u64,
-    /// Topic and time of each message.
+    /// Channel identifier and log time of each message.
     messages: Vec<(u16, u64)>,
 }
 
-/// The places of all messages of a file.
+/// The records of a file that hold messages, and its topics and metadata.
 #[derive(Debug)]
 pub struct Index {
     path: PathBuf,
@@ -71,15 +70,15 @@ pub struct Index {
     schemas: BTreeMap<u16, String>,
     places: Vec<Place>,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
-    /// Where the file was cut off, if it was.
+    /// The truncated part, if there is one.
     pub cut: Option<Cut>,
 }
 
 impl Index {
-    /// Reads the heads of all records. A file that was cut off is read up to its last whole chunk.
+    /// Reads the heads of all records. A truncated file is read up to its last complete chunk.
     ///
     /// # Errors
-    /// When it cannot be read, is no MCAP file, or a record in the middle is damaged.
+    /// If the file cannot be read, is not an MCAP file, or a record before its end is damaged.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let io = |source| RecordingError::Io { path: path.to_owned(), source };
         let mut file = File::open(path).map_err(io)?;
@@ -111,7 +110,7 @@ impl Index {
 
     fn scan(&mut self, size: u64) -> Result<(), RecordingError> {
         let mut at = mcap::MAGIC.len() as u64;
-        // Messages of the last chunk, as the index behind it tells.
+        // The last chunk, while the message index records behind it are read.
         let mut pending: Option<Place> = None;
         let mut is_whole = false;
         while !is_whole {
@@ -145,7 +144,7 @@ impl Index {
                     }
                 }
                 op::MESSAGE => {
-                    // One that lies in no chunk.
+                    // A message outside of chunks.
                     let place = Place { opcode, at: body_at, length, messages: Vec::new() };
                     self.settle(Some(place), true)?;
                 }
@@ -158,7 +157,7 @@ impl Index {
             }
             at = body_at + length;
         }
-        // Of the last chunk of a file that was cut off, the index may be cut, too.
+        // The index of the last chunk of a truncated file may be incomplete.
         let is_cut = self.cut.is_some();
         self.settle(pending, is_cut)
     }
@@ -178,7 +177,7 @@ impl Index {
         Ok(parse_record(opcode, &body).map_err(|e| self.damaged(at, e))?.into_owned())
     }
 
-    /// Keeps what a record says of topics and of the file.
+    /// Stores a schema, a channel or a metadata record.
     fn learn(&mut self, record: Record<'_>) {
         match record {
             Record::Schema { header, .. } => {
@@ -196,7 +195,7 @@ impl Index {
         }
     }
 
-    /// Takes a place into the index; one that is not indexed, or of unknown topics, is read.
+    /// Adds a place to the index. Its messages are read if they have no index or belong to unknown topics.
     fn settle(&mut self, place: Option<Place>, read_it: bool) -> Result<(), RecordingError> {
         let Some(mut place) = place else { return Ok(()) };
         let is_known = place.messages.iter().all(|(channel, _)| self.channels.contains_key(channel));
@@ -225,9 +224,8 @@ impl Index {
             Record::Message { header, data } => {
                 return Ok(vec![Stored {
                     channel: header.channel_id,
-                    sequence: header.sequence,
                     time_ns: header.log_time,
-                    data: data.into_owned(),
+                    data: data.into_owned().into(),
                 }]);
             }
             _ => return Ok(Vec::new()),
@@ -236,7 +234,7 @@ impl Index {
             let reason = format!("a chunk of {} bytes", header.uncompressed_size);
             return Err(self.damaged(place.at, reason));
         }
-        // Nothing in it is longer than the whole: lengths are not believed any further.
+        // No record of a chunk is longer than the chunk.
         let limit = header.uncompressed_size.max(place.length) as usize;
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
@@ -255,7 +253,7 @@ impl Index {
                     let got = bytes.read(reader.insert(wanted)).map_err(|e| self.io(e))?;
                     reader.notify_read(got);
                 }
-                // Nothing else has a place in a chunk.
+                // No other records are allowed in a chunk.
                 LinearReadEvent::Record { opcode, .. }
                     if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) => {}
                 LinearReadEvent::Record { data, opcode } if !lengths::fit(opcode, data) => {
@@ -265,9 +263,8 @@ impl Index {
                     match parse_record(opcode, data).map_err(|e| self.damaged(place.at, damaged(e)))? {
                         Record::Message { header, data } => messages.push(Stored {
                             channel: header.channel_id,
-                            sequence: header.sequence,
                             time_ns: header.log_time,
-                            data: data.into_owned(),
+                            data: data.into_owned().into(),
                         }),
                         other => self.learn(other),
                     }
@@ -277,35 +274,35 @@ impl Index {
         Ok(messages)
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Number and description of all topics.
+    /// Channel identifier and description of each topic.
     pub fn channels(&self) -> impl Iterator<Item = (u16, &Channel)> {
         self.channels.iter().map(|(&id, channel)| (id, channel))
     }
 
-    /// A metadata record by its name.
+    /// The metadata record of a name.
     pub fn metadata(&self, name: &str) -> Option<&BTreeMap<String, String>> {
         self.metadata.get(name)
     }
 
-    /// How many places hold messages: [`Self::load`] takes numbers below.
+    /// Number of places that hold messages: the limit of the argument of [`Self::load`].
     pub fn places(&self) -> usize {
         self.places.len()
     }
 
-    /// Topic and time of the messages at a place.
+    /// Channel identifier and log time of the messages at a place.
     pub fn messages(&self, place: usize) -> &[(u16, u64)] {
         self.places.get(place).map_or(&[], |p| &p.messages)
     }
 
-    /// Reads all messages of a place, checked by their checksum.
+    /// Reads all messages of a place and verifies their checksum.
     ///
     /// # Errors
-    /// When they cannot be read, or are damaged.
+    /// If they cannot be read or are damaged.
     pub fn load(&mut self, place: usize) -> Result<Vec<Stored>, RecordingError> {
         let Some(place) = self.places.get(place).cloned() else { return Ok(Vec::new()) };
         self.read_place(&place)

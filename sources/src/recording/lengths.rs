@@ -1,9 +1,9 @@
-//! Lengths within the records of an MCAP file, checked before they are believed: a damaged one would
-//! ask for memory that no file deserves, and the reader would end the program.
+//! Validation of the lengths inside MCAP records before the `mcap` crate parses them: with a damaged length
+//! it would request any amount of memory, and the program would abort.
 
 use mcap::records::op;
 
-/// What follows in a record.
+/// The part of a record that was not read yet.
 struct Rest<'a>(&'a [u8]);
 
 impl<'a> Rest<'a> {
@@ -13,19 +13,19 @@ impl<'a> Rest<'a> {
         Some(taken)
     }
 
-    /// Bytes behind their number, of 4 bytes itself.
+    /// Bytes that their length precedes as a `u32`.
     fn run(&mut self) -> Option<&'a [u8]> {
         let length = u32::from_le_bytes(self.take(4)?.try_into().ok()?);
         self.take(usize::try_from(length).ok()?)
     }
 
-    /// The same with a number of 8 bytes.
+    /// Bytes that their length precedes as a `u64`.
     fn long_run(&mut self) -> Option<&'a [u8]> {
         let length = u64::from_le_bytes(self.take(8)?.try_into().ok()?);
         self.take(usize::try_from(length).ok()?)
     }
 
-    /// Pairs of texts.
+    /// A map of strings.
     fn map(&mut self) -> Option<()> {
         let mut pairs = Rest(self.run()?);
         while !pairs.0.is_empty() {
@@ -36,8 +36,8 @@ impl<'a> Rest<'a> {
     }
 }
 
-/// Whether every length in a record ends within it. Records that are not read for what they hold, or
-/// hold no lengths, pass.
+/// Whether all lengths in a record stay within it. Records without lengths, and records whose contents are
+/// never read, pass.
 pub fn fit(opcode: u8, body: &[u8]) -> bool {
     walk(opcode, &mut Rest(body)).is_some()
 }

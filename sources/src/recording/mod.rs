@@ -1,16 +1,14 @@
-//! Recordings: MCAP files with Foxglove's message types, as `lookout record` writes them, and ROS 2
-//! bags with two image topics.
+//! Recordings: MCAP files with Foxglove's message types, as `lookout record` writes them, and ROS 2 bags in
+//! MCAP with a left and a right image topic.
 //!
-//! Pixels and geometry are in Foxglove's own messages (Protocol Buffers: no text around the pixels),
-//! what is ours in JSON with a JSON schema: the documents that `obstacles.jsonl` and
-//! `lookout status --json` hold, too.
+//! Images and geometry are Foxglove messages in Protocol Buffers ([`foxglove`]). Results and state are JSON
+//! with a JSON schema: the same documents as in `obstacles.jsonl` and `lookout status --json`.
 
 mod cdr;
 pub mod foxglove;
 mod image_message;
 mod index;
 mod lengths;
-pub mod protobuf;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -29,11 +27,11 @@ pub const RIGHT_IMAGE: &str = "/right/image";
 pub const LEFT_CALIBRATION: &str = "/left/calibration";
 /// Calibration of the right images.
 pub const RIGHT_CALIBRATION: &str = "/right/calibration";
-/// What ties two images together: their number and times.
+/// Number, times and size of each stereo pair.
 pub const PAIR: &str = "/pair";
-/// A line of `obstacles.jsonl` per frame.
+/// A line of `obstacles.jsonl` for each frame.
 pub const OBSTACLES: &str = "/obstacles";
-/// The obstacles as boxes in space.
+/// The obstacles as 3D boxes.
 pub const SCENE: &str = "/obstacles/scene";
 /// The obstacles as boxes in the left image.
 pub const ANNOTATIONS: &str = "/left/annotations";
@@ -41,23 +39,23 @@ pub const ANNOTATIONS: &str = "/left/annotations";
 pub const POINTS: &str = "/points";
 /// The state of the daemon.
 pub const STATUS: &str = "/status";
-/// Messages that could not be recorded.
+/// Counts of messages that could not be recorded.
 pub const LOSS: &str = "/loss";
-/// Where the camera looks.
+/// Transforms between vehicle and cameras.
 pub const TRANSFORM: &str = "/tf";
 
-/// Name of the metadata record at the start of a recording: rig and period, exactly.
+/// Name of the metadata record at the start of a recording: the rig, in full precision.
 pub const ABOUT: &str = "lookout.recording";
-/// Name of the metadata record at its end: what was lost, and why it ended.
+/// Name of the metadata record at the end of a recording: lost messages and the reason for its end.
 pub const SUMMARY: &str = "lookout.summary";
 
-/// The ending of the files.
+/// File name extension of recordings.
 pub const ENDING: &str = "mcap";
 
 /// Why a recording cannot be used.
 #[derive(Debug, Error)]
 pub enum RecordingError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
@@ -65,13 +63,13 @@ pub enum RecordingError {
         /// Why.
         source: std::io::Error,
     },
-    /// It is something else.
+    /// The file is not in MCAP format.
     #[error("{}: no MCAP file: give a recording of `lookout record`, or a ROS 2 bag in MCAP", path.display())]
     Foreign {
         /// The file.
         path: PathBuf,
     },
-    /// Something in it is damaged.
+    /// A record is damaged.
     #[error(
         "{}: damaged at byte {at}: {reason}: copy the file again, or save what is left of it with the mcap \
          tool (mcap recover)", path.display()
@@ -79,27 +77,27 @@ pub enum RecordingError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// Where.
+        /// Offset in the file, in bytes.
         at: u64,
         /// What is wrong.
         reason: String,
     },
-    /// There are no pairs in it.
+    /// The file holds no stereo pairs.
     #[error("{}: {reason}", path.display())]
     NoPairs {
         /// The file.
         path: PathBuf,
-        /// What is there, and what is wanted.
+        /// What is missing, and what the file holds.
         reason: String,
     },
-    /// A message that cannot be used.
+    /// A message cannot be decoded, or differs from the first pair.
     #[error("{}: {topic}, message at {time_ns} ns: {reason}", path.display())]
     Message {
         /// The file.
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// Its time in the file.
+        /// Log time of the message.
         time_ns: u64,
         /// What is wrong.
         reason: String,

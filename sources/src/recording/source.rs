@@ -1,4 +1,4 @@
-//! Pairs of a recording.
+//! Stereo pairs from a recording.
 
 use super::image_message::{Kind, grey, kind, projection};
 use super::index::{Channel, Cut, Index, Stored};
@@ -7,13 +7,13 @@ use crate::{PairSource, SourceError};
 use perception::rig::Rig;
 use std::path::Path;
 
-/// Chunks that are kept unpacked: left and right may lie in neighbours.
+/// Number of chunks kept in memory: left and right image of a pair may be in adjacent chunks.
 const KEPT: usize = 2;
 
-/// KITTI's 10 Hz: the period of a recording of one pair that does not say.
+/// Period of a recording with a single pair: KITTI's 10 Hz.
 const DEFAULT_PERIOD_NS: u64 = 100_000_000;
 
-/// One image: which topic, where, and when.
+/// An image message: its topic, the place in the file, its log time.
 #[derive(Clone, Copy, Debug)]
 struct ImagePlace {
     channel: u16,
@@ -21,7 +21,7 @@ struct ImagePlace {
     time_ns: u64,
 }
 
-/// The pairs of an MCAP file, in the order of their times.
+/// The stereo pairs of an MCAP file, ordered by time.
 #[derive(Debug)]
 pub struct RecordingSource {
     index: Index,
@@ -33,34 +33,35 @@ pub struct RecordingSource {
 }
 
 impl RecordingSource {
-    /// Opens a recording of `lookout record`, or another with one image topic for each side: `left`
-    /// and `right` in names that are alike otherwise. Of several such, rectified ones come first.
+    /// Opens a recording of `lookout record`, or another file with one image topic for each camera, whose
+    /// names differ by `left` and `right`. If there are several, rectified topics are preferred, then
+    /// uncompressed ones.
     ///
     /// # Errors
-    /// When it cannot be read, or holds no pairs.
+    /// If the file cannot be read or holds no pairs.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
         let index = Index::open(path)?;
         let no_pairs = |reason: String| RecordingError::NoPairs { path: path.to_owned(), reason };
         let Some(sides) = image_topics(&index) else {
             let topics: Vec<String> =
                 index.channels().map(|(_, c)| format!("{} ({})", c.topic, c.schema)).collect();
-            let there = if topics.is_empty() { "nothing".into() } else { topics.join(", ") };
+            let there = if topics.is_empty() { "no topics".into() } else { topics.join(", ") };
             return Err(no_pairs(format!(
-                "no pairs of images: two image topics are wanted whose names differ by left and right; \
-                 there is {there}"
+                "no pairs of images: two image topics are needed whose names differ by left and right; \
+                 the file has {there}"
             ))
             .into());
         };
         let frames = pair_up(places_of(&index, sides[0]), &places_of(&index, sides[1]));
         let Some(first) = frames.first() else {
-            return Err(no_pairs("no whole pair of images is in it".into()).into());
+            return Err(no_pairs("it holds no complete pair of images".into()).into());
         };
         let about = |key: &str| index.metadata(ABOUT)?.get(key)?.parse::<f64>().ok();
-        let told = || {
+        let recorded_rig = || {
             let (focal_px, baseline_m) = (about("focal_px")?, about("baseline_m")?);
             Some(Rig { focal_px, baseline_m, cx_px: about("cx_px")?, cy_px: about("cy_px")? })
         };
-        let (first, rig) = (*first, told());
+        let (first, rig) = (*first, recorded_rig());
         let period_ns = typical_period(&frames);
         let mut source = Self { index, frames, size: (0, 0), rig, period_ns, kept: Vec::new() };
         if source.rig.is_none() {
@@ -79,12 +80,12 @@ impl RecordingSource {
         Ok(source)
     }
 
-    /// Times of the pairs in the file, in order.
+    /// Log times of the pairs, in order.
     pub fn times_ns(&self) -> Vec<u64> {
         self.frames.iter().map(|f| f[0].time_ns).collect()
     }
 
-    /// Where the file was cut off, if it was.
+    /// The truncated part at the end of the file, if there is one.
     pub fn cut(&self) -> Option<Cut> {
         self.index.cut
     }
@@ -117,12 +118,12 @@ impl RecordingSource {
         let message =
             messages.and_then(|m| m.iter().find(|m| m.channel == at.channel && m.time_ns == at.time_ns));
         let Some(message) = message else {
-            return Err(self.fault(at, "its index names a message that is not there"));
+            return Err(self.fault(at, "the index refers to a message that the file does not hold"));
         };
         grey(&channel, &message.data).map_err(|reason| self.fault(at, reason))
     }
 
-    /// The rig that both cameras' projections tell.
+    /// The rig from the projection matrices of both cameras; `None` if they are missing or zero.
     fn rig_of_calibrations(&mut self) -> Result<Option<Rig>, SourceError> {
         let mut found: [Option<[f64; 12]>; 2] = [None, None];
         for place in 0..self.index.places() {
@@ -145,15 +146,15 @@ impl RecordingSource {
             }
         }
         let [Some(left), Some(right)] = found else { return Ok(None) };
-        // The right camera's fourth column is −focal length × baseline.
+        // Fourth column of the right camera's projection matrix: −focal length × baseline.
         let baseline_m = (left[3] - right[3]) / left[0];
         let rig = Rig { focal_px: left[0], baseline_m, cx_px: left[2], cy_px: left[6] };
-        // Cameras that were never calibrated publish zeros.
+        // Uncalibrated cameras publish zeros.
         Ok((left[0] > 0.0 && baseline_m.abs() > 0.0).then_some(rig))
     }
 }
 
-/// The topics of the left and the right images.
+/// Channel identifiers of the left and the right images.
 fn image_topics(index: &Index) -> Option<[u16; 2]> {
     let images: Vec<(u16, &Channel)> =
         index.channels().filter(|(_, c)| matches!(kind(c), Some(Kind::Raw | Kind::Compressed))).collect();
@@ -184,7 +185,8 @@ fn places_of(index: &Index, channel: u16) -> Vec<ImagePlace> {
     found
 }
 
-/// Each left image with the right one that is nearest in time, if it is nearer than half a period.
+/// Pairs each left image with the right image that is nearest in time, if their times differ by at most half a
+/// period.
 fn pair_up(left: Vec<ImagePlace>, right: &[ImagePlace]) -> Vec<[ImagePlace; 2]> {
     let times: Vec<u64> = left.iter().map(|p| p.time_ns).collect();
     let bound = median_step(&times).map_or(DEFAULT_PERIOD_NS, |ns| ns) / 2;

@@ -1,4 +1,4 @@
-//! Bags of ROS 2, written here byte by byte.
+//! ROS 2 bags, which the tests encode themselves.
 
 use super::*;
 use crate::{PairSource, SourceError};
@@ -10,7 +10,7 @@ use std::path::Path;
 
 const START_NS: u64 = 1_700_000_000_000_000_000;
 
-/// Writes CDR, little end first.
+/// Writes little-endian CDR.
 struct CdrWriter(Vec<u8>);
 
 impl CdrWriter {
@@ -72,7 +72,7 @@ impl CdrWriter {
     }
 }
 
-/// A bag with messages: topic, type, time in ms, bytes.
+/// Writes a bag of messages: topic, type, time in ms, bytes.
 fn bag(path: &Path, compression: Option<Compression>, messages: &[(&str, &str, u64, Vec<u8>)]) {
     let mut writer: Writer<File> = WriteOptions::new()
         .compression(compression)
@@ -114,7 +114,7 @@ fn a_ros_2_bag_is_a_source() {
         ];
         for n in 0..6_u64 {
             messages.push((LEFT, "Image", 100 * n, grey(10 + n as u8)));
-            // The right one comes a little later; the third was lost.
+            // Right images are 7 ms later; the third is missing.
             if n != 2 {
                 messages.push((
                     RIGHT,
@@ -135,7 +135,7 @@ fn a_ros_2_bag_is_a_source() {
             source.read(i, &mut left, &mut right).unwrap();
             levels.push((left[5], right[5], source.time_ns(i) / 1_000_000));
         }
-        // The time of the lost pair is still there.
+        // The lost pair leaves a gap in the times.
         assert_eq!(levels, [(10, 20, 0), (11, 21, 100), (13, 23, 300), (14, 24, 400), (15, 150, 500)]);
         assert!(matches!(source.read(5, &mut left, &mut right), Err(SourceError::End { count: 5, .. })));
     }
@@ -167,7 +167,7 @@ fn what_is_not_understood_is_named() {
     assert!(cut.contains("cut off"), "{cut}");
     let other = pair(image("mono8", 6), CdrWriter::image("mono8", 2, 2, 2, &[7; 4]));
     assert!(other.contains("left images have 3x2 pixels, right ones 2x2"), "{other}");
-    // A change in the middle is an error of its frame.
+    // A different size later in the file is an error of that frame.
     let later = error(&[
         (LEFT, "Image", 0, image("mono8", 6)),
         (RIGHT, "Image", 0, image("mono8", 6)),
@@ -175,7 +175,7 @@ fn what_is_not_understood_is_named() {
         (RIGHT, "Image", 100, image("mono8", 6)),
     ]);
     assert!(later.contains("2x2 pixels, the first pair has 3x2"), "{later}");
-    // Bytes of any kind in the place of messages.
+    // Messages with random bytes changed.
     let mut random = fastrand::Rng::with_seed(8);
     for _ in 0..300 {
         let mut message = image("mono8", 6);

@@ -1,7 +1,7 @@
-//! Messages of a recording, encoded.
+//! Encodes the messages of a recording.
 //!
-//! Frames of reference: `camera_left` and `camera_right` as cameras have them (x right, y down, z along
-//! the view, in metres), `vehicle` with x forward, y left, z up.
+//! Frames of reference: `camera_left` and `camera_right` are optical frames (x right, y down, z forward, in
+//! metres); `vehicle` has x forward, y left, z up, as in ROS.
 
 use super::topic::{ImageForm, Message, Topic};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
@@ -9,20 +9,25 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use perception::rig::Rig;
+use prost::bytes::Bytes;
 use serde::Serialize;
-use sources::recording::foxglove::{four, place, time, vector};
-use sources::recording::protobuf::Encoder;
+use sources::recording::foxglove::{
+    CameraCalibration, Color, CompressedImage, CubePrimitive, FrameTransform, ImageAnnotations, KeyValuePair,
+    PackedElementField, Point2, PointCloud, PointsAnnotation, Pose, RawImage, SceneEntity,
+    SceneEntityDeletion, SceneUpdate, TextAnnotation, TextPrimitive, Timestamp, packed_element_field,
+    points_annotation, scene_entity_deletion,
+};
 
-/// Quality of JPEG images, of 100.
+/// Quality of JPEG images, 1 to 100.
 const JPEG_QUALITY: u8 = 80;
 
-/// Boxes have no depth of their own: this much, in metres.
+/// Depth of the boxes in metres: the extent of obstacles along the view is not measured.
 const BOX_DEPTH_M: f64 = 0.4;
 
-/// Turns the axes of a camera into those of a vehicle: x, y, z, w.
+/// Rotation from the axes of a camera to those of the vehicle, as a quaternion x, y, z, w.
 const CAMERA_TO_VEHICLE: [f64; 4] = [-0.5, 0.5, -0.5, 0.5];
 
-/// Which camera.
+/// A camera of the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The left one.
@@ -40,25 +45,33 @@ impl Side {
     }
 }
 
-/// A frame's number and its time since 1970, in nanoseconds.
+/// Number and time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamp {
-    /// Number.
+    /// Number of the frame.
     pub sequence: u64,
-    /// Time.
+    /// Nanoseconds since 1970.
     pub time_ns: u64,
 }
 
 impl Stamp {
-    fn message(self, topic: Topic, data: Vec<u8>) -> Message {
+    fn timestamp(self) -> Option<Timestamp> {
+        Some(Timestamp::from_ns(self.time_ns))
+    }
+
+    fn message(self, topic: Topic, message: &impl prost::Message) -> Message {
+        self.encoded(topic, message.encode_to_vec())
+    }
+
+    fn encoded(self, topic: Topic, data: Vec<u8>) -> Message {
         Message { topic, sequence: self.sequence as u32, time_ns: self.time_ns, data }
     }
 }
 
-/// An image of `width` × `height` grey bytes.
+/// An image of `width` × `height` grey pixels.
 ///
 /// # Errors
-/// When it cannot be compressed.
+/// If it cannot be compressed.
 pub fn image(
     stamp: Stamp,
     side: Side,
@@ -67,12 +80,12 @@ pub fn image(
     (width, height): (u32, u32),
 ) -> Result<Message, ImageError> {
     let topic = if side == Side::Left { Topic::LeftImage } else { Topic::RightImage };
-    let mut e = Encoder::with_capacity(pixels.len() + 96);
-    time(&mut e, 1, stamp.time_ns);
+    let (timestamp, frame_id) = (stamp.timestamp(), side.frame().to_owned());
     if form == ImageForm::Raw {
-        e.text(7, side.frame()).fixed32(2, width).fixed32(3, height);
-        e.text(4, "mono8").fixed32(5, width).bytes(6, pixels);
-        return Ok(stamp.message(topic, e.into_bytes()));
+        let data = Bytes::copy_from_slice(pixels);
+        let encoding = "mono8".to_owned();
+        let image = RawImage { timestamp, frame_id, width, height, encoding, step: width, data };
+        return Ok(stamp.message(topic, &image));
     }
     let mut file = Vec::with_capacity(pixels.len() / 2);
     if form == ImageForm::Png {
@@ -90,33 +103,39 @@ pub fn image(
             ExtendedColorType::L8,
         )?;
     }
-    e.text(4, side.frame()).bytes(2, &file).text(3, form.name());
-    Ok(stamp.message(topic, e.into_bytes()))
+    let image = CompressedImage { timestamp, frame_id, data: file.into(), format: form.name().to_owned() };
+    Ok(stamp.message(topic, &image))
 }
 
-/// Calibrations of both cameras, and where they are.
+/// Calibrations of both cameras, and the transforms between them and the vehicle.
 pub fn geometry(stamp: Stamp, rig: &Rig, (width, height): (u32, u32)) -> [Message; 4] {
     let f = rig.focal_px;
     let camera = |side: Side| {
         let shift = if side == Side::Left { 0.0 } else { -f * rig.baseline_m };
-        let mut e = Encoder::default();
-        time(&mut e, 1, stamp.time_ns);
-        e.text(9, side.frame()).fixed32(2, width).fixed32(3, height).text(4, "plumb_bob");
-        // The images are rectified.
-        e.doubles(5, &[0.0; 5]);
-        e.doubles(6, &[f, 0.0, rig.cx_px, 0.0, f, rig.cy_px, 0.0, 0.0, 1.0]);
-        e.doubles(7, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-        e.doubles(8, &[f, 0.0, rig.cx_px, shift, 0.0, f, rig.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        let calibration = CameraCalibration {
+            timestamp: stamp.timestamp(),
+            frame_id: side.frame().to_owned(),
+            width,
+            height,
+            distortion_model: "plumb_bob".to_owned(),
+            // The images are rectified.
+            d: vec![0.0; 5],
+            k: vec![f, 0.0, rig.cx_px, 0.0, f, rig.cy_px, 0.0, 0.0, 1.0],
+            r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            p: vec![f, 0.0, rig.cx_px, shift, 0.0, f, rig.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+        };
         let topic = if side == Side::Left { Topic::LeftCalibration } else { Topic::RightCalibration };
-        stamp.message(topic, e.into_bytes())
+        stamp.message(topic, &calibration)
     };
     let transform = |parent: &str, side: Side, translation: [f64; 3], rotation: [f64; 4]| {
-        let mut e = Encoder::default();
-        time(&mut e, 1, stamp.time_ns);
-        e.text(2, parent).text(3, side.frame());
-        vector(&mut e, 4, translation);
-        four(&mut e, 5, rotation);
-        stamp.message(Topic::Transform, e.into_bytes())
+        let transform = FrameTransform {
+            timestamp: stamp.timestamp(),
+            parent_frame_id: parent.to_owned(),
+            child_frame_id: side.frame().to_owned(),
+            translation: Some(translation.into()),
+            rotation: Some(rotation.into()),
+        };
+        stamp.message(Topic::Transform, &transform)
     };
     [
         camera(Side::Left),
@@ -126,14 +145,14 @@ pub fn geometry(stamp: Stamp, rig: &Rig, (width, height): (u32, u32)) -> [Messag
     ]
 }
 
-/// Colour of an obstacle: red for what raised the alarm, amber for what is confirmed, grey else.
-fn colour(record: &FrameRecord, o: &ObstacleLine, opacity: f64) -> [f64; 4] {
+/// Colour of an obstacle: red for the one that raised the alarm, amber for confirmed ones, else grey.
+fn colour(record: &FrameRecord, o: &ObstacleLine, opacity: f64) -> Color {
     if record.alarm.track == Some(o.track) && record.alarm.level == "alarm" {
-        [0.9, 0.1, 0.1, opacity]
+        [0.9, 0.1, 0.1, opacity].into()
     } else if o.confirmed {
-        [1.0, 0.7, 0.1, opacity]
+        [1.0, 0.7, 0.1, opacity].into()
     } else {
-        [0.6, 0.6, 0.6, opacity]
+        [0.6, 0.6, 0.6, opacity].into()
     }
 }
 
@@ -146,101 +165,97 @@ fn label(o: &ObstacleLine) -> String {
 
 /// The obstacles as boxes in the left image.
 pub fn annotations(stamp: Stamp, record: &FrameRecord) -> Message {
-    let mut e = Encoder::default();
-    time(&mut e, 5, stamp.time_ns);
+    let timestamp = stamp.timestamp();
+    let mut message = ImageAnnotations { timestamp, ..Default::default() };
     for o in &record.obstacles {
         let (x, y) = (f64::from(o.x_px), f64::from(o.y_px));
         let (right, bottom) = (x + f64::from(o.width_px), y + f64::from(o.height_px));
-        let rgba = colour(record, o, 1.0);
-        e.message(2, |p| {
-            time(p, 1, stamp.time_ns);
-            p.number(2, 2);
-            for (x, y) in [(x, y), (right, y), (right, bottom), (x, bottom)] {
-                p.message(3, |point| {
-                    point.double(1, x).double(2, y);
-                });
-            }
-            four(p, 4, rgba);
-            p.double(7, if o.confirmed { 2.0 } else { 1.0 });
+        message.points.push(PointsAnnotation {
+            timestamp,
+            r#type: points_annotation::Type::LineLoop.into(),
+            points: [[x, y], [right, y], [right, bottom], [x, bottom]].map(Point2::from).to_vec(),
+            outline_color: Some(colour(record, o, 1.0)),
+            thickness: if o.confirmed { 2.0 } else { 1.0 },
+            ..Default::default()
         });
         if o.confirmed {
-            e.message(3, |t| {
-                time(t, 1, stamp.time_ns);
-                t.message(2, |point| {
-                    point.double(1, x).double(2, y);
-                });
-                t.text(3, &label(o)).double(4, 12.0);
-                four(t, 5, [1.0; 4]);
-                four(t, 6, [0.0, 0.0, 0.0, 0.6]);
+            message.texts.push(TextAnnotation {
+                timestamp,
+                position: Some([x, y].into()),
+                text: label(o),
+                font_size: 12.0,
+                text_color: Some([1.0; 4].into()),
+                background_color: Some([0.0, 0.0, 0.0, 0.6].into()),
+                ..Default::default()
             });
         }
     }
-    stamp.message(Topic::Annotations, e.into_bytes())
+    stamp.message(Topic::Annotations, &message)
 }
 
-/// The obstacles as boxes in space; those of the frame before go.
+/// The obstacles as boxes in space, in place of those of the previous frame.
 pub fn scene(stamp: Stamp, record: &FrameRecord, rig: &Rig) -> Message {
-    let mut e = Encoder::default();
-    e.message(1, |d| {
-        time(d, 1, stamp.time_ns);
-        d.number(2, 1);
-    });
-    for o in &record.obstacles {
+    let timestamp = stamp.timestamp();
+    let all = scene_entity_deletion::Type::All.into();
+    let deletion = SceneEntityDeletion { timestamp, r#type: all, ..Default::default() };
+    let entities = record.obstacles.iter().map(|o| {
         let middle_row = f64::from(o.y_px) + 0.5 * f64::from(o.height_px);
         let y = (middle_row - rig.cy_px) * o.distance_m / rig.focal_px;
         let centre = [o.lateral_m, y, o.distance_m + 0.5 * BOX_DEPTH_M];
-        e.message(2, |entity| {
-            time(entity, 1, stamp.time_ns);
-            entity.text(2, Side::Left.frame()).text(3, &o.track.to_string());
-            for (key, value) in [("class", o.class.clone()), ("distance_m", format!("{:.2}", o.distance_m))] {
-                entity.message(6, |pair| {
-                    pair.text(1, key).text(2, &value);
-                });
-            }
-            entity.message(8, |cube| {
-                place(cube, 1, centre);
-                vector(cube, 2, [o.width_m, o.height_m, BOX_DEPTH_M]);
-                four(cube, 3, colour(record, o, 0.5));
-            });
-            if o.confirmed {
-                entity.message(13, |text| {
-                    place(text, 1, [centre[0], centre[1] - 0.5 * o.height_m - 0.3, centre[2]]);
-                    text.number(2, 1).double(3, 0.4);
-                    four(text, 5, [1.0; 4]);
-                    text.text(6, &label(o));
-                });
-            }
+        let metadata = [("class", o.class.clone()), ("distance_m", format!("{:.2}", o.distance_m))];
+        let cube = CubePrimitive {
+            pose: Some(Pose::at(centre)),
+            size: Some([o.width_m, o.height_m, BOX_DEPTH_M].into()),
+            color: Some(colour(record, o, 0.5)),
+        };
+        let text = o.confirmed.then(|| TextPrimitive {
+            pose: Some(Pose::at([centre[0], centre[1] - 0.5 * o.height_m - 0.3, centre[2]])),
+            billboard: true,
+            font_size: 0.4,
+            color: Some([1.0; 4].into()),
+            text: label(o),
+            ..Default::default()
         });
-    }
-    stamp.message(Topic::Scene, e.into_bytes())
+        SceneEntity {
+            timestamp,
+            frame_id: Side::Left.frame().to_owned(),
+            id: o.track.to_string(),
+            metadata: metadata.map(|(key, value)| KeyValuePair { key: key.to_owned(), value }).to_vec(),
+            cubes: vec![cube],
+            texts: text.into_iter().collect(),
+            ..Default::default()
+        }
+    });
+    let update = SceneUpdate { deletions: vec![deletion], entities: entities.collect() };
+    stamp.message(Topic::Scene, &update)
 }
 
-/// A point cloud: x, y, z in the left camera's frame, in metres, and the grey level of each point.
+/// A point cloud: x, y, z in the left camera's frame of reference, in metres, and the grey level of each point.
 pub fn points(stamp: Stamp, cloud: &[[f32; 4]]) -> Message {
     let data: Vec<u8> = cloud.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
-    let mut e = Encoder::with_capacity(data.len() + 128);
-    time(&mut e, 1, stamp.time_ns);
-    e.text(2, Side::Left.frame());
-    place(&mut e, 3, [0.0; 3]);
-    // Four numbers a point, of type FLOAT32.
-    e.fixed32(4, 16);
-    for (i, name) in ["x", "y", "z", "intensity"].into_iter().enumerate() {
-        e.message(5, |field| {
-            field.text(1, name).fixed32(2, 4 * i as u32).number(3, 7);
-        });
-    }
-    e.bytes(6, &data);
-    stamp.message(Topic::Points, e.into_bytes())
+    let float = packed_element_field::NumericType::Float32.into();
+    let fields = [("x", 0), ("y", 4), ("z", 8), ("intensity", 12)];
+    let message = PointCloud {
+        timestamp: stamp.timestamp(),
+        frame_id: Side::Left.frame().to_owned(),
+        pose: Some(Pose::at([0.0; 3])),
+        point_stride: 16,
+        fields: fields
+            .map(|(name, offset)| PackedElementField { name: name.to_owned(), offset, r#type: float })
+            .to_vec(),
+        data: data.into(),
+    };
+    stamp.message(Topic::Points, &message)
 }
 
-/// What ties two images together.
+/// A stereo pair: number, times and size.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct PairLine {
     /// Number of the pair in its source.
     pub sequence: u64,
-    /// Time in the scene.
+    /// Time in the source, in nanoseconds.
     pub source_ns: u64,
-    /// When it was captured, on the monotonic clock.
+    /// Time of capture on the monotonic clock, in nanoseconds.
     pub capture_ns: u64,
     /// Width of both images.
     pub width: u32,
@@ -248,13 +263,13 @@ pub struct PairLine {
     pub height: u32,
 }
 
-/// A document of ours, as JSON.
+/// A document in JSON.
 pub fn json(stamp: Stamp, topic: Topic, document: &impl Serialize) -> Message {
-    // Plain structs of numbers and texts can always be written.
-    stamp.message(topic, serde_json::to_vec(document).unwrap_or_default())
+    // Serialisation of plain structs of numbers and strings cannot fail.
+    stamp.encoded(topic, serde_json::to_vec(document).unwrap_or_default())
 }
 
-/// A loss.
+/// Lost messages of a service: `count` since the last such message, `total` since the recording began.
 pub(super) fn loss(service: &str, count: u64, total: u64, time_ns: u64) -> Message {
     let document = serde_json::json!({ "service": service, "count": count, "total": total });
     json(Stamp { sequence: 0, time_ns }, Topic::Loss, &document)

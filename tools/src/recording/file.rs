@@ -1,4 +1,4 @@
-//! One MCAP file while it is written.
+//! Writer of one MCAP file.
 
 use super::storage::{Counted, Storage};
 use super::topic::{ImageForm, Message, Topic};
@@ -9,13 +9,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A chunk is written when it holds this many bytes; what a cut costs is at most that.
+/// Size of a chunk, in bytes: the most that a truncated file loses.
 const CHUNK_BYTES: u64 = 2 << 20;
 
-/// And after this time, in nanoseconds.
+/// Maximum duration of a chunk, in nanoseconds.
 const CHUNK_NS: u64 = 1_000_000_000;
 
-/// See the module.
+/// An MCAP file that is being written.
 pub struct McapFile {
     writer: Writer<Counted>,
     form: ImageForm,
@@ -23,12 +23,12 @@ pub struct McapFile {
     bytes: Arc<AtomicU64>,
     first_ns: Option<u64>,
     chunk_ns: u64,
-    /// Messages in it.
+    /// Number of messages written.
     pub messages: u64,
 }
 
 impl McapFile {
-    /// Starts a file; `about` is its first record but the header.
+    /// Creates a file; `about` becomes its first record after the header.
     pub fn create(
         storage: &dyn Storage,
         path: &Path,
@@ -37,11 +37,11 @@ impl McapFile {
     ) -> Result<Self, McapError> {
         let (medium, bytes) = Counted::new(storage.create(path)?);
         let mut writer = WriteOptions::new()
-            // Grey levels of a camera hardly shrink: lz4 takes half a percent off them.
+            // Camera images hardly compress: lz4 reduces them by half a percent.
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
-            // A chunk is put together in memory and written at once, with its length: what is in the
-            // file is whole but for its very end.
+            // A chunk is assembled in memory and written at once, with its length: only the end of the file can
+            // be incomplete.
             .disable_seeking(true)
             .library(concat!("lookout ", env!("CARGO_PKG_VERSION")))
             .create(medium)?;
@@ -52,23 +52,23 @@ impl McapFile {
         Ok(file)
     }
 
-    /// Bytes written so far.
+    /// Number of bytes written so far.
     pub fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed)
     }
 
-    /// Time from the first message to `time_ns`.
+    /// Time from the first message to `time_ns`, in nanoseconds.
     pub fn age_ns(&self, time_ns: u64) -> u64 {
         self.first_ns.map_or(0, |first| time_ns.saturating_sub(first))
     }
 
-    /// Adds a message. Gives whether a chunk has been brought to the disk.
+    /// Adds a message. Returns whether a chunk has been flushed to the disk.
     pub fn write(&mut self, message: &Message) -> Result<bool, McapError> {
         let channel = match self.channels.get(&message.topic) {
             Some(&channel) => channel,
             None => {
                 let schema = message.topic.schema(self.form);
-                let id = self.writer.add_schema(schema.name(), schema.encoding(), &schema.data())?;
+                let id = self.writer.add_schema(schema.name(), schema.encoding(), schema.data())?;
                 let name = message.topic.name();
                 let channel =
                     self.writer.add_channel(id, name, schema.message_encoding(), &BTreeMap::new())?;
@@ -76,7 +76,7 @@ impl McapFile {
                 channel
             }
         };
-        // Before the first message of a frame, so that its images stay together.
+        // Before the first message of a frame, so that its images are in the same chunk.
         let is_due = self.first_ns.is_some() && message.time_ns.saturating_sub(self.chunk_ns) >= CHUNK_NS;
         if is_due {
             self.writer.flush()?;
@@ -96,7 +96,7 @@ impl McapFile {
         Ok(is_due)
     }
 
-    /// Ends the file with `summary`, its index and its end mark. Gives its length.
+    /// Completes the file with the metadata `summary`, the index and the end magic. Returns its size in bytes.
     pub fn finish(mut self, summary: &BTreeMap<String, String>) -> Result<u64, McapError> {
         let name = sources::recording::SUMMARY.to_owned();
         self.writer.write_metadata(&Metadata { name, metadata: summary.clone() })?;

@@ -1,9 +1,9 @@
 //! Writing recordings: MCAP files that Foxglove, Lichtblick and the mcap tools open, and that
 //! `lookout replay` reads.
 //!
-//! [`Sink`] is the policy: files, their lengths, the ring before an alarm, the disk's free space. It
-//! knows neither clock nor thread. [`Recorder`] is a sink on a thread of its own behind a queue of
-//! bounded length, so that a slow card delays nobody.
+//! [`Sink`] decides which message goes into which file: splitting, the ring buffer before an alarm, free space
+//! on the disk. It uses neither clocks nor threads. [`Recorder`] runs a sink on its own thread behind a bounded
+//! queue, so that a slow disk never blocks the caller.
 
 pub mod encode;
 mod file;

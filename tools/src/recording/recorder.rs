@@ -1,4 +1,4 @@
-//! A sink on a thread of its own.
+//! A sink on its own thread.
 
 use super::sink::{Item, RecordError, Report, Sink};
 use std::path::PathBuf;
@@ -7,23 +7,23 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// The most bytes that wait for the disk.
+/// Maximum number of bytes in the queue.
 const MAX_WAITING_BYTES: u64 = 64 << 20;
 
-/// How long a disk may be too slow before the recording ends, in nanoseconds.
+/// Time for which the queue may stay full before the recording ends, in nanoseconds.
 const PATIENCE_NS: u64 = 10_000_000_000;
 
-/// How long the end may take.
+/// Time limit for completing the file.
 const END_PATIENCE: Duration = Duration::from_secs(10);
 
-/// What became of an item.
+/// Outcome of offering an item.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Offer {
-    /// It will be written.
+    /// The item is in the queue.
     Taken,
-    /// Too much waits for the disk already.
+    /// The queue is full.
     Refused,
-    /// The recording has ended: [`Recorder::finish`] tells why.
+    /// The recording has ended: [`Recorder::finish`] returns the reason.
     Over,
 }
 
@@ -40,21 +40,21 @@ struct Shared {
     report: Mutex<Report>,
 }
 
-/// See the module.
+/// Handle of the thread that writes a recording.
 pub struct Recorder {
     jobs: Option<Sender<Job>>,
     outcome: Receiver<Result<Report, RecordError>>,
     shared: Arc<Shared>,
     path: PathBuf,
-    /// Since when the queue has been full, in nanoseconds of the caller's clock.
+    /// Time since which the queue has been full, in nanoseconds of the caller's clock.
     full_since_ns: Option<u64>,
 }
 
 impl Recorder {
-    /// Starts the thread. `path` is named in errors.
+    /// Starts the thread. `path` is for error messages.
     pub fn start(mut sink: Sink, path: PathBuf) -> Self {
         let (jobs, queue) = channel::<Job>();
-        let (tell, outcome) = channel();
+        let (result_sender, outcome) = channel();
         let shared = Arc::new(Shared {
             waiting_bytes: AtomicU64::new(0),
             is_short: AtomicBool::new(false),
@@ -65,8 +65,8 @@ impl Recorder {
         std::thread::spawn(move || {
             let result = write_all(&mut sink, &queue, &own);
             own.is_over.store(true, Ordering::Relaxed);
-            // Nobody may be waiting any more.
-            let _ = tell.send(result);
+            // The receiver may be gone.
+            let _ = result_sender.send(result);
         });
         Self { jobs: Some(jobs), outcome, shared, path, full_since_ns: None }
     }
@@ -78,11 +78,11 @@ impl Recorder {
         }
     }
 
-    /// Offers an item; `now_ns` is the time of any clock that goes on.
+    /// Offers an item without blocking; `now_ns` is the time of any monotonic clock.
     pub fn offer(&mut self, item: Item, now_ns: u64) -> Offer {
         let bytes = if let Item::Message(message) = &item { message.data.len() as u64 } else { 0 };
         let waiting = self.shared.waiting_bytes.load(Ordering::Relaxed);
-        // A single message of any size is taken.
+        // An empty queue accepts a message of any size.
         if waiting > 0 && waiting + bytes > MAX_WAITING_BYTES {
             self.full_since_ns.get_or_insert(now_ns);
             return Offer::Refused;
@@ -92,39 +92,39 @@ impl Recorder {
         self.send(Job::Item(item))
     }
 
-    /// Counts messages that were lost.
+    /// Counts lost messages.
     pub fn lost(&self, service: &'static str, count: u64, time_ns: u64) -> Offer {
         self.send(Job::Lost { service, count, time_ns })
     }
 
-    /// Whether the recording has ended: [`Self::finish`] tells why.
+    /// Whether the recording has ended: [`Self::finish`] returns the reason.
     pub fn is_over(&self) -> bool {
         self.shared.is_over.load(Ordering::Relaxed)
     }
 
-    /// Whether the disk has not followed for too long.
+    /// Whether the queue has been full for too long.
     pub fn is_stuck(&self, now_ns: u64) -> bool {
         self.full_since_ns.is_some_and(|since| now_ns.saturating_sub(since) >= PATIENCE_NS)
     }
 
-    /// What has been written so far.
+    /// Summary of what has been written so far.
     pub fn report(&self) -> Report {
         self.shared.report.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Whether the ring is shorter than asked, for want of memory.
+    /// Whether the ring buffer had to drop messages because of its memory limit.
     pub fn is_short(&self) -> bool {
         self.shared.is_short.load(Ordering::Relaxed)
     }
 
-    /// Ends the recording: what waits is written, the file closed.
+    /// Ends the recording: writes the rest of the queue and closes the file.
     ///
     /// # Errors
-    /// Why it ended early, or that the disk does not come to an end.
+    /// If the recording ended early, or the disk is too slow to complete it.
     pub fn finish(mut self, reason: &str) -> Result<Report, RecordError> {
         let is_stuck = self.full_since_ns.is_some();
         if let Some(jobs) = self.jobs.take() {
-            // It may have ended by itself: the outcome tells.
+            // If the thread has ended already, `outcome` holds the reason.
             let _ = jobs.send(Job::End(reason.to_owned()));
         }
         let slow = RecordError::Slow { path: self.path.clone(), seconds: PATIENCE_NS / 1_000_000_000 };
@@ -162,7 +162,7 @@ fn write_all(sink: &mut Sink, queue: &Receiver<Job>, shared: &Shared) -> Result<
     match result {
         Ok(()) => sink.finish(&ended),
         Err(error) => {
-            // Closed as well as can be; the first reason counts.
+            // The first error is returned, whether or not the file can be closed.
             let _ = sink.finish(&error.to_string());
             Err(error)
         }

@@ -1,12 +1,12 @@
-//! The last seconds, kept in memory until an alarm asks for them.
+//! Ring buffer of the last seconds of messages, written when an alarm is raised.
 
 use super::topic::Message;
 use std::collections::VecDeque;
 
-/// What a message takes besides its bytes.
+/// Memory of a message besides its data, in bytes.
 const MESSAGE_BYTES: usize = 64;
 
-/// Messages of the last while, bounded in time and in bytes.
+/// The latest messages, bounded in time and in bytes.
 #[derive(Debug)]
 pub struct Ring {
     messages: VecDeque<Message>,
@@ -16,13 +16,13 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// A ring of `longest_ns`, and of at most `max_bytes`.
+    /// A ring buffer of `longest_ns` nanoseconds and at most `max_bytes` bytes.
     pub fn new(longest_ns: u64, max_bytes: usize) -> Self {
         Self { messages: VecDeque::new(), bytes: 0, longest_ns, max_bytes }
     }
 
-    /// Adds a message; the oldest go when there are too many. Gives whether one went that was not
-    /// yet too old: then the ring is shorter than it should be.
+    /// Adds a message and drops the oldest ones beyond the bounds. Returns whether the limit of bytes dropped a
+    /// message within the time bound.
     pub fn push(&mut self, message: Message) -> bool {
         let oldest_ns = message.time_ns.saturating_sub(self.longest_ns);
         self.bytes += message.data.len() + MESSAGE_BYTES;
@@ -38,13 +38,13 @@ impl Ring {
         is_short
     }
 
-    /// Takes all messages out, oldest first.
+    /// Removes all messages, oldest first.
     pub fn drain(&mut self) -> impl Iterator<Item = Message> {
         self.bytes = 0;
         self.messages.drain(..)
     }
 
-    /// Bytes that it holds.
+    /// Memory in use, in bytes.
     #[cfg(test)]
     pub fn bytes(&self) -> usize {
         self.bytes
@@ -84,9 +84,9 @@ mod tests {
             was_short |= ring.push(message(second, 900));
             assert!(ring.bytes() <= 10_000);
         }
-        assert!(was_short, "it must say that it is shorter than asked");
+        assert!(was_short, "the limit of bytes must be reported");
         assert_eq!(ring.drain().count(), 10);
-        // One message that is larger than the ring is not kept.
+        // A message that is larger than the ring buffer is dropped.
         assert!(ring.push(message(2000, 20_000)));
         assert_eq!(ring.drain().count(), 0);
     }

@@ -1,15 +1,15 @@
-//! The types of a recording's messages.
+//! Schemas of the messages of a recording.
 
-use sources::recording::protobuf::{MessageType, descriptor_set};
+use sources::recording::foxglove::MessageType;
 
-/// A type of messages: how it is described, and how they are encoded.
+/// The type of a topic's messages: schema and encoding.
 #[derive(Clone, Copy, Debug)]
 pub enum Schema {
-    /// Foxglove's, as Protocol Buffers.
-    Protobuf(&'static MessageType),
-    /// Ours, as JSON with a JSON schema.
+    /// A Foxglove message in Protocol Buffers.
+    Protobuf(MessageType),
+    /// A document of `lookout` in JSON, with a JSON schema.
     Json {
-        /// Its name.
+        /// Name of the type.
         name: &'static str,
         /// The schema.
         text: &'static str,
@@ -17,7 +17,7 @@ pub enum Schema {
 }
 
 impl Schema {
-    /// Its name.
+    /// Name of the type.
     pub fn name(self) -> &'static str {
         match self {
             Self::Protobuf(message) => message.name,
@@ -25,7 +25,7 @@ impl Schema {
         }
     }
 
-    /// How it is described, in MCAP's words.
+    /// Encoding of the schema, as in the MCAP specification.
     pub fn encoding(self) -> &'static str {
         match self {
             Self::Protobuf(_) => "protobuf",
@@ -33,7 +33,7 @@ impl Schema {
         }
     }
 
-    /// How its messages are encoded, in MCAP's words.
+    /// Encoding of the messages, as in the MCAP specification.
     pub fn message_encoding(self) -> &'static str {
         match self {
             Self::Protobuf(_) => "protobuf",
@@ -41,11 +41,11 @@ impl Schema {
         }
     }
 
-    /// The description.
-    pub fn data(self) -> Vec<u8> {
+    /// The schema.
+    pub fn data(self) -> &'static [u8] {
         match self {
-            Self::Protobuf(message) => descriptor_set(message),
-            Self::Json { text, .. } => text.as_bytes().to_vec(),
+            Self::Protobuf(message) => message.descriptor_set,
+            Self::Json { text, .. } => text.as_bytes(),
         }
     }
 }
@@ -109,7 +109,7 @@ mod tests {
     #[test]
     fn json_schemas_are_json() {
         for schema in [PAIR, OBSTACLES, STATUS, LOSS] {
-            let value: serde_json::Value = serde_json::from_slice(&schema.data()).unwrap();
+            let value: serde_json::Value = serde_json::from_slice(schema.data()).unwrap();
             assert_eq!(value["title"], schema.name());
             assert!(value["properties"].as_object().unwrap().len() > 2);
         }

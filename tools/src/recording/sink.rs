@@ -1,4 +1,4 @@
-//! What goes into which file: lengths, the ring before an alarm, the disk's free space.
+//! Distribution of messages to files: splitting, the ring buffer before an alarm, free space on the disk.
 
 use super::file::McapFile;
 use super::ring::Ring;
@@ -10,58 +10,58 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Bounds of a recording.
+/// Limits of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {
-    /// A new file after this many bytes.
+    /// Size after which a new file is started, in bytes.
     pub split_bytes: Option<u64>,
-    /// A new file after this time.
+    /// Time after which a new file is started, in nanoseconds.
     pub split_ns: Option<u64>,
-    /// The recording ends when fewer bytes are free.
+    /// Free space on the disk below which the recording ends, in bytes.
     pub min_free_bytes: u64,
-    /// Only what is around alarms is recorded.
+    /// If set, only the time around alarms is recorded.
     pub ring: Option<RingLimits>,
 }
 
-/// The ring before an alarm.
+/// The ring buffer before an alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RingLimits {
-    /// How much is kept from before it.
+    /// Time before the alarm that is kept, in nanoseconds.
     pub before_ns: u64,
-    /// How much is recorded after the last frame of it.
+    /// Time after the last frame of the alarm that is recorded, in nanoseconds.
     pub after_ns: u64,
-    /// The most memory that it takes.
+    /// Maximum memory of the ring buffer, in bytes.
     pub bytes: usize,
 }
 
-/// What a recording says of itself at its start: a file's rig and period are exact in it.
+/// Metadata at the start of each file: the rig in full precision, and how it was recorded.
 pub type About = BTreeMap<String, String>;
 
-/// What a sink takes.
+/// Input of a sink.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Item {
     /// A message.
     Message(Message),
-    /// The alarm is on, at this time.
+    /// The alarm is on.
     Alarm {
-        /// Nanoseconds since 1970.
+        /// Time of the frame, in nanoseconds since 1970.
         time_ns: u64,
     },
 }
 
-/// Why a recording ends early.
+/// Why a recording cannot start, or ends early.
 #[derive(Debug, Error)]
 pub enum RecordError {
-    /// A file is there already.
+    /// The file exists.
     #[error("{}: is there already: give another name with -o, or remove it", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// Too little room.
+    /// The disk has too little free space.
     #[error(
-        "{}: the recording has ended: {free_mb} MB are free, {min_mb} MB must stay (--min-free-mb): make room, or \
-         record elsewhere", path.display()
+        "{}: the recording has ended: {free_mb} MB are free, {min_mb} MB must stay free (--min-free-mb): free \
+         space, or record to another disk", path.display()
     )]
     Space {
         /// The file.
@@ -71,28 +71,28 @@ pub enum RecordError {
         /// Megabytes that must stay free.
         min_mb: u64,
     },
-    /// It cannot be written.
-    #[error("{}: the recording has ended: {reason}: what was written until then can be replayed", path.display())]
+    /// The file cannot be written.
+    #[error("{}: the recording has ended: {reason}: what was written before can be replayed", path.display())]
     Write {
         /// The file.
         path: PathBuf,
         /// Why.
         reason: String,
     },
-    /// The disk cannot follow.
+    /// The disk is too slow.
     #[error(
-        "{}: the recording has ended: the disk did not follow for {seconds} s: record fewer topics, --jpeg, or to a \
-         faster disk", path.display()
+        "{}: the recording has ended: the disk was too slow for {seconds} s: record fewer topics, with --jpeg, or \
+         to a faster disk", path.display()
     )]
     Slow {
         /// The file.
         path: PathBuf,
-        /// How long.
+        /// For how many seconds.
         seconds: u64,
     },
 }
 
-/// What was recorded.
+/// Summary of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Report {
     /// The files, in order.
@@ -103,11 +103,11 @@ pub struct Report {
     pub messages: u64,
     /// Bytes of all files.
     pub bytes: u64,
-    /// Messages that were lost, by service.
+    /// Number of lost messages by service.
     pub lost: BTreeMap<String, u64>,
 }
 
-/// See the module.
+/// Writes messages to one file, or to several.
 pub struct Sink {
     storage: Box<dyn Storage>,
     path: PathBuf,
@@ -115,21 +115,21 @@ pub struct Sink {
     limits: Limits,
     about: About,
     file: Option<McapFile>,
-    /// The last messages of topics that each file begins with.
+    /// Last messages of the topics that each file begins with.
     latched: BTreeMap<Topic, Message>,
     ring: Option<Ring>,
-    /// With a ring: until when messages go straight to the file.
+    /// With a ring buffer: messages up to this time are written without it.
     open_until_ns: u64,
     is_short: bool,
     report: Report,
 }
 
 impl Sink {
-    /// A sink that writes `path`, or, when it may need several files, `path` with numbers: `a.mcap`
-    /// becomes `a_0001.mcap`.
+    /// A sink that writes to `path`. If the limits can require several files, their names are numbered:
+    /// `a.mcap` becomes `a_0001.mcap`.
     ///
     /// # Errors
-    /// When the file is there already, or its disk has too little room.
+    /// If the file exists, or the disk has too little free space.
     pub fn new(
         storage: Box<dyn Storage>,
         path: &Path,
@@ -158,7 +158,7 @@ impl Sink {
         Ok(sink)
     }
 
-    /// What was recorded so far.
+    /// Summary of what has been recorded so far.
     pub fn report(&self) -> Report {
         let mut report = self.report.clone();
         if let Some(file) = &self.file {
@@ -168,7 +168,7 @@ impl Sink {
         report
     }
 
-    /// Whether the ring had to let go of messages for want of memory.
+    /// Whether the ring buffer had to drop messages because of its memory limit.
     pub fn is_short(&self) -> bool {
         self.is_short
     }
@@ -184,7 +184,7 @@ impl Sink {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let number =
             |n: usize| self.path.with_file_name(format!("{stem}_{n:04}.{}", sources::recording::ENDING));
-        // Files of an earlier recording stay.
+        // Files of earlier recordings are not overwritten.
         let mut n = self.report.files.len() + 1;
         while self.storage.exists(&number(n)) {
             n += 1;
@@ -201,7 +201,7 @@ impl Sink {
     }
 
     fn check_space(&self, path: &Path) -> Result<(), RecordError> {
-        // A system that does not tell is no reason not to record.
+        // Unknown free space does not prevent a recording.
         let Ok(free) = self.storage.free_bytes(path) else { return Ok(()) };
         if free >= self.limits.min_free_bytes {
             return Ok(());
@@ -210,10 +210,10 @@ impl Sink {
         Err(RecordError::Space { path: path.to_owned(), free_mb, min_mb })
     }
 
-    /// Takes an item.
+    /// Processes an item.
     ///
     /// # Errors
-    /// When the recording must end; [`Self::finish`] then closes it as well as it can.
+    /// If the recording must end; [`Self::finish`] then closes the file as far as possible.
     pub fn take(&mut self, item: Item) -> Result<(), RecordError> {
         let message = match item {
             Item::Alarm { time_ns } => return self.alarm(time_ns),
@@ -242,7 +242,7 @@ impl Sink {
     }
 
     fn write(&mut self, message: &Message) -> Result<(), RecordError> {
-        // The images of a frame stay together.
+        // Files are split between frames only.
         if let Some(file) = &self.file
             && message.topic != Topic::RightImage
             && message.topic != Topic::Pair
@@ -265,14 +265,14 @@ impl Sink {
         Ok(())
     }
 
-    /// Starts a file that stands alone; `first` is about to be written.
+    /// Starts a file with the latched messages; `first` is the message to be written next.
     fn open(&mut self, first: &Message) -> Result<(), RecordError> {
         let path = self.next_path();
         self.check_space(&path)?;
         self.report.files.push(path.clone());
         let created = McapFile::create(self.storage.as_ref(), &path, self.form, &self.about);
         let mut file = created.map_err(|error| {
-            // Nothing is there.
+            // The file was not created.
             self.report.files.pop();
             RecordError::Write { path, reason: error_text(error) }
         })?;
@@ -301,7 +301,7 @@ impl Sink {
         finished.map(|_| ()).map_err(|error| self.write_error(error))
     }
 
-    /// Counts messages that were lost; the file says so in its stream and at its end.
+    /// Counts lost messages. The file reports them in the topic of losses and in the metadata at its end.
     ///
     /// # Errors
     /// As [`Self::take`].
@@ -315,7 +315,7 @@ impl Sink {
     /// Closes the last file.
     ///
     /// # Errors
-    /// When it cannot be written to its end.
+    /// If it cannot be completed.
     pub fn finish(&mut self, reason: &str) -> Result<Report, RecordError> {
         self.close(reason)?;
         Ok(self.report.clone())

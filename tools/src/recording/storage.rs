@@ -1,4 +1,4 @@
-//! Where recordings are written: the disk, or something in its place in tests.
+//! Storage of recordings: the disk, or a replacement in tests.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Seek, Write};
@@ -6,27 +6,26 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A file that is being written. Flushing it makes it last: what was written before survives a loss
-/// of power.
+/// A file that is being written. `flush` makes it durable: what was written before survives a power failure.
 pub trait Medium: Write + Seek + Send {}
 
 impl<T: Write + Seek + Send> Medium for T {}
 
-/// Makes files.
+/// Creates files.
 pub trait Storage: Send {
-    /// Makes a new file; one that is there already is an error.
+    /// Creates a new file.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// If it exists or cannot be created.
     fn create(&self, path: &Path) -> io::Result<Box<dyn Medium>>;
 
-    /// Whether a file is there.
+    /// Whether a file exists.
     fn exists(&self, path: &Path) -> bool;
 
-    /// Bytes that are free for the file's folder.
+    /// Free space for files in the file's folder, in bytes.
     ///
     /// # Errors
-    /// When the system does not tell.
+    /// If the system does not report it.
     fn free_bytes(&self, path: &Path) -> io::Result<u64>;
 }
 
@@ -34,7 +33,7 @@ pub trait Storage: Send {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 
-/// A file whose flush reaches the disk.
+/// A file whose `flush` waits for the disk.
 struct DiskFile(File);
 
 impl Write for DiskFile {
@@ -44,7 +43,7 @@ impl Write for DiskFile {
 
     fn flush(&mut self) -> io::Result<()> {
         match self.0.sync_data() {
-            // A pipe or a device has no disk behind it.
+            // Pipes and devices cannot be synchronised.
             Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
             result => result,
         }
@@ -74,14 +73,14 @@ impl Storage for Disk {
     }
 }
 
-/// Counts what is written to a medium.
+/// Counts the bytes written to a medium.
 pub struct Counted {
     medium: Box<dyn Medium>,
     bytes: Arc<AtomicU64>,
 }
 
 impl Counted {
-    /// A medium, and the count of its bytes.
+    /// A medium, and the counter of its bytes.
     pub fn new(medium: Box<dyn Medium>) -> (Self, Arc<AtomicU64>) {
         let bytes = Arc::new(AtomicU64::new(0));
         (Self { medium, bytes: Arc::clone(&bytes) }, bytes)

@@ -1,4 +1,4 @@
-//! A sink over a disk that is full, slow to grow or cut off.
+//! Tests of sinks and recorders, on the real disk and on one with limited space; truncated and damaged files.
 
 use super::encode::{self, PairLine, Side, Stamp};
 use super::storage::{Disk, Medium, Storage};
@@ -15,7 +15,7 @@ const SIZE: (u32, u32) = (40, 30);
 const RIG: Rig = Rig { focal_px: 440.3, baseline_m: 0.1234567, cx_px: 20.1, cy_px: 15.9 };
 const START_NS: u64 = 1_700_000_000_000_000_000;
 
-/// The real disk with so many bytes of room.
+/// The real disk with limited space, in bytes.
 struct SmallDisk {
     room: Arc<AtomicU64>,
 }
@@ -66,7 +66,7 @@ fn pixels(frame: u64, side: u8) -> Vec<u8> {
     (0..SIZE.0 * SIZE.1).map(|_| random.u8(..)).collect()
 }
 
-/// The messages of one frame, 100 ms after the one before.
+/// The messages of one frame, 100 ms after the previous one.
 fn frame(n: u64, form: ImageForm) -> Vec<Message> {
     let stamp = Stamp { sequence: n, time_ns: START_NS + n * 100_000_000 };
     let (width, height) = SIZE;
@@ -98,7 +98,7 @@ fn put(sink: &mut Sink, frames: std::ops::Range<u64>, form: ImageForm) -> Result
     frames.flat_map(|n| frame(n, form)).try_for_each(|m| sink.take(Item::Message(m)))
 }
 
-/// The pairs of a file must be those of `frames`.
+/// Asserts that the pairs of a file are those of `frames`.
 fn assert_pairs(path: &Path, frames: std::ops::Range<u64>) {
     let mut source = RecordingSource::open(path).unwrap();
     assert_eq!(source.count(), Some(frames.end - frames.start), "{}", path.display());
@@ -130,7 +130,7 @@ fn pairs_come_back_as_they_were_and_the_rig_to_the_last_bit() {
         let losses = index.all_of(sources::recording::LOSS).unwrap();
         let loss: serde_json::Value = serde_json::from_slice(&losses[0].data).unwrap();
         assert_eq!((loss["service"].as_str(), loss["count"].as_u64()), (Some("pair"), Some(3)));
-        // A second recording does not write over the first.
+        // A second recording does not overwrite the first.
         let again = Sink::new(Box::new(Disk), &path, form, Limits::default(), about());
         assert!(matches!(again, Err(RecordError::Exists { .. })));
     }
@@ -165,7 +165,7 @@ fn files_are_split_by_time_and_by_size_and_each_stands_alone() {
     for (file, first) in report.files.iter().zip([0, 10, 20, 30]) {
         assert_pairs(file, first..(first + 10).min(35));
     }
-    // Numbers go on after those that are there.
+    // Numbers continue after those of existing files.
     let mut more = sink(&folder.path().join("t.mcap"), ImageForm::Raw, limits);
     put(&mut more, 0..2, ImageForm::Raw).unwrap();
     assert_eq!(more.finish("over").unwrap().files, [name("t", 5)]);
@@ -200,7 +200,7 @@ fn the_ring_is_written_when_an_alarm_comes_and_only_then() {
     }
     let report = sink.finish("over").unwrap();
     assert_eq!(report.files.len(), 2, "a file for each of the two alarms");
-    // Two seconds before the first frame of it, one after the last.
+    // Two seconds before the first frame of the alarm, one second after the last.
     assert_pairs(&report.files[0], 30..65);
     assert_pairs(&report.files[1], 100..131);
 }
@@ -223,7 +223,7 @@ fn a_full_disk_ends_the_recording_with_a_reason_and_what_was_written_can_be_read
     assert!(source.cut().is_some() && source.count() >= Some(5), "{:?}", source.count());
     assert_pairs(&path, 0..source.count().unwrap());
 
-    // Nearly full: it ends before, and the file is whole.
+    // Nearly full: the recording ends before the disk is full, and the file is complete.
     let path = folder.path().join("near.mcap");
     let disk = SmallDisk { room: Arc::new(AtomicU64::new(200_000)) };
     let limits = Limits { min_free_bytes: 100_000, ..Limits::default() };
@@ -234,7 +234,7 @@ fn a_full_disk_ends_the_recording_with_a_reason_and_what_was_written_can_be_read
     let source = RecordingSource::open(&path).unwrap();
     assert!(source.cut().is_none() && source.count() > Some(10));
 
-    // No room from the start: nothing is begun.
+    // Too little space from the start: no file is created.
     let disk = SmallDisk { room: Arc::new(AtomicU64::new(50_000)) };
     let refused = Sink::new(Box::new(disk), &folder.path().join("no.mcap"), ImageForm::Raw, limits, about());
     assert!(matches!(refused, Err(RecordError::Space { .. })));
@@ -259,7 +259,7 @@ fn a_file_cut_anywhere_is_read_to_its_last_whole_chunk() {
             Ok(source) => {
                 let count = source.count().unwrap();
                 most = most.max(count);
-                // A chunk a second, ten frames a chunk: what is lost is the last one.
+                // One chunk a second, ten frames in each: only the last chunk is lost.
                 let share = length as f64 / bytes.len() as f64;
                 assert!(count as f64 >= (60.0 * share - 14.0).floor(), "{count} frames of {share:.2}");
                 assert_pairs(&cut, 0..count);
@@ -302,7 +302,7 @@ fn damaged_bytes_are_an_error_and_never_other_pixels() {
         };
         for i in 0..source.count().unwrap().min(20) {
             match source.read(i, &mut left, &mut right) {
-                // A changed time or index can lose a frame, but no chunk with other bytes passes.
+                // A changed time or index can lose a frame, but a chunk with changed bytes is rejected.
                 Ok(()) => assert!((0..20).any(|n| left == pixels(n, 0))),
                 Err(error) => {
                     assert!(error.to_string().contains("bad.mcap"), "{error}");
@@ -327,7 +327,7 @@ fn a_recorder_counts_what_its_disk_cannot_take() {
     let report = recorder.finish("over").unwrap();
     assert_eq!((report.frames, report.lost["pair"]), (30, 2));
     assert_pairs(&path, 0..30);
-    // A disk that fails ends the recording, and says so to who offers more.
+    // A disk that fails ends the recording; the recorder reports it.
     let path = folder.path().join("b.mcap");
     let disk = SmallDisk { room: Arc::new(AtomicU64::new(20_000)) };
     let sink = Sink::new(Box::new(disk), &path, ImageForm::Raw, Limits::default(), about()).unwrap();

@@ -1,24 +1,24 @@
-//! What a recording may hold.
+//! Topics of a recording.
 
 use super::schema::{self, Schema};
 use sources::recording as names;
 use std::fmt;
 use std::str::FromStr;
 
-/// How images are recorded.
+/// Format of recorded images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ImageForm {
-    /// As they are: no work, no loss, the most bytes.
+    /// Uncompressed: no computing time, lossless, largest.
     #[default]
     Raw,
-    /// PNG: no loss, about half the bytes, much work.
+    /// PNG: lossless, about half the bytes, much computing time.
     Png,
-    /// JPEG: fewest bytes, for looking at; a replay gives other results.
+    /// JPEG: smallest, lossy, for viewing; a replay gives different results.
     Jpeg,
 }
 
 impl ImageForm {
-    /// The word for it.
+    /// Name of the format.
     pub fn name(self) -> &'static str {
         match self {
             Self::Raw => "raw",
@@ -35,30 +35,30 @@ pub enum Topic {
     LeftImage,
     /// Right image.
     RightImage,
-    /// What ties them together.
+    /// Number, times and size of each stereo pair.
     Pair,
     /// Calibration of the left images.
     LeftCalibration,
     /// Calibration of the right images.
     RightCalibration,
-    /// Where the cameras look.
+    /// Transforms between vehicle and cameras.
     Transform,
-    /// A line per frame.
+    /// A line of `obstacles.jsonl` for each frame.
     Obstacles,
-    /// Boxes in space.
+    /// Obstacles as boxes in space.
     Scene,
-    /// Boxes in the left image.
+    /// Obstacles as boxes in the left image.
     Annotations,
     /// Point cloud.
     Points,
-    /// The daemon.
+    /// State of the daemon.
     Status,
-    /// What could not be recorded.
+    /// Counts of messages that could not be recorded.
     Loss,
 }
 
 impl Topic {
-    /// Its name in the file.
+    /// Name of the topic in the file.
     pub fn name(self) -> &'static str {
         match self {
             Self::LeftImage => names::LEFT_IMAGE,
@@ -80,13 +80,13 @@ impl Topic {
     pub fn schema(self, form: ImageForm) -> Schema {
         use sources::recording::foxglove as f;
         match self {
-            Self::LeftImage | Self::RightImage if form == ImageForm::Raw => Schema::Protobuf(&f::RAW_IMAGE),
-            Self::LeftImage | Self::RightImage => Schema::Protobuf(&f::COMPRESSED_IMAGE),
-            Self::LeftCalibration | Self::RightCalibration => Schema::Protobuf(&f::CAMERA_CALIBRATION),
-            Self::Transform => Schema::Protobuf(&f::FRAME_TRANSFORM),
-            Self::Scene => Schema::Protobuf(&f::SCENE_UPDATE),
-            Self::Annotations => Schema::Protobuf(&f::IMAGE_ANNOTATIONS),
-            Self::Points => Schema::Protobuf(&f::POINT_CLOUD),
+            Self::LeftImage | Self::RightImage if form == ImageForm::Raw => Schema::Protobuf(f::RAW_IMAGE),
+            Self::LeftImage | Self::RightImage => Schema::Protobuf(f::COMPRESSED_IMAGE),
+            Self::LeftCalibration | Self::RightCalibration => Schema::Protobuf(f::CAMERA_CALIBRATION),
+            Self::Transform => Schema::Protobuf(f::FRAME_TRANSFORM),
+            Self::Scene => Schema::Protobuf(f::SCENE_UPDATE),
+            Self::Annotations => Schema::Protobuf(f::IMAGE_ANNOTATIONS),
+            Self::Points => Schema::Protobuf(f::POINT_CLOUD),
             Self::Pair => schema::PAIR,
             Self::Obstacles => schema::OBSTACLES,
             Self::Status => schema::STATUS,
@@ -94,37 +94,38 @@ impl Topic {
         }
     }
 
-    /// Whether each file begins with its last message, so that it stands alone.
+    /// Whether each file of a split recording begins with the last message of the topic, so that it can be read by
+    /// itself.
     pub fn is_latched(self) -> bool {
         matches!(self, Self::LeftCalibration | Self::RightCalibration | Self::Transform)
     }
 }
 
-/// A message on its way into a file.
+/// An encoded message that is to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message {
-    /// Its topic.
+    /// Topic of the message.
     pub topic: Topic,
-    /// Number of the frame that it belongs to.
+    /// Number of its frame.
     pub sequence: u32,
-    /// When it was: nanoseconds since 1970.
+    /// Time in nanoseconds since 1970.
     pub time_ns: u64,
-    /// Encoded as the topic's schema says.
+    /// The message, encoded after the topic's schema.
     pub data: Vec<u8>,
 }
 
-/// Groups of topics, as they are chosen on the command line.
+/// Groups of topics that the command line selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Images, calibration and what ties them together: what a replay needs.
+    /// Images, calibrations, transforms and pairs: the input of a replay.
     pub images: bool,
-    /// A line per frame, and the boxes in the image.
+    /// A line for each frame, and boxes in the left image.
     pub obstacles: bool,
-    /// Boxes in space.
+    /// Obstacles as boxes in space.
     pub scene: bool,
     /// Point cloud.
     pub points: bool,
-    /// The daemon's state.
+    /// State of the daemon.
     pub status: bool,
 }
 
@@ -137,11 +138,11 @@ impl Default for Choice {
 impl FromStr for Choice {
     type Err = String;
 
-    /// Words with commas: `images,obstacles`, or `all`.
+    /// Names of groups, separated by commas: `images,obstacles`; or `all`.
     fn from_str(text: &str) -> Result<Self, String> {
         let none = Self { images: false, obstacles: false, scene: false, points: false, status: false };
-        text.split(',').try_fold(none, |c, word| {
-            Ok(match word.trim() {
+        text.split(',').try_fold(none, |c, name| {
+            Ok(match name.trim() {
                 "images" => Self { images: true, ..c },
                 "obstacles" => Self { obstacles: true, ..c },
                 "scene" => Self { scene: true, ..c },
@@ -160,14 +161,14 @@ impl FromStr for Choice {
 
 impl fmt::Display for Choice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let words = [
+        let names = [
             (self.images, "images"),
             (self.obstacles, "obstacles"),
             (self.scene, "scene"),
             (self.points, "points"),
             (self.status, "status"),
         ];
-        let chosen: Vec<&str> = words.into_iter().filter(|(on, _)| *on).map(|(_, word)| word).collect();
+        let chosen: Vec<&str> = names.into_iter().filter(|(on, _)| *on).map(|(_, name)| name).collect();
         f.write_str(&chosen.join(","))
     }
 }
@@ -177,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn topics_are_chosen_by_words() {
+    fn topics_are_selected_by_name() {
         let images: Choice = "images".parse().unwrap();
         assert!(images.images && !images.status);
         assert_eq!("all".parse::<Choice>().unwrap().to_string(), "images,obstacles,scene,points,status");

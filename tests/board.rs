@@ -1,11 +1,9 @@
 //! Heat and clocks: the daemon on a made-up board whose sensors heat up and whose clocks do not take.
 
-mod support;
-
+use crate::support::{Bench, WATCHDOG};
 use serde_json::Value;
 use std::path::Path;
 use std::time::Instant;
-use support::{Bench, WATCHDOG};
 
 const TEMP: &str = "class/thermal/thermal_zone0/temp";
 const POLICY: &str = "devices/system/cpu/cpufreq/policy0";

@@ -1,8 +1,7 @@
 //! `lookout calibrate`, `rectify` and `rig`: generated boards before known cameras, seeded faults, bad
 //! input, real pictures.
 
-mod support;
-
+use crate::support::{self, Bench, python, save_grey, shared_data, turns};
 use nalgebra::{Rotation3, Vector3};
 use perception::calibration::{Board, Camera, Crop, Pose};
 use sources::chessboard::{Conditions, Studio, poses};
@@ -10,7 +9,6 @@ use sources::rig_file::RigFile;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Bench, save_grey, shared_data};
 
 const SIZE: (usize, usize) = (480, 360);
 const VIEWS: usize = 14;
@@ -259,11 +257,7 @@ fn a_real_set_is_calibrated() {
 
 #[test]
 fn the_programs_that_own_the_formats_read_and_write_them() {
-    let libraries = "import cv2, numpy, yaml";
-    if !Command::new("python3").args(["-c", libraries]).output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: no python3 with the packages opencv-python and PyYAML");
-        return;
-    }
+    let Some(python) = python("cv2, numpy, yaml", "opencv-python and PyYAML") else { return };
     let bench = Bench::new();
     let (mut cameras, between) = cameras();
     // To YAML 1.1 a number without a point is text.
@@ -276,7 +270,7 @@ fn the_programs_that_own_the_formats_read_and_write_them() {
         bench.ok(&["rig", "rig.toml", "--format", format, "-o", name]);
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/support/read_calibration.py");
-    let output = Command::new("python3").arg(&script).arg(bench.path("")).output().unwrap();
+    let output = Command::new(&python).arg(&script).arg(bench.path("")).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let same = |value: &serde_json::Value, expected: &[f64]| {
@@ -345,6 +339,7 @@ fn the_programs_that_own_the_formats_read_and_write_them() {
 /// Every picture of the shared sets but the boards; prints the processor time that each set took.
 #[test]
 fn pictures_without_a_board_have_none() {
+    let _turn = turns::beside_others();
     let board = Board::new(9, 6, 0.025).unwrap();
     for set in ["road_images", "kitti2015", "kitti_cars", "kitti_depth", "kitti_sequence_1", "middlebury"] {
         let Some(folder) = shared_data(set) else { return };
@@ -367,6 +362,7 @@ fn pictures_without_a_board_have_none() {
 /// The synthetic drive, `frames` pairs; from `turned` on the right camera is pitched by 0.2 degrees.
 #[test]
 fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
+    let _turn = turns::beside_others();
     use perception::rectify::Remap;
     use perception::simd::Level;
     use perception::stereo::epipolar::{EpipolarCheck, EpipolarHealth, EpipolarParameters, EpipolarState};

@@ -1,10 +1,8 @@
 //! The running check of the calibration: a right camera that turns in flight is noticed, published
 //! with the reason, and corrected when that is configured.
 
-mod support;
-
+use crate::support::Bench;
 use serde_json::Value;
-use support::Bench;
 
 /// Row offset of 0.2 degrees at 440 px of focal length, nose down: what is seen stands higher.
 const TURNED_PX: f64 = -1.536;

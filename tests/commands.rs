@@ -1,10 +1,8 @@
 //! The words of the command line on good input: demo, status, disparity, obstacles.
 
-mod support;
-
+use crate::support::{Bench, json, lines, shared_data};
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
-use support::{Bench, json, lines, shared_data};
 
 #[test]
 fn the_demo_writes_its_pictures_and_summary() {

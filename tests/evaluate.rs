@@ -1,13 +1,11 @@
 //! `lookout evaluate stereo` and `lidar`: figures against brute force, selections, files, bad input.
 
-mod support;
-
+use crate::support::{Bench, files, json, save_grey, shared_data};
 use image::{ImageBuffer, Luma};
 use serde_json::Value;
 use sources::PairSource;
 use sources::scene::{Drive, Scene};
 use std::path::Path;
-use support::{Bench, files, json, save_grey, shared_data};
 
 const SCORES: [&str; 8] = ["dens", "bad1", "bad2", "bad3", "D1", "epe", "hole3", "val3"];
 

@@ -1,8 +1,6 @@
 //! The whole daemon on recorded pairs: lock-step, live rate, overload.
 
-mod support;
-
-use support::{Bench, files, json, lines, shared_data};
+use crate::support::{Bench, files, json, lines, shared_data};
 
 /// The only reason to call two runs equal: every file has the same bytes.
 fn assert_same(a: &std::path::Path, b: &std::path::Path) {
@@ -70,7 +68,7 @@ fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
 
 #[test]
 fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let recording = bench.record("drive", 10);
     let args = ["replay", &recording, "--fps", "1000", "--loop", "--limit", "400", "--json"];
     let out = bench.ok(&[&args[..], &["--set", "stereo.method=full"]].concat());
@@ -89,7 +87,7 @@ fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
 
 #[test]
 fn at_a_rate_that_is_kept_every_frame_comes_out() {
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let recording = bench.record("drive", 6);
     bench.ok(&["replay", &recording, "--fps", "2", "--out", "a"]);
     let summary = json(&bench.path("a/summary.json"));

@@ -1,9 +1,7 @@
 //! `lookout point-cloud`: from two pictures to a file that other programs read.
 
-mod support;
-
+use crate::support::Bench;
 use sources::scene::Drive;
-use support::Bench;
 
 /// Points with their colours.
 fn read(path: &std::path::Path) -> Vec<([f32; 3], [u8; 3])> {

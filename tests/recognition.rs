@@ -1,10 +1,8 @@
 //! `lookout train`, `lookout detect` and `lookout evaluate detection`, from pictures to boxes.
 
-mod support;
-
+use crate::support::{Bench, save_grey};
 use serde_json::Value;
 use std::path::Path;
-use support::{Bench, save_grey};
 
 /// Noise with a dark roof, a bright window and dark wheels where `object` (left, top, side) is.
 fn scene(seed: u64, width: usize, height: usize, object: Option<(usize, usize, usize)>) -> Vec<u8> {

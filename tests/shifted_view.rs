@@ -1,13 +1,11 @@
 //! One picture of a real calibration set is shifted by half a pixel; the calibration names its view.
 
-mod support;
-
+use crate::support::{Bench, save_grey, shared_data, turns};
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
 use perception::calibration::{Board, Crop, Grade, Lens, Pair, StereoCalibration, calibrate, judge};
 use perception::image::GreyView;
 use std::path::{Path, PathBuf};
-use support::{Bench, save_grey, shared_data};
 
 const SIZE: (usize, usize) = (640, 360);
 const VIEWS: usize = 29;
@@ -130,6 +128,7 @@ impl Set {
 
 #[test]
 fn a_board_at_rest_is_good_until_a_picture_is_shifted() {
+    let _turn = turns::beside_others();
     let Some(folder) = shared_data("chessboard_sg1") else { return };
     let set = Set::new(&folder, &RESTING);
     let (c, grade) = set.calibrate(&set.pairs);
@@ -143,6 +142,7 @@ fn a_board_at_rest_is_good_until_a_picture_is_shifted() {
 
 #[test]
 fn in_a_set_from_a_hand_each_view_that_agrees_is_named_when_it_is_shifted() {
+    let _turn = turns::beside_others();
     let Some(folder) = shared_data("chessboard_sg1") else { return };
     let views: Vec<usize> = (1..=VIEWS).collect();
     let set = Set::new(&folder, &views);

@@ -1,10 +1,8 @@
 //! `lookout soak`: faults are survived, budgets are judged, nothing is left behind.
 
-mod support;
-
+use crate::support::{Bench, json};
 use std::path::Path;
 use std::process::Output;
-use support::{Bench, json};
 
 /// A configuration that any machine keeps, so that what the test asserts is not its speed.
 const EASY: &str = "[soak]\nwarm_up_s = 1\nfault_pause_ms = 300\nnext_result_s = 60\nlatency_p50_ms = 10000\n\

@@ -1,8 +1,7 @@
 //! What a daemon that never stops has to live through: stages that hang, leave or find no memory, a
 //! source that goes away, shared memory that is full. And what it says meanwhile.
 
-mod support;
-
+use crate::support::{Bench, Need, WATCHDOG, pid_of, process, send, skip};
 use messages::bus::Bus;
 use messages::header::Header;
 use messages::instance::Instance;
@@ -15,16 +14,11 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use support::{Bench, WATCHDOG, pid_of, send};
 
 const STAGES: [&str; 4] = ["capture", "stereo", "road", "recognition"];
 
 fn frames(status: &serde_json::Value) -> u64 {
     status["frames"].as_u64().unwrap()
-}
-
-fn process<'a>(status: &'a serde_json::Value, role: &str) -> &'a serde_json::Value {
-    status["processes"].as_array().unwrap().iter().find(|p| p["role"] == role).unwrap()
 }
 
 fn reason(status: &serde_json::Value) -> &str {
@@ -227,8 +221,7 @@ fn the_alarm_of_a_dead_stage_is_taken_back() {
     }
 }
 
-/// Runs `lookout` where /dev/shm is a small one of its own; `None`, with a printed reason, where the
-/// system allows no such thing.
+/// Runs `lookout` with a small /dev/shm of its own; where the system forbids that the test is skipped.
 fn with_small_memory(bench: &Bench, mebibytes: u32, args: &[&str]) -> Option<Command> {
     let mount = format!("mount -t tmpfs -o size={mebibytes}m tmpfs /dev/shm");
     let possible = Command::new("unshare")
@@ -237,7 +230,7 @@ fn with_small_memory(bench: &Bench, mebibytes: u32, args: &[&str]) -> Option<Com
         .status()
         .is_ok_and(|s| s.success());
     if !possible {
-        println!("skipped: this system allows no mount namespace");
+        skip(Need::Namespaces, "this system allows no mount namespace");
         return None;
     }
     let inner = bench.command(args);

@@ -1,13 +1,11 @@
 //! What systemd is told, against a real socket; a configuration that is read again.
 
-mod support;
-
+use crate::support::{Bench, Need, WATCHDOG, pid_of, send, skip};
 use serde_json::Value;
 use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
-use support::{Bench, WATCHDOG, pid_of, send};
 
 fn receive(socket: &UnixDatagram) -> String {
     let mut buffer = [0; 4096];
@@ -170,7 +168,7 @@ fn a_reload_starts_the_stages_concerned_anew_and_refuses_what_cannot_change() {
 fn a_replay_ends_when_its_terminal_does() {
     // Started by nohup, a daemon goes on without its terminal, and it has that from these tests.
     if hang_up_is_ignored() {
-        println!("skipped: these tests ignore SIGHUP (nohup?), and so would the daemon that they start");
+        skip(Need::Hangup, "SIGHUP is ignored here (nohup?), so a daemon started from here ignores it, too");
         return;
     }
     let bench = Bench::new();

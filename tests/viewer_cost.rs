@@ -1,13 +1,11 @@
 //! What two viewers and a recorder cost the daemon: the same run with and without them, in turns.
 //!
-//! `LOOKOUT_COST_SECONDS=30 LOOKOUT_COST_ROUNDS=6 cargo test --release --test viewer_cost -- --nocapture`
+//! `LOOKOUT_COST_SECONDS=30 LOOKOUT_COST_ROUNDS=6 cargo test --release --test slow viewer_cost -- --nocapture`
 //! gives the figures of docs/results.md; as it stands the test is short, and looks at what must hold on
 //! any machine.
 
-mod support;
-#[path = "support/viewer.rs"]
-mod viewer;
-
+use crate::support::viewer::Viewer;
+use crate::support::{Bench, pid_of, send};
 use messages::bus::Bus;
 use messages::instance::Instance;
 use messages::wait::{self, Next};
@@ -15,8 +13,6 @@ use messages::{obstacles, service};
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use support::{Bench, pid_of, send};
-use viewer::Viewer;
 
 /// The rate of the paper.
 const FPS: f64 = 12.5;
@@ -119,7 +115,7 @@ fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
 fn viewers_and_a_recorder_take_what_is_left_over() {
     let seconds = number("LOOKOUT_COST_SECONDS", 3);
     let rounds = number("LOOKOUT_COST_ROUNDS", 2);
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let source = bench.record_paper("drive", RECORDED);
     bench.configure(&format!(
         "[source]\nkind = \"folder\"\npath = \"{source}\"\nrepeat = true\nfps = {FPS}\n"

@@ -1,7 +1,5 @@
 //! A viewer for a test, and a client without a browser.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
-
 use crate::support::{Bench, WATCHDOG, send};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};

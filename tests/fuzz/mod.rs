@@ -1,8 +1,8 @@
 //! Every reader of what comes from outside, on inputs that were changed at random: no input may make
 //! it panic, take for ever or take memory that it does not deserve.
 //!
-//! A few seconds with every commit; longer with
-//! `LOOKOUT_FUZZ_SECONDS=600 cargo test --release -p lookout --test fuzz`.
+//! Two seconds for each reader with every commit; longer with
+//! `LOOKOUT_FUZZ_SECONDS=600 cargo test --release -p lookout --test slow fuzz::`.
 
 mod calibrations;
 mod caught;

@@ -1,4 +1,4 @@
-//! Input that cannot be used: each a clear error that names what is wrong, and nothing left behind.
+//! Unusable input: each kind gives an error that names the fault, and leaves nothing behind.
 
 use crate::support::{self, Bench, save_grey};
 

@@ -1,4 +1,4 @@
-//! Cameras by GStreamer under the daemon, on GStreamer's own test pictures. Built with the feature `gstreamer` alone;
+//! Cameras by GStreamer under the daemon, on GStreamer's own test images. Built with the feature `gstreamer` alone;
 //! `features.rs` tests what a build without it says.
 
 mod support;
@@ -12,13 +12,13 @@ fn bench(left: &str, right: &str, more: &str) -> Bench {
     bench
 }
 
-/// A live test picture; `more` are properties of its source.
+/// A live test image; `more` are properties of its source.
 fn pipeline(width: u32, more: &str) -> String {
     format!("videotestsrc is-live=true pattern=ball {more} ! video/x-raw,width={width},framerate=20/1")
 }
 
 #[test]
-fn pipelines_are_cameras_of_the_daemon_two_or_one_for_both_images() {
+fn two_pipelines_or_one_with_both_images_feed_the_daemon() {
     for bench in [
         bench(&pipeline(320, ""), &pipeline(320, ""), ""),
         bench(&pipeline(640, ""), "", "side_by_side = true\n"),
@@ -32,8 +32,8 @@ fn pipelines_are_cameras_of_the_daemon_two_or_one_for_both_images() {
 }
 
 #[test]
-fn a_pipeline_that_ends_is_told_and_opened_again() {
-    // A second of pictures each time.
+fn a_pipeline_that_ends_is_reported_and_reopened() {
+    // A second of images each time.
     let camera = pipeline(640, "num-buffers=20");
     let bench = bench(&camera, "", "side_by_side = true\nretry_first_ms = 1500\nretry_longest_ms = 1500\n");
     let daemon = bench.start(&["run"]);

@@ -1,4 +1,4 @@
-//! Breaking things: killed stages, signals, hostile messages, second instances.
+//! Faults: killed stages, signals, hostile messages, second instances.
 
 use crate::support::{self, Bench, json, lines, pid_of, send};
 use messages::bus::Bus;
@@ -25,7 +25,7 @@ fn any_stage_can_be_killed_and_results_go_on() {
         });
         let process = after["processes"].as_array().unwrap().iter().find(|p| p["role"] == *role).unwrap();
         assert_eq!(process["restarts"], 1, "{role}");
-        // Nothing of the dead stage stays in shared memory: no growth from round to round.
+        // A dead stage leaves nothing in shared memory: no growth from round to round.
         if round == 0 {
             files = bench.shared_files();
         } else {
@@ -38,7 +38,7 @@ fn any_stage_can_be_killed_and_results_go_on() {
     }
     daemon.signal("TERM");
     let output = daemon.wait();
-    // A replay that was stopped has not done what was asked.
+    // A replay that was stopped has failed.
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("stopped by a signal"));
     bench.assert_clean();

@@ -1,4 +1,4 @@
-//! Killed stages in lock-step: every frame comes out all the same.
+//! Killed stages in lock-step: no frame is lost.
 
 use crate::support::{Bench, json, lines, pid_of, send};
 
@@ -27,7 +27,7 @@ fn in_lockstep_no_frame_is_lost_to_a_kill() {
         let output = daemon.wait();
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{role}: {errors}");
-        // The frame in flight is asked for when the stage is back, not after a time-out.
+        // The frame in flight is requested again when the stage is back, not after a time-out.
         assert!(!errors.contains("does not move"), "{role}: {errors}");
         bench.assert_clean();
         let sequences: Vec<u64> =

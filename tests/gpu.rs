@@ -5,7 +5,7 @@ mod support;
 
 use support::{Bench, Need, skip};
 
-/// What tests take: any adapter, as slow as it may be.
+/// Tests accept any adapter, however slow.
 const PATIENT: &str = "stereo.gpu_timeout_ms=30000";
 
 #[track_caller]
@@ -54,7 +54,7 @@ fn one_pair_is_the_same_on_both_and_the_figures_name_the_device() {
 }
 
 #[test]
-fn the_daemon_matches_on_it_and_goes_on_when_it_hangs() {
+fn the_daemon_matches_on_it_and_falls_back_to_the_cpu_when_it_hangs() {
     let Some(adapter) = adapter() else { return };
     let name = &adapter.name;
     let bench = Bench::new();
@@ -75,7 +75,7 @@ fn the_daemon_matches_on_it_and_goes_on_when_it_hangs() {
         skip(Need::SoftwareGpu, &format!("{name} {why}"));
         return;
     }
-    // No software adapter is done in 10 ms: it counts as hanging, and the CPU takes over.
+    // No software adapter finishes in 10 ms: it counts as hanging, and the CPU takes over.
     let daemon = start("10");
     let status = bench.status_when(|s| s["device"]["lost"] == true && s["frames"].as_u64() > Some(2));
     assert_eq!(status["state"], "degraded", "{status}");
@@ -107,8 +107,8 @@ fn spent(bench: &Bench, more_than: u64) -> (u64, [u64; 2]) {
 
 /// What the stereo stage computes itself when a GPU matches, at the paper's size: `cargo test --release -p lookout
 /// --features gpu --test gpu stage -- --nocapture` gives the figures of docs/results.md, `LOOKOUT_GPU_FRAMES` more frames
-/// of them. The driver's threads are those beside the stage's own; a driver in software computes there. So few
-/// disparities because that takes it seconds; what the stage itself does for a frame does not depend on them.
+/// of them. Threads beside the stage's own belong to the driver; a software driver computes there. That takes seconds,
+/// so there are few disparities; the work of the stage itself does not depend on their number.
 #[test]
 fn a_stage_that_matches_on_it_leaves_the_work_to_it() {
     let Some(adapter) = adapter() else { return };
@@ -143,7 +143,7 @@ fn a_stage_that_matches_on_it_leaves_the_work_to_it() {
 }
 
 #[test]
-fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
+fn the_clock_table_has_a_row_for_each_clock_and_restores_them() {
     if adapter().is_none() {
         return;
     }
@@ -154,7 +154,7 @@ fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
     for (file, text) in [
         ("min_freq", "306000000"),
         ("max_freq", "624750000"),
-        // It is slower than it was told to be at the fastest step alone.
+        // Only at the fastest step is it slower than it was set to be.
         ("cur_freq", "510000000"),
         ("available_frequencies", "306000000 408000000 510000000 624750000"),
     ] {
@@ -170,7 +170,7 @@ fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
         soak.args(["--set", PATIENT, "-c"]).arg(bench.path("car.toml")).output().unwrap()
     };
     let mut output = soak("0.05");
-    // A driver in software compiles for longer than that where others want the cores, too.
+    // A software driver compiles for longer than that on a busy machine.
     if String::from_utf8_lossy(&output.stderr).contains("no result came out") {
         output = soak("0.4");
     }

@@ -3,9 +3,9 @@
 use crate::support::{self, Bench, Need, pid_of, process, skip};
 use std::process::{Command, Stdio};
 
-/// `lookout` as somebody without any privilege over the machine; where that is impossible the test is skipped.
+/// `lookout` as a user without privileges over the machine; where that is impossible the test is skipped.
 fn unprivileged(bench: &Bench, args: &[&str]) -> Option<Command> {
-    // In a user namespace of its own even root has no say over the whole machine's scheduling.
+    // In its own user namespace even root may not change the scheduling of the machine.
     let possible = Command::new("unshare")
         .args(["--map-root-user", "true"])
         .stderr(Stdio::null())
@@ -23,7 +23,7 @@ fn unprivileged(bench: &Bench, args: &[&str]) -> Option<Command> {
 }
 
 #[test]
-fn what_is_required_and_refused_stops_it_with_a_reason() {
+fn a_required_privilege_that_is_refused_stops_the_start_with_a_reason() {
     let bench = Bench::new();
     for (key, remedy) in [("scheduling", "CAP_SYS_NICE"), ("memory_lock", "CAP_IPC_LOCK")] {
         bench.configure(&format!("[source]\nkind = \"scene\"\n[realtime]\n{key} = \"require\"\n"));
@@ -38,7 +38,7 @@ fn what_is_required_and_refused_stops_it_with_a_reason() {
 }
 
 #[test]
-fn what_is_preferred_and_refused_is_logged_and_shown() {
+fn a_preferred_privilege_that_is_refused_is_logged_and_shown() {
     let bench = Bench::new();
     bench.configure(
         "[source]\nkind = \"scene\"\nfps = 5.0\n[realtime]\nscheduling = \"prefer\"\nmemory_lock = \"prefer\"\n",
@@ -71,7 +71,7 @@ fn policy(pid: u32) -> (u32, u32) {
 
 /// Whether this user may have real-time priorities and locked memory; if not, the test is skipped.
 fn is_privileged() -> bool {
-    // In a thread of its own: this test program stays as it is.
+    // In a thread of its own, so that this test program keeps its scheduling.
     let fifo = std::thread::spawn(|| messages::privilege::set_fifo(10).is_ok()).join().unwrap();
     let lock = rustix::process::getuid().is_root();
     if !(fifo && lock) {
@@ -105,7 +105,7 @@ fn a_real_time_stage_that_never_sleeps_is_ended_by_the_kernel() {
 }
 
 #[test]
-fn what_is_granted_is_had_and_the_writer_never_asks() {
+fn granted_privileges_take_effect_and_the_writer_requests_none() {
     if !is_privileged() {
         return;
     }
@@ -129,7 +129,7 @@ fn what_is_granted_is_had_and_the_writer_never_asks() {
         let fifo = u32::from(priority > 0);
         assert_eq!(policy(pid_of(&status, role)), (fifo, priority), "{role} in /proc");
     }
-    // Every page of the pools is there.
+    // Every page of the pools is allocated.
     for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
         let name = entry.file_name().into_string().unwrap_or_default();
         if name.starts_with(&format!("lookout.{}.", daemon.pid())) {

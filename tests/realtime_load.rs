@@ -1,4 +1,4 @@
-//! Real time under load: no heap for a frame, ages that stay bounded, a pace that follows the slowest stage.
+//! Real time under load: no heap allocation for a frame, bounded ages, a pace that follows the slowest stage.
 
 use crate::support::{Bench, WATCHDOG, process};
 use messages::bus::Bus;
@@ -29,8 +29,8 @@ fn no_stage_allocates_for_a_frame() {
 }
 
 #[test]
-fn the_count_of_allocations_can_tell() {
-    // The writer makes pictures and lines as it likes: the same figure must not be 0 there.
+fn the_allocation_counter_counts_what_the_writer_allocates() {
+    // The writer may allocate for its images and lines: the same counter must not be 0 there.
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
     let args = ["replay", &recording, "--lockstep", "--loop", "--limit", "70", "--out", "results", "--json"];
@@ -39,7 +39,7 @@ fn the_count_of_allocations_can_tell() {
     assert!(frames == 70 && count >= 20, "{count} allocations in the writer's {frames} frames");
 }
 
-/// Age and work of frames, in ms, as a stage reports them, until `count` of them were heard.
+/// Age and work of frames, in ms, as a stage reports them, until `count` of them were received.
 fn listen(bench: &Bench, role: Role, count: usize) -> Vec<(f64, f64)> {
     let bus = Bus::join(&Instance::new(&bench.instance, &bench.path("run"))).unwrap();
     let reports = bus.subscriber(&service::REPORT).unwrap();
@@ -67,7 +67,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 #[test]
 fn at_far_more_than_capacity_ages_stay_bounded_and_do_not_grow() {
     let bench = Bench::alone();
-    // Pacing off, and matching so heavy that no machine keeps the rate: newer frames overtake older ones.
+    // Pacing is off, and matching so expensive that no machine keeps the rate: newer frames overtake older ones.
     let recording = bench.record_paper("drive", 4);
     let offered_ms: f64 = 1000.0 / 200.0;
     let args = ["replay", &recording, "--fps", "200", "--loop", "--limit", "1000000"];
@@ -88,7 +88,7 @@ fn at_far_more_than_capacity_ages_stay_bounded_and_do_not_grow() {
     let age = |part: &[(f64, f64)]| median(part.iter().map(|(age, _)| *age).collect());
     let work = median(heard.iter().map(|(_, work)| *work).collect());
     let (first, last) = (age(&heard[..50]), age(&heard[100..]));
-    // The source's own period may be longer than what was asked for; on a shared core it waits for others.
+    // The source's own period may be longer than requested; on a shared core it waits for others.
     let period = offered_ms.max(1000.0 / capture["rate_hz"].as_f64().unwrap().max(1.0));
     assert!(age(&heard) <= period + work, "age {:.2} ms, period {period:.2}, work {work:.2}", age(&heard));
     assert!(last <= first + period + work, "the age grew from {first:.2} to {last:.2} ms");
@@ -98,7 +98,7 @@ fn at_far_more_than_capacity_ages_stay_bounded_and_do_not_grow() {
 }
 
 #[test]
-fn the_pace_follows_what_the_slowest_stage_sustains_and_lateness_is_a_state() {
+fn the_pace_follows_the_slowest_stage_and_late_results_degrade_the_state() {
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
     bench.configure(
@@ -112,7 +112,7 @@ fn the_pace_follows_what_the_slowest_stage_sustains_and_lateness_is_a_state() {
         pacing["slowest_ms"].as_f64().unwrap() > 1.2 && pacing["rate_hz"].as_f64().unwrap() < 890.0
     });
     assert_eq!(status["pacing"]["follows"], true);
-    // Nothing comes through in a millisecond: late, counted, and said.
+    // No frame passes in a millisecond: lateness is counted and reported.
     let late = bench.status_when(|s| s["state"] == "degraded");
     assert!(late["reason"].as_str().unwrap().contains("results are late"), "{late}");
     assert!(late["deadline"]["late"].as_u64().unwrap() >= 5);

@@ -1,4 +1,4 @@
-//! Recording, replay from a recording, comparison: the binary as processes.
+//! Recording, replay of a recording, comparison.
 
 use crate::support::{Bench, WATCHDOG, files, lines};
 use sources::PairSource;
@@ -56,14 +56,14 @@ fn a_lockstep_run_and_the_replay_of_its_recording_are_equal_to_the_last_byte() {
         }
     }
     assert_eq!(assert_pairs_of(&bench.path("run.mcap"), &recording), 12);
-    // The recording holds the run's own results, too.
+    // The recording also holds the results of the run.
     let said = bench.ok(&["compare", "run.mcap", "b"]);
     assert!(said.contains("12 frames in both, 0 differ"), "{said}");
     bench.ok(&["compare", "a", "b/obstacles.jsonl"]);
-    // A recording is never written over.
+    // A recording is never overwritten.
     let error = bench.fails(&["replay", &recording, "--lockstep", "--record", "run.mcap"]);
     assert!(error.contains("run.mcap: is there already"), "{error}");
-    // Other parameters on the recorded pairs: the comparison says what that changes.
+    // Other parameters on the recorded pairs: the comparison shows what they change.
     bench.configure("[alarm]\ndistance_m = 50\n");
     bench.ok(&["replay", "run.mcap", "--lockstep", "--out", "d"]);
     let output = bench.run(&["compare", "a", "d", "--json"]);
@@ -89,7 +89,7 @@ fn a_running_daemon_is_recorded_and_goes_on() {
     let report: serde_json::Value = serde_json::from_str(&out).unwrap();
     let frames = report["frames"].as_u64().unwrap();
     assert!(frames > 5 && report["ended"] == "its time is up", "{report}");
-    // Split files, JPEG, everything there is.
+    // Split files, JPEG, all topics.
     let out = bench.ok(&[
         "record",
         "-o",
@@ -147,7 +147,7 @@ fn a_recorder_that_is_killed_leaves_all_whole_chunks() {
     assert_eq!(assert_pairs_of(&bench.path("cut.mcap"), &recording), count);
     bench.ok(&["replay", "cut.mcap", "--in-process", "--out", "again", "--limit", "6"]);
     assert_eq!(lines(&bench.path("again")).len(), 6);
-    // The daemon has not noticed, and the dead recorder's place is free again.
+    // The daemon is not affected, and the dead recorder's slot is free again.
     for name in ["next.mcap", "other.mcap"] {
         bench.ok(&["record", "-o", name, "--seconds", "1"]);
     }
@@ -164,7 +164,7 @@ fn a_full_disk_stops_the_recorder_and_not_the_daemon() {
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
     let daemon = bench.replay_endlessly(&recording, "20");
-    // The limit of the process stands for the end of the disk: the same error at the same call.
+    // The process's file size limit stands for a full disk: the same error at the same call.
     let limited = |blocks: u32| -> Output {
         let record = bench.command(&["record", "-o", "full.mcap"]);
         let args: Vec<_> = record.get_args().map(|a| a.to_string_lossy().into_owned()).collect();
@@ -188,7 +188,7 @@ fn a_full_disk_stops_the_recorder_and_not_the_daemon() {
     assert!(assert_pairs_of(&bench.path("full.mcap"), &recording) > 3);
     let before = bench.status_when(|status| status["state"] == "running")["frames"].as_u64().unwrap();
     bench.status_when(|status| status["frames"].as_u64().unwrap() > before + 5);
-    // Too little room to begin with.
+    // Too little room at the start.
     let error = bench.fails(&["record", "-o", "big.mcap", "--min-free-mb", "10000000"]);
     assert!(error.contains("--min-free-mb") && !bench.path("big.mcap").exists(), "{error}");
     daemon.signal("TERM");

@@ -1,11 +1,11 @@
-//! Recordings in the hands of other programs: the mcap package for Python and Foxglove's own message types.
+//! Recordings read by other programs: the mcap package for Python with Foxglove's own message types.
 
 use crate::support::{Bench, Need, lines, python, skip};
 use std::path::Path;
 use std::process::Command;
 
 #[test]
-fn the_mcap_package_reads_it_and_foxgloves_own_types_agree() {
+fn the_mcap_package_and_foxgloves_own_types_decode_a_recording() {
     let modules = "mcap.reader, mcap_protobuf.decoder";
     let Some(python) = python(modules, "mcap and mcap-protobuf-support") else { return };
     let bench = Bench::new();
@@ -50,7 +50,7 @@ fn the_mcap_package_reads_it_and_foxgloves_own_types_agree() {
     assert_eq!(said["first"]["/obstacles"], lines(&bench.path("a"))[0]);
     assert_eq!(said["metadata"]["lookout.summary"]["ended because"], "the run has ended");
     assert_eq!(said["metadata"]["lookout.recording"]["baseline_m"], "0.12");
-    // A live one with everything.
+    // A live recording with all topics.
     let daemon = bench.replay_endlessly(&recording, "10");
     bench.ok(&["record", "-o", "all.mcap", "--topics", "all", "--png", "--seconds", "3"]);
     bench.ok(&["record", "-o", "cloud.mcap", "--topics", "images,points", "--seconds", "3"]);
@@ -66,7 +66,7 @@ fn the_mcap_package_reads_it_and_foxgloves_own_types_agree() {
     );
     assert!(said["first"]["/points"]["bytes"].as_u64().unwrap() > 16 * 500, "{said}");
     assert_eq!(said["first"]["/status"]["state"], "running");
-    // A point of every second column and row, where its pixel is and as bright; only when it is asked for.
+    // A point of every second column and row, at its pixel and with its grey level; only if requested.
     let clouds = &read("cloud.mcap")["clouds"];
     let points = clouds["points"].as_u64().unwrap();
     assert!(clouds["clouds"].as_u64() > Some(1) && points > 1000, "{clouds}");

@@ -3,7 +3,7 @@
 use crate::support::{Bench, document};
 
 #[test]
-fn approaches_and_silent_scenes_are_told_apart() {
+fn approaches_raise_the_alarm_and_silent_scenes_do_not() {
     let bench = Bench::new();
     let args = ["evaluate", "distance", "green-belt", "slope", "--set", "alarm.distance_m=14"];
     let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());

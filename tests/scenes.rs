@@ -1,4 +1,4 @@
-//! Synthetic scenes through the daemon and through `lookout evaluate weather` and `distance`.
+//! Synthetic scenes through the daemon and through `lookout evaluate weather`.
 
 use crate::support::{self, Bench, document, files, lines};
 
@@ -11,7 +11,7 @@ fn a_scene_goes_through_the_daemon_as_it_does_in_one_process() {
     bench.assert_clean();
     assert!(files(&bench.path("a")) == files(&bench.path("b")));
     assert_eq!(lines(&bench.path("a")).len(), 8);
-    // A scene of one's own, which ends by itself.
+    // A user's scene, which ends by itself.
     std::fs::write(
         bench.path("mine.toml"),
         "title = \"An empty road\"\nseconds = 0.4\n[ego]\nspeed_m_s = 5\n[[beside]]\nkind = \"trees\"\nlateral_m = 8\nto_m = 80\n",
@@ -22,7 +22,7 @@ fn a_scene_goes_through_the_daemon_as_it_does_in_one_process() {
 }
 
 #[test]
-fn what_is_no_scene_is_named_with_the_remedy() {
+fn an_unknown_scene_is_named_with_the_remedy() {
     let bench = Bench::new();
     let text = bench.fails(&["replay", "scene:sreet", "--in-process"]);
     assert!(text.contains("sreet: no such scene") && text.contains("street"), "{text}");
@@ -44,7 +44,7 @@ fn what_is_no_scene_is_named_with_the_remedy() {
 }
 
 #[test]
-fn a_single_plane_takes_a_dip_for_obstacles() {
+fn a_single_road_plane_mistakes_a_dip_for_obstacles() {
     let bench = Bench::new();
     let args = ["evaluate", "weather", "dip-traffic", "--weather", "sunny", "--frames", "30", "--ablation"];
     let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());
@@ -87,7 +87,7 @@ fn weather_is_scored_against_the_truth() {
 }
 
 #[test]
-fn an_alarm_that_cannot_judge_is_off_and_says_why() {
+fn an_alarm_that_cannot_decide_is_off_and_says_why() {
     let bench = Bench::new();
     bench.ok(&["replay", "scene:textureless", "--in-process", "--limit", "10", "--out", "a"]);
     let lines = lines(&bench.path("a"));

@@ -1,4 +1,4 @@
-//! The viewer without a browser: what it serves, and whom it turns away.
+//! The viewer without a browser: what it serves, and which requests it refuses.
 
 use crate::support::viewer::Viewer;
 use crate::support::{Bench, WATCHDOG};
@@ -19,7 +19,7 @@ fn parts_and_figures_come_without_a_browser() {
     }
     assert!(parts[3].len().is_multiple_of(8) && parts[3].len() > 8000, "{}", parts[3].len());
     assert!(frame["latency_ms"].as_f64().unwrap() > 1.0);
-    // One that asks and asks and takes no answer holds nobody up.
+    // A client that sends requests and reads no answer delays nobody.
     let mut mute = viewer.socket();
     (0..100).for_each(|_| mute.ask_only());
     // Frames come in order, each once.
@@ -59,7 +59,7 @@ fn parts_and_figures_come_without_a_browser() {
 }
 
 #[test]
-fn strangers_and_bad_manners_are_turned_away() {
+fn foreign_origins_and_malformed_requests_are_refused() {
     let bench = Bench::new();
     let viewer = Viewer::start(&bench, &[]);
     let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
@@ -83,7 +83,7 @@ fn strangers_and_bad_manners_are_turned_away() {
     let head = String::from_utf8_lossy(&head[..count]);
     assert!(head.contains("101") && head.contains("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="), "{head}");
     drop(stream);
-    // Eight may look; the ninth is told so, and those who only hold a connection keep nobody out.
+    // Eight clients are served, the ninth is refused; idle connections do not take their places.
     let idle: Vec<TcpStream> = (0..8).map(|_| TcpStream::connect(&viewer.address).unwrap()).collect();
     let start = std::time::Instant::now();
     while !viewer.get("/metrics", "").contains("lookout_viewer_clients 0\n") {
@@ -110,7 +110,7 @@ fn strangers_and_bad_manners_are_turned_away() {
 }
 
 #[test]
-fn what_cannot_be_served_is_told_with_a_remedy() {
+fn an_address_that_cannot_be_served_is_reported_with_a_remedy() {
     let bench = Bench::new();
     let viewer = Viewer::start(&bench, &[]);
     let taken = bench.fails(&["view", "--bind", &viewer.address]);
@@ -119,7 +119,7 @@ fn what_cannot_be_served_is_told_with_a_remedy() {
     assert!(weak.contains("--token") && weak.contains("16"), "{weak}");
     let elsewhere = bench.fails(&["view", "--bind", "192.0.2.1:0"]);
     assert!(elsewhere.contains("address of this machine"), "{elsewhere}");
-    // On any other address than the machine's own there is a token, asked for or not.
+    // On any address other than loopback a token is always required.
     let open = Viewer::start(&bench, &["--bind", "0.0.0.0:0"]);
     assert!(open.link.contains("/?token="), "{}", open.link);
     open.stop();

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use turns::Turn;
 
-/// A wait that has not ended by then never will; no test asserts that something is fast.
+/// Longest wait for any event. No test asserts that something is fast.
 pub const WATCHDOG: Duration = Duration::from_secs(120);
 
 /// A folder, an instance name and a configuration of its own for one test.
@@ -166,7 +166,7 @@ impl Bench {
         self.path(name).display().to_string()
     }
 
-    /// The drive as the paper's cameras see it, 640 × 480, drawn beforehand: what is measured is the daemon.
+    /// The drive as the paper's cameras see it, 640 × 480, rendered beforehand, so that only the daemon is measured.
     pub fn record_paper(&self, name: &str, frames: u64) -> String {
         let mut drive = Drive::paper(1);
         let (mut left, mut right) = (vec![0; 640 * 480], vec![0; 640 * 480]);
@@ -211,7 +211,7 @@ impl Bench {
         let names = shared_names();
         for name in &names {
             let run: String = name.splitn(4, '.').take(3).map(|part| format!("{part}.")).collect();
-            // Others come and go while this looks.
+            // Other instances start and end meanwhile.
             let marked = names.contains(&format!("{run}run"));
             assert!(marked || !shared_names().contains(name), "{name} is left without its run");
         }

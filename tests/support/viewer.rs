@@ -42,7 +42,7 @@ impl Viewer {
     pub fn raw(&self, request: &[u8]) -> String {
         let mut stream = TcpStream::connect(&self.address).expect("it listens");
         stream.set_read_timeout(Some(WATCHDOG)).expect("a time limit");
-        // What refuses to read to the end may close before all is written.
+        // A server that does not read to the end may close before all is written.
         let _ = stream.write_all(request);
         let mut answer = Vec::new();
         let _ = stream.read_to_end(&mut answer);

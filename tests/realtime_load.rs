@@ -3,7 +3,7 @@
 use crate::support::{Bench, WATCHDOG, process};
 use messages::bus::Bus;
 use messages::instance::Instance;
-use messages::role::Role;
+use messages::pipeline::Role;
 use messages::wait::{self, Next};
 use messages::{report, service};
 use std::time::{Duration, Instant};

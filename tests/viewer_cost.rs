@@ -98,7 +98,7 @@ fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
             if start.elapsed() > SETTLE {
                 let gap = last.map_or(0, |before: u64| header.sequence.saturating_sub(before + 1));
                 figures.missed += gap;
-                let ns = header.stamps[3].end_ns - header.capture_ns;
+                let ns = header.latency_ns();
                 figures.latency_ms.push(ns as f64 * 1e-6);
             }
             last = Some(header.sequence);

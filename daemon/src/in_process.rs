@@ -1,15 +1,14 @@
-//! The same rooms in one process, one after the other: the reference for the daemon's results,
+//! The same stages in one process, one after the other: the reference for the daemon's results,
 //! and the quickest way through a recording.
 
 use crate::frame_record::frame_record;
 use crate::input::{self, InputError};
 use crate::launch::FrameFormat;
-use crate::rooms::recognition::RecognitionRoom;
-use crate::rooms::road::RoadRoom;
-use crate::rooms::stereo::StereoRoom;
-use crate::rooms::{FrameError, Room, RoomError};
+use crate::stages;
+use crate::stages::stage::{FrameError, FrameStage, SetupError};
 use config::Config;
 use messages::header::{Header, Kind, MessageError};
+use messages::pipeline::SERVICES;
 use messages::{depth, obstacles, pair, regions};
 use sources::{PairSource, SourceError};
 use thiserror::Error;
@@ -25,13 +24,13 @@ pub enum PipelineError {
     /// A pair.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// A room.
+    /// A stage.
     #[error(transparent)]
-    Room(#[from] RoomError),
+    Setup(#[from] SetupError),
     /// A frame.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// A message between two rooms.
+    /// A message between two stages.
     #[error(transparent)]
     Message(#[from] MessageError),
 }
@@ -56,18 +55,23 @@ impl Buffer {
     }
 }
 
-/// All rooms and the messages between them.
+/// The last message on a service.
+struct Slot {
+    kind: Kind,
+    header: Header,
+    buffer: Buffer,
+    /// Bytes of its payload.
+    bytes: usize,
+}
+
+/// All stages and the messages between them.
 pub struct Pipeline {
     source: Box<dyn PairSource>,
     format: FrameFormat,
     source_period_ns: u64,
-    stereo: StereoRoom,
-    road: RoadRoom,
-    recognition: RecognitionRoom,
-    pair: Buffer,
-    depth: Buffer,
-    regions: Buffer,
-    obstacles: Buffer,
+    stages: Vec<Box<dyn FrameStage>>,
+    /// One for each service that carries frames.
+    slots: Vec<Slot>,
 }
 
 /// What came out of one frame.
@@ -83,41 +87,35 @@ pub struct FrameResult<'a> {
 }
 
 impl Pipeline {
-    /// Opens the source that the configuration names and furnishes the rooms.
+    /// Opens the source that the configuration names and configures the stages.
     ///
     /// # Errors
-    /// When the source, its calibration or a room cannot be used.
+    /// When the source, its calibration or a stage cannot be used.
     pub fn open(config: &Config) -> Result<Self, PipelineError> {
         let source = input::open(config)?;
         let rig = input::rig(config, source.as_ref())?;
         Self::new(config, source, rig)
     }
 
-    /// Furnishes the rooms for a source that is already open.
+    /// Configures the stages for a source that is already open.
     ///
     /// # Errors
-    /// When a room cannot be used.
+    /// When a stage cannot be used.
     pub fn new(
         config: &Config,
         source: Box<dyn PairSource>,
         rig: perception::rig::Rig,
     ) -> Result<Self, PipelineError> {
         let format = FrameFormat::new(source.size(), rig);
-        let stereo = StereoRoom::new(config, &format)?;
-        let road = RoadRoom::new(config, &format);
-        let recognition = RecognitionRoom::new(config, &format)?;
-        Ok(Self {
-            source_period_ns: source.period_ns(),
-            pair: Buffer::new(pair::payload_bytes(format.width, format.height)),
-            depth: Buffer::new(stereo.output_bytes()),
-            regions: Buffer::new(road.output_bytes()),
-            obstacles: Buffer::new(recognition.output_bytes()),
-            recognition,
-            stereo,
-            road,
-            source,
-            format,
-        })
+        let stages = stages::configure_all(config, &format)?.into_iter().map(|(_, stage)| stage).collect();
+        let slot = |kind: Kind| Slot {
+            kind,
+            header: Header::new(kind),
+            buffer: Buffer::new(kind.service().max_payload_bytes(format.width, format.height)),
+            bytes: 0,
+        };
+        let slots = SERVICES.iter().filter(|s| s.carries_frame).map(|s| slot(s.kind)).collect();
+        Ok(Self { source_period_ns: source.period_ns(), stages, slots, source, format })
     }
 
     /// Pairs of the source.
@@ -125,7 +123,7 @@ impl Pipeline {
         self.source.count()
     }
 
-    /// Takes pair `index` of the source through all rooms, as frame `sequence`.
+    /// Takes pair `index` of the source through all stages, as frame `sequence`.
     ///
     /// # Errors
     /// When the pair cannot be read.
@@ -136,20 +134,28 @@ impl Pipeline {
         header.source_ns = rounds.saturating_add(self.source.time_ns(index));
         header.width = self.format.width as u32;
         header.height = self.format.height as u32;
-        let (left, right) = pair::split_mut(self.pair.get_mut());
+        let pair = place(&self.slots, Kind::Pair);
+        let slot = &mut self.slots[pair];
+        let (left, right) = pair::split_mut(slot.buffer.get_mut());
         self.source.read(index, left, right)?;
-        self.stereo.process(&header, self.pair.get(), self.depth.get_mut())?;
-        let mut header = header.forward(Kind::Depth);
-        header.faults |= self.stereo.faults().0;
-        self.road.process(&header, self.depth.get(), self.regions.get_mut())?;
-        let mut header = header.forward(Kind::Regions);
-        header.faults |= self.road.faults().0;
-        let bytes = self.recognition.process(&header, self.regions.get(), self.obstacles.get_mut())?;
-        let obstacles_header = header.forward(Kind::Obstacles);
-        let message = obstacles::view(&obstacles_header, &self.obstacles.get()[..bytes])?;
-        let record = frame_record(&obstacles_header, &message);
-        let depth = depth::view(&header.forward(Kind::Depth), self.depth.get())?;
-        let regions = regions::view(&header, self.regions.get())?;
+        (slot.header, slot.bytes) = (header, slot.buffer.bytes);
+        for stage in &mut self.stages {
+            let from = place(&self.slots, stage.input());
+            let to = place(&self.slots, stage.output());
+            let Ok([input, output]) = self.slots.get_disjoint_mut([from, to]) else { continue };
+            let payload = &input.buffer.get()[..input.bytes];
+            output.bytes = stage.work(&input.header, 0, payload, output.buffer.get_mut())?;
+            output.header = input.header.forward(output.kind);
+            output.header.faults |= stage.faults().0;
+        }
+        let [depth, regions, obstacles] = [Kind::Depth, Kind::Regions, Kind::Obstacles].map(|kind| {
+            let slot = &self.slots[place(&self.slots, kind)];
+            (&slot.header, &slot.buffer.get()[..slot.bytes])
+        });
+        let message = obstacles::view(obstacles.0, obstacles.1)?;
+        let record = frame_record(obstacles.0, &message);
+        let depth = depth::view(depth.0, depth.1)?;
+        let regions = regions::view(regions.0, regions.1)?;
         let images = OverlayInput {
             left: depth.left,
             disparity: depth.disparity,
@@ -160,4 +166,9 @@ impl Pipeline {
         };
         Ok(FrameResult { record, images, regions: regions.regions, road_seen: regions.road.seen == 1 })
     }
+}
+
+/// The slot of a kind of message: there is one for each that carries a frame.
+fn place(slots: &[Slot], kind: Kind) -> usize {
+    slots.iter().position(|slot| slot.kind == kind).unwrap_or(0)
 }

@@ -1,28 +1,19 @@
 //! `lookout`: watches the road ahead of a vehicle with two cameras.
 
-mod cameras;
-mod cli;
-mod cli_board;
-mod cli_cascade;
-mod cli_lidar;
-mod cli_record;
-mod cli_rig;
-mod cli_soak;
-mod cli_view;
 mod command;
 mod frame_record;
+mod host;
 mod in_process;
 mod input;
-mod journal;
 mod launch;
 mod logging;
 mod memory;
 mod realtime;
 mod recorder;
-mod rooms;
 mod scheduler;
 mod soak;
-mod stage;
+mod stages;
+mod status_json;
 mod view;
 
 use clap::Parser;
@@ -33,7 +24,7 @@ use std::process::ExitCode;
 static ALLOCATOR: messages::allocation::CountingAllocator = messages::allocation::CountingAllocator;
 
 fn main() -> ExitCode {
-    let cli = cli::Cli::parse();
+    let cli = command::Cli::parse();
     let result = command::run(cli);
     logging::finish();
     match result {

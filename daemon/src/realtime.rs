@@ -5,9 +5,9 @@
 
 use config::Config;
 use messages::bus::{Bus, IpcError};
+use messages::pipeline::Role;
 use messages::privilege;
 use messages::realtime::{Privilege, RealtimeRecord};
-use messages::role::Role;
 use std::fmt::Display;
 use std::io;
 use thiserror::Error;

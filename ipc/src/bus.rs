@@ -1,6 +1,7 @@
 //! The way into shared memory: one node per process, and the ports of the table of services.
 
 use crate::clock::monotonic_ns;
+pub use crate::error::IpcError;
 use crate::header::{Header, LINE_BYTES, Line};
 use crate::instance::Instance;
 use crate::port::{Publisher, Subscriber};
@@ -11,25 +12,9 @@ use rustix::fs::{FallocateFlags, fallocate};
 use rustix::io::Errno;
 use std::cell::Cell;
 use std::fmt;
-use thiserror::Error;
 
 /// Processes that may use the services at once: ours, and readers from outside.
 const MAX_NODES: usize = 32;
-
-/// Why shared memory cannot be used.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[error("shared memory: cannot {action} \"{name}\": {reason}")]
-pub struct IpcError {
-    action: &'static str,
-    name: String,
-    reason: String,
-}
-
-impl IpcError {
-    pub(crate) fn new(action: &'static str, name: &str, reason: impl fmt::Debug) -> Self {
-        Self { action, name: name.to_owned(), reason: format!("{reason:?}") }
-    }
-}
 
 /// A reason in words, shown as it is.
 struct Words(String);

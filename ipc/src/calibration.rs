@@ -18,6 +18,9 @@ pub enum CalibrationState {
 }
 
 impl CalibrationState {
+    /// All states, by their numbers.
+    pub const ALL: [Self; 4] = [Self::Off, Self::Unknown, Self::Good, Self::Degraded];
+
     /// The word for it.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,5 +1,6 @@
 //! Whether frames come out in time: part of `report` and `status`.
 
+use crate::pipeline::Role;
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
@@ -52,10 +53,17 @@ pub struct PacingRecord {
     pub wanted_hz: f64,
     /// 90th percentile of the slowest stage's work, in milliseconds; 0 while it is not known.
     pub slowest_ms: f64,
-    /// [`crate::role::Role`] of that stage as a number.
+    /// [`Role`] of that stage as a number.
     pub slowest: u32,
     /// 1 when the rate follows what the stages sustain.
     pub follows: u32,
+}
+
+impl PacingRecord {
+    /// Name of the slowest stage.
+    pub fn slowest_name(&self) -> &'static str {
+        u8::try_from(self.slowest).ok().and_then(Role::from_raw).map_or("unknown", Role::name)
+    }
 }
 
 #[cfg(test)]

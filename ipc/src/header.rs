@@ -1,5 +1,7 @@
 //! The header of every message, and its check.
 
+pub use crate::pipeline::Kind;
+use crate::pipeline::{PATH_LENGTH, Role};
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
@@ -23,26 +25,6 @@ pub const LINE_BYTES: usize = 64;
 
 /// The greatest width and height of an image, in pixels.
 pub const MAX_SIDE: u32 = 8192;
-
-/// What a message is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u16)]
-pub enum Kind {
-    /// Two rectified grey images.
-    Pair = 1,
-    /// Left image, disparity and confidence.
-    Depth = 2,
-    /// Road model, regions and their crops.
-    Regions = 3,
-    /// Tracked obstacles and the alarm.
-    Obstacles = 4,
-    /// How a stage is doing.
-    Report = 5,
-    /// What the scheduler wants.
-    Command = 6,
-    /// How the daemon is doing.
-    Status = 7,
-}
 
 /// Bits of [`Header::modes`]: what the scheduler wants of the stages, told by capture with each frame, so
 /// that a frame is treated the same way by every stage that looks.
@@ -98,8 +80,8 @@ pub struct Header {
     pub faults: u32,
     /// Padding; 0.
     pub(crate) reserved: u32,
-    /// One stamp per stage, in the order of [`crate::role::Role::STAGES`].
-    pub stamps: [Stamp; 4],
+    /// One stamp per stage, in the order of [`crate::pipeline::PATH`].
+    pub stamps: [Stamp; PATH_LENGTH],
 }
 
 /// Why a message is not used.
@@ -165,12 +147,28 @@ impl Header {
         if self.kind != kind as u16 {
             return Err(MessageError::Kind(self.kind));
         }
-        let frame = matches!(kind, Kind::Pair | Kind::Depth | Kind::Regions | Kind::Obstacles);
         let side = 1..=MAX_SIDE;
-        if frame && !(side.contains(&self.width) && side.contains(&self.height)) {
+        if kind.service().carries_frame && !(side.contains(&self.width) && side.contains(&self.height)) {
             return Err(MessageError::Size { width: self.width, height: self.height });
         }
         Ok(())
+    }
+
+    /// Notes when a stage worked on the frame. A stage beside the path leaves no stamp.
+    pub fn set_stamp(&mut self, role: Role, stamp: Stamp) {
+        if let Some(place) = role.place() {
+            self.stamps[place] = stamp;
+        }
+    }
+
+    /// When the result of the frame was written; 0 = not yet.
+    pub fn result_ns(&self) -> u64 {
+        self.stamps[PATH_LENGTH - 1].end_ns
+    }
+
+    /// Time from capture to result, in nanoseconds; 0 when the stamps make no sense.
+    pub fn latency_ns(&self) -> u64 {
+        self.result_ns().saturating_sub(self.capture_ns)
     }
 
     /// Pixels of one image of the frame.

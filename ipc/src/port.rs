@@ -1,7 +1,7 @@
 //! Publishing and subscribing without copies.
 
-use crate::bus::IpcError;
 use crate::clock::monotonic_ns;
+use crate::error::IpcError;
 use crate::header::{Header, LINE_BYTES, Line};
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::listener::Listener;

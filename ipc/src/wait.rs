@@ -5,7 +5,7 @@
 //! byte in the socket while it stays marked as sent, and then no later one wakes anybody. Listeners are
 //! therefore emptied until they have nothing more to tell before the process sleeps.
 
-use crate::bus::IpcError;
+use crate::error::IpcError;
 use crate::port::Subscriber;
 use iceoryx2::prelude::FileDescriptorBased;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

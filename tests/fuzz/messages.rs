@@ -3,7 +3,7 @@
 use super::harness::fuzz;
 use fastrand::Rng;
 use messages::header::{Header, Kind, Stamp};
-use messages::{command, depth, obstacles, pair, regions, report, role, status};
+use messages::{command, depth, obstacles, pair, pipeline, regions, report, status};
 use std::path::Path;
 
 /// Bytes of the fields of a header that anybody may write.
@@ -35,7 +35,7 @@ fn message(input: &[u8]) -> Option<(Kind, Header, Vec<u64>, usize)> {
     header.sequence = long(0);
     header.source_ns = long(8);
     header.capture_ns = long(16);
-    header.stamps = [Stamp { begin_ns: long(24), end_ns: long(32) }; 4];
+    header.stamps = [Stamp { begin_ns: long(24), end_ns: long(32) }; pipeline::PATH_LENGTH];
     (header.width, header.height) = (short(40), short(44));
     let mut memory = vec![0_u64; payload.len().div_ceil(8)];
     bytemuck::cast_slice_mut::<u64, u8>(&mut memory)[..payload.len()].copy_from_slice(payload);
@@ -69,7 +69,7 @@ fn read(bytes: &[u8], _: &Path) -> String {
         }),
         Kind::Command => command::view(&header, payload).map(|c| c.attempt as usize % 2),
         Kind::Status => status::view(&header, payload).map(|s| {
-            assert!(s.processes().count() <= role::Role::ALL.len());
+            assert!(s.processes().count() <= pipeline::Role::ALL.len());
             s.reason().len()
                 + s.state_name().len()
                 + s.processes().map(|(_, p)| p.state().len()).sum::<usize>()
@@ -112,7 +112,7 @@ fn seeds() -> Vec<Vec<u8>> {
         .expect("it fits");
     seeds.push(input(3, width, height, bytemuck::cast_slice(&memory)));
 
-    let mut report = report::ReportRecord::new(role::Role::Road);
+    let mut report = report::ReportRecord::new(pipeline::Role::Road);
     report.set_health(report::Health::Unusable, "left/7.png: cannot be decoded");
     seeds.push(input(4, 0, 0, bytemuck::bytes_of(&report)));
     let command = command::CommandRecord { period_ns: 80_000_000, ..Default::default() };

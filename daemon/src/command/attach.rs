@@ -1,6 +1,6 @@
 //! Joining a running daemon from outside.
 
-use super::CommandError;
+use crate::command::error::CommandError;
 use config::Config;
 use messages::bus::Bus;
 use messages::instance::{Instance, InstanceError};

@@ -1,8 +1,27 @@
 //! `lookout check-config`.
 
-use super::{CommandError, say};
-use crate::cli::CheckConfig;
-use crate::rooms;
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use crate::stages::recognition::cascade::recogniser;
+use crate::stages::stage::SetupError;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout check-config car.toml
+  lookout check-config rpi5
+  lookout check-config --reference > docs/configuration.md";
+
+#[derive(Args, Debug)]
+pub struct CheckConfig {
+    /// Configuration file or profile
+    #[arg(required_unless_present = "reference")]
+    pub file: Option<PathBuf>,
+    /// Print the reference of all keys instead
+    #[arg(long, conflicts_with = "file")]
+    pub reference: bool,
+}
 
 pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     if args.reference {
@@ -10,7 +29,7 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     }
     let config = config::load(args.file.as_deref())?;
     // What the configuration names must be there and sound, too.
-    rooms::recogniser(&config, 8, 8)?;
+    recogniser(&config, 8, 8).map_err(SetupError::from)?;
     if !config.source.rig.as_os_str().is_empty() {
         sources::calibration_file::read(&config.source.rig, true)?;
     }

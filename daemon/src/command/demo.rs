@@ -1,13 +1,18 @@
 //! `lookout demo`: the whole daemon on the built-in drive, and pictures of what it saw.
 
-use super::{CommandError, load, say, status};
-use crate::cli::Demo;
-use crate::rooms::scene_parameters;
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use crate::command::number::number;
+use crate::command::status::table::table;
 use crate::scheduler::collector::FrameTrace;
 use crate::scheduler::{self, Ends, RunOptions};
+use crate::stages::road::parameters::scene_parameters;
 use crate::{input, scheduler::RunOutcome};
+use clap::Args;
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::PATH;
 use perception::depth::DepthView;
 use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
@@ -18,6 +23,27 @@ use tools::reporting::output::write_summary;
 use tools::reporting::plot::{self, Series};
 use tools::reporting::record::FrameRecord;
 use tools::reporting::{colour, v_disparity};
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout demo
+  lookout demo --seconds 30 --out /tmp/demo";
+
+#[derive(Args, Debug)]
+pub struct Demo {
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Seconds to drive
+    #[arg(long, default_value_t = 10.0, value_name = "N", value_parser = seconds)]
+    pub seconds: f64,
+    /// Folder for pictures, plots and the summary
+    #[arg(long, default_value = "out/demo", value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    number(text, 0.5, 86_400.0)
+}
 
 /// The drive needs no more: nearest distance 1.65 m with the paper's rig.
 const DISPARITIES: i64 = 64;
@@ -44,7 +70,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     let name = config.instance.name.clone();
     let outcome = scheduler::run(&config, &options, &mut |record| {
         if live {
-            drop(say(format_args!("\x1b[H\x1b[2J{}", status::table(&name, record))));
+            drop(say(format_args!("\x1b[H\x1b[2J{}", table(&name, record))));
         } else if record.frames > 0 {
             // A reader that has gone does not end the drive.
             drop(say(format_args!(
@@ -121,7 +147,7 @@ fn latency_plot(traces: &[FrameTrace]) -> tools::reporting::picture::Picture {
         traces.iter().map(|t| (t.sequence as f64, value(t))).collect()
     };
     let mut series = vec![Series { name: "end to end".into(), points: points(&|t| t.latency_ms) }];
-    for (i, role) in Role::STAGES.iter().enumerate() {
+    for (i, role) in PATH.iter().enumerate() {
         series.push(Series { name: role.name().into(), points: points(&|t| t.work_ms[i]) });
     }
     plot::lines("Time per frame", "frame", "ms", &series)

@@ -1,15 +1,58 @@
 //! `lookout detect`.
 
-use super::disparity::median;
-use super::{CommandError, say};
-use crate::cli_cascade::Detect;
+use crate::command::console::say;
+use crate::command::disparity::median;
+use crate::command::error::CommandError;
+use crate::command::number::number;
+use clap::Args;
 use perception::image::GreyView;
 use perception::recognition::group::Group;
 use perception::recognition::{Cascade, Detector, Sizes, xml};
 use serde::Serialize;
 use sources::folder::read_grey;
 use std::path::Path;
+use std::path::PathBuf;
 use tools::reporting::picture::{Colour, Picture};
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout detect haarcascade_frontalface_default.xml people.jpg
+  lookout detect vehicle.xml road.png --growth 1.3 --min-px 30 --max-px 90 --json
+  lookout detect cascade.xml a.png b.png --neighbours 0     every window that passes
+  lookout detect vehicle.xml road.png --overlay found.png
+
+CASCADE is an OpenCV cascade XML, boosted LBP or Haar, of the current or the older format. The
+boxes are those of OpenCV's detectMultiScale with the same image and options; so are the defaults.";
+
+#[derive(Args, Debug)]
+pub struct Detect {
+    /// Cascade
+    pub cascade: PathBuf,
+    /// Images (PNG, JPEG, PGM, PPM; colour is turned to grey)
+    #[arg(required = true, value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+    /// Factor from one window size to the next
+    #[arg(long, default_value_t = 1.1, value_name = "F", value_parser = growth)]
+    pub growth: f64,
+    /// Least side of a window, in pixels; 0 for no limit
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    pub min_px: u32,
+    /// Greatest side of a window, in pixels; 0 for no limit
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    pub max_px: u32,
+    /// A find needs more overlapping hits than this, as OpenCV's minNeighbors; 0 gives every hit
+    #[arg(long, default_value_t = 3, value_name = "N")]
+    pub neighbours: u32,
+    /// Times the detector alone this often on each image
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub repeat: u32,
+    /// Writes the image with the boxes; for one image
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Option<PathBuf>,
+    /// Print as JSON: a list of image, x, y, width, height, score
+    #[arg(long)]
+    pub json: bool,
+}
 
 const RED: Colour = [255, 40, 40];
 
@@ -93,4 +136,8 @@ pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
         say("nothing found")?;
     }
     Ok(())
+}
+
+fn growth(text: &str) -> Result<f64, String> {
+    number(text, 1.01, 100.0)
 }

@@ -1,8 +1,12 @@
 //! `lookout disparity`.
 
-use super::{CommandError, load, say};
-use crate::cli::Disparity;
-use crate::rooms::matcher::{Backend, Method};
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use crate::command::number::number;
+use crate::stages::stereo::matcher::{Backend, Method};
+use clap::Args;
 use perception::image::GreyView;
 use perception::stereo::device::STAGES;
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
@@ -10,7 +14,54 @@ use serde::Serialize;
 use sources::folder::read_grey;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::path::PathBuf;
 use std::time::Instant;
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout disparity left.png right.png -o disparity.png
+  lookout disparity left.png right.png -o d.png --max-disparity 64 --color d-color.png
+  lookout disparity left.png right.png -o d.png --method full
+  lookout disparity left.png right.png -o d.png --budget-ms 5
+  lookout disparity left.png right.png -o d.png --repeat 10 --json";
+
+#[derive(Args, Debug)]
+pub struct Disparity {
+    /// Left image (PNG, PGM, PPM; colour is turned to grey)
+    pub left: PathBuf,
+    /// Right image, rectified like the left
+    pub right: PathBuf,
+    /// 16-bit PNG, disparity x 256, 0 = unknown
+    #[arg(short, long, value_name = "OUT.png")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// How many disparities are searched, from 0 px on [default: stereo.disparities]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
+    pub max_disparity: Option<u16>,
+    /// Milliseconds after which the finest scale reached is given [default: stereo.budget_ms]
+    #[arg(long, value_name = "MS", value_parser = milliseconds)]
+    pub budget_ms: Option<f64>,
+    /// Matcher [default: stereo.method]
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
+    /// What matches [default: stereo.backend]
+    #[arg(long, value_enum)]
+    pub backend: Option<Backend>,
+    /// Times the matcher alone this often
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub repeat: u32,
+    /// Also writes the map in colour
+    #[arg(long, value_name = "FILE")]
+    pub color: Option<PathBuf>,
+    /// Print figures as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 10_000.0)
+}
 
 #[derive(Serialize)]
 struct Figures {

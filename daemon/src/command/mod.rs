@@ -1,21 +1,19 @@
-//! What the words of the command line do.
+//! The command line: a file for each subcommand, with its arguments, its help and its handler.
 
 mod attach;
 mod calibrate;
-mod calibrate_live;
 mod check_config;
 mod compare;
-mod dashboard;
+mod completions;
+mod config_args;
+mod console;
 mod demo;
 mod detect;
 mod disparity;
+mod error;
 mod evaluate;
-mod evaluate_detection;
-mod evaluate_distance;
-mod evaluate_lidar;
-mod evaluate_recognition;
-mod evaluate_weather;
-mod manual;
+mod man;
+mod number;
 mod obstacles;
 mod one_pair;
 mod point_cloud;
@@ -23,99 +21,124 @@ mod record;
 mod rectify;
 mod replay;
 mod restore_clocks;
+mod rig;
 mod run;
-mod scene_run;
 mod soak;
-mod soak_gpu;
-mod soak_tables;
-pub mod status;
-mod status_heat;
+mod stage;
+mod status;
 mod train;
 mod view;
 
-pub use status::StatusJson;
+pub use error::CommandError;
 
-use crate::cli::{Cli, Command, ConfigArgs, Evaluate};
-use crate::launch::Launch;
-use crate::stage::StageError;
-use config::Config;
-use messages::role::Role;
-use std::fmt;
-use std::io::{self, Read, Write};
-use thiserror::Error;
+use clap::{CommandFactory, Parser, Subcommand};
 
-/// Why a command failed; one line (or one per fault) for the user.
-#[derive(Debug, Error)]
-pub enum CommandError {
-    /// The configuration.
-    #[error("the configuration cannot be used\n{0}")]
-    Config(#[from] config::ConfigErrors),
-    /// The daemon.
-    #[error(transparent)]
-    Run(#[from] crate::scheduler::RunError),
-    /// The rooms in one process.
-    #[error(transparent)]
-    Pipeline(#[from] crate::in_process::PipelineError),
-    /// A stage.
-    #[error(transparent)]
-    Stage(#[from] StageError),
-    /// An image.
-    #[error(transparent)]
-    Source(#[from] sources::SourceError),
-    /// A scene.
-    #[error(transparent)]
-    Scene(#[from] sources::scene::file::SceneError),
-    /// A data set with truth.
-    #[error(transparent)]
-    Truth(#[from] sources::truth::TruthError),
-    /// A matcher.
-    #[error("{0}")]
-    Matcher(#[from] perception::stereo::MatcherError),
-    /// Matching.
-    #[error(transparent)]
-    Match(#[from] perception::stereo::MatchError),
-    /// Pixels.
-    #[error(transparent)]
-    Image(#[from] perception::image::ImageError),
-    /// A picture.
-    #[error(transparent)]
-    Picture(#[from] tools::reporting::picture::PictureError),
-    /// A calibration's report.
-    #[error(transparent)]
-    Report(#[from] tools::calibration::report::ReportError),
-    /// Training.
-    #[error(transparent)]
-    Train(#[from] tools::training::TrainError),
-    /// Results.
-    #[error(transparent)]
-    Output(#[from] tools::reporting::output::OutputError),
-    /// A recording.
-    #[error(transparent)]
-    Record(#[from] tools::recording::RecordError),
-    /// Two runs that cannot be compared.
-    #[error(transparent)]
-    Compare(#[from] tools::evaluation::compare::CompareError),
-    /// Shared memory.
-    #[error(transparent)]
-    Ipc(#[from] messages::bus::IpcError),
-    /// An instance.
-    #[error(transparent)]
-    Instance(#[from] messages::instance::InstanceError),
-    /// A room.
-    #[error(transparent)]
-    Room(#[from] crate::rooms::RoomError),
-    /// A soak.
-    #[error(transparent)]
-    Soak(#[from] crate::soak::SoakError),
-    /// JSON.
-    #[error("the result cannot be written as JSON: {0}")]
-    Json(#[from] serde_json::Error),
-    /// Clocks.
-    #[error(transparent)]
-    Clock(#[from] crate::scheduler::clocks::ClockError),
-    /// Anything else, in words.
-    #[error("{0}")]
-    Other(String),
+/// Watches the road ahead of a vehicle with two cameras.
+///
+/// An aid, no safety element: it actuates nothing.
+#[derive(Debug, Parser)]
+#[command(
+    name = "lookout",
+    version,
+    max_term_width = 100,
+    after_help = "Examples:
+  lookout demo                                    see it work, no hardware needed
+  lookout replay RECORDING --out results          recorded pairs through the daemon
+  lookout disparity left.png right.png -o d.png   one pair, dense disparity
+  lookout evaluate stereo KITTI                   its errors against ground truth
+  lookout evaluate weather                        obstacles found in six weathers
+  lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
+  lookout train --positives DIR --negatives DIR -o CASCADE.xml
+  lookout status --watch                          what the running daemon is doing
+  lookout view                                    the same in a browser, with pictures
+  lookout record -o drive.mcap                    record it
+
+Exit code: 0 on success, 2 for bad usage, 1 for everything else."
+)]
+pub struct Cli {
+    /// Least severe message logged: error, warn, info, debug, trace [default: log.level of the
+    /// configuration; warn for demo and replay]
+    #[arg(long, global = true, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
+    pub log: Option<String>,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The whole daemon on a built-in synthetic drive: live table, pictures, plots, summary
+    #[command(after_help = demo::HELP)]
+    Demo(demo::Demo),
+    /// The daemon in the foreground: what systemd starts
+    #[command(after_help = run::HELP)]
+    Run(run::Run),
+    /// The daemon on recorded pairs, or on a synthetic scene
+    #[command(after_help = replay::HELP)]
+    Replay(replay::Replay),
+    /// What a running daemon is doing
+    #[command(after_help = status::HELP)]
+    Status(status::Status),
+    /// A running daemon in a browser: pictures, bird's-eye view, figures over time
+    #[command(after_help = view::HELP)]
+    View(view::View),
+    /// One pair to a cloud of points
+    #[command(after_help = point_cloud::HELP)]
+    PointCloud(point_cloud::PointCloudCommand),
+    /// Records a running daemon to MCAP, for replays, Foxglove and Lichtblick
+    #[command(after_help = record::HELP)]
+    Record(record::Record),
+    /// Two runs of the same frames: which differ, and by how much
+    #[command(after_help = compare::HELP)]
+    Compare(compare::Compare),
+    /// Dense disparity of one pair
+    #[command(after_help = disparity::HELP)]
+    Disparity(disparity::Disparity),
+    /// One pair through road and recognition
+    #[command(after_help = obstacles::HELP)]
+    Obstacles(obstacles::Obstacles),
+    /// Pictures of a chessboard to a rig file, with a verdict
+    #[command(after_help = calibrate::HELP)]
+    Calibrate(calibrate::Calibrate),
+    /// One pair rectified: see a rig at work
+    #[command(after_help = rectify::HELP)]
+    Rectify(rectify::Rectify),
+    /// Shows a calibration, or turns it into another program's format
+    #[command(after_help = rig::HELP)]
+    Rig(rig::RigCommand),
+    /// Objects in pictures, by a cascade
+    #[command(after_help = detect::HELP)]
+    Detect(detect::Detect),
+    /// Trains a cascade
+    #[command(after_help = train::HELP)]
+    Train(Box<train::Train>),
+    /// Tables against ground truth: recorded data sets, and synthetic scenes
+    #[command(after_help = evaluate::HELP)]
+    Evaluate {
+        /// What is evaluated.
+        #[command(subcommand)]
+        what: evaluate::Evaluate,
+    },
+    /// The board's qualification: rates, latencies, memory, processor time and faults survived, judged
+    #[command(after_help = soak::HELP)]
+    Soak(soak::Soak),
+    /// Every error of a configuration with line and remedy; the effective configuration
+    #[command(after_help = check_config::HELP)]
+    CheckConfig(check_config::CheckConfig),
+    /// Puts the board's clocks back as they were before a daemon that was killed had set them
+    #[command(after_help = restore_clocks::HELP)]
+    RestoreClocks(restore_clocks::RestoreClocks),
+    /// Words of the command line for a shell
+    #[command(after_help = completions::HELP)]
+    Completions(completions::Completions),
+    /// Manual pages; for packages
+    #[command(hide = true)]
+    Man(man::Man),
+    /// A stage process; started by the scheduler
+    #[command(hide = true)]
+    Stage {
+        /// Which.
+        role: String,
+    },
 }
 
 /// Runs a command.
@@ -138,97 +161,14 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Obstacles(args) => obstacles::run(&args, log),
         Command::Calibrate(args) => calibrate::run(&args, log),
         Command::Rectify(args) => rectify::run(&args),
-        Command::Rig(args) => rectify::convert(&args),
-        Command::Evaluate { what: Evaluate::Stereo(args) } => evaluate::run(&args, log),
-        Command::Evaluate { what: Evaluate::Detection(args) } => evaluate_detection::run(&args, log),
-        Command::Evaluate { what: Evaluate::Recognition(args) } => evaluate_recognition::run(&args, log),
-        Command::Evaluate { what: Evaluate::Lidar(args) } => evaluate_lidar::run(&args, log),
-        Command::Evaluate { what: Evaluate::Weather(args) } => evaluate_weather::run(&args, log),
-        Command::Evaluate { what: Evaluate::Distance(args) } => evaluate_distance::run(&args, log),
+        Command::Rig(args) => rig::run(&args),
+        Command::Evaluate { what } => evaluate::run(what, log),
         Command::Detect(args) => detect::run(&args, log),
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::RestoreClocks(args) => restore_clocks::run(&args, log),
-        Command::Completions(args) => manual::completions(&args),
-        Command::Man(args) => manual::pages(&args),
-        Command::Stage { role } => stage(&role),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
+        Command::Man(args) => man::run(&args, Cli::command()),
+        Command::Stage { role } => stage::run(&role),
     }
-}
-
-/// Prints a line to standard output. A reader that has seen enough (`| head`) is no error.
-fn say(text: impl fmt::Display) -> Result<(), CommandError> {
-    match writeln!(io::stdout().lock(), "{text}") {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        result => result.map_err(|e| CommandError::Other(format!("standard output: {e}"))),
-    }
-}
-
-/// Loads the configuration that the arguments name, and starts logging. `default_level` replaces
-/// the configuration's level when no file was named.
-fn load(
-    args: &ConfigArgs,
-    log: Option<&str>,
-    process: &'static str,
-    default_level: Option<&str>,
-) -> Result<Config, CommandError> {
-    let config = read(args, log, default_level)?;
-    crate::logging::start(process, &config.log.level);
-    Ok(config)
-}
-
-/// Reads the configuration that the arguments name.
-fn read(args: &ConfigArgs, log: Option<&str>, default_level: Option<&str>) -> Result<Config, CommandError> {
-    let mut config = with_set(config::load(args.config.as_deref())?, &args.set)?;
-    if let Some(name) = &args.instance {
-        // The same check as for instance.name.
-        let text = format!("[instance]\nname = {}", toml::Value::String(name.clone()));
-        config::parse(&text, std::path::Path::new("--instance"))?;
-        config.instance.name.clone_from(name);
-    }
-    let level = match (log, default_level, &args.config) {
-        (Some(level), ..) => level,
-        (None, Some(level), None) => level,
-        _ => &config.log.level,
-    };
-    config.log.level = level.to_owned();
-    Ok(config)
-}
-
-/// The configuration with each KEY=VALUE of `--set` put in.
-fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError> {
-    if settings.is_empty() {
-        return Ok(config);
-    }
-    let wrong = |setting: &str| {
-        CommandError::Other(format!("--set {setting}: give TABLE.KEY=VALUE, as in stereo.lambda_vertical=8"))
-    };
-    let mut document =
-        toml::Table::try_from(&config).map_err(|error| CommandError::Other(error.to_string()))?;
-    for setting in settings {
-        let (key, value) = setting.split_once('=').ok_or_else(|| wrong(setting))?;
-        let (table, key) = key.trim().split_once('.').ok_or_else(|| wrong(setting))?;
-        // What is no TOML value is a text without its quotes.
-        let value = format!("value = {value}")
-            .parse::<toml::Table>()
-            .ok()
-            .and_then(|mut t| t.remove("value"))
-            .unwrap_or_else(|| toml::Value::String(value.to_owned()));
-        let entry = document.entry(table).or_insert_with(|| toml::Table::new().into());
-        let table = entry.as_table_mut().ok_or_else(|| wrong(setting))?;
-        table.insert(key.to_owned(), value);
-    }
-    Ok(config::parse(&document.to_string(), std::path::Path::new("--set"))?)
-}
-
-fn stage(role: &str) -> Result<(), CommandError> {
-    let role: Role = role.parse().map_err(CommandError::Other)?;
-    let mut document = Vec::new();
-    let launch = |error: String| CommandError::Stage(StageError::Launch(error));
-    std::io::stdin().read_to_end(&mut document).map_err(|e| launch(e.to_string()))?;
-    let document: Launch = serde_json::from_slice(&document).map_err(|e| launch(e.to_string()))?;
-    crate::logging::start(role.name(), &document.config.log.level);
-    crate::stage::run(role, document).map_err(|error| {
-        tracing::error!(%error, "stage failed");
-        error.into()
-    })
 }

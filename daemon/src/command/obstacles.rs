@@ -1,7 +1,38 @@
 //! `lookout obstacles`.
 
-use super::{CommandError, load, one_pair, say};
-use crate::cli::Obstacles;
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use crate::command::one_pair;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout obstacles left.png right.png --rig calib.txt --overlay found.png
+  lookout obstacles left.png right.png --rig rig.toml --json
+
+A rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and cy_px.";
+
+#[derive(Args, Debug)]
+pub struct Obstacles {
+    /// Left image
+    pub left: PathBuf,
+    /// Right image, rectified like the left
+    pub right: PathBuf,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Rig TOML or KITTI calib.txt [default: source.rig]
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// Writes the left image with what was found
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Option<PathBuf>,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
 
 pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;

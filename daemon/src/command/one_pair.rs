@@ -1,7 +1,7 @@
 //! Two pictures with their rig, on the way through the rooms once.
 
-use super::CommandError;
-use super::disparity::read_pair;
+use crate::command::disparity::read_pair;
+use crate::command::error::CommandError;
 use crate::in_process::Pipeline;
 use config::Config;
 use perception::rig::Rig;

@@ -1,15 +1,76 @@
 //! `lookout point-cloud`.
 
-use super::{CommandError, load, one_pair, say};
-use crate::cli_view::{PointCloudCommand, PointColour};
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use crate::command::number::number;
+use crate::command::one_pair;
+use clap::{Args, ValueEnum};
 use perception::point_cloud::{self, Point, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde_json::json;
+use std::path::PathBuf;
 use tools::reporting::colour::rainbow;
 use tools::reporting::picture::Colour;
 use tools::reporting::ply;
 use tools::reporting::record::{RoadLine, tidy};
+
+pub const HELP: &str = "Examples:
+  lookout point-cloud left.png right.png --rig calib.txt -o cloud.ply
+  lookout point-cloud left.png right.png --rig rig.toml -o cloud.ply --color height
+  lookout point-cloud left.png right.png --rig rig.toml -o sparse.ply --every 4 --distance-max 40
+
+OUT.ply is binary little-endian: x, y, z in metres (x right, y down, z ahead of the left camera) and
+red, green, blue. Points that few of their 24 neighbours in the picture agree with in depth are left
+out: single errors, and the veil between a near object and what is behind it.";
+
+#[derive(Args, Debug)]
+pub struct PointCloudCommand {
+    /// Left image (PNG, PGM, PPM; colour is turned to grey)
+    pub left: PathBuf,
+    /// Right image, rectified like the left
+    pub right: PathBuf,
+    /// Binary PLY
+    #[arg(short, long, value_name = "OUT.ply")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Rig TOML or KITTI calib.txt [default: source.rig]
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// What the colour of a point tells
+    #[arg(long, value_enum, default_value_t = PointColour::Grey)]
+    pub color: PointColour,
+    /// Points farther than this, in metres, are left out
+    #[arg(long, default_value_t = 80.0, value_name = "M", value_parser = distance)]
+    pub distance_max: f64,
+    /// Every N-th column of every N-th row
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub every: u32,
+    /// Neighbours of 24 that have to agree; 0 keeps every point
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=24))]
+    pub neighbours: u32,
+    /// Print figures as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What the colour of a point tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PointColour {
+    /// The left image
+    Grey,
+    /// Height above the road, 0 to 3 m from blue to red; grey where no road was seen
+    Height,
+    /// Distance, from red (near) to blue
+    Distance,
+}
+
+fn distance(text: &str) -> Result<f64, String> {
+    number(text, 0.1, 10_000.0)
+}
 
 /// Heights up to this are told apart by colour, in metres.
 const HEIGHT_SPAN_M: f64 = 3.0;

@@ -1,13 +1,34 @@
 //! `lookout rectify` and `lookout rig`.
 
-use super::disparity::read_pair;
-use super::{CommandError, say};
-use crate::cli_rig::{Rectify, RigCommand};
+use crate::command::console::say;
+use crate::command::disparity::read_pair;
+use crate::command::error::CommandError;
+use clap::Args;
 use perception::image::GreyView;
 use perception::rectify::Remap;
-use sources::rig_file::{RigFile, export, import};
+use sources::rig_file::RigFile;
+use std::path::PathBuf;
 use tools::calibration::report::before_and_after;
 use tools::reporting::picture::save_grey;
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Example:
+  lookout rectify rig.toml left.png right.png -o seen
+
+Writes left.png, right.png and lines.png: both pictures before (above) and after, with lines across.";
+
+#[derive(Args, Debug)]
+pub struct Rectify {
+    /// Rig file
+    pub rig: PathBuf,
+    /// Left picture, as the camera took it
+    pub left: PathBuf,
+    /// Right picture
+    pub right: PathBuf,
+    /// Folder for left.png, right.png and lines.png
+    #[arg(short, long, value_name = "DIR")]
+    pub out: PathBuf,
+}
 
 pub fn run(args: &Rectify) -> Result<(), CommandError> {
     let rig = RigFile::read(&args.rig)?;
@@ -40,16 +61,4 @@ pub fn run(args: &Rectify) -> Result<(), CommandError> {
         out.display(),
         r.rig.focal_px * r.rig.baseline_m
     ))
-}
-
-/// `lookout rig`: shows a calibration, or writes it in another format.
-pub fn convert(args: &RigCommand) -> Result<(), CommandError> {
-    let rig = import(&args.files, args.size, args.crop.into())?;
-    if let (Some(out), Some(format)) = (&args.out, args.format) {
-        for path in export(&rig, format.into(), out)? {
-            say(path.display())?;
-        }
-        return Ok(());
-    }
-    say(rig.to_toml().map_err(CommandError::Other)?.trim_end())
 }

@@ -1,16 +1,82 @@
 //! `lookout replay`.
 
-use super::{CommandError, load, say};
-use crate::cli::Replay;
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::progress;
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use crate::command::number::fps;
 use crate::in_process::Pipeline;
 use crate::scheduler::{self, Ends, RunOptions};
+use clap::Args;
 use config::Config;
-use indicatif::{ProgressBar, ProgressStyle};
-use std::io::IsTerminal;
 use std::path::Path;
+use std::path::PathBuf;
 use std::time::Instant;
 use tools::reporting::output::{FrameWriter, prepare, write_summary};
 use tools::reporting::summary::RunSummary;
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout replay ../shared/data/kitti_sequence_1 --lockstep --out results
+  lookout replay RECORDING --fps 12.5 --loop --limit 1000
+  lookout replay RECORDING --in-process --out reference
+  lookout replay drive.mcap --lockstep --out again
+  lookout replay RECORDING --lockstep --record drive.mcap
+  lookout replay scene:street --out results
+  lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
+  lookout replay scene:my/road.toml
+
+PATH holds two folders with images of the same names: image_2 and image_3, image_0 and image_1,
+image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
+image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.txt beside them.
+
+PATH may also be an MCAP file: a recording of lookout record, or a ROS 2 bag with two image topics
+whose names differ by left and right, and their camera_info. One that was cut off is read up to its
+last whole chunk.
+
+scene:NAME is a synthetic scene with its own rig: one that ships (drive, street, crest, dip, slope,
+bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
+debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings may follow:
+?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper or kitti.
+
+--out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
+(a line per frame) and summary.json.";
+
+#[derive(Args, Debug)]
+pub struct Replay {
+    /// Folder or MCAP file of the recording, or scene:NAME
+    pub path: PathBuf,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Pairs per second [default: the recording's own rate]
+    #[arg(long, value_name = "N", value_parser = fps, conflicts_with = "lockstep")]
+    pub fps: Option<f64>,
+    /// Every frame, one at a time: the same result every time
+    #[arg(long)]
+    pub lockstep: bool,
+    /// Start again at the end
+    #[arg(long = "loop", requires = "limit")]
+    pub repeat: bool,
+    /// Stop after this many pairs
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub limit: Option<u64>,
+    /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also records the run to an MCAP file; with --lockstep without loss
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "in_process")]
+    pub record: Option<PathBuf>,
+    /// The same algorithms in this process, without shared memory
+    #[arg(long, conflicts_with_all = ["fps", "lockstep", "instance"])]
+    pub in_process: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// A path that starts so names a scene.
 const SCENE: &str = "scene:";
@@ -80,21 +146,6 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
     match &args.out {
         Some(out) => say(format_args!("results in {}", out.display())),
         None => Ok(()),
-    }
-}
-
-/// A bar on a terminal, nothing elsewhere.
-pub fn progress(count: Option<u64>, what: &str) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let (bar, template) = match count {
-        Some(count) => (ProgressBar::new(count), format!("{{wide_bar}} {{pos}}/{{len}} {what}, {{msg}}")),
-        None => (ProgressBar::no_length(), format!("{{spinner}} {{pos}} {what}, {{msg}}")),
-    };
-    match ProgressStyle::with_template(&template) {
-        Ok(style) => bar.with_style(style),
-        Err(_) => bar,
     }
 }
 

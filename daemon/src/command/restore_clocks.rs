@@ -1,10 +1,25 @@
 //! `lookout restore-clocks`.
 
-use super::{CommandError, load, say};
-use crate::cli_board::RestoreClocks;
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::say;
+use crate::command::error::CommandError;
 use crate::scheduler::clocks;
 use crate::scheduler::sysfs::Sysfs;
+use clap::Args;
 use messages::instance::Instance;
+
+pub const HELP: &str = "Examples:
+  lookout restore-clocks -c /etc/lookout/lookout.toml
+
+The daemon puts clocks back by itself when it ends. This is for one that was killed; the service
+runs it after every stop. Without anything to put back it does nothing and succeeds.";
+
+#[derive(Args, Debug)]
+pub struct RestoreClocks {
+    #[command(flatten)]
+    pub config: ConfigArgs,
+}
 
 pub fn run(args: &RestoreClocks, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "restore-clocks", Some("warn"))?;

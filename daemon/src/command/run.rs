@@ -1,9 +1,29 @@
 //! `lookout run`.
 
-use super::{CommandError, load, read};
-use crate::cli::Run;
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::config_args::read;
+use crate::command::error::CommandError;
 use crate::scheduler::{self, Ends, RunOptions};
+use clap::Args;
 use rustix::process::{Signal, set_parent_process_death_signal};
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout run -c /etc/lookout/car.toml
+  lookout run -c tk1
+
+Stop it with SIGTERM or Ctrl-C: frames in flight come out first. SIGHUP reads the configuration
+again; what may change then, and what it tells systemd, is in docs/operations.md.";
+
+#[derive(Args, Debug)]
+pub struct Run {
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Ends when the process that started it does
+    #[arg(long, hide = true)]
+    pub with_parent: bool,
+}
 
 pub fn run(args: &Run, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "scheduler", None)?;

@@ -1,17 +1,53 @@
 //! `lookout view`.
 
-use super::{CommandError, load, say};
-use crate::cli_view::View;
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::say;
+use crate::command::error::CommandError;
 use crate::view::access::{Access, TokenError, given_token, new_token};
 use crate::view::hub::Hub;
 use crate::view::server::Server;
 use crate::view::watcher::Watcher;
+use clap::Args;
 use messages::instance::Instance;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+
+/// Where the page is, unless asked otherwise.
+const ADDRESS: &str = "127.0.0.1:8467";
+
+pub const HELP: &str = "Examples:
+  lookout view                                  then open http://127.0.0.1:8467
+  lookout view --instance front --bind 127.0.0.1:0
+  lookout view --bind 0.0.0.0:8467              for a phone on the car's network: prints a link with a token
+  curl http://127.0.0.1:8467/metrics            figures for Prometheus
+  ssh -L 8467:127.0.0.1:8467 board              the page of a board, without opening it to the network
+
+The page shows the left image with boxes, distances and the alarm, disparity, v-disparity with the
+road, the bird's-eye view, and latency, rates, drops, CPU, temperatures, clocks and health over time.
+The viewer waits for the daemon, outlives its restarts, and runs at the lowest priority: it takes the
+newest frame and never holds a stage up. It must run as the daemon's user.
+
+Whoever can reach the address sees the pictures: on an address of the machine itself (127.0.0.1, ::1)
+that is every user of it, unless there is a token; on any other a token is always asked for. The
+connection is not encrypted.";
+
+#[derive(Args, Debug)]
+pub struct View {
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Address and port to serve at; port 0 takes a free one
+    #[arg(long, default_value = ADDRESS, value_name = "ADDRESS:PORT")]
+    pub bind: SocketAddr,
+    /// Who knows it may look: 16 characters or more of letters, digits, - and _; @FILE reads it from a
+    /// file, which other users of the machine cannot see in the list of processes [default: on an address
+    /// other than the machine's own a new one is made and printed]
+    #[arg(long, value_name = "TOKEN")]
+    pub token: Option<String>,
+}
 
 /// The lowest priority there is without leave.
 const NICE: i32 = 19;

@@ -1,7 +1,7 @@
 //! From the messages of the daemon to those of a recording.
 
-use crate::command::StatusJson;
 use crate::frame_record::frame_record;
+use crate::status_json::StatusJson;
 use messages::depth::Depth;
 use messages::header::Header;
 use messages::obstacles::Obstacles;

@@ -2,7 +2,7 @@
 
 use super::notify::VARIABLES;
 use crate::launch::Launch;
-use messages::role::Role;
+use messages::pipeline::Role;
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::consts::{SIGABRT, SIGBUS, SIGKILL, SIGSEGV, SIGXCPU};
 use std::io::{self, Write};

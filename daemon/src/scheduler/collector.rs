@@ -8,8 +8,8 @@ use messages::deadline::DeadlineRecord;
 use messages::device::DeviceRecord;
 use messages::header::{Header, put_text};
 use messages::obstacles::AlarmRecord;
+use messages::pipeline::{PATH_LENGTH, Role, Starts};
 use messages::report::ReportRecord;
-use messages::role::Role;
 use messages::status::{ProcessRecord, WARM_FRAMES};
 use tools::reporting::summary::{
     AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary,
@@ -26,8 +26,8 @@ const KEPT_CHANGES: usize = 100;
 pub struct FrameTrace {
     /// Its number.
     pub sequence: u64,
-    /// Work of each stage, in the order of [`Role::STAGES`].
-    pub work_ms: [f64; 4],
+    /// Work of each stage, in the order of [`messages::pipeline::PATH`].
+    pub work_ms: [f64; PATH_LENGTH],
     /// Capture to obstacles.
     pub latency_ms: f64,
 }
@@ -146,10 +146,10 @@ impl Collector {
             if report.frames > WARM_FRAMES {
                 figures.allocations = figures.allocations.saturating_add(report.allocations);
             }
-            if role != Role::Capture {
+            if role != Role::SOURCE {
                 figures.age.add_ns(report.age_ns);
             }
-            if role == Role::Recognition {
+            if role == Role::LAST {
                 self.result(header, now_ns);
             }
             if role == Role::Stereo {
@@ -173,7 +173,7 @@ impl Collector {
             return;
         }
         self.last_sequence = Some(header.sequence);
-        let latency_ns = header.stamps[3].end_ns.saturating_sub(header.capture_ns);
+        let latency_ns = header.latency_ns();
         self.latency.add_ns(latency_ns);
         self.results += 1;
         self.first_result_ns.get_or_insert(now_ns);
@@ -226,7 +226,7 @@ impl Collector {
 
     /// Whether results come in time: the last one, and how many did not since the daemon started.
     pub fn deadline(&self) -> DeadlineRecord {
-        let figures = self.roles.iter().find(|f| f.role == Role::Recognition);
+        let figures = self.roles.iter().find(|f| f.role == Role::LAST);
         figures.map_or_else(DeadlineRecord::default, |f| DeadlineRecord {
             late: f.totals().late,
             ..f.last.deadline
@@ -379,9 +379,10 @@ impl Collector {
                 }
             })
             .collect();
-        let offered = self.roles.iter().find(|f| f.role == Role::Capture).map_or(0, |f| f.totals().frames);
-        // The writer keeps up or not; that is no frame lost to the vehicle.
-        let dropped = processes.iter().filter(|p| p.role != "writer").map(|p| p.skipped).sum();
+        let offered = self.roles.iter().find(|f| f.role == Role::SOURCE).map_or(0, |f| f.totals().frames);
+        // What a process on request skips is no frame lost to the vehicle.
+        let always = |f: &&RoleFigures| f.role.spec().starts == Starts::Always;
+        let dropped = self.roles.iter().filter(always).map(|f| f.totals().skipped).sum();
         RunSummary {
             seconds,
             first_result_s: self.first_result_ns.map_or(0.0, |at| (at - self.started_ns) as f64 * 1e-9),
@@ -426,7 +427,7 @@ mod tests {
         let mut collector = Collector::new(&roles, 0);
         let mut header = Header::new(Kind::Report);
         header.capture_ns = 1_000_000;
-        header.stamps[3] = Stamp { begin_ns: 20_000_000, end_ns: 41_000_000 };
+        header.set_stamp(Role::LAST, Stamp { begin_ns: 20_000_000, end_ns: 41_000_000 });
         header.sequence = 1;
         assert!(collector.report(&header, &report(Role::Recognition, 10, 3), 1_000_000_000));
         header.sequence = 2;

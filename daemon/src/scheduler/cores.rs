@@ -1,7 +1,7 @@
 //! Which process runs on which core.
 
 use config::Cores;
-use messages::role::Role;
+use messages::pipeline::Role;
 
 /// The core of each role.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! The figures of a run in the log, once a minute: fields of the journal for whoever keeps no metrics.
 
-use messages::role::Role;
+use messages::pipeline::Role;
 use messages::status::StatusRecord;
 
 /// Time between two lines.
@@ -28,7 +28,7 @@ impl MinuteFigures {
             return;
         }
         let stages = || status.processes().filter(|(role, _)| Role::STAGES.contains(role));
-        let last = stages().find(|(role, _)| *role == Role::Recognition);
+        let last = stages().find(|(role, _)| *role == Role::LAST);
         tracing::info!(
             figures = "minute",
             state = status.state_name(),

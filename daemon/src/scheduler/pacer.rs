@@ -5,7 +5,7 @@
 //! so that a stage whose time scatters does not drive the rate up and down. It never goes below what
 //! was wanted (the source's own period, or `source.fps`) nor out of the bounds.
 
-use messages::role::Role;
+use messages::pipeline::Role;
 
 /// Frames of each stage that are looked at.
 const WINDOW: usize = 64;

@@ -7,7 +7,7 @@
 //! a restart of the daemon, and a configuration that changes one of them is refused as a whole.
 
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::Role;
 use thiserror::Error;
 
 /// What a changed key asks for.

@@ -6,36 +6,36 @@ mod state;
 use super::board::Board;
 use super::children::Children;
 use super::collector::Collector;
-use super::condition::{Condition, Conditions};
 use super::cores::CorePlan;
+use super::credit::{Credit, DRAIN_NS};
+use super::deadline_monitor::DeadlineMonitor;
+use super::diagnostics::{Condition, Conditions};
 use super::figures::MinuteFigures;
-use super::flow::{DRAIN_NS, Flow};
-use super::lateness::Lateness;
 use super::notify::Notify;
+use super::options::{Ends, RunError, RunOptions, RunOutcome};
 use super::pacer::{Pacer, PacerParameters};
 use super::supervisor::{Action, Supervisor, SupervisorParameters};
-use super::{Ends, RunError, RunOptions, RunOutcome};
 use crate::input;
 use crate::launch::{FrameFormat, Launch};
 use crate::memory::MemoryProbe;
 use crate::realtime;
-use crate::rooms::recognition::RecognitionRoom;
-use crate::rooms::{RoomError, matcher};
+use crate::stages;
 use config::Config;
 use messages::bus::{Bus, IpcError};
 use messages::clock::monotonic_ns;
 use messages::header::{Header, Kind, MAX_SIDE};
 use messages::instance::{Instance, InstanceLock};
-use messages::port::{Publisher, Subscriber};
+use messages::pipeline::{Role, Starts};
+use messages::port::{Publisher, Sample, Subscriber};
 use messages::realtime::RealtimeRecord;
 use messages::report::{Health, ReportRecord};
-use messages::role::Role;
 use messages::status::StatusRecord;
 use messages::wait::Next;
-use messages::{report, service};
+use messages::{obstacles, report, service};
 use perception::stereo::Mpv;
 use result::Results;
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use sources::PairSource;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -67,14 +67,14 @@ pub struct Run {
     pub(super) supervisor: Supervisor,
     pub(super) collector: Collector,
     children: Children,
-    pub(super) flow: Flow,
+    pub(super) credit: Credit,
     pub(super) phase: Phase,
     pub(super) board: Board,
     pub(super) notify: Notify,
     /// SIGHUP has come.
     pub(super) hangup: Arc<AtomicBool>,
     pacer: Pacer,
-    lateness: Lateness,
+    deadline_monitor: DeadlineMonitor,
     conditions: Conditions,
     realtime: RealtimeRecord,
     failure: Option<String>,
@@ -102,77 +102,19 @@ impl Run {
     /// Checks everything that can be known to be wrong, then takes the instance over.
     pub fn start(config: &Config, options: &RunOptions) -> Result<Self, RunError> {
         let started_ns = monotonic_ns();
-        let source = input::open(config)?;
-        let rig = input::rig(config, source.as_ref())?;
-        let (width, height) = source.size();
-        let source_name = || match config.source.kind.as_str() {
-            "folder" | "recording" => config.source.path.display().to_string(),
-            kind => kind.to_owned(),
-        };
-        if width.max(height) > MAX_SIDE as usize {
-            return Err(RunError::Side { source_name: source_name(), width, height, most: MAX_SIDE });
-        }
-        let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-        Mpv::check(width, height, disparities)
-            .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
-        matcher::check(config, width, height).map_err(RoomError::from)?;
-        let frames = FrameFormat::new((width, height), rig);
-        RecognitionRoom::new(config, &frames)?;
-        let nearest_m = rig.distance_m(disparities as f64 - 1.0);
-        if nearest_m > config.alarm.distance_m {
-            tracing::warn!(
-                nearest_m,
-                alarm_distance_m = config.alarm.distance_m,
-                "nothing nearer than nearest_m can be seen: raise stereo.disparities"
-            );
-        }
-
+        let (source, frames) = open_source(config)?;
+        let (width, height) = (frames.width, frames.height);
         // Before anything is made that a signal would leave behind.
-        let stop = Arc::new(AtomicBool::new(false));
-        let hangup = Arc::new(AtomicBool::new(false));
-        for signal in [SIGTERM, SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
-        if options.ends == Ends::Never {
-            signal_hook::flag::register(SIGHUP, Arc::clone(&hangup))?;
-        } else if !ignores_hangup() {
-            // nohup means: go on when the terminal is gone.
-            signal_hook::flag::register(SIGHUP, Arc::clone(&stop))?;
-        }
-        let retry = Arc::new(AtomicBool::new(false));
-        signal_hook::flag::register(SIGUSR1, Arc::clone(&retry))?;
-        // Only to be woken when a child ends.
-        signal_hook::flag::register(SIGCHLD, Arc::new(AtomicBool::new(false)))?;
-
+        let signals = Signals::register(options.ends)?;
         let instance = Instance::new(&config.instance.name, &config.instance.directory);
         let lock = InstanceLock::take(&instance, started_ns / 1_000_000)?;
         if lock.stale > 0 {
             tracing::warn!(files = lock.stale, "removed what a dead run had left behind");
         }
         let board = Board::start(config, instance.directory(), started_ns)?;
-        if let Some(out) = &options.out {
-            tools::reporting::output::prepare(out)?;
-        }
-        if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
-            return Err(RecordError::Exists { path: path.clone() }.into());
-        }
-        let mut roles = Role::STAGES.to_vec();
-        let has_writer = options.out.is_some() || options.record.is_some();
-        roles.extend(has_writer.then_some(Role::Writer));
-        let pool_bytes = service::total_pool_bytes(width, height, roles.len()) as u64;
-        lock.check_memory(pool_bytes)?;
-        for spec in &service::SERVICES {
-            let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
-            tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
-        }
-        tracing::info!(
-            instance = instance.name(),
-            width,
-            height,
-            pool_bytes,
-            prefix = lock.prefix(),
-            "starting"
-        );
+        prepare_outputs(options)?;
+        let roles = roles(options);
+        check_memory(&lock, &instance, &frames, roles.len())?;
 
         let available: Vec<usize> =
             core_affinity::get_core_ids().unwrap_or_default().iter().map(|core| core.id).collect();
@@ -183,34 +125,19 @@ impl Run {
         let mut realtime = realtime::enter(config, Role::Scheduler, plan.core(Role::Scheduler))?;
         tracing::info!("scheduler: {realtime}");
 
-        let count = if config.source.repeat { None } else { source.count() };
-        let launch = Launch {
-            config: config.clone(),
-            core: None,
-            scheduler_pid: std::process::id(),
-            frames,
-            lockstep: options.lockstep,
-            first_sequence: 0,
-            end_sequence: match (count, options.limit) {
-                (Some(count), Some(limit)) => Some(count.min(limit)),
-                (count, limit) => count.or(limit),
-            },
-            source_period_ns: source.period_ns(),
-            out: options.out.clone(),
-            record: options.record.clone(),
-        };
+        let launch = launch(config, options, source.as_ref(), frames);
         // Found now, not when the first stage is started.
         serde_json::to_vec(&launch)?;
         let bus = Bus::join(&instance)?;
         let now = monotonic_ns();
         let parameters = supervisor_parameters(config);
-        let period_ns = input::period_ns(config, source.as_ref());
         let patience_ns = parameters.liveness_deadline_ns;
         let mut collector = Collector::new(&all, started_ns);
         if matches!(options.ends, Ends::After(_)) {
             // The demo draws them.
             collector.keep_traces();
         }
+        let period_ns = input::period_ns(config, source.as_ref());
         let pacer = Pacer::new(pacer_parameters(config, options.lockstep, period_ns), now);
         // In lock-step a frame may take as long as it takes.
         let stale_ns = if options.lockstep { patience_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
@@ -222,19 +149,19 @@ impl Run {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
             children: Children::default(),
-            flow: Flow::new(options.lockstep, has_writer, pacer.period_ns(), patience_ns, now),
+            credit: Credit::new(options.lockstep, &roles, pacer.period_ns(), patience_ns, now),
             pacer,
-            lateness: Lateness::new(config.pacing.late_frames.unsigned_abs()),
+            deadline_monitor: DeadlineMonitor::new(config.pacing.late_frames.unsigned_abs()),
             conditions: Conditions::default(),
             realtime,
             phase: Phase::Running,
             board,
             notify: Notify::from_environment(),
-            hangup,
+            hangup: signals.hangup,
             failure: None,
             reason: String::new(),
-            stop,
-            retry,
+            stop: signals.stop,
+            retry: signals.retry,
             was_stopped: false,
             memory: MemoryProbe::open()?,
             started_ns,
@@ -284,21 +211,21 @@ impl Run {
         }
         if let Some(period_ns) = self.pacer.tick(now) {
             tracing::info!(rate_hz = 1e9 / period_ns as f64, slowest = ?self.pacer.slowest(), "pace");
-            self.flow.set_period(period_ns);
+            self.credit.set_period(period_ns);
             self.send_command()?;
         }
-        if self.flow.tick(self.supervisor.all_running(), now) {
+        if self.credit.tick(self.supervisor.all_running(), now) {
             tracing::warn!("the frame in lock-step does not move: asking for it again");
             self.send_command()?;
         }
         if let Some(heat) = self.board.tick(now)
-            && self.flow.limit(&heat)
+            && self.credit.limit(&heat)
         {
             self.send_command()?;
         }
         self.advance(now)?;
         self.notify(now);
-        let period_ns = self.flow.command().period_ns;
+        let period_ns = self.credit.command().period_ns;
         let withdrawn = self.results.withdraw_stale(self.supervisor.frames_pass(), period_ns, now)?;
         if let (Phase::Running, Some(faults)) = (self.phase, withdrawn) {
             self.collector.alarm_off(faults);
@@ -319,6 +246,19 @@ impl Run {
             return Ok(Next::Stop);
         }
         Ok(Next::Wait(TICK))
+    }
+
+    /// A message of the last stage.
+    fn take_result(&mut self, sample: &Sample) {
+        let header = *sample.header();
+        match obstacles::view(&header, sample.payload()) {
+            Err(error) => tracing::warn!(%error, "obstacles were refused"),
+            Ok(message) => {
+                if self.results.take(header, &message) {
+                    self.collector.alarm(header.sequence, &message.alarm);
+                }
+            }
+        }
     }
 
     fn take_report(&mut self, header: &Header, report: &ReportRecord) -> Result<(), IpcError> {
@@ -342,42 +282,42 @@ impl Run {
         let is_running = self.supervisor.all_running();
         if !was_running && is_running {
             tracing::info!("all stages are running");
-            self.flow.all_running(now);
+            self.credit.all_running(now);
             self.send_command()?;
-        } else if role == Role::Capture && report.is_frame == 0 && report.frames == 0 {
+        } else if role == Role::SOURCE && report.is_frame == 0 && report.frames == 0 {
             // It has just come up and knows nothing yet. Before all stages are there it stays so:
             // what it published would be lost.
             if is_running || self.supervisor.given_up().is_some() {
                 self.send_command()?;
             }
         }
-        if report.health() == Health::Finished && role == Role::Capture {
-            self.flow.source_finished();
+        if report.health() == Health::Finished && role == Role::SOURCE {
+            self.credit.source_finished();
         }
         if report.is_frame == 1 {
             self.pacer.work(role, report.work_ns);
-            if role == Role::Recognition {
+            if role == Role::LAST {
                 self.take_lateness(report);
             }
         }
-        if report.is_frame == 1 && self.flow.frame_done(role, header.sequence, now) {
+        if report.is_frame == 1 && self.credit.frame_done(role, header.sequence, now) {
             self.send_command()?;
         }
         Ok(())
     }
 
     fn send_command(&self) -> Result<(), IpcError> {
-        self.commands.send_record(Header::new(Kind::Command), &self.flow.command())
+        self.commands.send_record(Header::new(Kind::Command), &self.credit.command())
     }
 
     /// How a stage says that it is. A daemon that is to go on for ever waits for a source that is away;
     /// a replay has failed.
     fn take_health(&mut self, role: Role, report: &ReportRecord, now: u64) {
-        let goes_on = role == Role::Capture && self.options.ends == Ends::Never;
+        let goes_on = role == Role::SOURCE && self.options.ends == Ends::Never;
         let reason = match report.health() {
             Health::Unusable if !goes_on => return self.fail(report.text(), now),
-            Health::Unusable | Health::Stalled if role == Role::Capture => Some(report.text()),
-            _ if role == Role::Capture => None,
+            Health::Unusable | Health::Stalled if role == Role::SOURCE => Some(report.text()),
+            _ if role == Role::SOURCE => None,
             _ => return,
         };
         if self.conditions.set(Condition::Source, reason.as_deref()) {
@@ -390,8 +330,8 @@ impl Run {
 
     fn take_lateness(&mut self, report: &ReportRecord) {
         let deadline = report.deadline;
-        if self.lateness.frame(deadline.late_in_a_row > 0) {
-            let reason = self.lateness.is_late().then(|| {
+        if self.deadline_monitor.frame(deadline.late_in_a_row > 0) {
+            let reason = self.deadline_monitor.is_late().then(|| {
                 let (age_ms, of_ms) = (deadline.age_ns as f64 * 1e-6, deadline.deadline_ns as f64 * 1e-6);
                 format!(
                     "results are late: {} in a row, the last after {age_ms:.0} ms of {of_ms:.0}",
@@ -412,7 +352,7 @@ impl Run {
         } else {
             tracing::warn!(%role, how, "stage ended unasked");
         }
-        self.flow.stage_died();
+        self.credit.stage_died();
         self.collector.ended(role);
         // Only reaped children count as dead; now their places can be freed.
         let sweep = self.bus.sweep();
@@ -447,8 +387,8 @@ impl Run {
 
     fn spawn(&mut self, role: Role, now: u64) {
         let mut launch = Launch { core: self.plan.core(role), ..self.launch.clone() };
-        if role == Role::Capture {
-            launch.first_sequence = self.flow.resume_at();
+        if role == Role::SOURCE {
+            launch.first_sequence = self.credit.resume_at();
         }
         let started = self.children.spawn(role, &launch);
         self.supervisor.spawned(role, now);
@@ -474,7 +414,7 @@ impl Run {
 
     /// Ends the run when it is time to.
     fn advance(&mut self, now: u64) -> Result<(), IpcError> {
-        let is_empty = self.flow.is_empty(self.supervisor.all_running(), now);
+        let is_empty = self.credit.is_empty(self.supervisor.all_running(), now);
         // Taken, so that a second signal is told from the first.
         let asked = self.stop.swap(false, Ordering::Relaxed);
         self.was_stopped |= asked;
@@ -487,14 +427,14 @@ impl Run {
                 if asked || over {
                     self.reason = if asked { "asked to stop" } else { "its time is up" }.into();
                     self.phase = Phase::Draining { until_ns: now + DRAIN_NS };
-                    self.flow.drain();
+                    self.credit.drain();
                     self.send_command()?;
-                } else if self.flow.is_finished() && self.options.ends != Ends::Never && is_empty {
+                } else if self.credit.is_finished() && self.options.ends != Ends::Never && is_empty {
                     self.stop_stages(now);
                 }
             }
             Phase::Draining { until_ns } => {
-                if asked || now >= until_ns || (self.flow.is_finished() && is_empty) {
+                if asked || now >= until_ns || (self.credit.is_finished() && is_empty) {
                     self.stop_stages(now);
                 }
             }
@@ -526,6 +466,117 @@ impl Run {
         tracing::info!(frames = summary.frames, dropped = summary.dropped, lost = summary.lost, "stopped");
         let traces = self.collector.traces().to_vec();
         RunOutcome { summary, traces, failure, was_stopped: self.was_stopped }
+    }
+}
+
+/// Opens the source, and checks that the stages can be configured for its frames.
+fn open_source(config: &Config) -> Result<(Box<dyn PairSource>, FrameFormat), RunError> {
+    let source = input::open(config)?;
+    let rig = input::rig(config, source.as_ref())?;
+    let (width, height) = source.size();
+    let source_name = || match config.source.kind.as_str() {
+        "folder" | "recording" => config.source.path.display().to_string(),
+        kind => kind.to_owned(),
+    };
+    if width.max(height) > MAX_SIDE as usize {
+        return Err(RunError::Side { source_name: source_name(), width, height, most: MAX_SIDE });
+    }
+    let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
+    Mpv::check(width, height, disparities)
+        .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
+    let frames = FrameFormat::new((width, height), rig);
+    stages::check(config, &frames)?;
+    let nearest_m = rig.distance_m(disparities as f64 - 1.0);
+    if nearest_m > config.alarm.distance_m {
+        tracing::warn!(
+            nearest_m,
+            alarm_distance_m = config.alarm.distance_m,
+            "nothing nearer than nearest_m can be seen: raise stereo.disparities"
+        );
+    }
+    Ok((source, frames))
+}
+
+/// Signals that have come.
+struct Signals {
+    stop: Arc<AtomicBool>,
+    hangup: Arc<AtomicBool>,
+    retry: Arc<AtomicBool>,
+}
+
+impl Signals {
+    fn register(ends: Ends) -> Result<Self, RunError> {
+        let flag = || Arc::new(AtomicBool::new(false));
+        let signals = Self { stop: flag(), hangup: flag(), retry: flag() };
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&signals.stop))?;
+        }
+        if ends == Ends::Never {
+            signal_hook::flag::register(SIGHUP, Arc::clone(&signals.hangup))?;
+        } else if !ignores_hangup() {
+            // nohup means: go on when the terminal is gone.
+            signal_hook::flag::register(SIGHUP, Arc::clone(&signals.stop))?;
+        }
+        signal_hook::flag::register(SIGUSR1, Arc::clone(&signals.retry))?;
+        // Only to be woken when a child ends.
+        signal_hook::flag::register(SIGCHLD, flag())?;
+        Ok(signals)
+    }
+}
+
+/// Makes the folder of the results, and sees that no recording is overwritten.
+fn prepare_outputs(options: &RunOptions) -> Result<(), RunError> {
+    if let Some(out) = &options.out {
+        tools::reporting::output::prepare(out)?;
+    }
+    if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
+        return Err(RecordError::Exists { path: path.clone() }.into());
+    }
+    Ok(())
+}
+
+/// The processes of the run, the scheduler apart.
+fn roles(options: &RunOptions) -> Vec<Role> {
+    let has_writer = options.out.is_some() || options.record.is_some();
+    let asked = |role: &Role| has_writer && role.spec().starts == Starts::OnRequest;
+    Role::STAGES.into_iter().chain(Role::ALL.into_iter().filter(asked)).collect()
+}
+
+/// Sees that /dev/shm has room for the pools of all services.
+fn check_memory(
+    lock: &InstanceLock,
+    instance: &Instance,
+    frames: &FrameFormat,
+    processes: usize,
+) -> Result<(), RunError> {
+    let (width, height) = (frames.width, frames.height);
+    let pool_bytes = service::total_pool_bytes(width, height, processes) as u64;
+    lock.check_memory(pool_bytes)?;
+    for spec in service::SERVICES {
+        let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
+        tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
+    }
+    tracing::info!(instance = instance.name(), width, height, pool_bytes, prefix = lock.prefix(), "starting");
+    Ok(())
+}
+
+/// What every stage is told; its core and first frame are set when it is started.
+fn launch(config: &Config, options: &RunOptions, source: &dyn PairSource, frames: FrameFormat) -> Launch {
+    let count = if config.source.repeat { None } else { source.count() };
+    Launch {
+        config: config.clone(),
+        core: None,
+        scheduler_pid: std::process::id(),
+        frames,
+        lockstep: options.lockstep,
+        first_sequence: 0,
+        end_sequence: match (count, options.limit) {
+            (Some(count), Some(limit)) => Some(count.min(limit)),
+            (count, limit) => count.or(limit),
+        },
+        source_period_ns: source.period_ns(),
+        out: options.out.clone(),
+        record: options.record.clone(),
     }
 }
 

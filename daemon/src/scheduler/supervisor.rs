@@ -13,7 +13,7 @@
 //! (memory that was short, a device that was unplugged) needs nobody, and one that stays costs one
 //! start in each pause.
 
-use messages::role::Role;
+use messages::pipeline::Role;
 
 /// How patient the supervisor is; all times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,9 +3,9 @@
 use super::notify::View;
 use super::reload;
 use super::run::{Phase, Run};
-use crate::rooms::recognition::RecognitionRoom;
+use crate::stages;
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::Role;
 use messages::status::StatusRecord;
 use std::sync::atomic::Ordering;
 
@@ -14,7 +14,7 @@ impl Run {
     pub(super) fn notify(&mut self, now: u64) {
         let view = View {
             has_result: self.collector.results() > 0,
-            has_pair: self.flow.has_pair(),
+            has_pair: self.credit.has_pair(),
             // A writer that was given up is no reason to start everything anew.
             all_live: self.supervisor.frames_pass(),
             is_stopping: self.phase != Phase::Running,
@@ -29,10 +29,8 @@ impl Run {
         self.notify.status(now, state.trim_end(), || {
             let reason = status.reason();
             let because = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
-            let rate_hz = status
-                .processes()
-                .find(|(role, _)| *role == Role::Recognition)
-                .map_or(0.0, |(_, p)| p.rate_hz);
+            let rate_hz =
+                status.processes().find(|(role, _)| *role == Role::LAST).map_or(0.0, |(_, p)| p.rate_hz);
             let heat = hottest.map_or(String::new(), |at| format!(", {at}"));
             format!(
                 "{}{because}: {rate_hz:.1} frames a second, {:.0} ms end to end, {} obstacles{heat}",
@@ -71,7 +69,7 @@ impl Run {
             return Ok("the configuration was read again: nothing has changed".into());
         }
         // What it names must be there before a stage is asked to end.
-        RecognitionRoom::new(&new, &self.launch.frames).map_err(|error| error.to_string())?;
+        stages::check(&new, &self.launch.frames).map_err(|error| error.to_string())?;
         if plan.board {
             self.board.reload(&new).map_err(|error| error.to_string())?;
         }

@@ -1,6 +1,6 @@
 //! The daemon that is soaked: a child process with an instance of its own.
 
-use super::SoakError;
+use super::error::SoakError;
 use config::Config;
 use messages::bus::Bus;
 use messages::clock::monotonic_ns;

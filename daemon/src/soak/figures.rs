@@ -1,18 +1,18 @@
 //! The report of what an observer has seen.
 
 use super::observer::{Counts, Observer};
+use super::plan::{Plan, Soaked};
 use super::processes::MachineTime;
-use super::{Plan, Soaked};
 use config::Config;
-use messages::role::Role;
+use messages::pipeline::{PATH, Role};
 use tools::reporting::summary::Latency;
 use tools::reporting::svg::{Plot, Series};
 use tools::soak::budget::{Budgets, Figures, Kind, SLOPE_SPAN_S, Verdict, judge};
-use tools::soak::latency::{Latencies, STAGES};
+use tools::soak::latency::{Latencies, PathStage};
 use tools::soak::paper::RateRun;
 use tools::soak::recovery::Recoveries;
 use tools::soak::report::{Machine, ProcessRow, SoakReport, StageRow, StallRow};
-use tools::soak::trend::Trend;
+use tools::soak::trend::{Slope, Trend};
 
 const HOUR_S: f64 = 3600.0;
 
@@ -32,6 +32,14 @@ pub fn budgets(config: &Config) -> Budgets {
         failed_restarts: c.failed_restarts.unsigned_abs(),
     }
 }
+
+/// Whether a slope is of enough time to be judged.
+fn is_long(slope: &Slope) -> bool {
+    slope.span_s >= SLOPE_SPAN_S
+}
+
+/// The stages that follow stereo: the paper counts them as its obstacle detection.
+const AFTER_STEREO: &[Role] = PATH.split_at(2).1;
 
 impl Observer {
     /// The report, once the daemon has ended; `left` entries of it are still there.
@@ -55,7 +63,7 @@ impl Observer {
             self.counts.roles[i][field].saturating_sub(base.roles[i][field])
         };
         let frames = self.counts.frames.saturating_sub(base.frames);
-        let offered = since(Role::Capture, 0);
+        let offered = since(Role::SOURCE, 0);
         let dropped: u64 = Role::STAGES.iter().map(|&role| since(role, 1)).sum();
         let restarts: u64 = Role::STAGES.iter().map(|&role| since(role, 3)).sum();
         let no_faults = Recoveries::default();
@@ -72,7 +80,8 @@ impl Observer {
         let slope = self.growing.slope(from_s);
         let rise = self.entries.floor_rise(from_s).unwrap_or(0.0).max(0.0) as u64;
         let leaked = left + rise;
-        let nothing = Latencies::new(0, self.period_ns, [None; STAGES]);
+        let unpinned = PATH.map(|role| PathStage { name: role.name(), core: None });
+        let nothing = Latencies::new(0, self.period_ns, &unpinned);
         let latencies = self.latencies.as_ref().unwrap_or(&nothing);
         let memory_bytes = self.memory.greatest(from_s).unwrap_or(f64::NAN);
         let stereo = &latencies.stages[1];
@@ -102,30 +111,7 @@ impl Observer {
             reasons.push("no result came out".into());
         }
         reasons.extend(lines.iter().filter(|l| l.verdict == Verdict::Fail).map(|l| l.reason()));
-        let is_long = |s: &tools::soak::trend::Slope| s.span_s >= SLOPE_SPAN_S;
-        let machine = self
-            .base
-            .as_ref()
-            .map_or_else(MachineTime::default, |base| MachineTime::now().since(&base.machine));
-        let whole = machine.total.max(1) as f64;
         let (_, file_bytes) = self.processes.memory();
-        let process = |role: Role| {
-            let i = role as usize;
-            let own = self.role_memory[i].slope(from_s).filter(is_long).filter(|_| since(role, 3) == 0);
-            ProcessRow {
-                role: role.name().into(),
-                core: self.cores[i],
-                policy: self.processes.reading(role).policy(),
-                cpu_percent: cpu(role) * 100.0,
-                private_bytes: self.role_memory[i].greatest(from_s).unwrap_or(0.0) as u64,
-                slope_bytes_per_hour: own.map(|s| s.per_s * HOUR_S),
-                frames: since(role, 0),
-                skipped: since(role, 1),
-                refused: since(role, 2),
-                restarts: since(role, 3) as u32,
-            }
-        };
-        let there = |role: &Role| self.processes.pid(*role).is_some();
         let steadiness = latencies.steadiness();
         let report = SoakReport {
             frames,
@@ -170,30 +156,59 @@ impl Observer {
             period_spread: steadiness.spread,
             longest_gap_ms: latencies.longest_gap_ns as f64 * 1e-6,
             stages: StageRow::all(latencies),
-            processes: Role::ALL.into_iter().filter(there).map(process).collect(),
+            processes: self.process_rows(&base, from_s, &cpu),
             fault_rows: recoveries.rows(),
             worst: recoveries.worst().to_vec(),
             stalls: self.stalls.figures().iter().map(|f| StallRow::new(f, seconds)).collect(),
             budgets: lines,
             settings: plan.settings.clone(),
-            machine: Machine {
-                processor: processor(),
-                cores,
-                kernel: read_line("/proc/sys/kernel/osrelease"),
-                others_cpu_percent: (machine.busy as f64 / whole * 100.0 - cpu_percent).max(0.0),
-                stolen_percent: machine.stolen as f64 / whole * 100.0,
-                load: read_line("/proc/loadavg")
-                    .split(' ')
-                    .next()
-                    .and_then(|v| v.parse().ok())
-                    .unwrap_or(0.0),
-                probe_policy: self.probe_policy.clone(),
-            },
+            machine: self.machine(cpu_percent),
         };
-        let rate = self.rate_run(config, &report, from_s, seconds, cpu(Role::Capture));
+        let rate = self.rate_run(config, &report, from_s, seconds, cpu(Role::SOURCE));
         let plots = self.plots(config, latencies, recoveries, plan.kind);
         let device_p50_ms = (self.device_time.count() > 0).then(|| self.device_time.percentile_ms(50.0));
         Soaked { report, plots, rate, device: self.device, device_p50_ms, clocks_mhz: self.clocks_mhz }
+    }
+
+    /// The processes that were there at the end; `cpu` gives the cores' worth of time that each took.
+    fn process_rows(&self, base: &Counts, from_s: f64, cpu: &dyn Fn(Role) -> f64) -> Vec<ProcessRow> {
+        let process = |role: Role| {
+            let i = role as usize;
+            let since = |field: usize| self.counts.roles[i][field].saturating_sub(base.roles[i][field]);
+            let own = self.role_memory[i].slope(from_s).filter(is_long).filter(|_| since(3) == 0);
+            ProcessRow {
+                role: role.name().into(),
+                core: self.cores[i],
+                policy: self.processes.reading(role).policy(),
+                cpu_percent: cpu(role) * 100.0,
+                private_bytes: self.role_memory[i].greatest(from_s).unwrap_or(0.0) as u64,
+                slope_bytes_per_hour: own.map(|s| s.per_s * HOUR_S),
+                frames: since(0),
+                skipped: since(1),
+                refused: since(2),
+                restarts: since(3) as u32,
+            }
+        };
+        let there = |role: &Role| self.processes.pid(*role).is_some();
+        Role::ALL.into_iter().filter(there).map(process).collect()
+    }
+
+    /// The machine, and what else it did since the warm-up.
+    fn machine(&self, cpu_percent: f64) -> Machine {
+        let machine = self
+            .base
+            .as_ref()
+            .map_or_else(MachineTime::default, |base| MachineTime::now().since(&base.machine));
+        let whole = machine.total.max(1) as f64;
+        Machine {
+            processor: processor(),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            kernel: read_line("/proc/sys/kernel/osrelease"),
+            others_cpu_percent: (machine.busy as f64 / whole * 100.0 - cpu_percent).max(0.0),
+            stolen_percent: machine.stolen as f64 / whole * 100.0,
+            load: read_line("/proc/loadavg").split(' ').next().and_then(|v| v.parse().ok()).unwrap_or(0.0),
+            probe_policy: self.probe_policy.clone(),
+        }
     }
 
     /// The row of the paper's tables.
@@ -208,23 +223,22 @@ impl Observer {
         let total = memory_total_bytes().max(1) as f64;
         let part = |i: usize| {
             let (from, to) = (from_s + seconds / 5.0 * i as f64, from_s + seconds / 5.0 * (i + 1) as f64);
-            let sum = |trends: &[Trend; 6]| {
-                let both = [Role::Road, Role::Recognition].map(|role| trends[role as usize].mean(from, to));
-                Some(both[0]? + both[1]?)
+            let sum = |trends: &[Trend; Role::COUNT]| {
+                AFTER_STEREO.iter().map(|role| trends[*role as usize].mean(from, to)).sum::<Option<f64>>()
             };
             Some((sum(&self.role_cpu)?, sum(&self.role_memory)? / total * 100.0))
         };
-        let mut work_p50_ms = [0.0; STAGES];
-        for (p50, stage) in work_p50_ms.iter_mut().zip(&report.stages) {
-            *p50 = stage.work_ms.p50;
-        }
+        let p50_ms = |role: &Role| {
+            report.stages.iter().filter(|row| row.role == role.name()).map(|row| row.work_ms.p50).sum::<f64>()
+        };
         RateRun {
             fps: config.source.fps,
             processed_fps: report.rate_hz,
             cpu_cores: report.cpu_cores,
             capture_cores,
             memory_bytes: report.rss_bytes as f64,
-            work_p50_ms,
+            stereo_p50_ms: p50_ms(&Role::Stereo),
+            obstacles_p50_ms: AFTER_STEREO.iter().map(p50_ms).sum(),
             obstacles: (0..5).filter_map(part).collect(),
         }
     }
@@ -241,7 +255,7 @@ impl Observer {
         };
         let line = |name: &str, points: Vec<(f64, f64)>| Series { name: name.into(), points, dots: false };
         let minutes = || "minutes since the start".to_owned();
-        let roles = |trends: &[Trend; 6], scale: f64| -> Vec<Series> {
+        let roles = |trends: &[Trend; Role::COUNT], scale: f64| -> Vec<Series> {
             let seen = |role: &Role| trends[*role as usize].points().next().is_some();
             let series = |role: Role| line(role.name(), over(&trends[role as usize], scale));
             Role::ALL.into_iter().filter(seen).map(series).collect()

@@ -1,6 +1,6 @@
 //! A board whose temperature the soak sets: a sysfs tree of its own with one thermal zone.
 
-use super::SoakError;
+use super::error::SoakError;
 use config::{Config, Heat};
 use std::path::{Path, PathBuf};
 use tools::soak::report::Setting;

@@ -1,17 +1,18 @@
 //! Watches a daemon through shared memory and /proc, and makes faults.
 
 use super::child::DaemonChild;
+use super::error::SoakError;
 use super::hot_board::HotBoard;
+use super::plan::{Plan, Progress};
 use super::probe::Probes;
 use super::processes::{MachineTime, Processes, Reading, waited_ns};
-use super::{Plan, Progress, SoakError, stage_index};
 use config::Config;
 use messages::bus::Bus;
 use messages::clock::monotonic_ns;
 use messages::header::Header;
 use messages::instance::Instance;
+use messages::pipeline::{PATH, Role};
 use messages::report::ReportRecord;
-use messages::role::Role;
 use messages::status::StatusRecord;
 use messages::wait::{self, Next};
 use messages::{report, service, status};
@@ -22,7 +23,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tools::reporting::summary::Latency;
 use tools::soak::director::{Director, Order, Signal};
-use tools::soak::latency::{Latencies, STAGES, Trace};
+use tools::soak::latency::{Latencies, PathStage, Trace};
 use tools::soak::stalls::Stalls;
 use tools::soak::trend::Trend;
 
@@ -54,7 +55,7 @@ pub enum Ended {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counts {
     /// Of each role: frames, skipped, refused, restarts.
-    pub roles: [[u64; 4]; 6],
+    pub roles: [[u64; 4]; Role::COUNT],
     /// Results.
     pub frames: u64,
 }
@@ -77,7 +78,7 @@ pub struct Base {
     /// The daemon's counts then.
     pub counts: Counts,
     /// Processor time of each role.
-    pub cpu_ns: [u64; 6],
+    pub cpu_ns: [u64; Role::COUNT],
     /// Processor time of the machine.
     pub machine: MachineTime,
 }
@@ -90,7 +91,7 @@ pub struct Observer {
     pub(super) base: Option<Base>,
     pub(super) end_ns: u64,
     pub(super) counts: Counts,
-    pub(super) cores: [Option<u32>; 6],
+    pub(super) cores: [Option<u32>; Role::COUNT],
     pub(super) processes: Processes,
     pub(super) stalls: Stalls,
     pub(super) probe_policy: String,
@@ -100,8 +101,8 @@ pub struct Observer {
     /// shared memory, all over seconds since the start.
     pub(super) memory: Trend,
     pub(super) growing: Trend,
-    pub(super) role_memory: [Trend; 6],
-    pub(super) role_cpu: [Trend; 6],
+    pub(super) role_memory: [Trend; Role::COUNT],
+    pub(super) role_cpu: [Trend; Role::COUNT],
     pub(super) entries: Trend,
     pub(super) shared_bytes: u64,
     pub(super) reserved_bytes: u64,
@@ -119,7 +120,7 @@ pub struct Observer {
     tail_ns: Option<u64>,
     sampled_ns: u64,
     delays_ns: u64,
-    sampled_cpu_ns: [u64; 6],
+    sampled_cpu_ns: [u64; Role::COUNT],
     pub(super) status_ns: u64,
     gave_up: Option<String>,
     board: HotBoard,
@@ -137,7 +138,7 @@ impl Observer {
             base: None,
             end_ns: now,
             counts: Counts::default(),
-            cores: [None; 6],
+            cores: [None; Role::COUNT],
             processes: Processes::default(),
             stalls: Stalls::default(),
             probe_policy: String::new(),
@@ -163,7 +164,7 @@ impl Observer {
             tail_ns: None,
             sampled_ns: 0,
             delays_ns: 0,
-            sampled_cpu_ns: [0; 6],
+            sampled_cpu_ns: [0; Role::COUNT],
             status_ns: now,
             gave_up: None,
             board: HotBoard::of(&config.board.sysfs),
@@ -248,11 +249,12 @@ impl Observer {
             }
         }
         if self.probes.is_none() && self.latencies.is_none() {
-            let cores = Role::STAGES.map(|role| self.cores[role as usize]);
+            let path = PATH.map(|role| PathStage { name: role.name(), core: self.cores[role as usize] });
+            let cores = path.map(|stage| stage.core);
             let probes = Probes::start(&cores.into(), self.probe_priority)
                 .map_err(|source| SoakError::Io { path: "probe thread".into(), source })?;
             self.probes = Some(probes);
-            self.latencies = Some(Latencies::new(self.started_ns, self.period_ns, cores));
+            self.latencies = Some(Latencies::new(self.started_ns, self.period_ns, &path));
         }
         Ok(())
     }
@@ -270,20 +272,20 @@ impl Observer {
                 self.device_time.add_ns((f64::from(ms) * 1e6) as u64);
             }
         }
-        if role != Role::Recognition || report.is_frame != 1 {
+        if role != Role::LAST || report.is_frame != 1 {
             return;
         }
         let trace = Trace {
             sequence: header.sequence,
             capture_ns: header.capture_ns,
-            stamps: header.stamps.map(|stamp| (stamp.begin_ns, stamp.end_ns)),
+            stamps: header.stamps.iter().map(|stamp| (stamp.begin_ns, stamp.end_ns)).collect(),
         };
         self.last_result_ns = monotonic_ns();
-        self.first_result_ns.get_or_insert(trace.stamps[STAGES - 1].1);
+        self.first_result_ns.get_or_insert(header.result_ns());
         let Some(latencies) = &mut self.latencies else { return };
         latencies.add(trace, &self.stalls);
         if let Some(director) = &mut self.director
-            && let Some(recovered) = director.result(trace.capture_ns, trace.end_ns())
+            && let Some(recovered) = director.result(header.capture_ns, header.result_ns())
         {
             latencies.disturb(recovered.from_ns, recovered.result_ns);
         }
@@ -310,9 +312,9 @@ impl Observer {
         if let Some(latencies) = &mut self.latencies {
             if now.saturating_sub(self.delays_ns) >= DELAY_NS {
                 self.delays_ns = now;
-                for (delays, role) in latencies.delays.iter_mut().zip(Role::STAGES) {
+                for (times, role) in latencies.stages.iter_mut().zip(PATH) {
                     if let Some(total_ns) = self.processes.pid(role).and_then(waited_ns) {
-                        delays.add(monotonic_ns(), total_ns);
+                        times.delays.add(monotonic_ns(), total_ns);
                     }
                 }
             }
@@ -497,4 +499,9 @@ fn send(order: Order, processes: &Processes, daemon_pid: u32) -> bool {
         Signal::Heat | Signal::Cool => return false,
     };
     Pid::from_raw(pid as i32).is_some_and(|pid| kill_process(pid, signal).is_ok())
+}
+
+/// Roles of the stages, as `tools::soak` numbers them.
+fn stage_index(role: Role) -> Option<usize> {
+    Role::STAGES.iter().position(|&stage| stage == role)
 }

@@ -1,7 +1,7 @@
 //! Pairs of a scene, drawn before the soak: a camera brings pairs without drawing them, and drawing one
 //! takes longer than all that is done with it.
 
-use super::SoakError;
+use super::error::SoakError;
 use crate::input;
 use config::Config;
 use std::fs::File;

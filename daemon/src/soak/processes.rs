@@ -1,6 +1,6 @@
 //! What the kernel tells of the daemon's processes: processor time, memory, priority.
 
-use messages::role::Role;
+use messages::pipeline::Role;
 use std::collections::BTreeMap;
 
 /// What /proc tells of one process.

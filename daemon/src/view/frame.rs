@@ -3,6 +3,7 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use messages::header::Header;
+use messages::pipeline::PATH_LENGTH;
 use messages::regions::{FREE_COLUMNS, RegionRecord, Regions};
 use perception::point_cloud::{self, PointCloudParameters};
 use perception::rig::Rig;
@@ -93,7 +94,7 @@ pub struct FrameLine {
     /// Capture to obstacles.
     latency_ms: f64,
     /// Work of each stage.
-    stage_ms: [f64; 4],
+    stage_ms: [f64; PATH_LENGTH],
     /// Slope of the road: rows from the principal point to the horizon, by the focal length.
     road_tilt: Option<f64>,
     /// (row, disparity of the road in px), from the top down.
@@ -143,7 +144,7 @@ impl Frame {
                 focal_px: rig.focal_px,
                 baseline_m: rig.baseline_m,
                 cx_px: rig.cx_px,
-                latency_ms: ms(header.capture_ns, header.stamps[3].end_ns),
+                latency_ms: ms(header.capture_ns, header.result_ns()),
                 stage_ms: header.stamps.map(|s| ms(s.begin_ns, s.end_ns)),
                 road_tilt: tilt,
                 profile: profile.step_by(PROFILE_STEP).map(|(y, &d)| (y, d)).collect(),

@@ -2,7 +2,7 @@
 
 use super::board::{Reading, Readings};
 use messages::header::Header;
-use messages::role::Role;
+use messages::pipeline::{PATH_LENGTH, Role};
 use messages::status::StatusRecord;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 /// Seconds that are kept.
 const KEPT: usize = 300;
 
-/// One second. Times are in milliseconds, processes in the order of [`Role::STAGES`].
+/// One second. Times are in milliseconds, processes in the order of [`messages::pipeline::PATH`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sample {
     /// Its number, growing by one.
@@ -24,7 +24,7 @@ pub struct Sample {
     /// The longest of these.
     pub latency_worst_ms: Option<f64>,
     /// Mean work of each stage.
-    pub stage_ms: Option<[f64; 4]>,
+    pub stage_ms: Option<[f64; PATH_LENGTH]>,
     /// Frames that newer ones overtook, in all stages, in this second.
     pub dropped: u64,
     /// Processor time of all processes, in percent of one core.
@@ -49,7 +49,7 @@ pub struct History {
     frames: u32,
     latency_ms: f64,
     latency_worst_ms: f64,
-    stage_ms: [f64; 4],
+    stage_ms: [f64; PATH_LENGTH],
     dropped: Option<u64>,
 }
 
@@ -57,7 +57,7 @@ impl History {
     /// Takes in the times of a frame that came out at the end.
     pub fn frame(&mut self, header: &Header) {
         let ms = |from: u64, to: u64| to.saturating_sub(from) as f64 * 1e-6;
-        let latency_ms = ms(header.capture_ns, header.stamps[3].end_ns);
+        let latency_ms = ms(header.capture_ns, header.result_ns());
         self.frames += 1;
         self.latency_ms += latency_ms;
         self.latency_worst_ms = self.latency_worst_ms.max(latency_ms);
@@ -70,7 +70,7 @@ impl History {
     pub fn second(&mut self, status: &StatusRecord, board: Readings, time_s: f64) {
         let is_stage = |role: &Role| Role::STAGES.contains(role);
         let dropped: u64 = status.processes().filter(|(r, _)| is_stage(r)).map(|(_, p)| p.skipped).sum();
-        let last = status.processes().find(|(role, _)| *role == Role::Recognition);
+        let last = status.processes().find(|(role, _)| *role == Role::LAST);
         let count = f64::from(self.frames);
         let mean = |sum: f64| (self.frames > 0).then(|| sum / count);
         let sample = Sample {
@@ -146,7 +146,7 @@ mod tests {
             let end_ns = 1_000_000 * (100 + latency_ms);
             let stamp = Stamp { begin_ns: end_ns - 5_000_000, end_ns };
             let mut header = Header::new(Kind::Obstacles);
-            (header.capture_ns, header.stamps) = (100_000_000, [stamp; 4]);
+            (header.capture_ns, header.stamps) = (100_000_000, [stamp; PATH_LENGTH]);
             history.frame(&header);
         }
         history.second(&status(100), Readings::default(), 7.0);
@@ -155,7 +155,7 @@ mod tests {
         history.second(&status(1), Readings::default(), 9.0);
         let samples = history.since(0);
         assert_eq!((samples[0].latency_ms, samples[0].latency_worst_ms), (Some(30.0), Some(40.0)));
-        assert_eq!(samples[0].stage_ms, Some([5.0; 4]));
+        assert_eq!(samples[0].stage_ms, Some([5.0; PATH_LENGTH]));
         assert_eq!((samples[0].cpu_percent, samples[0].rate_hz), (40.0, Some(12.5)));
         assert_eq!((samples[1].latency_ms, samples[1].stage_ms), (None, None));
         assert_eq!([samples[0].dropped, samples[1].dropped, samples[2].dropped], [0, 6, 0]);

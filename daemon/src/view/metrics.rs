@@ -1,178 +1,162 @@
-//! Figures for Prometheus, in its text format: base units, counters that end in `_total`.
+//! The metrics: one declaration each. A new one is one more entry of [`METRICS`].
 
+use super::board::Reading;
 use super::history::Sample;
 use super::hub::Hub;
+use super::prometheus::{self, Kind, Samples};
 use messages::alarm::LEVELS;
 use messages::calibration::CalibrationState;
-use messages::status::StatusRecord;
-use std::fmt::{Display, Write};
-use std::sync::atomic::Ordering;
+use messages::status::{ProcessRecord, StatusRecord};
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The format's name.
-pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
-
-const STATES: [&str; 4] = ["starting", "running", "degraded", "stopping"];
-
-/// Writes families: a name, what it is, its values with their labels.
-#[derive(Default)]
-struct Page {
-    text: String,
+/// What metrics are read from.
+struct Source<'a> {
+    /// The last state of the daemon; `None` while there is none.
+    status: Option<&'a StatusRecord>,
+    /// Sensors, once a second.
+    second: Option<&'a Sample>,
+    /// The viewer itself.
+    hub: &'a Hub,
 }
 
-impl Page {
-    fn family<T: Display>(
-        &mut self,
-        name: &str,
-        kind: &str,
-        help: &str,
-        values: impl IntoIterator<Item = (String, T)>,
-    ) {
-        let mut values = values.into_iter().peekable();
-        if values.peek().is_none() {
-            return;
+/// One metric.
+struct Metric {
+    /// Its name, after `lookout_`.
+    name: &'static str,
+    kind: Kind,
+    /// What it is.
+    help: &'static str,
+    /// Reads its samples; none when it does not apply.
+    read: fn(&Source<'_>, &mut Samples),
+}
+
+const fn gauge(name: &'static str, help: &'static str, read: fn(&Source<'_>, &mut Samples)) -> Metric {
+    Metric { name, kind: Kind::Gauge, help, read }
+}
+
+const fn counter(name: &'static str, help: &'static str, read: fn(&Source<'_>, &mut Samples)) -> Metric {
+    Metric { name, kind: Kind::Counter, help, read }
+}
+
+/// All metrics, in the order of the page.
+#[rustfmt::skip]
+const METRICS: &[Metric] = &[
+    gauge("up", "Whether the daemon is running.", |s, out| out.one(flag(s.status.is_some()))),
+    gauge("build_info", "Version of the viewer.", |_, out| {
+        out.labelled(&[("version", env!("CARGO_PKG_VERSION"))], 1.0);
+    }),
+    gauge("state", "State of the daemon: 1 for the current one.", |s, out| status(s, |status| {
+        out.one_of("state", &StatusRecord::STATES, status.state.min(3) as usize);
+    })),
+    gauge("alarm", "Level of the alarm: 1 for the current one.", |s, out| status(s, |status| {
+        out.one_of("level", &LEVELS, status.alarm.min(3) as usize);
+    })),
+    counter("alarms_total", "Alarms raised.", |s, out| status(s, |status| out.one(status.alarms.into()))),
+    gauge("uptime_seconds", "Time since the daemon started.", |s, out| status(s, |status| {
+        out.one(status.uptime_ns as f64 * 1e-9);
+    })),
+    counter("frames_total", "Frames with a result.", |s, out| status(s, |status| out.one(status.frames as f64))),
+    gauge("obstacles", "Confirmed obstacles in the last frame.", |s, out| status(s, |status| {
+        out.one(status.obstacles.into());
+    })),
+    gauge("nearest_in_path_meters", "Distance of the nearest obstacle in the path.", |s, out| status(s, |status| {
+        if status.nearest_m.is_finite() {
+            out.one(status.nearest_m);
         }
-        let _ = writeln!(self.text, "# HELP lookout_{name} {help}\n# TYPE lookout_{name} {kind}");
-        for (labels, value) in values {
-            let _ = writeln!(self.text, "lookout_{name}{labels} {value}");
+    })),
+    gauge("latency_seconds", "Latency from capture to obstacles, since the start.", |s, out| status(s, |status| {
+        out.labelled(&[("quantile", "0.5")], f64::from(status.latency_p50_ms) * 1e-3);
+        out.labelled(&[("quantile", "0.99")], f64::from(status.latency_p99_ms) * 1e-3);
+    })),
+    gauge("calibration", "State of the calibration: 1 for the current one.", |s, out| status(s, |status| {
+        let states = CalibrationState::ALL;
+        let holds = states.iter().position(|state| *state == status.calibration.state()).unwrap_or(1);
+        out.one_of("state", &states.map(CalibrationState::name), holds);
+    })),
+    gauge("calibration_offset_pixels", "Largest vertical offset between the pictures.", |s, out| status(s, |status| {
+        out.one(status.calibration.worst_px.into());
+    })),
+    gauge("process_up", "Whether the process is running.", |s, out| each(s, out, |p| flag(p.pid > 0))),
+    counter("process_frames_total", "Frames finished.", |s, out| each(s, out, |p| p.frames as f64)),
+    counter("process_skipped_frames_total", "Frames replaced by newer ones before the process read them.", |s, out| {
+        each(s, out, |p| p.skipped as f64);
+    }),
+    counter("process_refused_messages_total", "Messages that failed their check.", |s, out| {
+        each(s, out, |p| p.refused as f64);
+    }),
+    counter("process_restarts_total", "Restarts.", |s, out| each(s, out, |p| p.restarts.into())),
+    gauge("process_frame_rate_hertz", "Frames per second, over the last second.", |s, out| {
+        each(s, out, |p| p.rate_hz.into());
+    }),
+    gauge("process_cpu_ratio", "Processor time as a share of one core, over the last second.", |s, out| {
+        each(s, out, |p| f64::from(p.cpu_percent) * 0.01);
+    }),
+    gauge("process_private_memory_bytes", "Resident private memory.", |s, out| {
+        each(s, out, |p| p.private_bytes as f64);
+    }),
+    gauge("process_shared_memory_bytes", "Resident shared memory.", |s, out| each(s, out, |p| p.shared_bytes as f64)),
+    gauge("process_frame_seconds", "Work per frame, since the start.", |s, out| {
+        for (role, p) in s.status.into_iter().flat_map(StatusRecord::processes) {
+            for (quantile, ms) in [("0.5", p.p50_ms), ("0.99", p.p99_ms)] {
+                out.labelled(&[("process", role.name()), ("quantile", quantile)], f64::from(ms) * 1e-3);
+            }
         }
+    }),
+    gauge("temperature_celsius", "Temperatures.", |s, out| sensors(s, out, |second| &second.temperatures)),
+    gauge("frequency_hertz", "Clocks of processors and devices.", |s, out| sensors(s, out, |second| &second.clocks)),
+    gauge("viewer_clients", "Open pages.", |s, out| out.one(s.hub.clients() as f64)),
+    counter("viewer_frames_total", "Frames that could be shown.", |s, out| count(out, &s.hub.counters.frames)),
+    counter("viewer_incomplete_frames_total", "Results whose images were replaced before they were read.", |s, out| {
+        count(out, &s.hub.counters.incomplete);
+    }),
+    counter("viewer_refused_messages_total", "Messages that failed their check.", |s, out| {
+        count(out, &s.hub.counters.refused);
+    }),
+    counter("viewer_sent_messages_total", "Messages sent to pages.", |s, out| count(out, &s.hub.counters.sent)),
+    counter("viewer_sent_bytes_total", "Bytes sent to pages.", |s, out| count(out, &s.hub.counters.sent_bytes)),
+    counter("viewer_turned_away_total", "Requests turned away.", |s, out| count(out, &s.hub.counters.turned_away)),
+    counter("viewer_slow_clients_total", "Pages disconnected because they did not read.", |s, out| {
+        count(out, &s.hub.counters.too_slow);
+    }),
+];
+
+fn flag(holds: bool) -> f64 {
+    f64::from(u8::from(holds))
+}
+
+fn status(source: &Source<'_>, read: impl FnOnce(&StatusRecord)) {
+    if let Some(status) = source.status {
+        read(status);
     }
+}
 
-    fn one(&mut self, name: &str, kind: &str, help: &str, value: impl Display) {
-        self.family(name, kind, help, [(String::new(), value)]);
+/// One sample for each process.
+fn each(source: &Source<'_>, out: &mut Samples, value: fn(&ProcessRecord) -> f64) {
+    for (role, process) in source.status.into_iter().flat_map(StatusRecord::processes) {
+        out.labelled(&[("process", role.name())], value(process));
     }
 }
 
-/// Labels in braces. Values are escaped as the format wants it.
-fn labels(pairs: &[(&str, &str)]) -> String {
-    let escaped = |v: &str| v.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
-    let list: Vec<String> = pairs.iter().map(|(k, v)| format!("{k}=\"{}\"", escaped(v))).collect();
-    format!("{{{}}}", list.join(","))
+fn sensors(source: &Source<'_>, out: &mut Samples, readings: fn(&Sample) -> &[Reading]) {
+    for reading in source.second.into_iter().flat_map(readings) {
+        out.labelled(&[("sensor", &reading.name)], reading.value);
+    }
 }
 
-/// 1 for the value that holds, 0 for the others.
-fn one_of<'a>(
-    label: &'a str,
-    names: &'a [&'a str],
-    holds: usize,
-) -> impl Iterator<Item = (String, u8)> + use<'a> {
-    names.iter().enumerate().map(move |(i, name)| (labels(&[(label, name)]), u8::from(i == holds)))
+fn count(out: &mut Samples, counter: &AtomicU64) {
+    out.one(counter.load(Ordering::Relaxed) as f64);
 }
 
-/// The page. Without a daemon it says that, and what the viewer knows of itself.
+/// The page. Without a daemon it holds `up 0` and what the viewer knows of itself.
 pub fn text(status: Option<&StatusRecord>, second: Option<&Sample>, hub: &Hub) -> String {
-    let mut page = Page::default();
-    page.one("up", "gauge", "Whether the daemon is there.", u8::from(status.is_some()));
-    let build = [(labels(&[("version", env!("CARGO_PKG_VERSION"))]), 1)];
-    page.family("build_info", "gauge", "The version of the viewer.", build);
-    if let Some(status) = status {
-        daemon(&mut page, status);
-        processes(&mut page, status);
+    let source = Source { status, second, hub };
+    let mut page = String::new();
+    for metric in METRICS {
+        let mut samples = Samples::default();
+        (metric.read)(&source, &mut samples);
+        prometheus::write(&mut page, metric.name, metric.kind, metric.help, &samples);
     }
-    if let Some(second) = second {
-        let of = |readings: &[super::board::Reading]| {
-            readings.iter().map(|r| (labels(&[("sensor", &r.name)]), r.value)).collect::<Vec<_>>()
-        };
-        page.family("temperature_celsius", "gauge", "Temperatures.", of(&second.temperatures));
-        page.family("frequency_hertz", "gauge", "Clocks of processors and devices.", of(&second.clocks));
-    }
-    let counters = &hub.counters;
-    page.one("viewer_clients", "gauge", "Pages that are open.", hub.clients());
-    for (name, help, counter) in [
-        ("viewer_frames_total", "Frames that could be shown.", &counters.frames),
-        (
-            "viewer_incomplete_frames_total",
-            "Results whose images were overtaken before they were read.",
-            &counters.incomplete,
-        ),
-        ("viewer_refused_messages_total", "Messages that failed their check.", &counters.refused),
-        ("viewer_sent_messages_total", "Messages sent to pages.", &counters.sent),
-        ("viewer_sent_bytes_total", "Bytes of these.", &counters.sent_bytes),
-        ("viewer_turned_away_total", "Requests that were turned away.", &counters.turned_away),
-        ("viewer_slow_clients_total", "Pages let go because they took nothing.", &counters.too_slow),
-    ] {
-        page.one(name, "counter", help, counter.load(Ordering::Relaxed));
-    }
-    page.text
-}
-
-fn daemon(page: &mut Page, status: &StatusRecord) {
-    let states = one_of("state", &STATES, status.state.min(3) as usize);
-    page.family("state", "gauge", "What the daemon is doing: 1 for the state that holds.", states);
-    let alarms = one_of("level", &LEVELS, status.alarm.min(3) as usize);
-    page.family("alarm", "gauge", "The alarm: 1 for the level that holds.", alarms);
-    page.one("alarms_total", "counter", "Alarms that were raised.", status.alarms);
-    page.one("uptime_seconds", "gauge", "Time since the daemon started.", status.uptime_ns as f64 * 1e-9);
-    page.one("frames_total", "counter", "Frames that came out at the end.", status.frames);
-    page.one("obstacles", "gauge", "Confirmed obstacles in the last frame.", status.obstacles);
-    let nearest = [status.nearest_m].into_iter().filter(|m| m.is_finite()).map(|m| (String::new(), m));
-    page.family("nearest_in_path_meters", "gauge", "Nearest obstacle in the path.", nearest);
-    let quantiles = [("0.5", status.latency_p50_ms), ("0.99", status.latency_p99_ms)];
-    let seconds = quantiles.map(|(q, ms)| (labels(&[("quantile", q)]), f64::from(ms) * 1e-3));
-    page.family("latency_seconds", "gauge", "Capture to obstacles, since the start.", seconds);
-    let names = [
-        CalibrationState::Off,
-        CalibrationState::Unknown,
-        CalibrationState::Good,
-        CalibrationState::Degraded,
-    ];
-    let holds = names.iter().position(|state| *state == status.calibration.state()).unwrap_or(1);
-    let names = names.map(CalibrationState::name);
-    let states = one_of("state", &names, holds);
-    page.family("calibration", "gauge", "What the check of the calibration says: 1 for what holds.", states);
-    let worst = status.calibration.worst_px;
-    page.one("calibration_offset_pixels", "gauge", "Largest vertical offset of the pictures.", worst);
-}
-
-fn processes(page: &mut Page, status: &StatusRecord) {
-    let all: Vec<_> = status.processes().collect();
-    let each = |value: &dyn Fn(&messages::status::ProcessRecord) -> f64| {
-        all.iter().map(|(r, p)| (labels(&[("process", r.name())]), value(p))).collect::<Vec<_>>()
-    };
-    page.family("process_up", "gauge", "Whether it runs.", each(&|p| f64::from(u8::from(p.pid > 0))));
-    page.family("process_frames_total", "counter", "Frames finished.", each(&|p| p.frames as f64));
-    page.family(
-        "process_skipped_frames_total",
-        "counter",
-        "Frames overtaken by newer ones.",
-        each(&|p| p.skipped as f64),
-    );
-    page.family(
-        "process_refused_messages_total",
-        "counter",
-        "Messages that failed their check.",
-        each(&|p| p.refused as f64),
-    );
-    page.family("process_restarts_total", "counter", "Restarts.", each(&|p| f64::from(p.restarts)));
-    page.family(
-        "process_frame_rate_hertz",
-        "gauge",
-        "Frames a second, over the last second.",
-        each(&|p| f64::from(p.rate_hz)),
-    );
-    page.family(
-        "process_cpu_ratio",
-        "gauge",
-        "Processor time, as a share of one core, over the last second.",
-        each(&|p| f64::from(p.cpu_percent) * 0.01),
-    );
-    page.family(
-        "process_private_memory_bytes",
-        "gauge",
-        "Resident memory of its own.",
-        each(&|p| p.private_bytes as f64),
-    );
-    page.family(
-        "process_shared_memory_bytes",
-        "gauge",
-        "Resident shared memory.",
-        each(&|p| p.shared_bytes as f64),
-    );
-    let quantiles = all.iter().flat_map(|(role, p)| {
-        [("0.5", p.p50_ms), ("0.99", p.p99_ms)].map(|(quantile, ms)| {
-            (labels(&[("process", role.name()), ("quantile", quantile)]), f64::from(ms) * 1e-3)
-        })
-    });
-    page.family("process_frame_seconds", "gauge", "Time per frame, since the start.", quantiles);
+    page
 }
 
 #[cfg(test)]
@@ -180,7 +164,7 @@ mod tests {
     use super::*;
     use crate::view::board::{Reading, Readings};
     use crate::view::history::History;
-    use messages::role::Role;
+    use messages::pipeline::Role;
     use std::collections::{HashMap, HashSet};
 
     /// Reads the text format as Prometheus does; gives the kind and the samples of each family.

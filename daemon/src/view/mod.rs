@@ -11,6 +11,7 @@ mod frame;
 mod history;
 pub mod hub;
 mod metrics;
+mod prometheus;
 mod request;
 pub mod server;
 mod session;

@@ -3,8 +3,8 @@
 use super::access::{Access, Verdict};
 use super::hub::Hub;
 use super::request::{Request, RequestError};
-use super::{metrics, session};
-use crate::command::status::StatusJson;
+use super::{metrics, prometheus, session};
+use crate::status_json::StatusJson;
 use std::io::{self, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
@@ -179,7 +179,7 @@ impl Server {
             "/metrics" => {
                 let (status, second) = self.hub.now();
                 let text = metrics::text(status.as_ref(), second.as_ref(), &self.hub);
-                answer(stream, "200 OK", metrics::CONTENT_TYPE, "", &text, with_body)
+                answer(stream, "200 OK", prometheus::CONTENT_TYPE, "", &text, with_body)
             }
             "/status.json" => match self.hub.now().0 {
                 Some(status) => {

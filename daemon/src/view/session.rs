@@ -7,8 +7,8 @@
 use super::frame::{FrameLine, Part};
 use super::history::Sample;
 use super::hub::{Hub, News, Seen};
-use crate::command::status::StatusJson;
-use messages::role::Role;
+use crate::status_json::StatusJson;
+use messages::pipeline::{PATH, PATH_LENGTH, Role};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::net::TcpStream;
@@ -46,7 +46,7 @@ struct Answer<'a> {
     status: Option<StatusJson>,
     history: Vec<Sample>,
     /// Names of the stages, in the order of their times.
-    stages: [&'static str; 4],
+    stages: [&'static str; PATH_LENGTH],
     parts: Vec<PartLine>,
 }
 
@@ -111,7 +111,7 @@ fn answer(news: &News, want: &[String]) -> Vec<u8> {
         frame: frame.map(super::frame::Frame::line),
         status,
         history,
-        stages: Role::STAGES.map(Role::name),
+        stages: PATH.map(Role::name),
         parts: parts.iter().map(|(p, bytes)| PartLine { name: p.name(), bytes: bytes.len() }).collect(),
     };
     // Nothing in it can fail to be JSON; an empty answer would only be asked for again.

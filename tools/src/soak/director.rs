@@ -9,7 +9,7 @@
 //!
 //! Heat is a stall of the whole daemon by its thermal ladder.
 
-use super::fault::{Fault, FaultKind, Mix};
+use super::fault::{Fault, FaultKind, Mix, StageNames};
 use super::recovery::Recoveries;
 
 /// A result must have been captured this long after the signal to show anything: a frame may have
@@ -21,6 +21,8 @@ const SIGNAL_NS: u64 = 2_000_000;
 pub struct DirectorParameters {
     /// Which.
     pub mix: Mix,
+    /// The stages.
+    pub stages: StageNames,
     /// Seed of all that is drawn.
     pub seed: u64,
     /// Mean pause from a recovery to the next fault, in nanoseconds; drawn evenly from half to one
@@ -111,7 +113,11 @@ impl Director {
     pub fn tick(&mut self, now_ns: u64, steady: bool) -> Option<Order> {
         match self.state {
             State::Calm { next_ns } if now_ns >= next_ns && steady && !self.is_over() => {
-                let fault = self.parameters.mix.draw(&mut self.random, self.parameters.liveness_ns);
+                let fault = self.parameters.mix.draw(
+                    &mut self.random,
+                    self.parameters.liveness_ns,
+                    self.parameters.stages,
+                );
                 self.state = State::Asked { fault };
                 let signal = match fault.kind {
                     FaultKind::Kill => Signal::Kill,
@@ -241,6 +247,7 @@ mod tests {
     const MS: u64 = 1_000_000;
     const PARAMETERS: DirectorParameters = DirectorParameters {
         mix: Mix::Kills,
+        stages: &["capture", "stereo", "road", "recognition"],
         seed: 5,
         pause_ns: 100 * MS,
         liveness_ns: 1000 * MS,

@@ -1,14 +1,13 @@
 //! What is done to the daemon while it runs.
 
-use super::latency::STAGES;
 use serde::Serialize;
 use std::fmt;
 
 /// How long the board is hot: the ladder must have answered by then.
 const HEAT_NS: u64 = 3_000_000_000;
 
-/// Names of the stages, in the order of their numbers here.
-pub const STAGE_NAMES: [&str; STAGES] = ["capture", "stereo", "road", "recognition"];
+/// Names of the stages that faults are made of, in the order of their numbers here.
+pub type StageNames = &'static [&'static str];
 
 /// A kind of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -56,21 +55,25 @@ pub struct Fault {
     pub kind: FaultKind,
     /// To which stage; heat holds up the first, which brings no pairs then.
     pub stage: usize,
+    /// Its name.
+    pub stage_name: &'static str,
     /// How long a stall or the heat lasts.
     pub stall_ns: u64,
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of {}", self.kind.name(), place(self.kind, self.stage))
+        write!(f, "{} of {}", self.kind.name(), self.place())
     }
 }
 
-/// The word for what a fault is done to.
-pub fn place(kind: FaultKind, stage: usize) -> &'static str {
-    match kind {
-        FaultKind::Heat => "the board",
-        _ => STAGE_NAMES[stage % STAGES],
+impl Fault {
+    /// The name of what the fault is done to.
+    pub fn place(&self) -> &'static str {
+        match self.kind {
+            FaultKind::Heat => "the board",
+            _ => self.stage_name,
+        }
     }
 }
 
@@ -86,7 +89,7 @@ pub enum Mix {
 impl Mix {
     /// Draws a fault. Stalls are at most two fifths of the liveness deadline long, so that a daemon
     /// that keeps its deadline does not take them for hangs.
-    pub fn draw(self, random: &mut fastrand::Rng, liveness_ns: u64) -> Fault {
+    pub fn draw(self, random: &mut fastrand::Rng, liveness_ns: u64, stages: StageNames) -> Fault {
         let kind = match (self, random.u8(0..7)) {
             (Self::Kills, _) | (Self::All, 0..=2) => FaultKind::Kill,
             (Self::All, 3) => FaultKind::Exit,
@@ -95,11 +98,9 @@ impl Mix {
             (Self::All, _) => FaultKind::Heat,
         };
         let longest_ns = (liveness_ns / 5 * 2).max(2);
-        let (stage, stall_ns) = (random.usize(0..STAGES), random.u64(longest_ns / 4..longest_ns));
-        match kind {
-            FaultKind::Heat => Fault { kind, stage: 0, stall_ns: HEAT_NS },
-            _ => Fault { kind, stage, stall_ns },
-        }
+        let (stage, stall_ns) = (random.usize(0..stages.len()), random.u64(longest_ns / 4..longest_ns));
+        let (stage, stall_ns) = if kind == FaultKind::Heat { (0, HEAT_NS) } else { (stage, stall_ns) };
+        Fault { kind, stage, stage_name: stages[stage], stall_ns }
     }
 }
 
@@ -107,16 +108,18 @@ impl Mix {
 mod tests {
     use super::*;
 
+    const STAGES: StageNames = &["capture", "stereo", "road", "recognition"];
+
     #[test]
     fn the_same_seed_draws_the_same_faults_and_all_come() {
         let draw = |mix: Mix, seed| {
             let mut random = fastrand::Rng::with_seed(seed);
-            (0..400).map(|_| mix.draw(&mut random, 1_000_000_000)).collect::<Vec<_>>()
+            (0..400).map(|_| mix.draw(&mut random, 1_000_000_000, STAGES)).collect::<Vec<_>>()
         };
         assert_eq!(draw(Mix::All, 3), draw(Mix::All, 3));
         assert_ne!(draw(Mix::All, 3), draw(Mix::All, 4));
         let all = draw(Mix::All, 3);
-        for stage in 0..STAGES {
+        for stage in 0..STAGES.len() {
             for kind in FaultKind::ALL {
                 let comes = all.iter().any(|f| f.kind == kind && f.stage == stage);
                 assert_eq!(comes, kind != FaultKind::Heat || stage == 0, "{kind:?} {stage}");

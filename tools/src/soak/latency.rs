@@ -7,9 +7,6 @@ use super::trend::Trend;
 use crate::reporting::summary::Latency;
 use std::collections::VecDeque;
 
-/// Stages that a frame passes: capture, stereo, road, recognition.
-pub const STAGES: usize = 4;
-
 /// A frame is judged this long after it came out: by then the probes have told of stalls in it.
 const HOLD_NS: u64 = 500_000_000;
 
@@ -20,25 +17,25 @@ const HELD: usize = 4096;
 const AFTERMATH_NS: u64 = 500_000_000;
 
 /// The trace of one frame, on the monotonic clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Trace {
     /// Its number.
     pub sequence: u64,
     /// When it was captured.
     pub capture_ns: u64,
     /// When each stage took it up, and when its result was there.
-    pub stamps: [(u64, u64); STAGES],
+    pub stamps: Vec<(u64, u64)>,
 }
 
 impl Trace {
     /// When it came out.
     pub fn end_ns(&self) -> u64 {
-        self.stamps[STAGES - 1].1
+        self.stamps.last().map_or(0, |stamp| stamp.1)
     }
 
     fn is_sound(&self) -> bool {
         let mut before = self.capture_ns;
-        let in_order = self.stamps[1..].iter().all(|&(begin, end)| {
+        let in_order = self.stamps.iter().skip(1).all(|&(begin, end)| {
             let sound = before <= begin && begin <= end;
             before = end;
             sound
@@ -47,9 +44,20 @@ impl Trace {
     }
 }
 
+/// A stage on the way of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathStage {
+    /// Its name.
+    pub name: &'static str,
+    /// Its core; `None` = not pinned.
+    pub core: Option<u32>,
+}
+
 /// Times of one stage.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct StageTimes {
+    /// The stage.
+    pub stage: PathStage,
     /// From taking a frame up to its result.
     pub work: Latency,
     /// From the result of the stage before to taking the frame up: hand-over, and waiting for the
@@ -57,13 +65,27 @@ pub struct StageTimes {
     pub wait: Latency,
     /// Both, from which the usual is known.
     both: Latency,
+    /// How long its process waited for its core.
+    pub delays: Delays,
+}
+
+impl StageTimes {
+    fn new(stage: PathStage) -> Self {
+        Self {
+            stage,
+            work: Latency::new(),
+            wait: Latency::new(),
+            both: Latency::new(),
+            delays: Delays::default(),
+        }
+    }
 }
 
 /// Times of all frames of a run.
 #[derive(Clone, Debug)]
 pub struct Latencies {
-    /// By stage.
-    pub stages: [StageTimes; STAGES],
+    /// By stage, from the source on.
+    pub stages: Vec<StageTimes>,
     /// Capture to result.
     pub end_to_end: Latency,
     /// The same less the machine's stalls.
@@ -83,15 +105,12 @@ pub struct Latencies {
     intervals: (f64, f64, u64),
     /// Frames whose stamps make no sense.
     pub unsound: u64,
-    /// How long each stage's process waited for its core.
-    pub delays: [Delays; STAGES],
     held: VecDeque<Trace>,
     /// Faults, each with the end of its aftermath.
     faults: VecDeque<(u64, u64)>,
     last: Option<Trace>,
     start_ns: u64,
     period_ns: u64,
-    cores: [Option<u32>; STAGES],
 }
 
 /// How steadily results come.
@@ -104,11 +123,10 @@ pub struct Steadiness {
 }
 
 impl Latencies {
-    /// Of a run that begins at `start_ns` with a pair every `period_ns`, its stages on `cores`
-    /// (`None` = not pinned).
-    pub fn new(start_ns: u64, period_ns: u64, cores: [Option<u32>; STAGES]) -> Self {
+    /// Of a run that begins at `start_ns` with a pair every `period_ns`, which passes `stages`.
+    pub fn new(start_ns: u64, period_ns: u64, stages: &[PathStage]) -> Self {
         Self {
-            stages: Default::default(),
+            stages: stages.iter().copied().map(StageTimes::new).collect(),
             end_to_end: Latency::new(),
             less_stalls: Latency::new(),
             disturbed: Latency::new(),
@@ -118,13 +136,11 @@ impl Latencies {
             longest_gap_ns: 0,
             intervals: (0.0, 0.0, 0),
             unsound: 0,
-            delays: Default::default(),
             held: VecDeque::with_capacity(64),
             faults: VecDeque::new(),
             last: None,
             start_ns,
             period_ns,
-            cores,
         }
     }
 
@@ -173,7 +189,7 @@ impl Latencies {
 
     fn judge(&mut self, trace: &Trace, stalls: &Stalls) {
         let total_ns = trace.end_ns() - trace.capture_ns;
-        let last = self.last.replace(*trace);
+        let last = self.last.replace(trace.clone());
         if self.is_disturbed(trace.capture_ns, trace.end_ns()) {
             self.disturbed.add_ns(total_ns);
             return;
@@ -197,8 +213,8 @@ impl Latencies {
             let beyond_ns = (end - before).saturating_sub(usual_ns);
             // Nor where the stage was not kept from its core: then it was the stage that was slow, and
             // the probe that had to wait for it.
-            let waited_ns = self.delays[i].between_ns(before, end).unwrap_or(u64::MAX);
-            stalled_ns += stalls.overlap_ns(self.cores[i], before, end).min(beyond_ns).min(waited_ns);
+            let waited_ns = stage.delays.between_ns(before, end).unwrap_or(u64::MAX);
+            stalled_ns += stalls.overlap_ns(stage.stage.core, before, end).min(beyond_ns).min(waited_ns);
             stage.both.add_ns(end - before);
             before = end;
         }
@@ -228,14 +244,15 @@ impl Latencies {
 
     /// Forgets all figures but what is held: the warm-up is over.
     pub fn forget(&mut self) {
-        let fresh = Self::new(self.start_ns, self.period_ns, self.cores);
+        let stages: Vec<PathStage> = self.stages.iter().map(|times| times.stage).collect();
+        let fresh = Self::new(self.start_ns, self.period_ns, &stages);
         let old = std::mem::replace(self, fresh);
         self.held = old.held;
         self.faults = old.faults;
-        self.delays = old.delays;
         for (stage, old) in self.stages.iter_mut().zip(old.stages) {
             // The usual is known.
             stage.both = old.both;
+            stage.delays = old.delays;
         }
     }
 }
@@ -246,11 +263,22 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
+    fn path(core: Option<u32>) -> [PathStage; 4] {
+        ["capture", "stereo", "road", "recognition"].map(|name| PathStage { name, core })
+    }
+
+    /// On two cores in turn.
+    fn two_cores() -> [PathStage; 4] {
+        let mut path = path(Some(0));
+        (path[1].core, path[3].core) = (Some(1), Some(1));
+        path
+    }
+
     /// A frame of 2 + 20 + 1 + 5 + 1 + 3 ms.
     fn frame(sequence: u64, late_ns: u64) -> Trace {
         let capture_ns = 10_000 * MS + sequence * 80 * MS;
         let at = |ms: u64| capture_ns + ms * MS;
-        let stamps = [
+        let stamps = vec![
             (capture_ns - 3 * MS, capture_ns),
             (at(2), at(22) + late_ns),
             (at(23) + late_ns, at(28) + late_ns),
@@ -260,7 +288,7 @@ mod tests {
     }
 
     fn run(count: u64, late: impl Fn(u64) -> u64, stalls: &Stalls) -> Latencies {
-        let mut all = Latencies::new(0, 80 * MS, [Some(0), Some(1), Some(0), Some(1)]);
+        let mut all = Latencies::new(0, 80 * MS, &two_cores());
         for i in 0..count {
             all.add(frame(i, late(i)), stalls);
         }
@@ -273,8 +301,8 @@ mod tests {
         let all = run(100, |_| 0, &Stalls::default());
         let p50 = |l: &Latency| l.percentile_ms(50.0).round();
         assert_eq!(p50(&all.end_to_end), 32.0);
-        assert_eq!(all.stages.each_ref().map(|s| p50(&s.work)), [3.0, 20.0, 5.0, 3.0]);
-        assert_eq!(all.stages.each_ref().map(|s| p50(&s.wait)), [0.0, 2.0, 1.0, 1.0]);
+        assert_eq!(all.stages.iter().map(|s| p50(&s.work)).collect::<Vec<_>>(), [3.0, 20.0, 5.0, 3.0]);
+        assert_eq!(all.stages.iter().map(|s| p50(&s.wait)).collect::<Vec<_>>(), [0.0, 2.0, 1.0, 1.0]);
         assert_eq!(all.end_to_end.count(), 100);
         let steady = all.steadiness();
         assert!((steady.mean_ms - 80.0).abs() < 1e-6 && steady.spread < 1e-6, "{steady:?}");
@@ -314,10 +342,10 @@ mod tests {
         let mut stalls = Stalls::default();
         stalls.add(Some(1), begin, begin + 90 * MS);
         for (waited, expected) in [(0, 132.0), (60 * MS, 72.0), (500 * MS, 42.0)] {
-            let mut all = Latencies::new(0, 80 * MS, [Some(0), Some(1), Some(0), Some(1)]);
+            let mut all = Latencies::new(0, 80 * MS, &two_cores());
             let at = frame(50, 0).capture_ns;
             for (reading, total) in [(0, 0), (at - MS, 0), (at + 200 * MS, waited), (u64::MAX, waited)] {
-                all.delays[1].add(reading, total);
+                all.stages[1].delays.add(reading, total);
             }
             for i in 0..100 {
                 all.add(frame(i, late(i)), &stalls);
@@ -331,7 +359,7 @@ mod tests {
     #[test]
     fn frames_around_a_fault_are_counted_apart() {
         let stalls = Stalls::default();
-        let mut all = Latencies::new(0, 80 * MS, [None; STAGES]);
+        let mut all = Latencies::new(0, 80 * MS, &path(None));
         let fault = frame(40, 0).capture_ns;
         for i in 0..100 {
             if !(40..60).contains(&i) {
@@ -354,7 +382,7 @@ mod tests {
     #[test]
     fn stamps_without_sense_are_counted_and_drops_are_no_jitter() {
         let stalls = Stalls::default();
-        let mut all = Latencies::new(0, 80 * MS, [None; STAGES]);
+        let mut all = Latencies::new(0, 80 * MS, &path(None));
         let mut wrong = frame(0, 0);
         wrong.stamps[2].1 = 5;
         all.add(wrong, &stalls);

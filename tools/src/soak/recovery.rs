@@ -1,10 +1,10 @@
 //! What came of the faults.
 
-use super::fault::{Fault, FaultKind, place};
-use super::latency::STAGES;
+use super::fault::{Fault, FaultKind};
 use super::trend::Trend;
 use crate::reporting::summary::Latency;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// The longest waits that are told one by one.
 const WORST: usize = 10;
@@ -48,7 +48,8 @@ pub struct FaultRow {
 /// All recoveries of a run.
 #[derive(Clone, Debug)]
 pub struct Recoveries {
-    entries: Vec<Entry>,
+    /// By kind and number of the stage.
+    entries: BTreeMap<(FaultKind, usize), (&'static str, Entry)>,
     worst: Vec<Recovery>,
     /// Time to the next result over the run, in seconds.
     pub trend: Trend,
@@ -56,17 +57,14 @@ pub struct Recoveries {
 
 impl Default for Recoveries {
     fn default() -> Self {
-        Self {
-            entries: vec![Entry::default(); FaultKind::ALL.len() * STAGES],
-            worst: Vec::new(),
-            trend: Trend::new(0.1),
-        }
+        Self { entries: BTreeMap::new(), worst: Vec::new(), trend: Trend::new(0.1) }
     }
 }
 
 impl Recoveries {
     fn entry(&mut self, fault: &Fault) -> &mut Entry {
-        &mut self.entries[fault.kind as usize * STAGES + fault.stage % STAGES]
+        let entry = || (fault.place(), Entry::default());
+        &mut self.entries.entry((fault.kind, fault.stage)).or_insert_with(entry).1
     }
 
     /// A fault was made.
@@ -91,25 +89,24 @@ impl Recoveries {
 
     /// Faults that were made.
     pub fn count(&self) -> u64 {
-        self.entries.iter().map(|e| e.count).sum()
+        self.entries.values().map(|(_, e)| e.count).sum()
     }
 
     /// SIGKILLs that were sent.
     pub fn kills(&self) -> u64 {
-        let kill = FaultKind::Kill as usize * STAGES;
-        self.entries[kill..kill + STAGES].iter().map(|e| e.count).sum()
+        let kills = self.entries.iter().filter(|((kind, _), _)| *kind == FaultKind::Kill);
+        kills.map(|(_, (_, e))| e.count).sum()
     }
 
     /// Faults after which no result came in time.
     pub fn failures(&self) -> u64 {
-        self.entries.iter().map(|e| e.failed).sum()
+        self.entries.values().map(|(_, e)| e.failed).sum()
     }
 
     /// Restarts that the faults so far call for.
     pub fn expected_restarts(&self) -> u64 {
-        let restarts =
-            |(i, e): (usize, &Entry)| if FaultKind::ALL[i / STAGES].restarts() { e.count } else { 0 };
-        self.entries.iter().enumerate().map(restarts).sum()
+        let restarts = self.entries.iter().filter(|((kind, _), _)| kind.restarts());
+        restarts.map(|(_, (_, e))| e.count).sum()
     }
 
     /// The longest time to the next result, in seconds; 0 without faults.
@@ -124,15 +121,15 @@ impl Recoveries {
 
     /// The kinds that were made, by stage.
     pub fn rows(&self) -> Vec<FaultRow> {
-        let row = |(i, e): (usize, &Entry)| FaultRow {
-            kind: FaultKind::ALL[i / STAGES],
-            stage: place(FaultKind::ALL[i / STAGES], i % STAGES),
+        let row = |((kind, _), (place, e)): (&(FaultKind, usize), &(&'static str, Entry))| FaultRow {
+            kind: *kind,
+            stage: place,
             count: e.count,
             failed: e.failed,
             next_result_s_p50: e.waits.percentile_ms(50.0) * 1e-3,
             next_result_s_max: e.waits.percentile_ms(100.0) * 1e-3,
         };
-        self.entries.iter().enumerate().filter(|(_, e)| e.count > 0).map(row).collect()
+        self.entries.iter().filter(|(_, (_, e))| e.count > 0).map(row).collect()
     }
 }
 
@@ -143,7 +140,8 @@ mod tests {
     #[test]
     fn recoveries_are_summed_up_by_kind_and_stage() {
         let mut all = Recoveries::default();
-        let fault = |kind, stage| Fault { kind, stage, stall_ns: 1 };
+        let names = ["capture", "stereo", "road", "recognition"];
+        let fault = |kind, stage: usize| Fault { kind, stage, stage_name: names[stage], stall_ns: 1 };
         assert_eq!((all.longest_s(), all.rows().len()), (0.0, 0));
         for i in 1..=30 {
             let fault = fault(FaultKind::Kill, 1);

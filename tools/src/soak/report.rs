@@ -1,8 +1,7 @@
 //! The report of a soak: JSON, Markdown and plots.
 
 use super::budget::{Kind, Line, Verdict};
-use super::fault::STAGE_NAMES;
-use super::latency::{Latencies, STAGES};
+use super::latency::{Latencies, StageTimes};
 use super::markdown::table;
 use super::recovery::{FaultRow, Recovery};
 use super::stalls::CoreFigures;
@@ -48,12 +47,12 @@ pub struct StageRow {
 impl StageRow {
     /// All stages.
     pub fn all(latencies: &Latencies) -> Vec<Self> {
-        let row = |i: usize| Self {
-            role: STAGE_NAMES[i],
-            wait_ms: (&latencies.stages[i].wait).into(),
-            work_ms: (&latencies.stages[i].work).into(),
+        let row = |times: &StageTimes| Self {
+            role: times.stage.name,
+            wait_ms: (&times.wait).into(),
+            work_ms: (&times.work).into(),
         };
-        (0..STAGES).map(row).collect()
+        latencies.stages.iter().map(row).collect()
     }
 }
 
@@ -322,8 +321,8 @@ impl SoakReport {
         let mut add = |name: String, p: &Percentiles| {
             rows.push(std::iter::once(name).chain(ms(p)).collect::<Vec<_>>());
         };
-        for stage in &self.stages {
-            if stage.role != STAGE_NAMES[0] {
+        for (place, stage) in self.stages.iter().enumerate() {
+            if place > 0 {
                 add(format!("wait for {}", stage.role), &stage.wait_ms);
             }
             add(stage.role.to_owned(), &stage.work_ms);

@@ -1,6 +1,6 @@
 //! One device with a clock, and the files through which the kernel shows it.
 
-use super::{ClockError, Hertz};
+use super::hertz::{ClockError, Hertz};
 use crate::scheduler::sysfs::Sysfs;
 use serde::{Deserialize, Serialize};
 

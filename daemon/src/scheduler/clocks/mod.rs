@@ -5,77 +5,22 @@
 //! numbers, no paths: whoever may write it can move clocks, but nothing else.
 
 mod device;
+mod hertz;
 #[cfg(test)]
 mod tests;
 
 use super::sysfs::{Sysfs, matches};
 use device::{Device, DeviceKind};
+pub use hertz::{ClockError, Hertz};
 use serde::{Deserialize, Serialize};
-use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
-use thiserror::Error;
-
-/// A frequency.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Hertz(pub u64);
-
-impl Hertz {
-    /// From megahertz.
-    pub fn from_mhz(mhz: f64) -> Self {
-        Self((mhz * 1e6).round() as u64)
-    }
-
-    /// In megahertz.
-    pub fn mhz(self) -> f64 {
-        self.0 as f64 * 1e-6
-    }
-
-    fn times(self, share: f64) -> Self {
-        Self((self.0 as f64 * share).round() as u64)
-    }
-}
-
-impl fmt::Display for Hertz {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.0} MHz", self.mhz())
-    }
-}
 
 /// A clock that reads less than this share of what it was set to runs too slowly.
 const MIN_SHARE: f64 = 0.98;
 
 /// Low readings in a row that are no coincidence.
 const CONFIRM: u32 = 3;
-
-/// Why clocks cannot be set or put back.
-#[derive(Debug, Error)]
-pub enum ClockError {
-    /// The board has no such clock.
-    #[error("no {what} clock below {}: set clocks.{what}_mhz to 0, or correct [board]", root.display())]
-    Missing {
-        /// Whose.
-        what: &'static str,
-        /// The root that was searched.
-        root: PathBuf,
-    },
-    /// The kernel refuses.
-    #[error("{}: {source}: run as a user who may write it (docs/operations.md), or set clocks.set = \"off\"", path.display())]
-    Refused {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// The file that keeps the former values cannot be used.
-    #[error("{}: {reason}: the former clocks are not known; a restart of the board brings them back", path.display())]
-    State {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-}
 
 /// Which clocks, and how fast.
 #[derive(Clone, Debug, PartialEq)]

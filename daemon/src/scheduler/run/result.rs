@@ -5,7 +5,6 @@
 //! or results have stopped, it sends one message that says "off", has no obstacles, and withdraws what
 //! was said before. The first result after that speaks for itself.
 
-use super::Run;
 use messages::alarm::{self, Faults};
 use messages::bus::IpcError;
 use messages::clock::monotonic_ns;
@@ -41,6 +40,20 @@ impl Results {
     /// Whether a message is one of the scheduler's own.
     pub(super) fn is_own(&self, sample: &Sample) -> bool {
         sample.is_from(&self.publisher)
+    }
+
+    /// Takes in a result of the last stage. Gives whether it is newer than all before.
+    pub(super) fn take(&mut self, header: Header, message: &obstacles::Obstacles<'_>) -> bool {
+        let is_newer = self.newest.accepts(&header);
+        if is_newer {
+            self.last = Some(LastResult {
+                alarm: message.alarm,
+                confirmed: message.obstacles.iter().filter(|o| o.confirmed == 1).count() as u32,
+                header,
+                at_ns: monotonic_ns(),
+            });
+        }
+        is_newer
     }
 
     /// What holds now, if anything does.
@@ -92,25 +105,5 @@ impl Results {
     /// Why nothing holds: a stage is away, or no result has come.
     pub(super) fn faults(frames_pass: bool) -> Faults {
         if frames_pass { Faults::STALE } else { Faults::STAGE }
-    }
-}
-
-impl Run {
-    /// A message of the recognition stage.
-    pub(super) fn take_result(&mut self, sample: &Sample) {
-        let header = *sample.header();
-        match obstacles::view(&header, sample.payload()) {
-            Err(error) => tracing::warn!(%error, "obstacles were refused"),
-            Ok(_) if !self.results.newest.accepts(&header) => {}
-            Ok(message) => {
-                self.results.last = Some(LastResult {
-                    alarm: message.alarm,
-                    confirmed: message.obstacles.iter().filter(|o| o.confirmed == 1).count() as u32,
-                    header,
-                    at_ns: monotonic_ns(),
-                });
-                self.collector.alarm(header.sequence, &message.alarm);
-            }
-        }
     }
 }

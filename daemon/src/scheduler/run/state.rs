@@ -2,15 +2,15 @@
 
 use super::result::Results;
 use super::{Phase, Run};
-use crate::scheduler::condition::Condition;
+use crate::scheduler::diagnostics::Condition;
 use messages::alarm;
 use messages::calibration::CalibrationState;
 use messages::clock::process_cpu_ns;
 use messages::deadline::PacingRecord;
 use messages::header::{Header, Kind};
+use messages::pipeline::Role;
 use messages::report::ReportRecord;
 use messages::rig::RigRecord;
-use messages::role::Role;
 use messages::status::StatusRecord;
 
 impl Run {
@@ -86,7 +86,7 @@ impl Run {
             baseline_m: f.baseline_m,
             cx_px: f.cx_px,
             cy_px: f.cy_px,
-            period_ns: self.flow.command().period_ns,
+            period_ns: self.credit.command().period_ns,
         }
     }
 
@@ -98,7 +98,7 @@ impl Run {
         let slowest = self.pacer.slowest();
         PacingRecord {
             // Heat may leave less than the pacer would allow.
-            rate_hz: 1e9 / self.flow.command().period_ns.max(1) as f64,
+            rate_hz: 1e9 / self.credit.command().period_ns.max(1) as f64,
             wanted_hz: 1e9 / parameters.wanted_ns.max(1) as f64,
             slowest_ms: slowest.map_or(0.0, |(_, ns)| ns as f64 * 1e-6),
             slowest: slowest.map_or(0, |(role, _)| role as u32),

@@ -1,0 +1,213 @@
+//! `lookout evaluate lidar`.
+
+use super::stereo::{check_size, keep_out_of, set_name};
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::progress;
+use crate::command::console::say;
+use crate::command::disparity::read_pair;
+use crate::command::error::CommandError;
+use crate::stages::road::parameters::scene_parameters;
+use crate::stages::stereo::matcher::{Backend, Method};
+use clap::Args;
+use config::Config;
+use perception::depth::DepthView;
+use perception::image::GreyView;
+use perception::region::Region;
+use perception::rig::Rig;
+use perception::scene::SceneDetector;
+use perception::stereo::{DisparityView, MatchOutput};
+use sources::calibration_file;
+use sources::folder::read_grey;
+use sources::truth::label::{self, Label};
+use sources::truth::lidar::{LidarFrame, frames};
+use sources::truth::map_file::DisparityMap;
+use std::path::PathBuf;
+use tools::evaluation::files::{prepare, write_report};
+use tools::evaluation::lidar::{Disparity, LidarReport, PictureRow, judge, label_box, label_distance_m};
+use tools::reporting::overlay::{self, OverlayInput};
+use tools::reporting::picture::{Colour, Picture};
+use tools::reporting::record::{FrameRecord, ObstacleLine};
+
+pub const HELP: &str = "Examples:
+  lookout evaluate lidar ../shared/data/kitti_depth ../shared/data/kitti_cars
+  lookout evaluate lidar CARS --out results
+  lookout evaluate lidar PAIRS --repeat 5
+
+DIR has folders left, calib and gt_depth_map or gt_depth (16-bit PNG, metres x 256), and right or labels
+or both; the files of a picture have one name. Without a right picture the disparity is made from the
+depth map: what is judged then is the road and the regions, not the matcher.
+
+A line for each picture: the camera's height above the road that was seen, regions within 40 m, and
+median and 90 % of their distance error against LiDAR. A line for each label: LiDAR distance of its
+near side, the region that overlaps its box most, and that region's distance. A car is due within 40 m,
+half of it in the picture and at most partly hidden; it is covered by an overlap of 0.4 (shared area
+divided by joint area). What is not due stands in brackets.
+
+A picture has no history, so regions.confirm is off; --repeat shows each picture N times in a row with
+regions.confirm as it is configured.
+
+--out writes SET/PICTURE.png (the road green, regions red, labels blue) and evaluation.json.";
+
+#[derive(Args, Debug)]
+pub struct EvaluateLidar {
+    /// Folders with left pictures and LiDAR depth
+    #[arg(required = true, value_name = "DIR")]
+    pub sets: Vec<PathBuf>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Looks at each picture this often, one after the other
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub repeat: u64,
+    /// Folder for pictures and the tables
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+const BLUE: Colour = [90, 160, 255];
+
+/// A picture in memory, with the disparity that is looked at.
+struct Seen {
+    left: Vec<u8>,
+    disparity: Vec<u16>,
+    confidence: Vec<u8>,
+    width: usize,
+    height: usize,
+}
+
+pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> {
+    let mut config = load(&args.config, log, "evaluate", Some("warn"))?;
+    if args.repeat == 1 {
+        // One look is all there is: what is seen in it counts.
+        config.regions.confirm = false;
+    }
+    let mut named: Vec<(String, LidarFrame)> = Vec::new();
+    let mut sets: Vec<String> = Vec::new();
+    for root in &args.sets {
+        let set = set_name(root, |name| sets.iter().any(|set| set == name));
+        named.extend(frames(root)?.into_iter().map(|frame| (format!("{set}/{}", frame.name), frame)));
+        sets.push(set);
+    }
+    let picture_file = |name: &str| PathBuf::from(format!("{name}.png"));
+    if let Some(out) = &args.out {
+        keep_out_of(out, args.sets.iter().map(PathBuf::as_path), "--out")?;
+        prepare(out, &named.iter().map(|(name, _)| picture_file(name)).collect::<Vec<_>>())?;
+    }
+    let bar = progress(Some(named.len() as u64), "pictures");
+    let (mut pictures, mut rows) = (Vec::new(), Vec::new());
+    for (name, frame) in &named {
+        bar.set_message(name.clone());
+        let rig = calibration_file::read(&frame.calibration, true)?;
+        let depth_m = frame.depth_m()?;
+        let labels = frame.labels.as_deref().map(label::read).transpose()?.unwrap_or_default();
+        let seen = Seen::new(&config, frame, &rig, &depth_m)?;
+        let mut detector =
+            SceneDetector::new(scene_parameters(&config), rig, seen.width, seen.height, disparities(&config));
+        for _ in 1..args.repeat {
+            detector.detect(seen.depth(frame)?);
+        }
+        let scene = detector.detect(seen.depth(frame)?);
+        let from = if frame.right.is_some() { Disparity::Matched } else { Disparity::DepthMap };
+        let camera_m = scene.road.map(|road| road.camera_height_m);
+        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, scene.regions));
+        rows.extend(labels.iter().map(|label| judge(name, label, &depth_m, scene.regions)));
+        if let Some(out) = &args.out {
+            let mut picture = seen.overlay(scene.profile_px, scene.regions, &rig);
+            for label in &labels {
+                draw(&mut picture, label, label_distance_m(&depth_m, label));
+            }
+            picture.save(&out.join(picture_file(name)))?;
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let report = LidarReport::new(Method::configured(&config).name(), args.repeat, pictures, rows);
+    if let Some(out) = &args.out {
+        write_report(out, &report)?;
+    }
+    if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+fn disparities(config: &Config) -> usize {
+    usize::try_from(config.stereo.disparities).unwrap_or(0)
+}
+
+impl Seen {
+    /// Matches the pair, or makes the disparity from the depth where there is no right picture.
+    fn new(
+        config: &Config,
+        frame: &LidarFrame,
+        rig: &Rig,
+        depth_m: &DisparityMap,
+    ) -> Result<Self, CommandError> {
+        let check = |size| check_size(&frame.left, size, &frame.depth, (depth_m.width, depth_m.height));
+        let Some(right) = &frame.right else {
+            let (left, width, height) = read_grey(&frame.left)?;
+            check((width, height))?;
+            // What is nearer than the matcher could tell is not known here either.
+            let most = disparities(config) as f64;
+            let steps = |&z: &f32| match rig.disparity_px(f64::from(z)) {
+                px if z > 0.0 && px < most => (px * 256.0).round() as u16,
+                _ => 0,
+            };
+            let disparity: Vec<u16> = depth_m.px.iter().map(steps).collect();
+            let confidence = vec![u8::MAX; disparity.len()];
+            return Ok(Self { left, disparity, confidence, width, height });
+        };
+        let (left, right, width, height) = read_pair(&frame.left, right)?;
+        check((width, height))?;
+        let mut matcher = Method::configured(config)
+            .matcher(Backend::configured(config), config, width, height, disparities(config))
+            .map_err(|error| CommandError::Other(format!("{}: {error}", frame.left.display())))?;
+        let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+        let view = |pixels| GreyView::new(pixels, width, height, width);
+        matcher.compute(view(&left)?, view(&right)?, output)?;
+        Ok(Self { left, disparity, confidence, width, height })
+    }
+
+    fn depth(&self, frame: &LidarFrame) -> Result<DepthView<'_>, CommandError> {
+        DisparityView::new(&self.disparity, self.width, self.height)
+            .and_then(|map| DepthView::new(map, &self.confidence))
+            .ok_or_else(|| {
+                let (path, width, height) = (frame.depth.display(), self.width, self.height);
+                CommandError::Other(format!("{path}: not {width}x{height} pixels, as its picture is"))
+            })
+    }
+
+    fn overlay(&self, profile_px: &[f32], regions: &[Region], rig: &Rig) -> Picture {
+        let line = |region: &Region| ObstacleLine {
+            class: "obstacle".into(),
+            confirmed: true,
+            x_px: region.bounds.x,
+            y_px: region.bounds.y,
+            width_px: region.bounds.width,
+            height_px: region.bounds.height,
+            distance_m: region.distance_m,
+            distance_sigma_m: rig.distance_error_m(region.distance_m, region.disparity_sigma_px),
+            ..ObstacleLine::default()
+        };
+        let record = FrameRecord { obstacles: regions.iter().map(line).collect(), ..FrameRecord::default() };
+        let input = OverlayInput {
+            left: &self.left,
+            disparity: &self.disparity,
+            profile_px,
+            edges: Default::default(),
+            width: self.width,
+            height: self.height,
+        };
+        overlay::draw(input, &record)
+    }
+}
+
+/// Draws a label's box, with its LiDAR distance below it.
+fn draw(picture: &mut Picture, label: &Label, lidar_m: Option<f64>) {
+    let bounds = label_box(label, picture.width(), picture.height());
+    picture.frame([bounds.x, bounds.y, bounds.width, bounds.height], BLUE, 1);
+    let text = format!("{} {}", label.class, lidar_m.map_or("-".into(), |m| format!("{m:.1}m")));
+    let below = (bounds.y + bounds.height).min(picture.height() as u32 - 14);
+    picture.text(&text, bounds.x as i32, below as i32, BLUE);
+}

@@ -1,0 +1,515 @@
+//! `lookout evaluate stereo`.
+
+use crate::command::config_args::ConfigArgs;
+use crate::command::config_args::load;
+use crate::command::console::progress;
+use crate::command::console::say;
+use crate::command::disparity::{median, read_pair};
+use crate::command::error::CommandError;
+use crate::stages::stereo::matcher::{Backend, Method};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+use config::Config;
+use perception::image::GreyView;
+use perception::stereo::{MatchOutput, Matcher};
+use sources::truth::{Region, Truth, TruthError, TruthPair, find, map_file};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use tools::evaluation::disturb::Disturbance;
+use tools::evaluation::error_picture::{self, ErrorInput};
+use tools::evaluation::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
+use tools::evaluation::fill::interpolate_background;
+use tools::evaluation::report::{Row, SetReport, StereoReport};
+use tools::evaluation::roc::Sparsification;
+use tools::evaluation::score::score;
+use tools::evaluation::subpixel::SubpixelHistogram;
+use tools::reporting::{colour, picture};
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout evaluate stereo ../shared/data/kitti2015
+  lookout evaluate stereo KITTI --pairs odd        choose parameters on these, report --pairs even
+  lookout evaluate stereo KITTI --out results      error pictures, maps, plots
+  lookout evaluate stereo KITTI --maps results     score maps instead of matching
+  lookout evaluate stereo KITTI --disturb noise --save-pairs noisy
+
+DIR and what lies below it is searched for KITTI 2012 (image_0, image_1, disp_noc, disp_occ),
+KITTI 2015 (image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map,
+calib) and Middlebury scenes (a folder each, such as im0.png, im1.png, disp0GT.pfm).
+
+A line for each image and region: all pixels with truth, and noc, those that the right camera sees
+too. In percent: dens, pixels with an estimate; bad1, bad2, bad3, errors above 1, 2, 3 px; D1,
+above 3 px and 5 % of the truth; all of them and epe, the mean error in px, after holes are filled
+with the background of their row as KITTI does; hole3, a hole counts as wrong; val3, holes are
+left out. ms is processor time. mean is that of the images' figures.
+
+--out writes SET/errors/PAIR.png (blue is right, yellow to red is wrong by the rule of D1, occluded
+pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png, subpixel.png,
+roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and disp_occ_0; with
+several sets, below a folder for each.";
+
+#[derive(Args, Debug)]
+pub struct EvaluateStereo {
+    /// Data sets with ground truth
+    #[arg(required = true, value_name = "DIR")]
+    pub sets: Vec<PathBuf>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Matcher [default: stereo.method]
+    #[arg(long, value_enum, conflicts_with = "maps")]
+    pub method: Option<Method>,
+    /// What matches [default: stereo.backend]
+    #[arg(long, value_enum, conflicts_with = "maps")]
+    pub backend: Option<Backend>,
+    /// Disparities searched, in px
+    #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255), conflicts_with = "maps")]
+    pub max_disparity: u16,
+    /// Which pairs of each set, by their position in the table, from 1
+    #[arg(long, value_enum, default_value_t = PairChoice::All)]
+    pub pairs: PairChoice,
+    /// Scores maps of this folder instead of matching: SET/PAIR.png, SET/disparity/PAIR.png or
+    /// PAIR.png, 16 bit, disparity x 256, 0 = unknown; pairs without one are left out
+    #[arg(long, value_name = "DIR")]
+    pub maps: Option<PathBuf>,
+    /// Disturbs the right image: values x 0.7, gamma of 0.6, noise of 5 grey levels, Gaussian blur of
+    /// 1 px, or half a row upwards
+    #[arg(long, value_name = "WHAT", conflicts_with = "maps",
+        value_parser = PossibleValuesParser::new(Disturbance::NAMES).try_map(|name| name.parse::<Disturbance>()))]
+    pub disturb: Option<Disturbance>,
+    /// Writes the grey pairs, as they are matched, and their truth in the layout of KITTI 2015
+    #[arg(long, value_name = "DIR")]
+    pub save_pairs: Option<PathBuf>,
+    /// Folder for error pictures, maps and plots
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Matches each pair this often; ms is the median
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "maps")]
+    pub repeat: u32,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Pairs of a set by position: parameters are chosen on one half, figures reported of the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PairChoice {
+    /// Every pair
+    All,
+    /// The first, third, …
+    Odd,
+    /// The second, fourth, …
+    Even,
+}
+
+impl PairChoice {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Odd => "odd",
+            Self::Even => "even",
+        }
+    }
+}
+
+/// A data set of the command line.
+struct Set {
+    name: String,
+    root: PathBuf,
+    pairs: Vec<TruthPair>,
+}
+
+/// A pair in memory.
+struct Images {
+    left: Vec<u8>,
+    right: Vec<u8>,
+    width: usize,
+    height: usize,
+}
+
+/// What is scored.
+struct Estimate {
+    disparity: Vec<u16>,
+    /// Only a matcher tells it.
+    confidence: Option<Vec<u8>>,
+    cpu_ms: Option<f64>,
+}
+
+/// Where estimates come from.
+trait Estimator {
+    /// The estimate of a pair; `None` to leave it out.
+    fn estimate(
+        &mut self,
+        set: &str,
+        pair: &TruthPair,
+        images: &Images,
+    ) -> Result<Option<Estimate>, CommandError>;
+
+    /// Bytes of the largest matcher.
+    fn workspace_bytes(&self) -> Option<usize>;
+}
+
+pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError> {
+    let config = load(&args.config, log, "evaluate", Some("warn"))?;
+    let sets = sets(args)?;
+    let mut estimator: Box<dyn Estimator> = match &args.maps {
+        Some(folder) => Box::new(Maps { folder }),
+        None => Box::new(Matchers { args, config: &config, of_size: HashMap::new() }),
+    };
+    keep_folders_apart(args)?;
+    if let Some(out) = &args.out {
+        prepare_pictures(out, &sets)?;
+    }
+    if let Some(folder) = &args.save_pairs {
+        prepare_pairs(folder, &sets)?;
+    }
+    let count = sets.iter().map(|set| set.pairs.len() as u64).sum();
+    let bar = progress(Some(count), "pairs");
+    let (mut roc, mut subpixel) = (Sparsification::default(), SubpixelHistogram::default());
+    let mut reports = Vec::new();
+    for set in &sets {
+        let (mut rows, mut left_out) = (Vec::new(), 0);
+        for pair in &set.pairs {
+            bar.set_message(pair.name.clone());
+            let (truth, images) = read(pair, args.disturb)?;
+            if let Some(folder) = &args.save_pairs {
+                save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
+            }
+            let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else {
+                left_out += 1;
+                bar.inc(1);
+                continue;
+            };
+            let px = tools::evaluation::pixels(&estimate.disparity);
+            let mut filled = px.clone();
+            interpolate_background(&mut filled, images.width, images.height);
+            for (region, mask) in &truth.regions {
+                rows.push(Row {
+                    name: pair.name.clone(),
+                    region: region.name(),
+                    scores: score(&truth.disparity_px, mask, &px, &filled),
+                    cpu_ms: estimate.cpu_ms,
+                });
+            }
+            subpixel.add(&truth.disparity_px, truth.visible(), &px);
+            if let Some(confidence) = &estimate.confidence {
+                roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
+            }
+            if let Some(out) = &args.out {
+                let max_px = f32::from(args.max_disparity);
+                save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
+            }
+            bar.inc(1);
+        }
+        reports.push(SetReport::new(set.name.clone(), rows, left_out));
+    }
+    bar.finish_and_clear();
+    if let Some(maps) = args.maps.as_ref().filter(|_| reports.iter().all(|set| set.rows.is_empty())) {
+        return Err(CommandError::Other(format!(
+            "{}: no map of any pair: expected SET/PAIR.png, SET/disparity/PAIR.png or PAIR.png, such as {}",
+            maps.display(),
+            map_paths(maps, &sets[0].name, &sets[0].pairs[0].name)[0].display()
+        )));
+    }
+    let matched = args.maps.is_none();
+    let report = StereoReport {
+        method: if matched { args.method.unwrap_or(Method::configured(&config)).name() } else { "maps" }
+            .to_owned(),
+        disparities: matched.then_some(usize::from(args.max_disparity)),
+        pairs: args.pairs.name().to_owned(),
+        disturb: args.disturb.map(Disturbance::name),
+        repeat: args.repeat,
+        workspace_bytes: estimator.workspace_bytes(),
+        sets: reports,
+        roc: roc.curve(),
+        subpixel: subpixel.shares(),
+    };
+    if let Some(out) = &args.out {
+        if let Some(shares) = &report.subpixel {
+            shares.plot().save(&out.join("subpixel.png"))?;
+        }
+        if let Some(curve) = &report.roc {
+            curve.plot().save(&out.join("roc.png"))?;
+        }
+        write_report(out, &report)?;
+    }
+    if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+/// The chosen pairs of every set, each set under a name of its own.
+fn sets(args: &EvaluateStereo) -> Result<Vec<Set>, CommandError> {
+    let mut sets: Vec<Set> = Vec::new();
+    for root in &args.sets {
+        let all = find(root)?;
+        let count = all.len();
+        let chosen = |position: usize| match args.pairs {
+            PairChoice::All => true,
+            PairChoice::Odd => position % 2 == 1,
+            PairChoice::Even => position.is_multiple_of(2),
+        };
+        let pairs: Vec<TruthPair> = all
+            .into_iter()
+            .zip(1..)
+            .filter(|(_, position)| chosen(*position))
+            .map(|(pair, _)| pair)
+            .collect();
+        if pairs.is_empty() {
+            let choice = args.pairs.name();
+            return Err(CommandError::Other(format!(
+                "{}: --pairs {choice} leaves none of its {count}: give --pairs all, or more pairs",
+                root.display()
+            )));
+        }
+        let name = set_name(root, |name| sets.iter().any(|set| set.name == *name));
+        sets.push(Set { name, root: root.clone(), pairs });
+    }
+    Ok(sets)
+}
+
+/// A data set's name: its folder's, with a number where that is taken.
+pub(super) fn set_name(root: &Path, taken: impl Fn(&str) -> bool) -> String {
+    let own =
+        root.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+    let own = own.unwrap_or_else(|| "set".into());
+    let mut names = std::iter::once(own.clone()).chain((2..).map(|n| format!("{own}-{n}")));
+    names.find(|name| !taken(name)).unwrap_or(own)
+}
+
+/// The truth and the images of a pair, the right one disturbed.
+fn read(pair: &TruthPair, disturb: Option<Disturbance>) -> Result<(Truth, Images), CommandError> {
+    let truth = pair.truth()?;
+    let (left, mut right, width, height) = read_pair(&pair.left, &pair.right)?;
+    check_size(&pair.left, (width, height), pair.truth_file(), (truth.width, truth.height))?;
+    if let Some(disturbance) = disturb {
+        right = disturbance.apply(&right, width, height);
+    }
+    Ok((truth, Images { left, right, width, height }))
+}
+
+pub(super) fn check_size(
+    path: &Path,
+    size: (usize, usize),
+    other: &Path,
+    expected: (usize, usize),
+) -> Result<(), TruthError> {
+    if size == expected {
+        return Ok(());
+    }
+    Err(TruthError::Size { path: path.to_owned(), size, other: other.to_owned(), expected })
+}
+
+fn roots(sets: &[Set]) -> impl Iterator<Item = &Path> {
+    sets.iter().map(|set| set.root.as_path())
+}
+
+/// Estimates by a matcher for each size of image.
+struct Matchers<'a> {
+    args: &'a EvaluateStereo,
+    config: &'a Config,
+    of_size: HashMap<(usize, usize), Box<dyn Matcher>>,
+}
+
+impl Estimator for Matchers<'_> {
+    fn estimate(
+        &mut self,
+        _set: &str,
+        pair: &TruthPair,
+        images: &Images,
+    ) -> Result<Option<Estimate>, CommandError> {
+        let (width, height) = (images.width, images.height);
+        let matcher = match self.of_size.entry((width, height)) {
+            std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
+            std::collections::hash_map::Entry::Vacant(entry) => {
+                let disparities = usize::from(self.args.max_disparity);
+                let method = self.args.method.unwrap_or(Method::configured(self.config));
+                let backend = self.args.backend.unwrap_or(Backend::configured(self.config));
+                let matcher = method
+                    .matcher(backend, self.config, width, height, disparities)
+                    .map_err(|error| CommandError::Other(format!("{}: {error}", pair.left.display())))?;
+                entry.insert(matcher)
+            }
+        };
+        let left = GreyView::new(&images.left, width, height, width)?;
+        let right = GreyView::new(&images.right, width, height, width)?;
+        let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+        let mut cpu_ms = Vec::new();
+        for _ in 0..self.args.repeat {
+            let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+            let start = messages::clock::process_cpu_ns();
+            matcher.compute(left, right, output)?;
+            cpu_ms.push((messages::clock::process_cpu_ns() - start) as f64 * 1e-6);
+        }
+        let cpu_ms = Some(tools::reporting::record::tidy(median(&mut cpu_ms)));
+        Ok(Some(Estimate { disparity, confidence: Some(confidence), cpu_ms }))
+    }
+
+    fn workspace_bytes(&self) -> Option<usize> {
+        self.of_size.values().map(|matcher| matcher.workspace_bytes()).max()
+    }
+}
+
+/// Estimates that are there already.
+struct Maps<'a> {
+    folder: &'a Path,
+}
+
+/// Where the map of a pair may lie; the second is where `--out` writes it.
+fn map_paths(folder: &Path, set: &str, pair: &str) -> [PathBuf; 3] {
+    let file = format!("{pair}.png");
+    [folder.join(set).join(&file), folder.join(set).join("disparity").join(&file), folder.join(&file)]
+}
+
+impl Estimator for Maps<'_> {
+    fn estimate(
+        &mut self,
+        set: &str,
+        pair: &TruthPair,
+        images: &Images,
+    ) -> Result<Option<Estimate>, CommandError> {
+        let Some(path) = map_paths(self.folder, set, &pair.name).into_iter().find(|path| path.is_file())
+        else {
+            return Ok(None);
+        };
+        let (disparity, width, height) = map_file::read_estimate(&path)?;
+        let expected = (images.width, images.height);
+        if (width, height) != expected {
+            let size = (width, height);
+            return Err(TruthError::Size { path, size, other: pair.left.clone(), expected }.into());
+        }
+        Ok(Some(Estimate { disparity, confidence: None, cpu_ms: None }))
+    }
+
+    fn workspace_bytes(&self) -> Option<usize> {
+        None
+    }
+}
+
+/// A path without links and dots, whether it exists or not.
+fn resolved(path: &Path) -> PathBuf {
+    for ancestor in path.ancestors() {
+        let start = if ancestor.as_os_str().is_empty() { Path::new(".") } else { ancestor };
+        if let Ok(real) = start.canonicalize() {
+            return path.strip_prefix(ancestor).map_or(real.clone(), |rest| real.join(rest));
+        }
+    }
+    path.to_owned()
+}
+
+/// Refuses folders of which one would be cleaned for the other.
+fn keep_folders_apart(args: &EvaluateStereo) -> Result<(), CommandError> {
+    let is_in = |inner: &Option<PathBuf>, outer: &Option<PathBuf>| match (inner, outer) {
+        (Some(inner), Some(outer)) => resolved(inner).starts_with(resolved(outer)),
+        _ => false,
+    };
+    let clash = if is_in(&args.maps, &args.out) || is_in(&args.maps, &args.save_pairs) {
+        "--maps lies in the folder that is written: give --out and --save-pairs other folders"
+    } else if is_in(&args.save_pairs, &args.out) || is_in(&args.out, &args.save_pairs) {
+        "--save-pairs and --out lie in each other: give each a folder of its own"
+    } else {
+        return Ok(());
+    };
+    Err(CommandError::Other(clash.into()))
+}
+
+/// Refuses to write into a data set: results would be taken for truth, or overwrite it.
+pub(super) fn keep_out_of<'a>(
+    target: &Path,
+    mut roots: impl Iterator<Item = &'a Path>,
+    option: &str,
+) -> Result<(), CommandError> {
+    let target_path = resolved(target);
+    match roots.find(|root| target_path.starts_with(resolved(root))) {
+        None => Ok(()),
+        Some(root) => Err(CommandError::Other(format!(
+            "{}: lies in the data set {}: give {option} another folder",
+            target.display(),
+            root.display()
+        ))),
+    }
+}
+
+const PICTURE_FOLDERS: [&str; 3] = ["errors", "disparity", "colour"];
+
+fn prepare_pictures(out: &Path, sets: &[Set]) -> Result<(), CommandError> {
+    let mut files = vec![PathBuf::from("subpixel.png"), PathBuf::from("roc.png")];
+    for set in sets {
+        keep_out_of(&out.join(&set.name), roots(sets), "--out")?;
+        for (pair, part) in set.pairs.iter().flat_map(|pair| PICTURE_FOLDERS.map(|part| (pair, part))) {
+            files.push(Path::new(&set.name).join(part).join(format!("{}.png", pair.name)));
+        }
+    }
+    Ok(prepare(out, &files)?)
+}
+
+/// Where the pairs of a set are saved: a single set needs no folder of its own.
+fn pair_folder(folder: &Path, sets: usize, name: &str) -> PathBuf {
+    if sets == 1 { folder.to_owned() } else { folder.join(name) }
+}
+
+fn prepare_pairs(folder: &Path, sets: &[Set]) -> Result<(), CommandError> {
+    let mut files = Vec::new();
+    for set in sets {
+        let below = pair_folder(Path::new(""), sets.len(), &set.name);
+        keep_out_of(&folder.join(&below), roots(sets), "--save-pairs")?;
+        // KITTI's folders are read by their maps of all pixels as soon as there are any.
+        let with_all = set.pairs.iter().filter(|pair| pair.regions().contains(&Region::All)).count();
+        if with_all != 0 && with_all != set.pairs.len() {
+            return Err(CommandError::Other(format!(
+                "{}: only {with_all} of its {} pairs have truth of occluded pixels, which one KITTI folder cannot \
+                 hold: give the folders below it one by one",
+                set.root.display(),
+                set.pairs.len()
+            )));
+        }
+        for pair in &set.pairs {
+            let [left, right, all, noc] = KITTI_FOLDERS;
+            let maps = pair.regions().into_iter().map(|region| if region == Region::All { all } else { noc });
+            files.extend(
+                [left, right]
+                    .into_iter()
+                    .chain(maps)
+                    .map(|part| below.join(part).join(format!("{}.png", pair.name))),
+            );
+        }
+    }
+    Ok(prepare(folder, &files)?)
+}
+
+fn save_pair(folder: &Path, name: &str, truth: &Truth, images: &Images) -> Result<(), CommandError> {
+    let pair = KittiPair {
+        left: &images.left,
+        right: &images.right,
+        truth: &truth.disparity_px,
+        all: truth.region(Region::All),
+        noc: truth.region(Region::Noc),
+        width: images.width,
+        height: images.height,
+    };
+    Ok(pair.save(folder, name)?)
+}
+
+fn save_pictures(
+    folder: &Path,
+    name: &str,
+    truth: &Truth,
+    images: &Images,
+    estimate: &Estimate,
+    filled: &[f32],
+    max_px: f32,
+) -> Result<(), CommandError> {
+    let [errors, disparity, colours] =
+        PICTURE_FOLDERS.map(|part| folder.join(part).join(format!("{name}.png")));
+    let (width, height) = (images.width, images.height);
+    let input = ErrorInput {
+        left: &images.left,
+        truth: &truth.disparity_px,
+        visible: truth.visible(),
+        filled,
+        width,
+        height,
+    };
+    error_picture::draw(input).save(&errors)?;
+    picture::save_disparity(&disparity, &estimate.disparity, width, height)?;
+    colour::disparity(&estimate.disparity, width, height, max_px).save(&colours)?;
+    Ok(())
+}

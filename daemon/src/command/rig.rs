@@ -1,0 +1,66 @@
+//! `lookout rig`: shows a calibration, or writes it in another format.
+
+use crate::command::calibrate::{CropChoice, pair};
+use crate::command::console::say;
+use crate::command::error::CommandError;
+use clap::{Args, ValueEnum};
+use sources::rig_file::{Format, export, import};
+use std::path::PathBuf;
+
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout rig rig.toml
+  lookout rig rig.toml --format ros -o left.yaml       writes left.yaml and right.yaml
+  lookout rig extrinsics.yml intrinsics.yml --size 640x480 --format toml -o rig.toml";
+
+#[derive(Args, Debug)]
+pub struct RigCommand {
+    /// Calibration: rig TOML, OpenCV YAML, Kalibr camchain, KITTI calib.txt; two files for ROS
+    /// camera_info, left first
+    #[arg(required = true, value_name = "FILE", num_args = 1..=2)]
+    pub files: Vec<PathBuf>,
+    /// Writes it in another format
+    #[arg(short, long, value_name = "FILE", requires = "format")]
+    pub out: Option<PathBuf>,
+    /// The format
+    #[arg(long, value_enum, requires = "out")]
+    pub format: Option<FormatChoice>,
+    /// Size of the pictures, for files that do not tell
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    pub size: Option<(usize, usize)>,
+    /// How cameras that come without a rectification are rectified
+    #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
+    pub crop: CropChoice,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FormatChoice {
+    Toml,
+    Opencv,
+    Ros,
+    Kalibr,
+    Kitti,
+}
+
+impl From<FormatChoice> for Format {
+    fn from(choice: FormatChoice) -> Self {
+        match choice {
+            FormatChoice::Toml => Self::Toml,
+            FormatChoice::Opencv => Self::Opencv,
+            FormatChoice::Ros => Self::Ros,
+            FormatChoice::Kalibr => Self::Kalibr,
+            FormatChoice::Kitti => Self::Kitti,
+        }
+    }
+}
+
+pub fn run(args: &RigCommand) -> Result<(), CommandError> {
+    let rig = import(&args.files, args.size, args.crop.into())?;
+    if let (Some(out), Some(format)) = (&args.out, args.format) {
+        for path in export(&rig, format.into(), out)? {
+            say(path.display())?;
+        }
+        return Ok(());
+    }
+    say(rig.to_toml().map_err(CommandError::Other)?.trim_end())
+}

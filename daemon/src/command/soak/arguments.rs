@@ -1,0 +1,71 @@
+//! The arguments of `lookout soak`.
+
+use crate::command::config_args::ConfigArgs;
+use crate::command::number::{fps, number};
+use clap::Args;
+use std::path::PathBuf;
+
+/// What stands below `lookout soak --help`.
+pub const HELP: &str = "Examples:
+  lookout soak                                        five minutes of the built-in drive at 12.5 fps
+  lookout soak --minutes 20 --out out/soak-20
+  lookout soak RECORDING --fps 10 --minutes 600 -c car.toml
+  lookout soak --minutes 20 --faults --seed 7         kills, exits, hangs, stalls and heat at random
+  lookout soak --kills 1000                           a thousand SIGKILLs, about 20 minutes
+  lookout soak --overload --minutes 10                twice what the daemon sustains
+  lookout soak --tables                               the paper's tables beside ours
+  lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a board that has them
+
+Starts the daemon with an instance of its own, loops the source, and watches from outside. Budgets are
+in [soak] of the configuration; each is judged, and one that is not kept makes exit code 1. Without -c,
+64 disparities are searched, as the paper's rig needs.
+
+--out holds soak.md, soak.json, plots as SVG, daemon.toml (the configuration of the run) and daemon.log.
+docs/soak.md tells how to read them. With faults the supervision is set to restart at once and never to
+give up; the report lists what was set.";
+
+/// The board's qualification.
+#[derive(Args, Debug)]
+pub struct Soak {
+    /// Folder of a recording, or scene:NAME, as for lookout replay [default: the source of the
+    /// configuration]
+    pub source: Option<PathBuf>,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Minutes to measure, after the warm-up [default: 5; with --kills until they are made; with
+    /// --tables 1 for each rate, with --gpu-table 1 for each clock]
+    #[arg(long, value_name = "N", value_parser = minutes)]
+    pub minutes: Option<f64>,
+    /// Pairs per second [default: source.fps, or 12.5]
+    #[arg(long, value_name = "N", value_parser = fps)]
+    pub fps: Option<f64>,
+    /// Make faults of all kinds at random
+    #[arg(long)]
+    pub faults: bool,
+    /// Make this many SIGKILLs, one right after the recovery from the other
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub kills: Option<u64>,
+    /// Seed of the faults [default: of the clock; it is printed]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Offer twice what the daemon sustains
+    #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "tables"])]
+    pub overload: bool,
+    /// Run at 10, 15, 20 and 24 fps and print the paper's tables beside ours
+    #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed"])]
+    pub tables: bool,
+    /// Match on the GPU with its clock at three of its steps and left alone, and print the paper's table of GPU
+    /// frequencies beside ours; needs a board whose GPU has a clock that can be set
+    #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed", "overload", "tables"])]
+    pub gpu_table: bool,
+    /// Folder for the report
+    #[arg(long, default_value = "out/soak", value_name = "DIR")]
+    pub out: PathBuf,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn minutes(text: &str) -> Result<f64, String> {
+    number(text, 0.05, 100_000.0)
+}

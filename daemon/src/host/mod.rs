@@ -1,0 +1,233 @@
+//! The process side of a stage: shared memory, reports, heartbeats, signals, privileges.
+
+use crate::launch::Launch;
+use crate::memory::MemoryProbe;
+use crate::realtime::{self, Refused};
+use crate::stages::stage::SetupError;
+use messages::allocation;
+use messages::bus::{Bus, IpcError};
+use messages::calibration::CalibrationRecord;
+use messages::clock::{monotonic_ns, process_cpu_ns};
+use messages::device::DeviceRecord;
+use messages::header::{Header, Kind};
+use messages::instance::Instance;
+use messages::pipeline::Role;
+use messages::port::Publisher;
+use messages::report::{Health, ReportRecord};
+use messages::service;
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use thiserror::Error;
+
+/// How often a stage looks at its memory, in nanoseconds.
+const MEMORY_PERIOD_NS: u64 = 500_000_000;
+
+/// Why a stage ends before it is asked to.
+#[derive(Debug, Error)]
+pub enum HostError {
+    /// Standard input held no launch document.
+    #[error("a stage is started by the scheduler, not by hand: {0}")]
+    Launch(String),
+    /// The operating system refused something.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// Something that real time needs was required and refused.
+    #[error(transparent)]
+    Refused(#[from] Refused),
+    /// Shared memory cannot be used.
+    #[error(transparent)]
+    Ipc(#[from] IpcError),
+    /// The stage cannot be configured.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// The run cannot be recorded.
+    #[error(transparent)]
+    Record(#[from] tools::recording::RecordError),
+    /// Results cannot be written.
+    #[error(transparent)]
+    Output(#[from] tools::reporting::output::OutputError),
+}
+
+/// The process of a stage: its shared memory, its reports, its signals.
+pub struct Host {
+    role: Role,
+    /// What it was told.
+    pub launch: Launch,
+    /// Its way into shared memory.
+    pub bus: Bus,
+    reports: Publisher,
+    report: ReportRecord,
+    stop: Arc<AtomicBool>,
+    memory: MemoryProbe,
+    next_beat_ns: u64,
+    next_memory_ns: u64,
+    heartbeat: Duration,
+    warned_ns: Option<u64>,
+    /// Heap allocations up to the last frame.
+    allocations: u64,
+    /// Frame that is reported on; heartbeats carry the last one.
+    header: Header,
+}
+
+impl Host {
+    /// Sets the process of a stage up: signals, privileges, shared memory.
+    ///
+    /// # Errors
+    /// When the scheduler is gone, or something required is refused.
+    pub fn new(role: Role, launch: Launch) -> Result<Self, HostError> {
+        let system = |what, source: io::Error| HostError::System { what, source };
+        // A stage without its scheduler would hold shared memory for nobody.
+        set_parent_process_death_signal(Some(Signal::KILL))
+            .map_err(|e| system("asking to end with the scheduler", e.into()))?;
+        if getppid().map(|p| p.as_raw_nonzero().get() as u32) != Some(launch.scheduler_pid) {
+            return Err(HostError::Launch("its scheduler is gone".into()));
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))
+                .map_err(|e| system("installing a signal handler", e))?;
+        }
+        allocation::keep_small_pieces();
+        let realtime = realtime::enter(&launch.config, role, launch.core)?;
+        if role.spec().priority.is_none() {
+            // A process without a real-time priority may be late.
+            let _ = rustix::process::nice(10);
+        }
+        let instance = Instance::new(&launch.config.instance.name, &launch.config.instance.directory);
+        let bus = Bus::join(&instance)?;
+        let reports = bus.publisher(&service::REPORT, 0, 0)?;
+        let mut host = Self {
+            role,
+            heartbeat: Duration::from_millis(launch.config.supervision.heartbeat_ms.unsigned_abs()),
+            launch,
+            bus,
+            reports,
+            report: ReportRecord::new(role),
+            stop,
+            memory: MemoryProbe::open().map_err(|e| system("opening /proc/self", e))?,
+            next_beat_ns: 0,
+            next_memory_ns: 0,
+            warned_ns: None,
+            allocations: 0,
+            header: Header::new(Kind::Report),
+        };
+        host.report.set_health(Health::Starting, "");
+        host.report.realtime = realtime;
+        host.report.deadline.deadline_ns = (host.launch.config.pacing.deadline_ms * 1e6) as u64;
+        host.send_report(false)?;
+        Ok(host)
+    }
+
+    /// The role of the process.
+    pub fn role(&self) -> Role {
+        self.role
+    }
+
+    /// Whether the stage was asked to stop.
+    pub fn should_stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The stage has all its ports and can take frames.
+    ///
+    /// # Errors
+    /// When the report cannot be sent, or shared memory is required to be there and is not.
+    pub fn ready(&mut self) -> Result<(), HostError> {
+        realtime::reserve(&self.launch.config, &self.bus, &mut self.report.realtime)?;
+        self.report.set_health(Health::Ready, "");
+        self.send_report(false)
+    }
+
+    /// The stage has nothing more to do, or cannot do anything; the text says why.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn set_health(&mut self, health: Health, text: &str) -> Result<(), HostError> {
+        self.report.set_health(health, text);
+        self.send_report(false)
+    }
+
+    /// A frame is done: how old it was when it was taken up, and how long the work took.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn frame_done(&mut self, header: &Header, age_ns: u64, work_ns: u64) -> Result<(), HostError> {
+        self.report.frames += 1;
+        self.report.age_ns = age_ns;
+        self.report.work_ns = work_ns;
+        self.report.deadline.finished(header.capture_ns, monotonic_ns());
+        self.header = header.forward(Kind::Report);
+        self.send_report(true)
+    }
+
+    /// What the next report says of the calibration.
+    pub fn set_calibration(&mut self, calibration: CalibrationRecord) {
+        self.report.calibration = calibration;
+    }
+
+    /// What the next report says of the device.
+    pub fn set_device(&mut self, device: DeviceRecord) {
+        self.report.device = device;
+    }
+
+    /// Counts frames that newer ones overtook.
+    pub fn skipped(&mut self, count: u64) {
+        self.report.skipped = self.report.skipped.saturating_add(count);
+    }
+
+    /// Counts a message that was refused, and logs the first of each second.
+    pub fn refused(&mut self, service: &str, reason: &dyn std::fmt::Display) {
+        self.report.refused += 1;
+        self.report.set_health(self.report.health(), &format!("{service}: {reason}"));
+        let now = monotonic_ns();
+        if self.warned_ns.is_none_or(|at| now - at > 1_000_000_000) {
+            self.warned_ns = Some(now);
+            tracing::warn!(service, %reason, total = self.report.refused, "message refused");
+        }
+    }
+
+    /// Sends a heartbeat when one is due; gives the time until the next.
+    ///
+    /// # Errors
+    /// When the report cannot be sent.
+    pub fn heartbeat(&mut self) -> Result<Duration, HostError> {
+        let now = monotonic_ns();
+        if now >= self.next_beat_ns {
+            self.send_report(false)?;
+        }
+        Ok(Duration::from_nanos(self.next_beat_ns.saturating_sub(now)).max(Duration::from_millis(1)))
+    }
+
+    fn send_report(&mut self, is_frame: bool) -> Result<(), HostError> {
+        self.report.is_frame = u32::from(is_frame);
+        if is_frame {
+            let allocations = allocation::by_this_thread();
+            self.report.allocations = allocations - self.allocations;
+            self.allocations = allocations;
+        }
+        self.report.realtime.log_dropped = crate::logging::dropped();
+        self.report.cpu_ns = process_cpu_ns();
+        let now = monotonic_ns();
+        // Reading it costs more than the rest of a report.
+        if now >= self.next_memory_ns
+            && let Some(memory) = self.memory.read()
+        {
+            self.next_memory_ns = now + MEMORY_PERIOD_NS;
+            self.report.private_bytes = memory.private_bytes;
+            self.report.file_bytes = memory.file_bytes;
+            self.report.shared_bytes = memory.shared_bytes;
+        }
+        self.next_beat_ns = now + self.heartbeat.as_nanos() as u64;
+        self.reports.send_record(self.header, &self.report)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,77 @@
+//! Opens the source that the configuration names.
+
+mod cameras;
+mod error;
+
+use config::Config;
+pub use error::InputError;
+use perception::rig::Rig;
+use sources::folder::FolderSource;
+use sources::recording::RecordingSource;
+use sources::rectified::RectifiedSource;
+use sources::scene::{Drive, Scene};
+use sources::{PairSource, SourceError, calibration_file};
+
+/// Opens the source, rectifying if that is configured.
+///
+/// # Errors
+/// When it, or the rig file, cannot be opened.
+pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
+    let source = open_raw(config)?;
+    if !config.source.rectify {
+        return Ok(source);
+    }
+    if config.source.rig.as_os_str().is_empty() {
+        return Err(InputError::NoCameras);
+    }
+    Ok(Box::new(RectifiedSource::new(source, config.source.rig.clone())?))
+}
+
+fn open_raw(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
+    let source = &config.source;
+    Ok(match source.kind.as_str() {
+        "folder" | "recording" if source.path.as_os_str().is_empty() => return Err(InputError::NoPath),
+        "folder" => Box::new(FolderSource::open(&source.path)?),
+        "recording" => {
+            let recording = RecordingSource::open(&source.path)?;
+            if let Some(cut) = recording.cut() {
+                tracing::warn!(
+                    path = %source.path.display(),
+                    lost_bytes = cut.bytes,
+                    "the recording was cut off: it is read up to its last whole chunk"
+                );
+            }
+            Box::new(recording)
+        }
+        "camera" => Box::new(cameras::source(config)?),
+        _ if !source.path.as_os_str().is_empty() => {
+            let scene = Scene::open(&source.path.to_string_lossy()).map_err(SourceError::from)?;
+            Box::new(if source.fps > 0.0 { scene.at_rate(source.fps) } else { scene })
+        }
+        _ => {
+            let drive = Drive::paper(source.seed.unsigned_abs());
+            // A scene can be seen at any rate; its time is that of the rate.
+            Box::new(if source.fps > 0.0 { drive.at_rate(source.fps) } else { drive })
+        }
+    })
+}
+
+/// The rig of the run: that of the configuration, else the source's own.
+///
+/// # Errors
+/// When there is none, or its file cannot be read.
+pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> {
+    if !config.source.rig.as_os_str().is_empty() {
+        return Ok(calibration_file::read(&config.source.rig, true)?);
+    }
+    let name = || match config.source.kind.as_str() {
+        "camera" => "the cameras".to_owned(),
+        _ => config.source.path.display().to_string(),
+    };
+    source.rig().ok_or_else(|| InputError::NoRig(name()))
+}
+
+/// Time between pairs, in nanoseconds: as configured, else the source's own.
+pub fn period_ns(config: &Config, source: &dyn PairSource) -> u64 {
+    if config.source.fps > 0.0 { (1e9 / config.source.fps) as u64 } else { source.period_ns() }.max(1)
+}

@@ -1,0 +1,125 @@
+//! The stages: a folder each, with its adapter between messages and algorithms, its parameters from the
+//! configuration, and its tests. [`entry`] names the constructor of each entry of [`messages::pipeline`]'s table.
+
+pub mod capture;
+mod frame_loop;
+pub mod recognition;
+pub mod road;
+pub mod stage;
+pub mod stereo;
+pub mod whole_number;
+pub mod writer;
+
+use crate::host::{Host, HostError};
+use crate::launch::{FrameFormat, Launch};
+use config::Config;
+use messages::pipeline::Role;
+use stage::{FrameStage, SetupError, Stage, configure};
+
+/// How a process of the pipeline works.
+pub enum Entry {
+    /// One message in, one message out.
+    Frames {
+        /// See [`configure`].
+        configure: fn(&Config, &FrameFormat) -> Result<Box<dyn FrameStage>, SetupError>,
+        /// See [`Stage::check`].
+        check: fn(&Config, &FrameFormat) -> Result<(), SetupError>,
+    },
+    /// A loop of its own.
+    Process(fn(Host) -> Result<(), HostError>),
+    /// The scheduler, which is no stage.
+    Scheduler,
+}
+
+/// The constructor of each process.
+pub fn entry(role: Role) -> Entry {
+    match role {
+        Role::Scheduler => Entry::Scheduler,
+        Role::Capture => Entry::Process(capture::run),
+        Role::Stereo => frames::<stereo::StereoStage>(),
+        Role::Road => frames::<road::RoadStage>(),
+        Role::Recognition => frames::<recognition::RecognitionStage>(),
+        Role::Writer => Entry::Process(writer::run),
+    }
+}
+
+fn frames<S: Stage + 'static>() -> Entry {
+    Entry::Frames { configure: configure::<S>, check: S::check }
+}
+
+/// Runs a stage until it is asked to stop.
+///
+/// # Errors
+/// When it cannot work at all; the scheduler then restarts it.
+pub fn run(role: Role, launch: Launch) -> Result<(), HostError> {
+    let host = Host::new(role, launch)?;
+    match entry(role) {
+        Entry::Frames { configure, .. } => {
+            let stage = configure(&host.launch.config, &host.launch.frames)?;
+            frame_loop::run(host, stage)
+        }
+        Entry::Process(run) => run(host),
+        Entry::Scheduler => Err(HostError::Launch("the scheduler is no stage".into())),
+    }
+}
+
+/// Checks what the stages would refuse, before any of them is started.
+///
+/// # Errors
+/// The first refusal.
+pub fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
+    for role in Role::ALL {
+        if let Entry::Frames { check, .. } = entry(role) {
+            check(config, format)?;
+        }
+    }
+    Ok(())
+}
+
+/// All stages that turn one message into another, each after the one that it reads from.
+///
+/// # Errors
+/// When one of them cannot be configured.
+pub fn configure_all(
+    config: &Config,
+    format: &FrameFormat,
+) -> Result<Vec<(Role, Box<dyn FrameStage>)>, SetupError> {
+    let mut stages = Vec::new();
+    for role in Role::ALL {
+        if let Entry::Frames { configure, .. } = entry(role) {
+            stages.push((role, configure(config, format)?));
+        }
+    }
+    // A stage is at most as many steps from the source as there are stages.
+    let steps = |role: Role| {
+        let mut steps = 0;
+        let mut input = role.spec().input;
+        while let Some(service) = input.filter(|_| steps < Role::COUNT) {
+            steps += 1;
+            input = Role::ALL.iter().find(|r| r.spec().output == Some(service)).and_then(|r| r.spec().input);
+        }
+        steps
+    };
+    stages.sort_by_key(|(role, _)| steps(*role));
+    Ok(stages)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use perception::rig::Rig;
+
+    #[test]
+    fn each_stage_reads_and_writes_what_the_table_says() {
+        let config = config::parse("", std::path::Path::new("x.toml")).unwrap();
+        let rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 80.0, cy_px: 60.0 };
+        let stages = configure_all(&config, &FrameFormat::new((160, 120), rig)).unwrap();
+        for (role, stage) in &stages {
+            let spec = role.spec();
+            assert_eq!(spec.input.map(|s| s.kind), Some(stage.input()), "{role}");
+            assert_eq!(spec.output.map(|s| s.kind), Some(stage.output()), "{role}");
+        }
+        let order: Vec<Role> = stages.iter().map(|(role, _)| *role).collect();
+        assert_eq!(order, [Role::Stereo, Role::Road, Role::Recognition]);
+    }
+}

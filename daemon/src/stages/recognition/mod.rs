@@ -1,0 +1,229 @@
+//! Regions to tracked obstacles and the alarm.
+
+pub mod cascade;
+pub mod parameters;
+
+use super::stage::{FrameContext, FrameError, SetupError, Stage};
+use crate::launch::FrameFormat;
+use cascade::recogniser;
+use config::Config;
+use messages::alarm::Faults;
+use messages::header::{modes, put_text};
+use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
+use messages::regions::{self, RegionRecord, Regions, RegionsMessage};
+use messages::typed::{Output, Written};
+use parameters::{alarm_parameters, schedule_parameters, tracker_parameters};
+use perception::alarm::{Alarm, Candidate};
+use perception::image::GreyView;
+use perception::recognition::Recogniser;
+use perception::region::{PixelBox, Region};
+use perception::rig::Rig;
+use perception::tracking::classification_schedule::ScheduleParameters;
+use perception::tracking::scale_change::GrowthMeter;
+use perception::tracking::{Track, Tracker};
+
+/// The word for what no class recognised.
+pub const UNRECOGNISED: &str = "obstacle";
+
+/// Regions narrower or lower than this share of the recogniser's window are parts at most and are
+/// not looked at: posts, kerbs.
+const MIN_SHARE: f64 = 0.35;
+
+/// Recogniser, tracker and alarm between their messages.
+pub struct RecognitionStage {
+    recogniser: Option<Box<dyn Recogniser>>,
+    label: String,
+    /// Least width and height of a region that is looked at, in metres.
+    min_m: f64,
+    looks: ScheduleParameters,
+    tracker: Tracker,
+    growth: GrowthMeter,
+    alarm: Alarm,
+    path_width_m: f64,
+    /// When a road was seen last, in the scene's time, and for how long an alarm goes on without.
+    road_ns: u64,
+    hold_ns: u64,
+    rig: Rig,
+    regions: Vec<Region>,
+    records: Vec<ObstacleRecord>,
+    /// Sequence and alarm of the last frame: a frame that comes again gets the same answer.
+    last: Option<(u64, AlarmRecord)>,
+}
+
+impl RecognitionStage {
+    /// Tracks and recognises the regions of a message, to `records`; gives the alarm.
+    fn judge(&mut self, frame: &FrameContext, message: &Regions<'_>) -> AlarmRecord {
+        if let Some((sequence, alarm)) = self.last
+            && sequence == frame.sequence
+        {
+            return alarm;
+        }
+        self.regions.clear();
+        self.regions.extend(message.regions.iter().map(region));
+        self.tracker.update(frame.source_ns, &self.regions);
+        let crop = |track: &Track| {
+            let record = message.regions.get(track.detection?)?;
+            let [x, y, width, height] = record.crop;
+            let pixels = message.crop(record)?;
+            Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
+        };
+        self.tracker.measure_growth(&mut self.growth, frame.source_ns, crop);
+        if frame.modes & modes::RECOGNITION_OFF == 0 {
+            self.recognise(message);
+        }
+        let tracker = &self.tracker;
+        let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
+        let road = &message.road;
+        if road.seen == 1 || frame.source_ns < self.road_ns {
+            self.road_ns = frame.source_ns;
+        }
+        // What the alarm is about may itself cover the road.
+        let is_raised = matches!(self.last, Some((_, alarm)) if alarm.track > 0);
+        let is_covered = is_raised && frame.source_ns - self.road_ns <= self.hold_ns;
+        let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
+        let faults = frame.faults.and(no_road);
+        let state = self.alarm.update(frame.source_ns, faults.is_none(), candidates);
+        let alarm = AlarmRecord {
+            level: state.level as u32,
+            rule: state.rule as u32,
+            track: state.track.unwrap_or(0),
+            faults: faults.0,
+            changed: u32::from(state.changed),
+            reserved: 0,
+            nearest_m: state.nearest_m.unwrap_or(f64::INFINITY),
+            time_to_collision_s: state.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
+            required_deceleration_m_s2: state.required_deceleration_m_s2,
+            road_seen: road.seen,
+            obstacles: 0,
+            slope: road.slope,
+            horizon_px: road.horizon_px,
+            confidence: road.confidence,
+            camera_height_m: road.camera_height_m,
+        };
+        self.records.clear();
+        for track in tracker.tracks().iter().take(MAX_COUNT) {
+            let confirmed = tracker.is_confirmed(track);
+            self.records.push(obstacle(track, confirmed, self.path_width_m, &self.label));
+        }
+        self.last = Some((frame.sequence, alarm));
+        alarm
+    }
+
+    /// Lets the recogniser look at some of the tracks. A crop that cannot be used is not recognised.
+    fn recognise(&mut self, message: &regions::Regions<'_>) {
+        let Some(recogniser) = &mut self.recogniser else { return };
+        let (min_m, baseline_m) = (self.min_m, self.rig.baseline_m);
+        let record = |track: &Track| track.detection.and_then(|d| message.regions.get(d));
+        let may = |track: &Track| {
+            record(track).is_some_and(|r| r.width_m.min(r.height_m) >= min_m && message.crop(r).is_some())
+        };
+        self.tracker.look(self.looks, may, |track| {
+            let record = record(track)?;
+            let [_, _, width, height] = record.crop.map(|v| v as usize);
+            let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
+            let metre_px = record.disparity_px / baseline_m;
+            recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
+        });
+    }
+}
+
+impl Stage for RecognitionStage {
+    type In = RegionsMessage;
+    type Out = ObstaclesMessage;
+
+    fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError> {
+        let recogniser = recogniser(config, format.width, format.height)?;
+        let (rig, size) = (format.rig(), (format.width, format.height));
+        Ok(Self {
+            recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
+            label: config.recognition.label.clone(),
+            min_m: MIN_SHARE * config.recognition.window_m,
+            looks: schedule_parameters(config),
+            tracker: Tracker::new(tracker_parameters(config), rig, size),
+            growth: GrowthMeter::new(format.width, format.height),
+            alarm: Alarm::new(alarm_parameters(config)),
+            road_ns: 0,
+            hold_ns: alarm_parameters(config).hold_ns,
+            path_width_m: config.alarm.path_width_m,
+            rig,
+            regions: Vec::with_capacity(regions::MAX_COUNT),
+            records: Vec::with_capacity(MAX_COUNT),
+            last: None,
+        })
+    }
+
+    fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
+        recogniser(config, format.width, format.height)?;
+        Ok(())
+    }
+
+    fn process(
+        &mut self,
+        frame: &FrameContext,
+        message: Regions<'_>,
+        output: Output<'_, ObstaclesMessage>,
+    ) -> Result<Written, FrameError> {
+        let alarm = self.judge(frame, &message);
+        Ok(output.write(alarm, &self.records)?)
+    }
+}
+
+fn region(record: &RegionRecord) -> Region {
+    let [x, y, width, height] = record.bounds;
+    Region {
+        bounds: PixelBox { x, y, width, height },
+        disparity_px: record.disparity_px,
+        disparity_sigma_px: record.disparity_sigma_px,
+        distance_m: record.distance_m,
+        lateral_m: record.lateral_m,
+        width_m: record.width_m,
+        height_m: record.height_m,
+        confidence: record.confidence,
+        pixels: record.pixels,
+    }
+}
+
+fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> ObstacleRecord {
+    let b = track.region.bounds;
+    let mut class = [0; 16];
+    let score = track.class.score();
+    put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
+    let ttc = track.time_to_collision();
+    ObstacleRecord {
+        track: track.id,
+        confirmed: u32::from(confirmed),
+        seen: track.seen,
+        missed: track.missed,
+        bounds: [b.x, b.y, b.width, b.height],
+        distance_m: track.distance_m(),
+        distance_sigma_m: track.along.distance_sigma_m(),
+        lateral_m: track.across.lateral_m(),
+        width_m: track.width_m,
+        height_m: track.region.height_m,
+        across_m_s: track.across.speed_m_s(),
+        closing_m_s: track.closing_m_s(),
+        closing_sigma_m_s: track.along.closing_sigma_m_s(),
+        time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
+        time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
+        in_path: u32::from(Candidate::of(track).is_in_the_way(path_width_m)),
+        reserved: 0,
+        score: score.map_or(0.0, f64::from),
+        class,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::alarm::{LEVELS, RULES, level_name, rule_name};
+    use perception::alarm::{AlarmLevel, AlarmRule};
+
+    #[test]
+    fn levels_and_rules_have_the_numbers_of_their_names() {
+        let levels = [AlarmLevel::Off, AlarmLevel::Standby, AlarmLevel::Warning, AlarmLevel::Alarm];
+        assert_eq!(levels.map(|l| level_name(l as u32)), LEVELS);
+        assert_eq!(levels[3] as u32, messages::alarm::ALARM);
+        let rules = [AlarmRule::Distance, AlarmRule::TimeToCollision, AlarmRule::Deceleration];
+        assert_eq!(rules.map(|r| rule_name(r as u32).unwrap()), RULES[1..]);
+        assert_eq!(rule_name(AlarmRule::None as u32), None);
+    }
+}

@@ -1,0 +1,40 @@
+//! The parameters of tracker, alarm and classification from the configuration.
+
+use crate::stages::whole_number::whole;
+use config::Config;
+use perception::alarm::AlarmParameters;
+use perception::tracking::TrackerParameters;
+use perception::tracking::classification_schedule::ScheduleParameters;
+
+/// The tracker's parameters.
+pub fn tracker_parameters(config: &Config) -> TrackerParameters {
+    let c = &config.tracking;
+    TrackerParameters {
+        confirm_frames: whole(c.confirm_frames),
+        forget_frames: whole(c.forget_frames),
+        min_overlap: c.overlap_min,
+        max_count: messages::obstacles::MAX_COUNT,
+    }
+}
+
+/// The alarm's parameters.
+pub fn alarm_parameters(config: &Config) -> AlarmParameters {
+    let c = &config.alarm;
+    AlarmParameters {
+        distance_m: c.distance_m,
+        ttc_warning_s: c.ttc_warning_s,
+        ttc_alarm_s: c.ttc_alarm_s,
+        deceleration_warning_m_s2: c.deceleration_warning_m_s2,
+        deceleration_alarm_m_s2: c.deceleration_alarm_m_s2,
+        path_width_m: c.path_width_m,
+        confirm_frames: whole(c.confirm_frames),
+        clear_share: c.clear_share,
+        hold_ns: whole::<u64>(c.hold_ms) * 1_000_000,
+    }
+}
+
+/// How often tracks are classified.
+pub fn schedule_parameters(config: &Config) -> ScheduleParameters {
+    let c = &config.recognition;
+    ScheduleParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
+}

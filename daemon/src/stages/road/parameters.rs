@@ -1,0 +1,30 @@
+//! The parameters of road model and detection from the configuration.
+
+use crate::stages::whole_number::whole;
+use config::Config;
+use perception::detection::RegionParameters;
+use perception::road::{RoadParameters, Shape};
+use perception::scene::SceneParameters;
+
+/// The parameters of the road model and of the regions.
+pub fn scene_parameters(config: &Config) -> SceneParameters {
+    let (c, r) = (&config.road, &config.regions);
+    SceneParameters {
+        road: RoadParameters {
+            camera_height_m: (c.camera_height_min_m, c.camera_height_max_m),
+            horizon_share: c.horizon_share,
+            min_support: c.least_support,
+            shape: if c.shape == "plane" { Shape::Plane } else { Shape::Profile },
+        },
+        regions: RegionParameters {
+            min_height_m: r.height_min_m,
+            max_height_m: r.height_max_m,
+            max_distance_m: r.distance_max_m,
+            min_width_m: r.width_min_m,
+            depth_span_m: r.depth_span_m,
+            min_pixels: whole(r.pixels_min),
+            max_count: whole(r.count_max),
+            confirm: r.confirm,
+        },
+    }
+}

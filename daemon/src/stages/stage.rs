@@ -1,0 +1,223 @@
+//! What a stage of the pipeline is: a message in, a message out, without knowing of processes.
+
+use crate::launch::FrameFormat;
+use crate::stages::recognition::cascade::CascadeError;
+use crate::stages::stereo::matcher::BackendError;
+use config::Config;
+use messages::alarm::Faults;
+use messages::calibration::CalibrationRecord;
+use messages::device::DeviceRecord;
+use messages::header::{Header, Kind, MessageError};
+use messages::typed::{Message, Output, Written};
+use perception::stereo::MatchError;
+use thiserror::Error;
+
+/// The work of one stage on one frame: configured once, then called with each message.
+pub trait Stage: Sized {
+    /// The message that it reads.
+    type In: Message;
+
+    /// The message that it writes.
+    type Out: Message;
+
+    /// Configures the stage for the frames of a run and allocates its memory.
+    ///
+    /// # Errors
+    /// When the configuration or a file that it names cannot be used.
+    fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError>;
+
+    /// Checks at start, in the scheduler, what [`Self::new`] would refuse, as far as that costs little.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    fn check(_config: &Config, _format: &FrameFormat) -> Result<(), SetupError> {
+        Ok(())
+    }
+
+    /// Works on one message and writes the next in place.
+    ///
+    /// # Errors
+    /// When the content of the message cannot be used; the frame is skipped and counted.
+    fn process(
+        &mut self,
+        frame: &FrameContext,
+        input: <Self::In as Message>::View<'_>,
+        output: Output<'_, Self::Out>,
+    ) -> Result<Written, FrameError>;
+
+    /// State of the calibration after the last frame; zeros where it is not checked.
+    fn calibration(&self) -> CalibrationRecord {
+        CalibrationRecord::default()
+    }
+
+    /// Self-checks that failed on the last frame; its header carries them to the following stages.
+    fn faults(&self) -> Faults {
+        Faults::NONE
+    }
+
+    /// The device that the stage computes on; zeros for the CPU.
+    fn device(&self) -> DeviceRecord {
+        DeviceRecord::default()
+    }
+}
+
+/// What a stage knows of the frame besides its message.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameContext {
+    /// Number of the frame in its source, from 0.
+    pub sequence: u64,
+    /// When the pair was captured, in nanoseconds of CLOCK_MONOTONIC.
+    pub capture_ns: u64,
+    /// Time of the recording or of the camera, in nanoseconds. Filters run on it.
+    pub source_ns: u64,
+    /// Messages before this one that the stage has not received, because newer ones replaced them.
+    pub missed: u64,
+    /// How the frame is to be treated: bits of [`messages::header::modes`].
+    pub modes: u32,
+    /// Self-checks that failed in earlier stages.
+    pub faults: Faults,
+}
+
+impl FrameContext {
+    /// The context of a message.
+    pub fn of(header: &Header, missed: u64) -> Self {
+        Self {
+            sequence: header.sequence,
+            capture_ns: header.capture_ns,
+            source_ns: header.source_ns,
+            missed,
+            modes: header.modes,
+            faults: Faults(header.faults),
+        }
+    }
+}
+
+/// A [`Stage`] behind the bytes of its messages: what the frame loop and the in-process run hold.
+pub trait FrameStage {
+    /// Kind of the message that it reads.
+    fn input(&self) -> Kind;
+
+    /// Kind of the message that it writes.
+    fn output(&self) -> Kind;
+
+    /// Checks a message, works on it, and writes the payload of the next to the start of `output`. Returns its
+    /// length in bytes.
+    ///
+    /// # Errors
+    /// When the message is not sound, or see [`Stage::process`].
+    fn work(
+        &mut self,
+        header: &Header,
+        missed: u64,
+        payload: &[u8],
+        output: &mut [u8],
+    ) -> Result<usize, FrameError>;
+
+    /// See [`Stage::calibration`].
+    fn calibration(&self) -> CalibrationRecord;
+
+    /// See [`Stage::faults`].
+    fn faults(&self) -> Faults;
+
+    /// See [`Stage::device`].
+    fn device(&self) -> DeviceRecord;
+}
+
+/// A stage together with the frame size that it was configured for.
+struct Configured<S> {
+    stage: S,
+    format: FrameFormat,
+}
+
+/// Configures a stage for the frames of a run.
+///
+/// # Errors
+/// See [`Stage::new`].
+pub fn configure<S: Stage + 'static>(
+    config: &Config,
+    format: &FrameFormat,
+) -> Result<Box<dyn FrameStage>, SetupError> {
+    Ok(Box::new(Configured { stage: S::new(config, format)?, format: *format }))
+}
+
+impl<S: Stage> FrameStage for Configured<S> {
+    fn input(&self) -> Kind {
+        S::In::KIND
+    }
+
+    fn output(&self) -> Kind {
+        S::Out::KIND
+    }
+
+    fn work(
+        &mut self,
+        header: &Header,
+        missed: u64,
+        payload: &[u8],
+        output: &mut [u8],
+    ) -> Result<usize, FrameError> {
+        let message = S::In::view(header, payload)?;
+        if !self.format.has_size(header) {
+            return Err(FrameError::Size {
+                width: header.width,
+                height: header.height,
+                expected_width: self.format.width,
+                expected_height: self.format.height,
+            });
+        }
+        let context = FrameContext::of(header, missed);
+        Ok(self.stage.process(&context, message, Output::new(output))?.bytes())
+    }
+
+    fn calibration(&self) -> CalibrationRecord {
+        self.stage.calibration()
+    }
+
+    fn faults(&self) -> Faults {
+        self.stage.faults()
+    }
+
+    fn device(&self) -> DeviceRecord {
+        self.stage.device()
+    }
+}
+
+/// Why a stage cannot be configured. The text names the key or file and the remedy.
+#[derive(Debug, Error)]
+pub enum SetupError {
+    /// The matcher refuses the size or the disparities, or its backend cannot be used.
+    #[error(transparent)]
+    Matcher(#[from] BackendError),
+    /// The cascade cannot be used.
+    #[error(transparent)]
+    Cascade(#[from] CascadeError),
+}
+
+/// Why a frame cannot be used. The frame is skipped and counted.
+#[derive(Debug, Error)]
+pub enum FrameError {
+    /// The message is not sound.
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    /// The frame has another size than the run.
+    #[error("the frame is {width}x{height}, this run has {expected_width}x{expected_height}")]
+    Size {
+        /// Width of the frame.
+        width: u32,
+        /// Height of the frame.
+        height: u32,
+        /// Width of the run.
+        expected_width: usize,
+        /// Height of the run.
+        expected_height: usize,
+    },
+    /// The matcher refuses the images.
+    #[error(transparent)]
+    Match(#[from] MatchError),
+    /// The right image cannot be shifted.
+    #[error(transparent)]
+    Remap(#[from] perception::rectify::RemapError),
+    /// The bytes are no image.
+    #[error(transparent)]
+    Image(#[from] perception::image::ImageError),
+}

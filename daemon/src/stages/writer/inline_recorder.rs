@@ -1,0 +1,89 @@
+//! Records a run from inside of it: the writer's part of `lookout replay --record`. In lock-step the
+//! next pair waits until this one is in the file, so nothing is lost.
+
+use crate::host::{Host, HostError};
+use crate::recorder::{Feed, Plan};
+use messages::header::Header;
+use messages::obstacles::Obstacles;
+use messages::port::Subscriber;
+use messages::{pair, service, status};
+use std::path::Path;
+use tools::recording::{Choice, ImageForm, Limits};
+
+/// See the module.
+pub struct InlineRecorder {
+    statuses: Subscriber,
+    feed: Feed,
+}
+
+impl InlineRecorder {
+    /// Starts the file. A writer that takes over from one that died finds its file, and goes on in a
+    /// numbered one.
+    ///
+    /// # Errors
+    /// When it cannot be written, or shared memory cannot be used.
+    pub fn start(host: &Host, path: &Path) -> Result<Self, HostError> {
+        let goes_on = path.exists();
+        let limits = Limits { split_ns: goes_on.then_some(u64::MAX), ..Limits::default() };
+        let instance = host.launch.config.instance.name.clone();
+        let plan = Plan { form: ImageForm::Raw, topics: Choice::default(), limits, instance };
+        let frames = host.launch.frames;
+        let size = (frames.width as u32, frames.height as u32);
+        Ok(Self {
+            statuses: host.bus.subscriber(&service::STATUS)?,
+            feed: Feed::start(path, plan, frames.rig(), size, host.launch.lockstep)?,
+        })
+    }
+
+    /// Takes the pairs and the status that have come.
+    ///
+    /// # Errors
+    /// When shared memory cannot be used.
+    pub fn follow(&mut self, host: &mut Host, pairs: &Subscriber) -> Result<(), HostError> {
+        while let Some(sample) = pairs.receive()? {
+            match pair::view(sample.header(), sample.payload()) {
+                Err(error) => host.refused("pair", &error),
+                Ok(_) if !host.launch.frames.has_size(sample.header()) => {
+                    host.refused("pair", &"another size than the run's");
+                }
+                Ok(pair) => {
+                    if let Err(error) = self.feed.pair(sample.header(), &pair) {
+                        host.refused("pair", &error);
+                    }
+                }
+            }
+        }
+        self.feed.missed("pair", pairs.take_missed());
+        while let Some(sample) = self.statuses.receive()? {
+            if let Ok(status) = status::view(sample.header(), sample.payload()) {
+                self.feed.status(&status);
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a frame's pair has been taken.
+    pub fn has_pair(&self, sequence: u64) -> bool {
+        self.feed.last_pair() == Some(sequence)
+    }
+
+    /// Takes what came out of a frame.
+    pub fn result(&mut self, header: &Header, message: &Obstacles<'_>, missed: u64) {
+        self.feed.missed("obstacles", missed);
+        self.feed.obstacles(header, message);
+    }
+
+    /// Whether the recording has ended by itself.
+    pub fn is_over(&self) -> bool {
+        self.feed.is_over()
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// Why it ended early.
+    pub fn finish(self) -> Result<(), HostError> {
+        self.feed.finish("the run has ended")?;
+        Ok(())
+    }
+}

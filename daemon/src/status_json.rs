@@ -1,0 +1,235 @@
+//! The state of the daemon as programs read it: `lookout status --json`, the viewer, recordings.
+
+use messages::alarm::{Faults, level_name, rule_name};
+use messages::device::DeviceRecord;
+use messages::heat::HeatRecord;
+use messages::realtime::Privilege;
+use messages::status::StatusRecord;
+use perception::stereo::device::STAGES;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// The status as programs read it.
+#[derive(Serialize)]
+pub struct StatusJson {
+    pid: u32,
+    state: &'static str,
+    reason: String,
+    uptime_s: f64,
+    frames: u64,
+    latency_p50_ms: f32,
+    latency_p99_ms: f32,
+    alarm: &'static str,
+    alarm_rule: Option<&'static str>,
+    alarm_reason: Option<String>,
+    alarms: u32,
+    obstacles: u32,
+    nearest_m: Option<f64>,
+    deadline: DeadlineJson,
+    pacing: PacingJson,
+    calibration: CalibrationJson,
+    heat: HeatJson,
+    /// None where the CPU matches.
+    device: Option<DeviceJson>,
+    processes: Vec<ProcessJson>,
+}
+
+#[derive(Serialize)]
+struct DeadlineJson {
+    deadline_ms: Option<f64>,
+    age_ms: f64,
+    late: u64,
+    late_in_a_row: u64,
+}
+
+#[derive(Serialize)]
+struct PacingJson {
+    rate_hz: Option<f64>,
+    wanted_hz: f64,
+    follows: bool,
+    slowest: Option<&'static str>,
+    slowest_ms: f64,
+}
+
+#[derive(Serialize)]
+struct CalibrationJson {
+    state: &'static str,
+    text: String,
+    offset_px: f32,
+    across_px: f32,
+    down_px: f32,
+    worst_px: f32,
+    sigma_px: f32,
+    bound_px: f32,
+    corrected_px: f32,
+}
+
+#[derive(Serialize)]
+struct DeviceJson {
+    adapter: String,
+    driver: String,
+    lost: bool,
+    text: String,
+    /// Time of each stage of the last frame on the device; empty where it has no timestamps.
+    stages_ms: BTreeMap<&'static str, f32>,
+}
+
+impl DeviceJson {
+    fn new(device: &DeviceRecord) -> Option<Self> {
+        (device.state != 0).then(|| Self {
+            adapter: device.adapter(),
+            driver: device.driver(),
+            lost: device.is_lost(),
+            text: device.words(),
+            stages_ms: STAGES.into_iter().zip(device.times_ms().iter().copied()).collect(),
+        })
+    }
+}
+
+#[derive(Serialize)]
+struct ProcessJson {
+    role: &'static str,
+    state: String,
+    pid: u32,
+    core: Option<u32>,
+    restarts: u32,
+    frames: u64,
+    skipped: u64,
+    refused: u64,
+    rate_hz: f32,
+    p50_ms: f32,
+    p99_ms: f32,
+    cpu_percent: f32,
+    private_bytes: u64,
+    shared_bytes: u64,
+    allocations: u64,
+    priority: u32,
+    memory_locked: bool,
+    prefaulted: bool,
+    privileges_refused: Vec<&'static str>,
+    log_dropped: u64,
+}
+
+impl StatusJson {
+    /// That of a message.
+    pub fn new(status: &StatusRecord) -> Self {
+        Self {
+            pid: status.pid,
+            state: status.state_name(),
+            reason: status.reason(),
+            uptime_s: status.uptime_ns as f64 * 1e-9,
+            frames: status.frames,
+            latency_p50_ms: status.latency_p50_ms,
+            latency_p99_ms: status.latency_p99_ms,
+            alarm: level_name(status.alarm),
+            alarm_rule: rule_name(status.alarm_rule),
+            alarm_reason: (status.alarm == messages::alarm::OFF)
+                .then(|| Faults(status.alarm_faults).to_string()),
+            alarms: status.alarms,
+            obstacles: status.obstacles,
+            nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
+            deadline: DeadlineJson {
+                deadline_ms: (status.deadline.deadline_ns > 0)
+                    .then_some(status.deadline.deadline_ns as f64 * 1e-6),
+                age_ms: status.deadline.age_ns as f64 * 1e-6,
+                late: status.deadline.late,
+                late_in_a_row: status.deadline.late_in_a_row,
+            },
+            pacing: PacingJson {
+                rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),
+                wanted_hz: status.pacing.wanted_hz,
+                follows: status.pacing.follows == 1,
+                slowest: (status.pacing.slowest_ms > 0.0).then(|| status.pacing.slowest_name()),
+                slowest_ms: status.pacing.slowest_ms,
+            },
+            calibration: CalibrationJson {
+                state: status.calibration.state().name(),
+                text: status.calibration.to_string(),
+                offset_px: status.calibration.offset_px,
+                across_px: status.calibration.across_px,
+                down_px: status.calibration.down_px,
+                worst_px: status.calibration.worst_px,
+                sigma_px: status.calibration.sigma_px,
+                bound_px: status.calibration.bound_px,
+                corrected_px: status.calibration.corrected_px,
+            },
+            heat: HeatJson::new(&status.heat),
+            device: DeviceJson::new(&status.device),
+            processes: status
+                .processes()
+                .map(|(role, p)| ProcessJson {
+                    role: role.name(),
+                    state: p.state(),
+                    pid: p.pid,
+                    core: u32::try_from(p.core).ok(),
+                    restarts: p.restarts,
+                    frames: p.frames,
+                    skipped: p.skipped,
+                    refused: p.refused,
+                    rate_hz: p.rate_hz,
+                    p50_ms: p.p50_ms,
+                    p99_ms: p.p99_ms,
+                    cpu_percent: p.cpu_percent,
+                    private_bytes: p.private_bytes,
+                    shared_bytes: p.shared_bytes,
+                    allocations: p.allocations,
+                    priority: p.realtime.priority,
+                    memory_locked: p.realtime.has(Privilege::MemoryLock),
+                    prefaulted: p.realtime.has(Privilege::Prefault),
+                    privileges_refused: p.realtime.refusals().collect(),
+                    log_dropped: p.realtime.log_dropped,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// Heat and clocks.
+#[derive(Serialize)]
+pub struct HeatJson {
+    watched: bool,
+    rung: &'static str,
+    reason: String,
+    frame_rate_share: f32,
+    clocks_share: f32,
+    zones: Vec<ZoneJson>,
+    clocks: Vec<ClockJson>,
+}
+
+#[derive(Serialize)]
+struct ZoneJson {
+    name: String,
+    celsius: f32,
+    projected: bool,
+}
+
+#[derive(Serialize)]
+struct ClockJson {
+    name: String,
+    wanted_mhz: f32,
+    read_mhz: Option<f32>,
+}
+
+impl HeatJson {
+    pub fn new(heat: &HeatRecord) -> Self {
+        let zone = |z: &messages::heat::ZoneRecord| ZoneJson {
+            name: z.name(),
+            celsius: z.celsius,
+            projected: z.projected == 1,
+        };
+        let clock = |c: &messages::heat::ClockRecord| ClockJson {
+            name: c.name(),
+            wanted_mhz: c.wanted_mhz,
+            read_mhz: (c.read_mhz > 0.0).then_some(c.read_mhz),
+        };
+        Self {
+            watched: heat.watched == 1,
+            rung: heat.rung_name(),
+            reason: heat.reason(),
+            frame_rate_share: heat.frame_rate_share,
+            clocks_share: heat.clocks_share,
+            zones: heat.zones().iter().map(zone).collect(),
+            clocks: heat.clocks().iter().map(clock).collect(),
+        }
+    }
+}

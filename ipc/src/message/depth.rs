@@ -1,0 +1,102 @@
+//! `depth`: stereo → road. Disparity (u16, 1/256 px, 0 = unknown), left image, confidence (u8), right
+//! image as it was matched, each width × height values.
+
+use crate::header::{Header, Kind, MessageError, check_length};
+use crate::typed::{Message, Output, Written};
+
+/// Bytes of the payload for images of `width` × `height`.
+pub fn payload_bytes(width: usize, height: usize) -> usize {
+    5 * width * height
+}
+
+/// The maps of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct Depth<'a> {
+    /// Disparity in 1/256 px, 0 = unknown.
+    pub disparity: &'a [u16],
+    /// Left image.
+    pub left: &'a [u8],
+    /// Confidence, 0 to 255.
+    pub confidence: &'a [u8],
+    /// Right image, its rows those of the left.
+    pub right: &'a [u8],
+}
+
+/// The maps of a message, to be written.
+#[derive(Debug)]
+pub struct DepthMut<'a> {
+    /// Disparity in 1/256 px, 0 = unknown.
+    pub disparity: &'a mut [u16],
+    /// Left image.
+    pub left: &'a mut [u8],
+    /// Confidence, 0 to 255.
+    pub confidence: &'a mut [u8],
+    /// Right image, its rows those of the left.
+    pub right: &'a mut [u8],
+}
+
+/// Checks a message and sees its maps.
+///
+/// # Errors
+/// When the header or the length is wrong.
+pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, MessageError> {
+    header.check(Kind::Depth)?;
+    let pixels = header.pixels();
+    check_length(payload, 5 * pixels)?;
+    let (disparity, rest) = payload.split_at(2 * pixels);
+    let disparity = bytemuck::try_cast_slice(disparity)
+        .map_err(|_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 })?;
+    let (left, rest) = rest.split_at(pixels);
+    let (confidence, right) = rest.split_at(pixels);
+    Ok(Depth { disparity, left, confidence, right })
+}
+
+/// The maps of a payload for `pixels` pixels, to be written.
+///
+/// # Errors
+/// When the payload has another length or is not aligned to two bytes.
+pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, MessageError> {
+    check_length(payload, 5 * pixels)?;
+    let at = payload.as_ptr() as u64;
+    let (disparity, rest) = payload.split_at_mut(2 * pixels);
+    let disparity = bytemuck::try_cast_slice_mut(disparity)
+        .map_err(|_| MessageError::Value { what: "alignment", value: at })?;
+    let (left, rest) = rest.split_at_mut(pixels);
+    let (confidence, right) = rest.split_at_mut(pixels);
+    Ok(DepthMut { disparity, left, confidence, right })
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthMessage;
+
+impl Message for DepthMessage {
+    const KIND: Kind = Kind::Depth;
+    type View<'a> = Depth<'a>;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(width: usize, height: usize) -> usize {
+        payload_bytes(width, height)
+    }
+}
+
+impl<'a> Output<'a, DepthMessage> {
+    /// Lets `fill` write the maps of a frame of `pixels` pixels.
+    ///
+    /// # Errors
+    /// When the payload is too short, or whatever `fill` gives.
+    pub fn write<E: From<MessageError>>(
+        self,
+        pixels: usize,
+        fill: impl FnOnce(DepthMut<'_>) -> Result<(), E>,
+    ) -> Result<Written, E> {
+        let needed = 5 * pixels;
+        let given = self.payload.len();
+        let payload = self.payload.get_mut(..needed).ok_or(MessageError::Length { given, needed })?;
+        fill(split_mut(payload, pixels)?)?;
+        Ok(Written(needed))
+    }
+}

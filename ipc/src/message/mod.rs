@@ -1,0 +1,27 @@
+//! All messages. A new one is a module of its own and one line here.
+
+use crate::pipeline::Kind;
+use crate::typed::Message;
+
+macro_rules! messages {
+    ($($module:ident::$message:ident,)*) => {
+        $(pub mod $module;)*
+
+        /// The longest payload of a kind of message for images of `width` × `height`, in bytes.
+        pub(crate) fn max_payload_bytes(kind: Kind, width: usize, height: usize) -> usize {
+            match kind {
+                $(<$module::$message as Message>::KIND => $module::$message::max_payload_bytes(width, height),)*
+            }
+        }
+    };
+}
+
+messages! {
+    pair::PairMessage,
+    depth::DepthMessage,
+    regions::RegionsMessage,
+    obstacles::ObstaclesMessage,
+    report::ReportMessage,
+    command::CommandMessage,
+    status::StatusMessage,
+}

@@ -1,0 +1,380 @@
+//! `regions`: road → recognition. The road, up to [`MAX_COUNT`] regions, and their crops.
+//!
+//! Payload: [`RoadRecord`], the road's profile (f32 per image row), the free space (f32 per
+//! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey bytes).
+
+use crate::header::{Header, Kind, MessageError};
+use crate::typed::{Message, Output, Written};
+use bytemuck::{Pod, Zeroable};
+
+/// The most regions of a message.
+pub const MAX_COUNT: usize = 64;
+
+/// Columns that share one distance of the free space.
+pub const FREE_COLUMNS: usize = 8;
+
+/// Stretches of the road that have edges of their own.
+pub const STRETCHES: usize = 8;
+
+/// No number of an edge is larger.
+const MAX_EDGE: f32 = 1e6;
+
+/// The road's edge on one side of a stretch: a kerb, or what else steps up there.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct EdgeRecord {
+    /// How much higher it is outside, in metres; 0 where no edge is seen, and all else with it.
+    pub step_m: f32,
+    /// Metres right of the camera axis.
+    pub lateral_m: f32,
+    /// Metres ahead.
+    pub distance_m: f32,
+    /// Where that is in the left image, on the road; it may lie outside.
+    pub x_px: f32,
+    /// Its row.
+    pub y_px: f32,
+}
+
+impl EdgeRecord {
+    /// Column and row of the edge, if it is seen.
+    fn point(&self) -> Option<(i32, i32)> {
+        (self.step_m > 0.0).then(|| (self.x_px.round() as i32, self.y_px.round() as i32))
+    }
+}
+
+/// The road as it was seen.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RoadRecord {
+    /// 1 when a road was seen; all else is 0 otherwise.
+    pub seen: u32,
+    /// Regions that follow.
+    pub regions: u32,
+    /// Slope of the road in v-disparity, px per row.
+    pub slope: f64,
+    /// Row of the horizon, in px.
+    pub horizon_px: f64,
+    /// Roll: disparity that one column to the right adds, px per px.
+    pub roll: f64,
+    /// Share of rows in which the road is supported, 0 to 1.
+    pub confidence: f64,
+    /// Height of the camera above the road, in metres.
+    pub camera_height_m: f64,
+    /// Its left and right edges, the nearest stretch first.
+    pub edges: [[EdgeRecord; 2]; STRETCHES],
+}
+
+/// One region. Boxes are in pixels of the left image.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RegionRecord {
+    /// Disparity of the near side, in px.
+    pub disparity_px: f64,
+    /// One standard deviation of that.
+    pub disparity_sigma_px: f64,
+    /// Distance of the near side, in metres.
+    pub distance_m: f64,
+    /// Middle of the box, metres right of the camera axis.
+    pub lateral_m: f64,
+    /// Width, in metres.
+    pub width_m: f64,
+    /// Height, in metres.
+    pub height_m: f64,
+    /// Mean confidence of its disparities, 0 to 1.
+    pub confidence: f64,
+    /// The box: left, top, width, height.
+    pub bounds: [u32; 4],
+    /// The crop, a margin around the box: left, top, width, height. All 0 when there was no room.
+    pub crop: [u32; 4],
+    /// Where the crop's bytes start, from the first crop on.
+    pub crop_offset: u32,
+    /// Obstacle pixels in the region.
+    pub pixels: u32,
+}
+
+/// Bytes of the payload for images of `width` × `height` at its longest.
+pub fn max_payload_bytes(width: usize, height: usize) -> usize {
+    fixed_bytes(width, height) + MAX_COUNT * size_of::<RegionRecord>() + width * height
+}
+
+fn fixed_bytes(width: usize, height: usize) -> usize {
+    // Padded to eight bytes, so that the records behind are aligned.
+    let numbers = (height + width.div_ceil(FREE_COLUMNS)).next_multiple_of(2);
+    size_of::<RoadRecord>() + numbers * size_of::<f32>()
+}
+
+/// The parts of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct Regions<'a> {
+    /// The road.
+    pub road: RoadRecord,
+    /// Disparity of the road in each row, in px; 0 above it.
+    pub profile_px: &'a [f32],
+    /// Metres that are free ahead of each [`FREE_COLUMNS`] columns, from the left; 0 without a road.
+    pub free_m: &'a [f32],
+    /// The regions, nearest first.
+    pub regions: &'a [RegionRecord],
+    crops: &'a [u8],
+}
+
+impl<'a> Regions<'a> {
+    /// Columns and rows of the road's edges, where they are seen.
+    pub fn edge_points(&self) -> [[Option<(i32, i32)>; 2]; STRETCHES] {
+        self.road.edges.map(|sides| sides.map(|edge| edge.point()))
+    }
+
+    /// The grey pixels of a region's crop, rows without gaps; `None` when it has none.
+    pub fn crop(&self, region: &RegionRecord) -> Option<&'a [u8]> {
+        let [_, _, width, height] = region.crop.map(|v| v as usize);
+        let start = region.crop_offset as usize;
+        (width > 0 && height > 0).then(|| self.crops.get(start..start + width * height)).flatten()
+    }
+}
+
+/// Checks a message and sees its parts. All boxes and crops lie within the image and the payload.
+///
+/// # Errors
+/// When anything is out of range.
+pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, MessageError> {
+    header.check(Kind::Regions)?;
+    let (width, height) = (header.width as usize, header.height as usize);
+    let fixed = fixed_bytes(width, height);
+    let least = MessageError::Length { given: payload.len(), needed: fixed };
+    let (start, rest) = payload.split_at_checked(fixed).ok_or(least)?;
+    let misaligned = |_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 };
+    let (road, profile) = start.split_at(size_of::<RoadRecord>());
+    let road: RoadRecord = bytemuck::pod_read_unaligned(road);
+    let of_edge = |e: &EdgeRecord| [e.step_m, e.lateral_m, e.distance_m, e.x_px, e.y_px];
+    if let Some(v) = road.edges.iter().flatten().flat_map(of_edge).find(|v| v.is_nan() || v.abs() > MAX_EDGE)
+    {
+        return Err(MessageError::Value { what: "edge of the road", value: v.to_bits().into() });
+    }
+    let numbers: &[f32] = bytemuck::try_cast_slice(profile).map_err(misaligned)?;
+    let (profile_px, free_m) = numbers.split_at(height);
+    let count = road.regions as usize;
+    if count > MAX_COUNT || road.seen > 1 {
+        return Err(MessageError::Value { what: "count of regions", value: u64::from(road.regions) });
+    }
+    let records = count * size_of::<RegionRecord>();
+    let needed = fixed + records;
+    let (records, crops) =
+        rest.split_at_checked(records).ok_or(MessageError::Length { given: payload.len(), needed })?;
+    let regions: &[RegionRecord] = bytemuck::try_cast_slice(records).map_err(misaligned)?;
+    for region in regions {
+        let inside = |b: &[u32; 4]| {
+            u64::from(b[0]) + u64::from(b[2]) <= u64::from(header.width)
+                && u64::from(b[1]) + u64::from(b[3]) <= u64::from(header.height)
+        };
+        if !inside(&region.bounds) || !inside(&region.crop) {
+            return Err(MessageError::Value { what: "box of a region", value: region.bounds[0].into() });
+        }
+        let end = u64::from(region.crop_offset) + u64::from(region.crop[2]) * u64::from(region.crop[3]);
+        if end > crops.len() as u64 {
+            return Err(MessageError::Value { what: "end of a crop", value: end });
+        }
+        let numbers = [
+            region.disparity_px,
+            region.disparity_sigma_px,
+            region.distance_m,
+            region.lateral_m,
+            region.width_m,
+            region.height_m,
+            region.confidence,
+        ];
+        if numbers.iter().any(|v| !v.is_finite()) || region.disparity_px <= 0.0 {
+            return Err(MessageError::Value {
+                what: "measure of a region",
+                value: region.disparity_px.to_bits(),
+            });
+        }
+    }
+    let free_m = &free_m[..width.div_ceil(FREE_COLUMNS)];
+    Ok(Regions { road, profile_px, free_m, regions, crops })
+}
+
+/// Writes a message piece by piece into a payload of [`max_payload_bytes`].
+#[derive(Debug)]
+pub struct Writer<'a> {
+    payload: &'a mut [u8],
+    /// Bytes before the records.
+    fixed: usize,
+    records: usize,
+    count: usize,
+    crop_bytes: usize,
+}
+
+impl<'a> Writer<'a> {
+    /// Starts a message with the road, its profile, the free space and how many regions will come (at most
+    /// [`MAX_COUNT`]; the rest is left out).
+    ///
+    /// # Errors
+    /// When the payload is too short.
+    pub fn new(
+        payload: &'a mut [u8],
+        road: RoadRecord,
+        profile_px: &[f32],
+        free_m: &[f32],
+        regions: usize,
+    ) -> Result<Self, MessageError> {
+        let records = regions.min(MAX_COUNT);
+        let numbers = (profile_px.len() + free_m.len()).next_multiple_of(2);
+        let fixed = size_of::<RoadRecord>() + numbers * size_of::<f32>();
+        let needed = fixed + records * size_of::<RegionRecord>();
+        if payload.len() < needed {
+            return Err(MessageError::Length { given: payload.len(), needed });
+        }
+        let road = RoadRecord { regions: records as u32, ..road };
+        let (start, rest) = payload.split_at_mut(size_of::<RoadRecord>());
+        start.copy_from_slice(bytemuck::bytes_of(&road));
+        let profile: &[u8] = bytemuck::cast_slice(profile_px);
+        let free: &[u8] = bytemuck::cast_slice(free_m);
+        rest[..profile.len()].copy_from_slice(profile);
+        rest[profile.len()..][..free.len()].copy_from_slice(free);
+        rest[profile.len() + free.len()..numbers * size_of::<f32>()].fill(0);
+        Ok(Self { payload, fixed, records, count: 0, crop_bytes: 0 })
+    }
+
+    /// Bytes of the payload that were used.
+    pub fn bytes(&self) -> usize {
+        self.fixed + self.records * size_of::<RegionRecord>() + self.crop_bytes
+    }
+
+    /// Adds a region and the rows of its crop. Where the crop no longer fits, the region goes
+    /// without. Returns whether it fitted.
+    pub fn push<'r>(&mut self, region: RegionRecord, mut crop: impl Iterator<Item = &'r [u8]>) -> bool {
+        if self.count == self.records {
+            return false;
+        }
+        let crops = self.fixed + self.records * size_of::<RegionRecord>();
+        let size = region.crop[2] as usize * region.crop[3] as usize;
+        let start = crops + self.crop_bytes;
+        let fits = start + size <= self.payload.len();
+        let mut record = RegionRecord { crop_offset: self.crop_bytes as u32, ..region };
+        if fits {
+            let width = (region.crop[2] as usize).max(1);
+            for target in self.payload[start..start + size].chunks_exact_mut(width) {
+                match crop.next() {
+                    Some(row) if row.len() == width => target.copy_from_slice(row),
+                    _ => target.fill(0),
+                }
+            }
+            self.crop_bytes += size;
+        } else {
+            (record.crop, record.crop_offset) = ([0; 4], 0);
+        }
+        let at = self.fixed + self.count * size_of::<RegionRecord>();
+        self.payload[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(&record));
+        self.count += 1;
+        fits
+    }
+}
+
+/// The message in types.
+#[derive(Clone, Copy, Debug)]
+pub struct RegionsMessage;
+
+impl Message for RegionsMessage {
+    const KIND: Kind = Kind::Regions;
+    type View<'a> = Regions<'a>;
+
+    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+        view(header, payload)
+    }
+
+    fn max_payload_bytes(width: usize, height: usize) -> usize {
+        max_payload_bytes(width, height)
+    }
+}
+
+impl<'a> Output<'a, RegionsMessage> {
+    /// Starts a message: see [`Writer::new`].
+    ///
+    /// # Errors
+    /// When the payload is too short.
+    pub fn begin(
+        self,
+        road: RoadRecord,
+        profile_px: &[f32],
+        free_m: &[f32],
+        regions: usize,
+    ) -> Result<Writer<'a>, MessageError> {
+        Writer::new(self.payload, road, profile_px, free_m, regions)
+    }
+}
+
+impl Writer<'_> {
+    /// Ends the message.
+    pub fn finish(self) -> Written {
+        Written(self.bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::header::Header;
+
+    fn region(x: u32, crop: [u32; 4]) -> RegionRecord {
+        RegionRecord { disparity_px: 5.0, bounds: [x, 2, 4, 5], crop, ..RegionRecord::default() }
+    }
+
+    /// Eight-byte aligned memory, as shared memory is.
+    fn message() -> (Header, Vec<u64>) {
+        let header = Header { width: 16, height: 9, ..Header::new(Kind::Regions) };
+        let mut memory = vec![u64::MAX; max_payload_bytes(16, 9).div_ceil(8)];
+        let payload = bytemuck::cast_slice_mut(&mut memory);
+        let mut road = RoadRecord { seen: 1, slope: 0.1, ..RoadRecord::default() };
+        road.edges[2][1] = EdgeRecord { step_m: 0.12, x_px: 12.4, y_px: 7.6, ..EdgeRecord::default() };
+        let profile: Vec<f32> = (0..9).map(|y| y as f32).collect();
+        let mut writer = Writer::new(payload, road, &profile, &[30.0, 12.5], 2).unwrap();
+        let pixels = [7_u8; 20];
+        assert!(writer.push(region(1, [1, 2, 4, 5]), pixels.chunks(4)));
+        // This crop is larger than what is left.
+        assert!(!writer.push(region(2, [0, 0, 4096, 4096]), std::iter::empty()));
+        assert!(!writer.push(region(3, [0; 4]), std::iter::empty()), "more than announced");
+        assert_eq!(writer.bytes(), fixed_bytes(16, 9) + 2 * size_of::<RegionRecord>() + 20);
+        (header, memory)
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let (header, memory) = message();
+        let regions = view(&header, bytemuck::cast_slice(&memory)).unwrap();
+        assert_eq!((regions.road.seen, regions.road.slope), (1, 0.1));
+        assert_eq!(regions.edge_points()[2], [None, Some((12, 8))]);
+        assert_eq!(regions.profile_px[8], 8.0);
+        assert_eq!(regions.free_m, [30.0, 12.5]);
+        assert_eq!(regions.regions.len(), 2);
+        assert_eq!(regions.crop(&regions.regions[0]), Some(&[7_u8; 20][..]));
+        assert_eq!(regions.crop(&regions.regions[1]), None);
+    }
+
+    #[test]
+    fn hostile_bytes_are_refused_or_harmless() {
+        let (header, memory) = message();
+        let good: Vec<u8> = bytemuck::cast_slice(&memory).to_vec();
+        let mut random = fastrand::Rng::with_seed(11);
+        for round in 0..20_000 {
+            let mut memory = memory.clone();
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            for _ in 0..random.usize(1..6) {
+                let at = random.usize(0..good.len().min(376));
+                bytes[at] = random.u8(..);
+            }
+            let header = if round % 5 == 0 {
+                Header { width: random.u32(1..40), height: random.u32(1..40), ..header }
+            } else {
+                header
+            };
+            let length = if round % 4 == 0 { random.usize(0..good.len()) } else { good.len() };
+            if let Ok(regions) = view(&header, &bytes[..length]) {
+                for region in regions.regions {
+                    let crop = regions.crop(region);
+                    assert!(crop.is_none_or(|c| c.len() == (region.crop[2] * region.crop[3]) as usize));
+                    assert!(region.bounds[0] + region.bounds[2] <= header.width);
+                    assert_eq!(regions.profile_px.len(), header.height as usize);
+                }
+            }
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! The stages' algorithms ask the heap for nothing once they are made: counted on a drive, frame by frame.
+//! The algorithms of the stages allocate no heap memory after construction: counted frame by frame on a drive.
 
 use messages::allocation::{CountingAllocator, by_this_thread};
 use perception::depth::DepthView;
@@ -33,7 +33,7 @@ fn a_frame_of_stereo_and_of_the_road_allocates_nothing() {
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
     let (mut roads, mut most) = (0, 0);
     for index in 0..24 {
-        // Every fifth frame of the drive, so that much changes; drawing may allocate.
+        // Every fifth frame of the drive, so that much changes; rendering may allocate.
         scene.read(5 * index, &mut left, &mut right).expect("the frame is drawn");
         let view = |pixels| GreyView::new(pixels, width, height, width).expect("it fits");
         let before = by_this_thread();

@@ -1,8 +1,6 @@
-//! Input that cannot be used: each a clear error that names what is wrong, and nothing left behind.
+//! Unusable input: each kind gives an error that names the fault, and leaves nothing behind.
 
-mod support;
-
-use support::{Bench, save_grey};
+use crate::support::{self, Bench, save_grey};
 
 /// Runs a replay that must fail, and checks what it says.
 fn refused(bench: &Bench, recording: &str, expected: &[&str]) {

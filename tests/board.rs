@@ -1,16 +1,14 @@
-//! Heat and clocks: the daemon on a made-up board whose sensors heat up and whose clocks do not take.
+//! Heat and clocks: the daemon on a simulated board whose sensors heat up and whose clocks ignore what is set.
 
-mod support;
-
+use crate::support::{Bench, WATCHDOG};
 use serde_json::Value;
 use std::path::Path;
 use std::time::Instant;
-use support::{Bench, WATCHDOG};
 
 const TEMP: &str = "class/thermal/thermal_zone0/temp";
 const POLICY: &str = "devices/system/cpu/cpufreq/policy0";
 
-/// A board with one sensor and one clock, and a daemon that is quick to react.
+/// A board with one sensor and one clock, and a daemon that reacts quickly.
 struct Board {
     bench: Bench,
 }
@@ -39,7 +37,7 @@ impl Board {
         board
     }
 
-    /// What the script for switching off writes.
+    /// The file that the power-off script writes.
     fn off(&self) -> std::path::PathBuf {
         self.bench.path("is-off")
     }
@@ -47,7 +45,7 @@ impl Board {
     fn set(&self, file: &str, text: &str) {
         let path = self.bench.path("sys").join(file);
         std::fs::create_dir_all(path.parent().expect("a folder")).expect("folders");
-        // Whole or not at all, as the kernel's files are read.
+        // Atomically, as reads of the kernel's files are.
         let new = path.with_extension("new");
         std::fs::write(&new, format!("{text}\n")).expect("the file is written");
         std::fs::rename(&new, &path).expect("the file is put there");
@@ -83,7 +81,7 @@ fn wait_for(path: &Path) {
 }
 
 #[test]
-fn every_rung_is_entered_told_and_left_and_96_degrees_switch_off() {
+fn every_rung_is_entered_reported_and_left_and_96_degrees_switch_off() {
     let board = Board::new(60.0);
     let daemon = board.bench.start(&["run"]);
     let status = board.bench.status_when(|s| s["state"] == "running");
@@ -111,7 +109,7 @@ fn every_rung_is_entered_told_and_left_and_96_degrees_switch_off() {
     let table = board.bench.ok(&["status"]);
     assert!(table.contains("heat: stopped, cpu-thermal 94.5 °C\nclocks: policy0 1440 MHz"), "{table}");
 
-    // All the way back.
+    // And back to normal.
     board.heat(60.0);
     let status = board.bench.status_when(|s| s["heat"]["rung"] == "normal" && s["state"] == "running");
     let frames = status["frames"].as_u64();
@@ -139,9 +137,9 @@ fn every_rung_is_entered_told_and_left_and_96_degrees_switch_off() {
 }
 
 #[test]
-fn a_sensor_that_vanishes_is_projected_until_the_stages_wait() {
+fn a_lost_sensor_is_extrapolated_until_the_stages_stop() {
     let board = Board::new(80.0);
-    // As fast as a test has patience for.
+    // Fast, so that the test need not wait long.
     let daemon = board.bench.start(&["run", "--set", "heat.slew_c_per_s=20"]);
     board.bench.status_when(|s| s["state"] == "running");
     std::fs::remove_file(board.bench.path("sys").join(TEMP)).expect("the sensor was there");
@@ -167,7 +165,7 @@ fn a_hot_start_is_refused_and_nothing_is_touched() {
 }
 
 #[test]
-fn a_clock_that_does_not_take_is_told_with_both_figures() {
+fn a_clock_that_is_not_applied_is_reported_with_both_frequencies() {
     let board = Board::new(60.0);
     board.set(&format!("{POLICY}/scaling_cur_freq"), "1000000");
     let daemon = board.bench.start(&["run"]);
@@ -183,7 +181,7 @@ fn a_clock_that_does_not_take_is_told_with_both_figures() {
 }
 
 #[test]
-fn clocks_of_a_killed_daemon_are_put_back() {
+fn clocks_of_a_killed_daemon_are_restored() {
     let board = Board::new(60.0);
     let daemon = board.bench.start(&["run"]);
     board.bench.status_when(|s| s["state"] == "running");
@@ -195,7 +193,7 @@ fn clocks_of_a_killed_daemon_are_put_back() {
     assert!(board.bench.ok(&["restore-clocks"]).contains("clocks put back: 1"));
     assert_eq!(board.clock(), pair("600000", "2400000"));
     assert!(board.bench.ok(&["restore-clocks"]).contains("no clocks to put back"));
-    // The next run finds the board's own clocks, also when nobody has put them back.
+    // The next run finds the board's own clocks, also when nobody has restored them.
     let daemon = board.bench.start(&["run"]);
     board.bench.status_when(|s| s["state"] == "running");
     daemon.signal("KILL");

@@ -1,8 +1,7 @@
 //! `lookout calibrate`, `rectify` and `rig`: generated boards before known cameras, seeded faults, bad
-//! input, real pictures.
+//! input, real images.
 
-mod support;
-
+use crate::support::{self, Bench, python, save_grey, shared_data, turns};
 use nalgebra::{Rotation3, Vector3};
 use perception::calibration::{Board, Camera, Crop, Pose};
 use sources::chessboard::{Conditions, Studio, poses};
@@ -10,7 +9,6 @@ use sources::rig_file::RigFile;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Bench, save_grey, shared_data};
 
 const SIZE: (usize, usize) = (480, 360);
 const VIEWS: usize = 14;
@@ -31,7 +29,7 @@ fn cameras() -> ([Camera; 2], Pose) {
 
 type Picture = Vec<u8>;
 
-/// Pictures of the same views: as they should be; with a board 1 % too long; with the right camera
+/// Images of the same views: correct; with a board 1 % too long; with the right camera
 /// pitched by 0.1 degrees.
 struct Set {
     good: Vec<[Picture; 2]>,
@@ -81,7 +79,7 @@ fn save(folder: &Path, pairs: impl IntoIterator<Item = [Picture; 2]>) {
     }
 }
 
-/// Runs the calibration of a folder; gives its JSON and whether it succeeded.
+/// Calibrates from a folder; returns the JSON and whether it succeeded.
 fn calibrate(bench: &Bench, folder: &Path, board: &[&str]) -> (serde_json::Value, bool) {
     let folder = folder.display().to_string();
     let mut args = vec!["calibrate", folder.as_str(), "-o", "rig.toml", "--json"];
@@ -120,7 +118,7 @@ fn good_pictures_give_the_cameras_that_took_them() {
     }
     let baseline = between.translation_m.norm();
     assert!((rig.rectification.rig.baseline_m - baseline).abs() < 4.0 * quality.baseline_sigma_m);
-    // The report, and the rig at work.
+    // The report, and images rectified with the rig.
     let args =
         ["calibrate", "set", "-o", "rig2.toml", "--board", "9x6", "--square-mm", "25", "--report", "report"];
     let text = bench.ok(&args);
@@ -138,7 +136,7 @@ fn good_pictures_give_the_cameras_that_took_them() {
     });
     let off = rows[0].iter().zip(&rows[1]).map(|(l, r)| (l.y - r.y).abs()).sum::<f64>() / 54.0;
     assert!(off < 0.12, "rows of rectified corners differ by {off} px");
-    // Out and in again.
+    // Exported and imported again.
     bench.ok(&["rig", "rig.toml", "--format", "ros", "-o", "left.yaml"]);
     let shown = bench.ok(&["rig", "left.yaml", "right.yaml"]);
     assert!(shown.contains("baseline_m = 0.1"), "{shown}");
@@ -243,13 +241,13 @@ fn a_real_set_is_calibrated() {
     assert_eq!(json["all_views"]["pairs_used"], 29);
     assert!((value("baseline_m") / 0.094 - 1.0).abs() < 0.005, "{json:#}");
     assert!(json["left_out"].as_array().unwrap().len() <= 4, "{json:#}");
-    // The board was in a hand: a fifth of a pixel between the exposures. Nothing else is wrong.
+    // The board was hand-held: it moved by a fifth of a pixel between the exposures. Nothing else is wrong.
     assert_eq!(json["verdict"], "usable", "{json:#}");
     let wrong = json["reasons"].as_array().unwrap();
     let others = wrong.iter().filter(|r| {
         let text = r.as_str().unwrap();
-        let of_the_hand = ["by turns", "was left out", "corners left out", "off by more than 0.25 px"];
-        !of_the_hand.iter().any(|words| text.contains(words))
+        let by_motion = ["by turns", "was left out", "corners left out", "off by more than 0.25 px"];
+        !by_motion.iter().any(|words| text.contains(words))
     });
     assert_eq!(others.count(), 0, "{json:#}");
     // Another board size is never guessed.
@@ -259,14 +257,10 @@ fn a_real_set_is_calibrated() {
 
 #[test]
 fn the_programs_that_own_the_formats_read_and_write_them() {
-    let libraries = "import cv2, numpy, yaml";
-    if !Command::new("python3").args(["-c", libraries]).output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: no python3 with the packages opencv-python and PyYAML");
-        return;
-    }
+    let Some(python) = python("cv2, numpy, yaml", "opencv-python and PyYAML") else { return };
     let bench = Bench::new();
     let (mut cameras, between) = cameras();
-    // To YAML 1.1 a number without a point is text.
+    // YAML 1.1 takes a number without a decimal point for text.
     cameras[0].distortion[2] = 1e-5;
     let rig = RigFile::from_cameras(cameras, between, SIZE, Crop::Valid).unwrap();
     rig.write(&bench.path("rig.toml")).unwrap();
@@ -276,7 +270,7 @@ fn the_programs_that_own_the_formats_read_and_write_them() {
         bench.ok(&["rig", "rig.toml", "--format", format, "-o", name]);
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/support/read_calibration.py");
-    let output = Command::new("python3").arg(&script).arg(bench.path("")).output().unwrap();
+    let output = Command::new(&python).arg(&script).arg(bench.path("")).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let same = |value: &serde_json::Value, expected: &[f64]| {
@@ -322,12 +316,12 @@ fn the_programs_that_own_the_formats_read_and_write_them() {
         from_left[4 * k + 3] = between.translation_m[k];
     }
     same(&said["kalibr"][1]["from_left"], &from_left);
-    // With these numbers OpenCV rectifies onto the same rows, and finds the places.
+    // With these parameters OpenCV rectifies onto the same rows and triangulates the points.
     assert!(said["points"].as_u64().unwrap() > 100, "{said}");
     for key in ["rows_px", "places_m"] {
         assert!(said[key].as_f64().unwrap() < 1e-4, "{key}: {}", said[key]);
     }
-    // And what these libraries write is read here.
+    // What these libraries write can be imported.
     for files in [&["cv2.yml"][..], &["ros2_left.yaml", "ros2_right.yaml"], &["camchain2.yaml"]] {
         let paths: Vec<_> = files.iter().map(|f| bench.path(f)).collect();
         let back = sources::rig_file::import(&paths, None, Crop::Valid).unwrap();
@@ -342,9 +336,10 @@ fn the_programs_that_own_the_formats_read_and_write_them() {
     }
 }
 
-/// Every picture of the shared sets but the boards; prints the processor time that each set took.
+/// Every image of the shared data sets except the chessboards; prints the processor time of each set.
 #[test]
 fn pictures_without_a_board_have_none() {
+    let _turn = turns::beside_others();
     let board = Board::new(9, 6, 0.025).unwrap();
     for set in ["road_images", "kitti2015", "kitti_cars", "kitti_depth", "kitti_sequence_1", "middlebury"] {
         let Some(folder) = shared_data(set) else { return };
@@ -367,6 +362,7 @@ fn pictures_without_a_board_have_none() {
 /// The synthetic drive, `frames` pairs; from `turned` on the right camera is pitched by 0.2 degrees.
 #[test]
 fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
+    let _turn = turns::beside_others();
     use perception::rectify::Remap;
     use perception::simd::Level;
     use perception::stereo::epipolar::{EpipolarCheck, EpipolarHealth, EpipolarParameters, EpipolarState};
@@ -418,7 +414,7 @@ fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
         if index >= 12 && noticed.is_none() && health.state == EpipolarState::Degraded {
             noticed = Some(index - 11);
         }
-        // In steps: while rows are far off, so are the matches that tell by how much.
+        // In steps: with a large row offset the matches that measure it are off, too.
         if (index == 40 || index == 48) && health.state == EpipolarState::Degraded {
             println!("frame {index}: {health:?}");
             shifts.push(health);
@@ -450,7 +446,7 @@ fn a_recording_is_rectified_as_it_is_read() {
     let args = ["replay", "set", "--in-process", "--limit", "2", "--rig", &rig, "--out", "seen"];
     bench.ok(&[&args[..], &["--set", "source.rectify=true"]].concat());
     bench.ok(&["rectify", "rig.toml", "set/left/1.png", "set/right/1.png", "-o", "one"]);
-    // The overlay shows the left picture: where nothing is drawn they agree.
+    // The overlay shows the left image: they agree where nothing is drawn.
     let overlay = image::open(bench.path("seen/overlay/000000.png")).unwrap().into_rgb8();
     let left = image::open(bench.path("one/left.png")).unwrap().into_luma8();
     let same = left.enumerate_pixels().filter(|(x, y, p)| overlay.get_pixel(*x, *y).0 == [p.0[0]; 3]).count();
@@ -462,7 +458,7 @@ fn a_recording_is_rectified_as_it_is_read() {
 #[test]
 fn live_pairs_are_chosen_and_calibrated() {
     let bench = Bench::new();
-    // Every view three times: only the first of each says something new.
+    // Every view three times: only the first of each adds information.
     let views = set().good.iter().flat_map(|pair| [pair.clone(), pair.clone(), pair.clone()]);
     save(&bench.path("pictures"), views);
     let args = ["calibrate", "--live", "pictures", "-o", "rig.toml", "--json"];
@@ -476,10 +472,10 @@ fn live_pairs_are_chosen_and_calibrated() {
     assert!(said.contains("only 5 views were used"), "what is missing must be said: {said}");
     assert!((result["baseline_m"].as_f64().unwrap() - 0.12).abs() < 0.001, "{result}");
     assert_eq!(std::fs::read_dir(bench.path("rig.pictures/left")).unwrap().count() as u64, kept);
-    // Pictures that are there are not mixed with others.
+    // New images are not mixed with existing ones.
     let again = bench.fails(&[&args[..], &BOARD].concat());
     assert!(again.contains("rig.pictures") && again.contains("--pictures"), "{again}");
-    // From the running daemon, which gives the same pairs again and again.
+    // From the running daemon, which repeats the same pairs.
     let folder = bench.path("pictures");
     std::fs::write(
         folder.join("rig.toml"),
@@ -492,7 +488,7 @@ fn live_pairs_are_chosen_and_calibrated() {
     let config = bench.path("car.toml").display().to_string();
     let live = ["calibrate", "--live", "-c", &config, "-o", "live.toml", "--json", "--pictures", "kept"];
     let calibration = bench.start(&[&live[..], &BOARD].concat());
-    // The daemon ends while it looks for more: so does the calibration, with what it has.
+    // The daemon ends while the calibration waits for more pairs: it ends, too, with those that it has.
     let start = std::time::Instant::now();
     let count = || std::fs::read_dir(bench.path("kept/left")).map_or(0, Iterator::count);
     while count() < 6 {

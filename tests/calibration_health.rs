@@ -1,15 +1,13 @@
-//! The running check of the calibration: a right camera that turns in flight is noticed, published
-//! with the reason, and corrected when that is configured.
+//! The online check of the calibration: a right camera that turns during a run is detected, reported with the
+//! reason, and corrected where that is configured.
 
-mod support;
-
+use crate::support::Bench;
 use serde_json::Value;
-use support::Bench;
 
-/// Row offset of 0.2 degrees at 440 px of focal length, nose down: what is seen stands higher.
+/// Row offset of 0.2 degrees at 440 px of focal length, pitched down: the image content moves up.
 const TURNED_PX: f64 = -1.536;
 
-/// A street before small cameras, 12.5 pairs a second; `camera` and `first` say more.
+/// A street before cameras with small images, 12.5 pairs a second; `camera` and `first` are more keys.
 fn scene(bench: &Bench, name: &str, first: &str, camera: &str) -> String {
     let text = format!(
         "title = \"A street\"\n{first}\nseed = 5\n\
@@ -40,7 +38,7 @@ fn states(changes: &[Value]) -> Vec<&str> {
 #[test]
 fn a_camera_that_turns_in_flight_is_noticed_within_30_frames_and_corrected() {
     let bench = Bench::new();
-    // It gives way from pair 25 to pair 26.
+    // The mount gives way from pair 25 to pair 26.
     let turned = scene(&bench, "turned.toml", "seconds = 7.2", "right_pitch_deg = [[2, 0], [2.08, 0.2]]");
     let (found, log) = changes(&bench, &turned, &[]);
     println!("{found:#?}");
@@ -60,7 +58,7 @@ fn a_camera_that_turns_in_flight_is_noticed_within_30_frames_and_corrected() {
     assert!((shift - TURNED_PX).abs() < 0.2, "{shift}");
     assert_eq!(found[1]["corrected_px"], 0.0);
 
-    // More than may be corrected stays degraded; the bound and the switch are heeded.
+    // An offset beyond the permitted correction stays degraded; the bound and the switch have effect.
     let (found, _) = changes(&bench, &turned, &["--set", "calibration.correct_px=1"]);
     assert_eq!(states(&found), ["good", "degraded"]);
     let (found, _) = changes(&bench, &turned, &["--set", "calibration.bound_px=3"]);
@@ -70,7 +68,7 @@ fn a_camera_that_turns_in_flight_is_noticed_within_30_frames_and_corrected() {
 }
 
 #[test]
-fn cameras_that_stay_are_good_all_the_time() {
+fn cameras_that_do_not_move_stay_good() {
     let bench = Bench::new();
     for (name, camera) in [("still.toml", ""), ("sway.toml", "sway_pitch_deg = 0.3\nsway_roll_deg = 0.3")] {
         let still = scene(&bench, name, "seconds = 4.8", camera);
@@ -80,7 +78,7 @@ fn cameras_that_stay_are_good_all_the_time() {
 }
 
 #[test]
-fn the_status_tells_that_the_calibration_is_off_and_that_it_is_good_again() {
+fn the_status_reports_a_degraded_calibration_and_its_recovery() {
     let bench = Bench::new();
     let off = scene(&bench, "off.toml", "seconds = 6\nrepeats = true", "right_pitch_deg = 0.2");
     let daemon = bench.start(&["replay", &off]);

@@ -1,4 +1,5 @@
-//! Cameras under the daemon: with the feature `gstreamer` GStreamer's own test pictures, without it the refusal.
+//! Cameras by GStreamer under the daemon, on GStreamer's own test images. Built with the feature `gstreamer` alone;
+//! `features.rs` tests what a build without it says.
 
 mod support;
 
@@ -7,35 +8,17 @@ use support::Bench;
 /// A configuration of cameras by GStreamer.
 fn bench(left: &str, right: &str, more: &str) -> Bench {
     let bench = Bench::new();
-    let rig = "focal_px = 440.0\nbaseline_m = 0.12\ncx_px = 160.0\ncy_px = 120.0\n";
-    std::fs::write(bench.path("rig.toml"), rig).unwrap();
-    bench.configure(&format!(
-        "[source]\nkind = \"camera\"\nrig = \"{}\"\n\
-         [camera]\nbackend = \"gstreamer\"\nleft = \"{left}\"\nright = \"{right}\"\nwidth = 320\nheight = 240\n\
-         fps = 20\nskew_ms = 24.9\n{more}",
-        bench.path("rig.toml").display()
-    ));
+    bench.configure_pipelines(left, right, more);
     bench
 }
 
-#[cfg(not(feature = "gstreamer"))]
-#[test]
-fn a_build_without_the_feature_refuses_pipelines_and_says_how_to_get_them() {
-    let bench = bench("videotestsrc", "videotestsrc", "");
-    let error = bench.fails(&["run"]);
-    assert!(error.contains("--features gstreamer"), "{error}");
-    bench.assert_clean();
-}
-
-/// A live test picture; `more` are properties of its source.
-#[cfg(feature = "gstreamer")]
+/// A live test image; `more` are properties of its source.
 fn pipeline(width: u32, more: &str) -> String {
     format!("videotestsrc is-live=true pattern=ball {more} ! video/x-raw,width={width},framerate=20/1")
 }
 
-#[cfg(feature = "gstreamer")]
 #[test]
-fn pipelines_are_cameras_of_the_daemon_two_or_one_for_both_images() {
+fn two_pipelines_or_one_with_both_images_feed_the_daemon() {
     for bench in [
         bench(&pipeline(320, ""), &pipeline(320, ""), ""),
         bench(&pipeline(640, ""), "", "side_by_side = true\n"),
@@ -48,10 +31,9 @@ fn pipelines_are_cameras_of_the_daemon_two_or_one_for_both_images() {
     }
 }
 
-#[cfg(feature = "gstreamer")]
 #[test]
-fn a_pipeline_that_ends_is_told_and_opened_again() {
-    // A second of pictures each time.
+fn a_pipeline_that_ends_is_reported_and_reopened() {
+    // A second of images each time.
     let camera = pipeline(640, "num-buffers=20");
     let bench = bench(&camera, "", "side_by_side = true\nretry_first_ms = 1500\nretry_longest_ms = 1500\n");
     let daemon = bench.start(&["run"]);

@@ -1,10 +1,8 @@
-//! The words of the command line on good input: demo, status, disparity, obstacles.
+//! Subcommands on valid input: demo, status, disparity, obstacles.
 
-mod support;
-
+use crate::support::{Bench, json, lines, shared_data};
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
-use support::{Bench, json, lines, shared_data};
 
 #[test]
 fn the_demo_writes_its_pictures_and_summary() {
@@ -39,7 +37,7 @@ fn the_status_shows_every_process() {
     for process in processes {
         assert_eq!(process["state"], "running", "{process}");
         assert!(process["pid"].as_u64().unwrap() > 0, "{process}");
-        // Pinned, as the profile says, to a core that is there.
+        // Pinned to the core of the profile, which exists.
         let allowed = std::fs::read_to_string(format!("/proc/{}/status", process["pid"])).unwrap();
         let list = allowed.lines().find_map(|l| l.strip_prefix("Cpus_allowed_list:")).unwrap();
         assert_eq!(list.trim(), process["core"].to_string(), "{process}");
@@ -64,12 +62,12 @@ fn watching_prints_a_line_each_second_until_the_daemon_ends() {
     for _ in 0..2 {
         let line = lines.next().unwrap().unwrap();
         assert!(line.contains(": running") && line.contains(" fps, p50 "), "{line}");
-        // No terminal, no control characters.
+        // No control characters without a terminal.
         assert!(!line.contains('\x1b') && line.to_lowercase().contains("alarm"), "{line}");
     }
     daemon.signal("TERM");
     assert!(daemon.wait().status.success());
-    // The line of a daemon that is stopping may follow; then it ends well, too.
+    // The line of a stopping daemon may follow; then the command ends with success.
     assert!(lines.all(|line| !line.unwrap().is_empty()));
     assert!(watch.wait_with_output().unwrap().status.success());
 }
@@ -107,7 +105,7 @@ fn one_pair_gives_disparity_and_obstacles() {
     }
     assert_eq!((&figures["width"], &figures["disparities"]), (&320.into(), &32.into()));
     let map = image::open(bench.path("d.png")).unwrap().into_luma16();
-    // The plate of the car ahead is 16 m away: 440 px × 0.12 m ÷ 16 m = 3.3 px.
+    // The licence plate of the car ahead is 16 m away: 440 px × 0.12 m ÷ 16 m = 3.3 px.
     let middle = f32::from(map.get_pixel(160, 126)[0]) / 256.0;
     assert!((middle - 3.3).abs() < 0.4, "{middle}");
     assert_eq!(image::open(bench.path("c.png")).unwrap().color(), image::ColorType::Rgb8);
@@ -138,7 +136,7 @@ fn methods_threads_and_budgets_of_the_matcher() {
     let fast = figures("fast.png", &[]);
     assert_eq!((&full["method"], &fast["method"]), (&"full".into(), &"fast".into()));
     assert_eq!((&full["scale"], &fast["scale"]), (&1.into(), &1.into()));
-    // The full range is visited whole, and the coarser scales on top; the fast search far less.
+    // The full search visits the whole range and the coarser scales; the fast search far less.
     assert!(full["nodes_share"].as_f64().unwrap() > 1.0, "{full}");
     assert!(fast["nodes_share"].as_f64().unwrap() < 0.3281, "{fast}");
     assert!(fast["workspace_bytes"].as_u64() < full["workspace_bytes"].as_u64());
@@ -200,29 +198,31 @@ fn help_has_examples() {
 }
 
 #[test]
-fn every_word_has_a_manual_page_and_shells_know_it() {
+fn every_subcommand_has_a_manual_page_and_shell_completions() {
     let bench = Bench::new();
     bench.ok(&["man", "pages"]);
     let help = bench.ok(&["--help"]);
-    let words =
+    let subcommands =
         help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-    // A word is indented by two; what goes on from the line before, by more.
-    let words =
-        words.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
-    let words: Vec<&str> = words.filter(|word| *word != "help").collect();
+    // A subcommand is indented by two spaces, a continued description by more.
+    let subcommands =
+        subcommands.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
+    let subcommands: Vec<&str> = subcommands.filter(|name| *name != "help").collect();
     assert!(
-        words.contains(&"run") && words.contains(&"restore-clocks") && !words.contains(&"man"),
-        "{words:?}"
+        subcommands.contains(&"run")
+            && subcommands.contains(&"restore-clocks")
+            && !subcommands.contains(&"man"),
+        "{subcommands:?}"
     );
     for shell in ["bash", "zsh", "fish"] {
         let script = bench.ok(&["completions", shell]);
-        for word in &words {
-            assert!(script.contains(word), "{shell} does not know {word}");
+        for name in &subcommands {
+            assert!(script.contains(name), "{shell} does not know {name}");
         }
     }
-    for word in words {
-        let page = std::fs::read_to_string(bench.path("pages").join(format!("lookout-{word}.1")));
-        assert!(page.expect("a page").contains(".TH lookout"), "{word}");
+    for name in subcommands {
+        let page = std::fs::read_to_string(bench.path("pages").join(format!("lookout-{name}.1")));
+        assert!(page.expect("a page").contains(".TH lookout"), "{name}");
     }
     assert!(!bench.path("pages/lookout-stage.1").exists(), "stages are started by the scheduler alone");
 }

@@ -1,13 +1,11 @@
-//! `lookout evaluate stereo` and `lidar`: figures against brute force, selections, files, bad input.
+//! `lookout evaluate stereo` and `lidar`: scores against a reference implementation, selections, files, bad input.
 
-mod support;
-
+use crate::support::{Bench, files, json, save_grey, shared_data};
 use image::{ImageBuffer, Luma};
 use serde_json::Value;
 use sources::PairSource;
 use sources::scene::{Drive, Scene};
 use std::path::Path;
-use support::{Bench, files, json, save_grey, shared_data};
 
 const SCORES: [&str; 8] = ["dens", "bad1", "bad2", "bad3", "D1", "epe", "hole3", "val3"];
 
@@ -30,8 +28,8 @@ fn kitti_folders(bench: &Bench, name: &str, parts: &[&str]) {
     }
 }
 
-/// Three pairs of the drive in KITTI 2015's layout, with the truth of all pixels and of those that
-/// lie in the right image.
+/// Three pairs of the drive in KITTI 2015's layout, with ground truth of all pixels and of those that are also in
+/// the right image.
 fn drive(bench: &Bench, name: &str) {
     let (width, height) = (160, 120);
     let rig = perception::rig::Rig { focal_px: 220.0, baseline_m: 0.24, cx_px: 80.0, cy_px: 55.0 };
@@ -50,9 +48,8 @@ fn drive(bench: &Bench, name: &str) {
     }
 }
 
-/// The scores by their definition, in the order of [`SCORES`]: `truth` and `mask` as in KITTI's
-/// files.
-fn brute_force(truth: &[u16], mask: &[u16], map: &[u16], width: usize) -> [f64; 8] {
+/// Reference implementation of the scores, in the order of [`SCORES`]: `truth` and `mask` as in KITTI's files.
+fn reference_scores(truth: &[u16], mask: &[u16], map: &[u16], width: usize) -> [f64; 8] {
     let height = map.len() / width;
     let smaller = |found: [Option<u16>; 2]| found.into_iter().flatten().min().unwrap_or(0);
     let known = |map: &[u16], i: usize| (map[i] > 0).then_some(map[i]);
@@ -105,7 +102,7 @@ fn document(bench: &Bench, args: &[&str]) -> Value {
 }
 
 #[test]
-fn figures_are_those_of_the_definition_and_maps_give_them_again() {
+fn scores_equal_the_reference_implementation_and_saved_maps_reproduce_them() {
     let bench = Bench::new();
     drive(&bench, "set");
     let options = ["--max-disparity", "32", "--out", "out", "--repeat", "2"];
@@ -122,7 +119,7 @@ fn figures_are_those_of_the_definition_and_maps_give_them_again() {
         assert_eq!((&row["name"], &row["region"]), (&name.clone().into(), &region.into()));
         let file = |folder: &str| read_map(&bench.path(folder).join(format!("{name}.png")));
         let mask = file(if region == "all" { "set/disp_occ_0" } else { "set/disp_noc_0" });
-        let expected = brute_force(&file("set/disp_occ_0"), &mask, &file("out/set/disparity"), 160);
+        let expected = reference_scores(&file("set/disp_occ_0"), &mask, &file("out/set/disparity"), 160);
         assert_near(scores(row), expected, &format!("{name} {region}"));
         assert!(row["cpu_ms"].as_f64() > Some(0.0));
         (0..8).for_each(|c| sums[i / 3][c] += expected[c] / 3.0);
@@ -155,7 +152,7 @@ fn figures_are_those_of_the_definition_and_maps_give_them_again() {
     let flat = document(&bench, &["set", "--maps", "out/set/disparity"]);
     assert_eq!(flat["sets"], again["sets"]);
 
-    // One half and the other are the whole; a new run leaves none of the old one's pictures.
+    // The odd and the even pairs are all pairs; a new run removes the images of the old one.
     let odd = document(&bench, &["set", "--maps", "out", "--pairs", "odd"]);
     let even = document(&bench, &["set", "--maps", "out", "--pairs", "even", "--out", "half"]);
     let names = |report: &Value| -> Vec<String> {
@@ -225,13 +222,13 @@ fn disturbed_pairs_are_saved_as_a_set_that_scores_the_same() {
         assert_ne!(bytes("noisy/image_3/000001_10.png"), bytes("set/image_3/000001_10.png"), "{what}");
     }
     assert_eq!(files(&bench.path("noisy")).len(), 4 + 1, "one pair and the list of its files");
-    // Several sets get folders of their own, also those of one name.
+    // Several sets get separate folders, also if their names are equal.
     bench.ok(&["evaluate", "stereo", "set", "./set", "--save-pairs", "two", "--max-disparity", "8"]);
     assert!(bench.path("two/set-2/disp_noc_0/000002_10.png").exists() && bench.path("two/set").exists());
 }
 
 #[test]
-fn what_cannot_be_used_is_named() {
+fn unusable_input_is_named() {
     let bench = Bench::new();
     drive(&bench, "set");
     let fails = |args: &[&str], expected: &[&str]| {
@@ -251,7 +248,7 @@ fn what_cannot_be_used_is_named() {
     fails(&["set", "--maps", "empty"], &["empty/000001_10.png: 4x3", "image_2/000001_10.png has 160x120"]);
     save_grey(&bench.path("empty/000001_10.png"), &[1; 12], 4, 3);
     fails(&["set", "--maps", "empty"], &["empty/000001_10.png: L8", "16-bit"]);
-    // Nothing is ever written into a data set, nor where it would be cleaned away.
+    // Nothing is ever written into a data set, nor into a folder that will be cleaned.
     let before = files(&bench.path("set"));
     fails(&["set", "--save-pairs", "set"], &["lies in the data set", "--save-pairs"]);
     fails(&["set", "--save-pairs", "set/../set/new"], &["lies in the data set"]);
@@ -347,7 +344,7 @@ fn lidar_sets(bench: &Bench) {
 }
 
 #[test]
-fn regions_are_judged_by_lidar_depth_and_labels() {
+fn regions_are_scored_against_lidar_depth_and_labels() {
     let bench = Bench::new();
     lidar_sets(&bench);
     let args = ["evaluate", "lidar", "pairs", "cars", "--out", "out", "--json"];

@@ -1,39 +1,25 @@
-//! Matching on a GPU from the command line and in the daemon: with the feature `gpu` on whatever adapter there
-//! is, without it the refusal.
+//! Matching on a GPU from the command line and in the daemon, on whatever adapter there is. Built with the feature
+//! `gpu` alone; `features.rs` tests what a build without it says.
 
 mod support;
 
-use support::Bench;
+use support::{Bench, Need, skip};
 
-/// What tests take: any adapter, as slow as it may be.
-#[cfg(feature = "gpu")]
+/// Tests accept any adapter, however slow.
 const PATIENT: &str = "stereo.gpu_timeout_ms=30000";
 
-#[cfg(feature = "gpu")]
+#[track_caller]
 fn adapter() -> Option<perception::stereo::gpu::AdapterDescription> {
     let found = perception::stereo::gpu::adapters().into_iter().next();
     if found.is_none() {
-        assert!(std::env::var_os("LOOKOUT_REQUIRE_GPU").is_none(), "a Vulkan adapter was asked for");
-        println!("skipped: no Vulkan adapter (apt-get install mesa-vulkan-drivers brings one in software)");
+        skip(
+            Need::Gpu,
+            "no Vulkan adapter (Debian: apt-get install mesa-vulkan-drivers installs one in software)",
+        );
     }
     found
 }
 
-#[cfg(not(feature = "gpu"))]
-#[test]
-fn a_build_without_the_feature_refuses_a_gpu_and_says_how_to_get_one() {
-    let bench = Bench::new();
-    bench.record("drive", 1);
-    let pair = ["drive/left/000000.png", "drive/right/000000.png"];
-    let error = bench.fails(&["disparity", pair[0], pair[1], "-o", "d.png", "--backend", "gpu"]);
-    assert!(error.contains("--features gpu") && error.contains("\"cpu\""), "{error}");
-    let error = bench.fails(&["run", "--set", "stereo.backend=gpu"]);
-    assert!(error.contains("--features gpu"), "{error}");
-    // Nobody asked for one: the CPU will do.
-    bench.ok(&["disparity", pair[0], pair[1], "-o", "d.png", "--backend", "auto"]);
-}
-
-#[cfg(feature = "gpu")]
 #[test]
 fn one_pair_is_the_same_on_both_and_the_figures_name_the_device() {
     let Some(adapter) = adapter() else { return };
@@ -67,9 +53,8 @@ fn one_pair_is_the_same_on_both_and_the_figures_name_the_device() {
     assert_eq!(cpu["nodes_share"], gpu["nodes_share"]);
 }
 
-#[cfg(feature = "gpu")]
 #[test]
-fn the_daemon_matches_on_it_and_goes_on_when_it_hangs() {
+fn the_daemon_matches_on_it_and_falls_back_to_the_cpu_when_it_hangs() {
     let Some(adapter) = adapter() else { return };
     let name = &adapter.name;
     let bench = Bench::new();
@@ -86,12 +71,11 @@ fn the_daemon_matches_on_it_and_goes_on_when_it_hangs() {
     daemon.signal("TERM");
     assert!(daemon.wait().status.success());
     if adapter.kind != "software" {
-        println!(
-            "skipped: {name} may be done in the shortest time that can be set, so it cannot be made to hang"
-        );
+        let why = "may be done in the shortest time-out that can be set, so it cannot be made to hang";
+        skip(Need::SoftwareGpu, &format!("{name} {why}"));
         return;
     }
-    // No software adapter is done in 10 ms: it counts as hanging, and the CPU takes over.
+    // No software adapter finishes in 10 ms: it counts as hanging, and the CPU takes over.
     let daemon = start("10");
     let status = bench.status_when(|s| s["device"]["lost"] == true && s["frames"].as_u64() > Some(2));
     assert_eq!(status["state"], "degraded", "{status}");
@@ -102,7 +86,6 @@ fn the_daemon_matches_on_it_and_goes_on_when_it_hangs() {
 }
 
 /// Frames that the stereo stage has done, and the processor time in ns of its own thread and of all its threads.
-#[cfg(feature = "gpu")]
 fn spent(bench: &Bench, more_than: u64) -> (u64, [u64; 2]) {
     let stereo = |status: &serde_json::Value| {
         let processes = status["processes"].as_array().expect("processes").clone();
@@ -124,13 +107,12 @@ fn spent(bench: &Bench, more_than: u64) -> (u64, [u64; 2]) {
 
 /// What the stereo stage computes itself when a GPU matches, at the paper's size: `cargo test --release -p lookout
 /// --features gpu --test gpu stage -- --nocapture` gives the figures of docs/results.md, `LOOKOUT_GPU_FRAMES` more frames
-/// of them. The driver's threads are those beside the stage's own; a driver in software computes there. So few
-/// disparities because that takes it seconds; what the stage itself does for a frame does not depend on them.
-#[cfg(feature = "gpu")]
+/// of them. Threads beside the stage's own belong to the driver; a software driver computes there. That takes seconds,
+/// so there are few disparities; the work of the stage itself does not depend on their number.
 #[test]
 fn a_stage_that_matches_on_it_leaves_the_work_to_it() {
     let Some(adapter) = adapter() else { return };
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let drive = bench.record_paper("drive", 20);
     bench.configure(&format!("[source]\nkind = \"folder\"\npath = \"{drive}\"\nrepeat = true\nfps = 12.5\n"));
     let frames: u64 = std::env::var("LOOKOUT_GPU_FRAMES").ok().and_then(|v| v.parse().ok()).unwrap_or(4);
@@ -160,9 +142,8 @@ fn a_stage_that_matches_on_it_leaves_the_work_to_it() {
     assert!(gpu_ms < cpu_ms, "the stage itself takes {gpu_ms:.2} ms a frame, with the CPU {cpu_ms:.2} ms");
 }
 
-#[cfg(feature = "gpu")]
 #[test]
-fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
+fn the_clock_table_has_a_row_for_each_clock_and_restores_them() {
     if adapter().is_none() {
         return;
     }
@@ -173,7 +154,7 @@ fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
     for (file, text) in [
         ("min_freq", "306000000"),
         ("max_freq", "624750000"),
-        // It is slower than it was told to be at the fastest step alone.
+        // Only at the fastest step is it slower than it was set to be.
         ("cur_freq", "510000000"),
         ("available_frequencies", "306000000 408000000 510000000 624750000"),
     ] {
@@ -189,7 +170,7 @@ fn the_table_of_clocks_has_a_row_for_each_and_puts_them_back() {
         soak.args(["--set", PATIENT, "-c"]).arg(bench.path("car.toml")).output().unwrap()
     };
     let mut output = soak("0.05");
-    // A driver in software compiles for longer than that where others want the cores, too.
+    // A software driver compiles for longer than that on a busy machine.
     if String::from_utf8_lossy(&output.stderr).contains("no result came out") {
         output = soak("0.4");
     }

@@ -1,10 +1,8 @@
 //! The whole daemon on recorded pairs: lock-step, live rate, overload.
 
-mod support;
+use crate::support::{Bench, files, json, lines, shared_data};
 
-use support::{Bench, files, json, lines, shared_data};
-
-/// The only reason to call two runs equal: every file has the same bytes.
+/// Two runs are equal if every file has the same bytes.
 fn assert_same(a: &std::path::Path, b: &std::path::Path) {
     let (a, b) = (files(a), files(b));
     let names = |f: &[(std::path::PathBuf, Vec<u8>)]| f.iter().map(|(n, _)| n.clone()).collect::<Vec<_>>();
@@ -70,7 +68,7 @@ fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
 
 #[test]
 fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let recording = bench.record("drive", 10);
     let args = ["replay", &recording, "--fps", "1000", "--loop", "--limit", "400", "--json"];
     let out = bench.ok(&[&args[..], &["--set", "stereo.method=full"]].concat());
@@ -78,10 +76,10 @@ fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
     let summary: serde_json::Value = serde_json::from_str(&out).unwrap();
     let number = |v: &serde_json::Value| v.as_u64().unwrap();
     assert_eq!(number(&summary["offered"]), 400);
-    // What was offered came out or was overtaken, from the first pair on.
+    // Every offered pair came out or was overtaken, from the first on.
     assert_eq!(number(&summary["lost"]), 0, "{out}");
     assert!(number(&summary["dropped"]) > 0, "this machine matches 1000 pairs a second: {out}");
-    // The age of what is taken up is bounded by the stage's own time, whatever was offered.
+    // The age of a processed pair is bounded by the stage's own time, whatever rate is offered.
     let stereo = summary["processes"].as_array().unwrap().iter().find(|p| p["role"] == "stereo").unwrap();
     let (age, work) = (&stereo["age"]["p50_ms"], &stereo["work"]["p99_ms"]);
     assert!(age.as_f64().unwrap() <= 2.0 * work.as_f64().unwrap() + 20.0, "{stereo}");
@@ -89,12 +87,12 @@ fn far_above_capacity_the_newest_frame_wins_and_drops_are_counted() {
 
 #[test]
 fn at_a_rate_that_is_kept_every_frame_comes_out() {
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let recording = bench.record("drive", 6);
     bench.ok(&["replay", &recording, "--fps", "2", "--out", "a"]);
     let summary = json(&bench.path("a/summary.json"));
     assert_eq!((&summary["offered"], &summary["dropped"]), (&6.into(), &0.into()));
-    // The writer may be overtaken on a busy machine; then it says so.
+    // The writer may be overtaken on a busy machine; then it counts that.
     let processes = summary["processes"].as_array().unwrap();
     let writer = processes.iter().find(|p| p["role"] == "writer").unwrap();
     assert_eq!(lines(&bench.path("a")).len() as u64 + writer["skipped"].as_u64().unwrap(), 6);
@@ -121,7 +119,7 @@ fn the_kitti_sequence_gives_24_of_24_frames() {
         // The camera of the KITTI car is 1.65 m above the road.
         let height = road["camera_height_m"].as_f64().expect("the road is seen in every frame");
         assert!((1.45..1.85).contains(&height), "{line}");
-        // What was seen once is not believed yet.
+        // A region that was detected once is not confirmed yet.
         assert!(i == 0 || line["obstacles"].as_array().unwrap().len() > 5, "{line}");
     }
     // In frame 17 a parked car stands right of the lane, its rear at 15.6 m (seen in the picture).

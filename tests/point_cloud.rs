@@ -1,9 +1,7 @@
-//! `lookout point-cloud`: from two pictures to a file that other programs read.
+//! `lookout point-cloud`: from two images to a file that other programs read.
 
-mod support;
-
+use crate::support::Bench;
 use sources::scene::Drive;
-use support::Bench;
 
 /// Points with their colours.
 fn read(path: &std::path::Path) -> Vec<([f32; 3], [u8; 3])> {
@@ -59,7 +57,7 @@ fn the_road_and_the_car_ahead_are_where_they_are() {
     assert!(distance.iter().filter(|(p, _)| p[2] < 5.0).all(|(_, [r, _, b])| r > b));
     assert!(distance.iter().filter(|(p, _)| p[2] > 40.0).all(|(_, [r, _, b])| b > r));
 
-    // Thinner, nearer, and with all outliers.
+    // Subsampled, limited in distance, and with all outliers.
     let tally: serde_json::Value =
         serde_json::from_str(&run("few.ply", &["--every", "4", "--distance-max", "20", "--json"])).unwrap();
     let few = read(&bench.path("few.ply"));
@@ -71,7 +69,7 @@ fn the_road_and_the_car_ahead_are_where_they_are() {
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn missing_input_is_named() {
     let bench = Bench::new();
     bench.record("drive", 1);
     let pair = ["point-cloud", "drive/left/000000.png", "drive/right/000000.png", "-o", "x.ply"];

@@ -1,10 +1,8 @@
-//! `lookout train`, `lookout detect` and `lookout evaluate detection`, from pictures to boxes.
+//! `lookout train`, `lookout detect` and `lookout evaluate detection`, from images to boxes.
 
-mod support;
-
+use crate::support::{Bench, save_grey};
 use serde_json::Value;
 use std::path::Path;
-use support::{Bench, save_grey};
 
 /// Noise with a dark roof, a bright window and dark wheels where `object` (left, top, side) is.
 fn scene(seed: u64, width: usize, height: usize, object: Option<(usize, usize, usize)>) -> Vec<u8> {
@@ -53,7 +51,7 @@ const SMALL: [&str; 12] = [
 ];
 
 #[test]
-fn a_cascade_is_trained_judged_and_finds_objects() {
+fn a_trained_cascade_is_evaluated_and_finds_objects() {
     let bench = Bench::new();
     for (name, from, object) in [("p", 0, true), ("n", 500, false), ("tp", 1000, true), ("tn", 1500, false)] {
         patches(&bench.path(name), from, 60, object);
@@ -77,7 +75,7 @@ fn a_cascade_is_trained_judged_and_finds_objects() {
         assert!(judged["false_alarm_rate"].as_f64() < Some(0.1), "{judged}");
         assert_eq!(judged["positives"], 60);
         assert!(bench.ok(&judge).contains("of 60 objects found"));
-        // The object in a larger picture.
+        // The object in a larger image.
         let pixels = scene(7, 150, 110, Some((60, 30, 44)));
         save_grey(&bench.path("scene.png"), &pixels, 150, 110);
         let detect = ["detect", &name, "scene.png", "--json", "--overlay", "found.png"];
@@ -115,7 +113,7 @@ fn a_sweep_prints_both_tables() {
 }
 
 #[test]
-fn what_cannot_be_used_is_named() {
+fn unusable_input_is_named() {
     let bench = Bench::new();
     patches(&bench.path("p"), 0, 4, true);
     std::fs::create_dir(bench.path("empty")).expect("a folder");
@@ -136,7 +134,7 @@ fn what_cannot_be_used_is_named() {
 }
 
 #[test]
-fn the_running_time_is_told_for_the_picture_and_for_its_regions() {
+fn the_running_time_is_reported_for_the_image_and_for_its_regions() {
     let bench = Bench::new();
     let cascade = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/vehicle.xml");
     let args = ["evaluate", "recognition", cascade, "--frames", "3", "--json"];

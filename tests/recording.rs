@@ -1,21 +1,11 @@
-//! Recording, replay from a recording, comparison: the binary as processes.
+//! Recording, replay of a recording, comparison.
 
-mod support;
-
+use crate::support::{Bench, WATCHDOG, files, lines};
 use sources::PairSource;
 use sources::recording::RecordingSource;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
-use support::{Bench, WATCHDOG, files, lines};
-
-/// Starts the daemon on a recording that never ends.
-fn daemon(bench: &Bench, recording: &str, fps: &str) -> support::Daemon {
-    let daemon =
-        bench.start(&["replay", recording, "--fps", fps, "--loop", "--limit", "100000", "--log", "error"]);
-    bench.status_when(|status| status["state"] == "running");
-    daemon
-}
 
 /// Waits until `wanted` is true.
 fn wait_for(what: &str, mut wanted: impl FnMut() -> bool) {
@@ -66,14 +56,14 @@ fn a_lockstep_run_and_the_replay_of_its_recording_are_equal_to_the_last_byte() {
         }
     }
     assert_eq!(assert_pairs_of(&bench.path("run.mcap"), &recording), 12);
-    // The recording holds the run's own results, too.
+    // The recording also holds the results of the run.
     let said = bench.ok(&["compare", "run.mcap", "b"]);
     assert!(said.contains("12 frames in both, 0 differ"), "{said}");
     bench.ok(&["compare", "a", "b/obstacles.jsonl"]);
-    // A recording is never written over.
+    // A recording is never overwritten.
     let error = bench.fails(&["replay", &recording, "--lockstep", "--record", "run.mcap"]);
     assert!(error.contains("run.mcap: is there already"), "{error}");
-    // Other parameters on the recorded pairs: the comparison says what that changes.
+    // Other parameters on the recorded pairs: the comparison shows what they change.
     bench.configure("[alarm]\ndistance_m = 50\n");
     bench.ok(&["replay", "run.mcap", "--lockstep", "--out", "d"]);
     let output = bench.run(&["compare", "a", "d", "--json"]);
@@ -94,12 +84,12 @@ fn a_lockstep_run_and_the_replay_of_its_recording_are_equal_to_the_last_byte() {
 fn a_running_daemon_is_recorded_and_goes_on() {
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
-    let daemon = daemon(&bench, &recording, "10");
+    let daemon = bench.replay_endlessly(&recording, "10");
     let out = bench.ok(&["record", "-o", "live.mcap", "--seconds", "4", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&out).unwrap();
     let frames = report["frames"].as_u64().unwrap();
     assert!(frames > 5 && report["ended"] == "its time is up", "{report}");
-    // Split files, JPEG, everything there is.
+    // Split files, JPEG, all topics.
     let out = bench.ok(&[
         "record",
         "-o",
@@ -141,7 +131,7 @@ fn a_running_daemon_is_recorded_and_goes_on() {
 fn a_recorder_that_is_killed_leaves_all_whole_chunks() {
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
-    let daemon = daemon(&bench, &recording, "20");
+    let daemon = bench.replay_endlessly(&recording, "20");
     let recorder = bench.start(&["record", "-o", "cut.mcap"]);
     // In the middle of its third chunk at the earliest.
     wait_for("the recording", || size(&bench.path("cut.mcap")) > 2_000_000);
@@ -157,7 +147,7 @@ fn a_recorder_that_is_killed_leaves_all_whole_chunks() {
     assert_eq!(assert_pairs_of(&bench.path("cut.mcap"), &recording), count);
     bench.ok(&["replay", "cut.mcap", "--in-process", "--out", "again", "--limit", "6"]);
     assert_eq!(lines(&bench.path("again")).len(), 6);
-    // The daemon has not noticed, and the dead recorder's place is free again.
+    // The daemon is not affected, and the dead recorder's slot is free again.
     for name in ["next.mcap", "other.mcap"] {
         bench.ok(&["record", "-o", name, "--seconds", "1"]);
     }
@@ -173,8 +163,8 @@ fn a_recorder_that_is_killed_leaves_all_whole_chunks() {
 fn a_full_disk_stops_the_recorder_and_not_the_daemon() {
     let bench = Bench::new();
     let recording = bench.record("drive", 10);
-    let daemon = daemon(&bench, &recording, "20");
-    // The limit of the process stands for the end of the disk: the same error at the same call.
+    let daemon = bench.replay_endlessly(&recording, "20");
+    // The process's file size limit stands for a full disk: the same error at the same call.
     let limited = |blocks: u32| -> Output {
         let record = bench.command(&["record", "-o", "full.mcap"]);
         let args: Vec<_> = record.get_args().map(|a| a.to_string_lossy().into_owned()).collect();
@@ -198,7 +188,7 @@ fn a_full_disk_stops_the_recorder_and_not_the_daemon() {
     assert!(assert_pairs_of(&bench.path("full.mcap"), &recording) > 3);
     let before = bench.status_when(|status| status["state"] == "running")["frames"].as_u64().unwrap();
     bench.status_when(|status| status["frames"].as_u64().unwrap() > before + 5);
-    // Too little room to begin with.
+    // Too little room at the start.
     let error = bench.fails(&["record", "-o", "big.mcap", "--min-free-mb", "10000000"]);
     assert!(error.contains("--min-free-mb") && !bench.path("big.mcap").exists(), "{error}");
     daemon.signal("TERM");
@@ -222,103 +212,4 @@ fn recordings_that_cannot_be_used_are_named_with_the_remedy() {
     ] {
         assert_eq!(bench.run(args).status.code(), Some(2), "{args:?}");
     }
-}
-
-/// A Python with the mcap packages: the one of `LOOKOUT_PYTHON`, the system's, or a new one with the
-/// packages from the index, where that can be reached.
-fn python(bench: &Bench) -> Option<String> {
-    let works = |python: &str| {
-        let check = Command::new(python).args(["-c", "import mcap.reader, mcap_protobuf.decoder"]).output();
-        check.is_ok_and(|output| output.status.success())
-    };
-    let candidates = [std::env::var("LOOKOUT_PYTHON").ok(), Some("python3".into())];
-    if let Some(python) = candidates.into_iter().flatten().find(|p| works(p)) {
-        return Some(python);
-    }
-    let folder = bench.path("python").display().to_string();
-    let made = Command::new("python3").args(["-m", "venv", &folder]).output();
-    let pip = format!("{folder}/bin/pip");
-    let packages = ["mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf"];
-    if made.is_ok_and(|output| output.status.success()) {
-        let _ = Command::new(pip)
-            .args(["install", "-q", "--retries", "0", "--timeout", "20"])
-            .args(packages)
-            .output();
-    }
-    let own = format!("{folder}/bin/python");
-    works(&own).then_some(own)
-}
-
-#[test]
-fn the_mcap_package_reads_it_and_foxgloves_own_types_agree() {
-    let bench = Bench::new();
-    let Some(python) = python(&bench) else {
-        println!("skipped: no python3 with mcap and mcap-protobuf-support, and none could be installed");
-        return;
-    };
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/support/read_recording.py");
-    let read = |file: &str| -> serde_json::Value {
-        let output = Command::new(&python).arg(&script).arg(bench.path(file)).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
-    };
-    let recording = bench.record("drive", 14);
-    bench.ok(&["replay", &recording, "--lockstep", "--out", "a", "--record", "run.mcap"]);
-    let said = read("run.mcap");
-    if said["published"] != true {
-        println!("foxglove-schemas-protobuf is not there: decoded by the file's own descriptors alone");
-    }
-    for topic in
-        ["/left/image", "/right/image", "/pair", "/obstacles", "/obstacles/scene", "/left/annotations"]
-    {
-        assert_eq!(said["topics"][topic], 14, "{topic}: {said}");
-    }
-    assert_eq!(said["schemas"]["/left/image"], "foxglove.RawImage protobuf");
-    assert_eq!(said["schemas"]["/obstacles"], "lookout.Obstacles jsonschema");
-    let first = &said["first"];
-    assert_eq!(
-        (&first["/left/image"]["width"], &first["/left/image"]["bytes"]),
-        (&320.into(), &76_800.into())
-    );
-    let (pixels, ..) = sources::folder::read_grey(&Path::new(&recording).join("left/000000.png")).unwrap();
-    assert_eq!(first["/left/image"]["data"], serde_json::json!(pixels[..16]));
-    let p: Vec<f64> = serde_json::from_value(first["/right/calibration"]["P"].clone()).unwrap();
-    assert_eq!((p[0], p[3]), (440.0, -440.0 * 0.12));
-    // As many boxes as the frame with the most obstacles has.
-    let most =
-        lines(&bench.path("a")).iter().map(|l| l["obstacles"].as_array().unwrap().len()).max().unwrap();
-    assert!(most > 0);
-    assert_eq!(
-        (&first["/obstacles/scene"]["entities"], &first["/left/annotations"]["boxes"]),
-        (&most.into(), &most.into())
-    );
-    assert_eq!(said["first"]["/obstacles"], lines(&bench.path("a"))[0]);
-    assert_eq!(said["metadata"]["lookout.summary"]["ended because"], "the run has ended");
-    assert_eq!(said["metadata"]["lookout.recording"]["baseline_m"], "0.12");
-    // A live one with everything.
-    let daemon = daemon(&bench, &recording, "10");
-    bench.ok(&["record", "-o", "all.mcap", "--topics", "all", "--png", "--seconds", "3"]);
-    bench.ok(&["record", "-o", "cloud.mcap", "--topics", "images,points", "--seconds", "3"]);
-    bench.ok(&["record", "-o", "none.mcap", "--seconds", "1"]);
-    daemon.signal("TERM");
-    daemon.wait();
-    let said = read("all.mcap");
-    assert_eq!(said["schemas"]["/left/image"], "foxglove.CompressedImage protobuf");
-    assert_eq!(said["first"]["/left/image"]["format"], "png");
-    assert_eq!(
-        (&said["first"]["/points"]["point_stride"], &said["schemas"]["/points"]),
-        (&16.into(), &"foxglove.PointCloud protobuf".into())
-    );
-    assert!(said["first"]["/points"]["bytes"].as_u64().unwrap() > 16 * 500, "{said}");
-    assert_eq!(said["first"]["/status"]["state"], "running");
-    // A point of every second column and row, where its pixel is and as bright; only when it is asked for.
-    let clouds = &read("cloud.mcap")["clouds"];
-    let points = clouds["points"].as_u64().unwrap();
-    assert!(clouds["clouds"].as_u64() > Some(1) && points > 1000, "{clouds}");
-    assert_eq!((&clouds["on_pixels"], &clouds["grey"]), (&points.into(), &points.into()), "{clouds}");
-    assert_eq!(clouds["columns"], serde_json::json!([0]));
-    let fields = serde_json::json!([["x", 0, 7], ["y", 4, 7], ["z", 8, 7], ["intensity", 12, 7]]);
-    assert_eq!(clouds["fields"], fields);
-    assert!(read("none.mcap")["topics"]["/points"].is_null());
-    assert_eq!(said["schemas"]["/tf"], "foxglove.FrameTransform protobuf");
 }

@@ -1,13 +1,6 @@
-//! Synthetic scenes through the daemon and through `lookout evaluate weather` and `distance`.
+//! Synthetic scenes through the daemon and through `lookout evaluate weather`.
 
-mod support;
-
-use serde_json::Value;
-use support::{Bench, files, lines};
-
-fn document(bench: &Bench, args: &[&str]) -> Value {
-    serde_json::from_str(&bench.ok(args)).expect("the output is JSON")
-}
+use crate::support::{self, Bench, document, files, lines};
 
 #[test]
 fn a_scene_goes_through_the_daemon_as_it_does_in_one_process() {
@@ -18,7 +11,7 @@ fn a_scene_goes_through_the_daemon_as_it_does_in_one_process() {
     bench.assert_clean();
     assert!(files(&bench.path("a")) == files(&bench.path("b")));
     assert_eq!(lines(&bench.path("a")).len(), 8);
-    // A scene of one's own, which ends by itself.
+    // A user's scene, which ends by itself.
     std::fs::write(
         bench.path("mine.toml"),
         "title = \"An empty road\"\nseconds = 0.4\n[ego]\nspeed_m_s = 5\n[[beside]]\nkind = \"trees\"\nlateral_m = 8\nto_m = 80\n",
@@ -29,7 +22,7 @@ fn a_scene_goes_through_the_daemon_as_it_does_in_one_process() {
 }
 
 #[test]
-fn what_is_no_scene_is_named_with_the_remedy() {
+fn an_unknown_scene_is_named_with_the_remedy() {
     let bench = Bench::new();
     let text = bench.fails(&["replay", "scene:sreet", "--in-process"]);
     assert!(text.contains("sreet: no such scene") && text.contains("street"), "{text}");
@@ -51,7 +44,7 @@ fn what_is_no_scene_is_named_with_the_remedy() {
 }
 
 #[test]
-fn a_single_plane_takes_a_dip_for_obstacles() {
+fn a_single_road_plane_mistakes_a_dip_for_obstacles() {
     let bench = Bench::new();
     let args = ["evaluate", "weather", "dip-traffic", "--weather", "sunny", "--frames", "30", "--ablation"];
     let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());
@@ -94,46 +87,7 @@ fn weather_is_scored_against_the_truth() {
 }
 
 #[test]
-fn approaches_and_silent_scenes_are_told_apart() {
-    let bench = Bench::new();
-    let args = ["evaluate", "distance", "green-belt", "slope", "--set", "alarm.distance_m=14"];
-    let report = document(&bench, &[&args[..], &["--json", "--out", "out"]].concat());
-    let (approach, silent) = (&report["approaches"][0], &report["silent"][0]);
-    assert_eq!((&approach["scene"], &silent["scene"]), (&"green-belt".into(), &"slope".into()));
-    assert!((approach["start_m"].as_f64().unwrap() - 20.0).abs() < 0.05, "{approach}");
-    assert!(approach["first_found_m"].as_f64().unwrap() > 17.0, "{approach}");
-    assert_eq!(approach["preset_m"], 14.0);
-    let alarm = approach["alarm_m"].as_f64().expect("the hedge raises the alarm");
-    assert!((12.0..15.5).contains(&alarm), "{approach}");
-    assert_eq!((&silent["frames"], &silent["alarms"]), (&100.into(), &0.into()));
-    let strip = image::open(bench.path("out/green-belt.png")).unwrap();
-    assert!(strip.width() > 3 * 320 && strip.height() > 240);
-    assert!(!bench.path("out/slope.png").exists());
-}
-
-#[test]
-fn a_stopped_car_is_warned_of_in_time_and_the_next_lane_is_not() {
-    let bench = Bench::new();
-    let args = ["evaluate", "distance", "stopped-car", "car-rear", "next-lane", "overtaken", "--json"];
-    let report = document(&bench, &args);
-    let [stopped, rear] = [0, 1].map(|i| &report["approaches"][i]);
-    assert!(stopped["warning_ttc_s"].as_f64() >= Some(2.4), "{stopped}");
-    for approach in [stopped, rear] {
-        assert!(approach["ttc_median_percent"].as_f64() <= Some(3.0), "{approach}");
-        assert!(approach["ttc_worst_percent"].as_f64() <= Some(10.0), "{approach}");
-        assert_eq!(approach["ttc_missed"], 0, "{approach}");
-    }
-    // The preset distance, within a frame: 0.4 m at 5 m/s.
-    let alarm = rear["alarm_m"].as_f64().expect("the car raises the alarm");
-    assert!((9.6..=10.4).contains(&alarm), "{rear}");
-    for silent in report["silent"].as_array().expect("silent scenes") {
-        assert_eq!((&silent["alarms"], &silent["warning_frames"]), (&0.into(), &0.into()), "{silent}");
-        assert_eq!(silent["off_frames"], 0, "it judges all the while: {silent}");
-    }
-}
-
-#[test]
-fn an_alarm_that_cannot_judge_is_off_and_says_why() {
+fn an_alarm_that_cannot_decide_is_off_and_says_why() {
     let bench = Bench::new();
     bench.ok(&["replay", "scene:textureless", "--in-process", "--limit", "10", "--out", "a"]);
     let lines = lines(&bench.path("a"));

@@ -1,21 +1,19 @@
-//! One picture of a real calibration set is shifted by half a pixel; the calibration names its view.
+//! One image of a real calibration set is shifted by half a pixel; the calibration names its view.
 
-mod support;
-
+use crate::support::{Bench, save_grey, shared_data, turns};
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
 use perception::calibration::{Board, Crop, Grade, Lens, Pair, StereoCalibration, calibrate, judge};
 use perception::image::GreyView;
 use std::path::{Path, PathBuf};
-use support::{Bench, save_grey, shared_data};
 
 const SIZE: (usize, usize) = (640, 360);
 const VIEWS: usize = 29;
-/// Those of the 29 in which the board rested between the exposures, to about 0.2 px. Nothing but the
-/// boards' places tells that, so they were chosen by them: one of the three views farthest off was taken
-/// away at a time, and enough tilted ones kept, until the verdict was good.
+/// Views of the 29 in which the board rested between the exposures, to about 0.2 px. Only the positions of the boards
+/// show that, so the views were chosen by them: one of the three views with the largest offsets was removed at a time,
+/// with enough tilted ones kept, until the verdict was good.
 const RESTING: [usize; 13] = [1, 2, 4, 5, 6, 8, 13, 14, 21, 22, 24, 25, 27];
-/// Corners of views that are alike lie so close, root mean square.
+/// Largest distance between corners of similar views, root mean square.
 const NEAR_PX: f64 = 35.0;
 const WAYS: [(isize, isize); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
 const SIDES: [&str; 2] = ["left", "right"];
@@ -31,7 +29,7 @@ fn picture(folder: &Path, side: usize, view: usize) -> Vec<u8> {
     pixels
 }
 
-/// A picture half a pixel farther that way: a cubic through four pixels.
+/// An image shifted by half a pixel in a direction, by a cubic through four pixels.
 fn shifted(pixels: &[u8], (across, down): (isize, isize)) -> Vec<u8> {
     let (width, height) = (SIZE.0 as isize, SIZE.1 as isize);
     let at = |x: isize, y: isize| {
@@ -52,7 +50,7 @@ fn corners(pixels: &[u8]) -> Vec<Vector2<f64>> {
     finder::find(view, &board()).unwrap().corners
 }
 
-/// The corners of the views, and those of each picture shifted each way: view, side, way.
+/// The corners of the views, and those of each image shifted in each direction: view, side, direction.
 struct Set {
     views: Vec<usize>,
     pairs: Vec<Pair>,
@@ -107,8 +105,8 @@ impl Set {
         sums.map(|(sum, count)| (sum / count).map(f64::sqrt))
     }
 
-    /// Every picture that is shifted every way, one at a time: whether its view is named, whether it was
-    /// before; and that no such verdict is good.
+    /// Shifts every image in every direction, one at a time; asserts that no such verdict is good. Returns whether its
+    /// view is named, and whether it was before the shift.
     fn tries(&self) -> Vec<(bool, bool)> {
         let (before, _) = self.calibrate(&self.pairs);
         let mut tries = Vec::new();
@@ -130,6 +128,7 @@ impl Set {
 
 #[test]
 fn a_board_at_rest_is_good_until_a_picture_is_shifted() {
+    let _turn = turns::beside_others();
     let Some(folder) = shared_data("chessboard_sg1") else { return };
     let set = Set::new(&folder, &RESTING);
     let (c, grade) = set.calibrate(&set.pairs);
@@ -143,11 +142,12 @@ fn a_board_at_rest_is_good_until_a_picture_is_shifted() {
 
 #[test]
 fn in_a_set_from_a_hand_each_view_that_agrees_is_named_when_it_is_shifted() {
+    let _turn = turns::beside_others();
     let Some(folder) = shared_data("chessboard_sg1") else { return };
     let views: Vec<usize> = (1..=VIEWS).collect();
     let set = Set::new(&folder, &views);
-    // Boards that stand alike are off by as different amounts as any: they moved, and no lens, board or
-    // corner that is not what the cameras' model says would do that.
+    // Offsets of similar views differ as much as those of any views: the board moved. A lens, board or corner that
+    // deviates from the camera model would shift similar views alike.
     let [near, all] = set.differences();
     println!("offsets of views alike differ by {near:.2?}, of any by {all:.2?} px");
     assert!(near.x > 0.8 * all.x && near.y > 0.8 * all.y, "{near:?} {all:?}");
@@ -162,7 +162,7 @@ fn in_a_set_from_a_hand_each_view_that_agrees_is_named_when_it_is_shifted() {
             own.len(),
             agreed.len()
         );
-        // The others stood more than a quarter of a pixel off, and were named for that.
+        // The other views were off by more than a quarter of a pixel, and named for that.
         assert!(agreed_named == agreed.len() && agreed.len() >= 32 && named >= 50, "{words}");
     }
 }

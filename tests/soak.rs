@@ -1,12 +1,10 @@
-//! `lookout soak`: faults are survived, budgets are judged, nothing is left behind.
+//! `lookout soak`: faults are survived, budgets are checked, nothing is left behind.
 
-mod support;
-
+use crate::support::{Bench, json};
 use std::path::Path;
 use std::process::Output;
-use support::{Bench, json};
 
-/// A configuration that any machine keeps, so that what the test asserts is not its speed.
+/// Budgets that any machine keeps, so that the test does not depend on its speed.
 const EASY: &str = "[soak]\nwarm_up_s = 1\nfault_pause_ms = 300\nnext_result_s = 60\nlatency_p50_ms = 10000\n\
                     latency_p99_ms = 20000\nlatency_p999_ms = 30000\ncpu_percent = 100\nprocessed_percent = 1\n\
                     memory_bytes = 1000000000\n";
@@ -126,7 +124,7 @@ fn a_soak_that_cannot_start_says_why() {
     assert!(text(&output).contains("nowhere"), "{}", text(&output));
     let output = soak(&bench, &["--overload", "--faults"]);
     assert_eq!(output.status.code(), Some(2));
-    // No board: no clock of a GPU, and nothing is drawn or run to find that out.
+    // No board has no GPU clock; that is found before anything is rendered or run.
     std::fs::create_dir(bench.path("sys")).unwrap();
     let sysfs = format!("board.sysfs={}", bench.path("sys").display());
     let output = soak(&bench, &["--gpu-table", "--out", "table", "--set", &sysfs]);

@@ -1,8 +1,7 @@
-//! What a daemon that never stops has to live through: stages that hang, leave or find no memory, a
-//! source that goes away, shared memory that is full. And what it says meanwhile.
+//! Faults that a daemon in permanent operation survives and reports: stages that hang, exit or run out of memory, a
+//! source that disappears, full shared memory.
 
-mod support;
-
+use crate::support::{Bench, Need, WATCHDOG, pid_of, process, send, skip};
 use messages::bus::Bus;
 use messages::header::Header;
 use messages::instance::Instance;
@@ -15,7 +14,6 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use support::{Bench, WATCHDOG, pid_of, send};
 
 const STAGES: [&str; 4] = ["capture", "stereo", "road", "recognition"];
 
@@ -23,15 +21,11 @@ fn frames(status: &serde_json::Value) -> u64 {
     status["frames"].as_u64().unwrap()
 }
 
-fn process<'a>(status: &'a serde_json::Value, role: &str) -> &'a serde_json::Value {
-    status["processes"].as_array().unwrap().iter().find(|p| p["role"] == role).unwrap()
-}
-
 fn reason(status: &serde_json::Value) -> &str {
     status["reason"].as_str().unwrap()
 }
 
-/// A daemon that is to go on for ever, on a recording that is repeated.
+/// Configures a daemon that runs for ever on a repeated recording.
 fn endless(bench: &Bench, more: &str) -> String {
     let recording = bench.record("drive", 8);
     bench.configure(&format!(
@@ -48,7 +42,7 @@ fn a_stage_that_is_stopped_or_leaves_is_replaced() {
     for (role, signal) in STAGES.into_iter().map(|r| (r, "STOP")).chain([("road", "TERM")]) {
         let before = bench.status_when(|s| s["state"] == "running" && frames(s) > 3);
         let pid = pid_of(&before, role);
-        // Stopped it is alive and silent; asked to end it leaves by itself, with exit code 0.
+        // After SIGSTOP it is alive and silent; after SIGTERM it exits with code 0.
         send(pid, signal);
         let after = bench.status_when(|s| {
             let new = pid_of(s, role);
@@ -63,7 +57,7 @@ fn a_stage_that_is_stopped_or_leaves_is_replaced() {
 }
 
 #[test]
-fn out_of_memory_degrades_with_a_reason_and_heals_when_there_is_some() {
+fn out_of_memory_degrades_with_a_reason_and_recovers() {
     let bench = Bench::new();
     endless(&bench, "");
     let daemon = bench.start(&[
@@ -76,8 +70,8 @@ fn out_of_memory_degrades_with_a_reason_and_heals_when_there_is_some() {
         "stereo.disparities=200",
     ]);
     let before = bench.status_when(|s| s["state"] == "running" && frames(s) > 3);
-    // What the scheduler starts from now on gets less than the stereo stage needs, though more than the
-    // scheduler itself has.
+    // Processes that the scheduler starts from now on get less memory than the stereo stage needs, but more than the
+    // scheduler itself uses.
     let data_kib = |pid: u32| -> u64 {
         let text = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
         let line = text.lines().find_map(|l| l.strip_prefix("VmData:")).unwrap();
@@ -96,7 +90,7 @@ fn out_of_memory_degrades_with_a_reason_and_heals_when_there_is_some() {
     for role in ["capture", "road", "recognition"] {
         assert_eq!(pid_of(&degraded, role), pid_of(&before, role), "{role} was left alone");
     }
-    // It is tried again, and given up again.
+    // It is retried, and given up again.
     bench.status_when(|s| s["state"] == "degraded" && reason(s).contains("failed again"));
     prlimit(Some(scheduler), Resource::Data, old).unwrap();
     let healed = bench.status_when(|s| s["state"] == "running" && frames(s) > frames(&degraded) + 5);
@@ -108,7 +102,7 @@ fn out_of_memory_degrades_with_a_reason_and_heals_when_there_is_some() {
 }
 
 #[test]
-fn a_stage_that_was_given_up_is_tried_when_that_is_asked_for() {
+fn a_stage_that_was_given_up_is_retried_on_sigusr1() {
     let bench = Bench::new();
     endless(&bench, "");
     let daemon =
@@ -130,7 +124,7 @@ fn a_source_that_goes_away_is_waited_for() {
     let daemon = bench.start(&["run"]);
     let before = bench.status_when(|s| s["state"] == "running" && frames(s) > 3);
 
-    // Gone: the file is named, the stages live on, and when it is back so are the results.
+    // Missing: the file is named, the stages keep running, and results return with the file.
     let picture = Path::new(&recording).join("left/000005.png");
     let away = Path::new(&recording).join("away.png");
     std::fs::rename(&picture, &away).unwrap();
@@ -148,12 +142,12 @@ fn a_source_that_goes_away_is_waited_for() {
 }
 
 #[test]
-fn a_source_that_stalls_is_no_fault_of_its_stage() {
+fn a_stalled_source_does_not_restart_its_stage() {
     let bench = Bench::new();
     let recording = endless(&bench, "[pacing]\nstall_ms = 300\n");
     let daemon = bench.start(&["run"]);
     bench.status_when(|s| s["state"] == "running" && frames(s) > 3);
-    // A read that never ends, as from a network that is away.
+    // A read that blocks for ever, as on a lost network.
     let picture = Path::new(&recording).join("left/000005.png");
     let [pipe, away] = ["pipe", "away"].map(|name| Path::new(&recording).join(name));
     std::fs::copy(&picture, &away).unwrap();
@@ -164,7 +158,7 @@ fn a_source_that_stalls_is_no_fault_of_its_stage() {
     let later = bench.status_when(|s| s["alarm"] == "off");
     let restarts: u64 = STAGES.iter().map(|r| process(&later, r)["restarts"].as_u64().unwrap()).sum();
     assert_eq!(restarts, 0, "nobody is at fault but the source: {later}");
-    // Whoever hangs in the read gets an end of file, finds no picture, and tries again.
+    // The blocked read returns an end of file, finds no image, and is tried again.
     let end = std::fs::OpenOptions::new().write(true).open(&picture).unwrap();
     std::fs::rename(&away, &picture).unwrap();
     drop(end);
@@ -175,7 +169,7 @@ fn a_source_that_stalls_is_no_fault_of_its_stage() {
     bench.assert_clean();
 }
 
-/// The newest message that holds, once it is as wanted.
+/// The newest valid message, once it is as wanted.
 fn obstacles_when(bench: &Bench, wanted: impl Fn(&Header, u32) -> bool) -> Header {
     let bus = Bus::join(&Instance::new(&bench.instance, &bench.path("run"))).unwrap();
     let results = bus.subscriber(&OBSTACLES).unwrap();
@@ -198,12 +192,12 @@ fn obstacles_when(bench: &Bench, wanted: impl Fn(&Header, u32) -> bool) -> Heade
 }
 
 #[test]
-fn the_alarm_of_a_dead_stage_is_taken_back() {
+fn the_alarm_of_a_dead_stage_is_withdrawn() {
     for role in ["stereo", "recognition"] {
         let bench = Bench::new();
         // At 6 m from the camera the recording's car is an alarm in every frame.
         endless(&bench, "[alarm]\ndistance_m = 50\n");
-        // A dead stage stays away for long enough to look.
+        // A dead stage stays away long enough for the test.
         let daemon = bench.start(&[
             "run",
             "--set",
@@ -216,10 +210,10 @@ fn the_alarm_of_a_dead_stage_is_taken_back() {
         send(pid_of(&status, role), "KILL");
         let off = obstacles_when(&bench, |header, level| header.withdraws == 1 && level == 0);
         assert!(off.issued_ns > before.issued_ns);
-        // A reader that comes now is told the same first.
+        // A reader that joins now receives the same first.
         let late = obstacles_when(&bench, |header, _| header.withdraws == 1);
         assert_eq!(late.issued_ns, off.issued_ns, "{role}");
-        // And when the stage is back, results hold again.
+        // When the stage is back, results are valid again.
         obstacles_when(&bench, |header, _| header.withdraws == 0 && header.issued_ns > off.issued_ns);
         daemon.signal("TERM");
         assert!(daemon.wait().status.success());
@@ -227,8 +221,7 @@ fn the_alarm_of_a_dead_stage_is_taken_back() {
     }
 }
 
-/// Runs `lookout` where /dev/shm is a small one of its own; `None`, with a printed reason, where the
-/// system allows no such thing.
+/// Runs `lookout` with a small /dev/shm of its own; where the system forbids that the test is skipped.
 fn with_small_memory(bench: &Bench, mebibytes: u32, args: &[&str]) -> Option<Command> {
     let mount = format!("mount -t tmpfs -o size={mebibytes}m tmpfs /dev/shm");
     let possible = Command::new("unshare")
@@ -237,7 +230,7 @@ fn with_small_memory(bench: &Bench, mebibytes: u32, args: &[&str]) -> Option<Com
         .status()
         .is_ok_and(|s| s.success());
     if !possible {
-        println!("skipped: this system allows no mount namespace");
+        skip(Need::Namespaces, "this system allows no mount namespace");
         return None;
     }
     let inner = bench.command(args);
@@ -247,7 +240,7 @@ fn with_small_memory(bench: &Bench, mebibytes: u32, args: &[&str]) -> Option<Com
     Some(command)
 }
 
-/// As long as it lives, memory is full.
+/// Memory is full as long as this exists.
 struct Filling<'a>(&'a AtomicBool);
 
 impl Drop for Filling<'_> {
@@ -257,7 +250,7 @@ impl Drop for Filling<'_> {
 }
 
 #[test]
-fn full_shared_memory_is_said_at_the_start_and_survived_later() {
+fn full_shared_memory_is_reported_at_the_start_and_survived_later() {
     let bench = Bench::new();
     endless(&bench, "[realtime]\nprefault = \"require\"\n");
     let Some(mut tight) = with_small_memory(&bench, 1, &["run"]) else { return };
@@ -309,8 +302,8 @@ fn full_shared_memory_is_said_at_the_start_and_survived_later() {
     };
     let running = status(&|s| s["state"] == "running" && frames(s) > 3);
     assert_eq!(process(&running, "stereo")["prefaulted"], true, "{running}");
-    // Somebody else fills it, but for what `lookout status` needs: what runs has its pages and does not
-    // notice. What a dead stage leaves is taken, too.
+    // Another process fills it except for what `lookout status` needs: running stages have their pages and are not
+    // affected. What a dead stage releases is filled, too.
     let folder = format!("/proc/{}/root/dev/shm", daemon.id());
     let fill = format!("{folder}/fill");
     let full = AtomicBool::new(true);
@@ -330,7 +323,7 @@ fn full_shared_memory_is_said_at_the_start_and_survived_later() {
         // Also when this test fails.
         let filling = Filling(&full);
         status(&|s| s["state"] == "running" && frames(s) > frames(&running) + 10);
-        // A stage that is started now finds no room; the daemon says so, and goes on when there is.
+        // A stage that is started now finds no room; the daemon reports that, and recovers when there is room.
         send(pid_of(&running, "stereo"), "KILL");
         let degraded = status(&|s| s["state"] == "degraded");
         assert!(reason(&degraded).contains("stereo failed"), "{degraded}");

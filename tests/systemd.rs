@@ -1,18 +1,16 @@
-//! What systemd is told, against a real socket; a configuration that is read again.
+//! Notifications to systemd, on a real socket; the reload of the configuration.
 
-mod support;
-
+use crate::support::{Bench, Need, WATCHDOG, pid_of, send, skip};
 use serde_json::Value;
 use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
-use support::{Bench, WATCHDOG, pid_of, send};
 
 fn receive(socket: &UnixDatagram) -> String {
     let mut buffer = [0; 4096];
     socket.set_read_timeout(Some(WATCHDOG)).expect("a time");
-    // Whoever was stopped and goes on waits anew: signal(7), sockets with a timeout.
+    // Interrupted when this process was stopped and continued: signal(7), sockets with a timeout.
     let bytes = loop {
         match socket.recv(&mut buffer) {
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
@@ -42,12 +40,12 @@ fn recognition(status: &Value) -> (u32, u64) {
 }
 
 #[test]
-fn ready_status_watchdog_reload_and_stop_are_told() {
+fn ready_status_watchdog_reload_and_stop_are_notified() {
     let bench = Bench::new();
     bench.configure("[source]\nkind = \"scene\"\n");
     let path = bench.path("notify");
     let socket = UnixDatagram::bind(&path).expect("a socket");
-    // A stage that dies is away for two seconds: ten times what the watchdog is fed in.
+    // A stage that dies is away for two seconds: ten times the interval of the watchdog messages.
     let wait = ["--set", "supervision.restart_longest_ms=2000", "--set", "supervision.restart_first_ms=2000"];
     let daemon = bench.start_with(
         &[&["run"][..], &wait].concat(),
@@ -80,7 +78,7 @@ fn ready_status_watchdog_reload_and_stop_are_told() {
     );
     assert!(told.last().is_some_and(|m| m.contains("STATUS=the configuration was read again: nothing")));
 
-    // Only the scheduler speaks.
+    // Only the scheduler notifies.
     let stages = bench.status_when(|s| s["state"] == "running");
     let environment = std::fs::read(format!("/proc/{}/environ", pid_of(&stages, "road"))).expect("it runs");
     let environment = String::from_utf8_lossy(&environment).into_owned();
@@ -93,7 +91,7 @@ fn ready_status_watchdog_reload_and_stop_are_told() {
 }
 
 #[test]
-fn abstract_addresses_are_known_and_a_watchdog_of_others_is_not_fed() {
+fn abstract_addresses_work_and_a_watchdog_of_another_process_is_not_fed() {
     let bench = Bench::new();
     bench.configure("[source]\nkind = \"scene\"\n");
     let name = format!("lookout-test-{}", bench.instance);
@@ -108,7 +106,7 @@ fn abstract_addresses_are_known_and_a_watchdog_of_others_is_not_fed() {
     told.extend(until(&socket, |m| m == "STOPPING=1"));
     assert!(told.iter().any(|m| m == "READY=1") && !told.iter().any(|m| m == "WATCHDOG=1"), "{told:?}");
     assert!(daemon.wait().status.success());
-    // An address where nobody listens stops nothing.
+    // An address without a listener does no harm.
     let daemon = bench.start_with(&["run"], &[("NOTIFY_SOCKET", "/no/such/socket")]);
     bench.status_when(|s| s["state"] == "running");
     daemon.signal("TERM");
@@ -117,7 +115,7 @@ fn abstract_addresses_are_known_and_a_watchdog_of_others_is_not_fed() {
 }
 
 #[test]
-fn a_reload_starts_the_stages_concerned_anew_and_refuses_what_cannot_change() {
+fn a_reload_restarts_the_affected_stages_and_refuses_fixed_keys() {
     let bench = Bench::new();
     let configure = |more: &str| bench.configure(&format!("[source]\nkind = \"scene\"\nseed = 1\n{more}"));
     configure("[alarm]\ndistance_m = 10\n");
@@ -141,7 +139,7 @@ fn a_reload_starts_the_stages_concerned_anew_and_refuses_what_cannot_change() {
         assert_eq!(pid_of(&after, role), pid_of(&before, role), "{role}");
     }
 
-    // A key that all share, a fault, a cascade that is not there: nothing is taken.
+    // A key that all stages share, an invalid value, a missing cascade: nothing is applied.
     bench.configure("[source]\nkind = \"scene\"\nseed = 2\n[alarm]\ndistance_m = 5\n");
     let text = answer();
     assert!(text.contains("is not taken: source.seed cannot change while the daemon runs"), "{text}");
@@ -168,9 +166,9 @@ fn a_reload_starts_the_stages_concerned_anew_and_refuses_what_cannot_change() {
 
 #[test]
 fn a_replay_ends_when_its_terminal_does() {
-    // Started by nohup, a daemon goes on without its terminal, and it has that from these tests.
+    // Under nohup SIGHUP is ignored, and the daemon inherits that from this process.
     if hang_up_is_ignored() {
-        println!("skipped: these tests ignore SIGHUP (nohup?), and so would the daemon that they start");
+        skip(Need::Hangup, "SIGHUP is ignored here (nohup?), so a daemon started from here ignores it, too");
         return;
     }
     let bench = Bench::new();

@@ -1,33 +1,18 @@
-//! The viewer: in a real browser against the scene's truth, and against bad manners.
+//! The viewer: its page in a real browser against the ground truth of the scene; it changes no result.
 
-#[path = "support/browser.rs"]
-mod browser;
-mod support;
-#[path = "support/viewer.rs"]
-mod viewer;
-
-use browser::Browser;
+use crate::support::browser::Browser;
+use crate::support::viewer::Viewer;
+use crate::support::{Bench, WATCHDOG, files, send};
 use perception::region::PixelBox;
 use serde_json::Value;
 use sources::scene::Drive;
 use std::collections::BTreeSet;
-use std::io::Write;
-use std::net::TcpStream;
-use support::{Bench, Daemon, WATCHDOG, files, send};
-use viewer::Viewer;
 
-/// Frames that are compared with the truth.
+/// Frames that are compared with the ground truth.
 const COMPARED: usize = 8;
 
 /// The drive: 640 × 480, few frames a second, so that a busy machine shows them all.
 const FPS: f64 = 5.0;
-
-fn bench_with_drive() -> (Bench, Daemon) {
-    let bench = Bench::new();
-    bench.configure(&format!("[source]\nkind = \"scene\"\nseed = 1\nfps = {FPS}\n"));
-    let daemon = bench.start(&["run"]);
-    (bench, daemon)
-}
 
 /// What the page shows: the picture's number, its grey levels on a coarse grid, and the boxes as they lie
 /// on the screen, in pixels of the picture.
@@ -54,7 +39,7 @@ const SHOWN: &str = r#"(() => {
   return { sequence, boxes_of: Number(view.dataset.sequence), width: canvas.width, grid, boxes, free };
 })()"#;
 
-/// The bird's-eye view of made-up free space: 35 m, and 12 m in the middle. Gives how many of ten places in the
+/// The bird's-eye view of synthetic free space: 35 m, and 12 m in the middle. Gives how many of ten places in the
 /// middle before and behind its end, and of ten to the left, look other than with nothing free.
 const FREE_DRAWN: &str = r#"(() => {
   const canvas = document.getElementById("birds");
@@ -84,7 +69,7 @@ const FREE_DRAWN: &str = r#"(() => {
 fn compare(browser: &mut Browser, drive: &mut Drive) -> ([usize; 3], String) {
     let (mut seen, mut same, mut boxed, mut free, mut told) = (BTreeSet::new(), 0, 0, 0, String::new());
     while seen.len() < COMPARED {
-        // A paused page does not change while it is looked at.
+        // A paused page does not change while it is examined.
         browser.value("if (!page.is_paused) pause()");
         let shown = browser.value(SHOWN);
         browser.value("if (page.is_paused) pause()");
@@ -138,7 +123,7 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let Some(mut browser) = Browser::start() else { return };
     let bench = Bench::new();
     bench.configure(&format!("[source]\nkind = \"scene\"\nseed = 1\nfps = {FPS}\n"));
-    // Every frame, however slow the machine is: so tracks are what they would be on a fast one.
+    // Every frame, however slow the machine is, so that tracks are those of a fast machine.
     let daemon = bench.start(&["replay", "scene:drive?seed=1", "--lockstep", "--loop", "--limit", "1000000"]);
     let viewer = Viewer::start(&bench, &[]);
     browser.open(&viewer.link);
@@ -147,7 +132,7 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let ([same, boxed, free], told) = compare(&mut browser, &mut Drive::paper(1).at_rate(FPS));
     println!("{told}");
     assert_eq!(same, COMPARED, "pictures are not those of their numbers:\n{told}");
-    // At five pairs a second a car that comes from very near and leaves fast is found anew.
+    // At five pairs a second a car that starts very near and leaves fast becomes a new track.
     assert!(boxed * 4 >= COMPARED * 3, "the car ahead is not in its box:\n{told}");
     assert!(free + 1 >= COMPARED, "the way is not free as far as the car:\n{told}");
     let drawn = browser.value(FREE_DRAWN);
@@ -158,7 +143,7 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let says = |which: &str, part: &str| drawn[which].as_str().is_some_and(|text| text.contains(part));
     assert!(says("label", "free ahead 12.0 m") && says("none", "no road seen"), "{drawn}");
 
-    // The rest of the page has come, too.
+    // The rest of the page is complete.
     for part in ["disparity", "v_disparity"] {
         browser.until(&format!("document.getElementById('{part}').naturalWidth > 100"));
     }
@@ -167,7 +152,7 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     browser.until("document.querySelectorAll('#c-latency path').length === 6");
     browser.until("document.querySelectorAll('#processes tbody tr').length === 5");
     browser.until("document.querySelectorAll('#obstacles tbody tr').length > 0");
-    // Everything that can be reached by key has a name; every picture has words.
+    // Everything that can be reached by keyboard has a name; every image has a description.
     let unnamed = "[...document.querySelectorAll('.panel')].filter((p) => p.tabIndex !== 0 || \
          !document.getElementById(p.getAttribute('aria-labelledby'))).length + \
          [...document.querySelectorAll('img')].filter((i) => !i.alt).length";
@@ -178,10 +163,10 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     assert_eq!(browser.value("document.getElementById('pause').getAttribute('aria-pressed')"), "true");
     browser.until("document.querySelector('.stale').textContent.startsWith('paused')");
     browser.press("p");
-    // The alarm is spoken when it changes: the drive comes near enough.
+    // A change of the alarm is announced to screen readers: the drive comes near enough.
     browser.until("document.getElementById('spoken').textContent.length > 0");
 
-    // The daemon is restarted, well and badly: the same page goes on.
+    // The daemon is restarted after SIGTERM and SIGKILL: the same page continues.
     let mut daemons = vec![daemon];
     for signal in ["TERM", "KILL"] {
         let daemon_pid = bench.status_when(|s| s["state"] == "running")["pid"].as_u64().unwrap() as u32;
@@ -216,7 +201,7 @@ fn heat_and_clocks_are_drawn_over_time() {
     let board = |file: &str, text: &str| {
         let path = bench.path("sys").join(file);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        // Whole or not at all, as the kernel's files are read.
+        // Atomically, as reads of the kernel's files are.
         std::fs::write(path.with_extension("new"), text).unwrap();
         std::fs::rename(path.with_extension("new"), path).unwrap();
     };
@@ -246,7 +231,7 @@ fn heat_and_clocks_are_drawn_over_time() {
     browser.until(&caption("heat", "cpu-thermal 91 °C"));
     browser.until(&caption("clock", "cpu0 900 MHz"));
     browser.until(&caption("health", "heat, now lower frame rate"));
-    // Both moments are in the lines, and both rungs in the bar, with words.
+    // Both values are in the curves, and both rungs in the bar, with titles.
     let heights = "(name) => new Set(document.querySelector(`#c-${name} path`).getAttribute('d') \
                    .split(/[ML]/).filter(Boolean).map((p) => p.split(' ')[1])).size";
     assert!(browser.value(&format!("({heights})('heat')")).as_u64() >= Some(2));
@@ -262,12 +247,12 @@ fn heat_and_clocks_are_drawn_over_time() {
     bench.assert_clean();
 }
 
-/// Looks at the page as three people would; keeps the pictures where `LOOKOUT_PICTURES` says.
+/// The page in three windows; screenshots are saved in the folder of `LOOKOUT_PICTURES`.
 #[test]
 fn the_page_fits_a_desk_a_phone_and_the_night() {
     let Some(mut browser) = Browser::start() else { return };
     let bench = Bench::new();
-    // Every frame, however slow the machine is: so tracks are what they would be on a fast one.
+    // Every frame, however slow the machine is, so that tracks are those of a fast machine.
     let daemon = bench.start(&["replay", "scene:drive", "--lockstep", "--loop", "--limit", "1000000"]);
     let viewer = Viewer::start(&bench, &[]);
     browser.open(&viewer.link);
@@ -287,7 +272,7 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
         }
         let before = browser.value("page.frames").as_u64().unwrap();
         browser.until(&format!("page.frames > {}", before + 1));
-        // No wider than the window, and what matters is in sight.
+        // No wider than the window, with the left image in sight.
         let overflow = "document.documentElement.scrollWidth - innerWidth";
         assert!(browser.value(overflow).as_i64().unwrap() <= 0, "{name} is wider than its window");
         let bottom = browser.value("document.getElementById('left').getBoundingClientRect().bottom");
@@ -295,7 +280,7 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
         let picture = browser.screenshot();
         let image = image::load_from_memory(&picture).unwrap().into_luma8();
         assert_eq!((image.width(), image.height()), (width, height));
-        // The ground between the panels.
+        // The background between the panels.
         brightness.push(image.get_pixel(2, height / 2)[0]);
         if let Some(folder) = &keep {
             let rgb = image::load_from_memory(&picture).unwrap().into_rgb8();
@@ -306,7 +291,7 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
     }
     assert!(brightness[0] > 200 && brightness[1] < 60 && brightness[2] < 60, "{brightness:?}");
     viewer.stop();
-    // A replay that is stopped has not come to its end, and says so.
+    // A replay that is stopped before its end fails.
     daemon.signal("TERM");
     assert_eq!(daemon.wait().status.code(), Some(1));
     bench.assert_clean();
@@ -316,7 +301,7 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
 fn two_viewers_change_no_byte_of_the_results() {
     let bench = Bench::new();
     let recording = bench.record("drive", 30);
-    // Long enough that a viewer, which looks for a daemon now and then, finds it.
+    // Long enough for a viewer to find the daemon, which it polls for.
     let replay = |out: &str| {
         bench.ok(&["replay", &recording, "--lockstep", "--loop", "--limit", "600", "--out", out]);
     };
@@ -358,123 +343,4 @@ fn two_viewers_change_no_byte_of_the_results() {
     first.stop();
     second.stop();
     bench.assert_clean();
-}
-
-#[test]
-fn parts_and_figures_come_without_a_browser() {
-    let (bench, daemon) = bench_with_drive();
-    let viewer = Viewer::start(&bench, &[]);
-    let mut page = viewer.socket();
-    let (frame, parts) = page.frame();
-    assert_eq!((&frame["width"], &frame["height"], parts.len()), (&640.into(), &480.into(), 4));
-    for part in &parts[..3] {
-        assert!(image::load_from_memory(part).unwrap().width() > 100);
-    }
-    assert!(parts[3].len().is_multiple_of(8) && parts[3].len() > 8000, "{}", parts[3].len());
-    assert!(frame["latency_ms"].as_f64().unwrap() > 1.0);
-    // One that asks and asks and takes no answer holds nobody up.
-    let mut mute = viewer.socket();
-    (0..100).for_each(|_| mute.ask_only());
-    // Frames come in order, each once.
-    let (next, _) = page.frame();
-    assert!(next["sequence"].as_u64() > frame["sequence"].as_u64());
-    drop(mute);
-
-    let start = std::time::Instant::now();
-    let text = loop {
-        // The first status is from before the stages were there.
-        let text = viewer.get("/metrics", "");
-        if text.contains("lookout_state{state=\"running\"} 1\n") {
-            break text;
-        }
-        assert!(start.elapsed() < WATCHDOG, "it never ran: {text}");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    };
-    for line in [
-        "lookout_up 1\n",
-        "lookout_process_up{process=\"stereo\"} 1\n",
-        "# TYPE lookout_frames_total counter\n",
-    ] {
-        assert!(text.contains(line), "{line} is missing in {text}");
-    }
-    let status = viewer.get("/status.json", "");
-    assert!(status.contains("\"processes\""), "{status}");
-    daemon.signal("TERM");
-    assert!(daemon.wait().status.success());
-    let start = std::time::Instant::now();
-    while !viewer.get("/metrics", "").contains("lookout_up 0\n") {
-        assert!(start.elapsed() < WATCHDOG, "the end of the daemon was never noticed");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
-    assert!(viewer.get("/status.json", "").starts_with("HTTP/1.1 503"));
-    viewer.stop();
-    bench.assert_clean();
-}
-
-#[test]
-fn strangers_and_bad_manners_are_turned_away() {
-    let bench = Bench::new();
-    let viewer = Viewer::start(&bench, &[]);
-    let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
-                   Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
-    let starts =
-        |answer: String, code: &str| assert!(answer.starts_with(&format!("HTTP/1.1 {code} ")), "{answer}");
-    starts(viewer.get("/", ""), "200");
-    starts(viewer.raw(b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n"), "403");
-    starts(viewer.raw(b"GET / HTTP/1.1\r\n\r\n"), "403");
-    starts(viewer.get("/socket", &format!("{upgrade}Origin: http://evil.example\r\n")), "403");
-    starts(viewer.get("/socket", ""), "426");
-    starts(viewer.get("/../../etc/passwd", ""), "404");
-    starts(viewer.raw(b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\n"), "405");
-    starts(viewer.get("/", &format!("X: {}\r\n", "y".repeat(20_000))), "431");
-    starts(viewer.raw(b"\x16\x03\x01\x00\xa5\r\n\r\n"), "400");
-    // RFC 6455 gives the answer to this key.
-    let mut stream = TcpStream::connect(&viewer.address).unwrap();
-    write!(stream, "GET /socket HTTP/1.1\r\nHost: {}\r\n{upgrade}\r\n", viewer.address).unwrap();
-    let mut head = [0; 128];
-    let count = std::io::Read::read(&mut stream, &mut head).unwrap();
-    let head = String::from_utf8_lossy(&head[..count]);
-    assert!(head.contains("101") && head.contains("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="), "{head}");
-    drop(stream);
-    // Eight may look; the ninth is told so, and those who only hold a connection keep nobody out.
-    let idle: Vec<TcpStream> = (0..8).map(|_| TcpStream::connect(&viewer.address).unwrap()).collect();
-    let start = std::time::Instant::now();
-    while !viewer.get("/metrics", "").contains("lookout_viewer_clients 0\n") {
-        assert!(start.elapsed() < WATCHDOG, "a place was never given back");
-    }
-    let pages: Vec<_> = (0..8).map(|_| viewer.socket()).collect();
-    starts(viewer.get("/socket", upgrade), "503");
-    starts(viewer.get("/", ""), "200");
-    drop((pages, idle));
-    viewer.stop();
-
-    let token = "a-token-of-our-own";
-    let viewer = Viewer::start(&bench, &["--token", token]);
-    assert!(viewer.link.ends_with(&format!("/?token={token}")), "{}", viewer.link);
-    starts(viewer.get("/", ""), "401");
-    starts(viewer.get("/metrics", "Authorization: Bearer wrong-wrong-wrong\r\n"), "401");
-    starts(viewer.get("/metrics", &format!("Authorization: Bearer {token}\r\n")), "200");
-    starts(viewer.get("/socket", upgrade), "403");
-    let answer = viewer.get(&format!("/?token={token}"), "");
-    assert!(answer.starts_with("HTTP/1.1 303 ") && answer.contains("HttpOnly; SameSite=Strict"), "{answer}");
-    let cookie = answer.split("Set-Cookie: ").nth(1).and_then(|c| c.split(';').next()).unwrap();
-    starts(viewer.get("/", &format!("Cookie: {cookie}\r\n")), "200");
-    viewer.stop();
-}
-
-#[test]
-fn what_cannot_be_served_is_told_with_a_remedy() {
-    let bench = Bench::new();
-    let viewer = Viewer::start(&bench, &[]);
-    let taken = bench.fails(&["view", "--bind", &viewer.address]);
-    assert!(taken.contains(&viewer.address) && taken.contains("another port"), "{taken}");
-    let weak = bench.fails(&["view", "--bind", "127.0.0.1:0", "--token", "1234"]);
-    assert!(weak.contains("--token") && weak.contains("16"), "{weak}");
-    let elsewhere = bench.fails(&["view", "--bind", "192.0.2.1:0"]);
-    assert!(elsewhere.contains("address of this machine"), "{elsewhere}");
-    // On any other address than the machine's own there is a token, asked for or not.
-    let open = Viewer::start(&bench, &["--bind", "0.0.0.0:0"]);
-    assert!(open.link.contains("/?token="), "{}", open.link);
-    open.stop();
-    viewer.stop();
 }

@@ -1,13 +1,11 @@
 //! What two viewers and a recorder cost the daemon: the same run with and without them, in turns.
 //!
-//! `LOOKOUT_COST_SECONDS=30 LOOKOUT_COST_ROUNDS=6 cargo test --release --test viewer_cost -- --nocapture`
-//! gives the figures of docs/results.md; as it stands the test is short, and looks at what must hold on
+//! `LOOKOUT_COST_SECONDS=30 LOOKOUT_COST_ROUNDS=6 cargo test --release --test slow viewer_cost -- --nocapture`
+//! gives the figures of docs/results.md; by default the test is short, and asserts what must hold on
 //! any machine.
 
-mod support;
-#[path = "support/viewer.rs"]
-mod viewer;
-
+use crate::support::viewer::Viewer;
+use crate::support::{Bench, pid_of, send};
 use messages::bus::Bus;
 use messages::instance::Instance;
 use messages::wait::{self, Next};
@@ -15,16 +13,14 @@ use messages::{obstacles, service};
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use support::{Bench, pid_of, send};
-use viewer::Viewer;
 
 /// The rate of the paper.
 const FPS: f64 = 12.5;
 
-/// Pairs that are recorded, and come again and again.
+/// Pairs of the recording, which is repeated.
 const RECORDED: u64 = 40;
 
-/// What comes before this in a turn is not counted: viewers start, or their memory is given back.
+/// The beginning of a turn that is not counted: viewers start, or their memory is released.
 const SETTLE: Duration = Duration::from_secs(1);
 
 /// Results of the turns of one kind.
@@ -71,7 +67,7 @@ fn spent(pid: u32) -> (f64, f64) {
     (10.0 * ticks, kib / 1024.0)
 }
 
-/// Starts a recorder of everything that it records unasked.
+/// Starts a recorder of its default topics.
 fn record_daemon(bench: &Bench) -> Child {
     let mut command = bench.command(&["record", "-o", "cost.mcap", "--json"]);
     command.stdout(Stdio::piped()).spawn().expect("the binary starts")
@@ -116,10 +112,10 @@ fn listen(instance: &Instance, time: Duration, figures: &mut Figures) {
 }
 
 #[test]
-fn viewers_and_a_recorder_take_what_is_left_over() {
+fn two_viewers_and_a_recorder_do_not_disturb_the_stages() {
     let seconds = number("LOOKOUT_COST_SECONDS", 3);
     let rounds = number("LOOKOUT_COST_ROUNDS", 2);
-    let bench = Bench::new();
+    let bench = Bench::alone();
     let source = bench.record_paper("drive", RECORDED);
     bench.configure(&format!(
         "[source]\nkind = \"folder\"\npath = \"{source}\"\nrepeat = true\nfps = {FPS}\n"
@@ -143,7 +139,7 @@ fn viewers_and_a_recorder_take_what_is_left_over() {
             std::thread::scope(|scope| {
                 for (viewer, count) in viewers.iter().zip(&shown) {
                     let stop = &stop;
-                    // Asks again at once: no page asks for more.
+                    // Requests without a pause: no page requests more.
                     scope.spawn(move || {
                         let mut page = viewer.socket();
                         while !stop.load(Ordering::Relaxed) {
@@ -196,7 +192,7 @@ fn viewers_and_a_recorder_take_what_is_left_over() {
 
     println!("recorded: {} frames, {} messages missed", kept[0], kept[1]);
 
-    // Whatever the machine has left: frames come out, pages see them, nobody dies and nothing is refused.
+    // However busy the machine is: frames come out, pages show them, no process dies and no message is refused.
     for f in [&off, &on] {
         assert!(f.latency_ms.len() as u64 > rounds, "no frames came out");
     }

@@ -54,7 +54,7 @@ fn calibration_text() {
         seeds.map(|s| s.as_bytes().to_vec()).into(),
         4096,
         |input, path| {
-            // The ending tells the format.
+            // The extension selects the format.
             let ending = if input.first().is_some_and(u8::is_ascii_lowercase) { "toml" } else { "txt" };
             match sources::calibration_file::read(&written(path, ending, input), input.len() % 2 == 0) {
                 Err(error) => error.to_string(),

@@ -1,4 +1,4 @@
-//! The harness can fail: readers that break are caught, and the input is kept.
+//! Tests of the harness: broken parsers are detected, and the input is kept.
 
 use super::harness::{fuzz, is_child};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What a frame can hold that no check of a message refuses: any disparity in any pixel, any picture.
+//! Content that no message check refuses: any disparity in any pixel, any image.
 
 use super::harness::fuzz;
 use perception::depth::DepthView;
@@ -40,7 +40,7 @@ fn disparity() {
         // Pictures that have nothing to do with each other, or with the map.
         let right: Vec<u8> = map.iter().map(|d| (d >> 4) as u8).collect();
         let mut said = String::new();
-        // What rises little is believed in the third frame.
+        // Small obstacles are confirmed in the third frame.
         for _ in 0..3 {
             let view = DisparityView::new(&map, WIDTH, HEIGHT).expect("the map fits");
             let pictures = [&confidence, &right]

@@ -1,11 +1,12 @@
-//! Runs a reader on changed inputs in a process of its own, so that whatever it does is seen: a panic,
-//! an abort, an input that takes too long, an allocation that no input of its size deserves.
+//! Runs a parser on mutated inputs in a process of its own, so that every failure is detected: a panic, an abort, an
+//! input that takes too long, an allocation out of proportion to the input.
 //!
 //! `LOOKOUT_FUZZ_SECONDS` is the time for each target (2 by default, for every commit),
-//! `LOOKOUT_FUZZ_SEED` the seed (1 by default, `clock` for another every time). There is no coverage to
-//! steer by; what steers is what the reader says: an input with a new answer joins the corpus.
+//! `LOOKOUT_FUZZ_SEED` the seed (1 by default, `clock` for another every time). There is no coverage
+//! feedback; the parser's answer replaces it: an input with a new answer joins the corpus.
 
 use super::mutate::mutate;
+use crate::support::turns;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::collections::HashSet;
 use std::fs::File;
@@ -15,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Says to the child which target it is, and where its input goes.
+/// Marks the child process, and names the folder for its input.
 const CHILD: &str = "LOOKOUT_FUZZ_CHILD";
 
 /// Processor time that one input may take: a thousand times what it should.
@@ -24,19 +25,20 @@ const MAX_CPU_NS: u64 = 10_000_000_000;
 /// Memory that a reader may take beyond what the process has.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// Inputs that have joined the corpus, at most.
+/// Inputs of the corpus, at most.
 const MAX_INPUTS: usize = 2000;
 
-/// Fuzzes a reader: it is called with inputs and says what it made of each, in words. `name` is the
-/// name of the test that calls this.
+/// Fuzzes a reader: it is called with inputs and returns a text about each. `name` is the path of the calling test
+/// below the module `fuzz`.
 pub fn fuzz(name: &str, seeds: Vec<Vec<u8>>, longest: usize, mut read: impl FnMut(&[u8], &Path) -> String) {
     assert!(!seeds.is_empty() && seeds.iter().any(|s| !s.is_empty()));
     if let Some(folder) = std::env::var_os(CHILD) {
         return child(name, seeds, longest, Path::new(&folder), &mut read);
     }
+    let _turn = turns::beside_others();
     let folder = tempfile::tempdir().expect("a folder");
     let mut process = Command::new(std::env::current_exe().expect("this program"))
-        .args(["--exact", name, "--nocapture", "--test-threads=1"])
+        .args(["--exact", &test_path(name), "--nocapture", "--test-threads=1"])
         .env(CHILD, folder.path())
         // A backtrace takes longer than a run.
         .env("RUST_BACKTRACE", "0")
@@ -63,6 +65,13 @@ pub fn fuzz(name: &str, seeds: Vec<Vec<u8>>, longest: usize, mut read: impl FnMu
     let figures =
         text.find(&format!("fuzz {name}: ")).map(|at| text[at..].lines().next().unwrap_or_default());
     println!("{}", figures.unwrap_or_else(|| panic!("the child did not run {name}:\n{text}")));
+}
+
+/// The name that libtest gives a test of the module `fuzz`, wherever that stands in this program.
+fn test_path(name: &str) -> String {
+    let (_, path) = module_path!().split_once("::").expect("the name of the program comes first");
+    let (fuzz, _) = path.rsplit_once("::").expect("this module comes last");
+    format!("{fuzz}::{name}")
 }
 
 /// Whether this process is the one that runs the reader.
@@ -143,7 +152,7 @@ fn shape(answer: &str) -> String {
     shape
 }
 
-/// An allocation that no input deserves ends the child.
+/// An allocation out of proportion ends the child.
 fn limit_memory() {
     let status = std::fs::read_to_string("/proc/self/status").expect("/proc/self/status");
     let line = status.lines().find_map(|l| l.strip_prefix("VmSize:")).expect("VmSize");

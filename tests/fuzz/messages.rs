@@ -9,7 +9,7 @@ use std::path::Path;
 /// Bytes of the fields of a header that anybody may write.
 const HEADER_BYTES: usize = 48;
 
-/// Kinds by their numbers here.
+/// Kinds by their numbers in the inputs.
 const KINDS: [Kind; 7] =
     [Kind::Pair, Kind::Depth, Kind::Regions, Kind::Obstacles, Kind::Report, Kind::Command, Kind::Status];
 
@@ -81,7 +81,7 @@ fn read(bytes: &[u8], _: &Path) -> String {
     }
 }
 
-/// A sound message of each kind.
+/// A valid message of each kind.
 fn seeds() -> Vec<Vec<u8>> {
     let mut random = Rng::with_seed(3);
     let (width, height) = (12_u32, 10_u32);
@@ -126,7 +126,7 @@ fn seeds() -> Vec<Vec<u8>> {
 
 #[test]
 fn message_views() {
-    // The seeds are what they are meant to be.
+    // Every seed is valid.
     for seed in seeds() {
         assert!(read(&seed, Path::new("")).starts_with("ok"), "{}", read(&seed, Path::new("")));
     }

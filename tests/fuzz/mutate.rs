@@ -1,8 +1,8 @@
-//! Changes inputs: bits and bytes, numbers and words, lines and pieces of other inputs.
+//! Mutates inputs: bits and bytes, numbers and fields, lines and pieces of other inputs.
 
 use fastrand::Rng;
 
-/// Numbers that readers trip over.
+/// Numbers at the limits of types and ranges.
 const NUMBERS: [&str; 22] = [
     "0",
     "-1",

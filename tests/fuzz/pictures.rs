@@ -1,9 +1,9 @@
-//! Pictures and maps: recorded images, disparity maps with a scale, PFM.
+//! Images and maps: recorded images, disparity maps with a scale, PFM.
 
 use super::harness::{fuzz, written};
 use std::path::Path;
 
-/// A small picture in a format.
+/// A small image in a format.
 fn picture(format: image::ImageFormat, colour: bool) -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
     let grey = image::GrayImage::from_fn(24, 16, |x, y| [(x * y % 251) as u8].into());

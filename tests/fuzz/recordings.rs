@@ -62,7 +62,7 @@ fn recording_file() {
             Ok(source) => source,
         };
         let (width, height) = source.size();
-        // What was accepted can be read, or says why not.
+        // A recording that was accepted can be read, or the error says why not.
         let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
         let count = source.count().unwrap_or(0).min(8);
         let answers: Vec<String> = (0..count)

@@ -1,6 +1,6 @@
-//! A real browser, without a window: Chromium, told what to do through its DevTools protocol.
+//! A real browser without a window: Chromium, controlled through its DevTools protocol.
 
-use crate::support::WATCHDOG;
+use crate::support::{Need, WATCHDOG, skip};
 use serde_json::{Value, json};
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -20,10 +20,11 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Starts it; `None`, with a printed reason, where there is none.
+    /// Starts it; where there is none the test is skipped.
+    #[track_caller]
     pub fn start() -> Option<Self> {
         let Some(program) = find() else {
-            println!("skipped: no Chromium here (on Debian: apt-get install chromium)");
+            skip(Need::Chromium, "no Chromium here (Debian: apt-get install chromium)");
             return None;
         };
         let profile = tempfile::tempdir().expect("a temporary folder");

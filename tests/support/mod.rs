@@ -1,6 +1,12 @@
-//! What the process tests share: the binary, recordings of the synthetic drive, instances.
+//! What the process tests share: the binary, recordings of the synthetic drive, instances, turns, skipped tests.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(dead_code, unused_imports, reason = "each test program uses its own part")]
+
+pub mod browser;
+pub mod turns;
+pub mod viewer;
+
+pub use skipped_tests::{Need, skip};
 
 use sources::PairSource;
 use sources::scene::Drive;
@@ -8,24 +14,37 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use turns::Turn;
 
-/// A wait that has not ended by then never will; no test asserts that something is fast.
+/// Longest wait for any event. No test asserts that something is fast.
 pub const WATCHDOG: Duration = Duration::from_secs(120);
 
 /// A folder, an instance name and a configuration of its own for one test.
 pub struct Bench {
     pub folder: tempfile::TempDir,
     pub instance: String,
+    _turn: Turn,
 }
 
 static COUNT: AtomicU32 = AtomicU32::new(0);
 
 impl Bench {
+    /// For a test that runs beside others.
     pub fn new() -> Self {
+        Self::with(turns::beside_others())
+    }
+
+    /// For a test that measures times or loads the machine: no other test runs as long as this lives.
+    pub fn alone() -> Self {
+        Self::with(turns::alone())
+    }
+
+    fn with(turn: Turn) -> Self {
         let n = COUNT.fetch_add(1, Ordering::Relaxed);
         let bench = Self {
             folder: tempfile::tempdir().expect("a temporary folder"),
             instance: format!("t{}-{n}", std::process::id()),
+            _turn: turn,
         };
         bench.configure("");
         bench
@@ -45,6 +64,18 @@ impl Bench {
             self.path("run").display()
         );
         std::fs::write(self.path("car.toml"), text).expect("the configuration is written");
+    }
+
+    /// A configuration of cameras by GStreamer.
+    pub fn configure_pipelines(&self, left: &str, right: &str, more: &str) {
+        let rig = "focal_px = 440.0\nbaseline_m = 0.12\ncx_px = 160.0\ncy_px = 120.0\n";
+        std::fs::write(self.path("rig.toml"), rig).unwrap();
+        self.configure(&format!(
+            "[source]\nkind = \"camera\"\nrig = \"{}\"\n\
+             [camera]\nbackend = \"gstreamer\"\nleft = \"{left}\"\nright = \"{right}\"\nwidth = 320\nheight = 240\n\
+             fps = 20\nskew_ms = 24.9\n{more}",
+            self.path("rig.toml").display()
+        ));
     }
 
     /// `lookout` with arguments; those that take a configuration get this one.
@@ -107,6 +138,14 @@ impl Bench {
         Daemon { child: Some(child) }
     }
 
+    /// The daemon on a recording that is repeated for ever; it runs.
+    pub fn replay_endlessly(&self, recording: &str, fps: &str) -> Daemon {
+        let daemon =
+            self.start(&["replay", recording, "--fps", fps, "--loop", "--limit", "100000", "--log", "error"]);
+        self.status_when(|status| status["state"] == "running");
+        daemon
+    }
+
     /// A recording of the synthetic drive: `frames` pairs of 320 × 240 with a rig.
     pub fn record(&self, name: &str, frames: u64) -> String {
         let rig = perception::rig::Rig { focal_px: 440.0, baseline_m: 0.12, cx_px: 160.0, cy_px: 110.0 };
@@ -127,7 +166,7 @@ impl Bench {
         self.path(name).display().to_string()
     }
 
-    /// The drive as the paper's cameras see it, 640 × 480, drawn beforehand: what is measured is the daemon.
+    /// The drive as the paper's cameras see it, 640 × 480, rendered beforehand, so that only the daemon is measured.
     pub fn record_paper(&self, name: &str, frames: u64) -> String {
         let mut drive = Drive::paper(1);
         let (mut left, mut right) = (vec![0; 640 * 480], vec![0; 640 * 480]);
@@ -172,7 +211,7 @@ impl Bench {
         let names = shared_names();
         for name in &names {
             let run: String = name.splitn(4, '.').take(3).map(|part| format!("{part}.")).collect();
-            // Others come and go while this looks.
+            // Other instances start and end meanwhile.
             let marked = names.contains(&format!("{run}run"));
             assert!(marked || !shared_names().contains(name), "{name} is left without its run");
         }
@@ -243,6 +282,11 @@ pub fn send(pid: u32, signal: &str) {
     assert!(status.expect("kill runs").success(), "signal {signal} to {pid}");
 }
 
+/// The entry of a role in a status or a summary.
+pub fn process<'a>(status: &'a serde_json::Value, role: &str) -> &'a serde_json::Value {
+    status["processes"].as_array().unwrap().iter().find(|p| p["role"] == role).unwrap()
+}
+
 /// Process id of a role in a status.
 pub fn pid_of(status: &serde_json::Value, role: &str) -> u32 {
     let processes = status["processes"].as_array().expect("processes");
@@ -257,13 +301,37 @@ pub fn save_grey(path: &Path, pixels: &[u8], width: u32, height: u32) {
         .expect("the image is written");
 }
 
-/// The shared test data; `None`, with a printed reason, where it is absent.
+/// Runs a command that prints JSON and must succeed.
+pub fn document(bench: &Bench, args: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&bench.ok(args)).expect("the output is JSON")
+}
+
+/// The Python of `LOOKOUT_PYTHON` or the system's that can import `modules`; without one the test is skipped.
+#[track_caller]
+pub fn python(modules: &str, packages: &str) -> Option<String> {
+    let works = |python: &String| {
+        let check = Command::new(python).args(["-c", &format!("import {modules}")]).output();
+        check.is_ok_and(|output| output.status.success())
+    };
+    let candidates = [std::env::var("LOOKOUT_PYTHON").ok(), Some("python3".into())];
+    let found = candidates.into_iter().flatten().find(works);
+    if found.is_none() {
+        skip(Need::Python, &format!("no python3 with the packages {packages} (LOOKOUT_PYTHON may name one)"));
+    }
+    found
+}
+
+/// The shared test data; where it is absent the test is skipped.
+#[track_caller]
 pub fn shared_data(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(name);
     if path.is_dir() {
         return Some(path);
     }
-    println!("skipped: {} is not there (the shared data sets are not part of the project)", path.display());
+    skip(
+        Need::Data,
+        &format!("../shared/data/{name} is not there: the data sets are not part of the project"),
+    );
     None
 }
 

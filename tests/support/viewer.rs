@@ -1,7 +1,5 @@
 //! A viewer for a test, and a client without a browser.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
-
 use crate::support::{Bench, WATCHDOG, send};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -44,7 +42,7 @@ impl Viewer {
     pub fn raw(&self, request: &[u8]) -> String {
         let mut stream = TcpStream::connect(&self.address).expect("it listens");
         stream.set_read_timeout(Some(WATCHDOG)).expect("a time limit");
-        // What refuses to read to the end may close before all is written.
+        // A server that does not read to the end may close before all is written.
         let _ = stream.write_all(request);
         let mut answer = Vec::new();
         let _ = stream.read_to_end(&mut answer);

@@ -1,8 +1,8 @@
-//! Every reader of what comes from outside, on inputs that were changed at random: no input may make
-//! it panic, take for ever or take memory that it does not deserve.
+//! Every parser of external input, on randomly mutated inputs: no input may make it panic, run without end or take
+//! memory out of proportion.
 //!
-//! A few seconds with every commit; longer with
-//! `LOOKOUT_FUZZ_SECONDS=600 cargo test --release -p lookout --test fuzz`.
+//! Two seconds for each reader with every commit; longer with
+//! `LOOKOUT_FUZZ_SECONDS=600 cargo test --release -p lookout --test slow fuzz::`.
 
 mod calibrations;
 mod caught;
@@ -53,7 +53,7 @@ fn scene_file() {
     });
 }
 
-/// A cascade of the project's own, and a small one of each format and kind.
+/// The shipped cascade, and a small one of each format and kind.
 #[test]
 fn cascade() {
     let mut seeds = files("perception/tests/parity", "xml");

@@ -1,0 +1,19 @@
+//! The tests that `cargo test` runs, in one program: linking the daemon's libraries once takes less time than once for
+//! each of them. A module that takes long goes to `slow.rs`; its line is all that moves.
+
+mod bad_input;
+mod board;
+mod calibrate;
+mod commands;
+mod evaluate;
+mod faults;
+mod features;
+mod pipeline;
+mod point_cloud;
+mod realtime;
+mod recognition;
+mod recording;
+mod scenes;
+mod support;
+mod systemd;
+mod viewer_protocol;

@@ -1,0 +1,15 @@
+//! The tests that take long: `cargo test --release --workspace --test slow`, which `.ci/run` runs, too. A module that
+//! has become quick goes to `quick.rs`; its line is all that moves.
+
+mod calibration_health;
+mod faults_lockstep;
+mod fuzz;
+mod realtime_load;
+mod recording_readers;
+mod scene_approaches;
+mod shifted_view;
+mod soak;
+mod support;
+mod survival;
+mod viewer;
+mod viewer_cost;

@@ -12,10 +12,10 @@ const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
 /// The paper's rig, 1.2 m above the road.
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
-const CAMERA_M: f64 = 1.2;
+const CAMERA_HEIGHT_M: f64 = 1.2;
 
 /// What stands in the street: left and right, height and distance, in metres.
-const THINGS: [(f64, f64, f64, f64); 12] = [
+const OBSTACLES: [(f64, f64, f64, f64); 12] = [
     (-0.9, 0.9, 1.5, 18.0),
     (-4.2, -2.4, 1.5, 9.0),
     (-4.2, -2.4, 1.5, 15.0),
@@ -32,10 +32,10 @@ const THINGS: [(f64, f64, f64, f64); 12] = [
 
 /// Disparity of a pixel: the road, what stands on it, else houses 45 m away.
 fn truth(x: usize, y: usize) -> f64 {
-    let road = RIG.baseline_m / CAMERA_M * (y as f64 - RIG.cy_px);
-    THINGS.iter().fold(road.max(RIG.disparity_px(45.0)), |nearest, &(left, right, tall, distance)| {
+    let road = RIG.baseline_m / CAMERA_HEIGHT_M * (y as f64 - RIG.cy_px);
+    OBSTACLES.iter().fold(road.max(RIG.disparity_px(45.0)), |nearest, &(left, right, tall, distance)| {
         let across = RIG.lateral_m(x as f64, distance);
-        let up = CAMERA_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
+        let up = CAMERA_HEIGHT_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
         let there = (left..=right).contains(&across) && (0.0..=tall).contains(&up);
         if there { nearest.max(RIG.disparity_px(distance)) } else { nearest }
     })
@@ -96,7 +96,7 @@ fn stages(c: &mut Criterion) {
         );
         group
             .bench_function("road without small things", |b| b.iter(|| detector.detect(depth).regions.len()));
-        if let Some(depth) = depth.with_pictures([views.0, views.1]) {
+        if let Some(depth) = depth.with_images([views.0, views.1]) {
             group.bench_function("road", |b| b.iter(|| detector.detect(depth).regions.len()));
         }
         group.finish();

@@ -1,5 +1,5 @@
 //! What the road is found in: a disparity map, how far each of its pixels is to be believed, and the
-//! pictures that it was made from.
+//! images that it was made from.
 
 use crate::image::GreyView;
 use crate::stereo::DisparityView;
@@ -9,7 +9,7 @@ use crate::stereo::DisparityView;
 pub struct DepthView<'a> {
     disparity: DisparityView<'a>,
     confidence: &'a [u8],
-    pictures: Option<[GreyView<'a>; 2]>,
+    images: Option<[GreyView<'a>; 2]>,
 }
 
 impl<'a> DepthView<'a> {
@@ -17,19 +17,19 @@ impl<'a> DepthView<'a> {
     /// many.
     pub fn new(disparity: DisparityView<'a>, confidence: &'a [u8]) -> Option<Self> {
         let fits = confidence.len() == disparity.width() * disparity.height();
-        fits.then_some(Self { disparity, confidence, pictures: None })
+        fits.then_some(Self { disparity, confidence, images: None })
     }
 
-    /// The same with the rectified pair, left and right; `None` when a picture has another size.
-    pub fn with_pictures(self, pictures: [GreyView<'a>; 2]) -> Option<Self> {
+    /// The same with the rectified pair, left and right; `None` when a image has another size.
+    pub fn with_images(self, images: [GreyView<'a>; 2]) -> Option<Self> {
         let size = (self.width(), self.height());
-        let fit = pictures.iter().all(|picture| (picture.width(), picture.height()) == size);
-        fit.then_some(Self { pictures: Some(pictures), ..self })
+        let fit = images.iter().all(|image| (image.width(), image.height()) == size);
+        fit.then_some(Self { images: Some(images), ..self })
     }
 
     /// The rectified pair, left and right, if it is there.
-    pub fn pictures(&self) -> Option<[GreyView<'a>; 2]> {
-        self.pictures
+    pub fn images(&self) -> Option<[GreyView<'a>; 2]> {
+        self.images
     }
 
     /// Width in pixels.

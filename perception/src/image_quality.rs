@@ -5,39 +5,39 @@ use crate::image::GreyView;
 use crate::rig::Rig;
 
 /// Every so many columns and rows are looked at.
-const STEP: usize = 4;
+const SAMPLE_STEP: usize = 4;
 
 /// Frames in a row that change a verdict: one flash, or one frame behind a wiper, says nothing.
-const FRAMES: u8 = 3;
+const DEBOUNCE_FRAMES: u8 = 3;
 
-/// 95 % of the picture are darker: nothing is lit.
-const DARK: u8 = 16;
+/// 95 % of the image are darker: nothing is lit.
+const MAX_DARK_LEVEL: u8 = 16;
 
-/// Three quarters of the picture are at least as bright: dazzled.
-const BRIGHT: u8 = 250;
+/// Three quarters of the image are at least as bright: dazzled.
+const MIN_BRIGHT_LEVEL: u8 = 250;
 
-/// Nine tenths of the picture lie within so many grey levels: a hand, fog, a cap.
-const FLAT: u8 = 14;
+/// Nine tenths of the image lie within so many grey levels: a hand, fog, a cap.
+const MIN_CONTRAST: u8 = 14;
 
-/// Contrast of one picture over that of the other.
-const UNLIKE: f32 = 4.0;
+/// Contrast of one image over that of the other.
+const MAX_CONTRAST_RATIO: f32 = 4.0;
 
 /// What is wrong with a pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SightFaults {
-    /// A picture is too dark.
+pub struct ImageFaults {
+    /// A image is too dark.
     pub dark: bool,
-    /// A picture is too bright.
+    /// A image is too bright.
     pub bright: bool,
-    /// A picture shows nothing.
+    /// A image shows nothing.
     pub blocked: bool,
-    /// One picture has far more contrast than the other.
-    pub unlike: bool,
+    /// One image has far more contrast than the other.
+    pub contrast_mismatch: bool,
 }
 
-/// Grey levels below which 5 %, 25 % and 95 % of a picture lie.
+/// Grey levels below which 5 %, 25 % and 95 % of a image lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Levels {
+pub struct GreyPercentiles {
     /// 5 %.
     pub low: u8,
     /// 25 %.
@@ -46,13 +46,13 @@ pub struct Levels {
     pub high: u8,
 }
 
-impl Levels {
-    /// Those of a picture, from a sixteenth of its pixels.
-    pub fn of(picture: GreyView<'_>) -> Self {
+impl GreyPercentiles {
+    /// Those of a image, from a sixteenth of its pixels.
+    pub fn of(image: GreyView<'_>) -> Self {
         let mut histogram = [0_u32; 256];
         let mut count = 0;
-        for y in (0..picture.height()).step_by(STEP) {
-            for &v in picture.row(y).iter().step_by(STEP) {
+        for y in (0..image.height()).step_by(SAMPLE_STEP) {
+            for &v in image.row(y).iter().step_by(SAMPLE_STEP) {
                 histogram[usize::from(v)] += 1;
                 count += 1;
             }
@@ -75,16 +75,16 @@ impl Levels {
 
 /// A verdict that changes only when several frames in a row say so.
 #[derive(Clone, Copy, Debug, Default)]
-struct Steady {
+struct Debounced {
     verdict: bool,
-    against: u8,
+    disagreeing_frames: u8,
 }
 
-impl Steady {
+impl Debounced {
     fn update(&mut self, now: bool) -> bool {
-        self.against = if now == self.verdict { 0 } else { self.against + 1 };
-        if self.against >= FRAMES {
-            (self.verdict, self.against) = (now, 0);
+        self.disagreeing_frames = if now == self.verdict { 0 } else { self.disagreeing_frames + 1 };
+        if self.disagreeing_frames >= DEBOUNCE_FRAMES {
+            (self.verdict, self.disagreeing_frames) = (now, 0);
         }
         self.verdict
     }
@@ -92,28 +92,28 @@ impl Steady {
 
 /// Looks at pair after pair.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct SightCheck {
-    dark: Steady,
-    bright: Steady,
-    blocked: Steady,
-    unlike: Steady,
+pub struct ImageMonitor {
+    dark: Debounced,
+    bright: Debounced,
+    blocked: Debounced,
+    contrast_mismatch: Debounced,
 }
 
-impl SightCheck {
+impl ImageMonitor {
     /// What is wrong, with this pair counted in.
-    pub fn update(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> SightFaults {
-        let levels = [Levels::of(left), Levels::of(right)];
-        let any = |is: &dyn Fn(Levels) -> bool| levels.iter().any(|&l| is(l));
-        let dark = any(&|l| l.high < DARK);
-        let bright = any(&|l| l.quarter >= BRIGHT);
-        let blocked = !dark && !bright && any(&|l| l.contrast() < FLAT);
-        let [a, b] = levels.map(|l| f32::from(l.contrast()).max(1.0));
-        let unlike = !dark && !bright && !blocked && (a / b).max(b / a) > UNLIKE;
-        SightFaults {
+    pub fn update(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> ImageFaults {
+        let percentiles = [GreyPercentiles::of(left), GreyPercentiles::of(right)];
+        let any = |is: &dyn Fn(GreyPercentiles) -> bool| percentiles.iter().any(|&l| is(l));
+        let dark = any(&|l| l.high < MAX_DARK_LEVEL);
+        let bright = any(&|l| l.quarter >= MIN_BRIGHT_LEVEL);
+        let blocked = !dark && !bright && any(&|l| l.contrast() < MIN_CONTRAST);
+        let [a, b] = percentiles.map(|l| f32::from(l.contrast()).max(1.0));
+        let contrast_mismatch = !dark && !bright && !blocked && (a / b).max(b / a) > MAX_CONTRAST_RATIO;
+        ImageFaults {
             dark: self.dark.update(dark),
             bright: self.bright.update(bright),
             blocked: self.blocked.update(blocked),
-            unlike: self.unlike.update(unlike),
+            contrast_mismatch: self.contrast_mismatch.update(contrast_mismatch),
         }
     }
 }
@@ -122,27 +122,27 @@ impl SightCheck {
 const BLOCK: usize = 4;
 
 /// The road is looked at up to this distance, in metres.
-const ROAD_M: f64 = 20.0;
+const MAX_ROAD_DISTANCE_M: f64 = 20.0;
 
 /// Blocks side by side differ by less than this beyond what noise explains, in grey levels: nothing for a
 /// matcher to hold on to. Dry and wet asphalt, snow and night have 1.6 and more.
 const MIN_TEXTURE: f32 = 0.7;
 
 /// Fewer pairs of blocks say nothing.
-const MIN_BLOCKS: u32 = 60;
+const MIN_BLOCK_PAIRS: u32 = 60;
 
 /// Texture of the road in the vehicle's path: how much neighbouring blocks of 4 × 4 px differ in the mean,
 /// in grey levels, less what noise explains. `profile_px` is the road's disparity in each row (0 above it).
-/// `None` when too little of it is in the picture.
+/// `None` when too little of it is in the image.
 pub fn road_texture(left: GreyView<'_>, profile_px: &[f32], rig: &Rig, path_width_m: f64) -> Option<f32> {
-    let farthest_px = rig.disparity_px(ROAD_M);
+    let min_px = rig.disparity_px(MAX_ROAD_DISTANCE_M);
     let (mut sum, mut count) = (0.0_f32, 0_u32);
     // How much a pixel differs from the mean of its neighbours, by size: the median is the noise.
-    let mut second = [0_u32; 64];
+    let mut second_differences = [0_u32; 64];
     let rows = left.height().min(profile_px.len());
     for y in (0..rows.saturating_sub(BLOCK)).step_by(BLOCK) {
         let disparity = f64::from(profile_px[y]);
-        if disparity < farthest_px {
+        if disparity < min_px {
             continue;
         }
         let half_px = path_width_m / 2.0 * disparity / rig.baseline_m;
@@ -160,16 +160,16 @@ pub fn road_texture(left: GreyView<'_>, profile_px: &[f32], rig: &Rig, path_widt
                 count += 1;
             }
             let [a, b, c] = [left.row(y)[x], left.row(y)[x + 1], left.row(y)[x + 2]].map(i32::from);
-            second[(a - 2 * b + c).unsigned_abs().min(63) as usize] += 1;
+            second_differences[(a - 2 * b + c).unsigned_abs().min(63) as usize] += 1;
             x += BLOCK;
         }
     }
-    if count < MIN_BLOCKS {
+    if count < MIN_BLOCK_PAIRS {
         return None;
     }
-    let half = second.iter().sum::<u32>() / 2;
+    let half = second_differences.iter().sum::<u32>() / 2;
     let mut below = 0;
-    let median = second.iter().position(|&n| {
+    let median = second_differences.iter().position(|&n| {
         below += n;
         below > half
     });
@@ -181,15 +181,15 @@ pub fn road_texture(left: GreyView<'_>, profile_px: &[f32], rig: &Rig, path_widt
 
 /// Whether the road has enough texture, frame after frame.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct TextureCheck {
-    sparse: Steady,
+pub struct TextureMonitor {
+    low_texture: Debounced,
 }
 
-impl TextureCheck {
+impl TextureMonitor {
     /// Whether there is too little of it, with this frame counted in; a frame that cannot tell changes nothing.
     pub fn update(&mut self, texture: Option<f32>) -> bool {
-        let now = texture.map_or(self.sparse.verdict, |t| t < MIN_TEXTURE);
-        self.sparse.update(now)
+        let now = texture.map_or(self.low_texture.verdict, |t| t < MIN_TEXTURE);
+        self.low_texture.update(now)
     }
 }
 
@@ -199,17 +199,17 @@ mod tests {
 
     const SIZE: (usize, usize) = (64, 48);
 
-    fn picture(value: impl Fn(usize, usize) -> u8) -> Vec<u8> {
+    fn image(value: impl Fn(usize, usize) -> u8) -> Vec<u8> {
         (0..SIZE.0 * SIZE.1).map(|i| value(i % SIZE.0, i / SIZE.0)).collect()
     }
 
     fn view(pixels: &[u8]) -> GreyView<'_> {
-        GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a picture")
+        GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a image")
     }
 
-    fn verdict(left: &[u8], right: &[u8], frames: usize) -> SightFaults {
-        let mut check = SightCheck::default();
-        let mut faults = SightFaults::default();
+    fn verdict(left: &[u8], right: &[u8], frames: usize) -> ImageFaults {
+        let mut check = ImageMonitor::default();
+        let mut faults = ImageFaults::default();
         for _ in 0..frames {
             faults = check.update(view(left), view(right));
         }
@@ -218,21 +218,21 @@ mod tests {
 
     #[test]
     fn what_shows_nothing_is_named() {
-        let road = picture(|x, y| (40 + 2 * y + x) as u8);
-        let night = picture(|x, y| if y > 30 { (8 + x / 2) as u8 } else { 5 });
-        let fine = SightFaults::default();
+        let road = image(|x, y| (40 + 2 * y + x) as u8);
+        let night = image(|x, y| if y > 30 { (8 + x / 2) as u8 } else { 5 });
+        let fine = ImageFaults::default();
         for good in [&road, &night] {
             assert_eq!(verdict(good, good, 5), fine);
         }
-        let black = picture(|x, _| (x % 9) as u8);
-        let dazzled = picture(|_, y| if y < 40 { 255 } else { 90 });
-        let hand = picture(|x, _| 60 + (x % 7) as u8);
-        let fog = picture(|x, y| 120 + ((x + y) / 5) as u8);
+        let black = image(|x, _| (x % 9) as u8);
+        let dazzled = image(|_, y| if y < 40 { 255 } else { 90 });
+        let hand = image(|x, _| 60 + (x % 7) as u8);
+        let fog = image(|x, y| 120 + ((x + y) / 5) as u8);
         for (bad, expected) in [
-            (&black, SightFaults { dark: true, ..fine }),
-            (&dazzled, SightFaults { bright: true, ..fine }),
-            (&hand, SightFaults { blocked: true, ..fine }),
-            (&fog, SightFaults { unlike: true, ..fine }),
+            (&black, ImageFaults { dark: true, ..fine }),
+            (&dazzled, ImageFaults { bright: true, ..fine }),
+            (&hand, ImageFaults { blocked: true, ..fine }),
+            (&fog, ImageFaults { contrast_mismatch: true, ..fine }),
         ] {
             assert_eq!(verdict(bad, &road, 3), expected);
             assert_eq!(verdict(&road, bad, 3), expected, "whichever camera");
@@ -264,7 +264,7 @@ mod tests {
                     .collect()
             };
             let texture = |pixels: &[u8]| {
-                let view = GreyView::new(pixels, 640, 480, 640).expect("a picture");
+                let view = GreyView::new(pixels, 640, 480, 640).expect("a image");
                 road_texture(view, &profile, &rig, 2.4).expect("enough road")
             };
             let (bare, rough) = (texture(&road(0.0)), texture(&road(6.0)));
@@ -272,17 +272,17 @@ mod tests {
             assert!(bare < MIN_TEXTURE && rough > 2.0 * MIN_TEXTURE, "noise {noise}: {bare} {rough}");
         }
         let view = vec![9; 640 * 480];
-        let view = GreyView::new(&view, 640, 480, 640).expect("a picture");
+        let view = GreyView::new(&view, 640, 480, 640).expect("a image");
         assert_eq!(road_texture(view, &[0.0; 480], &rig, 2.4), None);
-        let mut check = TextureCheck::default();
+        let mut check = TextureMonitor::default();
         let verdicts = [Some(0.1), None, Some(0.1), Some(0.1), Some(0.1), None, Some(3.0)];
         assert_eq!(verdicts.map(|t| check.update(t)), [false, false, false, false, true, true, true]);
     }
 
     #[test]
     fn it_recovers_as_slowly_as_it_failed() {
-        let (road, black) = (picture(|x, y| (40 + 2 * y + x) as u8), picture(|_, _| 3));
-        let mut check = SightCheck::default();
+        let (road, black) = (image(|x, y| (40 + 2 * y + x) as u8), image(|_, _| 3));
+        let mut check = ImageMonitor::default();
         for _ in 0..3 {
             check.update(view(&black), view(&black));
         }

@@ -11,18 +11,18 @@ use crate::stereo::DisparityView;
 pub type Point = [f32; 4];
 
 /// Pixels from the one that is judged to the border of its neighbourhood: 5 × 5 with 24 neighbours.
-const REACH: usize = 2;
+const NEIGHBOUR_RADIUS: usize = 2;
 
 /// Which points are taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointCloudParameters {
     /// Every how many columns and rows a point is taken; at least 1.
-    pub every: usize,
+    pub step: usize,
     /// Farther points are left out, in metres.
-    pub distance_max_m: f64,
+    pub max_distance_m: f64,
     /// Neighbours of 24 that have to agree in disparity; with fewer a point is an outlier. 8 is what the
-    /// corner of a flat thing has, and more than a veil one pixel wide between near and far.
-    pub neighbours_min: usize,
+    /// corner of a flat thing has, and more than a bridge one pixel wide between near and far.
+    pub min_neighbours: usize,
     /// How far a neighbour's disparity may differ: this share of it,
     pub tolerance_share: f64,
     /// but at least and at most this much, in px.
@@ -32,9 +32,9 @@ pub struct PointCloudParameters {
 impl Default for PointCloudParameters {
     fn default() -> Self {
         Self {
-            every: 1,
-            distance_max_m: 80.0,
-            neighbours_min: 8,
+            step: 1,
+            max_distance_m: 80.0,
+            min_neighbours: 8,
             tolerance_share: 0.15,
             tolerance_px: (0.25, 1.0),
         }
@@ -43,7 +43,7 @@ impl Default for PointCloudParameters {
 
 /// What became of the pixels that were looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct PointCounts {
     /// Points written.
     pub points: usize,
     /// Pixels without disparity.
@@ -62,21 +62,21 @@ pub fn fill(
     rig: &Rig,
     parameters: &PointCloudParameters,
     out: &mut Vec<Point>,
-) -> Tally {
+) -> PointCounts {
     out.clear();
-    let mut tally = Tally::default();
-    let every = parameters.every.max(1);
+    let mut counts = PointCounts::default();
+    let step = parameters.step.max(1);
     let width = disparity.width();
-    let min_px = rig.disparity_px(parameters.distance_max_m);
-    for y in (0..disparity.height()).step_by(every) {
-        for (x, &d) in disparity.row(y).iter().enumerate().step_by(every) {
+    let min_px = rig.disparity_px(parameters.max_distance_m);
+    for y in (0..disparity.height()).step_by(step) {
+        for (x, &d) in disparity.row(y).iter().enumerate().step_by(step) {
             let px = f64::from(d) / 256.0;
             if d == 0 {
-                tally.unknown += 1;
+                counts.unknown += 1;
             } else if px < min_px {
-                tally.far += 1;
-            } else if !agrees(disparity, x, y, parameters) {
-                tally.outliers += 1;
+                counts.far += 1;
+            } else if !is_supported(disparity, x, y, parameters) {
+                counts.outliers += 1;
             } else {
                 let z = rig.distance_m(px);
                 let down = (y as f64 - rig.cy_px) * z / rig.focal_px;
@@ -85,21 +85,21 @@ pub fn fill(
             }
         }
     }
-    tally.points = out.len();
-    tally
+    counts.points = out.len();
+    counts
 }
 
 /// Whether enough neighbours lie at the depth of a pixel.
-fn agrees(disparity: DisparityView<'_>, x: usize, y: usize, parameters: &PointCloudParameters) -> bool {
+fn is_supported(disparity: DisparityView<'_>, x: usize, y: usize, parameters: &PointCloudParameters) -> bool {
     let middle = disparity.row(y)[x];
     let (least, most) = parameters.tolerance_px;
     let tolerance_px = (f64::from(middle) / 256.0 * parameters.tolerance_share).clamp(least, most.max(least));
     let tolerance = (tolerance_px * 256.0) as u16;
-    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(disparity.width());
-    // The pixel agrees with itself.
-    let needed = parameters.neighbours_min + 1;
+    let columns = x.saturating_sub(NEIGHBOUR_RADIUS)..(x + NEIGHBOUR_RADIUS + 1).min(disparity.width());
+    // The pixel is_supported with itself.
+    let needed = parameters.min_neighbours + 1;
     let mut found = 0;
-    for row in y.saturating_sub(REACH)..(y + REACH + 1).min(disparity.height()) {
+    for row in y.saturating_sub(NEIGHBOUR_RADIUS)..(y + NEIGHBOUR_RADIUS + 1).min(disparity.height()) {
         let neighbours = &disparity.row(row)[columns.clone()];
         found += neighbours.iter().filter(|&&d| d > 0 && d.abs_diff(middle) <= tolerance).count();
         if found >= needed {
@@ -134,23 +134,23 @@ mod tests {
             .collect()
     }
 
-    fn cloud(map: &[u16], parameters: &PointCloudParameters) -> (Vec<Point>, Tally) {
+    fn cloud(map: &[u16], parameters: &PointCloudParameters) -> (Vec<Point>, PointCounts) {
         let grey: Vec<u8> = (0..map.len()).map(|i| (i % 251) as u8).collect();
         let mut out = Vec::new();
         let view = DisparityView::new(map, SIZE.0, SIZE.1).unwrap();
-        let tally = fill(view, &grey, &RIG, parameters, &mut out);
-        (out, tally)
+        let counts = fill(view, &grey, &RIG, parameters, &mut out);
+        (out, counts)
     }
 
     #[test]
     fn the_road_is_a_plane_at_the_height_of_the_camera() {
         let map = road_and_plate();
-        let (points, tally) = cloud(&map, &PointCloudParameters::default());
-        assert_eq!(tally.points, points.len());
-        let all = tally.points + tally.unknown + tally.far + tally.outliers;
+        let (points, counts) = cloud(&map, &PointCloudParameters::default());
+        assert_eq!(counts.points, points.len());
+        let all = counts.points + counts.unknown + counts.far + counts.outliers;
         assert_eq!(all, SIZE.0 * SIZE.1);
         let known = map.iter().filter(|&&d| d > 0).count();
-        assert!(tally.points as f64 > 0.99 * (known - tally.far) as f64, "{tally:?}");
+        assert!(counts.points as f64 > 0.99 * (known - counts.far) as f64, "{counts:?}");
         // Least squares: y = a + b·x + c·z over the road.
         let (mut normal, mut right) = (Matrix3::<f64>::zeros(), Vector3::zeros());
         for &[x, y, z, _] in points.iter().filter(|p| p[1] > 1.2 && p[2] < 30.0) {
@@ -182,33 +182,33 @@ mod tests {
                 wrong.push(at);
             }
         }
-        // A veil: a column half way between the plate and the road behind it.
+        // A bridge: a column half way between the plate and the road behind it.
         for y in 112..150 {
             let (near, far) = (map[y * SIZE.0 + 199], map[y * SIZE.0 + 201]);
             map[y * SIZE.0 + 200] = near / 2 + far / 2;
         }
-        let (points, tally) = cloud(&map, &PointCloudParameters::default());
-        assert!(wrong.len() > 5 && tally.outliers >= wrong.len(), "{tally:?}");
+        let (points, counts) = cloud(&map, &PointCloudParameters::default());
+        assert!(wrong.len() > 5 && counts.outliers >= wrong.len(), "{counts:?}");
         assert!(points.iter().all(|p| (p[2] - RIG.distance_m(40.0) as f32).abs() > 0.01), "an error is left");
         let column = 200.0_f32;
-        let veil = |p: &&Point| {
+        let bridge = |p: &&Point| {
             let u = p[0] * RIG.focal_px as f32 / p[2] + RIG.cx_px as f32;
             (u - column).abs() < 0.01 && p[1] < 1.4 && p[2] > 13.0 && p[2] < 25.0
         };
-        let kept = points.iter().filter(veil).count();
-        let all = PointCloudParameters { neighbours_min: 0, ..PointCloudParameters::default() };
-        let (everything, tally) = cloud(&map, &all);
-        assert_eq!(tally.outliers, 0);
-        assert!(everything.iter().filter(veil).count() > 20 && kept < 4, "{kept} of the veil are left");
+        let kept = points.iter().filter(bridge).count();
+        let all = PointCloudParameters { min_neighbours: 0, ..PointCloudParameters::default() };
+        let (everything, counts) = cloud(&map, &all);
+        assert_eq!(counts.outliers, 0);
+        assert!(everything.iter().filter(bridge).count() > 20 && kept < 4, "{kept} of the bridge are left");
     }
 
     #[test]
     fn thinning_limits_and_grey_levels() {
         let map = road_and_plate();
-        let sparse = PointCloudParameters { every: 4, distance_max_m: 20.0, ..Default::default() };
-        let (points, tally) = cloud(&map, &sparse);
-        assert!(points.iter().all(|p| p[2] <= 20.0) && tally.far > 0);
-        let (dense, _) = cloud(&map, &PointCloudParameters { distance_max_m: 20.0, ..Default::default() });
+        let sparse = PointCloudParameters { step: 4, max_distance_m: 20.0, ..Default::default() };
+        let (points, counts) = cloud(&map, &sparse);
+        assert!(points.iter().all(|p| p[2] <= 20.0) && counts.far > 0);
+        let (dense, _) = cloud(&map, &PointCloudParameters { max_distance_m: 20.0, ..Default::default() });
         let share = dense.len() as f64 / points.len() as f64;
         assert!((14.0..18.0).contains(&share), "{share}");
         let [x, y, z, grey] = points[0];
@@ -217,7 +217,7 @@ mod tests {
         assert_eq!(grey, ((row * SIZE.0 + column) % 251) as f32);
         // Nothing known, and nothing but errors.
         assert_eq!(cloud(&[0; 320 * 240], &sparse).1.unknown, 60 * 80);
-        let (none, _) = cloud(&[u16::MAX; 320 * 240], &PointCloudParameters { every: 0, ..sparse });
+        let (none, _) = cloud(&[u16::MAX; 320 * 240], &PointCloudParameters { step: 0, ..sparse });
         assert_eq!(none.len(), 320 * 240, "a wall in front of the lens is a wall");
     }
 }

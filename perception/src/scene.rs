@@ -82,8 +82,8 @@ impl SceneDetector {
         let profile_px = profile.disparity_px();
         let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
         let min_px = self.rig.disparity_px(self.max_distance_m);
-        let seen_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
-        self.free_space.take(regions, seen_m);
+        let visible_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
+        self.free_space.update(regions, visible_m);
         let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
         Scene { road: Some(model), profile_px, regions, free_m, edges }
     }
@@ -123,16 +123,16 @@ mod tests {
     }
 
     /// A map that is believed everywhere.
-    fn certain(map: &[u16]) -> DepthView<'_> {
+    fn full_confidence(map: &[u16]) -> DepthView<'_> {
         DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
     }
 
     /// What is found once a map has been seen a few times.
-    fn settled<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
+    fn detect_repeatedly<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
         for _ in 0..3 {
-            detector.detect(certain(map));
+            detector.detect(full_confidence(map));
         }
-        detector.detect(certain(map))
+        detector.detect(full_confidence(map))
     }
 
     fn detector() -> SceneDetector {
@@ -144,7 +144,7 @@ mod tests {
         let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
         let map = map(&boxes, 0.0);
         let mut detector = detector();
-        let scene = settled(&mut detector, &map);
+        let scene = detect_repeatedly(&mut detector, &map);
         let road = scene.road.expect("the road is in plain sight");
         assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
         assert!(road.confidence > 0.8, "{road:?}");
@@ -176,7 +176,7 @@ mod tests {
             }
         }
         let mut detector = detector();
-        let scene = settled(&mut detector, &map);
+        let scene = detect_repeatedly(&mut detector, &map);
         let [car] = scene.regions else { panic!("{:?}", scene.regions) };
         let side_end = RIG.cx_px - 1.6 * RIG.focal_px / 7.4;
         assert!(f64::from(car.bounds.x + car.bounds.width) > side_end - 8.0, "{car:?}");
@@ -188,7 +188,7 @@ mod tests {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
-            let scene = settled(&mut detector, &map);
+            let scene = detect_repeatedly(&mut detector, &map);
             let road = scene.road.expect("the road is in plain sight");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
@@ -201,7 +201,7 @@ mod tests {
         for roll in [0.01, -0.01] {
             let map = map(&boxes, roll);
             let mut detector = detector();
-            let scene = settled(&mut detector, &map);
+            let scene = detect_repeatedly(&mut detector, &map);
             assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
             for region in scene.regions {
                 assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");
@@ -213,12 +213,12 @@ mod tests {
     #[test]
     fn nothing_known_is_no_road() {
         let mut detector = detector();
-        let scene = detector.detect(certain(&[0; 320 * 240]));
+        let scene = detector.detect(full_confidence(&[0; 320 * 240]));
         assert!(scene.road.is_none() && scene.regions.is_empty());
         // A wall that fills the view is no road either, and is no reason to panic.
-        let scene = detector.detect(certain(&[10 * 256; 320 * 240]));
+        let scene = detector.detect(full_confidence(&[10 * 256; 320 * 240]));
         assert!(scene.road.is_none_or(|road| road.confidence < 0.6));
-        let scene = detector.detect(certain(&[u16::MAX; 320 * 240]));
+        let scene = detector.detect(full_confidence(&[u16::MAX; 320 * 240]));
         assert!(scene.regions.is_empty());
     }
 }

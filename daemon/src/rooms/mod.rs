@@ -209,7 +209,7 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
 /// How often the recogniser looks at tracks.
 pub fn look_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
-    ScheduleParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
+    ScheduleParameters { max_per_frame: whole(c.looks_max), repeat_frames: whole(c.again_frames) }
 }
 
 /// The text of a cascade that ships with the daemon, by its name. It is no part of the program and

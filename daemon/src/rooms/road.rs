@@ -9,7 +9,7 @@ use messages::regions::{EdgeRecord, RegionRecord, RoadRecord, Writer};
 use messages::{depth, regions};
 use perception::depth::DepthView;
 use perception::image::GreyView;
-use perception::image_quality::{TextureCheck, road_texture};
+use perception::image_quality::{TextureMonitor, road_texture};
 use perception::region::Region;
 use perception::rig::Rig;
 use perception::road::edges::Edge;
@@ -18,7 +18,7 @@ use perception::stereo::DisparityView;
 
 // What the algorithm gives and what the message holds are the same columns.
 const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
-const _: () = assert!(perception::road::edges::STRETCHES == regions::STRETCHES);
+const _: () = assert!(perception::road::edges::SEGMENTS == regions::STRETCHES);
 
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
 /// room.
@@ -33,7 +33,7 @@ pub struct RoadRoom {
     rig: Rig,
     path_width_m: f64,
     /// Whether the road has texture to be matched by, if it is asked for.
-    texture: Option<TextureCheck>,
+    texture: Option<TextureMonitor>,
     is_sparse: bool,
     width: usize,
     height: usize,
@@ -49,7 +49,7 @@ impl RoadRoom {
             detector,
             rig: format.rig(),
             path_width_m: config.alarm.path_width_m,
-            texture: config.alarm.self_check.then(TextureCheck::default),
+            texture: config.alarm.self_check.then(TextureMonitor::default),
             is_sparse: false,
             width,
             height,
@@ -70,7 +70,7 @@ impl Room for RoadRoom {
         let disparity = DisparityView::new(depth.disparity, self.width, self.height)
             .ok_or(MessageError::Length { given: depth.disparity.len(), needed: header.pixels() })?;
         let depth_view = DepthView::new(disparity, depth.confidence)
-            .and_then(|view| view.with_pictures([left, right]))
+            .and_then(|view| view.with_images([left, right]))
             .ok_or(MessageError::Length { given: depth.confidence.len(), needed: header.pixels() })?;
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {

@@ -4,7 +4,7 @@
 //! - **Time to collision**: at constant closing speed it would be met within so many seconds.
 //! - **Deceleration**: to stop before it, the vehicle would have to brake that hard: v²/(2z).
 //!
-//! A level must hold in several frames before it is raised. Rules are asked as far ahead as confirming
+//! A level must hold in several frames before it is raised. Rules are asked as far lead as confirming
 //! takes, so that it costs no time while things move on as they do. A level that is on is left only when
 //! its rule is clearly no longer fulfilled, and not before it was held for a while.
 
@@ -12,7 +12,7 @@ pub mod path;
 
 use crate::tracking::Track;
 use crate::tracking::filter::TimeToCollision;
-use path::Course;
+use path::LateralMotion;
 
 /// When the alarm sounds. A limit of 0 switches its rule off.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,9 +91,9 @@ pub struct Candidate {
     /// Frames in which it was seen.
     pub seen: u32,
     /// Frames in a row, up to this one, in which it was; 0 when it is out of sight.
-    pub steady: u32,
+    pub consecutive_frames: u32,
     /// By how much its width changes from frame to frame, as a logarithm.
-    pub wobble: f64,
+    pub width_jitter: f64,
     /// Distance, in metres.
     pub distance_m: f64,
     /// Closing speed, in m/s.
@@ -101,7 +101,7 @@ pub struct Candidate {
     /// Time to collision, where it surely comes nearer.
     pub time_to_collision: Option<TimeToCollision>,
     /// Its place across the view.
-    pub course: Course,
+    pub motion: LateralMotion,
 }
 
 impl Candidate {
@@ -110,15 +110,15 @@ impl Candidate {
         Self {
             track: track.id,
             seen: track.seen,
-            steady: track.steady,
-            wobble: track.wobble,
+            consecutive_frames: track.consecutive_frames,
+            width_jitter: track.width_jitter,
             distance_m: track.distance_m(),
             closing_m_s: track.closing_m_s(),
             time_to_collision: track.time_to_collision(),
-            course: Course {
-                lateral_m: track.across.lateral_m(),
-                speed_m_s: track.across.speed_m_s(),
-                speed_sigma_m_s: track.across.speed_sigma_m_s(),
+            motion: LateralMotion {
+                lateral_m: track.lateral.lateral_m(),
+                speed_m_s: track.lateral.speed_m_s(),
+                speed_sigma_m_s: track.lateral.speed_sigma_m_s(),
                 width_m: track.width_m,
             },
         }
@@ -126,14 +126,14 @@ impl Candidate {
 
     /// Whether this frame's place of it can be relied on: it was seen, or is known for long and went on as
     /// expected.
-    fn is_sure(&self) -> bool {
-        self.steady > 0 || self.seen >= KNOWN_FRAMES
+    fn is_reliable(&self) -> bool {
+        self.consecutive_frames > 0 || self.seen >= MIN_SEEN_FRAMES
     }
 
     /// Whether the vehicle would meet it in its path.
     pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
         let arrival_s = self.time_to_collision.map(|t| t.seconds);
-        self.course.place(path_width_m, arrival_s).is_in_the_way()
+        self.motion.path_relation(path_width_m, arrival_s).is_in_the_way()
     }
 
     /// Braking that brings the closing speed to 0 before the distance is, in m/s²; 0 when it does not
@@ -164,14 +164,14 @@ pub struct AlarmState {
 }
 
 /// A closing speed is known well enough for the rules that need it after so many frames,
-const KNOWN_FRAMES: u32 = 8;
+const MIN_SEEN_FRAMES: u32 = 8;
 /// the last of them in a row,
-const STEADY_FRAMES: u32 = 4;
+const MIN_CONSECUTIVE_FRAMES: u32 = 4;
 /// while the obstacle's width stays the same to this factor's logarithm: what changes more is now one thing,
 /// now another,
-const MAX_WOBBLE: f64 = 0.5;
+const MAX_WIDTH_JITTER: f64 = 0.5;
 /// when the time to collision is sure to this share,
-const SURE_SHARE: f64 = 0.3;
+const MAX_TTC_SIGMA_SHARE: f64 = 0.3;
 /// and above this, in m/s: creeping up to a queue is no danger.
 const MIN_CLOSING_M_S: f64 = 1.0;
 
@@ -180,7 +180,7 @@ const CAPACITY: usize = 128;
 
 /// In how many frames in a row a track fulfilled a rule of each level.
 #[derive(Clone, Copy, Debug)]
-struct Tally {
+struct RuleCounts {
     track: u32,
     warning: u32,
     alarm: u32,
@@ -204,8 +204,8 @@ pub struct Alarm {
     /// The level is held until then.
     until_ns: u64,
     last_ns: u64,
-    tallies: Vec<Tally>,
-    before: Vec<Tally>,
+    counts: Vec<RuleCounts>,
+    before: Vec<RuleCounts>,
 }
 
 impl Alarm {
@@ -218,17 +218,17 @@ impl Alarm {
             track: None,
             until_ns: 0,
             last_ns: 0,
-            tallies: Vec::with_capacity(CAPACITY),
+            counts: Vec::with_capacity(CAPACITY),
             before: Vec::with_capacity(CAPACITY),
         }
     }
 
-    /// Judges one frame. With `able` false the alarm is off, whatever was seen. A time that goes
+    /// Judges one frame. With `can_judge` false the alarm is off, whatever was seen. A time that goes
     /// back is a new recording: nothing is held over.
     pub fn update(
         &mut self,
         time_ns: u64,
-        able: bool,
+        can_judge: bool,
         candidates: impl IntoIterator<Item = Candidate>,
     ) -> AlarmState {
         let before = self.level;
@@ -237,16 +237,16 @@ impl Alarm {
         }
         let elapsed_s = time_ns.saturating_sub(self.last_ns) as f64 * 1e-9;
         self.last_ns = time_ns;
-        if !able {
+        if !can_judge {
             self.silence(AlarmLevel::Off);
             let changed = before != AlarmLevel::Off;
             return AlarmState { changed, ..AlarmState::default() };
         }
-        // As far ahead as confirming takes; after a gap nothing is known so far ahead.
-        let ahead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
-        let ahead_s = if ahead <= 0.5 { ahead } else { 0.0 };
-        std::mem::swap(&mut self.tallies, &mut self.before);
-        self.tallies.clear();
+        // As far lead as confirming takes; after a gap nothing is known so far lead.
+        let lead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
+        let lead_s = if lead <= 0.5 { lead } else { 0.0 };
+        std::mem::swap(&mut self.counts, &mut self.before);
+        self.counts.clear();
         let mut nearest_m: Option<f64> = None;
         let mut cause: Option<Cause> = None;
         for candidate in candidates.into_iter().take(CAPACITY) {
@@ -254,13 +254,13 @@ impl Alarm {
                 continue;
             }
             nearest_m = Some(nearest_m.map_or(candidate.distance_m, |n| n.min(candidate.distance_m)));
-            if let Some(of) = self.judge(&candidate, ahead_s)
+            if let Some(of) = self.evaluate(&candidate, lead_s)
                 && cause.is_none_or(|c| (of.level, c.candidate.distance_m) > (c.level, candidate.distance_m))
             {
                 cause = Some(of);
             }
         }
-        self.settle(time_ns, cause);
+        self.set_level(time_ns, cause);
         // The cause's figures, when it still is the cause.
         let now = cause.filter(|c| Some(c.candidate.track) == self.track).map(|c| c.candidate);
         AlarmState {
@@ -276,11 +276,11 @@ impl Alarm {
 
     fn silence(&mut self, level: AlarmLevel) {
         (self.level, self.rule, self.track) = (level, AlarmRule::None, None);
-        self.tallies.clear();
+        self.counts.clear();
     }
 
     /// Raises at once, lowers when the time of holding is over.
-    fn settle(&mut self, time_ns: u64, cause: Option<Cause>) {
+    fn set_level(&mut self, time_ns: u64, cause: Option<Cause>) {
         let wanted = cause.map_or(AlarmLevel::Standby, |c| c.level);
         if wanted >= self.level || time_ns >= self.until_ns {
             self.level = wanted;
@@ -291,58 +291,66 @@ impl Alarm {
     }
 
     /// The highest level of a candidate that is confirmed, and keeps count.
-    fn judge(&mut self, candidate: &Candidate, ahead_s: f64) -> Option<Cause> {
-        let tally = self.before.iter().find(|t| t.track == candidate.track);
-        let mut tally = tally.copied().unwrap_or(Tally { track: candidate.track, warning: 0, alarm: 0 });
-        let holds = |level| self.track == Some(candidate.track) && self.level >= level;
-        let alarm = self.rule(candidate, AlarmLevel::Alarm, ahead_s, holds(AlarmLevel::Alarm));
-        let warning =
-            self.rule(candidate, AlarmLevel::Warning, ahead_s, holds(AlarmLevel::Warning)).or(alarm);
-        for (count, rule) in [(&mut tally.alarm, alarm), (&mut tally.warning, warning)] {
+    fn evaluate(&mut self, candidate: &Candidate, lead_s: f64) -> Option<Cause> {
+        let counts = self.before.iter().find(|t| t.track == candidate.track);
+        let mut counts =
+            counts.copied().unwrap_or(RuleCounts { track: candidate.track, warning: 0, alarm: 0 });
+        let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
+        let alarm = self.triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm));
+        let warning = self
+            .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
+            .or(alarm);
+        for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {
                 // What is out of sight and new confirms nothing, and what was confirmed stays so.
-                Some(_) => count.saturating_add(u32::from(candidate.is_sure())),
+                Some(_) => count.saturating_add(u32::from(candidate.is_reliable())),
                 None => 0,
             };
         }
-        self.tallies.push(tally);
+        self.counts.push(counts);
         let needed = self.parameters.confirm_frames;
         let cause = |level, rule: Option<AlarmRule>, count| {
             rule.filter(|_| count >= needed).map(|rule| Cause { level, rule, candidate: *candidate })
         };
-        cause(AlarmLevel::Alarm, alarm, tally.alarm)
-            .or_else(|| cause(AlarmLevel::Warning, warning, tally.warning))
+        cause(AlarmLevel::Alarm, alarm, counts.alarm)
+            .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
     }
 
-    /// The rule of a level that a candidate fulfils, looked at `ahead_s` from now. Limits are wider for one
-    /// that `holds` the level.
-    fn rule(&self, c: &Candidate, level: AlarmLevel, ahead_s: f64, holds: bool) -> Option<AlarmRule> {
+    /// The rule of a level that a candidate fulfils, looked at `lead_s` from now. Limits are wider for one
+    /// that `is_held` the level.
+    fn triggered_rule(
+        &self,
+        c: &Candidate,
+        level: AlarmLevel,
+        lead_s: f64,
+        is_held: bool,
+    ) -> Option<AlarmRule> {
         let p = &self.parameters;
-        let ease = if holds { 1.0 + p.clear_share } else { 1.0 };
-        let ahead_s = if c.is_sure() && !holds { ahead_s } else { 0.0 };
+        let hysteresis = if is_held { 1.0 + p.clear_share } else { 1.0 };
+        let lead_s = if c.is_reliable() && !is_held { lead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
-        let distance_m = c.distance_m - closing * ahead_s;
-        if level == AlarmLevel::Alarm && distance_m < p.distance_m * ease {
+        let distance_m = c.distance_m - closing * lead_s;
+        if level == AlarmLevel::Alarm && distance_m < p.distance_m * hysteresis {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
-        let is_known = c.seen >= KNOWN_FRAMES
-            && c.steady >= STEADY_FRAMES
-            && c.wobble <= MAX_WOBBLE
-            && ttc.sigma_s <= SURE_SHARE * ttc.seconds
+        let is_known = c.seen >= MIN_SEEN_FRAMES
+            && c.consecutive_frames >= MIN_CONSECUTIVE_FRAMES
+            && c.width_jitter <= MAX_WIDTH_JITTER
+            && ttc.sigma_s <= MAX_TTC_SIGMA_SHARE * ttc.seconds
             && c.closing_m_s >= MIN_CLOSING_M_S;
-        if !is_known && !holds {
+        if !is_known && !is_held {
             return None;
         }
         let (ttc_s, deceleration) = match level {
             AlarmLevel::Alarm => (p.ttc_alarm_s, p.deceleration_alarm_m_s2),
             _ => (p.ttc_warning_s, p.deceleration_warning_m_s2),
         };
-        if ttc.seconds - ahead_s < ttc_s * ease {
+        if ttc.seconds - lead_s < ttc_s * hysteresis {
             return Some(AlarmRule::TimeToCollision);
         }
         let needed = c.required_deceleration_m_s2() * c.distance_m / distance_m.max(0.1);
-        (deceleration > 0.0 && needed > deceleration / ease).then_some(AlarmRule::Deceleration)
+        (deceleration > 0.0 && needed > deceleration / hysteresis).then_some(AlarmRule::Deceleration)
     }
 }
 
@@ -357,25 +365,25 @@ mod tests {
         Candidate {
             track: 7,
             seen: 20,
-            steady: 20,
-            wobble: 0.1,
+            consecutive_frames: 20,
+            width_jitter: 0.1,
             distance_m,
             closing_m_s,
             time_to_collision: (closing_m_s > 0.5)
                 .then(|| TimeToCollision { seconds: distance_m / closing_m_s, sigma_s: 0.05 }),
-            course: Course { speed_sigma_m_s: 0.1, width_m: 1.8, ..Course::default() },
+            motion: LateralMotion { speed_sigma_m_s: 0.1, width_m: 1.8, ..LateralMotion::default() },
         }
     }
 
     fn beside(lateral_m: f64, candidate: Candidate) -> Candidate {
-        Candidate { course: Course { lateral_m, ..candidate.course }, ..candidate }
+        Candidate { motion: LateralMotion { lateral_m, ..candidate.motion }, ..candidate }
     }
 
     fn alarm() -> Alarm {
         Alarm::new(AlarmParameters { hold_ns: 5 * PERIOD_NS, ..AlarmParameters::default() })
     }
 
-    /// Drives at something from `from_m` at a steady speed; gives the distance and rule of the first
+    /// Drives at something from `from_m` at a consecutive_frames speed; gives the distance and rule of the first
     /// warning and of the first alarm.
     fn drive(from_m: f64, closing: f64, parameters: AlarmParameters) -> [Option<(f64, AlarmRule)>; 2] {
         let mut alarm = Alarm::new(parameters);
@@ -427,7 +435,7 @@ mod tests {
             assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
         }
         // Something new and out of sight confirms nothing either.
-        let gone = Candidate { steady: 0, seen: 4, ..at(4.0, 0.0) };
+        let gone = Candidate { consecutive_frames: 0, seen: 4, ..at(4.0, 0.0) };
         for frame in 20..25 {
             assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
         }
@@ -458,7 +466,7 @@ mod tests {
         }
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Standby, None, true));
-        // A recording that starts anew holds nothing over.
+        // A recording that starts anew is_held nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);
         assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Standby);
@@ -478,8 +486,8 @@ mod tests {
     fn an_unsure_speed_raises_nothing_but_the_distance() {
         for wrong in [
             Candidate { seen: 5, ..at(20.0, 14.0) },
-            Candidate { steady: 2, ..at(20.0, 14.0) },
-            Candidate { wobble: 0.8, ..at(20.0, 14.0) },
+            Candidate { consecutive_frames: 2, ..at(20.0, 14.0) },
+            Candidate { width_jitter: 0.8, ..at(20.0, 14.0) },
             Candidate {
                 time_to_collision: Some(TimeToCollision { seconds: 1.4, sigma_s: 0.6 }),
                 ..at(20.0, 14.0)

@@ -1,52 +1,52 @@
-//! Which regions are believed: what stands out when it comes back, what is weaker a little later.
+//! Which regions are reported_counts: what stands out when it comes back, what is weaker a little later.
 //!
 //! Each sighting of a region has some evidence (log-odds that something stands there). Noise does not
 //! come back at the same place, things do: so the evidence of one place adds up over the frames, and
-//! fades. What was well believed is still reported, moved on, in a frame that does not show it.
+//! fades. What was well reported_counts is still reported, moved on, in a frame that does not show it.
 
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
 /// Evidence summed up from which a region is reported.
-const BELIEVED: f64 = 2.5;
-/// A sighting of less evidence is reported on no account: it may be another thing than what was believed.
-const PLAUSIBLE: f64 = 0.5;
+const REPORT_EVIDENCE: f64 = 2.5;
+/// A sighting of less evidence is reported on no account: it may be another thing than what was reported_counts.
+const MIN_SIGHTING_EVIDENCE: f64 = 0.5;
 /// Overlap with the box that is expected from which on a sighting is of the same thing; below it, evidence
 /// that it must have to be reported, and to take the place of what is well known: for regions, and for what is
 /// small, whose boxes overlap by chance.
-const ALIKE: f64 = 0.3;
-const UNLIKE: f64 = 5.0;
-const UNLIKE_SMALL: f64 = 3.0;
+const MIN_OVERLAP: f64 = 0.3;
+const DISPLACED_EVIDENCE: f64 = 5.0;
+const SMALL_DISPLACED_EVIDENCE: f64 = 3.0;
 /// Sightings from which on what is small may be elsewhere than was expected: two flakes are two things.
-const OFTEN: u32 = 3;
+const SMALL_DISPLACED_SIGHTINGS: u32 = 3;
 /// Evidence of a first sighting that is reported at once, and the same where nothing comes back.
-const AT_ONCE: f64 = 5.0;
-const ALONE: f64 = 3.5;
+const IMMEDIATE_EVIDENCE: f64 = 5.0;
+const SINGLE_FRAME_EVIDENCE: f64 = 3.5;
 /// Evidence that the last sighting must have had for a region to be reported unseen: what was half seen
 /// then is hardly where it is expected.
-const CLEAR: f64 = 6.0;
+const COASTING_EVIDENCE: f64 = 6.0;
 /// Evidence of the pictures that an unseen region must have, where they tell.
-const BORNE_OUT: f64 = 2.0;
+const VERIFIED_COASTING_EVIDENCE: f64 = 2.0;
 /// No more is summed up, so that what vanishes is soon doubted.
-const MOST: f64 = 9.0;
+const MAX_EVIDENCE: f64 = 9.0;
 /// Evidence of one sighting counts within these bounds.
-const SIGHTING: (f64, f64) = (-2.0, 3.0);
+const SIGHTING_BOUNDS: (f64, f64) = (-2.0, 3.0);
 /// Share that is left of the sum from one frame to the next.
-const MEMORY: f64 = 0.8;
+const DECAY_PER_FRAME: f64 = 0.8;
 /// What a frame without a sighting takes away.
-const MISS: f64 = 1.0;
+const MISS_PENALTY: f64 = 1.0;
 /// Below this a candidate is forgotten.
-const FORGOTTEN: f64 = 0.3;
-/// Frames for which a region that was well believed is reported unseen.
-const COASTING: u8 = 2;
+const DROP_EVIDENCE: f64 = 0.3;
+/// Frames for which a region that was well reported_counts is reported unseen.
+const MAX_COASTED_FRAMES: u8 = 2;
 /// What a side that stays counts less than a middle that does, in px.
-const SIDE_PX: f64 = 4.0;
+const SIDE_MATCH_COST_PX: f64 = 4.0;
 /// Belief and sightings from which on a thing is well known.
-const KNOWN: (f64, u32) = (5.0, 5);
+const ESTABLISHED: (f64, u32) = (5.0, 5);
 /// Metres across the road that something may move from frame to frame.
-const ACROSS_M: f64 = 0.1;
+const LATERAL_STEP_M: f64 = 0.1;
 /// The most pairs of a region and a candidate that are weighed.
-const PAIRS: usize = 4096;
+const MAX_PAIRS: usize = 4096;
 /// The most candidates that are remembered.
 const CAPACITY: usize = 256;
 
@@ -58,16 +58,16 @@ struct Candidate {
     /// Movement a frame of the box's middle, its foot, and the disparity, smoothed.
     step: [f64; 3],
     /// Evidence summed up.
-    belief: f64,
+    evidence: f64,
     /// Evidence of the last sighting.
-    last: f64,
+    last_evidence: f64,
     sightings: u32,
     /// Frames since the last sighting.
     unseen: u8,
     /// Whether this frame has a sighting of it.
-    taken: bool,
+    matched: bool,
     /// Whether what this frame shows in its place is something else.
-    hidden: bool,
+    displaced: bool,
 }
 
 /// Remembers the regions of the last frames, with memory allocated once.
@@ -79,39 +79,48 @@ pub struct Confirmation {
     /// The candidate that each region is a sighting of.
     owners: Vec<Option<u32>>,
     /// The most that one sighting counts.
-    most: f64,
+    max_sighting: f64,
     /// Evidence of a first sighting that is reported.
-    at_once: f64,
+    immediate_evidence: f64,
     /// Evidence that a sighting must have which is elsewhere than was expected, and the sightings before it counts.
-    unlike: f64,
-    often: u32,
+    displaced_evidence: f64,
+    displaced_sightings: u32,
 }
 
 impl Confirmation {
-    /// Nothing seen yet. Unless a region must come back (`again`), strong evidence counts at once.
-    pub fn new(again: bool) -> Self {
-        let (most, at_once) = if again { (SIGHTING.1, AT_ONCE) } else { (MOST, ALONE) };
+    /// Nothing seen yet. Unless a region must come back (`temporal`), strong evidence counts at once.
+    pub fn new(temporal: bool) -> Self {
+        let (max_sighting, immediate_evidence) = if temporal {
+            (SIGHTING_BOUNDS.1, IMMEDIATE_EVIDENCE)
+        } else {
+            (MAX_EVIDENCE, SINGLE_FRAME_EVIDENCE)
+        };
         Self {
             candidates: Vec::with_capacity(2 * CAPACITY),
-            pairs: Vec::with_capacity(PAIRS),
+            pairs: Vec::with_capacity(MAX_PAIRS),
             owners: Vec::with_capacity(CAPACITY),
-            most,
-            at_once,
-            unlike: UNLIKE,
-            often: 0,
+            max_sighting,
+            immediate_evidence,
+            displaced_evidence: DISPLACED_EVIDENCE,
+            displaced_sightings: 0,
         }
     }
 
     /// The same for what even strong evidence does not prove at once: a flake before the lens is as plain as
     /// anything, for one frame.
-    pub fn twice(again: bool) -> Self {
-        let fresh = Self::new(again);
-        let at_once = if again { f64::INFINITY } else { fresh.at_once };
-        Self { at_once, unlike: UNLIKE_SMALL, often: OFTEN, ..fresh }
+    pub fn for_small_obstacles(temporal: bool) -> Self {
+        let general = Self::new(temporal);
+        let immediate_evidence = if temporal { f64::INFINITY } else { general.immediate_evidence };
+        Self {
+            immediate_evidence,
+            displaced_evidence: SMALL_DISPLACED_EVIDENCE,
+            displaced_sightings: SMALL_DISPLACED_SIGHTINGS,
+            ..general
+        }
     }
 
     /// Takes the regions of a frame, nearest first, each with its evidence, and leaves those that are
-    /// believed; adds those that were and are not seen just now, as far as there is room. `size` is the image's
+    /// reported_counts; adds those that were and are not seen just now, as far as there is room. `size` is the image's
     /// width and height; `look` gives the evidence of the pictures alone for a region that is expected, where
     /// they tell.
     pub fn filter(
@@ -120,11 +129,11 @@ impl Confirmation {
         evidence: &[f64],
         size: (usize, usize),
         rig: &Rig,
-        mut look: impl FnMut(&Region) -> Option<f64>,
+        mut verify: impl FnMut(&Region) -> Option<f64>,
     ) {
         for candidate in &mut self.candidates {
             candidate.unseen += 1;
-            (candidate.taken, candidate.hidden) = (false, false);
+            (candidate.matched, candidate.displaced) = (false, false);
         }
         self.assign(regions, rig);
         let mut place = 0;
@@ -132,68 +141,70 @@ impl Confirmation {
             let own = self.owners[place];
             let evidence = evidence[place];
             place += 1;
-            let seen = evidence.clamp(SIGHTING.0, self.most);
+            let seen = evidence.clamp(SIGHTING_BOUNDS.0, self.max_sighting);
             if let Some(own) = own {
                 let candidate = &mut self.candidates[own as usize];
                 // What is seen in its stead now and then is another thing, or a part of it.
-                let alike = candidate
-                    .ahead(size)
-                    .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= ALIKE);
-                if !alike && evidence < self.unlike && candidate.is_known() {
-                    candidate.hidden = true;
+                let overlaps = candidate
+                    .predicted_region(size)
+                    .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= MIN_OVERLAP);
+                if !overlaps && evidence < self.displaced_evidence && candidate.is_established() {
+                    candidate.displaced = true;
                     return false;
                 }
-                candidate.take(region, seen);
-                candidate.last = evidence;
-                let back = alike && evidence >= PLAUSIBLE
-                    || evidence >= self.unlike && candidate.sightings >= self.often;
-                return candidate.belief >= BELIEVED && back;
+                candidate.update(region, seen);
+                candidate.last_evidence = evidence;
+                let is_same = overlaps && evidence >= MIN_SIGHTING_EVIDENCE
+                    || evidence >= self.displaced_evidence && candidate.sightings >= self.displaced_sightings;
+                return candidate.evidence >= REPORT_EVIDENCE && is_same;
             }
-            if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
-                let (step, belief) = ([0.0; 3], seen);
+            if seen >= DROP_EVIDENCE && self.candidates.len() < 2 * CAPACITY {
+                let (step, evidence) = ([0.0; 3], seen);
                 let region = *region;
                 self.candidates.push(Candidate {
                     region,
                     step,
-                    belief,
-                    last: evidence,
+                    evidence,
+                    last_evidence: evidence,
                     sightings: 1,
                     unseen: 0,
-                    taken: true,
-                    hidden: false,
+                    matched: true,
+                    displaced: false,
                 });
             }
-            evidence >= self.at_once
+            evidence >= self.immediate_evidence
         });
         self.candidates.retain_mut(|candidate| {
             if candidate.unseen > 0 {
-                let known = candidate.is_known() && candidate.unseen <= COASTING;
-                let expected = candidate.ahead(size).filter(|_| known);
-                let seen = expected.as_ref().and_then(&mut look);
-                candidate.belief =
-                    MEMORY * candidate.belief - seen.map_or(MISS, |seen| (-seen).clamp(-MISS, MISS));
-                let goes_on =
-                    seen.map_or(candidate.last >= CLEAR || candidate.hidden, |seen| seen >= BORNE_OUT);
-                if goes_on
+                let known = candidate.is_established() && candidate.unseen <= MAX_COASTED_FRAMES;
+                let expected = candidate.predicted_region(size).filter(|_| known);
+                let seen = expected.as_ref().and_then(&mut verify);
+                candidate.evidence = DECAY_PER_FRAME * candidate.evidence
+                    - seen.map_or(MISS_PENALTY, |seen| (-seen).clamp(-MISS_PENALTY, MISS_PENALTY));
+                let is_coasted = seen
+                    .map_or(candidate.last_evidence >= COASTING_EVIDENCE || candidate.displaced, |seen| {
+                        seen >= VERIFIED_COASTING_EVIDENCE
+                    });
+                if is_coasted
                     && regions.len() < regions.capacity()
                     && let Some(region) = expected
                 {
                     regions.push(region);
                 }
             }
-            candidate.belief >= FORGOTTEN
+            candidate.evidence >= DROP_EVIDENCE
         });
         self.candidates.truncate(CAPACITY);
     }
 
     /// Gives each region the candidate that it is most likely a sighting of, the likeliest pair first, none
-    /// of them twice.
+    /// of them for_small_obstacles.
     fn assign(&mut self, regions: &[Region], rig: &Rig) {
         self.pairs.clear();
         for (r, region) in regions.iter().enumerate() {
             for (c, candidate) in self.candidates.iter().enumerate() {
-                if let Some(cost) = distance(candidate, region, rig)
-                    && self.pairs.len() < PAIRS
+                if let Some(cost) = match_cost(candidate, region, rig)
+                    && self.pairs.len() < MAX_PAIRS
                 {
                     self.pairs.push((cost, r as u32, c as u32));
                 }
@@ -204,8 +215,8 @@ impl Confirmation {
         self.owners.resize(regions.len(), None);
         for &(_, r, c) in &self.pairs {
             let candidate = &mut self.candidates[c as usize];
-            if self.owners[r as usize].is_none() && !candidate.taken {
-                (self.owners[r as usize], candidate.taken) = (Some(c), true);
+            if self.owners[r as usize].is_none() && !candidate.matched {
+                (self.owners[r as usize], candidate.matched) = (Some(c), true);
             }
         }
     }
@@ -219,24 +230,24 @@ fn place(region: &Region) -> [f64; 3] {
 
 impl Candidate {
     /// A new sighting.
-    fn take(&mut self, region: &Region, seen: f64) {
+    fn update(&mut self, region: &Region, seen: f64) {
         let (before, now) = (place(&self.region), place(region));
         let frames = f64::from(self.unseen);
         let share = if self.sightings == 1 { 0.6 } else { 0.35 };
         for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
             *step += share * ((now - before) / frames - *step);
         }
-        self.belief = (MEMORY * self.belief + seen).min(MOST);
+        self.evidence = (DECAY_PER_FRAME * self.evidence + seen).min(MAX_EVIDENCE);
         self.sightings += 1;
         (self.region, self.unseen) = (*region, 0);
     }
 
-    fn is_known(&self) -> bool {
-        self.belief >= KNOWN.0 && self.sightings >= KNOWN.1
+    fn is_established(&self) -> bool {
+        self.evidence >= ESTABLISHED.0 && self.sightings >= ESTABLISHED.1
     }
 
     /// Where it should be now.
-    fn expected(&self) -> [f64; 3] {
+    fn predicted_place(&self) -> [f64; 3] {
         let frames = f64::from(self.unseen);
         let [x, foot, disparity_px] = place(&self.region);
         let [dx, dfoot, rate] = self.step;
@@ -244,8 +255,8 @@ impl Candidate {
     }
 
     /// The region where it should be now, if that is inside the image.
-    fn ahead(&self, size: (usize, usize)) -> Option<Region> {
-        let (old, [x, foot, disparity_px]) = (&self.region, self.expected());
+    fn predicted_region(&self, size: (usize, usize)) -> Option<Region> {
+        let (old, [x, foot, disparity_px]) = (&self.region, self.predicted_place());
         let nearer = disparity_px / old.disparity_px;
         let width = (f64::from(old.bounds.width) * nearer).max(1.0);
         let height = (f64::from(old.bounds.height) * nearer).max(1.0);
@@ -266,8 +277,8 @@ impl Candidate {
 }
 
 /// How far a region is from where a candidate should be, 0 to 1, and how much it differs in size; `None` when it cannot be it.
-fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
-    let (expected, now) = (candidate.expected(), place(region));
+fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
+    let (expected, now) = (candidate.predicted_place(), place(region));
     let depth = now[2] - expected[2];
     let frames = f64::from(candidate.unseen);
     // Vehicles close in faster than they fall back; what was seen once has no speed yet.
@@ -292,9 +303,9 @@ fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
     let half = 0.5 * f64::from(candidate.region.bounds.width) * now[2] / disparity_px;
     let own = 0.5 * f64::from(region.bounds.width);
     let side = (now[0] - own - (at - half)).abs().min((now[0] + own - (at + half)).abs());
-    let across = (now[0] - at).abs().min(side + SIDE_PX);
+    let across = (now[0] - at).abs().min(side + SIDE_MATCH_COST_PX);
     let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
-    let slack = 2.0 + 0.3 * widest + frames * ACROSS_M * now[2] / rig.baseline_m;
+    let slack = 2.0 + 0.3 * widest + frames * LATERAL_STEP_M * now[2] / rig.baseline_m;
     let cost = (depth.abs() / reach).max(across.abs() / slack);
     let (a, b) = (&candidate.region.bounds, &region.bounds);
     let ratio = |a: u32, b: u32| (f64::from(a.max(1)) / f64::from(b.max(1))).ln().abs();
@@ -327,8 +338,8 @@ mod tests {
         confirmation.filter(regions, &evidence, (640, 480), &RIG, |_| None);
     }
 
-    /// How many are believed of each frame's regions.
-    fn believed(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
+    /// How many are reported_counts of each frame's regions.
+    fn reported_counts(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
         let mut confirmation = Confirmation::new(true);
         frames
             .iter()
@@ -344,18 +355,18 @@ mod tests {
     #[test]
     fn weak_evidence_adds_up() {
         let seen = [region(300, 5.0)];
-        assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.2), [0, 0, 1, 1]);
-        assert_eq!(believed(&[&seen, &seen], 3.8), [0, 1], "strong evidence when it comes back");
-        assert_eq!(believed(&[&seen, &seen], 8.5), [1, 1], "what is as plain as that at once");
-        assert_eq!(believed(&[&seen[..]; 12], 0.45), [0; 12], "too little never does");
-        // What comes and goes is not believed.
-        assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
+        assert_eq!(reported_counts(&[&seen, &seen, &seen, &seen], 1.2), [0, 0, 1, 1]);
+        assert_eq!(reported_counts(&[&seen, &seen], 3.8), [0, 1], "strong evidence when it comes back");
+        assert_eq!(reported_counts(&[&seen, &seen], 8.5), [1, 1], "what is as plain as that at once");
+        assert_eq!(reported_counts(&[&seen[..]; 12], 0.45), [0; 12], "too little never does");
+        // What comes and goes is not reported_counts.
+        assert_eq!(reported_counts(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
     }
 
     #[test]
     fn what_may_be_a_flake_must_come_back_however_plain() {
-        let reported = |again: bool| {
-            let mut confirmation = Confirmation::twice(again);
+        let reported = |temporal: bool| {
+            let mut confirmation = Confirmation::for_small_obstacles(temporal);
             [(); 2].map(|()| {
                 let mut regions = vec![region(300, 5.0)];
                 filter(&mut confirmation, &mut regions, 50.0);
@@ -372,7 +383,11 @@ mod tests {
                 regions.len()
             })
         };
-        assert_eq!(flakes(Confirmation::twice(true)), [0, 0, 1], "another flake is not the first");
+        assert_eq!(
+            flakes(Confirmation::for_small_obstacles(true)),
+            [0, 0, 1],
+            "another flake is not the first"
+        );
         assert_eq!(flakes(Confirmation::new(true)), [1, 1, 1]);
     }
 
@@ -388,8 +403,12 @@ mod tests {
         let seen = [region(300, 5.0)];
         let none: &[Region] = &[];
         let frames = [&seen[..], &seen, &seen, &seen, &seen, none, none, none, none];
-        assert_eq!(believed(&frames, 6.1), [1, 1, 1, 1, 1, 1, 1, 0, 0]);
-        assert_eq!(believed(&frames, 4.0), [0, 1, 1, 1, 1, 0, 0, 0, 0], "unless it was not seen clearly");
+        assert_eq!(reported_counts(&frames, 6.1), [1, 1, 1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(
+            reported_counts(&frames, 4.0),
+            [0, 1, 1, 1, 1, 0, 0, 0, 0],
+            "unless it was not seen clearly"
+        );
     }
 
     #[test]
@@ -454,7 +473,7 @@ mod tests {
             filter(&mut confirmation, &mut last, evidence);
         }
         assert_eq!(last, [Region { disparity_sigma_px: last[0].disparity_sigma_px, ..region(300, 5.0) }]);
-        // What is plain is believed.
+        // What is plain is reported_counts.
         last = vec![post(9.0).0];
         filter(&mut confirmation, &mut last, 9.0);
         assert_eq!(last, [post(9.0).0]);
@@ -464,10 +483,10 @@ mod tests {
     fn noise_elsewhere_confirms_nothing() {
         let frames: Vec<[Region; 1]> = (0..20).map(|i| [region(60 * (i * 7 % 10), 5.0)]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert!(believed(&frames, 1.6).iter().all(|&n| n == 0));
+        assert!(reported_counts(&frames, 1.6).iter().all(|&n| n == 0));
         let depths: Vec<[Region; 1]> = (0..20).map(|i| [region(300, 3.0 + f64::from(i * 7 % 10))]).collect();
         let depths: Vec<&[Region]> = depths.iter().map(|f| &f[..]).collect();
-        assert!(believed(&depths, 1.6).iter().all(|&n| n == 0));
+        assert!(reported_counts(&depths, 1.6).iter().all(|&n| n == 0));
     }
 
     #[test]
@@ -476,6 +495,6 @@ mod tests {
         let frames: Vec<[Region; 1]> =
             (0..8).map(|i| [region(300 + i * 2, 105.0 / (20.0 - 1.6 * f64::from(i)))]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert_eq!(believed(&frames, 1.2), [0, 0, 1, 1, 1, 1, 1, 1]);
+        assert_eq!(reported_counts(&frames, 1.2), [0, 0, 1, 1, 1, 1, 1, 1]);
     }
 }

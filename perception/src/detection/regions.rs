@@ -48,53 +48,53 @@ pub(super) const CAPACITY: usize = 512;
 /// What rises fewer standard deviations above the road is noise.
 const MIN_PROMINENCE: f64 = 1.5;
 /// What rises by fewer px of disparity is doubtful: a matcher's steps on a road rise as much.
-const STEP_PX: f64 = 1.0;
+const DOUBTFUL_RISE_PX: f64 = 1.0;
 /// Disparities that differ so much from the fullest place are of one face: the matcher blurs that much. What is
 /// farther off, as in rain, tells nothing of it.
-const FACE_PX: f64 = 0.36;
+const FACE_HALF_WIDTH_PX: f64 = 0.36;
 /// What the near side's error is made of: a part of a pixel, which the matcher's steps leave; metres by which
 /// things stand out before their face, as the foot of a cone; and the frame's noise, over the stixels of the thing.
 /// Fitted to `street` in six weathers and to approaches, so that two standard deviations hold 95 of 100 truths.
 const SYSTEMATIC_PX: f64 = 0.062;
 const SHAPE_M: f64 = 0.075;
-const NOISE: f64 = 1.5;
+const NOISE_FACTOR: f64 = 1.5;
 /// Share of what lies around the depth that most of a thing shows which is nearer than its near side is
 /// taken for. None would be the noise's edge, a half the middle of its face: the things of our scenes, seen
 /// in six weathers, are on average at neither.
 const NEAR_SHARE: f64 = 0.38;
 /// A stixel that begins higher than this above the road may hang, in metres.
-const LOW_M: f64 = 0.8;
+const MAX_FOOT_HEIGHT_M: f64 = 0.8;
 /// Share of a region's strips in which something must begin lower.
-const STANDING: f64 = 0.4;
-/// The widest shadow of an edge, in px.
-const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
-/// Confidence from which a region is no such shadow.
-const SURE: f64 = 0.7;
+const MIN_STANDING_SHARE: f64 = 0.4;
+/// The widest is_artefact of an edge, in px.
+const MAX_ARTEFACT_WIDTH_PX: u32 = 5 * STRIP_COLUMNS as u32;
+/// Confidence from which a region is no such is_artefact.
+const MIN_SURE_CONFIDENCE: f64 = 0.7;
 /// The far end of a long thing: the most columns that it is wide, and metres that it lies behind the near side.
-const TAIL_PX: u32 = 7 * STRIP_COLUMNS as u32;
-const TAIL_M: std::ops::Range<f64> = 0.3..6.0;
+const MAX_TAIL_WIDTH_PX: u32 = 7 * STRIP_COLUMNS as u32;
+const TAIL_DEPTH_M: std::ops::Range<f64> = 0.3..6.0;
 /// Columns that such an end may be apart from the rest, and that it may lie before it.
-const APART_PX: u32 = STRIP_COLUMNS as u32;
-const BEFORE_PX: u32 = 2 * STRIP_COLUMNS as u32;
+const MAX_TAIL_GAP_PX: u32 = STRIP_COLUMNS as u32;
+const MAX_TAIL_OVERLAP_PX: u32 = 2 * STRIP_COLUMNS as u32;
 /// What is so many rows or columns apart is at the same place.
-const SLACK_PX: u32 = 2;
+const ALIGNMENT_PX: u32 = 2;
 /// Evidence that a thing must have for others to be its end, and evidence from which these are things themselves.
-const HAS_TAIL: f64 = 3.0;
-const NO_TAIL: f64 = 5.0;
+const TAIL_OWNER_EVIDENCE: f64 = 3.0;
+const INDEPENDENT_EVIDENCE: f64 = 5.0;
 /// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Evidence that no look at the pictures could make up for, and the most that the map's counts beside one: it is
 /// great where a surface without texture lies too near, too.
-const HOPELESS: f64 = -8.0;
-const MAX_OF_MAP: f64 = 5.0;
+const MIN_MAP_EVIDENCE: f64 = -8.0;
+const MAX_MAP_EVIDENCE: f64 = 5.0;
 /// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
 /// a car is not of the car.
-const SIDE_BY_SIDE: f64 = 0.2;
+const MIN_ROW_OVERLAP: f64 = 0.2;
 /// Metres by which the depth of one thing may change from one stixel to the next: the side of a car that is
 /// near is seen at a flat angle.
-const SLANT_M: f32 = 0.3;
+const MAX_DEPTH_STEP_M: f32 = 0.3;
 /// Strips over which stixels are linked.
-const REACH: usize = 3;
+const LINK_STRIPS: usize = 3;
 /// Bins of a pixel of disparity in which the near side is sought.
 const BINS_PER_PX: usize = 8;
 
@@ -118,13 +118,13 @@ pub struct RegionFinder {
 impl RegionFinder {
     /// A workspace for such stixels with disparities below `disparities` px.
     pub fn new(parameters: RegionParameters, stixels: &Stixels, disparities: usize) -> Self {
-        let most = stixels.capacity();
+        let capacity = stixels.capacity();
         Self {
             parameters,
-            order: Vec::with_capacity(most),
-            visited: Vec::with_capacity(most),
-            stack: Vec::with_capacity(most),
-            members: Vec::with_capacity(most),
+            order: Vec::with_capacity(capacity),
+            visited: Vec::with_capacity(capacity),
+            stack: Vec::with_capacity(capacity),
+            members: Vec::with_capacity(capacity),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
             evidence: Vec::with_capacity(CAPACITY),
@@ -156,29 +156,30 @@ impl RegionFinder {
             if self.visited[seed as usize] {
                 continue;
             }
-            self.gather(stixels, surface, rig, seed);
+            self.grow(stixels, surface, rig, seed);
             if let Some(region) = self.measure(stixels, surface, rig, size)
                 && self.regions.len() < CAPACITY
             {
                 self.regions.push(region);
             }
         }
-        self.drop_shadows();
+        self.remove_occlusion_artefacts();
         self.evidence.clear();
         for region in &mut self.regions {
             let mut sum = evidence(region, surface);
-            let look = verifier.filter(|_| sum >= HOPELESS).and_then(|verifier| verifier.verify(region));
-            if let Some(look) = look {
-                sum = sum.min(MAX_OF_MAP) + look.evidence();
-                if let Some(sides) = look.sides {
+            let verification =
+                verifier.filter(|_| sum >= MIN_MAP_EVIDENCE).and_then(|verifier| verifier.verify(region));
+            if let Some(verification) = verification {
+                sum = sum.min(MAX_MAP_EVIDENCE) + verification.evidence();
+                if let Some(sides) = verification.sides {
                     region.set_sides(sides, rig);
                 }
             }
             self.evidence.push(sum);
         }
-        self.doubt_tails();
-        let look = |region: &Region| verifier.and_then(|w| w.verify(region)).map(|look| look.evidence());
-        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, look);
+        self.suppress_tails();
+        let verify = |region: &Region| verifier.and_then(|v| v.verify(region)).map(|v| v.evidence());
+        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, verify);
         // The seed is the nearest stray stixel; what counts is where the region stands.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
@@ -188,11 +189,11 @@ impl RegionFinder {
     }
 
     /// Collects all stixels that connect to the seed and are not much farther away than it.
-    fn gather(&mut self, stixels: &Stixels, surface: &Surface, rig: &Rig, seed: u32) {
+    fn grow(&mut self, stixels: &Stixels, surface: &Surface, rig: &Rig, seed: u32) {
         let list = stixels.list();
         let near_m = rig.distance_m(f64::from(list[seed as usize].disparity_px));
-        let farthest_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
-        let metre_px = rig.disparity_px(1.0) as f32;
+        let min_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
+        let px_at_1_m = rig.disparity_px(1.0) as f32;
         self.members.clear();
         self.stack.clear();
         self.visited[seed as usize] = true;
@@ -201,12 +202,12 @@ impl RegionFinder {
             self.members.push(i);
             let here = list[i as usize];
             let strip = here.strip as usize;
-            for next in strip.saturating_sub(REACH)..(strip + REACH + 1).min(stixels.strips()) {
-                for j in stixels.of(next) {
+            for next in strip.saturating_sub(LINK_STRIPS)..(strip + LINK_STRIPS + 1).min(stixels.strips()) {
+                for j in stixels.range(next) {
                     let there = &list[j];
                     if !self.visited[j]
-                        && there.disparity_px >= farthest_px
-                        && linked(&here, there, surface, metre_px)
+                        && there.disparity_px >= min_px
+                        && linked(&here, there, surface, px_at_1_m)
                     {
                         self.visited[j] = true;
                         self.stack.push(j as u32);
@@ -218,13 +219,13 @@ impl RegionFinder {
 
     /// Takes out narrow regions that cling to the side of a nearer, larger one: where the background is
     /// hidden from one camera, the matcher fills in depths in between.
-    fn drop_shadows(&mut self) {
+    fn remove_occlusion_artefacts(&mut self) {
         let regions = &mut self.regions;
         let mut kept = 0;
         for i in 0..regions.len() {
             let (near, far) = (&regions[..], regions[i]);
-            let shadow = far.bounds.width <= SHADOW_PX
-                && far.confidence < SURE
+            let is_artefact = far.bounds.width <= MAX_ARTEFACT_WIDTH_PX
+                && far.confidence < MIN_SURE_CONFIDENCE
                 && near.iter().any(|near| {
                     let (a, b) = (&near.bounds, &far.bounds);
                     let (right, bottom) = (a.x + a.width + 2 * STRIP_COLUMNS as u32, a.y + a.height);
@@ -235,7 +236,7 @@ impl RegionFinder {
                         && touches
                         && beside
                 });
-            if !shadow {
+            if !is_artefact {
                 regions.swap(kept, i);
                 kept += 1;
             }
@@ -246,11 +247,11 @@ impl RegionFinder {
     /// Doubts narrow regions that cling to the far end of a nearer, larger one. The side of a long thing is seen
     /// at a flat angle and its end is smeared over what lies beside it: unless much speaks for it, that is no
     /// thing of its own.
-    fn doubt_tails(&mut self) {
+    fn suppress_tails(&mut self) {
         for i in 0..self.regions.len() {
             let mut others = self.regions.iter().zip(&self.evidence);
-            if self.evidence[i] < NO_TAIL
-                && others.any(|(near, &sum)| sum > HAS_TAIL && is_tail(&self.regions[i], near))
+            if self.evidence[i] < INDEPENDENT_EVIDENCE
+                && others.any(|(near, &sum)| sum > TAIL_OWNER_EVIDENCE && is_tail(&self.regions[i], near))
             {
                 self.evidence[i] = self.evidence[i].min(0.0);
             }
@@ -280,8 +281,8 @@ impl RegionFinder {
             top = top.min(stixel.top);
         }
         // What stands begins near the road: a sky without texture can seem to hang at any depth.
-        let low = members().filter(|s| f64::from(s.low_m) <= LOW_M).count();
-        let stands = low as f64 >= STANDING * f64::from(right + 1 - left);
+        let low = members().filter(|s| f64::from(s.low_m) <= MAX_FOOT_HEIGHT_M).count();
+        let stands = low as f64 >= MIN_STANDING_SHARE * f64::from(right + 1 - left);
         let (disparity_px, disparity_sigma_px) = self.near_side(stixels, surface, rig)?;
         let distance_m = rig.distance_m(disparity_px);
         if distance_m > p.max_distance_m {
@@ -351,7 +352,7 @@ impl RegionFinder {
         let candidates = nearest.saturating_sub(reach)..=(nearest + reach / 2).min(last);
         let peak = candidates.max_by_key(|&bin| smooth(bin)).unwrap_or(nearest);
         let mut centre = peak as f64 + 0.5;
-        let half = FACE_PX * BINS_PER_PX as f64 + 0.005 * centre;
+        let half = FACE_HALF_WIDTH_PX * BINS_PER_PX as f64 + 0.005 * centre;
         for _ in 0..2 {
             let range = (centre - half).max(0.0) as usize..=((centre + half) as usize).min(last);
             let (mut count, mut sum) = (0.0, 0.0);
@@ -379,7 +380,7 @@ impl RegionFinder {
         }
         let near_px = near / BINS_PER_PX as f64;
         let shape_px = SHAPE_M * near_px * near_px / rig.disparity_px(1.0);
-        let noise_px = NOISE * surface.noise_px() / self.members.len() as f64;
+        let noise_px = NOISE_FACTOR * surface.noise_px() / self.members.len() as f64;
         Some((near_px, SYSTEMATIC_PX.hypot(shape_px).hypot(noise_px)))
     }
 }
@@ -387,13 +388,13 @@ impl RegionFinder {
 /// Log-odds that a region of one frame is something: what is surely matched, fills its box, is tall and
 /// wide stands out. The weights are a logistic regression over regions of our scenes in six weathers.
 fn evidence(region: &Region, surface: &Surface) -> f64 {
-    let sure = region.confidence.clamp(0.3, 0.98);
+    let confidence = region.confidence.clamp(0.3, 0.98);
     let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
     let fill = (f64::from(region.pixels) / area.max(1.0)).clamp(0.05, 1.0);
     let rise_px = prominence(region, surface) * surface.noise_px();
     EVIDENCE[0]
-        + 3.0 * (rise_px / STEP_PX).min(1.0).ln()
-        + EVIDENCE[1] * (sure / (1.0 - sure)).ln()
+        + 3.0 * (rise_px / DOUBTFUL_RISE_PX).min(1.0).ln()
+        + EVIDENCE[1] * (confidence / (1.0 - confidence)).ln()
         + EVIDENCE[2] * fill.ln()
         + EVIDENCE[3] * region.height_m.max(0.05).ln()
         + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
@@ -409,14 +410,14 @@ fn is_tail(far: &Region, near: &Region) -> bool {
     } else {
         (b.x.saturating_sub(a_end), a_end.saturating_sub(b.x), b_end.saturating_sub(a_end))
     };
-    let beside = gap <= APART_PX && overlap <= BEFORE_PX && beyond > SLACK_PX;
+    let beside = gap <= MAX_TAIL_GAP_PX && overlap <= MAX_TAIL_OVERLAP_PX && beyond > ALIGNMENT_PX;
     let (a_bottom, b_bottom) = (a.y + a.height, b.y + b.height);
     beside
-        && b_bottom <= a_bottom + SLACK_PX
-        && a.y <= b.y + 3 * SLACK_PX
-        && b.width <= TAIL_PX
+        && b_bottom <= a_bottom + ALIGNMENT_PX
+        && a.y <= b.y + 3 * ALIGNMENT_PX
+        && b.width <= MAX_TAIL_WIDTH_PX
         && 2 * a.width * a.height >= 3 * b.width * b.height
-        && TAIL_M.contains(&(far.distance_m - near.distance_m))
+        && TAIL_DEPTH_M.contains(&(far.distance_m - near.distance_m))
 }
 
 /// Standard deviations of the frame's noise that a region's top is above the road.
@@ -425,13 +426,13 @@ fn prominence(region: &Region, surface: &Surface) -> f64 {
 }
 
 /// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side. At a metre
-/// the disparity is `metre_px`.
-fn linked(a: &Stixel, b: &Stixel, surface: &Surface, metre_px: f32) -> bool {
+/// the disparity is `px_at_1_m`.
+fn linked(a: &Stixel, b: &Stixel, surface: &Surface, px_at_1_m: f32) -> bool {
     let noise = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
-    let tolerance = noise.max(SLANT_M * a.disparity_px * b.disparity_px / metre_px);
+    let tolerance = noise.max(MAX_DEPTH_STEP_M * a.disparity_px * b.disparity_px / px_at_1_m);
     let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
-    let beside = f64::from(shared) >= SIDE_BY_SIDE * f64::from(taller);
+    let beside = f64::from(shared) >= MIN_ROW_OVERLAP * f64::from(taller);
     beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }
 
@@ -484,7 +485,7 @@ mod tests {
         ] {
             finder.evidence.clear();
             finder.evidence.extend(given);
-            finder.doubt_tails();
+            finder.suppress_tails();
             assert_eq!(finder.evidence, kept);
         }
     }

@@ -1,6 +1,6 @@
-//! How the right picture differs from the left one where both should show the road.
+//! How the right image differs from the left one where both should show the road.
 //!
-//! The right picture is moved onto the left one by the road's disparity. What lies on the road then agrees,
+//! The right image is warped onto the left one by the road's disparity. What lies on the road then agrees,
 //! whatever is painted on it. What stands on it is off by δ px, its disparity less the road's: with the
 //! horizontal gradient g and the difference r of the two, r ≈ δ·g, and over a window δ = Σ g·r / Σ g². That is
 //! finer than a disparity map, whose windows and paths smear what is a few pixels large into the road.
@@ -12,17 +12,17 @@ use crate::simd::whole::nearest;
 use crate::simd::{Level, Simd, kernel};
 
 /// Greatest gradient and difference that are counted, in half grey levels: sums of a window then fit.
-const MOST: f32 = 254.0;
+const MAX_VALUE: f32 = 254.0;
 /// Columns at either border of a row that are left out: an interpolation and a gradient need them.
-const BORDER: f32 = 3.0;
+const BORDER_COLUMNS: f32 = 3.0;
 /// Rows and columns between the samples of the gain.
 const GAIN_STEP: (usize, usize) = (4, 8);
-/// One picture is at most so many times as bright as the other.
+/// One image is at most so many times as bright as the other.
 const MAX_GAIN: f32 = 2.0;
 
-/// Where the road lies in both pictures.
+/// Where the road lies in both images.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground<'a> {
+pub struct RoadGeometry<'a> {
     /// Disparity of the road in each row, in px.
     pub profile_px: &'a [f32],
     /// How it lies across.
@@ -31,7 +31,7 @@ pub struct Ground<'a> {
     pub rig: Rig,
 }
 
-impl Ground<'_> {
+impl RoadGeometry<'_> {
     /// Disparity of the road at a pixel, in px.
     pub fn disparity_px(&self, x: f64, y: usize) -> f64 {
         f64::from(self.profile_px[y]) + self.tilt.roll * (x - self.tilt.cx_px) + self.tilt.offset_px
@@ -48,14 +48,14 @@ impl Ground<'_> {
         f64::from(self.profile_px[below] - self.profile_px[above]) / (below - above).max(1) as f64
     }
 
-    /// Columns of a row that lie within `half_m` of the camera and in both pictures.
+    /// Columns of a row that lie within `half_m` of the camera and in both images.
     fn columns(&self, y: usize, half_m: f64, width: usize) -> std::ops::Range<usize> {
-        let road = f64::from(self.profile_px[y]);
-        let half = half_m * road / self.rig.baseline_m;
-        let hidden = self.disparity_px(0.0, y).max(0.0) / (1.0 - self.tilt.roll) + f64::from(BORDER);
-        let from = (self.rig.cx_px - half).max(hidden).ceil().max(f64::from(BORDER)) as usize;
+        let profile_px = f64::from(self.profile_px[y]);
+        let half = half_m * profile_px / self.rig.baseline_m;
+        let hidden = self.disparity_px(0.0, y).max(0.0) / (1.0 - self.tilt.roll) + f64::from(BORDER_COLUMNS);
+        let from = (self.rig.cx_px - half).max(hidden).ceil().max(f64::from(BORDER_COLUMNS)) as usize;
         let from = from.min(width);
-        let to = (self.rig.cx_px + half).min(width as f64 - f64::from(BORDER)).max(0.0) as usize;
+        let to = (self.rig.cx_px + half).min(width as f64 - f64::from(BORDER_COLUMNS)).max(0.0) as usize;
         from..to.max(from)
     }
 }
@@ -75,7 +75,7 @@ pub struct Sums {
 
 impl Sums {
     /// What is in these but not in others.
-    pub fn without(self, other: Sums) -> Sums {
+    pub fn minus(self, other: Sums) -> Sums {
         Sums {
             gradient: self.gradient - other.gradient,
             product: self.product - other.product,
@@ -85,7 +85,7 @@ impl Sums {
     }
 
     /// The same where the road's disparity is greater by `offset_px`.
-    pub fn beyond(self, offset_px: f64) -> Sums {
+    pub fn with_offset(self, offset_px: f64) -> Sums {
         Sums { product: self.product - offset_px * self.gradient, ..self }
     }
 
@@ -100,7 +100,7 @@ impl Sums {
     }
 }
 
-/// A window: left, top, and right, bottom, which are no longer in it. It may reach outside the picture.
+/// A window: left, top, and right, bottom, which are no longer in it. It may reach outside the image.
 pub type Window = [i32; 4];
 
 /// The differences of one pair, with memory allocated once.
@@ -109,33 +109,33 @@ pub struct Residual {
     width: usize,
     height: usize,
     /// Rows from this one on are known.
-    first: usize,
+    first_row: usize,
     /// g², g·r, r² and pixels, summed over everything above and to the left, modulo 2³².
     sums: Vec<[u32; 4]>,
-    /// Columns of each row of sums that are kept: nothing lies left or right of them, there and above.
-    kept: Vec<[u32; 2]>,
-    /// A row of the right picture, moved.
-    moved: Vec<f32>,
+    /// Columns of each row of sums that are valid_columns: nothing lies left or right of them, there and above.
+    valid_columns: Vec<[u32; 2]>,
+    /// A row of the right image, warped.
+    warped: Vec<f32>,
     gain: f32,
     level: Level,
 }
 
 impl Residual {
-    /// A workspace for pictures of `width` × `height`.
+    /// A workspace for images of `width` × `height`.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
             height,
-            first: height,
+            first_row: height,
             sums: vec![[0; 4]; (width + 1) * (height + 1)],
-            kept: vec![[0; 2]; height + 1],
-            moved: vec![0.0; width],
+            valid_columns: vec![[0; 2]; height + 1],
+            warped: vec![0.0; width],
             gain: 1.0,
             level: Level::best(),
         }
     }
 
-    /// What the right picture is multiplied with to be as bright as the left.
+    /// What the right image is multiplied with to be as bright as the left.
     pub fn gain(&self) -> f32 {
         self.gain
     }
@@ -143,16 +143,22 @@ impl Residual {
     /// Compares a pair on the road from row `first` on, within `half_m` to either side of the camera.
     ///
     /// # Panics
-    /// When the pictures have another size than the workspace.
-    pub fn fill(&mut self, [left, right]: [GreyView<'_>; 2], ground: &Ground<'_>, first: usize, half_m: f64) {
+    /// When the images have another size than the workspace.
+    pub fn fill(
+        &mut self,
+        [left, right]: [GreyView<'_>; 2],
+        road: &RoadGeometry<'_>,
+        first: usize,
+        half_m: f64,
+    ) {
         let size = (self.width, self.height);
         assert!((left.width(), left.height()) == size && (right.width(), right.height()) == size);
-        self.first = first.min(self.height);
-        let rows = self.first..self.height;
+        self.first_row = first.min(self.height);
+        let rows = self.first_row..self.height;
         let mut brightness = [1_u64; 2];
         for y in rows.clone().step_by(GAIN_STEP.0) {
-            for x in ground.columns(y, half_m, self.width).step_by(GAIN_STEP.1) {
-                let there = (x as f64 - ground.disparity_px(x as f64, y)).clamp(0.0, (self.width - 1) as f64);
+            for x in road.columns(y, half_m, self.width).step_by(GAIN_STEP.1) {
+                let there = (x as f64 - road.disparity_px(x as f64, y)).clamp(0.0, (self.width - 1) as f64);
                 brightness[0] += u64::from(left.row(y)[x]);
                 brightness[1] += u64::from(right.row(y)[there as usize]);
             }
@@ -162,19 +168,19 @@ impl Residual {
         let pitch = self.width + 1;
         // Nothing lies above the first row: one column, that of its corridor, is enough.
         let [mut from, mut to] =
-            [ground.columns(self.first.min(self.height - 1), half_m, self.width).start; 2];
-        self.sums[self.first * pitch + from] = [0; 4];
-        self.kept[self.first] = [from as u32; 2];
+            [road.columns(self.first_row.min(self.height - 1), half_m, self.width).start; 2];
+        self.sums[self.first_row * pitch + from] = [0; 4];
+        self.valid_columns[self.first_row] = [from as u32; 2];
         for y in rows {
-            let columns = ground.columns(y, half_m, self.width);
+            let columns = road.columns(y, half_m, self.width);
             let (above, here) = self.sums[y * pitch..].split_at_mut(pitch);
             if columns.is_empty() {
                 here[from..=to].copy_from_slice(&above[from..=to]);
-                self.kept[y + 1] = self.kept[y];
+                self.valid_columns[y + 1] = self.valid_columns[y];
                 continue;
             }
             let (first, last) = (columns.start, columns.end);
-            // What was not kept so far, for there is nothing there.
+            // What was not valid_columns so far, for there is nothing there.
             if first < from {
                 above[first..from].fill([0; 4]);
             }
@@ -183,21 +189,21 @@ impl Residual {
                 above[to + 1..=last].fill(whole);
             }
             (from, to) = (from.min(first), to.max(last));
-            self.kept[y + 1] = [from as u32, to as u32];
+            self.valid_columns[y + 1] = [from as u32, to as u32];
             let start = first as f64;
-            let line = Line {
-                at: (start - ground.disparity_px(start, y)) as f32,
-                step: (1.0 - ground.tilt.roll) as f32,
+            let mapping = RowMapping {
+                at: (start - road.disparity_px(start, y)) as f32,
+                step: (1.0 - road.tilt.roll) as f32,
                 gain: self.gain,
             };
             here[from..=first].copy_from_slice(&above[from..=first]);
-            let moved = &mut self.moved[columns.clone()];
+            let warped = &mut self.warped[columns.clone()];
             let row = &left.row(y)[columns];
             let sums = (&above[first..=last], &mut here[first..=last]);
-            compare(self.level, right.row(y), line, row, moved, sums.0, sums.1);
-            let sum = minus(here[last], above[last]);
+            accumulate_row(self.level, right.row(y), mapping, row, warped, sums.0, sums.1);
+            let sum = subtract(here[last], above[last]);
             for (here, above) in here[last + 1..=to].iter_mut().zip(&above[last + 1..=to]) {
-                *here = plus(*above, sum);
+                *here = add(*above, sum);
             }
         }
     }
@@ -210,8 +216,8 @@ impl Residual {
     /// The rows from `top` to before `bottom`, in which many windows are asked for.
     pub fn band(&self, top: i32, bottom: i32) -> Band<'_> {
         let edge = |y: i32| {
-            let y = y.clamp(self.first as i32, self.height as i32) as usize;
-            let [from, to] = self.kept[y];
+            let y = y.clamp(self.first_row as i32, self.height as i32) as usize;
+            let [from, to] = self.valid_columns[y];
             Edge {
                 from: from as i32,
                 to: to as i32,
@@ -248,7 +254,7 @@ impl Band<'_> {
     /// Sums over its columns from `left` to before `right`.
     #[inline]
     pub fn sums(&self, left: i32, right: i32) -> Sums {
-        let [gradient, product, difference, count] = self.add_up(left, right);
+        let [gradient, product, difference, count] = self.window_sum(left, right);
         Sums {
             gradient: 0.25 * f64::from(gradient),
             product: 0.25 * f64::from(product as i32),
@@ -260,81 +266,81 @@ impl Band<'_> {
     /// Whether they may be as prominent as `least` at a noise of 1, told more quickly.
     #[inline]
     pub fn may_be_prominent(&self, left: i32, right: i32, least: f64) -> bool {
-        let [gradient, product, ..] = self.add_up(left, right);
+        let [gradient, product, ..] = self.window_sum(left, right);
         let product = f64::from(product as i32);
         // Both in quarters.
         product * product > 4.0 * least * least * f64::from(gradient)
     }
 
     #[inline(always)]
-    fn add_up(&self, left: i32, right: i32) -> [u32; 4] {
-        minus(
-            minus(self.bottom.at(right), self.top.at(right)),
-            minus(self.bottom.at(left), self.top.at(left)),
+    fn window_sum(&self, left: i32, right: i32) -> [u32; 4] {
+        subtract(
+            subtract(self.bottom.at(right), self.top.at(right)),
+            subtract(self.bottom.at(left), self.top.at(left)),
         )
     }
 }
 
-fn plus(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+fn add(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
     std::array::from_fn(|k| a[k].wrapping_add(b[k]))
 }
 
-fn minus(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+fn subtract(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
     std::array::from_fn(|k| a[k].wrapping_sub(b[k]))
 }
 
-/// Where the pixels of a row are in the right picture: the first column, what each adds, and the gain.
+/// Where the pixels of a row are in the right image: the first column, what each adds, and the gain.
 #[derive(Clone, Copy, Debug)]
-struct Line {
+struct RowMapping {
     at: f32,
     step: f32,
     gain: f32,
 }
 
 kernel! {
-    /// Moves a row of the right picture to where the left one (`row`) shows the same road, and adds g², g·r, r²
+    /// Moves a row of the right image to where the left one (`row`) shows the same road, and adds g², g·r, r²
     /// and pixels to what lies above and to the left: `above` and `here` begin a column before the row.
-    fn compare(
+    fn accumulate_row(
         right: &[u8],
-        line: Line,
+        mapping: RowMapping,
         row: &[u8],
-        moved: &mut [f32],
+        warped: &mut [f32],
         above: &[[u32; 4]],
         here: &mut [[u32; 4]],
-    ) = compare_row
+    ) = accumulate_row_each
 }
 
-/// Columns that are moved at once.
+/// Columns that are warped at once.
 const BLOCK: usize = 32;
 
 #[inline(always)]
-fn compare_row<S: Simd>(
+fn accumulate_row_each<S: Simd>(
     _: S,
     right: &[u8],
-    line: Line,
+    mapping: RowMapping,
     row: &[u8],
-    moved: &mut [f32],
+    warped: &mut [f32],
     above: &[[u32; 4]],
     here: &mut [[u32; 4]],
 ) {
     // i32 first: not every level can turn usize into floats.
-    let place = |k: usize| line.at + line.step * (k as i32) as f32;
-    for (block, moved) in moved.chunks_mut(BLOCK).enumerate() {
-        let (from, to) = (block * BLOCK, block * BLOCK + moved.len());
+    let place = |k: usize| mapping.at + mapping.step * (k as i32) as f32;
+    for (block, warped) in warped.chunks_mut(BLOCK).enumerate() {
+        let (from, to) = (block * BLOCK, block * BLOCK + warped.len());
         let whole = place(from).floor();
         let last = place(to - 1) - (to - 1 - from) as f32 - whole;
-        let taps = usize::try_from(whole as isize - 1).ok().and_then(|i| right.get(i..i + moved.len() + 3));
+        let taps = usize::try_from(whole as isize - 1).ok().and_then(|i| right.get(i..i + warped.len() + 3));
         match taps {
             // All of them lie between the same neighbours.
             Some(taps) if (0.0..1.0).contains(&last) => {
-                for (k, (moved, taps)) in moved.iter_mut().zip(taps.windows(4)).enumerate() {
+                for (k, (warped, taps)) in warped.iter_mut().zip(taps.windows(4)).enumerate() {
                     let t = place(from + k) - (whole + (k as i32) as f32);
-                    *moved = line.gain * cubic([0, 1, 2, 3].map(|i| f32::from(taps[i])), t);
+                    *warped = mapping.gain * cubic([0, 1, 2, 3].map(|i| f32::from(taps[i])), t);
                 }
             }
             _ => {
-                for (k, moved) in moved.iter_mut().enumerate() {
-                    *moved = line.gain * sample(right, place(from + k));
+                for (k, warped) in warped.iter_mut().enumerate() {
+                    *warped = mapping.gain * sample(right, place(from + k));
                 }
             }
         }
@@ -350,26 +356,26 @@ fn compare_row<S: Simd>(
         // Products first, many at once; adding up is one after the other.
         let mut terms = [[0_i32; 4]; BLOCK];
         let from = block * BLOCK;
-        let (row, moved) = (&row[from..][..above.len() + 2], &moved[from..][..above.len() + 2]);
-        for ((row, moved), term) in row.windows(3).zip(moved.windows(3)).zip(&mut terms) {
+        let (row, warped) = (&row[from..][..above.len() + 2], &warped[from..][..above.len() + 2]);
+        for ((row, warped), term) in row.windows(3).zip(warped.windows(3)).zip(&mut terms) {
             let grey = |i: usize| f32::from(row[i]);
-            let gradient = 0.5 * (grey(2) - grey(0) + moved[2] - moved[0]);
-            let difference = 2.0 * (moved[1] - grey(1));
+            let gradient = 0.5 * (grey(2) - grey(0) + warped[2] - warped[0]);
+            let difference = 2.0 * (warped[1] - grey(1));
             // Written so that NaN is the least.
             let whole = |v: f32| {
-                let v = if v > -MOST { v } else { -MOST };
-                nearest(if v < MOST { v } else { MOST })
+                let v = if v > -MAX_VALUE { v } else { -MAX_VALUE };
+                nearest(if v < MAX_VALUE { v } else { MAX_VALUE })
             };
             let (g, r) = (whole(gradient), whole(difference));
             *term = [g * g, g * r, r * r, 1];
         }
         for ((term, above), here) in terms.iter().zip(above).zip(here) {
-            sum = plus(sum, term.map(|v| v as u32));
-            *here = plus(*above, sum);
+            sum = add(sum, term.map(|v| v as u32));
+            *here = add(*above, sum);
         }
     }
     if row.len() > 1 {
-        here[row.len() - 1] = plus(above[row.len() - 1], sum);
+        here[row.len() - 1] = add(above[row.len() - 1], sum);
     }
 }
 
@@ -423,35 +429,35 @@ mod tests {
 
     #[test]
     fn sums_of_windows_equal_adding_up() {
-        add_up(|y| 0.2 * y as f32);
+        window_sum(|y| 0.2 * y as f32);
         // The corridor moves aside, to where nothing was before, and back.
-        add_up(|y| if (20..30).contains(&y) { 50.0 } else { 4.0 + (y / 30) as f32 });
+        window_sum(|y| if (20..30).contains(&y) { 50.0 } else { 4.0 + (y / 30) as f32 });
     }
 
-    fn add_up(road_px: impl Fn(usize) -> f32) {
+    fn window_sum(road_px: impl Fn(usize) -> f32) {
         let (left, right) = (noise(1), noise(2));
         let profile: Vec<f32> = (0..SIZE.1).map(road_px).collect();
         let tilt = Tilt { roll: 0.01, offset_px: 0.1, cx_px: 30.0 };
-        let ground = Ground { profile_px: &profile, tilt, rig: RIG };
+        let road = RoadGeometry { profile_px: &profile, tilt, rig: RIG };
         let mut residual = Residual::new(SIZE.0, SIZE.1);
         // Twice: nothing of the pair before is left.
-        residual.fill([view(&right), view(&left)], &ground, 3, 5.0);
-        residual.fill([view(&left), view(&right)], &ground, 10, 0.9);
-        let moved = |x: usize, y: usize| {
-            let at = x as f64 - ground.disparity_px(x as f64, y);
+        residual.fill([view(&right), view(&left)], &road, 3, 5.0);
+        residual.fill([view(&left), view(&right)], &road, 10, 0.9);
+        let warped = |x: usize, y: usize| {
+            let at = x as f64 - road.disparity_px(x as f64, y);
             residual.gain() * sample(view(&right).row(y), at as f32)
         };
         for window in [[20, 12, 40, 30], [0, 0, 64, 40], [-5, 25, 33, 60], [31, 33, 32, 34], [9, 9, 9, 9]] {
             let mut sums = Sums::default();
             for y in window[1].max(10)..window[3].min(SIZE.1 as i32) {
-                let columns = ground.columns(y as usize, 0.9, SIZE.0);
+                let columns = road.columns(y as usize, 0.9, SIZE.0);
                 for x in window[0].max(0) as usize..window[2].min(SIZE.0 as i32) as usize {
                     if x > columns.start && x + 1 < columns.end {
                         let row = view(&left).row(y as usize);
                         let grey = |x: usize| f32::from(row[x]);
-                        let next = [x + 1, x - 1].map(|x| grey(x) + moved(x, y as usize));
+                        let next = [x + 1, x - 1].map(|x| grey(x) + warped(x, y as usize));
                         let half = |v: f32| f64::from((2.0 * v).round_ties_even().clamp(-254.0, 254.0)) / 2.0;
-                        let (g, r) = (half((next[0] - next[1]) / 4.0), half(moved(x, y as usize) - grey(x)));
+                        let (g, r) = (half((next[0] - next[1]) / 4.0), half(warped(x, y as usize) - grey(x)));
                         sums.gradient += g * g;
                         sums.product += g * r;
                         sums.difference += r * r;
@@ -476,12 +482,12 @@ mod tests {
         let profile: Vec<f32> = (0..SIZE.1).map(|y| 0.2 * y as f32 - 1.0).collect();
         for roll in [0.0, 0.02, -0.05] {
             let tilt = Tilt { roll, offset_px: 0.3, cx_px: 30.0 };
-            let ground = Ground { profile_px: &profile, tilt, rig: RIG };
+            let road = RoadGeometry { profile_px: &profile, tilt, rig: RIG };
             let all: Vec<_> = Level::available()
                 .into_iter()
                 .map(|level| {
                     let mut residual = Residual { level, ..Residual::new(SIZE.0, SIZE.1) };
-                    residual.fill([view(&left), view(&right)], &ground, 2, 5.0);
+                    residual.fill([view(&left), view(&right)], &road, 2, 5.0);
                     residual.sums
                 })
                 .collect();
@@ -492,20 +498,20 @@ mod tests {
 
     #[test]
     fn an_offset_is_measured_to_a_fraction_of_a_pixel() {
-        // Both pictures show one wave; the right one is darker, and the road 0.25 px nearer than it is taken for.
+        // Both images show one wave; the right one is darker, and the road 0.25 px nearer than it is taken for.
         let wave = |x: f64| 120.0 + 60.0 * (0.7 * x).sin();
         let profile = [4.0_f32; SIZE.1];
-        let pictures = [0.0, 4.25].map(|d| {
+        let images = [0.0, 4.25].map(|d| {
             let gain = if d > 0.0 { 0.9 } else { 1.0 };
             let grey = |i: usize| (gain * wave((i % SIZE.0) as f64 + d)).round() as u8;
             (0..SIZE.0 * SIZE.1).map(grey).collect::<Vec<u8>>()
         });
-        let ground = Ground { profile_px: &profile, tilt: Tilt::default(), rig: RIG };
+        let road = RoadGeometry { profile_px: &profile, tilt: Tilt::default(), rig: RIG };
         let mut residual = Residual::new(SIZE.0, SIZE.1);
-        residual.fill([view(&pictures[0]), view(&pictures[1])], &ground, 0, 10.0);
+        residual.fill([view(&images[0]), view(&images[1])], &road, 0, 10.0);
         let sums = residual.sums([10, 5, 50, 30]);
         assert!((sums.offset_px(1.0, 1.0) - 0.25).abs() < 0.03, "{sums:?}");
-        assert!(sums.beyond(0.25).offset_px(1.0, 1.0).abs() < 0.03);
+        assert!(sums.with_offset(0.25).offset_px(1.0, 1.0).abs() < 0.03);
         // The two cover other parts of the wave.
         assert!((residual.gain() - 1.0 / 0.9).abs() < 0.05, "{}", residual.gain());
     }
@@ -514,9 +520,9 @@ mod tests {
     fn what_is_prominent_always_may_be() {
         let (left, right) = (noise(3), noise(4));
         let profile: Vec<f32> = (0..SIZE.1).map(|y| 0.2 * y as f32).collect();
-        let ground = Ground { profile_px: &profile, tilt: Tilt::default(), rig: RIG };
+        let road = RoadGeometry { profile_px: &profile, tilt: Tilt::default(), rig: RIG };
         let mut residual = Residual::new(SIZE.0, SIZE.1);
-        residual.fill([view(&left), view(&right)], &ground, 5, 5.0);
+        residual.fill([view(&left), view(&right)], &road, 5, 5.0);
         let mut random = fastrand::Rng::with_seed(1);
         let (mut prominent, mut quickly) = (0, 0);
         for _ in 0..4000 {

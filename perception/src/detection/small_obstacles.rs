@@ -2,14 +2,14 @@
 //! above the road between 0 and S_h).
 //!
 //! 10 cm at 20 m are four rows of a picture; the disparity at their top is 0.4 px above the road's. The map
-//! has as much noise there, and smears it. So the pictures themselves are asked: where does one patch of them
+//! has as much noise there, and smears it. So the images themselves are asked: where does one patch of them
 //! ([`Residual`]) disagree with the road by more than its noise, nearer than it, by what a thing of some
 //! centimetres comes to? Such a patch is then explained in two ways, as a piece of the road and as a piece
 //! of a wall across the view, whose disparity is the same in all its rows. It is something when the wall
-//! explains the right picture much better, has the right height, and stands on the road.
+//! explains the right picture much gain, has the right height, and stands on the road.
 
 use super::confirmation::Confirmation;
-use super::residual::{Band, Ground, Residual, Sums, Window, sample};
+use super::residual::{Band, Residual, RoadGeometry, Sums, Window, sample};
 use crate::image::GreyView;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
@@ -17,117 +17,117 @@ use crate::road::surface::Surface;
 use std::ops::Range;
 
 /// The way that is searched: metres to either side of the camera, and ahead.
-const HALF_M: f64 = 1.8;
-const FARTHEST_M: f64 = 23.0;
+const CORRIDOR_HALF_WIDTH_M: f64 = 1.8;
+const MAX_DISTANCE_M: f64 = 23.0;
 /// What lies beside the way is looked at, to compare with.
-const BESIDE_M: f64 = 0.8;
+const MARGIN_M: f64 = 0.8;
 /// Side of the windows that are searched, in metres, and its bounds in px.
-const SIDE_M: f64 = 0.1;
-const SIDE_PX: (f64, f64) = (3.0, 24.0);
+const WINDOW_M: f64 = 0.1;
+const WINDOW_PX: (f64, f64) = (3.0, 24.0);
 /// Heights that are reported, in metres; what is taller is seen by the map.
 const HEIGHT_M: (f64, f64) = (0.05, 0.35);
 /// Heights of a window's mean above the road that are looked into, in metres.
 const MEAN_M: (f64, f64) = (0.025, 0.3);
 /// Standard deviations from the road that are looked into.
-const PROMINENT: f64 = 5.0;
-/// Noise of the difference of both pictures in grey levels: it is never less, and where it is more the
+const MIN_PROMINENCE: f64 = 5.0;
+/// Noise of the difference of both images in grey levels: it is never less, and where it is more the
 /// road mirrors, or is none.
-const NOISE: (f64, f64) = (2.0, 6.0);
-/// How far the road's model may be off at one place, and what a thing may be off it, in px.
+const NOISE_LEVELS: (f64, f64) = (2.0, 6.0);
+/// How far the road's model may be off at one candidate, and what a thing may be off it, in px.
 const ROAD_PRIOR_PX: f64 = 0.05;
-const THING_PRIOR_PX: f64 = 0.3;
+const OBSTACLE_PRIOR_PX: f64 = 0.3;
 /// A thing stands out so many times as much as whatever seems to lie below the road: that is noise, a
 /// mirror picture, or the road's model.
-const ABOVE_BELOW: f64 = 1.25;
+const MIN_RATIO_TO_BELOW: f64 = 1.25;
 /// What stands out beside a thing by so many standard deviations, and by this share of what it does, is of
 /// one piece with it: a kerb.
-const BESIDE: (f64, f64) = (3.0, 0.25);
-/// Patches that are looked into, and places they are taken from.
-const PATCHES: usize = 12;
-const PLACES: usize = 4096;
+const CONTINUATION: (f64, f64) = (3.0, 0.25);
+/// Patches that are looked into, and candidates they are regions from.
+const MAX_PATCHES: usize = 12;
+const MAX_CANDIDATES: usize = 4096;
 /// The most regions of a frame: as many as are seen may be reported unseen.
-pub(super) const CAPACITY: usize = 2 * PATCHES;
+pub(super) const CAPACITY: usize = 2 * MAX_PATCHES;
 /// The wall leaves at most this share of the squared difference that the road leaves.
-const LEFT_OVER: f64 = 0.8;
+const MAX_RESIDUAL_RATIO: f64 = 0.8;
 /// At most this share of a thing's height, from the road up, may be missing in its patch.
-const HOVER: f64 = 0.5;
+const MAX_FOOT_GAP_SHARE: f64 = 0.5;
 /// Half the fall of the squared difference, over the noise, that speaks neither for nor against a thing;
 /// and what each unit more counts as evidence.
-const DOUBTFUL: f64 = 25.0;
-const EVIDENCE: f64 = 0.05;
+const NEUTRAL_LOG_LIKELIHOOD: f64 = 25.0;
+const EVIDENCE_PER_UNIT: f64 = 0.05;
 /// What a disparity may be off beside its noise, in px and as a share.
 const SYSTEMATIC_PX: f64 = 0.08;
-const SHAPE: f64 = 0.005;
-/// What a column or row must be better explained by to belong to a thing, likewise.
-const LINE_COST: f64 = 1.0;
+const SYSTEMATIC_SHARE: f64 = 0.005;
+/// What a column or row must be gain explained by to belong to a thing, likewise.
+const MIN_LINE_GAIN: f64 = 1.0;
 /// Metres around other regions in which nothing small is sought.
-const APART_M: f64 = 0.3;
+const REGION_MARGIN_M: f64 = 0.3;
 
-/// A place that disagrees with the road.
+/// A candidate that disagrees with the road.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct Candidate {
     window: Window,
     /// Standard deviations; below zero what seems to lie below the road.
     prominence: f64,
-    /// Noise of the pictures around it.
+    /// Noise of the images around it.
     sigma: f64,
     /// What the road is off there, in px.
     offset_px: f64,
 }
 
-impl Place {
+impl Candidate {
     fn score(&self, sums: Sums) -> f64 {
-        sums.beyond(self.offset_px).prominence(self.sigma)
+        sums.with_offset(self.offset_px).prominence(self.sigma)
     }
 }
 
 /// Finds small things, with memory allocated once.
 #[derive(Debug)]
-pub struct SmallFinder {
+pub struct SmallObstacleFinder {
     residual: Residual,
-    places: Vec<Place>,
+    candidates: Vec<Candidate>,
     regions: Vec<Region>,
     evidence: Vec<f64>,
     confirmation: Confirmation,
 }
 
-impl SmallFinder {
-    /// A workspace for pictures of `width` × `height`. Things must come back to be reported if `confirm`.
+impl SmallObstacleFinder {
+    /// A workspace for images of `width` × `height`. Things must come back to be reported if `confirm`.
     pub fn new(width: usize, height: usize, confirm: bool) -> Self {
         Self {
             residual: Residual::new(width, height),
-            places: Vec::with_capacity(PLACES),
+            candidates: Vec::with_capacity(MAX_CANDIDATES),
             regions: Vec::with_capacity(CAPACITY),
             evidence: Vec::with_capacity(CAPACITY),
-            confirmation: Confirmation::twice(confirm),
+            confirmation: Confirmation::for_small_obstacles(confirm),
         }
     }
 
     /// Finds what is small on the road of a rectified pair, but for what stands where regions are already.
     pub fn find(
         &mut self,
-        pictures: [GreyView<'_>; 2],
-        ground: &Ground<'_>,
+        images: [GreyView<'_>; 2],
+        ground: &RoadGeometry<'_>,
         surface: &Surface,
-        taken: &[Region],
+        regions: &[Region],
     ) -> &[Region] {
         let (profile_px, rig) = (ground.profile_px, &ground.rig);
-        let min_px = rig.disparity_px(FARTHEST_M) as f32;
+        let min_px = rig.disparity_px(MAX_DISTANCE_M) as f32;
         let first = profile_px.iter().position(|&d| d >= min_px).unwrap_or(profile_px.len());
-        self.residual.fill(pictures, ground, first, HALF_M + BESIDE_M);
-        self.search(ground, first, taken);
+        self.residual.fill(images, ground, first, CORRIDOR_HALF_WIDTH_M + MARGIN_M);
+        self.search(ground, first, regions);
         self.regions.clear();
-        for i in 0..self.places.len() {
-            let place = self.places[i];
-            if self.regions.len() == PATCHES {
+        for i in 0..self.candidates.len() {
+            let candidate = self.candidates[i];
+            if self.regions.len() == MAX_PATCHES {
                 break;
             }
-            let Some(region) = self.explain(pictures, ground, surface, first, place) else { continue };
+            let Some(region) = self.explain(images, ground, surface, first, candidate) else { continue };
             if self.regions.iter().all(|r| r.bounds.overlap(&region.bounds) == 0.0) {
                 self.regions.push(region);
             }
         }
-        let size = (pictures[0].width(), pictures[0].height());
+        let size = (images[0].width(), images[0].height());
         self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
         self.evidence.clear();
         self.evidence.extend(self.regions.iter().map(evidence));
@@ -135,16 +135,17 @@ impl SmallFinder {
         &self.regions
     }
 
-    /// Fills the places: windows that disagree most with the road, that lie apart from each other and from
+    /// Fills the candidates: windows that disagree most with the road, that lie is_separate from each other and from
     /// what is known.
-    fn search(&mut self, ground: &Ground<'_>, first: usize, taken: &[Region]) {
-        self.places.clear();
+    fn search(&mut self, ground: &RoadGeometry<'_>, first: usize, regions: &[Region]) {
+        self.candidates.clear();
         let mut below = 0.0_f64;
         let mut next = first;
         while next < ground.profile_px.len() {
             let y = next;
             let road = f64::from(ground.profile_px[y]);
-            let side = (SIDE_M * road / ground.rig.baseline_m).clamp(SIDE_PX.0, SIDE_PX.1).round() as i32;
+            let side =
+                (WINDOW_M * road / ground.rig.baseline_m).clamp(WINDOW_PX.0, WINDOW_PX.1).round() as i32;
             let step = (side / 4).max(1) as usize;
             next += step;
             let top = y as i32 + 1 - side;
@@ -152,52 +153,52 @@ impl SmallFinder {
                 continue;
             }
             let per_metre = ground.slope(y).max(1e-4) * road / ground.rig.baseline_m;
-            let half = HALF_M * road / ground.rig.baseline_m;
+            let half = CORRIDOR_HALF_WIDTH_M * road / ground.rig.baseline_m;
             let columns =
                 (ground.rig.cx_px - half).max(0.0) as usize..(ground.rig.cx_px + half).max(0.0) as usize;
             let bottom = y as i32 + 1;
-            // Of the windows themselves, and of what is left out and taken around them.
+            // Of the windows themselves, and of what is left out and regions around them.
             let bands = [0, 1, 2].map(|along| self.residual.band(top - along * side, bottom + along * side));
             for x in columns.step_by(step) {
                 let left = x as i32 - side / 2;
                 let window = [left, top, left + side, bottom];
-                let Some(place) = place(&bands, window, per_metre) else { continue };
-                if taken.iter().any(|region| is_near(window, road, region, &ground.rig)) {
+                let Some(candidate) = candidate(&bands, window, per_metre) else { continue };
+                if regions.iter().any(|region| is_near(window, road, region, &ground.rig)) {
                     continue;
                 }
-                below = below.max(-place.prominence);
-                if place.prominence > 0.0 && self.places.len() < PLACES {
-                    self.places.push(place);
+                below = below.max(-candidate.prominence);
+                if candidate.prominence > 0.0 && self.candidates.len() < MAX_CANDIDATES {
+                    self.candidates.push(candidate);
                 }
             }
         }
-        self.places.retain(|place| place.prominence >= ABOVE_BELOW * below);
-        self.places.sort_unstable_by(|a, b| b.prominence.total_cmp(&a.prominence));
+        self.candidates.retain(|candidate| candidate.prominence >= MIN_RATIO_TO_BELOW * below);
+        self.candidates.sort_unstable_by(|a, b| b.prominence.total_cmp(&a.prominence));
         let mut kept = 0;
-        for i in 0..self.places.len() {
-            let [left, _, right, bottom] = self.places[i].window;
-            let apart = self.places[..kept].iter().all(|other| {
+        for i in 0..self.candidates.len() {
+            let [left, _, right, bottom] = self.candidates[i].window;
+            let is_separate = self.candidates[..kept].iter().all(|other| {
                 let reach = 3 * (other.window[2] - other.window[0]);
                 let across = (left + right - other.window[0] - other.window[2]).abs() / 2;
                 across >= reach || (bottom - other.window[3]).abs() >= reach
             });
-            if apart {
-                self.places.swap(kept, i);
+            if is_separate {
+                self.candidates.swap(kept, i);
                 kept += 1;
-                if kept == PATCHES {
+                if kept == MAX_PATCHES {
                     break;
                 }
             }
         }
-        self.places.truncate(kept);
+        self.candidates.truncate(kept);
     }
 
     /// Moves the edges of a window to where it stands out most: around the thing.
-    fn fit(&self, place: &Place, first: usize, (width, height): (usize, usize)) -> Window {
-        let mut window = place.window;
+    fn fit_window(&self, candidate: &Candidate, first: usize, (width, height): (usize, usize)) -> Window {
+        let mut window = candidate.window;
         let side = window[2] - window[0];
         let least = (3 * side / 5).max(3);
-        let mut best = place.score(self.residual.sums(window));
+        let mut best = candidate.score(self.residual.sums(window));
         for _ in 0..40 {
             let before = best;
             for edge in 0..4 {
@@ -212,7 +213,7 @@ impl SmallFinder {
                         && right < width as i32
                         && bottom <= height as i32;
                     if fits {
-                        let score = place.score(self.residual.sums(next));
+                        let score = candidate.score(self.residual.sums(next));
                         if score > best + 0.02 {
                             (best, window) = (score, next);
                         }
@@ -227,18 +228,18 @@ impl SmallFinder {
     }
 
     /// Whether what stands out in a window does so beside it, too.
-    fn goes_on(&self, place: &Place, window: Window) -> bool {
+    fn continues_sideways(&self, candidate: &Candidate, window: Window) -> bool {
         let [left, top, right, bottom] = window;
-        let side = place.window[2] - place.window[0];
+        let side = candidate.window[2] - candidate.window[0];
         let gap = (7 * side + 5) / 10;
-        let sums = |window| self.residual.sums(window).beyond(place.offset_px);
-        let own = sums(window).offset_px(place.sigma, THING_PRIOR_PX);
+        let sums = |window| self.residual.sums(window).with_offset(candidate.offset_px);
+        let own = sums(window).offset_px(candidate.sigma, OBSTACLE_PRIOR_PX);
         [[left - gap - side, top, left - gap, bottom], [right + gap, top, right + gap + side, bottom]]
             .map(sums)
             .iter()
             .any(|beside| {
-                beside.prominence(place.sigma) >= BESIDE.0
-                    && beside.offset_px(place.sigma, THING_PRIOR_PX) >= BESIDE.1 * own
+                beside.prominence(candidate.sigma) >= CONTINUATION.0
+                    && beside.offset_px(candidate.sigma, OBSTACLE_PRIOR_PX) >= CONTINUATION.1 * own
             })
     }
 
@@ -246,17 +247,17 @@ impl SmallFinder {
     fn explain(
         &self,
         [left, right]: [GreyView<'_>; 2],
-        ground: &Ground<'_>,
+        ground: &RoadGeometry<'_>,
         surface: &Surface,
         first: usize,
-        place: Place,
+        candidate: Candidate,
     ) -> Option<Region> {
         let size = (left.width(), left.height());
-        let window = self.fit(&place, first, size);
-        if self.goes_on(&place, window) {
+        let window = self.fit_window(&candidate, first, size);
+        if self.continues_sideways(&candidate, window) {
             return None;
         }
-        let side = (place.window[2] - place.window[0]) as usize;
+        let side = (candidate.window[2] - candidate.window[0]) as usize;
         let [from, top, to, bottom] = window.map(|v| v.max(0) as usize);
         let middle = 0.5 * (from + to) as f64;
         let gain = self.residual.gain();
@@ -268,7 +269,7 @@ impl SmallFinder {
             f64::from(moved - f32::from(left.row(y)[x]))
         };
         // Gauss and Newton's steps to the wall's disparity, from where it would stand.
-        let mut wall_px = ground.disparity_px(middle, bottom - 1) + place.offset_px;
+        let mut wall_px = ground.disparity_px(middle, bottom - 1) + candidate.offset_px;
         let mut information = 0.0;
         for _ in 0..4 {
             let (mut squares, mut product) = (0.0_f64, 0.0);
@@ -282,32 +283,32 @@ impl SmallFinder {
         }
         // Squared differences that the road and the wall leave.
         let squares = |x: usize, y: usize| {
-            let road_px = ground.disparity_px(x as f64, y) + place.offset_px;
+            let road_px = ground.disparity_px(x as f64, y) + candidate.offset_px;
             [road_px, wall_px].map(|d| difference(x, y, d).powi(2))
         };
         let [as_road, as_wall] =
             pixels().map(|(x, y)| squares(x, y)).fold([0.0, 0.0], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        let noise = 2.0 * place.sigma.powi(2);
-        let better = (as_road - as_wall) / noise;
-        if better < DOUBTFUL || as_wall > LEFT_OVER * as_road || wall_px < 1.0 {
+        let noise = 2.0 * candidate.sigma.powi(2);
+        let gain = (as_road - as_wall) / noise;
+        if gain < NEUTRAL_LOG_LIKELIHOOD || as_wall > MAX_RESIDUAL_RATIO * as_road || wall_px < 1.0 {
             return None;
         }
-        let foot = f64::from(surface.row_at(middle, wall_px - place.offset_px)) + 1.0;
-        // The thing goes as far as it is better explained as a wall, to the sides, then up and down.
-        let better_at = |x: usize, y: usize| {
+        let foot = f64::from(surface.row_at(middle, wall_px - candidate.offset_px)) + 1.0;
+        // The thing goes as far as it is gain explained as a wall, to the sides, then up and down.
+        let gain_at = |x: usize, y: usize| {
             let [road, wall] = squares(x, y);
             (road - wall) / noise
         };
         let beside = from.saturating_sub(side)..(to + side).min(size.0);
-        let columns = best_run(beside, |x| (top..bottom).map(|y| better_at(x, y)).sum::<f64>() - LINE_COST);
+        let columns = best_run(beside, |x| (top..bottom).map(|y| gain_at(x, y)).sum::<f64>() - MIN_LINE_GAIN);
         let last = (foot.max(0.0).ceil() as usize).clamp(bottom, size.1);
         let above = top.saturating_sub(side).max(first)..last;
-        let rows = best_run(above, |y| columns.clone().map(|x| better_at(x, y)).sum::<f64>() - LINE_COST);
+        let rows = best_run(above, |y| columns.clone().map(|x| gain_at(x, y)).sum::<f64>() - MIN_LINE_GAIN);
         let (tall, missing) = (foot - rows.start as f64, foot - rows.end as f64);
         let rig = &ground.rig;
         let height_m = rig.baseline_m * tall / wall_px;
         // Written so that NaN is left out.
-        if !((HEIGHT_M.0..=HEIGHT_M.1).contains(&height_m) && missing <= HOVER * tall) {
+        if !((HEIGHT_M.0..=HEIGHT_M.1).contains(&height_m) && missing <= MAX_FOOT_GAP_SHARE * tall) {
             return None;
         }
         let distance_m = rig.distance_m(wall_px);
@@ -318,8 +319,8 @@ impl SmallFinder {
             height: (foot.round() as usize).min(size.1).saturating_sub(rows.start).max(1) as u32,
         };
         let middle = columns.start as f64 + 0.5 * (columns.len() as f64 - 1.0);
-        let noise_px = place.sigma / information.max(1.0).sqrt();
-        let variance = noise_px.powi(2) + SYSTEMATIC_PX.powi(2) + (SHAPE * wall_px).powi(2);
+        let noise_px = candidate.sigma / information.max(1.0).sqrt();
+        let variance = noise_px.powi(2) + SYSTEMATIC_PX.powi(2) + (SYSTEMATIC_SHARE * wall_px).powi(2);
         Some(Region {
             bounds,
             disparity_px: wall_px,
@@ -329,42 +330,42 @@ impl SmallFinder {
             width_m: f64::from(bounds.width) * distance_m / rig.focal_px,
             height_m,
             pixels: bounds.width * bounds.height,
-            confidence: better / (better + DOUBTFUL),
+            confidence: gain / (gain + NEUTRAL_LOG_LIKELIHOOD),
         })
     }
 }
 
 /// A window, when it stands out of what is around it, upwards by what a thing would. `bands` are its rows, and
 /// those with one and two sides more above and below.
-fn place(bands: &[Band<'_>; 3], window: Window, per_metre: f64) -> Option<Place> {
+fn candidate(bands: &[Band<'_>; 3], window: Window, per_metre: f64) -> Option<Candidate> {
     let [left, _, right, _] = window;
     // The quickest test first: nearly everything is road.
-    if !bands[0].may_be_prominent(left, right, PROMINENT * NOISE.0) {
+    if !bands[0].may_be_prominent(left, right, MIN_PROMINENCE * NOISE_LEVELS.0) {
         return None;
     }
     let own = bands[0].sums(left, right);
-    if own.prominence(NOISE.0).abs() < PROMINENT {
+    if own.prominence(NOISE_LEVELS.0).abs() < MIN_PROMINENCE {
         return None;
     }
     let side = right - left;
     let wide = bands[2].sums(left - 4 * side, right + 4 * side);
-    let around = wide.without(bands[1].sums(left - side, right + side));
+    let around = wide.minus(bands[1].sums(left - side, right + side));
     // Squares first, with room for what rounds: most of what is left is noise.
-    let variance = (around.difference / around.count.max(1.0)).max(NOISE.0.powi(2));
+    let variance = (around.difference / around.count.max(1.0)).max(NOISE_LEVELS.0.powi(2));
     let off = around.product / (around.gradient + variance / ROAD_PRIOR_PX.powi(2));
-    let product = own.beyond(off).product;
-    if variance > 1.001 * NOISE.1.powi(2)
-        || product * product < 0.999 * PROMINENT.powi(2) * variance * own.gradient
+    let product = own.with_offset(off).product;
+    if variance > 1.001 * NOISE_LEVELS.1.powi(2)
+        || product * product < 0.999 * MIN_PROMINENCE.powi(2) * variance * own.gradient
     {
         return None;
     }
-    let sigma = (around.difference / around.count.max(1.0)).sqrt().max(NOISE.0);
+    let sigma = (around.difference / around.count.max(1.0)).sqrt().max(NOISE_LEVELS.0);
     let offset_px = around.offset_px(sigma, ROAD_PRIOR_PX);
-    let own = own.beyond(offset_px);
-    let mean_m = own.offset_px(sigma, THING_PRIOR_PX) / per_metre;
+    let own = own.with_offset(offset_px);
+    let mean_m = own.offset_px(sigma, OBSTACLE_PRIOR_PX) / per_metre;
     let prominence = own.prominence(sigma);
-    let is_thing = prominence >= PROMINENT && (MEAN_M.0..=MEAN_M.1).contains(&mean_m);
-    (sigma <= NOISE.1 && (is_thing || prominence <= -PROMINENT)).then_some(Place {
+    let is_obstacle = prominence >= MIN_PROMINENCE && (MEAN_M.0..=MEAN_M.1).contains(&mean_m);
+    (sigma <= NOISE_LEVELS.1 && (is_obstacle || prominence <= -MIN_PROMINENCE)).then_some(Candidate {
         window,
         prominence,
         sigma,
@@ -390,18 +391,18 @@ fn best_run(range: Range<usize>, value: impl Fn(usize) -> f64) -> Range<usize> {
 
 /// Log-odds that one frame's patch is a thing.
 fn evidence(region: &Region) -> f64 {
-    let better = DOUBTFUL * region.confidence / (1.0 - region.confidence).max(1e-6);
-    EVIDENCE * (better - DOUBTFUL)
+    let gain = NEUTRAL_LOG_LIKELIHOOD * region.confidence / (1.0 - region.confidence).max(1e-6);
+    EVIDENCE_PER_UNIT * (gain - NEUTRAL_LOG_LIKELIHOOD)
 }
 
 /// Whether a window on the road is a part of a region, or hidden from one camera by it.
 fn is_near([left, top, right, bottom]: Window, road_px: f64, region: &Region, rig: &Rig) -> bool {
     let b = region.bounds;
-    let apart = APART_M * region.disparity_px / rig.baseline_m;
+    let is_separate = REGION_MARGIN_M * region.disparity_px / rig.baseline_m;
     let hidden = (region.disparity_px - road_px).max(0.0);
-    f64::from(right) >= f64::from(b.x) - apart.max(hidden)
-        && f64::from(left) <= f64::from(b.x + b.width) + apart
-        && f64::from(top) <= f64::from(b.y + b.height) + apart
+    f64::from(right) >= f64::from(b.x) - is_separate.max(hidden)
+        && f64::from(left) <= f64::from(b.x + b.width) + is_separate
+        && f64::from(top) <= f64::from(b.y + b.height) + is_separate
         && bottom >= b.y as i32
 }
 
@@ -486,7 +487,7 @@ mod tests {
             let [left, right] =
                 [&pair[0], &pair[1]].map(|p| GreyView::new(p, SIZE.0, SIZE.1, SIZE.0).unwrap());
             let depth = DepthView::new(DisparityView::new(&map, SIZE.0, SIZE.1).unwrap(), &sure).unwrap();
-            regions = detector.detect(depth.with_pictures([left, right]).unwrap()).regions.to_vec();
+            regions = detector.detect(depth.with_images([left, right]).unwrap()).regions.to_vec();
         }
         regions
     }
@@ -517,7 +518,7 @@ mod tests {
         let values = [-1.0, 2.0, -0.5, 3.0, -4.0, 5.0, -9.0];
         assert_eq!(best_run(0..7, |i| values[i]), 1..6);
         assert_eq!(best_run(0..5, |i| values[i]), 1..4);
-        assert_eq!(best_run(2..3, |i| values[i]).len(), 0, "nothing is better than what costs");
+        assert_eq!(best_run(2..3, |i| values[i]).len(), 0, "nothing is gain than what costs");
     }
 
     #[test]

@@ -1,22 +1,22 @@
-//! What stands in each narrow strip of columns: runs of rows of one depth above the road (stixels).
+//! What candidates in each narrow strip of columns: runs of rows of one depth above the road (stixels).
 
 use crate::depth::DepthView;
-use crate::road::heights::{BATCH, Pixels};
-use crate::road::surface::{Glance, Surface};
+use crate::road::heights::{BATCH, PixelBatch};
+use crate::road::surface::{CandidateFilter, Surface};
 use crate::simd::{Level, Simd, kernel};
 
 /// Image columns of a strip.
 pub const STRIP_COLUMNS: usize = 4;
 /// The most runs of a strip.
-const RUNS: usize = 12;
-/// Rows of a strip, or columns of a seam, that are looked at together.
-const GROUP: usize = 8;
+const MAX_STIXELS_PER_STRIP: usize = 12;
+/// Rows of a strip, or columns of a edge, that are looked at together.
+const GROUP_SIZE: usize = 8;
 /// Rows that are turned into columns at once.
-const ROWS: usize = 16;
-/// Columns over which the steepness of a seam is told.
-const SEAM_COLUMNS: usize = 4;
+const TRANSPOSED_ROWS: usize = 16;
+/// Columns over which the steepness of a edge is told.
+const EDGE_COLUMNS: usize = 4;
 /// Rows without an estimate that a run may span.
-const GAP: usize = 10;
+const MAX_GAP_ROWS: usize = 10;
 
 /// A run of rows in one strip whose disparity hardly changes, above the road.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -49,14 +49,14 @@ pub struct StixelParameters {
     pub sigmas: f64,
     /// Disparity by which a row must be nearer than the road that the row shows, in px.
     pub min_rise_px: f64,
-    /// What begins higher than this above the road is not in the way, in metres.
+    /// What begins higher than this above the road is not in the direction, in metres.
     pub max_height_m: f64,
     /// Nothing is looked for farther away, in px of disparity.
     pub min_disparity_px: f64,
-    /// Pixels of less confidence are left out.
+    /// PixelBatch of less confidence are left out.
     pub min_confidence: u8,
     /// The most that the disparity of a surface changes from column to column, in px.
-    pub steepest_px: f64,
+    pub max_gradient_px: f64,
 }
 
 /// The stixels of a frame, with memory allocated once.
@@ -66,14 +66,14 @@ pub struct Stixels {
     depths: Vec<u16>,
     /// Confidence of each.
     confidence: Vec<u8>,
-    /// One row of the map with sharp seams, and some more columns.
+    /// One row of the map with sharp edges, and some more columns.
     sharp: Vec<u16>,
     /// Some rows of both.
     rows: (Vec<u16>, Vec<u8>),
-    /// Where the seams of a row begin.
-    seams: Vec<u8>,
-    /// Rows of one strip that may show what stands.
-    stands: Vec<u8>,
+    /// Where the edges of a row begin.
+    edges: Vec<u8>,
+    /// Rows of one strip that may show what candidates.
+    candidates: Vec<u8>,
     strips: usize,
     height: usize,
     level: Level,
@@ -89,21 +89,21 @@ impl Stixels {
         Self {
             depths: vec![0; strips * height],
             confidence: vec![0; strips * height],
-            sharp: vec![0; width + GROUP],
-            rows: (vec![0; strips * ROWS], vec![0; strips * ROWS]),
-            seams: vec![0; width],
-            stands: vec![0; height],
+            sharp: vec![0; width + GROUP_SIZE],
+            rows: (vec![0; strips * TRANSPOSED_ROWS], vec![0; strips * TRANSPOSED_ROWS]),
+            edges: vec![0; width],
+            candidates: vec![0; height],
             strips,
             height,
             level: Level::best(),
-            list: Vec::with_capacity(strips * (RUNS + 1)),
+            list: Vec::with_capacity(strips * (MAX_STIXELS_PER_STRIP + 1)),
             starts: vec![0; strips + 1],
         }
     }
 
     /// The most stixels that there may be.
     pub fn capacity(&self) -> usize {
-        self.strips * (RUNS + 1)
+        self.strips * (MAX_STIXELS_PER_STRIP + 1)
     }
 
     /// What the kernels run on.
@@ -122,7 +122,7 @@ impl Stixels {
     }
 
     /// Where those of a strip lie in the list.
-    pub fn of(&self, strip: usize) -> std::ops::Range<usize> {
+    pub fn range(&self, strip: usize) -> std::ops::Range<usize> {
         self.starts[strip] as usize..self.starts[strip + 1] as usize
     }
 
@@ -136,22 +136,23 @@ impl Stixels {
         (strip * STRIP_COLUMNS) as f64 + 0.5 * (STRIP_COLUMNS - 1) as f64
     }
 
-    /// Finds what stands on the road.
+    /// Finds what candidates on the road.
     ///
     /// # Panics
     /// When the map has another size than the workspace.
     pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
         assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
-        let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
-        for first in (0..self.height).step_by(ROWS) {
-            let rows = ROWS.min(self.height - first);
+        let max_difference =
+            (parameters.max_gradient_px * (256 * EDGE_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
+        for first in (0..self.height).step_by(TRANSPOSED_ROWS) {
+            let rows = TRANSPOSED_ROWS.min(self.height - first);
             let (depths, means) = (&mut self.rows.0, &mut self.rows.1);
-            let middles_of = depths.chunks_exact_mut(self.strips).zip(means.chunks_exact_mut(self.strips));
-            for (y, (depths, means)) in (first..first + rows).zip(middles_of) {
+            let strip_rows = depths.chunks_exact_mut(self.strips).zip(means.chunks_exact_mut(self.strips));
+            for (y, (depths, means)) in (first..first + rows).zip(strip_rows) {
                 let (d, c) = (depth.disparity(y), depth.confidence(y));
-                sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);
+                sharpen_edges(self.level, d, max_difference, &mut self.edges, &mut self.sharp);
                 let sharp = &self.sharp[..d.len()];
-                middles(self.level, sharp, c, parameters.min_confidence, depths, means);
+                strip_medians(self.level, sharp, c, parameters.min_confidence, depths, means);
             }
             // What lies beside each other there lies below each other here.
             for strip in 0..self.strips {
@@ -179,24 +180,24 @@ impl Stixels {
         let mut found = 0;
         // The quickest test first: most of what is near is road, most of what is far away too high.
         let p = parameters;
-        let glance = Glance {
-            least: (p.min_disparity_px * 256.0).max(1.0) as u16,
-            rise_px: p.min_rise_px,
-            max_m: p.max_height_m,
+        let filter = CandidateFilter {
+            min_disparity: (p.min_disparity_px * 256.0).max(1.0) as u16,
+            min_rise_px: p.min_rise_px,
+            max_height_m: p.max_height_m,
         };
-        surface.may_stand(x, depths, glance, &mut self.stands);
-        let mut pixels = Pixels::default();
+        surface.find_candidates(x, depths, filter, &mut self.candidates);
+        let mut pixels = PixelBatch::default();
         let mut heights_m = [0.0; BATCH];
         let mut end = self.height;
         while end > 0 {
             pixels.clear();
-            while end > 0 && pixels.count() + GROUP <= BATCH {
-                let rows = end.saturating_sub(GROUP)..end;
+            while end > 0 && pixels.count() + GROUP_SIZE <= BATCH {
+                let rows = end.saturating_sub(GROUP_SIZE)..end;
                 end = rows.start;
                 // In most groups nothing may stand, which is told at once.
-                if self.stands[rows.clone()].first_chunk() != Some(&[0; GROUP]) {
+                if self.candidates[rows.clone()].first_chunk() != Some(&[0; GROUP_SIZE]) {
                     for y in rows.rev() {
-                        pixels.push(x as f32, y as f32, depths[y], self.stands[y] > 0);
+                        pixels.push(x as f32, y as f32, depths[y], self.candidates[y] > 0);
                     }
                 }
             }
@@ -209,9 +210,9 @@ impl Stixels {
                 {
                     continue;
                 }
-                if !run.takes(y, d, surface.noise_px()) {
+                if !run.accepts(y, d, surface.noise_px()) {
                     if let Some(stixel) = run.end(strip)
-                        && found < RUNS
+                        && found < MAX_STIXELS_PER_STRIP
                     {
                         self.list.push(stixel);
                         found += 1;
@@ -222,7 +223,7 @@ impl Stixels {
             }
         }
         if let Some(stixel) = run.end(strip)
-            && found < RUNS
+            && found < MAX_STIXELS_PER_STRIP
         {
             self.list.push(stixel);
         }
@@ -245,10 +246,10 @@ struct Run {
 
 impl Run {
     /// Whether row `y` goes on with the run: near it, and of its depth.
-    fn takes(&self, y: usize, d: u16, noise_px: f64) -> bool {
+    fn accepts(&self, y: usize, d: u16, noise_px: f64) -> bool {
         let px = f32::from(d) / 256.0;
         let tolerance = 0.25 + 2.0 * (noise_px as f32).min(0.12) + 0.01 * px;
-        self.rows == 0 || (self.top - y <= GAP && (px - self.last_px).abs() <= tolerance)
+        self.rows == 0 || (self.top - y <= MAX_GAP_ROWS && (px - self.last_px).abs() <= tolerance)
     }
 
     fn add(&mut self, y: usize, d: u16, confidence: u8, height_m: f32) {
@@ -279,46 +280,46 @@ impl Run {
 }
 
 kernel! {
-    /// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
-    /// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the
-    /// most that a surface rises over [`SEAM_COLUMNS`], in 1/256 px; `out` is longer than the row by
-    /// [`GROUP`].
-    fn sharpen(row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) = sharpen_row
+    /// Gives each pixel of a edge between two surfaces to the one that is nearer in disparity. A matcher smooths
+    /// what is a step: over a few columns, its map rises more steeply than any surface does. `max_difference` is the
+    /// most that a surface rises over [`EDGE_COLUMNS`], in 1/256 px; `out` is longer than the row by
+    /// [`GROUP_SIZE`].
+    fn sharpen_edges(row: &[u16], max_difference: u16, edges: &mut [u8], out: &mut [u16]) = sharpen_edges_row
 }
 
 #[inline(always)]
-fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) {
+fn sharpen_edges_row<S: Simd>(_: S, row: &[u16], max_difference: u16, edges: &mut [u8], out: &mut [u16]) {
     out[..row.len()].copy_from_slice(row);
-    let Some(after) = row.get(SEAM_COLUMNS..) else { return };
+    let Some(after) = row.get(EDGE_COLUMNS..) else { return };
     // What begins in each column: 1 a steep rise, 2 a steep fall, 0 neither.
-    let seams = &mut seams[..after.len()];
-    for ((&a, &b), seam) in row.iter().zip(after).zip(seams.iter_mut()) {
-        let steep = (a > 0) & (b > 0) & (a.abs_diff(b) >= steepest);
-        let way = if b > a { 1_u16 } else { 2 };
-        *seam = (if steep { way } else { 0 }) as u8;
+    let edges = &mut edges[..after.len()];
+    for ((&a, &b), edge) in row.iter().zip(after).zip(edges.iter_mut()) {
+        let is_edge = (a > 0) & (b > 0) & (a.abs_diff(b) >= max_difference);
+        let direction = if b > a { 1_u16 } else { 2 };
+        *edge = (if is_edge { direction } else { 0 }) as u8;
     }
-    let bytes = |x: usize| seams[x..].first_chunk().map(|chunk| u64::from_le_bytes(*chunk));
+    let bytes = |x: usize| edges[x..].first_chunk().map(|chunk| u64::from_le_bytes(*chunk));
     let zeros = |bytes: u64| (bytes.trailing_zeros() / u8::BITS) as usize;
     let mut x = 0;
-    while x < seams.len() {
-        // Most columns have no seam, and many are told at once.
+    while x < edges.len() {
+        // Most columns have no edge, and many are told at once.
         if let Some(bytes) = bytes(x)
             && bytes as u8 == 0
         {
             x += zeros(bytes);
             continue;
         }
-        if seams[x] == 0 {
+        if edges[x] == 0 {
             x += 1;
             continue;
         }
-        let alike = bytes(x).map_or(1, |bytes| zeros(bytes ^ u64::from_ne_bytes([seams[x]; GROUP])));
-        let more = seams[x + alike..].iter().take_while(|step| **step == seams[x]).count();
-        let end = x + alike + more - 1 + SEAM_COLUMNS;
+        let run = bytes(x).map_or(1, |bytes| zeros(bytes ^ u64::from_ne_bytes([edges[x]; GROUP_SIZE])));
+        let more = edges[x + run..].iter().take_while(|step| **step == edges[x]).count();
+        let end = x + run + more - 1 + EDGE_COLUMNS;
         let (a, b) = (row[x], row[end]);
-        for first in (x + 1..end).step_by(GROUP) {
-            let group = &mut out[first..][..GROUP];
-            let inside = (end - first).min(GROUP) as u16;
+        for first in (x + 1..end).step_by(GROUP_SIZE) {
+            let group = &mut out[first..][..GROUP_SIZE];
+            let inside = (end - first).min(GROUP_SIZE) as u16;
             for (i, d) in group.iter_mut().enumerate() {
                 let side = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
                 *d = if (*d > 0) & ((i as u16) < inside) { side } else { *d };
@@ -330,17 +331,17 @@ fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out:
 
 kernel! {
     /// The middle of each strip of a row of disparities and confidences.
-    fn middles(
+    fn strip_medians(
         row: &[u16],
         confidence: &[u8],
         min_confidence: u8,
         depths: &mut [u16],
         means: &mut [u8],
-    ) = every_middle
+    ) = strip_medians_row
 }
 
 #[inline(always)]
-fn every_middle<S: Simd>(
+fn strip_medians_row<S: Simd>(
     _: S,
     row: &[u16],
     confidence: &[u8],
@@ -351,13 +352,13 @@ fn every_middle<S: Simd>(
     let (whole, rest) = row.as_chunks::<STRIP_COLUMNS>();
     let (sure, doubt) = confidence.as_chunks::<STRIP_COLUMNS>();
     for (((row, sure), depth), mean) in whole.iter().zip(sure).zip(depths.iter_mut()).zip(means.iter_mut()) {
-        (*depth, *mean) = middle(*row, *sure, min_confidence);
+        (*depth, *mean) = strip_median(*row, *sure, min_confidence);
     }
     if let (false, Some(depth), Some(mean)) = (rest.is_empty(), depths.last_mut(), means.last_mut()) {
         let (mut row, mut sure) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
         row[..rest.len()].copy_from_slice(rest);
         sure[..doubt.len()].copy_from_slice(doubt);
-        (*depth, *mean) = middle(row, sure, min_confidence);
+        (*depth, *mean) = strip_median(row, sure, min_confidence);
     }
 }
 
@@ -365,7 +366,11 @@ fn every_middle<S: Simd>(
 /// of an even number the mean of the middle two. With it, their mean confidence. Without branches, so
 /// that it is done for many strips at once.
 #[inline(always)]
-fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], min_confidence: u8) -> (u16, u8) {
+fn strip_median(
+    columns: [u16; STRIP_COLUMNS],
+    confidence: [u8; STRIP_COLUMNS],
+    min_confidence: u8,
+) -> (u16, u8) {
     // All in 16 bits: as many strips at once as fit.
     let confidence = confidence.map(u16::from);
     let least = u16::from(min_confidence);
@@ -399,8 +404,8 @@ mod tests {
     fn a_seam_is_a_step_at_its_middle() {
         let sharp = |row: &[u16]| {
             let results = Level::available().into_iter().map(|level| {
-                let (mut out, mut seams) = (vec![0; row.len() + GROUP], vec![0; row.len()]);
-                sharpen(level, row, 200, &mut seams, &mut out);
+                let (mut out, mut edges) = (vec![0; row.len() + GROUP_SIZE], vec![0; row.len()]);
+                sharpen_edges(level, row, 200, &mut edges, &mut out);
                 out.truncate(row.len());
                 out
             });
@@ -438,7 +443,7 @@ mod tests {
             for level in Level::available() {
                 let (mut depth, mut mean) = ([0], [0]);
                 let confidence = &confidence[..columns.len()];
-                middles(level, columns, confidence, 100, &mut depth, &mut mean);
+                strip_medians(level, columns, confidence, 100, &mut depth, &mut mean);
                 assert_eq!(*expected.get_or_insert((depth[0], mean[0])), (depth[0], mean[0]), "{level:?}");
             }
             expected.unwrap()
@@ -477,7 +482,7 @@ mod tests {
                 .collect();
             for level in Level::available() {
                 let (mut depths, mut means) = (vec![0; strips], vec![0; strips]);
-                middles(level, &row, &confidence, 100, &mut depths, &mut means);
+                strip_medians(level, &row, &confidence, 100, &mut depths, &mut means);
                 let given: Vec<(u16, u8)> = depths.into_iter().zip(means).collect();
                 assert_eq!(given, expected, "{level:?}, {length}");
             }

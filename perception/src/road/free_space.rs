@@ -29,8 +29,8 @@ impl FreeSpace {
     }
 
     /// Takes a frame: its regions, and how far its road is seen.
-    pub fn take(&mut self, regions: &[Region], seen_m: f64) {
-        self.free_m.fill(seen_m as f32);
+    pub fn update(&mut self, regions: &[Region], visible_m: f64) {
+        self.free_m.fill(visible_m as f32);
         for region in regions {
             let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);
             let end = to.div_ceil(COLUMNS).min(self.free_m.len());
@@ -61,7 +61,7 @@ mod tests {
         };
         let mut free = FreeSpace::new(60);
         assert_eq!(free.free_m(), [0.0; 8]);
-        free.take(&[region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)], 45.0);
+        free.update(&[region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)], 45.0);
         assert_eq!(free.free_m(), [45.0, 20.0, 12.0, 12.0, 45.0, 45.0, 45.0, 9.0]);
         free.clear();
         assert_eq!(free.free_m(), [0.0; 8]);

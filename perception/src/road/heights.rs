@@ -4,12 +4,12 @@ use super::tilt::Tilt;
 use crate::simd::whole::whole;
 use crate::simd::{Simd, kernel};
 
-/// Pixels that are taken at once.
+/// PixelBatch that are taken at once.
 pub const BATCH: usize = 64;
 
 /// Some pixels of a map.
 #[derive(Clone, Debug)]
-pub struct Pixels {
+pub struct PixelBatch {
     /// Column of each.
     pub x_px: [f32; BATCH],
     /// Row of each.
@@ -19,22 +19,22 @@ pub struct Pixels {
     count: usize,
 }
 
-impl Default for Pixels {
+impl Default for PixelBatch {
     fn default() -> Self {
         Self { x_px: [0.0; BATCH], y_px: [0.0; BATCH], disparity: [0; BATCH], count: 0 }
     }
 }
 
-impl Pixels {
-    /// Takes another one, if it is `wanted`. No branch depends on that.
+impl PixelBatch {
+    /// Takes another one, if it is `selected`. No branch depends on that.
     ///
     /// # Panics
     /// When there are [`BATCH`] already.
     #[inline(always)]
-    pub fn push(&mut self, x_px: f32, y_px: f32, disparity: u16, wanted: bool) {
+    pub fn push(&mut self, x_px: f32, y_px: f32, disparity: u16, selected: bool) {
         let i = self.count;
         (self.x_px[i], self.y_px[i], self.disparity[i]) = (x_px, y_px, disparity);
-        self.count += usize::from(wanted);
+        self.count += usize::from(selected);
     }
 
     /// How many there are.
@@ -51,11 +51,11 @@ impl Pixels {
 
 /// The road as heights are measured from it.
 #[derive(Clone, Copy, Debug)]
-pub struct Datum<'a> {
+pub struct HeightReference<'a> {
     /// Row of the road for each disparity.
     pub rows: &'a [f32],
     /// Entries of `rows` in a pixel of disparity.
-    pub per_px: f64,
+    pub entries_per_px: f64,
     /// How it lies across.
     pub tilt: Tilt,
     /// Distance of the cameras, in metres.
@@ -65,20 +65,25 @@ pub struct Datum<'a> {
 kernel! {
     /// Heights above the road, in metres: baseline·(row of the road there − y)/disparity. NaN without a road;
     /// what lies behind the last pixel means nothing.
-    pub fn measure(datum: Datum<'_>, pixels: &Pixels, out: &mut [f64; BATCH]) = measure_each
+    pub fn measure_heights(reference: HeightReference<'_>, pixels: &PixelBatch, out: &mut [f64; BATCH]) = measure_heights_each
 }
 
 #[inline(always)]
-fn measure_each<S: Simd>(_: S, datum: Datum<'_>, pixels: &Pixels, out: &mut [f64; BATCH]) {
-    let Datum { rows, per_px, tilt, baseline_m } = datum;
+fn measure_heights_each<S: Simd>(
+    _: S,
+    reference: HeightReference<'_>,
+    pixels: &PixelBatch,
+    out: &mut [f64; BATCH],
+) {
+    let HeightReference { rows, entries_per_px, tilt, baseline_m } = reference;
     let Some(last) = rows.len().checked_sub(2) else { return out.fill(f64::NAN) };
     let (mut index, mut share) = ([0_i32; BATCH], [0.0_f32; BATCH]);
     for i in 0..BATCH {
         let px = f64::from(pixels.disparity[i]) / 256.0;
-        let level = tilt.level(f64::from(pixels.x_px[i]), px);
+        let level = tilt.levelled_px(f64::from(pixels.x_px[i]), px);
         // Written so that NaN is 0.
         let level = if level > 0.0 { level } else { 0.0 };
-        let place = (level * per_px) as f32;
+        let place = (level * entries_per_px) as f32;
         index[i] = whole(if place < last as f32 { place } else { last as f32 });
         share[i] = (place - index[i] as f32).min(1.0);
     }

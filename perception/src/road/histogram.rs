@@ -11,9 +11,9 @@ pub const BINS_PER_PX: usize = 4;
 
 /// 1/256 px in one bin.
 const BIN_STEP: u16 = (256 / BINS_PER_PX) as u16;
-/// Neighbours mostly lie in one bin, where one count would wait for the other: so many are kept beside each
+/// Neighbours mostly lie in one bin, where one count would wait for the other: so many are kept partial_counts each
 /// other.
-const BESIDE: usize = 4;
+const PARTIAL_COUNTS: usize = 4;
 
 /// Where a map is counted: so many columns to either side of a centre for each pixel of disparity,
 /// which is as many metres to either side of the camera at any distance.
@@ -27,7 +27,7 @@ pub struct Corridor {
 
 impl Corridor {
     /// Everything that is seen.
-    pub const ALL: Corridor = Corridor { centre_px: 0.0, columns_per_px: f32::INFINITY };
+    pub const UNBOUNDED: Corridor = Corridor { centre_px: 0.0, columns_per_px: f32::INFINITY };
 }
 
 /// The v-disparity histogram: `height` rows of bins of 1/4 px.
@@ -35,11 +35,11 @@ impl Corridor {
 pub struct VDisparity {
     counts: Vec<u16>,
     /// Least disparity that counts, by column, in 1/256 px.
-    least: Vec<u16>,
+    min_disparity: Vec<u16>,
     /// Bin of each pixel of a row.
-    places: Vec<u16>,
-    /// Counts of a row, some beside each other; the last of each is of what has no bin.
-    beside: Vec<u16>,
+    bin_of_pixel: Vec<u16>,
+    /// Counts of a row, some partial_counts each other; the last of each is of what has no bin.
+    partial_counts: Vec<u16>,
     bins: usize,
     height: usize,
     level: Level,
@@ -51,9 +51,9 @@ impl VDisparity {
         let bins = disparities * BINS_PER_PX;
         Self {
             counts: vec![0; bins * height],
-            least: vec![0; width],
-            places: vec![bins as u16; width.next_multiple_of(BESIDE)],
-            beside: vec![0; BESIDE * (bins + 1)],
+            min_disparity: vec![0; width],
+            bin_of_pixel: vec![bins as u16; width.next_multiple_of(PARTIAL_COUNTS)],
+            partial_counts: vec![0; PARTIAL_COUNTS * (bins + 1)],
             bins,
             height,
             level: Level::best(),
@@ -66,32 +66,32 @@ impl VDisparity {
     /// # Panics
     /// When the map has another size.
     pub fn fill(&mut self, depth: DepthView<'_>, min_confidence: u8, corridor: Corridor) {
-        let size = (self.least.len(), self.height);
+        let size = (self.min_disparity.len(), self.height);
         assert_eq!((depth.width(), depth.height()), size, "the histogram was made for another size");
-        for (x, least) in self.least.iter_mut().enumerate() {
+        for (x, min_disparity) in self.min_disparity.iter_mut().enumerate() {
             let columns = (x as f32 - corridor.centre_px).abs();
-            *least = (256.0 * columns / corridor.columns_per_px).ceil().max(1.0) as u16;
+            *min_disparity = (256.0 * columns / corridor.columns_per_px).ceil().max(1.0) as u16;
         }
         for (y, counts) in self.counts.chunks_exact_mut(self.bins.max(1)).enumerate() {
             let (row, confidence) = (depth.disparity(y), depth.confidence(y));
-            place(
+            assign_bins(
                 self.level,
                 row,
                 confidence,
-                &self.least,
+                &self.min_disparity,
                 min_confidence,
                 self.bins as u16,
-                &mut self.places,
+                &mut self.bin_of_pixel,
             );
-            self.beside.fill(0);
-            let (a, rest) = self.beside.split_at_mut(self.bins + 1);
+            self.partial_counts.fill(0);
+            let (a, rest) = self.partial_counts.split_at_mut(self.bins + 1);
             let (b, rest) = rest.split_at_mut(self.bins + 1);
             let (c, d) = rest.split_at_mut(self.bins + 1);
             let add = |counts: &mut [u16], place: u16| {
                 let count = &mut counts[usize::from(place)];
                 *count = count.saturating_add(1);
             };
-            for [i, j, k, l] in self.places.as_chunks::<BESIDE>().0 {
+            for [i, j, k, l] in self.bin_of_pixel.as_chunks::<PARTIAL_COUNTS>().0 {
                 add(a, *i);
                 add(b, *j);
                 add(c, *k);
@@ -121,29 +121,29 @@ impl VDisparity {
 
 kernel! {
     /// The bin of each pixel of a row; `bins` where it does not count.
-    fn place(
+    fn assign_bins(
         row: &[u16],
         confidence: &[u8],
-        least: &[u16],
+        min_disparity: &[u16],
         min_confidence: u8,
         bins: u16,
         out: &mut [u16],
-    ) = place_each
+    ) = assign_bins_each
 }
 
 #[inline(always)]
-fn place_each<S: Simd>(
+fn assign_bins_each<S: Simd>(
     _: S,
     row: &[u16],
     confidence: &[u8],
-    least: &[u16],
+    min_disparity: &[u16],
     min_confidence: u8,
     bins: u16,
     out: &mut [u16],
 ) {
     let min_confidence = u16::from(min_confidence);
-    for (((&d, &confidence), &least), out) in row.iter().zip(confidence).zip(least).zip(out) {
-        let counts = (d >= least) & (u16::from(confidence) >= min_confidence);
+    for (((&d, &confidence), &min_disparity), out) in row.iter().zip(confidence).zip(min_disparity).zip(out) {
+        let counts = (d >= min_disparity) & (u16::from(confidence) >= min_confidence);
         *out = if counts { (d / BIN_STEP).min(bins) } else { bins };
     }
 }
@@ -157,17 +157,17 @@ mod tests {
     fn every_known_pixel_is_counted_in_its_row() {
         let map = [0, 256, 300, 320, 64 * 256, u16::MAX, 1, 63];
         let mut histogram = VDisparity::new(4, 2, 8);
-        let certain = [255; 8];
+        let confidence = [255; 8];
         let depth =
             |map, confidence| DepthView::new(DisparityView::new(map, 4, 2).unwrap(), confidence).unwrap();
-        histogram.fill(depth(&map, &certain), 1, Corridor::ALL);
+        histogram.fill(depth(&map, &confidence), 1, Corridor::UNBOUNDED);
         assert_eq!(histogram.row(0)[4], 2);
         assert_eq!(histogram.row(0)[5], 1);
         assert_eq!(histogram.row(0).iter().map(|&c| u32::from(c)).sum::<u32>(), 3);
         assert_eq!(histogram.row(1)[0], 2, "too large ones are left out");
-        histogram.fill(depth(&[0; 8], &certain), 1, Corridor::ALL);
+        histogram.fill(depth(&[0; 8], &confidence), 1, Corridor::UNBOUNDED);
         assert!(histogram.row(1).iter().all(|&c| c == 0));
-        histogram.fill(depth(&map, &[99, 99, 100, 100, 100, 100, 100, 100]), 100, Corridor::ALL);
+        histogram.fill(depth(&map, &[99, 99, 100, 100, 100, 100, 100, 100]), 100, Corridor::UNBOUNDED);
         assert_eq!(histogram.row(0)[4], 1, "doubtful ones are left out");
     }
 
@@ -175,13 +175,13 @@ mod tests {
     fn all_levels_place_pixels_in_the_bins_that_one_by_one_gives() {
         let mut random = fastrand::Rng::with_seed(1);
         let row: Vec<u16> = (0..77).map(|_| random.u16(..9000)).collect();
-        let least: Vec<u16> = (0..77).map(|_| random.u16(1..4000)).collect();
+        let min_disparity: Vec<u16> = (0..77).map(|_| random.u16(1..4000)).collect();
         let confidence: Vec<u8> = (0..77).map(|_| random.u8(..)).collect();
         for level in Level::available() {
-            let mut places = vec![0; 77];
-            place(level, &row, &confidence, &least, 100, 128, &mut places);
-            for (x, place) in places.iter().enumerate() {
-                let counts = row[x] >= least[x] && confidence[x] >= 100 && row[x] / BIN_STEP < 128;
+            let mut bin_of_pixel = vec![0; 77];
+            assign_bins(level, &row, &confidence, &min_disparity, 100, 128, &mut bin_of_pixel);
+            for (x, place) in bin_of_pixel.iter().enumerate() {
+                let counts = row[x] >= min_disparity[x] && confidence[x] >= 100 && row[x] / BIN_STEP < 128;
                 assert_eq!(*place, if counts { row[x] / BIN_STEP } else { 128 }, "{} {x}", level.name());
             }
         }

@@ -25,7 +25,7 @@ use radon::{Radon, RadonRange, RoadLine};
 use surface::Surface;
 
 /// Half-width of the corridor that is searched for the road, in metres to either side of the camera.
-const CORRIDOR_M: f64 = 5.0;
+const CORRIDOR_HALF_WIDTH_M: f64 = 5.0;
 
 /// What shapes the road model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +85,7 @@ impl RoadEstimator {
         let histogram = VDisparity::new(width, height, disparities);
         Self {
             radon: Radon::new(histogram.bins(), height),
-            profile: ProfileFinder::new(histogram.bins(), height).fitting(parameters.shape),
+            profile: ProfileFinder::new(histogram.bins(), height).with_shape(parameters.shape),
             surface: Surface::new(rig, width, height, disparities),
             edges: EdgeFinder::default(),
             histogram,
@@ -124,17 +124,17 @@ impl RoadEstimator {
         assert_eq!((depth.width(), depth.height()), (self.width, self.height));
         let corridor = Corridor {
             centre_px: self.rig.cx_px as f32,
-            columns_per_px: (CORRIDOR_M / self.rig.baseline_m) as f32,
+            columns_per_px: (CORRIDOR_HALF_WIDTH_M / self.rig.baseline_m) as f32,
         };
         self.histogram.fill(depth, MIN_CONFIDENCE, corridor);
         let cap = (self.width / 24).clamp(4, u16::MAX as usize) as u16;
-        let (lowest, highest) = self.parameters.camera_height_m;
-        let slack = self.parameters.horizon_share * self.height as f64;
+        let (min_height_m, max_height_m) = self.parameters.camera_height_m;
+        let horizon_margin = self.parameters.horizon_share * self.height as f64;
         let range = RadonRange {
-            slope: (self.rig.baseline_m / highest, self.rig.baseline_m / lowest),
-            horizon_px: (self.rig.cy_px - slack, self.rig.cy_px + slack),
+            slope: (self.rig.baseline_m / max_height_m, self.rig.baseline_m / min_height_m),
+            horizon_px: (self.rig.cy_px - horizon_margin, self.rig.cy_px + horizon_margin),
         };
-        let line = self.radon.strongest(&self.histogram, range, cap);
+        let line = self.radon.strongest_line(&self.histogram, range, cap);
         let support =
             line.map_or(0.0, |line| self.profile.find(&self.histogram, depth, line, cap, corridor).support());
         let Some(line) = line.filter(|_| support >= self.parameters.min_support) else {
@@ -143,8 +143,8 @@ impl RoadEstimator {
             return None;
         };
         let profile = self.profile.profile();
-        self.surface.take(profile, depth, MIN_CONFIDENCE);
-        self.edges.take(depth, &self.surface, &self.rig, profile.top(), MIN_CONFIDENCE);
+        self.surface.update(profile, depth, MIN_CONFIDENCE);
+        self.edges.update(depth, &self.surface, &self.rig, profile.top(), MIN_CONFIDENCE);
         Some(RoadModel {
             line,
             roll: self.surface.tilt().roll,

@@ -1,34 +1,34 @@
 //! The road's profile: its disparity in every row, and the row of every disparity.
 //!
-//! The road is followed through v-disparity ([`Viterbi`]), laid straight where it is nearly so, and smoothed.
+//! The road is followed through v-disparity ([`PathSearch`]), laid straight where it is nearly so, and smoothed.
 
 use super::far_road::NearLine;
 use super::histogram::{BINS_PER_PX, Corridor, MIN_CONFIDENCE, VDisparity};
 use super::line_fit::LineFit;
-use super::path_search::{BLOCK, Viterbi, middle};
+use super::path_search::{BLOCK, PathSearch, block_centre_row};
 use super::plane;
 use super::radon::RoadLine;
 use crate::depth::DepthView;
 
 /// A block is supported by this share of its greatest count.
-const SUPPORTED: f32 = 0.2;
+const MIN_BLOCK_SUPPORT: f32 = 0.2;
 /// Blocks without support that end the road.
-const LOST: usize = 3;
+const MAX_UNSUPPORTED_BLOCKS: usize = 3;
 /// Rows above the line's horizon in which a rising road is followed, as a share of the height.
-const RISE: f64 = 0.15;
+const MAX_RISE_SHARE: f64 = 0.15;
 /// Share of the corridor that a rising road fills where nothing nearer hides it, and the least number of
 /// such blocks.
-const PLAIN: f32 = 0.5;
-const RISEN: usize = 3;
+const MIN_VISIBLE_SHARE: f32 = 0.5;
+const MIN_RISING_BLOCKS: usize = 3;
 /// What is within so many px of the path belongs to it.
-const AT_PX: f32 = 0.4;
+const ON_PATH_PX: f32 = 0.4;
 /// Share of the corridor that must be seen to tell.
-const SEEN: f64 = 0.15;
+const MIN_UNOCCLUDED_SHARE: f64 = 0.15;
 
 /// What the road is fitted by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shape {
-    /// The Viterbi path: crests, dips and slopes.
+    /// The PathSearch path: crests, dips and slopes.
     #[default]
     Profile,
     /// A single plane: what the path is compared with.
@@ -94,11 +94,11 @@ pub struct ProfileFinder {
     profile: RoadProfile,
     shape: Shape,
     bins: usize,
-    viterbi: Viterbi,
+    search: PathSearch,
     /// Disparity and weight of each block, from below.
     path: Vec<(f32, f32)>,
     /// Share of the corridor that shows the path in each block.
-    shares: Vec<f32>,
+    visibility: Vec<f32>,
 }
 
 impl ProfileFinder {
@@ -109,14 +109,14 @@ impl ProfileFinder {
             profile: RoadProfile::new(height, bins),
             shape: Shape::default(),
             bins,
-            viterbi: Viterbi::new(bins, height),
+            search: PathSearch::new(bins, height),
             path: Vec::with_capacity(blocks),
-            shares: Vec::with_capacity(blocks),
+            visibility: Vec::with_capacity(blocks),
         }
     }
 
     /// The same, for roads of another shape.
-    pub fn fitting(self, shape: Shape) -> Self {
+    pub fn with_shape(self, shape: Shape) -> Self {
         Self { shape, ..self }
     }
 
@@ -152,35 +152,37 @@ impl ProfileFinder {
         }
         // A rising road goes on above the horizon of its near part: if so, it is in plain sight.
         let level = blocks_above(horizon).min(height / BLOCK);
-        let rising = blocks_above((horizon - RISE * height as f64).max(0.0)).min(height / BLOCK);
+        let rising = blocks_above((horizon - MAX_RISE_SHARE * height as f64).max(0.0)).min(height / BLOCK);
         if self.shape == Shape::Plane {
-            self.lay_plane(histogram, line, cap, level);
+            self.fit_plane_path(histogram, line, cap, level);
         } else {
-            self.viterbi.follow(histogram, line, cap, rising, true, &mut self.path);
-            self.measure_shares(depth, corridor, below);
+            self.search.search(histogram, line, cap, rising, true, &mut self.path);
+            self.measure_visibility(depth, corridor, below);
             let hidden = |share: &f32| share.is_nan();
-            let mut risen = self.shares.iter().take_while(|s| hidden(s) || **s >= PLAIN).count();
-            while risen > 0 && hidden(&self.shares[risen - 1]) {
+            let mut risen =
+                self.visibility.iter().take_while(|s| hidden(s) || **s >= MIN_VISIBLE_SHARE).count();
+            while risen > 0 && hidden(&self.visibility[risen - 1]) {
                 risen -= 1;
             }
-            if self.shares[..risen].iter().filter(|s| !hidden(s)).count() >= RISEN {
+            if self.visibility[..risen].iter().filter(|s| !hidden(s)).count() >= MIN_RISING_BLOCKS {
                 self.path.truncate(below + risen);
             } else {
-                self.viterbi.follow(histogram, line, cap, level, false, &mut self.path);
+                self.search.search(histogram, line, cap, level, false, &mut self.path);
             }
         }
-        let supported = |&&(_, weight): &&(f32, f32)| weight >= SUPPORTED * (usize::from(cap) * BLOCK) as f32;
+        let supported =
+            |&&(_, weight): &&(f32, f32)| weight >= MIN_BLOCK_SUPPORT * (usize::from(cap) * BLOCK) as f32;
         self.profile.support =
             self.path[..below.min(self.path.len())].iter().filter(supported).count() as f64 / below as f64;
         // The road ends where nothing has been seen of it for a while.
-        let (mut end, mut lost) = (0, 0);
+        let (mut end, mut unsupported) = (0, 0);
         for (block, place) in self.path.iter().enumerate() {
             if supported(&place) {
-                (end, lost) = (block + 1, 0);
+                (end, unsupported) = (block + 1, 0);
             } else if end > 0 {
                 // Nearer than it is first seen there may be a bonnet, or what is too near to be matched.
-                lost += 1;
-                if lost > LOST {
+                unsupported += 1;
+                if unsupported > MAX_UNSUPPORTED_BLOCKS {
                     break;
                 }
             }
@@ -190,21 +192,21 @@ impl ProfileFinder {
             self.clear();
             return &self.profile;
         }
-        let near = self.straighten(histogram, line);
+        let near = self.straighten_far_part(histogram, line);
         let slope = self.smooth(line);
-        self.invert(line, near.unwrap_or(slope));
+        self.invert_profile(line, near.unwrap_or(slope));
         &self.profile
     }
 
     /// Middle row of a block, counted from below.
-    fn middle(&self, block: usize) -> f64 {
-        middle(self.profile.disparity_px.len(), block)
+    fn centre_row(&self, block: usize) -> f64 {
+        block_centre_row(self.profile.disparity_px.len(), block)
     }
 
     /// How much of the corridor shows the path from a block on, of what nothing nearer hides; NaN where
     /// that is next to nothing.
-    fn measure_shares(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
-        self.shares.clear();
+    fn measure_visibility(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
+        self.visibility.clear();
         for (block, &(place, _)) in self.path.iter().enumerate().skip(from) {
             let (mut there, mut seen, mut all) = (0_u32, 0_u32, 0_u32);
             let half = corridor.columns_per_px * place.max(0.25);
@@ -217,47 +219,47 @@ impl ProfileFinder {
                     let known = row[x] > 0 && confidence[x] >= MIN_CONFIDENCE;
                     let nearer = f32::from(row[x]) / 256.0 - place;
                     all += 1;
-                    seen += u32::from(!known || nearer <= AT_PX);
-                    there += u32::from(known && nearer.abs() <= AT_PX);
+                    seen += u32::from(!known || nearer <= ON_PATH_PX);
+                    there += u32::from(known && nearer.abs() <= ON_PATH_PX);
                 }
             }
-            let enough = f64::from(seen) >= SEEN * f64::from(all) && seen > 0;
-            self.shares.push(if enough { there as f32 / seen as f32 } else { f32::NAN });
+            let enough = f64::from(seen) >= MIN_UNOCCLUDED_SHARE * f64::from(all) && seen > 0;
+            self.visibility.push(if enough { there as f32 / seen as f32 } else { f32::NAN });
         }
     }
 
     /// In place of a path: one line through all blocks.
-    fn lay_plane(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize) {
+    fn fit_plane_path(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize) {
         let height = histogram.height();
-        let plane = plane::fit(histogram, line, cap);
+        let plane = plane::fit_plane(histogram, line, cap);
         self.path.clear();
         for block in 0..blocks {
             let rows = height - BLOCK * (block + 1)..height - BLOCK * block;
-            let counts = rows.flat_map(|y| plane::near(histogram, plane, cap, y));
+            let counts = rows.flat_map(|y| plane::counts_near_line(histogram, plane, cap, y));
             let weight: f64 = counts.map(|(_, count)| count).sum();
             // The least weight keeps the line straight where nothing is counted.
-            self.path.push((plane.at(self.middle(block)).max(0.0) as f32, weight.max(1.0) as f32));
+            self.path.push((plane.at(self.centre_row(block)).max(0.0) as f32, weight.max(1.0) as f32));
         }
     }
 
     /// Lays the path on the line of its near part where it does not plainly leave it; gives the slope of that
     /// line if the far end is on it.
-    fn straighten(&mut self, histogram: &VDisparity, line: RoadLine) -> Option<f64> {
+    fn straighten_far_part(&mut self, histogram: &VDisparity, line: RoadLine) -> Option<f64> {
         if self.shape == Shape::Plane {
             return None;
         }
-        let middle = |block| self.middle(block);
+        let centre_row = |block| self.centre_row(block);
         let blocks =
-            self.path.iter().enumerate().map(|(b, &(px, w))| (middle(b), f64::from(px), f64::from(w)));
+            self.path.iter().enumerate().map(|(b, &(px, w))| (centre_row(b), f64::from(px), f64::from(w)));
         let near = NearLine::fit(blocks, line.at((histogram.height() - 1) as f64), histogram)?;
-        let mut held = false;
+        let mut on_line = false;
         for block in 0..self.path.len() {
-            let row = self.middle(block);
+            let row = self.centre_row(block);
             let place = &mut self.path[block].0;
-            held = near.holds(row, f64::from(*place));
-            *place = near.lay(row, f64::from(*place)) as f32;
+            on_line = near.is_consistent(row, f64::from(*place));
+            *place = near.snap(row, f64::from(*place)) as f32;
         }
-        held.then_some(near.slope)
+        on_line.then_some(near.slope)
     }
 
     /// A straight line fitted to the blocks around each row, weighted by their counts, so that the
@@ -274,7 +276,7 @@ impl ProfileFinder {
             let span = (reach / BLOCK as f64).ceil() as usize + 1;
             let mut fit = LineFit::default();
             for block in here.saturating_sub(span)..(here + span + 1).min(self.path.len()) {
-                let x = self.middle(block) - y as f64;
+                let x = self.centre_row(block) - y as f64;
                 let (value, weight) = self.path[block];
                 let weight = f64::from(weight) * (1.0 - (x / (reach + BLOCK as f64)).abs()).max(0.0);
                 fit.add(x, f64::from(value), weight);
@@ -294,7 +296,7 @@ impl ProfileFinder {
         slope.clamp(0.8 * line.slope, 1.2 * line.slope)
     }
 
-    fn invert(&mut self, line: RoadLine, far_slope: f64) {
+    fn invert_profile(&mut self, line: RoadLine, far_slope: f64) {
         let profile = &mut self.profile;
         let (top, height) = (profile.top, profile.disparity_px.len());
         profile.near_slope = line.slope as f32;
@@ -351,12 +353,12 @@ mod tests {
             }
         }
         let mut histogram = VDisparity::new(width, height, 64);
-        let certain = vec![255; width * height];
-        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &certain).unwrap();
-        histogram.fill(depth, 1, Corridor::ALL);
+        let confidence = vec![255; width * height];
+        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &confidence).unwrap();
+        histogram.fill(depth, 1, Corridor::UNBOUNDED);
         let corridor = Corridor { centre_px: 60.0, columns_per_px: 10.0 };
         ProfileFinder::new(histogram.bins(), height)
-            .fitting(shape)
+            .with_shape(shape)
             .find(&histogram, depth, line, 12, corridor)
             .clone()
     }

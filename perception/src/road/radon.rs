@@ -36,15 +36,15 @@ const ANGLES: usize = 64;
 const GROUP: usize = 32;
 /// Neighbouring cells mostly lie on one line, where one sum would wait for the other: so many are kept beside
 /// each other.
-const BESIDE: usize = 4;
+const PARTIAL_SUMS: usize = 4;
 /// Rows above the first horizon that are looked at all the same.
-const ABOVE_PX: f64 = 4.0;
+const HORIZON_MARGIN_ROWS: f64 = 4.0;
 
 /// Sums v-disparity along lines, with memory allocated once.
 #[derive(Debug)]
 pub struct Radon {
     /// Sums along each line of the current angle, by its offset.
-    sums: [Vec<u32>; BESIDE],
+    sums: [Vec<u32>; PARTIAL_SUMS],
     /// Cells of the histogram that count: bin, row, and capped count, in whole groups.
     cells: [Vec<u16>; 3],
     level: Level,
@@ -64,21 +64,26 @@ impl Radon {
     /// The line with the greatest integral. One cell counts at most `cap`, so that a near wall
     /// (many pixels at one disparity) does not outweigh a road (some in every row).
     /// `None` when no line in the range has any support.
-    pub fn strongest(&mut self, histogram: &VDisparity, range: RadonRange, cap: u16) -> Option<RoadLine> {
+    pub fn strongest_line(
+        &mut self,
+        histogram: &VDisparity,
+        range: RadonRange,
+        cap: u16,
+    ) -> Option<RoadLine> {
         let [bins, rows, capped] = &mut self.cells;
         bins.clear();
         rows.clear();
         capped.clear();
-        let least = (cap / 8).max(1);
+        let min_count = (cap / 8).max(1);
         // A line has no cells above its horizon but those that it touches by rounding.
-        let first = (range.horizon_px.0 - ABOVE_PX).clamp(0.0, histogram.height() as f64) as usize;
+        let first = (range.horizon_px.0 - HORIZON_MARGIN_ROWS).clamp(0.0, histogram.height() as f64) as usize;
         for y in first..histogram.height() {
             for (group, counts) in histogram.row(y).chunks(GROUP).enumerate() {
                 // Most of them are empty, and a group is told at once.
-                if counts.iter().fold(0, |most, &count| most.max(count)) < least {
+                if counts.iter().fold(0, |most, &count| most.max(count)) < min_count {
                     continue;
                 }
-                for (i, &count) in counts.iter().enumerate().filter(|(_, count)| **count >= least) {
+                for (i, &count) in counts.iter().enumerate().filter(|(_, count)| **count >= min_count) {
                     bins.push((GROUP * group + i) as u16);
                     rows.push(y as u16);
                     capped.push(count.min(cap));
@@ -139,11 +144,11 @@ impl Radon {
 kernel! {
     /// Adds the counts of cells (bins, rows, counts, in whole groups) to the lines that they lie on: those of
     /// offset bin·cosφ + row·sinφ + shift, rounded; `line` has the three factors.
-    fn project(cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; BESIDE]) = project_each
+    fn project(cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; PARTIAL_SUMS]) = project_each
 }
 
 #[inline(always)]
-fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; BESIDE]) {
+fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; PARTIAL_SUMS]) {
     let [bins, rows, counts] = cells.map(|cells| cells.as_chunks::<GROUP>().0);
     let [a, b, c, d] = sums.each_mut().map(|sums| &mut sums[..]);
     let mut places = [0_u32; GROUP];
@@ -152,7 +157,9 @@ fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [V
             let offset = f64::from(bins[i]) * line[0] + f64::from(rows[i]) * line[1] + line[2];
             places[i] = nearest_f64(offset);
         }
-        for (places, counts) in places.as_chunks::<BESIDE>().0.iter().zip(counts.as_chunks::<BESIDE>().0) {
+        for (places, counts) in
+            places.as_chunks::<PARTIAL_SUMS>().0.iter().zip(counts.as_chunks::<PARTIAL_SUMS>().0)
+        {
             let [i, j, k, l] = places.map(|place| place as usize);
             let [p, q, r, s] = counts.map(u32::from);
             // What is not asked for is not begun anew: it may wrap.
@@ -185,11 +192,11 @@ mod tests {
                 }
             }
             let mut histogram = VDisparity::new(width, height, 64);
-            let certain = vec![255; width * height];
+            let confidence = vec![255; width * height];
             let map = DisparityView::new(&map, width, height).unwrap();
-            histogram.fill(DepthView::new(map, &certain).unwrap(), 1, Corridor::ALL);
+            histogram.fill(DepthView::new(map, &confidence).unwrap(), 1, Corridor::UNBOUNDED);
             let range = RadonRange { slope: (0.04, 1.0), horizon_px: (60.0, 160.0) };
-            let line = Radon::new(histogram.bins(), height).strongest(&histogram, range, 20).unwrap();
+            let line = Radon::new(histogram.bins(), height).strongest_line(&histogram, range, 20).unwrap();
             for y in [150.0, 200.0, 239.0] {
                 let truth = slope * (y - horizon);
                 assert!((line.at(y) - truth).abs() < 0.6, "{line:?} at {y}, truth {truth}");
@@ -202,9 +209,9 @@ mod tests {
     fn an_empty_map_has_no_line() {
         let mut histogram = VDisparity::new(50, 50, 16);
         let map = DisparityView::new(&[0; 2500], 50, 50).unwrap();
-        histogram.fill(DepthView::new(map, &[255; 2500]).unwrap(), 1, Corridor::ALL);
+        histogram.fill(DepthView::new(map, &[255; 2500]).unwrap(), 1, Corridor::UNBOUNDED);
         let range = RadonRange { slope: (0.04, 1.0), horizon_px: (0.0, 40.0) };
-        assert_eq!(Radon::new(histogram.bins(), 50).strongest(&histogram, range, 5), None);
+        assert_eq!(Radon::new(histogram.bins(), 50).strongest_line(&histogram, range, 5), None);
     }
 
     #[test]
@@ -219,7 +226,7 @@ mod tests {
             expected[offset.round() as usize] += u32::from(*count);
         }
         for level in Level::available() {
-            let mut sums: [Vec<u32>; BESIDE] = std::array::from_fn(|_| vec![0; 2000]);
+            let mut sums: [Vec<u32>; PARTIAL_SUMS] = std::array::from_fn(|_| vec![0; 2000]);
             project(level, [&bins, &rows, &counts], [cos, sin, 481.0], &mut sums);
             let all: Vec<u32> = (0..2000).map(|i| sums.iter().map(|sums| sums[i]).sum()).collect();
             assert_eq!(all, expected, "{}", level.name());

@@ -13,7 +13,7 @@ pub struct Tilt {
 
 impl Tilt {
     /// The disparity in column `x` as it would be on a level road, where the profile holds.
-    pub fn level(&self, x_px: f64, disparity_px: f64) -> f64 {
+    pub fn levelled_px(&self, x_px: f64, disparity_px: f64) -> f64 {
         disparity_px - self.roll * (x_px - self.cx_px) - self.offset_px
     }
 }

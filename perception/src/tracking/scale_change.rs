@@ -1,10 +1,10 @@
-//! How fast the picture of an obstacle grows: closing speed over distance, from its pixels.
+//! How fast the image of an obstacle grows: closing speed over distance, from its pixels.
 //!
 //! Far away disparity says little of speed: at 35 m and a baseline of 12 cm an error of a tenth of a pixel
-//! is a metre. The picture itself grows by a sixth in two fifths of a second there, and where two views of
+//! is a metre. The image itself grows by a sixth in two fifths of a second there, and where two templates of
 //! the same surface fit is known to a fraction of a percent. So the part of the image that a track had is kept,
 //! and laid over the newest one by shift, scale, gain and offset (Lucas and Kanade's least squares, in
-//! the inverse form of Baker and Matthews). Near by, where an obstacle's depth bends its picture, disparity
+//! the inverse form of Baker and Matthews). Near by, where an obstacle's depth bends its image, disparity
 //! is the better witness again; the stated error says so.
 
 use super::filter::DistanceFilter;
@@ -19,65 +19,65 @@ const ROWS: usize = 20;
 const POINTS: usize = COLUMNS * ROWS;
 
 /// Tracks that are measured at once: the nearest.
-const SLOTS: usize = 8;
+const MAX_TRACKS: usize = 8;
 
 /// The share of a box's sides that is compared: its rim sees what is behind.
-const INNER: f64 = 0.75;
+const INNER_SHARE: f64 = 0.75;
 
 /// Smaller boxes are not measured, in px.
 const MIN_PX: (u32, u32) = (14, 10);
 
 /// Nearer than this disparity is better, farther to the side nothing is met, in metres.
-const NEAREST_M: f64 = 5.0;
-const WIDEST_M: f64 = 6.0;
+const MIN_DISTANCE_M: f64 = 5.0;
+const MAX_LATERAL_M: f64 = 6.0;
 
-/// Two views are compared after this time, in ns, or when they have grown apart by that factor,
+/// Two templates are compared after this time, in ns, or when they have grown apart by that factor,
 const INTERVAL_NS: u64 = 380_000_000;
-const GROWN: f64 = 1.2;
-/// and not after this time: light and view have changed.
-const OLDEST_NS: u64 = 900_000_000;
+const MAX_SCALE_CHANGE: f64 = 1.2;
+/// and not after this time: light and template have changed.
+const MAX_AGE_NS: u64 = 900_000_000;
 
 /// Steps of the least squares, at most.
-const STEPS: usize = 16;
+const MAX_ITERATIONS: usize = 16;
 
 /// Share of the points that must lie in both pictures.
 const MIN_INSIDE: f64 = 0.85;
 
-/// Share of the new view's variance that the old one must explain.
-const MIN_FIT: f64 = 0.8;
+/// Share of the new template's variance that the old one must explain.
+const MIN_EXPLAINED_VARIANCE: f64 = 0.8;
 
 /// Neighbouring points are not independent: errors are this much larger than least squares say, and
 /// never smaller than that share.
-const DEPENDENT: f64 = 3.0;
+const CORRELATION_FACTOR: f64 = 3.0;
 const MIN_SIGMA: f64 = 0.004;
 
 /// The surface that is seen may lie this much behind the near side that is tracked, in metres.
-const DEPTH_M: f64 = 0.4;
+const DEPTH_OFFSET_M: f64 = 0.4;
 
 /// A growth rate that differs by more standard deviations is not this obstacle's.
 const GATE_SIGMAS: f64 = 4.0;
 
-/// Growth of a picture, per second, with one standard deviation.
+/// Growth of a image, per second, with one standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GrowthRate {
+pub struct ScaleRate {
     /// Closing speed ÷ distance: the inverse of the time to collision.
     pub per_s: f64,
     /// Its error.
     pub sigma_per_s: f64,
 }
 
-/// A grey picture made smaller by a whole factor, over memory that is kept.
+/// A grey image made smaller by a whole factor, over memory that is kept.
 #[derive(Debug, Default)]
-struct Shrunk {
+struct ReducedImage {
     pixels: Vec<f32>,
     width: usize,
     height: usize,
     factor: usize,
-    /// Place of the crop in the image.
+    /// Pose of the crop in the image.
     origin: (f64, f64),
 }
 
-impl Shrunk {
+impl ReducedImage {
     fn fill(&mut self, crop: GreyView<'_>, origin: (u32, u32), factor: usize) {
         self.factor = factor;
         self.origin = (f64::from(origin.0), f64::from(origin.1));
@@ -116,7 +116,7 @@ impl Shrunk {
     }
 }
 
-/// A point of a kept view: place from the middle in px, value, and slope along x and y.
+/// A point of a kept template: place from the middle in px, value, and slope along x and y.
 #[derive(Clone, Copy, Debug, Default)]
 struct Point {
     x: f64,
@@ -125,21 +125,21 @@ struct Point {
     slope: (f32, f32),
 }
 
-/// A kept view.
+/// A kept template.
 #[derive(Debug)]
-struct View {
+struct Template {
     track: u32,
     time_ns: u64,
     /// When it was last asked for.
-    asked_ns: u64,
+    last_used_ns: u64,
     distance_m: f64,
     factor: usize,
     points: Vec<Point>,
 }
 
-/// Where a view lies in a picture: middle and scale.
+/// Where a template lies in a image: middle and scale.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct Pose {
     x: f64,
     y: f64,
     scale: f64,
@@ -147,9 +147,9 @@ struct Place {
 
 /// Measures growth, with memory allocated once.
 #[derive(Debug)]
-pub struct GrowthMeter {
-    views: Vec<View>,
-    shrunk: Shrunk,
+pub struct ScaleChangeMeter {
+    templates: Vec<Template>,
+    reduced: ReducedImage,
 }
 
 /// The part of the image that is compared, in px: its middle, width and height.
@@ -170,26 +170,26 @@ impl Patch {
         let px = focal_px / track.distance_m();
         let (wide, high) = ((px * track.width_m).min(width), (px * track.height_m).min(height));
         let (middle, bottom) = (x + (width - 1.0) / 2.0, y + height - 1.0);
-        Self { x: middle, y: bottom - high / 2.0, width: INNER * wide, height: INNER * high }
+        Self { x: middle, y: bottom - high / 2.0, width: INNER_SHARE * wide, height: INNER_SHARE * high }
     }
 }
 
-impl GrowthMeter {
+impl ScaleChangeMeter {
     /// A meter for crops of images of up to `width` × `height` px.
     pub fn new(width: usize, height: usize) -> Self {
-        let view = |_| View {
+        let template = |_| Template {
             track: 0,
             time_ns: 0,
-            asked_ns: 0,
+            last_used_ns: 0,
             distance_m: 0.0,
             factor: 1,
             points: Vec::with_capacity(POINTS),
         };
-        let shrunk = Shrunk { pixels: Vec::with_capacity(width * height), ..Shrunk::default() };
-        Self { views: (0..SLOTS).map(view).collect(), shrunk }
+        let reduced = ReducedImage { pixels: Vec::with_capacity(width * height), ..ReducedImage::default() };
+        Self { templates: (0..MAX_TRACKS).map(template).collect(), reduced }
     }
 
-    /// Compares a track's picture at `time_ns` with the one kept of it, and keeps it for the next time.
+    /// Compares a track's image at `time_ns` with the one kept of it, and keeps it for the next time.
     /// `crop` begins at `origin` of the image. `None` when there is none to compare with yet, or when
     /// the two do not fit.
     fn measure(
@@ -199,37 +199,39 @@ impl GrowthMeter {
         patch: Patch,
         crop: GreyView<'_>,
         origin: (u32, u32),
-    ) -> Option<GrowthRate> {
+    ) -> Option<ScaleRate> {
         let distance_m = track.distance_m();
-        let Some(slot) = self.views.iter().position(|v| v.track == track.id && v.time_ns <= time_ns) else {
+        let Some(slot) = self.templates.iter().position(|v| v.track == track.id && v.time_ns <= time_ns)
+        else {
             // In place of the one that was not asked for for the longest time.
-            let slot = (0..self.views.len()).min_by_key(|&i| (self.views[i].asked_ns, i))?;
-            self.keep(slot, (track, patch), time_ns, crop, origin);
+            let slot = (0..self.templates.len()).min_by_key(|&i| (self.templates[i].last_used_ns, i))?;
+            self.store(slot, (track, patch), time_ns, crop, origin);
             return None;
         };
-        self.views[slot].asked_ns = time_ns;
-        let view = &self.views[slot];
-        let elapsed_ns = time_ns - view.time_ns;
-        let expected = view.distance_m / distance_m;
-        if elapsed_ns < INTERVAL_NS && expected < GROWN {
+        self.templates[slot].last_used_ns = time_ns;
+        let template = &self.templates[slot];
+        let elapsed_ns = time_ns - template.time_ns;
+        let expected = template.distance_m / distance_m;
+        if elapsed_ns < INTERVAL_NS && expected < MAX_SCALE_CHANGE {
             return None;
         }
         let mut rate = None;
-        if elapsed_ns <= OLDEST_NS && elapsed_ns > 0 {
-            self.shrunk.fill(crop, origin, view.factor);
-            let start = Place { x: patch.x, y: patch.y, scale: expected.clamp(0.7, 1.6) };
+        if elapsed_ns <= MAX_AGE_NS && elapsed_ns > 0 {
+            self.reduced.fill(crop, origin, template.factor);
+            let start = Pose { x: patch.x, y: patch.y, scale: expected.clamp(0.7, 1.6) };
             let elapsed_s = elapsed_ns as f64 * 1e-9;
-            rate = fit(&view.points, &self.shrunk, start).map(|(scale, sigma)| {
+            rate = fit(&template.points, &self.reduced, start).map(|(scale, sigma)| {
                 let per_s = (scale - 1.0) / elapsed_s;
-                let sigma_per_s = (sigma.max(MIN_SIGMA) / elapsed_s).hypot(per_s * DEPTH_M / distance_m);
-                GrowthRate { per_s, sigma_per_s }
+                let sigma_per_s =
+                    (sigma.max(MIN_SIGMA) / elapsed_s).hypot(per_s * DEPTH_OFFSET_M / distance_m);
+                ScaleRate { per_s, sigma_per_s }
             });
         }
-        self.keep(slot, (track, patch), time_ns, crop, origin);
+        self.store(slot, (track, patch), time_ns, crop, origin);
         rate
     }
 
-    fn keep(
+    fn store(
         &mut self,
         slot: usize,
         (track, patch): (&Track, Patch),
@@ -240,32 +242,32 @@ impl GrowthMeter {
         let Patch { x: x0, y: y0, width, height } = patch;
         let step = (width / (COLUMNS - 1) as f64, height / (ROWS - 1) as f64);
         let factor = (step.0.max(step.1).round() as usize).max(1);
-        self.shrunk.fill(crop, origin, factor);
-        let view = &mut self.views[slot];
-        (view.track, view.time_ns, view.asked_ns) = (track.id, time_ns, time_ns);
-        (view.distance_m, view.factor) = (track.distance_m(), factor);
-        view.points.clear();
+        self.reduced.fill(crop, origin, factor);
+        let template = &mut self.templates[slot];
+        (template.track, template.time_ns, template.last_used_ns) = (track.id, time_ns, time_ns);
+        (template.distance_m, template.factor) = (track.distance_m(), factor);
+        template.points.clear();
         let delta = 0.5 * factor as f64;
         for i in 0..POINTS {
             let x = (i % COLUMNS) as f64 * step.0 - width / 2.0;
             let y = (i / COLUMNS) as f64 * step.1 - height / 2.0;
-            let at = |dx: f64, dy: f64| self.shrunk.at(x0 + x + dx, y0 + y + dy);
+            let at = |dx: f64, dy: f64| self.reduced.at(x0 + x + dx, y0 + y + dy);
             let (Some(value), Some(l), Some(r), Some(a), Some(b)) =
                 (at(0.0, 0.0), at(-delta, 0.0), at(delta, 0.0), at(0.0, -delta), at(0.0, delta))
             else {
                 continue;
             };
             let span = 2.0 * delta as f32;
-            view.points.push(Point { x, y, value, slope: ((r - l) / span, (b - a) / span) });
+            template.points.push(Point { x, y, value, slope: ((r - l) / span, (b - a) / span) });
         }
     }
 }
 
-/// How well a view fits at a place, from a third of its points: their correlation.
-fn likeness(points: &[Point], picture: &Shrunk, place: Place) -> Option<f64> {
+/// How well a template fits at a place, from a third of its points: their correlation.
+fn correlation(points: &[Point], image: &ReducedImage, pose: Pose) -> Option<f64> {
     let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points.iter().step_by(3) {
-        if let Some(v) = picture.at(place.x + place.scale * p.x, place.y + place.scale * p.y) {
+        if let Some(v) = image.at(pose.x + pose.scale * p.x, pose.y + pose.scale * p.y) {
             let (t, v) = (f64::from(p.value), f64::from(v));
             (n, a, b) = (n + 1.0, a + t, b + v);
             (aa, bb, ab) = (aa + t * t, bb + v * v, ab + t * v);
@@ -278,8 +280,8 @@ fn likeness(points: &[Point], picture: &Shrunk, place: Place) -> Option<f64> {
     (va > 1e-6 && vb > 1e-6).then(|| (ab - a * b / n) / (va * vb).sqrt())
 }
 
-/// The scale at which a view fits a picture, and its standard deviation.
-fn fit(points: &[Point], picture: &Shrunk, start: Place) -> Option<(f64, f64)> {
+/// The scale at which a template fits a image, and its standard deviation.
+fn fit(points: &[Point], image: &ReducedImage, start: Pose) -> Option<(f64, f64)> {
     if points.len() < POINTS / 2 {
         return None;
     }
@@ -289,23 +291,23 @@ fn fit(points: &[Point], picture: &Shrunk, start: Place) -> Option<(f64, f64)> {
     let mut best = (f64::NEG_INFINITY, start);
     for k in 0..49 {
         let (dx, dy) = (f64::from(k % 7 - 3) * step, f64::from(k / 7 - 3) * step);
-        let place = Place { x: start.x + dx, y: start.y + dy, ..start };
-        if let Some(likeness) = likeness(points, picture, place)
-            && likeness > best.0
+        let pose = Pose { x: start.x + dx, y: start.y + dy, ..start };
+        if let Some(correlation) = correlation(points, image, pose)
+            && correlation > best.0
         {
-            best = (likeness, place);
+            best = (correlation, pose);
         }
     }
-    let (likeness, mut place) = best;
-    if likeness < 0.5 {
+    let (correlation, mut pose) = best;
+    if correlation < 0.5 {
         return None;
     }
-    for _ in 0..STEPS {
+    for _ in 0..MAX_ITERATIONS {
         let mut normal = SMatrix::<f64, 5, 5>::zeros();
         let mut right = SVector::<f64, 5>::zeros();
         let (mut sum, mut squares, mut inside) = (0.0, 0.0, 0.0);
         for p in points {
-            let Some(v) = picture.at(place.x + place.scale * p.x, place.y + place.scale * p.y) else {
+            let Some(v) = image.at(pose.x + pose.scale * p.x, pose.y + pose.scale * p.y) else {
                 continue;
             };
             let v = f64::from(v);
@@ -330,20 +332,20 @@ fn fit(points: &[Point], picture: &Shrunk, start: Place) -> Option<(f64, f64)> {
         if ds.abs() > 0.3 {
             return None;
         }
-        place.scale /= 1.0 + ds;
-        place.x -= place.scale * dx;
-        place.y -= place.scale * dy;
-        if !(0.5..=2.5).contains(&place.scale) {
+        pose.scale /= 1.0 + ds;
+        pose.x -= pose.scale * dx;
+        pose.y -= pose.scale * dy;
+        if !(0.5..=2.5).contains(&pose.scale) {
             return None;
         }
         if ds.abs() < 5e-4 && dx.hypot(dy) < 0.03 {
             let errors = (squares - right.dot(&solution)).max(0.0);
             let spread = squares - sum * sum / inside;
-            if errors > (1.0 - MIN_FIT) * spread {
+            if errors > (1.0 - MIN_EXPLAINED_VARIANCE) * spread {
                 return None;
             }
             let variance = errors / (inside - 5.0) * inverse[(2, 2)] / (gain * gain);
-            return Some((place.scale, DEPENDENT * place.scale * variance.max(0.0).sqrt()));
+            return Some((pose.scale, CORRELATION_FACTOR * pose.scale * variance.max(0.0).sqrt()));
         }
     }
     None
@@ -352,9 +354,9 @@ fn fit(points: &[Point], picture: &Shrunk, start: Place) -> Option<(f64, f64)> {
 impl Tracker {
     /// Lets the pictures of the nearest tracks say how fast these come: for each track seen in the frame at
     /// `time_ns`, `crop` gives its part of the left image and where in the image that begins.
-    pub fn measure_growth<'a>(
+    pub fn measure_scale_change<'a>(
         &mut self,
-        meter: &mut GrowthMeter,
+        meter: &mut ScaleChangeMeter,
         time_ns: u64,
         crop: impl Fn(&Track) -> Option<(GreyView<'a>, (u32, u32))>,
     ) {
@@ -362,32 +364,33 @@ impl Tracker {
         for (i, track) in self.tracks.iter().enumerate() {
             let (b, z) = (&track.region.bounds, track.distance_m());
             let is_large = b.width >= MIN_PX.0 && b.height >= MIN_PX.1;
-            let is_near = z >= NEAREST_M && track.across.lateral_m().abs() <= WIDEST_M + track.width_m / 2.0;
+            let is_near =
+                z >= MIN_DISTANCE_M && track.lateral.lateral_m().abs() <= MAX_LATERAL_M + track.width_m / 2.0;
             if track.detection.is_some() && is_large && is_near {
                 self.order.push((z, i as u32));
             }
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for &(_, i) in self.order.iter().take(SLOTS) {
+        for &(_, i) in self.order.iter().take(MAX_TRACKS) {
             let track = &mut self.tracks[i as usize];
-            let Some((view, origin)) = crop(track) else { continue };
+            let Some((template, origin)) = crop(track) else { continue };
             let patch = Patch::of(track, self.rig.focal_px);
-            if let Some(rate) = meter.measure(track, time_ns, patch, view, origin) {
-                track.along.update_growth(rate);
+            if let Some(rate) = meter.measure(track, time_ns, patch, template, origin) {
+                track.longitudinal.update_scale_rate(rate);
             }
         }
     }
 }
 
 impl DistanceFilter {
-    /// Takes in how fast the obstacle's picture grows; one that does not fit is left out. Gives whether it
+    /// Takes in how fast the obstacle's image grows; one that does not fit is left out. Gives whether it
     /// was taken.
-    pub fn update_growth(&mut self, rate: GrowthRate) -> bool {
+    pub fn update_scale_rate(&mut self, rate: ScaleRate) -> bool {
         let (z, speed) = self.state();
         // −ż/z and its slopes.
         let expected = -speed / z;
         let slopes = (speed / (z * z), -1.0 / z);
-        self.take_combination(slopes, rate.per_s - expected, rate.sigma_per_s, GATE_SIGMAS)
+        self.update_linearised(slopes, rate.per_s - expected, rate.sigma_per_s, GATE_SIGMAS)
     }
 }
 
@@ -410,7 +413,7 @@ mod tests {
     }
 
     /// The back of a car 1.8 × 1.5 m at `z` metres before a grey wall, and its region.
-    fn picture(z: f64, lateral_m: f64, random: &mut fastrand::Rng) -> (Vec<u8>, Region) {
+    fn image(z: f64, lateral_m: f64, random: &mut fastrand::Rng) -> (Vec<u8>, Region) {
         let mut pixels = vec![0; SIZE.0 * SIZE.1];
         let px = RIG.focal_px / z;
         let (left, right) = (RIG.cx_px + px * (lateral_m - 0.9), RIG.cx_px + px * (lateral_m + 0.9));
@@ -449,10 +452,10 @@ mod tests {
 
     /// Worst relative error of the time to collision from 2.5 s down to 0.5 s, and its worst error in
     /// stated deviations.
-    fn approach(seed: u64, with_growth: bool) -> (f64, f64) {
+    fn approach(seed: u64, with_scale_change: bool) -> (f64, f64) {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-        let mut meter = GrowthMeter::new(SIZE.0, SIZE.1);
+        let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
         let (mut z, closing) = (52.0, 13.9);
         let mut worst = (0.0_f64, 0.0_f64);
         for frame in 0.. {
@@ -460,12 +463,12 @@ mod tests {
             if z / closing < 0.5 {
                 break;
             }
-            let (pixels, region) = picture(z, 0.1, &mut random);
+            let (pixels, region) = image(z, 0.1, &mut random);
             tracker.update(frame * PERIOD_NS, &[region]);
             assert_eq!(tracker.tracks().len(), 1);
-            if with_growth {
-                let image = GreyView::new(&pixels, SIZE.0, SIZE.1, SIZE.0).expect("a picture");
-                tracker.measure_growth(&mut meter, frame * PERIOD_NS, |_| Some((image, (0, 0))));
+            if with_scale_change {
+                let image = GreyView::new(&pixels, SIZE.0, SIZE.1, SIZE.0).expect("a image");
+                tracker.measure_scale_change(&mut meter, frame * PERIOD_NS, |_| Some((image, (0, 0))));
             }
             let truth = z / closing;
             if truth <= 2.5 {
@@ -504,28 +507,28 @@ mod tests {
     #[test]
     fn what_does_not_fit_says_nothing() {
         let mut random = fastrand::Rng::with_seed(1);
-        let (first, region) = picture(25.0, 0.0, &mut random);
+        let (first, region) = image(25.0, 0.0, &mut random);
         let noise: Vec<u8> = (0..SIZE.0 * SIZE.1).map(|_| random.u8(..)).collect();
         let flat = vec![90; SIZE.0 * SIZE.1];
         for second in [&noise, &flat] {
             let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-            let mut meter = GrowthMeter::new(SIZE.0, SIZE.1);
+            let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
             for (frame, pixels) in [&first, second].into_iter().enumerate() {
                 let time_ns = frame as u64 * 5 * PERIOD_NS;
-                let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a picture");
+                let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a image");
                 tracker.update(time_ns, &[region]);
-                let before = tracker.tracks()[0].along;
-                tracker.measure_growth(&mut meter, time_ns, |_| Some((image, (0, 0))));
-                assert_eq!(tracker.tracks()[0].along, before, "frame {frame}");
+                let before = tracker.tracks()[0].longitudinal;
+                tracker.measure_scale_change(&mut meter, time_ns, |_| Some((image, (0, 0))));
+                assert_eq!(tracker.tracks()[0].longitudinal, before, "frame {frame}");
             }
         }
         // A crop that hardly holds the box.
-        let small = GreyView::new(&first, 20, 12, SIZE.0).expect("a picture");
+        let small = GreyView::new(&first, 20, 12, SIZE.0).expect("a image");
         let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-        let mut meter = GrowthMeter::new(SIZE.0, SIZE.1);
+        let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
         for frame in 0..9 {
             tracker.update(frame * PERIOD_NS, &[region]);
-            tracker.measure_growth(&mut meter, frame * PERIOD_NS, |_| Some((small, (300, 230))));
+            tracker.measure_scale_change(&mut meter, frame * PERIOD_NS, |_| Some((small, (300, 230))));
         }
         assert_eq!(tracker.tracks().len(), 1);
     }

@@ -193,7 +193,7 @@ fn regions_that_split_and_merge_keep_their_tracks() {
     let tracks = tracker.update(time + 4 * PERIOD_NS, &[car, van]);
     let ids: Vec<u32> = tracks.iter().map(|t| t.id).collect();
     assert_eq!(ids, [1, 2], "{tracks:?}");
-    assert!(tracks[0].across.lateral_m() < -0.9 && tracks[1].across.lateral_m() > 0.9, "{tracks:?}");
+    assert!(tracks[0].lateral.lateral_m() < -0.9 && tracks[1].lateral.lateral_m() > 0.9, "{tracks:?}");
     // One that falls apart goes on as its larger part.
     let (mut tracker, time) = settled(&[sized(15.0, 0.0, 2.4, 1.5)]);
     let parts = [sized(15.0, -0.45, 1.5, 1.5), sized(15.0, 0.85, 0.7, 1.5)];
@@ -204,38 +204,38 @@ fn regions_that_split_and_merge_keep_their_tracks() {
 #[test]
 fn a_score_is_a_vote_and_a_jump_back_in_time_starts_anew() {
     let (mut tracker, mut time) = settled(&[region(20.0, 0.0), region(10.0, 3.0)]);
-    let policy = ScheduleParameters { most: 1, again_frames: 3 };
-    let mut looked = Vec::new();
+    let policy = ScheduleParameters { max_per_frame: 1, repeat_frames: 3 };
+    let mut classified = Vec::new();
     let mut frame = |tracker: &mut Tracker, score: Option<f32>| {
         time += PERIOD_NS;
         tracker.update(time, &[region(20.0, 0.0), region(10.0, 3.0)]);
-        tracker.look(
+        tracker.classify(
             policy,
             |_| true,
             |track| {
-                looked.push(track.id);
+                classified.push(track.id);
                 score
             },
         );
     };
     frame(&mut tracker, Some(4.0));
-    assert_eq!(tracker.tracks()[1].class.score(), Some(4.0), "the nearest comes first");
+    assert_eq!(tracker.tracks()[1].classification.score(), Some(4.0), "the nearest comes first");
     for _ in 0..12 {
         frame(&mut tracker, Some(5.0));
     }
-    assert_eq!(tracker.tracks()[0].class.score(), Some(5.0));
+    assert_eq!(tracker.tracks()[0].classification.score(), Some(5.0));
     // One look that fails changes nothing, four of four do.
     for _ in 0..2 {
         frame(&mut tracker, None);
     }
-    assert!(tracker.tracks().iter().all(|t| t.class.score().is_some()));
+    assert!(tracker.tracks().iter().all(|t| t.classification.score().is_some()));
     for _ in 0..10 {
         frame(&mut tracker, None);
     }
-    assert!(tracker.tracks().iter().all(|t| t.class.score().is_none()));
-    let [first, second] = [1, 2].map(|id| looked.iter().filter(|&&l| l == id).count());
-    assert!(first >= 8 && second >= 8, "both are looked at: {looked:?}");
-    tracker.look(policy, |_| false, |_| unreachable!("none may be looked at"));
+    assert!(tracker.tracks().iter().all(|t| t.classification.score().is_none()));
+    let [first, second] = [1, 2].map(|id| classified.iter().filter(|&&l| l == id).count());
+    assert!(first >= 8 && second >= 8, "both are classified at: {classified:?}");
+    tracker.classify(policy, |_| false, |_| unreachable!("none may be classified at"));
     let tracks = tracker.update(5, &[region(20.0, 0.0)]);
     assert_eq!((tracks.len(), tracks[0].seen), (1, 1));
 }
@@ -266,7 +266,7 @@ fn any_regions_are_survived() {
             let b = t.region.bounds;
             assert!(b.x + b.width <= 640 && b.y + b.height <= 480, "{b:?}");
             assert!(t.distance_m().is_finite() && t.closing_m_s().is_finite());
-            assert!(t.across.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
+            assert!(t.lateral.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
         }
     }
 }

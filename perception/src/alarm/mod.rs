@@ -1,12 +1,18 @@
-//! The alarm: three rules, four levels, and what keeps it from flickering.
+//! Collision alarm: three rules, four levels, with confirmation and hysteresis.
 //!
-//! - **Distance** (paper, section 4.3): something in the path is nearer than a preset distance.
-//! - **Time to collision**: at constant closing speed it would be met within so many seconds.
-//! - **Deceleration**: to stop before it, the vehicle would have to brake that hard: v²/(2z).
+//! Input: confirmed tracks as [`Candidate`]s (distance in m, closing speed in m/s, time to collision in s,
+//! lateral motion) and the time of the frame in ns. Output: an [`AlarmState`] with level, rule, track and
+//! reasons.
 //!
-//! A level must hold in several frames before it is raised. Rules are asked as far lead as confirming
-//! takes, so that it costs no time while things move on as they do. A level that is on is left only when
-//! its rule is clearly no longer fulfilled, and not before it was held for a while.
+//! Rules:
+//!
+//! - **Distance** (paper, section 4.3): an obstacle in the path is nearer than a preset distance.
+//! - **Time to collision**: at constant closing speed the collision would occur within a preset time.
+//! - **Deceleration**: avoiding the collision would need more than a preset deceleration, v²/(2z).
+//!
+//! A level must be triggered in several consecutive frames before it is raised. Rules are evaluated ahead in
+//! time by the duration of this confirmation, so that it causes no delay while motion continues unchanged. A
+//! level is lowered only when its rule is missed by a margin, and not before a hold time has passed.
 
 pub mod path;
 
@@ -14,26 +20,26 @@ use crate::tracking::Track;
 use crate::tracking::filter::TimeToCollision;
 use path::LateralMotion;
 
-/// When the alarm sounds. A limit of 0 switches its rule off.
+/// Parameters of the alarm. A limit of 0 disables its rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AlarmParameters {
-    /// Alarm: something nearer than this, in metres.
+    /// Alarm: distance below this, in metres.
     pub distance_m: f64,
-    /// Warning: met in less than this, in seconds.
+    /// Warning: time to collision below this, in seconds.
     pub ttc_warning_s: f64,
-    /// Alarm: met in less than this, in seconds.
+    /// Alarm: time to collision below this, in seconds.
     pub ttc_alarm_s: f64,
-    /// Warning: braking harder than this would be needed, in m/s².
+    /// Warning: required deceleration above this, in m/s².
     pub deceleration_warning_m_s2: f64,
-    /// Alarm: braking harder than this would be needed, in m/s².
+    /// Alarm: required deceleration above this, in m/s².
     pub deceleration_alarm_m_s2: f64,
-    /// Width of the vehicle's path, in metres; what lies beside it does not count.
+    /// Width of the vehicle's path, in metres; obstacles outside it are ignored.
     pub path_width_m: f64,
-    /// Frames in a row in which a rule must be fulfilled.
+    /// Consecutive frames in which a rule must be triggered.
     pub confirm_frames: u32,
-    /// A level that is on ends when its limit is missed by this share.
+    /// Hysteresis: a raised level is kept while its limit is missed by less than this share.
     pub clear_share: f64,
-    /// Once on, a level stays on for at least this long after its cause is gone.
+    /// Shortest time for which a level is kept after its cause has ended, in ns.
     pub hold_ns: u64,
 }
 
@@ -53,59 +59,59 @@ impl Default for AlarmParameters {
     }
 }
 
-/// What the alarm says.
+/// Level of the alarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum AlarmLevel {
-    /// It cannot judge.
+    /// The alarm cannot judge.
     #[default]
     Off = 0,
-    /// It judges, and nothing dangerous is known.
+    /// The alarm judges, and no dangerous obstacle is known.
     Standby = 1,
-    /// Something will become dangerous.
+    /// An obstacle will become dangerous.
     Warning = 2,
-    /// Something is dangerous.
+    /// An obstacle is dangerous.
     Alarm = 3,
 }
 
-/// Which rule raised a level.
+/// Rule that raised a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum AlarmRule {
     /// None.
     #[default]
     None = 0,
-    /// The preset distance.
+    /// Preset distance.
     Distance = 1,
-    /// The time to collision.
+    /// Time to collision.
     TimeToCollision = 2,
-    /// The braking that would be needed.
+    /// Required deceleration.
     Deceleration = 3,
 }
 
-/// A confirmed obstacle, as the alarm sees it.
+/// A confirmed obstacle, as input of the alarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Candidate {
-    /// Its track.
+    /// Identifier of its track.
     pub track: u32,
-    /// Frames in which it was seen.
+    /// Number of frames with a detection.
     pub seen: u32,
-    /// Frames in a row, up to this one, in which it was; 0 when it is out of sight.
+    /// Consecutive frames with a detection, up to this one; 0 if it is not detected.
     pub consecutive_frames: u32,
-    /// By how much its width changes from frame to frame, as a logarithm.
+    /// Mean absolute log ratio of its width from frame to frame.
     pub width_jitter: f64,
     /// Distance, in metres.
     pub distance_m: f64,
     /// Closing speed, in m/s.
     pub closing_m_s: f64,
-    /// Time to collision, where it surely comes nearer.
+    /// Time to collision; `None` if it does not approach significantly.
     pub time_to_collision: Option<TimeToCollision>,
-    /// Its place across the view.
+    /// Lateral position and speed.
     pub motion: LateralMotion,
 }
 
 impl Candidate {
-    /// A track as the alarm sees it.
+    /// Converts a track.
     pub fn of(track: &Track) -> Self {
         Self {
             track: track.id,
@@ -124,61 +130,60 @@ impl Candidate {
         }
     }
 
-    /// Whether this frame's place of it can be relied on: it was seen, or is known for long and went on as
-    /// expected.
+    /// Whether its position is reliable in this frame: it was detected, or it has been tracked for long.
     fn is_reliable(&self) -> bool {
         self.consecutive_frames > 0 || self.seen >= MIN_SEEN_FRAMES
     }
 
-    /// Whether the vehicle would meet it in its path.
+    /// Whether the vehicle would collide with it in a path of this width (in metres).
     pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
         let arrival_s = self.time_to_collision.map(|t| t.seconds);
         self.motion.path_relation(path_width_m, arrival_s).is_in_the_way()
     }
 
-    /// Braking that brings the closing speed to 0 before the distance is, in m/s²; 0 when it does not
-    /// surely come nearer.
+    /// Deceleration that reduces the closing speed to 0 before the distance is 0, in m/s²; 0 if it does not
+    /// approach significantly.
     pub fn required_deceleration_m_s2(&self) -> f64 {
         let is_closing = self.time_to_collision.is_some();
         if is_closing { self.closing_m_s * self.closing_m_s / (2.0 * self.distance_m.max(0.1)) } else { 0.0 }
     }
 }
 
-/// The alarm, and why.
+/// State of the alarm, with its reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AlarmState {
-    /// What it says.
+    /// Level.
     pub level: AlarmLevel,
-    /// Which rule raised that.
+    /// Rule that raised the level.
     pub rule: AlarmRule,
-    /// The track that did.
+    /// Track that raised the level.
     pub track: Option<u32>,
-    /// Whether the level is another than in the frame before.
+    /// Whether the level differs from that of the previous frame.
     pub changed: bool,
-    /// Nearest obstacle in the path, in metres, whether or not it is dangerous.
+    /// Distance of the nearest obstacle in the path, in metres, whether or not it is dangerous.
     pub nearest_m: Option<f64>,
-    /// The track's time to collision, while it is there.
+    /// Time to collision of the track, while it is present.
     pub time_to_collision: Option<TimeToCollision>,
-    /// The braking that it would need, while it is there, in m/s².
+    /// Required deceleration for the track, while it is present, in m/s².
     pub required_deceleration_m_s2: f64,
 }
 
-/// A closing speed is known well enough for the rules that need it after so many frames,
+/// The rules that need a closing speed require this many frames with a detection,
 const MIN_SEEN_FRAMES: u32 = 8;
-/// the last of them in a row,
+/// the last of them consecutive,
 const MIN_CONSECUTIVE_FRAMES: u32 = 4;
-/// while the obstacle's width stays the same to this factor's logarithm: what changes more is now one thing,
-/// now another,
+/// a width that varies by less than this mean absolute log ratio (otherwise the region alternates between
+/// objects),
 const MAX_WIDTH_JITTER: f64 = 0.5;
-/// when the time to collision is sure to this share,
+/// a standard deviation of the time to collision below this share of it,
 const MAX_TTC_SIGMA_SHARE: f64 = 0.3;
-/// and above this, in m/s: creeping up to a queue is no danger.
+/// and a closing speed of at least this, in m/s: approaching a queue slowly is not dangerous.
 const MIN_CLOSING_M_S: f64 = 1.0;
 
-/// Candidates for which memory is set aside.
+/// Largest number of candidates.
 const CAPACITY: usize = 128;
 
-/// In how many frames in a row a track fulfilled a rule of each level.
+/// Consecutive frames in which a track triggered a rule of each level.
 #[derive(Clone, Copy, Debug)]
 struct RuleCounts {
     track: u32,
@@ -194,14 +199,14 @@ struct Cause {
     candidate: Candidate,
 }
 
-/// The alarm as a state machine; time is passed in.
+/// The alarm as a state machine; the time is an argument.
 #[derive(Clone, Debug)]
 pub struct Alarm {
     parameters: AlarmParameters,
     level: AlarmLevel,
     rule: AlarmRule,
     track: Option<u32>,
-    /// The level is held until then.
+    /// The level is held until this time.
     until_ns: u64,
     last_ns: u64,
     counts: Vec<RuleCounts>,
@@ -209,7 +214,7 @@ pub struct Alarm {
 }
 
 impl Alarm {
-    /// A silent alarm.
+    /// An alarm that is off.
     pub fn new(parameters: AlarmParameters) -> Self {
         Self {
             parameters,
@@ -223,8 +228,8 @@ impl Alarm {
         }
     }
 
-    /// Judges one frame. With `can_judge` false the alarm is off, whatever was seen. A time that goes
-    /// back is a new recording: nothing is held over.
+    /// Evaluates one frame. If `can_judge` is false, the alarm is off regardless of the candidates. A time
+    /// that decreases means a new recording: no level is held over.
     pub fn update(
         &mut self,
         time_ns: u64,
@@ -242,7 +247,7 @@ impl Alarm {
             let changed = before != AlarmLevel::Off;
             return AlarmState { changed, ..AlarmState::default() };
         }
-        // As far lead as confirming takes; after a gap nothing is known so far lead.
+        // Time by which rules are evaluated ahead: the duration of confirmation, or 0 after a gap.
         let lead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
         let lead_s = if lead <= 0.5 { lead } else { 0.0 };
         std::mem::swap(&mut self.counts, &mut self.before);
@@ -261,7 +266,7 @@ impl Alarm {
             }
         }
         self.set_level(time_ns, cause);
-        // The cause's figures, when it still is the cause.
+        // Values of the candidate, if it still is the cause.
         let now = cause.filter(|c| Some(c.candidate.track) == self.track).map(|c| c.candidate);
         AlarmState {
             level: self.level,
@@ -279,7 +284,7 @@ impl Alarm {
         self.counts.clear();
     }
 
-    /// Raises at once, lowers when the time of holding is over.
+    /// Raises the level immediately, lowers it after the hold time.
     fn set_level(&mut self, time_ns: u64, cause: Option<Cause>) {
         let wanted = cause.map_or(AlarmLevel::Standby, |c| c.level);
         if wanted >= self.level || time_ns >= self.until_ns {
@@ -290,7 +295,7 @@ impl Alarm {
         }
     }
 
-    /// The highest level of a candidate that is confirmed, and keeps count.
+    /// Highest confirmed level of a candidate; updates its frame counts.
     fn evaluate(&mut self, candidate: &Candidate, lead_s: f64) -> Option<Cause> {
         let counts = self.before.iter().find(|t| t.track == candidate.track);
         let mut counts =
@@ -302,7 +307,7 @@ impl Alarm {
             .or(alarm);
         for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {
-                // What is out of sight and new confirms nothing, and what was confirmed stays so.
+                // An undetected new track does not add to the count, but does not reset it either.
                 Some(_) => count.saturating_add(u32::from(candidate.is_reliable())),
                 None => 0,
             };
@@ -316,8 +321,8 @@ impl Alarm {
             .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
     }
 
-    /// The rule of a level that a candidate fulfils, looked at `lead_s` from now. Limits are wider for one
-    /// that `is_held` the level.
+    /// Rule of a level that a candidate triggers, evaluated `lead_s` ahead. `is_held`: the candidate already
+    /// holds the level, so the limits include the hysteresis.
     fn triggered_rule(
         &self,
         c: &Candidate,
@@ -360,7 +365,7 @@ mod tests {
 
     const PERIOD_NS: u64 = 80_000_000;
 
-    /// Something in the path that comes nearer at a known speed.
+    /// An obstacle in the path with a known closing speed.
     fn at(distance_m: f64, closing_m_s: f64) -> Candidate {
         Candidate {
             track: 7,
@@ -383,8 +388,8 @@ mod tests {
         Alarm::new(AlarmParameters { hold_ns: 5 * PERIOD_NS, ..AlarmParameters::default() })
     }
 
-    /// Drives at something from `from_m` at a consecutive_frames speed; gives the distance and rule of the first
-    /// warning and of the first alarm.
+    /// Approaches an obstacle from `from_m` at constant speed. Returns distance and rule of the first warning
+    /// and of the first alarm.
     fn drive(from_m: f64, closing: f64, parameters: AlarmParameters) -> [Option<(f64, AlarmRule)>; 2] {
         let mut alarm = Alarm::new(parameters);
         let mut found = [None; 2];
@@ -413,12 +418,12 @@ mod tests {
         assert!(z / 5.0 <= 2.88 && z / 5.0 > 2.7 && rule == AlarmRule::TimeToCollision, "{z}");
         let (z, rule) = alarm.unwrap();
         assert!(z <= 10.4 && z > 9.6 && rule == AlarmRule::Distance, "{z}");
-        // 14 m/s: the time alone.
+        // 14 m/s: time to collision only.
         let [warning, alarm] = drive(60.0, 14.0, p);
         assert!(warning.unwrap().0 / 14.0 > 2.7, "{warning:?}");
         let (z, rule) = alarm.unwrap();
         assert!((1.5..1.7).contains(&(z / 14.0)) && rule == AlarmRule::TimeToCollision, "{z}");
-        // 30 m/s, no limit on the time: 5 m/s² are needed from 90 m on, 3.5 from 129 m.
+        // 30 m/s without a limit on the time: 5 m/s² are needed from 90 m on, 3.5 from 129 m.
         let p = AlarmParameters { ttc_warning_s: 0.0, ttc_alarm_s: 0.0, ..p };
         let [warning, alarm] = drive(200.0, 30.0, p);
         assert!((124.0..131.0).contains(&warning.unwrap().0), "{warning:?}");
@@ -434,7 +439,7 @@ mod tests {
             let state = alarm.update(frame * PERIOD_NS, true, [at(z, 0.0)]);
             assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
         }
-        // Something new and out of sight confirms nothing either.
+        // An undetected new track confirms nothing either.
         let gone = Candidate { consecutive_frames: 0, seen: 4, ..at(4.0, 0.0) };
         for frame in 20..25 {
             assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
@@ -442,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_held_cleared_late_and_tells_its_changes() {
+    fn a_level_is_held_cleared_with_hysteresis_and_reports_changes() {
         let mut alarm = alarm();
         let mut time = 0;
         let mut step = |alarm: &mut Alarm, candidates: &[Candidate]| {
@@ -454,26 +459,26 @@ mod tests {
         let state = step(&mut alarm, &[Candidate { track: 8, ..at(30.0, 0.0) }, at(9.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Alarm, Some(7), true));
         assert_eq!((state.rule, state.nearest_m), (AlarmRule::Distance, Some(9.0)));
-        // 11 m is beyond the limit, but not clearly.
+        // 11 m is beyond the limit, but within the hysteresis.
         for _ in 0..20 {
             let state = step(&mut alarm, &[at(11.0, 0.0)]);
             assert_eq!((state.level, state.changed), (AlarmLevel::Alarm, false));
         }
-        // Clearly gone: held for five frames more.
+        // Beyond the hysteresis: held for five more frames.
         for _ in 0..4 {
             let state = step(&mut alarm, &[at(12.0, 0.0)]);
             assert_eq!((state.level, state.rule), (AlarmLevel::Alarm, AlarmRule::Distance));
         }
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Standby, None, true));
-        // A recording that starts anew is_held nothing over.
+        // A restarted recording holds nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);
         assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Standby);
     }
 
     #[test]
-    fn what_is_beside_the_path_does_not_count() {
+    fn obstacles_outside_the_path_are_ignored() {
         let mut alarm = alarm();
         for frame in 0..5 {
             let both = [beside(3.5, at(5.0, 8.0)), beside(-2.2, at(5.0, 8.0))];
@@ -483,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unsure_speed_raises_nothing_but_the_distance() {
+    fn an_uncertain_speed_triggers_no_rule_that_needs_it() {
         for wrong in [
             Candidate { seen: 5, ..at(20.0, 14.0) },
             Candidate { consecutive_frames: 2, ..at(20.0, 14.0) },
@@ -501,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_off_when_the_system_cannot_judge() {
+    fn the_alarm_is_off_when_the_system_cannot_judge() {
         let mut alarm = alarm();
         for frame in 0..3 {
             alarm.update(frame * PERIOD_NS, true, [at(5.0, 0.0)]);
@@ -509,7 +514,7 @@ mod tests {
         let state = alarm.update(3 * PERIOD_NS, false, [at(5.0, 0.0)]);
         assert_eq!((state.level, state.nearest_m, state.changed), (AlarmLevel::Off, None, true));
         assert!(!alarm.update(4 * PERIOD_NS, false, []).changed);
-        // Afterwards it confirms anew.
+        // Confirmation starts again afterwards.
         assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Standby);
         assert_eq!(alarm.update(6 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Alarm);
     }

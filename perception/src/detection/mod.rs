@@ -1,5 +1,16 @@
-//! What stands on the road (paper, section 3.5): stixels, the regions that they form, small obstacles, and the
-//! verification of both in the two images.
+//! Obstacle detection on the road surface (paper, section 3.5).
+//!
+//! Input: a [`DepthView`] (disparity in 1/256 px, confidence, optionally the rectified images), the
+//! [`RoadProfile`] and the [`RoadSurface`] of the same frame. Output: [`Region`]s, nearest first: a pixel box
+//! with disparity (px), distance, lateral position and size in metres.
+//!
+//! Steps:
+//!
+//! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns.
+//! 2. [`regions`]: neighbouring stixels are grouped into regions.
+//! 3. [`photometric`]: regions are verified in both images.
+//! 4. [`confirmation`]: evidence is accumulated over frames.
+//! 5. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
 pub mod confirmation;
 pub mod photometric;
@@ -12,7 +23,7 @@ use crate::depth::DepthView;
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::profile::RoadProfile;
-use crate::road::surface::Surface;
+use crate::road::surface::RoadSurface;
 use photometric::Verifier;
 use regions::RegionFinder;
 pub use regions::RegionParameters;
@@ -20,14 +31,14 @@ use residual::RoadGeometry;
 use small_obstacles::SmallObstacleFinder;
 use stixels::{StixelParameters, Stixels};
 
-/// Pixels of less confidence (0 to 255) do not take part in obstacle detection.
+/// Pixels with a lower confidence (0 to 255) are not used for obstacle detection.
 const MIN_CONFIDENCE: u8 = 100;
 
-/// No side of an object passes the camera nearer than this, in metres: disparity that changes faster from column
-/// to column than such a side does is a seam between two surfaces.
+/// Smallest lateral distance of an object's side from the camera, in metres. Disparity that changes faster
+/// from column to column than on such a side is a discontinuity between two surfaces.
 const MIN_SIDE_OFFSET_M: f64 = 0.9;
 
-/// Finds obstacle regions in disparity maps of one size, with memory allocated once.
+/// Finds obstacle regions in disparity maps of one size; memory is allocated once.
 #[derive(Debug)]
 pub struct ObstacleDetector {
     parameters: RegionParameters,
@@ -60,8 +71,13 @@ impl ObstacleDetector {
         }
     }
 
-    /// Finds what stands on the road, nearest first.
-    pub fn detect(&mut self, depth: DepthView<'_>, profile: &RoadProfile, surface: &Surface) -> &[Region] {
+    /// Finds the obstacles on the road, nearest first.
+    pub fn detect(
+        &mut self,
+        depth: DepthView<'_>,
+        profile: &RoadProfile,
+        surface: &RoadSurface,
+    ) -> &[Region] {
         let p = &self.parameters;
         let stixel_parameters = StixelParameters {
             min_height_m: 0.4 * p.min_height_m,

@@ -1,14 +1,14 @@
-//! Whether the images themselves bear a region out.
+//! Photometric verification of a region in the two images.
 //!
-//! A disparity map says little of what is narrow or without texture: the matcher's windows spread a near
-//! surface over its surroundings and lay ramps between two surfaces. So each row of a region is explained
-//! twice from the two images: by the surface to its left, the road and the surface to its right alone, in
-//! this order and with seams where they fit best; and with the region's own disparity in between. What the
-//! second saves is its **cost_reduction**: the sides of what truly stands there fit no other disparity, while nothing
-//! is saved where the road or a neighbour fits as well.
+//! A disparity map is unreliable for narrow or textureless objects: the windows of the matcher spread a near
+//! surface over its surroundings and create ramps between two surfaces. Each row of a region is therefore
+//! explained twice from the images: by the surface to its left, the road and the surface to its right, in
+//! this order with boundaries at the best columns; and with the disparity of the region inserted between
+//! them. The difference of both costs is the **cost reduction**. The sides of a real object fit no other
+//! disparity. Where the road or a neighbouring surface fits equally well, the reduction is 0.
 //!
-//! Costs are differences of horizontal gradients, so that the brightness of the images does not matter, cut
-//! off so that lamps and reflections do not decide alone.
+//! Costs are differences of horizontal gradients, which makes them independent of brightness, truncated to
+//! limit the influence of lamps and reflections.
 
 use super::residual::RoadGeometry;
 use super::stixels::{STRIP_COLUMNS, Stixels};
@@ -16,70 +16,70 @@ use crate::image::GreyView;
 use crate::region::Region;
 use crate::simd::{Level, Simd, kernel};
 
-/// Rows of a region that are looked at, at most.
+/// Largest number of rows of a region that are examined.
 const MAX_ROWS: usize = 24;
-/// Columns on either side of it that are looked at.
+/// Columns examined on either side of a region.
 const MARGIN_COLUMNS: usize = 6;
-/// Rows of a region and its margins that are wider are not looked at: what is wide is plain without.
+/// Wider regions (with margins) are not verified; wide regions are reliable in the disparity map.
 const MAX_COLUMNS: usize = 96;
-/// The fewest columns that can tell anything.
+/// Fewest columns for a decision.
 const MIN_COLUMNS: usize = 4;
-/// Columns at the images' borders that have no gradient.
+/// Columns at the image border without a gradient.
 const BORDER: usize = 3;
-/// Differences of gradients count up to this, in grey levels.
+/// Truncation of the gradient difference, in grey levels.
 const MAX_COST: f32 = 20.0;
-/// A surface whose disparity is as near to the region's as this, in px, is no other explanation.
+/// A surface closer to the disparity of the region than this, in px, is no alternative explanation.
 const MIN_SURFACE_GAP_PX: f32 = 0.35;
-/// Stixels of a row are of the region when they are as near to its disparity as this, in px.
+/// A stixel within this distance of the region's disparity, in px, belongs to the region.
 const REGION_STIXEL_PX: f32 = 0.5;
-/// Gain of a row from which on its sides are known, in grey levels.
+/// Cost reduction of a row from which its sides are used, in grey levels.
 const MIN_SIDE_REDUCTION: f32 = 15.0;
-/// Weights of evidence: constant, logarithms of the upper half's and the lower half's mean cost_reduction (grey levels a
-/// row, over [`CHANCE_REDUCTION`]) and of the width (12 px). Fitted by logistic regression, with the evidence of the
-/// disparity map beside them, to what was seen in `street` and in another street, in six weathers; less is asked
-/// by the constant, as sightings add up.
+/// Weights of the evidence: constant; logarithms of the mean cost reduction of the upper and the lower half
+/// (grey levels per row, plus [`CHANCE_REDUCTION`]); logarithm of the width (relative to 12 px). Fitted by
+/// logistic regression, together with the evidence of the disparity map, to regions of `street` and another
+/// street in six weathers; the constant is less strict, as sightings accumulate.
 const EVIDENCE: [f64; 4] = [-27.4, 4.2, 3.7, -2.1];
-/// Gain that chance gives, in grey levels a row.
+/// Cost reduction that occurs by chance, in grey levels per row.
 const CHANCE_REDUCTION: f64 = 5.0;
-/// The most that the images speak for a region.
+/// Upper limit of the evidence.
 const MAX_EVIDENCE: f64 = 6.0;
-/// What is no surface costs more than any that is.
+/// Cost of a missing surface; larger than that of any surface.
 const NO_SURFACE_COST: f32 = 1e6;
 
-/// Left surface, road, right surface, the region's own.
+/// Left surface, road, right surface, and the surface of the region.
 const SURFACES: usize = 4;
-/// The order in which surfaces may follow each other in a row, without the region and with it.
+/// Possible order of surfaces in a row, without and with the region.
 const ORDER_WITHOUT_REGION: [usize; 3] = [0, 1, 2];
 const ORDER_WITH_REGION: [usize; 5] = [0, 1, REGION_SURFACE, 1, 2];
-/// The region's own.
+/// Index of the region's surface.
 const REGION_SURFACE: usize = 3;
 
 type Costs = [[f32; MAX_COLUMNS]; SURFACES];
 
-/// Two images, and what is known of the road and of what stands on it.
+/// The images, the road and the stixels of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Verifier<'a> {
-    /// The rectified pair, left and right.
+    /// Rectified pair, left and right.
     pub images: [GreyView<'a>; 2],
     /// The road.
     pub road: RoadGeometry<'a>,
-    /// What was seen in the disparity map.
+    /// Stixels of the disparity map.
     pub stixels: &'a Stixels,
 }
 
-/// What the images show where a region is said to be.
+/// Result of the verification of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verification {
-    /// Mean cost_reduction of the upper and of the lower half of its rows, in grey levels.
+    /// Mean cost reduction of the upper and of the lower half of the rows, in grey levels.
     pub cost_reduction: [f64; 2],
-    /// First column and the one after the last between which the region fits best, if its sides are seen.
+    /// First column of the region and the column after its last one, where the sides are well localised.
     pub sides: Option<(u32, u32)>,
-    /// Width of the box that was looked at, in px.
+    /// Width of the verified box, in px.
     pub width_px: u32,
 }
 
 impl Verification {
-    /// Log-odds that this adds to what else is known of the region; 6 at most.
+    /// Log-odds to be added to the evidence of the disparity map; at most 6.
     pub fn evidence(&self) -> f64 {
         let [upper, lower] =
             self.cost_reduction.map(|cost_reduction| (cost_reduction + CHANCE_REDUCTION).ln());
@@ -89,7 +89,7 @@ impl Verification {
     }
 }
 
-/// Disparities that a row may be explained by, in px, and the columns that are explained.
+/// Candidate disparities of a row, in px, and the range of columns to explain.
 #[derive(Clone, Copy, Debug)]
 struct Surfaces {
     disparity_px: [Option<f32>; SURFACES],
@@ -98,8 +98,8 @@ struct Surfaces {
 }
 
 impl Verifier<'_> {
-    /// Looks at a region. `None` where it is too wide, too narrow or too near the border to tell, or where all
-    /// around it is as far away as itself.
+    /// Verifies a region. `None` if it is undecidable: too wide, too narrow, too near the image border, or at
+    /// the same distance as its surroundings.
     pub fn verify(&self, region: &Region) -> Option<Verification> {
         let [left, right] = self.images;
         let b = &region.bounds;
@@ -140,7 +140,7 @@ impl Verifier<'_> {
         }
         let (upper, lower) = reductions[..count].split_at(count.div_ceil(2));
         let mean = |reductions: &[f32]| f64::from(reductions.iter().sum::<f32>()) / reductions.len() as f64;
-        // A fifth of the rows may have their side farther out, as where a mirror or a wheel stands out.
+        // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
         let sides = (side_rows >= 3 && 2 * side_rows >= count).then(|| {
             lefts[..side_rows].sort_unstable();
             rights[..side_rows].sort_unstable();
@@ -150,7 +150,7 @@ impl Verifier<'_> {
         Some(Verification { cost_reduction: [mean(upper), mean(lower)], sides, width_px: b.width })
     }
 
-    /// What row `y` may show. `None` where nothing but the region can be told.
+    /// Candidate surfaces of row `y`; `None` if there is no alternative to the region.
     fn surfaces(&self, region: &Region, y: usize) -> Option<Surfaces> {
         let b = &region.bounds;
         let (first, end) = (b.x as usize, (b.x + b.width) as usize);
@@ -172,14 +172,14 @@ impl Verifier<'_> {
             }
         }
         let own = if count > 0.0 { sum / count } else { disparity_px };
-        // The strip beside it may be a part of it still, or of a seam.
+        // The adjacent strip may still belong to the region or to a discontinuity.
         let before = |n: usize| known(strips.start.checked_sub(n));
         let after = |n: usize| known(Some(strips.end + n));
         let left = before(2).or_else(|| before(3)).or_else(|| before(1));
         let right = after(1).or_else(|| after(2)).or_else(|| after(0));
         let road_px = self.road.disparity_px(0.5 * (from + to) as f64, y).max(0.0) as f32;
         let other = |d: Option<f32>| d.filter(|d| (d - own).abs() > MIN_SURFACE_GAP_PX);
-        // Where it goes on sideways, only the box itself is_decidable of it.
+        // Where the surface of the region continues sideways, only the box itself is examined.
         let is_continuous = |d: Option<f32>| d.is_some() && other(d).is_none();
         let from = if is_continuous(left) { from.max(first) } else { from };
         let to = if is_continuous(right) { to.min(end) } else { to };
@@ -189,8 +189,7 @@ impl Verifier<'_> {
     }
 }
 
-/// By how much the gradients of a row of both images gradient_differences from column `from` on, at a disparity (0 px or
-/// more).
+/// Gradient differences of both images in a row from column `from` on, at a disparity of 0 px or more.
 fn gradient_costs(
     level: Level,
     left: &[u8],
@@ -201,7 +200,7 @@ fn gradient_costs(
 ) {
     let whole = disparity_px.ceil();
     let share = whole - disparity_px;
-    // Columns that the right image does not have.
+    // Columns outside the right image.
     let hidden = (whole as usize).saturating_add(BORDER).saturating_sub(from).min(costs.len());
     costs[..hidden].fill(MAX_COST);
     let costs = &mut costs[hidden..];
@@ -215,8 +214,8 @@ fn gradient_costs(
 }
 
 kernel! {
-    /// Differences of gradients: `left` begins a column before the first, `right` likewise, whose gradients are
-    /// taken `share` of a column later.
+    /// Gradient differences: `left` and `right` start one column before the first result; gradients of
+    /// `right` are interpolated by `share` of a column.
     fn gradient_differences(left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) = gradient_differences_each
 }
 
@@ -230,21 +229,21 @@ fn gradient_differences_each<S: Simd>(_: S, left: &[u8], right: &[u8], share: f3
     }
 }
 
-/// The least cost of a row whose surfaces follow each other in this order, each over any number of columns;
-/// and the columns of [`REGION_SURFACE`], if it has any.
+/// Minimum cost of explaining a row by surfaces in a given order, each over any number of columns; and the
+/// columns of [`REGION_SURFACE`], if it occurs.
 fn segment_row<const N: usize>(
     costs: &Costs,
     width: usize,
     order: &[usize; N],
 ) -> (f32, Option<(usize, usize)>) {
     let mut sums = [0.0_f32; N];
-    // First column of the own surface and the one after its last, as each state knows them; 0 where it has not
-    // been yet.
+    // First column of the region's surface and the column after its last, for each state; 0 if it has not
+    // occurred.
     let mut own = [[0_u16; 2]; N];
     for x in 0..width {
         let (mut best, mut known) = (f32::INFINITY, [0; 2]);
         for state in 0..N {
-            // What came before may end here; at equal costs, the earlier surface goes on.
+            // The previous surface may end here; at equal costs the earlier surface continues.
             let ends = sums[state] < best;
             best = if ends { sums[state] } else { best };
             known = if ends { own[state] } else { known };
@@ -268,23 +267,24 @@ mod tests {
     use crate::depth::DepthView;
     use crate::region::PixelBox;
     use crate::rig::Rig;
-    use crate::road::surface::Surface;
+    use crate::road::surface::RoadSurface;
     use crate::road::tilt::Tilt;
     use crate::stereo::DisparityView;
 
     const SIZE: (usize, usize) = (128, 64);
     const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 64.0, cy_px: 0.0 };
-    /// Disparity of all that lies background.
+    /// Disparity of the background.
     const BACKGROUND: usize = 4;
 
-    /// A pair of fine texture at [`BACKGROUND`], with a post before it at `disparity` in columns `post`.
+    /// A pair with fine texture at [`BACKGROUND`] and a post in columns `post` in front of it, at
+    /// `disparity`.
     fn pair(post: std::ops::Range<usize>, disparity: usize) -> [Vec<u8>; 2] {
         let mut random = fastrand::Rng::with_seed(5);
         let (width, height) = SIZE;
         let mut left = vec![0_u8; width * height];
         let mut right = left.clone();
         for y in 0..height {
-            // Half as fine as the pixels, so that gradients over two of them see it.
+            // Texture elements of two pixels, so that gradients over two pixels respond to it.
             let mut background = vec![0_u8; width + 8];
             for two in background.chunks_mut(2) {
                 two.fill(random.u8(60..190));
@@ -302,7 +302,7 @@ mod tests {
         [left, right]
     }
 
-    /// What the verifier sees of a box at disparity 8; the map has that disparity in it, and [`BACKGROUND`] elsewhere.
+    /// Verifies a box at disparity 8; the map has that disparity inside the box and [`BACKGROUND`] elsewhere.
     fn verify(pair: &[Vec<u8>; 2], bounds: PixelBox) -> Option<Verification> {
         let (width, height) = SIZE;
         let view = |image| GreyView::new(image, width, height, width).unwrap();
@@ -322,7 +322,7 @@ mod tests {
             min_confidence: 100,
             max_gradient_px: 1.0,
         };
-        stixels.find(depth, &Surface::new(RIG, width, height, 32), &parameters);
+        stixels.find(depth, &RoadSurface::new(RIG, width, height, 32), &parameters);
         let profile_px = vec![1.0; height];
         let road = RoadGeometry { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
         let region = Region {
@@ -342,25 +342,25 @@ mod tests {
     const BOX: PixelBox = PixelBox { x: 48, y: 8, width: 16, height: 40 };
 
     #[test]
-    fn what_stands_there_is_borne_out_and_its_sides_are_found() {
-        let seen = verify(&pair(50..61, 8), BOX).expect("it can tell");
+    fn a_real_object_is_verified_and_its_sides_are_found() {
+        let seen = verify(&pair(50..61, 8), BOX).expect("decidable");
         assert!(seen.evidence() > 3.0, "{seen:?}");
-        let (first, end) = seen.sides.expect("its sides are plain");
-        // The right camera does not see the four columns before the post: they may be anything.
+        let (first, end) = seen.sides.expect("well localised sides");
+        // The four columns left of the post are occluded in the right image and may belong to either surface.
         assert!((45..=51).contains(&first) && end.abs_diff(61) <= 1, "{seen:?}");
     }
 
     #[test]
-    fn what_the_map_made_up_is_not() {
-        let seen = verify(&pair(0..0, 8), BOX).expect("it can tell");
+    fn a_phantom_of_the_map_is_refuted() {
+        let seen = verify(&pair(0..0, 8), BOX).expect("decidable");
         assert!(seen.evidence() < -3.0 && seen.sides.is_none(), "{seen:?}");
-        // Something is there, but as far away as all the rest.
-        let seen = verify(&pair(50..61, BACKGROUND), BOX).expect("it can tell");
+        // An object at the distance of the background.
+        let seen = verify(&pair(50..61, BACKGROUND), BOX).expect("decidable");
         assert!(seen.evidence() < -3.0, "{seen:?}");
     }
 
     #[test]
-    fn half_of_it_is_not_enough() {
+    fn an_object_in_half_of_the_rows_is_not_enough() {
         let (width, _) = SIZE;
         let (mut half, none) = (pair(50..61, 8), pair(0..0, 8));
         for (half, none) in half.iter_mut().zip(&none) {
@@ -382,11 +382,11 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_tell_says_nothing() {
+    fn undecidable_regions_are_not_verified() {
         let pair = pair(50..61, 8);
         assert_eq!(verify(&pair, PixelBox { x: 10, width: 100, ..BOX }), None, "too wide");
         assert_eq!(verify(&pair, PixelBox { height: 1, ..BOX }), None, "one row");
-        // At the border, and where the right image has nothing: no panic.
+        // At the border and where the right image has no data: no panic.
         for x in [0, 4, 120, 124] {
             verify(&pair, PixelBox { x, width: 4, ..BOX });
         }
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_right_picture_does_not_have_costs_most() {
+    fn columns_outside_the_right_image_have_the_maximum_cost() {
         let (left, right) = ([0, 50, 0, 50, 0, 50, 0, 50, 0, 50, 0, 50], [7; 12]);
         for disparity_px in [0.0, 0.5, 1.0, 3.3, 5.9, 6.0, 7.0, 200.0, f32::MAX, f32::INFINITY, f32::NAN] {
             let mut costs = [-1.0; 6];
@@ -406,14 +406,14 @@ mod tests {
     }
 
     #[test]
-    fn the_cheapest_order_is_the_cheapest_of_all() {
+    fn the_segmentation_equals_exhaustive_search() {
         let mut random = fastrand::Rng::with_seed(9);
         for _ in 0..50 {
             let mut costs: Costs = [[NO_SURFACE_COST; MAX_COLUMNS]; SURFACES];
             for costs in &mut costs {
                 costs[..7].fill_with(|| random.f32() * 20.0);
             }
-            // Every way to cut seven columns into five stretches.
+            // Every division of seven columns into five segments.
             let mut best = f32::INFINITY;
             let cuts = |from: usize| from..=7;
             for a in cuts(0) {
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn all_levels_find_the_differences_of_gradients() {
+    fn all_levels_compute_the_gradient_differences_of_the_reference() {
         let mut random = fastrand::Rng::with_seed(1);
         let (left, right): (Vec<u8>, Vec<u8>) = (0..80).map(|_| (random.u8(..), random.u8(..))).unzip();
         for level in Level::available() {

@@ -1,9 +1,11 @@
-//! How the right image differs from the left one where both should show the road.
+//! Photometric residual of the road: difference of the right image from the left one where both should show
+//! the road.
 //!
-//! The right image is warped onto the left one by the road's disparity. What lies on the road then agrees,
-//! whatever is painted on it. What stands on it is off by δ px, its disparity less the road's: with the
-//! horizontal gradient g and the difference r of the two, r ≈ δ·g, and over a window δ = Σ g·r / Σ g². That is
-//! finer than a disparity map, whose windows and paths smear what is a few pixels large into the road.
+//! The right image is warped onto the left one by the disparity of the road. Whatever lies on the road, such
+//! as markings, then agrees. An obstacle is offset by δ px, its disparity minus that of the road. With the
+//! horizontal gradient g and the difference r of both images, r ≈ δ·g, and over a window δ = Σ g·r / Σ g².
+//! This resolves finer detail than a disparity map, whose windows and paths blur objects of a few pixels into
+//! the road.
 
 use crate::image::GreyView;
 use crate::rig::Rig;
@@ -11,21 +13,21 @@ use crate::road::tilt::Tilt;
 use crate::simd::whole::nearest;
 use crate::simd::{Level, Simd, kernel};
 
-/// Greatest gradient and difference that are counted, in half grey levels: sums of a window then fit.
+/// Limit of gradients and differences, in half grey levels; keeps window sums within 32 bits.
 const MAX_VALUE: f32 = 254.0;
-/// Columns at either border of a row that are left out: an interpolation and a gradient need them.
+/// Columns left out at either border of a row, for interpolation and gradient.
 const BORDER_COLUMNS: f32 = 3.0;
-/// Rows and columns between the samples of the gain.
+/// Sampling step of the gain estimate: rows, columns.
 const GAIN_STEP: (usize, usize) = (4, 8);
-/// One image is at most so many times as bright as the other.
+/// Largest ratio of brightness between both images.
 const MAX_GAIN: f32 = 2.0;
 
-/// Where the road lies in both images.
+/// Geometry of the road in both images.
 #[derive(Clone, Copy, Debug)]
 pub struct RoadGeometry<'a> {
     /// Disparity of the road in each row, in px.
     pub profile_px: &'a [f32],
-    /// How it lies across.
+    /// Lateral tilt of the road.
     pub tilt: Tilt,
     /// The cameras.
     pub rig: Rig,
@@ -37,18 +39,18 @@ impl RoadGeometry<'_> {
         f64::from(self.profile_px[y]) + self.tilt.roll * (x - self.tilt.cx_px) + self.tilt.offset_px
     }
 
-    /// Metres to the right of the camera, on the road.
+    /// Lateral position of a pixel on the road, in metres right of the camera.
     pub fn lateral_m(&self, x: f64, y: usize) -> f64 {
         (x - self.rig.cx_px) * self.rig.baseline_m / f64::from(self.profile_px[y]).max(1e-3)
     }
 
-    /// Disparity that the next row below adds, in px.
+    /// Change of the disparity per row downwards, in px.
     pub fn slope(&self, y: usize) -> f64 {
         let (above, below) = (y.saturating_sub(2), (y + 2).min(self.profile_px.len() - 1));
         f64::from(self.profile_px[below] - self.profile_px[above]) / (below - above).max(1) as f64
     }
 
-    /// Columns of a row that lie within `half_m` of the camera and in both images.
+    /// Columns of a row within `half_m` metres of the camera axis that are visible in both images.
     fn columns(&self, y: usize, half_m: f64, width: usize) -> std::ops::Range<usize> {
         let profile_px = f64::from(self.profile_px[y]);
         let half = half_m * profile_px / self.rig.baseline_m;
@@ -69,12 +71,12 @@ pub struct Sums {
     pub product: f64,
     /// Σ r².
     pub difference: f64,
-    /// Pixels.
+    /// Number of pixels.
     pub count: f64,
 }
 
 impl Sums {
-    /// What is in these but not in others.
+    /// Sums of this window without those of another window inside it.
     pub fn minus(self, other: Sums) -> Sums {
         Sums {
             gradient: self.gradient - other.gradient,
@@ -84,35 +86,36 @@ impl Sums {
         }
     }
 
-    /// The same where the road's disparity is greater by `offset_px`.
+    /// Sums for a road whose disparity is larger by `offset_px`.
     pub fn with_offset(self, offset_px: f64) -> Sums {
         Sums { product: self.product - offset_px * self.gradient, ..self }
     }
 
-    /// δ in px, drawn to 0 where there is less than what tells it to `prior_px` at a noise of `sigma`.
+    /// Estimate of δ in px, for pixel noise `sigma`; shrunk towards 0 by a Gaussian prior with standard
+    /// deviation `prior_px`.
     pub fn offset_px(&self, sigma: f64, prior_px: f64) -> f64 {
         self.product / (self.gradient + (sigma / prior_px).powi(2))
     }
 
-    /// δ in standard deviations, for pixels with a noise of `sigma`.
+    /// δ in standard deviations, for pixel noise `sigma`.
     pub fn prominence(&self, sigma: f64) -> f64 {
         self.product / (self.gradient.sqrt() + 1e-3) / sigma
     }
 }
 
-/// A window: left, top, and right, bottom, which are no longer in it. It may reach outside the image.
+/// A window: left, top, right, bottom; right and bottom are exclusive. It may extend beyond the image.
 pub type Window = [i32; 4];
 
-/// The differences of one pair, with memory allocated once.
+/// Residual of an image pair as a summed-area table; memory is allocated once.
 #[derive(Debug)]
 pub struct Residual {
     width: usize,
     height: usize,
-    /// Rows from this one on are known.
+    /// First row with data.
     first_row: usize,
-    /// g², g·r, r² and pixels, summed over everything above and to the left, modulo 2³².
+    /// Summed-area table of g², g·r, r² and pixel counts, modulo 2³².
     sums: Vec<[u32; 4]>,
-    /// Columns of each row of sums that are valid_columns: nothing lies left or right of them, there and above.
+    /// Range of valid columns of each row of `sums`; all data up to that row lies within it.
     valid_columns: Vec<[u32; 2]>,
     /// A row of the right image, warped.
     warped: Vec<f32>,
@@ -135,15 +138,16 @@ impl Residual {
         }
     }
 
-    /// What the right image is multiplied with to be as bright as the left.
+    /// Gain that adapts the brightness of the right image to the left one.
     pub fn gain(&self) -> f32 {
         self.gain
     }
 
-    /// Compares a pair on the road from row `first` on, within `half_m` to either side of the camera.
+    /// Computes the residual of a pair from row `first` on, within `half_m` metres on each side of the
+    /// camera.
     ///
     /// # Panics
-    /// When the images have another size than the workspace.
+    /// When the size of the images differs from that of the workspace.
     pub fn fill(
         &mut self,
         [left, right]: [GreyView<'_>; 2],
@@ -166,7 +170,7 @@ impl Residual {
         let gain = brightness[0] as f32 / brightness[1] as f32;
         self.gain = gain.clamp(1.0 / MAX_GAIN, MAX_GAIN);
         let pitch = self.width + 1;
-        // Nothing lies above the first row: one column, that of its corridor, is enough.
+        // There is no data above the first row: one column of its corridor is enough.
         let [mut from, mut to] =
             [road.columns(self.first_row.min(self.height - 1), half_m, self.width).start; 2];
         self.sums[self.first_row * pitch + from] = [0; 4];
@@ -180,7 +184,7 @@ impl Residual {
                 continue;
             }
             let (first, last) = (columns.start, columns.end);
-            // What was not valid_columns so far, for there is nothing there.
+            // Extend the valid range of the row above; there is no data in the new columns.
             if first < from {
                 above[first..from].fill([0; 4]);
             }
@@ -213,7 +217,7 @@ impl Residual {
         self.band(top, bottom).sums(left, right)
     }
 
-    /// The rows from `top` to before `bottom`, in which many windows are asked for.
+    /// Rows from `top` to before `bottom`, for queries of many windows.
     pub fn band(&self, top: i32, bottom: i32) -> Band<'_> {
         let edge = |y: i32| {
             let y = y.clamp(self.first_row as i32, self.height as i32) as usize;
@@ -228,7 +232,7 @@ impl Residual {
     }
 }
 
-/// Sums over everything above a row of pixels, by column.
+/// One row of the summed-area table.
 #[derive(Clone, Copy, Debug)]
 struct Edge<'a> {
     from: i32,
@@ -243,7 +247,7 @@ impl Edge<'_> {
     }
 }
 
-/// Some rows of the differences.
+/// A range of rows of the residual.
 #[derive(Clone, Copy, Debug)]
 pub struct Band<'a> {
     top: Edge<'a>,
@@ -251,7 +255,7 @@ pub struct Band<'a> {
 }
 
 impl Band<'_> {
-    /// Sums over its columns from `left` to before `right`.
+    /// Sums over the columns from `left` to before `right`.
     #[inline]
     pub fn sums(&self, left: i32, right: i32) -> Sums {
         let [gradient, product, difference, count] = self.window_sum(left, right);
@@ -263,12 +267,12 @@ impl Band<'_> {
         }
     }
 
-    /// Whether they may be as prominent as `least` at a noise of 1, told more quickly.
+    /// Fast test whether the prominence at a noise of 1 may reach `least`.
     #[inline]
     pub fn may_be_prominent(&self, left: i32, right: i32, least: f64) -> bool {
         let [gradient, product, ..] = self.window_sum(left, right);
         let product = f64::from(product as i32);
-        // Both in quarters.
+        // Both are in quarter units.
         product * product > 4.0 * least * least * f64::from(gradient)
     }
 
@@ -289,7 +293,7 @@ fn subtract(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
     std::array::from_fn(|k| a[k].wrapping_sub(b[k]))
 }
 
-/// Where the pixels of a row are in the right image: the first column, what each adds, and the gain.
+/// Position of the pixels of a row in the right image: first column, step per pixel, gain.
 #[derive(Clone, Copy, Debug)]
 struct RowMapping {
     at: f32,
@@ -298,8 +302,8 @@ struct RowMapping {
 }
 
 kernel! {
-    /// Moves a row of the right image to where the left one (`row`) shows the same road, and adds g², g·r, r²
-    /// and pixels to what lies above and to the left: `above` and `here` begin a column before the row.
+    /// Warps a row of the right image to the left one (`row`) by the road's disparity and adds g², g·r, r²
+    /// and pixel counts to the summed-area table; `above` and `here` start one column before the row.
     fn accumulate_row(
         right: &[u8],
         mapping: RowMapping,
@@ -310,7 +314,7 @@ kernel! {
     ) = accumulate_row_each
 }
 
-/// Columns that are warped at once.
+/// Columns that are warped as one block.
 const BLOCK: usize = 32;
 
 #[inline(always)]
@@ -323,7 +327,7 @@ fn accumulate_row_each<S: Simd>(
     above: &[[u32; 4]],
     here: &mut [[u32; 4]],
 ) {
-    // i32 first: not every level can turn usize into floats.
+    // Converted to i32 first: not every level can vectorise the conversion from usize to float.
     let place = |k: usize| mapping.at + mapping.step * (k as i32) as f32;
     for (block, warped) in warped.chunks_mut(BLOCK).enumerate() {
         let (from, to) = (block * BLOCK, block * BLOCK + warped.len());
@@ -331,7 +335,7 @@ fn accumulate_row_each<S: Simd>(
         let last = place(to - 1) - (to - 1 - from) as f32 - whole;
         let taps = usize::try_from(whole as isize - 1).ok().and_then(|i| right.get(i..i + warped.len() + 3));
         match taps {
-            // All of them lie between the same neighbours.
+            // All pixels of the block lie between the same neighbours.
             Some(taps) if (0.0..1.0).contains(&last) => {
                 for (k, (warped, taps)) in warped.iter_mut().zip(taps.windows(4)).enumerate() {
                     let t = place(from + k) - (whole + (k as i32) as f32);
@@ -353,7 +357,7 @@ fn accumulate_row_each<S: Simd>(
     let inner = row.len().saturating_sub(2);
     let blocks = above[1..][..inner].chunks(BLOCK).zip(here[1..][..inner].chunks_mut(BLOCK));
     for (block, (above, here)) in blocks.enumerate() {
-        // Products first, many at once; adding up is one after the other.
+        // Products are vectorised; the prefix sum is sequential.
         let mut terms = [[0_i32; 4]; BLOCK];
         let from = block * BLOCK;
         let (row, warped) = (&row[from..][..above.len() + 2], &warped[from..][..above.len() + 2]);
@@ -361,7 +365,7 @@ fn accumulate_row_each<S: Simd>(
             let grey = |i: usize| f32::from(row[i]);
             let gradient = 0.5 * (grey(2) - grey(0) + warped[2] - warped[0]);
             let difference = 2.0 * (warped[1] - grey(1));
-            // Written so that NaN is the least.
+            // This form of the comparison maps NaN to the lower limit.
             let whole = |v: f32| {
                 let v = if v > -MAX_VALUE { v } else { -MAX_VALUE };
                 nearest(if v < MAX_VALUE { v } else { MAX_VALUE })
@@ -379,8 +383,8 @@ fn accumulate_row_each<S: Simd>(
     }
 }
 
-/// Grey between the pixels of a row (Catmull and Rom's cubic: a linear one would blur, and r would show
-/// it); the row's ends go on.
+/// Grey value between the pixels of a row by Catmull-Rom interpolation; linear interpolation would blur and
+/// thereby add to r. Values beyond the ends of the row repeat the border pixel.
 pub fn sample(row: &[u8], at: f32) -> f32 {
     let last = row.len() as isize - 1;
     let whole = at.floor();
@@ -416,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_between_pixels_follow_a_parabola_and_never_leave_the_row() {
+    fn interpolation_is_exact_for_parabolas_and_stays_in_the_row() {
         let row: Vec<u8> = (0..12).map(|x| (x * x + 3) as u8).collect();
         for at in [1.0, 1.5, 4.25, 8.9_f32] {
             assert!((sample(&row, at) - (at * at + 3.0)).abs() < 1e-4, "{at}");
@@ -428,9 +432,9 @@ mod tests {
     }
 
     #[test]
-    fn sums_of_windows_equal_adding_up() {
+    fn window_sums_equal_the_reference() {
         window_sum(|y| 0.2 * y as f32);
-        // The corridor moves aside, to where nothing was before, and back.
+        // The corridor moves sideways to columns without data in earlier rows, and back.
         window_sum(|y| if (20..30).contains(&y) { 50.0 } else { 4.0 + (y / 30) as f32 });
     }
 
@@ -440,7 +444,7 @@ mod tests {
         let tilt = Tilt { roll: 0.01, offset_px: 0.1, cx_px: 30.0 };
         let road = RoadGeometry { profile_px: &profile, tilt, rig: RIG };
         let mut residual = Residual::new(SIZE.0, SIZE.1);
-        // Twice: nothing of the pair before is left.
+        // Twice: no data of the previous pair may remain.
         residual.fill([view(&right), view(&left)], &road, 3, 5.0);
         residual.fill([view(&left), view(&right)], &road, 10, 0.9);
         let warped = |x: usize, y: usize| {
@@ -467,7 +471,7 @@ mod tests {
             }
             let given = residual.sums(window);
             assert_eq!(given.count, sums.count);
-            // An interpolated grey may fall to either side of a half.
+            // Rounding of an interpolated grey value may differ.
             let near = |a: f64, b: f64| (a - b).abs() <= 130.0 + 1e-3 * b.abs();
             assert!(near(given.gradient, sums.gradient), "{given:?} {sums:?}");
             assert!(near(given.product, sums.product), "{given:?} {sums:?}");
@@ -498,7 +502,7 @@ mod tests {
 
     #[test]
     fn an_offset_is_measured_to_a_fraction_of_a_pixel() {
-        // Both images show one wave; the right one is darker, and the road 0.25 px nearer than it is taken for.
+        // Both images show a sine wave; the right one is darker, and the road is 0.25 px nearer than assumed.
         let wave = |x: f64| 120.0 + 60.0 * (0.7 * x).sin();
         let profile = [4.0_f32; SIZE.1];
         let images = [0.0, 4.25].map(|d| {
@@ -512,12 +516,12 @@ mod tests {
         let sums = residual.sums([10, 5, 50, 30]);
         assert!((sums.offset_px(1.0, 1.0) - 0.25).abs() < 0.03, "{sums:?}");
         assert!(sums.with_offset(0.25).offset_px(1.0, 1.0).abs() < 0.03);
-        // The two cover other parts of the wave.
+        // The gain is estimated from different parts of the wave.
         assert!((residual.gain() - 1.0 / 0.9).abs() < 0.05, "{}", residual.gain());
     }
 
     #[test]
-    fn what_is_prominent_always_may_be() {
+    fn the_fast_prominence_test_rejects_nothing_prominent() {
         let (left, right) = (noise(3), noise(4));
         let profile: Vec<f32> = (0..SIZE.1).map(|y| 0.2 * y as f32).collect();
         let road = RoadGeometry { profile_px: &profile, tilt: Tilt::default(), rig: RIG };

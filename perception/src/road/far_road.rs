@@ -1,49 +1,49 @@
-//! The straight line of the road's near part: where the far road goes unless it plainly leaves it.
+//! Straight-line model of the near road that stabilises the estimate of the far road.
 //!
-//! Far off, a row of the road is a few noisy pixels between things that stand on it, and a matcher draws dark
-//! or wet asphalt nearer than it is. Nearby there are many rows, and most of them show road: a line through
-//! them tells where a straight road is far off better than what is seen there. So the path is snapped on the line
-//! where it departs from it by no more than what the frame's noise explains.
+//! At long range a row of the road has only a few noisy pixels between obstacles, and a matcher places dark
+//! or wet asphalt too near. The near road has many rows, most of which show the road. A line through them
+//! predicts the far part of a straight road better than the few pixels observed there. The path is therefore
+//! snapped to the line where it departs from it by no more than the noise of the frame explains.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
 use super::line_fit::LineFit;
 use super::path_search::BLOCK;
 
-/// Share of the road's disparity in the lowest row from which on a row is near.
+/// A row is near if its road disparity is at least this share of the disparity in the lowest row.
 const MIN_NEAR_SHARE: f64 = 0.23;
-/// Fewer near blocks make no line.
+/// Fewest near blocks for a fit.
 const MIN_BLOCKS: usize = 6;
-/// Rounds of the fit: what is farther off than so many px counts for nothing.
+/// Iterations of the robust fit: cut-off of Tukey's biweight in each, in px.
 const TUKEY_WIDTHS_PX: [f64; 5] = [0.6, 0.6, INLIER_PX, INLIER_PX, INLIER_PX];
-/// What is within so many px of the line is on it.
+/// Blocks closer to the line than this, in px, are inliers.
 const INLIER_PX: f64 = 0.25;
-/// Departure that is snapped straight, in px: where the frame is clear, and more for each px of noise above
-/// that of a clear frame.
+/// Departures from the line up to this size, in px, are snapped to it; the limit grows by the second value
+/// for each px of noise above the noise of a clear frame (third value).
 const SNAP_PX: f64 = 0.4;
 const SNAP_PER_NOISE: f64 = 3.0;
 const CLEAR_NOISE_PX: f64 = 0.28;
-/// A departure so many times as great is departure wholly.
+/// Departures this many times as large as the snapping limit are kept unchanged.
 const FULL_DEPARTURE_RATIO: f64 = 2.0;
-/// Residuals of near rows that are told apart, in bins.
+/// Histogram bins of residuals in near rows.
 const RESIDUAL_BINS: usize = 16;
 
-/// A block of the path: its middle row, disparity in px and weight.
+/// One block of the path: centre row, disparity in px, weight.
 pub type Block = (f64, f64, f64);
 
-/// The line, with the noise of what is counted around it.
+/// The line, with a snapping limit that depends on the noise around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearLine {
-    /// Disparity that a row adds, px per row.
+    /// Slope of the line, in px of disparity per row.
     pub slope: f64,
-    /// Disparity in row 0, in px.
+    /// Disparity of the line in row 0, in px.
     offset_px: f64,
-    /// Departure that is snapped straight, in px.
+    /// Departures up to this size are snapped to the line, in px.
     snap_px: f64,
 }
 
 impl NearLine {
-    /// The line through the near blocks of a path, robustly; `None` where there are too few. `lowest_px` is
-    /// the road's disparity in the lowest row.
+    /// Fits a line to the near blocks of a path by iteratively reweighted least squares; `None` if there are
+    /// too few. `lowest_px` is the disparity of the road in the lowest row.
     pub fn fit(
         blocks: impl Iterator<Item = Block> + Clone,
         lowest_px: f64,
@@ -66,12 +66,13 @@ impl NearLine {
         Some(line)
     }
 
-    /// Disparity of the line in a row, in px; below zero above its horizon.
+    /// Disparity of the line in a row, in px; negative above its horizon.
     pub fn at(&self, row: f64) -> f64 {
         self.offset_px + self.slope * row
     }
 
-    /// Where the road of a row is, of which a path says `px`.
+    /// Disparity of the road in a row where the path measured `px`: snapped to the line, kept, or
+    /// interpolated between both.
     pub fn snap(&self, row: f64, px: f64) -> f64 {
         let straight = self.at(row);
         let off = px - straight;
@@ -79,7 +80,7 @@ impl NearLine {
         if straight > 0.0 { straight + off * departure.clamp(0.0, 1.0) } else { px }
     }
 
-    /// Whether a place is on the line, as far as the noise tells.
+    /// Whether the departure of a measured disparity from the line is within the noise.
     pub fn is_consistent(&self, row: f64, px: f64) -> bool {
         (px - self.at(row)).abs() <= self.snap_px
     }
@@ -93,8 +94,8 @@ impl NearLine {
         Some(Self { slope, offset_px, snap_px: SNAP_PX })
     }
 
-    /// The median distance of what is counted around the line, in the rows of the blocks that lie on it, as a
-    /// standard deviation: a road that bends is not noise.
+    /// Standard deviation of the disparities around the line, from the median absolute residual. Only rows of
+    /// inlier blocks are counted, so that a bend in the road is not taken for noise.
     fn noise_px(&self, blocks: impl Iterator<Item = Block>, histogram: &VDisparity) -> f64 {
         let mut counts = [0_u32; RESIDUAL_BINS];
         for (row, px, _) in blocks {
@@ -133,7 +134,7 @@ mod tests {
 
     const HEIGHT: usize = 240;
 
-    /// The v-disparity of a road of 0.1 px a row below row 100, with so much noise to either side.
+    /// v-disparity of a road with 0.1 px per row below row 100 and uniform noise of ± `noise_px`.
     fn histogram(noise_px: f64) -> VDisparity {
         let mut random = fastrand::Rng::with_seed(2);
         let mut map = Vec::with_capacity(64 * HEIGHT);
@@ -150,7 +151,7 @@ mod tests {
         histogram
     }
 
-    /// Blocks of eight rows of the same road, whose far part is off.
+    /// Blocks of eight rows of the same road, with an offset that depends on the row.
     fn blocks(off: impl Fn(f64) -> f64 + Clone) -> impl Iterator<Item = Block> + Clone {
         (0..17).map(move |block| {
             let row = 235.5 - 8.0 * f64::from(block);
@@ -159,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_far_part_that_is_hardly_off_is_laid_straight() {
+    fn small_far_departures_are_snapped_to_the_line() {
         let bend = |row: f64| if row < 130.0 { 0.25 } else { 0.0 };
         let line = NearLine::fit(blocks(bend), 14.0, &histogram(0.1)).unwrap();
         for (row, px, _) in blocks(bend) {
@@ -169,19 +170,19 @@ mod tests {
     }
 
     #[test]
-    fn a_far_part_that_plainly_leaves_the_line_is_followed() {
+    fn large_far_departures_are_kept() {
         let line = NearLine::fit(blocks(|_| 0.0), 14.0, &histogram(0.1)).unwrap();
         for off in [-1.0, 1.0] {
             assert!((line.snap(120.0, 2.0 + off) - (2.0 + off)).abs() < 1e-9);
             assert!(!line.is_consistent(120.0, 2.0 + off));
         }
-        // In between it goes over smoothly, and never back.
+        // Between both limits the result is continuous and monotonic.
         let snapped: Vec<f64> = (0..100).map(|i| line.snap(120.0, 2.0 + 0.01 * f64::from(i))).collect();
         assert!(snapped.windows(2).all(|w| w[0] <= w[1] + 1e-9 && w[1] - w[0] < 0.05), "{snapped:?}");
     }
 
     #[test]
-    fn noise_asks_for_a_greater_departure() {
+    fn noise_raises_the_snapping_limit() {
         let fit = |noise| NearLine::fit(blocks(|_| 0.0), 14.0, &histogram(noise)).unwrap();
         let (clear, noisy) = (fit(0.1), fit(1.5));
         assert!(noisy.snap_px > 2.0 * clear.snap_px, "{clear:?} {noisy:?}");
@@ -189,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn things_on_the_near_road_do_not_bend_the_line() {
+    fn obstacles_on_the_near_road_do_not_bend_the_line() {
         let car = |row: f64| if (150.0..175.0).contains(&row) { 2.0 } else { 0.0 };
         let line = NearLine::fit(blocks(car), 14.0, &histogram(0.1)).unwrap();
         assert!((line.at(110.0) - 1.0).abs() < 0.03, "{line:?}");

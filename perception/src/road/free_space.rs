@@ -1,34 +1,34 @@
-//! Where the way is free: per column the distance to what stands first.
+//! Free space ahead: for each group of columns, the distance to the nearest obstacle.
 
 use crate::region::Region;
 
-/// Columns that share one distance.
+/// Image columns that share one distance.
 pub const COLUMNS: usize = 8;
 
-/// The free space, with memory allocated once.
+/// Free distance by column group; memory is allocated once.
 #[derive(Debug)]
 pub struct FreeSpace {
     free_m: Vec<f32>,
 }
 
 impl FreeSpace {
-    /// Nothing known, for images of `width`.
+    /// Free space of images of `width` px; all distances are 0.
     pub fn new(width: usize) -> Self {
         Self { free_m: vec![0.0; width.div_ceil(COLUMNS)] }
     }
 
-    /// Metres that are free ahead of each [`COLUMNS`] columns, from the left: to the nearest region, or
-    /// where none stands to the end of the road that is seen; all 0 without a road.
+    /// Free distance ahead in metres for each group of [`COLUMNS`] columns, from the left: up to the nearest
+    /// region or, without one, to the far end of the visible road. All values are 0 when no road is visible.
     pub fn free_m(&self) -> &[f32] {
         &self.free_m
     }
 
-    /// Without a road nothing is known to be free.
+    /// Sets all distances to 0; called when no road is visible.
     pub fn clear(&mut self) {
         self.free_m.fill(0.0);
     }
 
-    /// Takes a frame: its regions, and how far its road is seen.
+    /// Computes the free space of a frame from its regions and the distance up to which its road is visible.
     pub fn update(&mut self, regions: &[Region], visible_m: f64) {
         self.free_m.fill(visible_m as f32);
         for region in regions {
@@ -47,7 +47,7 @@ mod tests {
     use crate::region::PixelBox;
 
     #[test]
-    fn the_nearest_region_ends_what_is_free() {
+    fn the_nearest_region_limits_the_free_distance() {
         let region = |x, width, distance_m| Region {
             bounds: PixelBox { x, y: 100, width, height: 40 },
             disparity_px: 100.0 / distance_m,

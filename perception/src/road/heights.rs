@@ -1,20 +1,20 @@
-//! Heights above the road of pixels that were picked here and there, many at once.
+//! Heights above the road for batches of scattered pixels.
 
 use super::tilt::Tilt;
 use crate::simd::whole::whole;
 use crate::simd::{Simd, kernel};
 
-/// PixelBatch that are taken at once.
+/// Pixels in one batch.
 pub const BATCH: usize = 64;
 
-/// Some pixels of a map.
+/// A batch of pixels of a disparity map.
 #[derive(Clone, Debug)]
 pub struct PixelBatch {
-    /// Column of each.
+    /// Column of each pixel.
     pub x_px: [f32; BATCH],
-    /// Row of each.
+    /// Row of each pixel.
     pub y_px: [f32; BATCH],
-    /// Disparity of each, in 1/256 px.
+    /// Disparity of each pixel, in 1/256 px.
     pub disparity: [u16; BATCH],
     count: usize,
 }
@@ -26,10 +26,10 @@ impl Default for PixelBatch {
 }
 
 impl PixelBatch {
-    /// Takes another one, if it is `selected`. No branch depends on that.
+    /// Appends a pixel if it is `selected`, without a branch.
     ///
     /// # Panics
-    /// When there are [`BATCH`] already.
+    /// When the batch already holds [`BATCH`] pixels.
     #[inline(always)]
     pub fn push(&mut self, x_px: f32, y_px: f32, disparity: u16, selected: bool) {
         let i = self.count;
@@ -37,34 +37,34 @@ impl PixelBatch {
         self.count += usize::from(selected);
     }
 
-    /// How many there are.
+    /// Number of pixels in the batch.
     #[inline(always)]
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Forgets them.
+    /// Removes all pixels.
     pub fn clear(&mut self) {
         self.count = 0;
     }
 }
 
-/// The road as heights are measured from it.
+/// The road surface relative to which heights are measured.
 #[derive(Clone, Copy, Debug)]
 pub struct HeightReference<'a> {
-    /// Row of the road for each disparity.
+    /// Image row of the road for each disparity.
     pub rows: &'a [f32],
-    /// Entries of `rows` in a pixel of disparity.
+    /// Entries of `rows` per pixel of disparity.
     pub entries_per_px: f64,
-    /// How it lies across.
+    /// Lateral tilt of the road.
     pub tilt: Tilt,
-    /// Distance of the cameras, in metres.
+    /// Baseline of the cameras, in metres.
     pub baseline_m: f64,
 }
 
 kernel! {
-    /// Heights above the road, in metres: baseline·(row of the road there − y)/disparity. NaN without a road;
-    /// what lies behind the last pixel means nothing.
+    /// Heights above the road, in metres: baseline · (row of the road at the disparity − y) / disparity. NaN
+    /// without a road; values beyond the last pixel of the batch are meaningless.
     pub fn measure_heights(reference: HeightReference<'_>, pixels: &PixelBatch, out: &mut [f64; BATCH]) = measure_heights_each
 }
 
@@ -81,7 +81,7 @@ fn measure_heights_each<S: Simd>(
     for i in 0..BATCH {
         let px = f64::from(pixels.disparity[i]) / 256.0;
         let level = tilt.levelled_px(f64::from(pixels.x_px[i]), px);
-        // Written so that NaN is 0.
+        // This form of the comparison maps NaN to 0.
         let level = if level > 0.0 { level } else { 0.0 };
         let place = (level * entries_per_px) as f32;
         index[i] = whole(if place < last as f32 { place } else { last as f32 });

@@ -1,52 +1,54 @@
-//! The road's path: PathSearch's through v-disparity from a Radon start (paper, e(i, j)).
+//! Path of the road through v-disparity by dynamic programming, starting from the Radon line (e(i, j) in the
+//! paper).
 //!
-//! From the bottom up, every block of rows i takes the bin j that maximises
-//! `e(i, j) = H(i, j) + max { e(i+1, j′) − κ·|Δ| : η₀ ≤ j′ − j ≤ η₁ }`, where H sums the block's rows along
-//! the Radon line's slope, and Δ is how much the move j′ − j differs from the one before (the paper has
-//! moves alone; the price of a bend is what keeps the path off walls). The path must fall with
-//! distance, at least a little (η₀ > 0: what stands upright cannot be followed), at most some (η₁): so
-//! crests, dips and slopes are followed where the road is not a plane, up to where it is last seen.
+//! From the bottom up, each block of rows i takes the bin j that maximises `e(i, j) = H(i, j) + max { e(i+1,
+//! j′) − κ·|Δ| : η₀ ≤ j′ − j ≤ η₁ }`. H sums the rows of the block along the slope of the Radon line. Δ is
+//! the change of the move j′ − j from one block to the next. The paper restricts moves only; the cost of
+//! curvature κ keeps the path off walls. The disparity must decrease with distance by at least η₀ > 0, so
+//! that vertical surfaces are not followed, and by at most η₁. Crests, dips and slopes are thus followed on
+//! roads that are not planar, up to the last visible part.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
 use super::radon::RoadLine;
 use crate::simd::{Level, Simd, kernel};
 
-/// Rows of a block.
+/// Rows per block.
 pub(super) const BLOCK: usize = 8;
-/// Least and greatest fall of a path, as shares of the line's.
+/// Smallest and largest decrease of disparity per block, as factors of the decrease of the Radon line.
 const SLOPE_RANGE: (f64, f64) = (0.5, 2.2);
-/// The same where the road may rise ahead.
+/// The same for a road that may rise ahead.
 const RISING_SLOPE_RANGE: (f64, f64) = (0.3, 2.2);
-/// What a bend by one bin a block costs, as a share of a block's greatest count.
+/// Cost of a change of the move by one bin per block, as a share of the largest score of a block.
 const CURVATURE_COST: f32 = 0.02;
-/// What a fall by a bin a block more or less than the line's costs, likewise.
+/// Cost of a move that differs from the Radon line by one bin per block, in the same unit.
 const SLOPE_COST: f32 = 0.15;
-/// The greatest bend at once, in bins a block.
+/// Largest change of the move between two blocks, in bins per block.
 const MAX_CURVATURE: usize = 2;
-/// What is counted this many bins farther than the road lies beyond it, and scores so much against it.
+/// Counts at least this many bins beyond (farther than) a road bin contradict it; the second value is their
+/// weight.
 const OCCLUSION_MARGIN_BINS: usize = 6;
 const BEYOND_WEIGHT: f32 = 0.3;
-/// Moves that are told apart.
+/// Largest number of different moves.
 const MAX_MOVES: usize = 24;
-/// How much nearer than the line's a rising road may be, in px.
+/// Margin of the search band towards larger disparities for a rising road, in px.
 const RISING_MARGIN_PX: f64 = 3.0;
 
-/// Follows roads, with memory allocated once.
+/// Dynamic-programming search; memory is allocated once.
 #[derive(Debug)]
 pub struct PathSearch {
     bins: usize,
-    /// Counts of a block at each bin.
+    /// Scores of a block, one for each bin.
     scores: Vec<f32>,
-    /// Best sum up to each last move and bin, for the block below and for this one.
+    /// Best energy for each last move and bin, for the block below and for the current one.
     energy: [Vec<f32>; 2],
-    /// The move before the last of each, block by block from below.
+    /// Move before the last one for each state, by block from the bottom.
     back_pointers: Vec<u8>,
-    /// The same of the bins of one move.
+    /// The same for the bins of one move.
     best_moves: Vec<i32>,
     level: Level,
 }
 
-/// Middle row of a block, counted from below, of so many rows.
+/// Centre row of a block, counted from the bottom of an image with `height` rows.
 pub(super) fn block_centre_row(height: usize, block: usize) -> f64 {
     (height - BLOCK * block) as f64 - 0.5 * (BLOCK + 1) as f64
 }
@@ -64,7 +66,7 @@ impl PathSearch {
         }
     }
 
-    /// The bins in which the road of row `y` may lie.
+    /// First and last bin in which the road may lie in row `y`.
     fn band(&self, line: RoadLine, y: f64, rise_px: f64) -> (usize, usize) {
         let per_px = BINS_PER_PX as f64;
         let centre = line.at(y).max(0.0);
@@ -74,8 +76,8 @@ impl PathSearch {
         (low.min(self.bins - 1), high.min(self.bins - 1))
     }
 
-    /// What speaks for each bin of a band in a block, along the line's slope: what is counted there, less
-    /// what is counted beyond, for nothing is seen through the road.
+    /// Score of each bin of a band in a block, summed along the slope of the line: counts at the bin minus
+    /// weighted counts beyond it, since nothing is visible through the road.
     fn gather_scores(
         histogram: &VDisparity,
         block: usize,
@@ -101,8 +103,9 @@ impl PathSearch {
         }
     }
 
-    /// Follows the road through so many blocks from the bottom row; `rises` if it may do so ahead. One cell scores
-    /// at most `cap`. The path is the disparity, in px, and the weight of each block, from below.
+    /// Finds the path through `blocks` blocks from the bottom row; `rises` allows a road that rises ahead. A
+    /// single cell counts at most `cap`. Writes disparity (px) and weight of each block to `path`, from the
+    /// bottom.
     pub fn search(
         &mut self,
         histogram: &VDisparity,
@@ -122,11 +125,11 @@ impl PathSearch {
         let curvature_cost = CURVATURE_COST * (usize::from(cap) * BLOCK) as f32;
         let slope_cost = SLOPE_COST * (usize::from(cap) * BLOCK) as f32;
         let [mut old, mut new] = std::mem::take(&mut self.energy);
-        // Where the best path ends: block, state, energy.
+        // End of the best path: block, state, energy.
         let mut best_end = (0, 0, f32::NEG_INFINITY);
         for block in 0..blocks {
             let (low, high) = self.band(line, block_centre_row(height, block), rise_px);
-            // What the next block will ask for.
+            // Range of bins that the next block reads.
             let next = self.band(line, block_centre_row(height, block + 1), rise_px);
             let required = low.min(next.0 + least)..(high.max(next.1 + least + moves) + 1).min(bins);
             Self::gather_scores(histogram, block, fall, cap, (low, high), &mut self.scores);
@@ -167,9 +170,23 @@ impl PathSearch {
             std::mem::swap(&mut old, &mut new);
         }
         self.energy = [old, new];
-        let (end, mut state, _) = best_end;
+        let (end, state, _) = best_end;
         path.clear();
         path.resize(blocks.max(end + 1), (0.0, 0.0));
+        self.trace_back(histogram, cap, least, (end, state), path);
+    }
+
+    /// Follows the back pointers down from the best end (block, state), and refines the disparity of each block
+    /// to sub-bin resolution. `least` is the smallest move, in bins.
+    fn trace_back(
+        &self,
+        histogram: &VDisparity,
+        cap: u16,
+        least: usize,
+        (end, mut state): (usize, usize),
+        path: &mut [(f32, f32)],
+    ) {
+        let (bins, states) = (self.bins, self.bins * MAX_MOVES);
         for block in (0..=end).rev() {
             let (step, bin) = (state / bins, state % bins);
             let (mut sum, mut moment) = (0.0, 0.0);
@@ -193,8 +210,8 @@ impl PathSearch {
 }
 
 kernel! {
-    /// Takes a move before the last wherever it is better than what was: energies of the places that it back_pointers
-    /// to, less its cost.
+    /// Dynamic-programming relaxation: replaces the best energy and its move where `energies` minus `cost` is
+    /// greater.
     fn relax(energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) = relax_each
 }
 
@@ -213,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_levels_take_the_better_move_and_keep_what_is_as_good() {
+    fn all_levels_relax_to_strictly_better_moves_only() {
         let mut random = fastrand::Rng::with_seed(1);
         let mut energies = || -> Vec<f32> { (0..77).map(|_| random.u8(..9).into()).collect() };
         let (first, second) = (energies(), energies());

@@ -1,15 +1,15 @@
-//! A single plane through v-disparity: what the road is where it is flat, and what the profile is compared with.
+//! Single-plane road model: a straight line in v-disparity. The alternative to the path, for comparison.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
 use super::line_fit::LineFit;
 use super::radon::RoadLine;
 
-/// Bins near a line in a row.
+/// Width of the window around a line, in bins.
 const WINDOW_BINS: usize = 5;
-/// Rounds of the fit, each around the line of the one before.
+/// Iterations of the fit; each uses the window around the previous line.
 const ITERATIONS: usize = 2;
 
-/// What is counted near a line in row `y`: disparity in px and count, one cell at most `cap`.
+/// Histogram cells near a line in row `y`: disparity in px and count, limited to `cap`.
 pub fn counts_near_line(
     histogram: &VDisparity,
     line: RoadLine,
@@ -22,7 +22,8 @@ pub fn counts_near_line(
     row.map(move |(bin, &count)| ((bin as f64 + 0.5) / BINS_PER_PX as f64, f64::from(count.min(cap))))
 }
 
-/// The line that fits best what is counted near a first one, which stays where too little is.
+/// Line fitted by least squares to the cells near an initial line; the initial line is kept if there are too
+/// few.
 pub fn fit_plane(histogram: &VDisparity, line: RoadLine, cap: u16) -> RoadLine {
     let height = histogram.height();
     let mut plane = line;

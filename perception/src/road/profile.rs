@@ -1,6 +1,7 @@
-//! The road's profile: its disparity in every row, and the row of every disparity.
+//! Road profile: disparity of the road in each row, and row of the road for each disparity.
 //!
-//! The road is followed through v-disparity ([`PathSearch`]), laid straight where it is nearly so, and smoothed.
+//! The path of the road through v-disparity ([`PathSearch`]) is straightened where it is nearly straight
+//! ([`NearLine`]) and smoothed.
 
 use super::far_road::NearLine;
 use super::histogram::{BINS_PER_PX, Corridor, MIN_CONFIDENCE, VDisparity};
@@ -10,46 +11,46 @@ use super::plane;
 use super::radon::RoadLine;
 use crate::depth::DepthView;
 
-/// A block is supported by this share of its greatest count.
+/// A block is supported if its weight reaches this share of the largest possible weight.
 const MIN_BLOCK_SUPPORT: f32 = 0.2;
-/// Blocks without support that end the road.
+/// The road ends after more than this many consecutive blocks without support.
 const MAX_UNSUPPORTED_BLOCKS: usize = 3;
-/// Rows above the line's horizon in which a rising road is followed, as a share of the height.
+/// Range above the line's horizon in which a rising road is followed, as a share of the image height.
 const MAX_RISE_SHARE: f64 = 0.15;
-/// Share of the corridor that a rising road fills where nothing nearer hides it, and the least number of
-/// such blocks.
+/// A rising road fills at least this share of the unoccluded part of the corridor, in at least this many
+/// blocks.
 const MIN_VISIBLE_SHARE: f32 = 0.5;
 const MIN_RISING_BLOCKS: usize = 3;
-/// What is within so many px of the path belongs to it.
+/// Pixels within this distance of the path, in px of disparity, belong to it.
 const ON_PATH_PX: f32 = 0.4;
-/// Share of the corridor that must be seen to tell.
+/// Smallest unoccluded share of the corridor for a decision.
 const MIN_UNOCCLUDED_SHARE: f64 = 0.15;
 
-/// What the road is fitted by.
+/// Model of the road profile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shape {
-    /// The PathSearch path: crests, dips and slopes.
+    /// The path found by dynamic programming: crests, dips and slopes.
     #[default]
     Profile,
-    /// A single plane: what the path is compared with.
+    /// A single plane, for comparison.
     Plane,
 }
 
-/// The road's disparity in every row.
+/// Disparity of the road in each row.
 #[derive(Clone, Debug)]
 pub struct RoadProfile {
     disparity_px: Vec<f32>,
-    /// First row (from above) that belongs to the road.
+    /// First row, from the top, that belongs to the road.
     top: usize,
     support: f64,
-    /// Row of the road for each bin, the inverse of `disparity_px`.
+    /// Row of the road for each bin; the inverse of `disparity_px`.
     row_of_bin: Vec<f32>,
-    /// Slope of the straight start, for what lies beyond either end.
+    /// Slope of the Radon line, in px per row, for extrapolation.
     near_slope: f32,
 }
 
 impl RoadProfile {
-    /// A profile without a road, for `height` rows and `bins` bins.
+    /// An empty profile for `height` rows and `bins` bins.
     fn new(height: usize, bins: usize) -> Self {
         Self {
             disparity_px: vec![0.0; height],
@@ -60,44 +61,44 @@ impl RoadProfile {
         }
     }
 
-    /// Disparity of the road in each row, in pixels; 0 above the road.
+    /// Disparity of the road in each row, in px; 0 above the road.
     pub fn disparity_px(&self) -> &[f32] {
         &self.disparity_px
     }
 
-    /// First row, from above, that belongs to the road.
+    /// First row, from the top, that belongs to the road.
     pub fn top(&self) -> usize {
         self.top
     }
 
-    /// Share of road rows in which the path runs through counted pixels, 0 to 1.
+    /// Share of road rows in which the path is supported by the histogram, 0 to 1.
     pub fn support(&self) -> f64 {
         self.support
     }
 
-    /// The row where the road has a disparity (in px), to a bin of 1/4 px; below the image and
-    /// beyond the far end it is extrapolated. `None` when there is no road.
+    /// Row in which the road has a disparity (in px), quantised to bins of 1/4 px. Extrapolated below the
+    /// image and beyond the far end of the road. `None` without a road.
     pub fn row_at(&self, disparity_px: f32) -> Option<f32> {
         let last = self.row_of_bin.len().checked_sub(1)?;
         let bin = disparity_px * BINS_PER_PX as f32;
         let row = self.row_of_bin[(bin as usize).min(last)];
-        // Nearer than the last bin: on along the line.
+        // Larger disparities than that of the last bin are extrapolated along the line.
         let beyond = (bin - (last + 1) as f32).max(0.0) / BINS_PER_PX as f32;
         let row = row + beyond / self.near_slope.max(1e-3);
         row.is_finite().then_some(row)
     }
 }
 
-/// Finds profiles, with memory allocated once.
+/// Estimates profiles; memory is allocated once.
 #[derive(Debug)]
 pub struct ProfileFinder {
     profile: RoadProfile,
     shape: Shape,
     bins: usize,
     search: PathSearch,
-    /// Disparity and weight of each block, from below.
+    /// Disparity and weight of each block, from the bottom.
     path: Vec<(f32, f32)>,
-    /// Share of the corridor that shows the path in each block.
+    /// Visible share of the path within the corridor, for each block.
     visibility: Vec<f32>,
 }
 
@@ -115,17 +116,17 @@ impl ProfileFinder {
         }
     }
 
-    /// The same, for roads of another shape.
+    /// The same with another model.
     pub fn with_shape(self, shape: Shape) -> Self {
         Self { shape, ..self }
     }
 
-    /// The profile that was found last.
+    /// The last profile.
     pub fn profile(&self) -> &RoadProfile {
         &self.profile
     }
 
-    /// Marks the profile as "no road".
+    /// Resets the profile to "no road".
     pub fn clear(&mut self) {
         self.profile.disparity_px.fill(0.0);
         self.profile.row_of_bin.fill(f32::NAN);
@@ -133,7 +134,7 @@ impl ProfileFinder {
         self.profile.support = 0.0;
     }
 
-    /// Follows the road from the bottom row, along `line` at first. One cell counts at most `cap`.
+    /// Follows the road from the bottom row, starting along `line`. A single cell counts at most `cap`.
     pub fn find(
         &mut self,
         histogram: &VDisparity,
@@ -150,7 +151,7 @@ impl ProfileFinder {
             self.clear();
             return &self.profile;
         }
-        // A rising road goes on above the horizon of its near part: if so, it is in plain sight.
+        // A rising road continues above the horizon of its near part and is then clearly visible there.
         let level = blocks_above(horizon).min(height / BLOCK);
         let rising = blocks_above((horizon - MAX_RISE_SHARE * height as f64).max(0.0)).min(height / BLOCK);
         if self.shape == Shape::Plane {
@@ -174,13 +175,14 @@ impl ProfileFinder {
             |&&(_, weight): &&(f32, f32)| weight >= MIN_BLOCK_SUPPORT * (usize::from(cap) * BLOCK) as f32;
         self.profile.support =
             self.path[..below.min(self.path.len())].iter().filter(supported).count() as f64 / below as f64;
-        // The road ends where nothing has been seen of it for a while.
+        // The road ends after several consecutive blocks without support.
         let (mut end, mut unsupported) = (0, 0);
         for (block, place) in self.path.iter().enumerate() {
             if supported(&place) {
                 (end, unsupported) = (block + 1, 0);
             } else if end > 0 {
-                // Nearer than it is first seen there may be a bonnet, or what is too near to be matched.
+                // Below the first supported block the image may show the bonnet, or a range that is too near
+                // to be matched.
                 unsupported += 1;
                 if unsupported > MAX_UNSUPPORTED_BLOCKS {
                     break;
@@ -198,13 +200,13 @@ impl ProfileFinder {
         &self.profile
     }
 
-    /// Middle row of a block, counted from below.
+    /// Centre row of a block, counted from the bottom.
     fn centre_row(&self, block: usize) -> f64 {
         block_centre_row(self.profile.disparity_px.len(), block)
     }
 
-    /// How much of the corridor shows the path from a block on, of what nothing nearer hides; NaN where
-    /// that is next to nothing.
+    /// For each block from `from` on, the share of the unoccluded corridor that lies on the path; NaN if
+    /// hardly anything is unoccluded.
     fn measure_visibility(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
         self.visibility.clear();
         for (block, &(place, _)) in self.path.iter().enumerate().skip(from) {
@@ -228,7 +230,7 @@ impl ProfileFinder {
         }
     }
 
-    /// In place of a path: one line through all blocks.
+    /// Plane model: replaces the path by one straight line through all blocks.
     fn fit_plane_path(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize) {
         let height = histogram.height();
         let plane = plane::fit_plane(histogram, line, cap);
@@ -237,13 +239,13 @@ impl ProfileFinder {
             let rows = height - BLOCK * (block + 1)..height - BLOCK * block;
             let counts = rows.flat_map(|y| plane::counts_near_line(histogram, plane, cap, y));
             let weight: f64 = counts.map(|(_, count)| count).sum();
-            // The least weight keeps the line straight where nothing is counted.
+            // A minimum weight keeps the line straight across empty blocks.
             self.path.push((plane.at(self.centre_row(block)).max(0.0) as f32, weight.max(1.0) as f32));
         }
     }
 
-    /// Lays the path on the line of its near part where it does not plainly leave it; gives the slope of that
-    /// line if the far end is on it.
+    /// Snaps the path to the line of its near part where the departure is small. Returns the slope of that
+    /// line if the far end lies on it.
     fn straighten_far_part(&mut self, histogram: &VDisparity, line: RoadLine) -> Option<f64> {
         if self.shape == Shape::Plane {
             return None;
@@ -262,8 +264,8 @@ impl ProfileFinder {
         on_line.then_some(near.slope)
     }
 
-    /// A straight line fitted to the blocks around each row, weighted by their counts, so that the
-    /// profile is finer than a bin. Gives the slope at the far end.
+    /// Smooths the path to sub-bin resolution: a weighted line fit over the blocks around each row. Returns
+    /// the slope at the far end.
     fn smooth(&mut self, line: RoadLine) -> f64 {
         let height = self.profile.disparity_px.len();
         let top = height - BLOCK * self.path.len();
@@ -288,7 +290,7 @@ impl ProfileFinder {
                 }
                 None => f64::from(self.path[here.min(self.path.len() - 1)].0),
             };
-            // Never growing with distance.
+            // Disparity must not increase with distance.
             nearest = (value.max(0.0) as f32).min(nearest);
             self.profile.disparity_px[y] = nearest;
         }
@@ -314,7 +316,7 @@ impl ProfileFinder {
             }
             let (a, b) = (profile.disparity_px[y], profile.disparity_px[(y + 1).min(height - 1)]);
             if a > d {
-                // Beyond the far end of the road it goes on as it was there.
+                // Beyond the far end the road is extrapolated with its slope there.
                 profile.row_of_bin[bin] = (top as f32 - (a - d) / far_slope as f32).max(0.0);
             } else {
                 let share = if b > a { (d - a) / (b - a) } else { 0.0 };
@@ -340,7 +342,8 @@ mod tests {
         let mut map = vec![0_u16; width * height];
         for y in 0..height {
             for x in 0..width {
-                // A third is unknown, the rest has ±0.2 px of noise; a car hides part of it.
+                // One third of the pixels is unknown, the others have ±0.2 px of noise; a car occludes a
+                // part.
                 let noise = f64::from(random.f32()) * 0.4 - 0.2;
                 let d = if (40..90).contains(&x) && (120..170).contains(&y) {
                     14.0
@@ -364,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_is_found_to_a_fraction_of_a_bin() {
+    fn a_plane_is_estimated_with_sub_bin_accuracy() {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| 0.2 * (y - 100.0), line);
         for y in 110..240 {
@@ -374,13 +377,13 @@ mod tests {
         }
         assert!(profile.support() > 0.9);
         assert!(profile.disparity_px()[..100].iter().all(|&d| d == 0.0));
-        // Nearer than the lowest row: extrapolated below the image.
+        // Disparities larger than in the lowest row are extrapolated below the image.
         assert!((profile.row_at(30.0).unwrap() - 250.0).abs() < 2.0);
     }
 
     #[test]
     fn a_crest_is_followed_away_from_the_line() {
-        // The far road falls away: its disparity is lower than the near plane's.
+        // The far road drops: its disparity is smaller than that of the near plane.
         let road = |y: f64| if y > 170.0 { 0.2 * (y - 100.0) } else { 14.0 - 0.16 * (170.0 - y) };
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(road, line);
@@ -414,14 +417,14 @@ mod tests {
     }
 
     #[test]
-    fn the_path_never_grows_with_distance() {
+    fn disparity_never_increases_with_distance() {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| 0.2 * (y - 100.0) + (y * 0.7).sin(), line);
         assert!(profile.disparity_px().windows(2).all(|w| w[0] <= w[1]));
     }
 
     #[test]
-    fn a_road_that_is_not_seen_near_by_is_found_farther_off() {
+    fn a_road_without_visible_near_part_is_found_farther_off() {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| if y < 190.0 { 0.2 * (y - 100.0) } else { -1.0 }, line);
         for y in [120, 140, 160, 180] {
@@ -431,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn a_horizon_at_the_bottom_is_no_road() {
+    fn a_horizon_at_the_bottom_of_the_image_means_no_road() {
         let line = RoadLine { slope: 0.2, horizon_px: 236.0, support: 0.1 };
         let profile = find(|y| 0.2 * (y - 100.0), line);
         assert_eq!(profile.top(), 240);

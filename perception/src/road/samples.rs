@@ -1,4 +1,4 @@
-//! Every fourth column of a map: what the road's surface is measured at.
+//! Every fourth column of a disparity map: the samples from which the road surface is measured.
 
 use super::tilt::Tilt;
 use crate::depth::DepthView;
@@ -7,61 +7,61 @@ use crate::simd::{Level, Simd, kernel};
 
 /// Columns between samples.
 const STEP: usize = 4;
-/// Sums that are kept partial each other, and bins that are counted so.
+/// Parallel accumulators of the sums, and of the histogram counts.
 const LANES: usize = 8;
 const PARTIAL_COUNTS: usize = 4;
 
-/// The samples of a map, with memory allocated once.
+/// Samples of a map; memory is allocated once.
 #[derive(Clone, Debug)]
 pub struct Samples {
-    /// Disparity of each, row by row, in 1/256 px; 0 = unknown.
+    /// Disparity of each sample, row by row, in 1/256 px; 0 = unknown.
     disparity: Vec<u16>,
     columns: usize,
-    /// Class of each sample of a row.
+    /// Bin of each sample of a row.
     bins: Vec<u8>,
     level: Level,
 }
 
-/// ResidualBins of how far a sample is off the road.
+/// Bins of the residual of a sample against the road.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualBins {
-    /// Where the first one begins, in px.
+    /// Start of the first bin, in px.
     pub start_px: f64,
-    /// Whether what lies beyond the road is as far off as what lies before it.
+    /// Whether the absolute residual is binned instead of the signed one.
     pub absolute: bool,
-    /// ResidualBins in a pixel.
+    /// Bins per px.
     pub bins_per_px: f64,
-    /// How many.
+    /// Number of bins.
     pub count: u8,
 }
 
-/// Sums over samples: of their columns off the principal one, and of their disparities off the road.
+/// Moments of samples: columns relative to the principal point, residuals relative to the road.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// Samples.
+    /// Number of samples.
     pub count: f64,
     /// Σ columns.
     pub across: f64,
     /// Σ columns².
     pub square: f64,
-    /// Σ disparities, in px.
+    /// Σ residuals, in px.
     pub residual: f64,
-    /// Σ columns·disparities.
+    /// Σ columns · residuals.
     pub product: f64,
 }
 
 impl Samples {
-    /// Room for maps of `width` × `height`.
+    /// Memory for maps of `width` × `height`.
     pub fn new(width: usize, height: usize) -> Self {
-        // Whole groups: what lies behind the last column is unknown.
+        // Rows are padded to whole groups; samples beyond the last column are unknown.
         let columns = width.div_ceil(STEP).next_multiple_of(LANES);
         Self { disparity: vec![0; columns * height], columns, bins: vec![0; columns], level: Level::best() }
     }
 
-    /// Takes the rows of a map from `top` on; those of less confidence are unknown.
+    /// Reads the rows of a map from `top` on; pixels with less confidence than `min_confidence` are unknown.
     ///
     /// # Panics
-    /// When the map has another size.
+    /// When the size of the map differs from that of the workspace.
     pub fn update(&mut self, depth: DepthView<'_>, top: usize, min_confidence: u8) {
         let columns = depth.width().div_ceil(STEP);
         let size = (columns.next_multiple_of(LANES), depth.height() * self.columns);
@@ -72,8 +72,8 @@ impl Samples {
         }
     }
 
-    /// Sums over the samples of some rows that are within `tolerance_px` of the road; `road_px` is its
-    /// disparity in every row.
+    /// Moments of the samples of some rows that lie within `tolerance_px` of the road; `road_px` is the
+    /// disparity of the road in each row.
     pub fn moments(
         &self,
         rows: impl Iterator<Item = usize>,
@@ -89,11 +89,11 @@ impl Samples {
         Moments { count, across, square, residual, product }
     }
 
-    /// Counts the samples of row `y` by how far they are off a road of `road_px`; what belongs to no bin is
-    /// left out.
+    /// Adds the samples of row `y` to a histogram of their residuals against a road of `road_px`; samples
+    /// outside all bins are skipped.
     ///
     /// # Panics
-    /// When there is not one count a bin.
+    /// When the length of `counts` differs from the number of bins.
     pub fn count_residuals(
         &mut self,
         y: usize,
@@ -105,7 +105,7 @@ impl Samples {
         assert_eq!(counts.len(), usize::from(bins.count));
         let row = &self.disparity[y * self.columns..][..self.columns];
         bin_residuals(self.level, row, tilt, road_px, bins, &mut self.bins);
-        // Neighbours are of one bin mostly: one count would wait for the other.
+        // Neighbouring samples mostly share a bin: separate histograms avoid a dependency between increments.
         let mut partial = [[0_u16; 256]; PARTIAL_COUNTS];
         let (four, _) = self.bins.as_chunks::<PARTIAL_COUNTS>();
         for four in four {
@@ -124,7 +124,7 @@ impl Samples {
 }
 
 kernel! {
-    /// Every fourth pixel of a row that is known well enough; 0 for the others.
+    /// Every fourth pixel of a row; 0 if its disparity is unknown or its confidence is too low.
     fn sample(row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) = sample_each
 }
 
@@ -143,8 +143,8 @@ fn sample_each<S: Simd>(_: S, row: &[u16], confidence: &[u8], min_confidence: u8
 }
 
 kernel! {
-    /// Adds the samples of a row that are near the road: count, Σ columns, Σ columns², Σ residuals, and
-    /// Σ columns·residuals.
+    /// Adds the samples of a row that are near the road: count, Σ columns, Σ columns², Σ residuals, and Σ
+    /// columns · residuals.
     fn add_inliers(
         row: &[u16],
         tilt: Tilt,
@@ -181,7 +181,7 @@ fn add_inliers_each<S: Simd>(
 }
 
 kernel! {
-    /// The bin of each sample of a row; the number of bins for what belongs to none.
+    /// Computes the bin of each sample of a row; the number of bins for samples outside all bins.
     fn bin_residuals(row: &[u16], tilt: Tilt, road_px: f64, bins: ResidualBins, out: &mut [u8]) = bin_residuals_each
 }
 
@@ -211,7 +211,7 @@ mod tests {
 
     const TILT: Tilt = Tilt { roll: 0.01, offset_px: -0.3, cx_px: 40.0 };
 
-    /// Disparities about a road of 10 px and 90 columns, some of them unknown, in two rows.
+    /// Two rows of 90 columns with disparities around a road of 10 px, some of them unknown.
     fn map() -> (Vec<u16>, Vec<u8>) {
         let mut random = fastrand::Rng::with_seed(5);
         let mut pixel = |_| if random.u8(..) < 40 { 0 } else { random.u16(2200..2950) };
@@ -227,7 +227,7 @@ mod tests {
         samples
     }
 
-    /// Columns and disparities, in px, of what is known in a row.
+    /// Columns and disparities, in px, of the known samples of a row.
     fn known(y: usize) -> Vec<(f64, f64)> {
         let (map, confidence) = map();
         let sure = (0..90).step_by(4).filter(|x| map[90 * y + x] > 0 && confidence[90 * y + x] >= 100);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn all_levels_sum_what_is_near_the_road() {
+    fn all_levels_sum_the_inliers() {
         let mut expected = Moments::default();
         for (x, px) in (0..2).flat_map(known) {
             if (TILT.levelled_px(x, px) - 10.0).abs() < 1.5 {
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn all_levels_count_the_classes_that_one_by_one_gives() {
+    fn all_levels_count_residuals_like_the_reference() {
         let signed = ResidualBins { start_px: -1.0, absolute: false, bins_per_px: 10.0, count: 20 };
         let absolute = ResidualBins { start_px: 0.0, absolute: true, bins_per_px: 7.0, count: 9 };
         for bins in [signed, absolute] {

@@ -1,4 +1,4 @@
-//! The road's surface as heights are measured from it: profile, tilt and noise of one frame.
+//! Road surface of one frame: profile, lateral tilt and disparity noise. Heights are measured relative to it.
 
 use super::heights::{self, BATCH, HeightReference, PixelBatch};
 use super::profile::RoadProfile;
@@ -9,36 +9,36 @@ use crate::rig::Rig;
 use crate::simd::{Level, Simd, kernel};
 use nalgebra::{Matrix2, Vector2};
 
-/// Places of the table in a pixel of disparity.
+/// Table entries per px of disparity.
 const ENTRIES_PER_PX: usize = 16;
-/// Rows between those that tell of tilt and noise.
+/// Rows between those that are used for tilt and noise.
 const ROW_STEP: usize = 4;
-/// What is so near the road, in px, tells its tilt: nearer from round to round.
+/// Inlier limits of the tilt fit in successive iterations, in px.
 const TILT_INLIERS_PX: [f64; 3] = [2.0, 1.0, 0.6];
-/// Least and greatest noise of a disparity that is believed, in px.
+/// Smallest and largest disparity noise, in px.
 const NOISE_PX: (f64, f64) = (0.06, 1.0);
-/// Residuals that are told apart for the noise, in two px.
+/// Histogram bins of absolute residuals for the noise estimate; they cover 2 px.
 const NOISE_BINS: u8 = 128;
 
-/// A row's own disparity may differ from the profile's by so many px.
+/// Largest difference between a row's own disparity and the profile, in px.
 const MAX_ROW_OFFSET_PX: f64 = 0.5;
-/// Residuals of a row that are told apart, and how many of these belong together on either side.
+/// Histogram bins of residuals in a row, and the half-width of the window around the mode.
 const ROW_BINS: u8 = 40;
 const ROW_WINDOW_BINS: usize = 3;
-/// PixelBatch of a row that tell its own disparity, and the share of them that must agree.
+/// Fewest pixels for a row's own disparity, and the share of them that must lie in the window.
 const MIN_ROW_PIXELS: u32 = 12;
 const MIN_ROW_SHARE: f64 = 0.35;
 
-/// The surface, with memory allocated once.
+/// The road surface; memory is allocated once.
 #[derive(Clone, Debug)]
-pub struct Surface {
-    /// Disparity that each image row of the road really shows at the principal column, in px.
+pub struct RoadSurface {
+    /// Disparity that each image row of the road actually shows at the principal column, in px.
     row_disparity_px: Vec<f32>,
-    /// Row where the road has each disparity.
+    /// Row of the road for each disparity.
     rows: Vec<f32>,
-    /// Rows by which a pixel of disparity moves the road, around each disparity.
+    /// Rows per px of disparity, around each disparity.
     rows_per_px: Vec<f64>,
-    /// A line of rows by disparity that the road's rows are nowhere above: at 0 px, and per px.
+    /// A line (row at 0 px, rows per px of disparity) that lies above all rows of the road.
     upper_line: [f64; 2],
     tilt: Tilt,
     rig: Rig,
@@ -47,8 +47,8 @@ pub struct Surface {
     level: Level,
 }
 
-impl Surface {
-    /// No road yet, for maps of `width` × `height` and disparities below `disparities` px.
+impl RoadSurface {
+    /// A surface without a road, for maps of `width` × `height` with disparities below `disparities` px.
     pub fn new(rig: Rig, width: usize, height: usize, disparities: usize) -> Self {
         Self {
             row_disparity_px: vec![0.0; height],
@@ -63,21 +63,21 @@ impl Surface {
         }
     }
 
-    /// How the road lies across.
+    /// Lateral tilt of the road.
     pub fn tilt(&self) -> Tilt {
         self.tilt
     }
 
-    /// One standard deviation of a disparity on this frame's road, in px.
+    /// Standard deviation of the road's disparity in this frame, in px.
     pub fn noise_px(&self) -> f64 {
         self.noise_px
     }
 
-    /// Takes the road of a frame: its profile, with the tilt and the noise that pixels of some
-    /// confidence show around it.
+    /// Updates the surface from the profile of a frame. Tilt and noise are measured from pixels with at least
+    /// `min_confidence`.
     ///
     /// # Panics
-    /// When the map has another size than the surface was made for.
+    /// When the size of the map differs from that of the surface.
     pub fn update(&mut self, profile: &RoadProfile, depth: DepthView<'_>, min_confidence: u8) {
         for (i, row) in self.rows.iter_mut().enumerate() {
             *row = profile.row_at(i as f32 / ENTRIES_PER_PX as f32).unwrap_or(f32::NAN);
@@ -89,7 +89,7 @@ impl Surface {
         self.measure_row_disparities(profile);
     }
 
-    /// What is derived from the rows alone.
+    /// Computes the values that depend on `rows` only.
     fn update_row_slopes(&mut self) {
         let (reach, last) = (ENTRIES_PER_PX / 2, self.rows.len() - 1);
         for (place, out) in self.rows_per_px.iter_mut().enumerate() {
@@ -102,7 +102,7 @@ impl Surface {
         self.upper_line = [at_0.fold(f64::INFINITY, f64::min), per_place * ENTRIES_PER_PX as f64];
     }
 
-    /// Fits the sideways tilt of the road to what is left after the profile.
+    /// Fits the lateral tilt to the residuals of the profile.
     fn measure_tilt(&self, profile: &RoadProfile) -> Tilt {
         let level = Tilt { cx_px: self.rig.cx_px, ..Tilt::default() };
         let road_px = profile.disparity_px();
@@ -111,7 +111,7 @@ impl Surface {
             let rows = (profile.top()..road_px.len()).step_by(ROW_STEP);
             let sums = self.samples.moments(rows, road_px, tilt, tolerance_px);
             let normal = Matrix2::new(sums.square, sums.across, sums.across, sums.count);
-            // Too little road to tell: level.
+            // Too few samples for a fit: no tilt.
             tilt = match normal.cholesky() {
                 Some(solver) if sums.count > 50.0 => {
                     let fit = solver.solve(&Vector2::new(sums.product, sums.residual));
@@ -120,11 +120,11 @@ impl Surface {
                 _ => level,
             };
         }
-        // More than this (about 10 degrees on a car) is a wall, not a roll.
+        // A larger tilt (about 10 degrees on a car) is a wall, not camera roll.
         if tilt.roll.abs() <= 0.06 && tilt.offset_px.abs() <= 3.0 { tilt } else { level }
     }
 
-    /// The median distance of road pixels from the surface, as a standard deviation.
+    /// Standard deviation of the road's disparity, from the median absolute residual.
     fn measure_noise(&mut self, profile: &RoadProfile) {
         let per_px = 0.5 * f64::from(NOISE_BINS);
         let bins = ResidualBins { start_px: 0.0, absolute: true, bins_per_px: per_px, count: NOISE_BINS };
@@ -143,8 +143,9 @@ impl Surface {
         self.noise_px = (1.4826 * median).clamp(NOISE_PX.0, NOISE_PX.1);
     }
 
-    /// What most of a row's road shows: a matcher draws a road that is seen at a flat angle as stairs, whose
-    /// steps lie in the same rows everywhere. What is as near as the rest of its row is no thing.
+    /// Measures the disparity that most of the road in a row shows. A matcher renders a road that is seen at
+    /// a shallow angle as steps, which lie in the same rows across the image. A pixel at the disparity of its
+    /// row is therefore no obstacle.
     fn measure_row_disparities(&mut self, profile: &RoadProfile) {
         const COUNT: usize = ROW_BINS as usize;
         let scale = f64::from(ROW_BINS) / (2.0 * MAX_ROW_OFFSET_PX);
@@ -159,7 +160,7 @@ impl Surface {
             let road = f64::from(profile.disparity_px()[y]);
             let mut counts = [0_u32; COUNT];
             self.samples.count_residuals(y, road, self.tilt, bins, &mut counts);
-            // Counts of all bins before each.
+            // Cumulative counts.
             let mut before = [0; COUNT + 1];
             for (i, count) in counts.iter().enumerate() {
                 before[i + 1] = before[i] + count;
@@ -177,18 +178,18 @@ impl Surface {
         }
     }
 
-    /// Where column `x` of each row, of which `disparity` says how near it is in 1/256 px, may show what stands
-    /// (1, else 0), at first filter.
+    /// Preselects obstacle candidates in column `x_px`: writes 1 for each row whose `disparity` (1/256 px)
+    /// may belong to an obstacle, else 0. It never rejects a pixel that meets `filter`.
     ///
     /// # Panics
-    /// When there is not one of each a row.
+    /// When `disparity` or `out` does not have one entry per row.
     pub fn find_candidates(&self, x_px: f64, disparity: &[u16], filter: CandidateFilter, out: &mut [u8]) {
         assert_eq!((disparity.len(), out.len()), (self.row_disparity_px.len(), self.row_disparity_px.len()));
         let test = ColumnTest {
             filter,
             x_px,
             tilt: self.tilt,
-            // Room for what rounds.
+            // Margin for rounding.
             upper_line: [self.upper_line[0] - 1.0, self.upper_line[1]],
             end_px: (self.rows.len() - 1) as f64 / ENTRIES_PER_PX as f64,
             max_height_baselines: filter.max_height_m / self.rig.baseline_m,
@@ -196,7 +197,7 @@ impl Surface {
         test_column(self.level, disparity, &self.row_disparity_px, test, out);
     }
 
-    /// The row where the road has disparity `disparity_px` in column `x`; NaN without a road.
+    /// Row in which the road has disparity `disparity_px` in column `x_px`; NaN without a road.
     #[inline]
     pub fn row_at(&self, x_px: f64, disparity_px: f64) -> f32 {
         let place = (self.tilt.levelled_px(x_px, disparity_px).max(0.0) * ENTRIES_PER_PX as f64) as f32;
@@ -205,22 +206,22 @@ impl Surface {
         self.rows[index] + share * (self.rows[index + 1] - self.rows[index])
     }
 
-    /// Height above the road, in metres, of what row `y` and column `x` show at a disparity (above 0):
-    /// baseline·(row of the road there − y)/disparity. NaN without a road.
+    /// Height above the road, in metres, of a pixel with a disparity above 0: baseline · (row of the road at
+    /// the disparity − y) / disparity. NaN without a road.
     #[inline]
     pub fn height_m(&self, x_px: f64, y_px: f64, disparity_px: f64) -> f64 {
         self.rig.baseline_m * (f64::from(self.row_at(x_px, disparity_px)) - y_px) / disparity_px
     }
 
-    /// The same of some pixels.
+    /// Heights of a batch of pixels, see [`RoadSurface::height_m`].
     pub fn heights_m(&self, pixels: &PixelBatch, out: &mut [f64; BATCH]) {
         let (entries_per_px, baseline_m) = (ENTRIES_PER_PX as f64, self.rig.baseline_m);
         let reference = HeightReference { rows: &self.rows, entries_per_px, tilt: self.tilt, baseline_m };
         heights::measure_heights(self.level, reference, pixels, out);
     }
 
-    /// One standard deviation of such a height, in metres: what the frame's noise comes to where the road
-    /// lies as it does there.
+    /// Standard deviation of a height, in metres: the disparity noise of the frame propagated with the local
+    /// slope of the road.
     #[inline]
     pub fn height_noise_m(&self, disparity_px: f64) -> f64 {
         let place =
@@ -230,33 +231,33 @@ impl Surface {
     }
 }
 
-/// What something that stands must have, at first filter.
+/// Criteria of the preselection of obstacle candidates.
 #[derive(Clone, Copy, Debug)]
 pub struct CandidateFilter {
-    /// The least disparity, in 1/256 px.
+    /// Smallest disparity, in 1/256 px.
     pub min_disparity: u16,
-    /// By how much it is nearer than the row's road, in px.
+    /// Smallest difference to the disparity of the road in the row, in px.
     pub min_rise_px: f64,
-    /// The greatest height above the road, in metres: what is plainly higher is left out, but not all of it.
+    /// Largest height above the road, in metres. Only part of the pixels above it are rejected.
     pub max_height_m: f64,
 }
 
-/// The road as one column is glanced at.
+/// Constants of the preselection in one column.
 #[derive(Clone, Copy, Debug)]
 struct ColumnTest {
     filter: CandidateFilter,
     x_px: f64,
     tilt: Tilt,
-    /// A line of rows that the road's rows are nowhere above: at 0 px, and per px.
+    /// A line (row at 0 px, rows per px of disparity) that lies above all rows of the road.
     upper_line: [f64; 2],
-    /// Nearer than this the road is where it is there, in px.
+    /// Disparity of the end of the table, in px; larger ones use its last entry.
     end_px: f64,
-    /// The greatest height over the baseline.
+    /// Largest height divided by the baseline.
     max_height_baselines: f64,
 }
 
 kernel! {
-    /// One column's rows, see [`Surface::find_candidates`].
+    /// Tests one column, see [`RoadSurface::find_candidates`].
     fn test_column(disparity: &[u16], row_disparity_px: &[f32], test: ColumnTest, out: &mut [u8]) = test_column_each
 }
 
@@ -285,9 +286,9 @@ mod tests {
 
     const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 40.0, cy_px: 100.0 };
 
-    /// A crest, by 0.2 px a row, on which columns to the left look beyond the table's end.
-    fn crest() -> Surface {
-        let mut surface = Surface::new(RIG, 80, 240, 64);
+    /// A crest with 0.2 px per row; its left columns reach beyond the end of the table.
+    fn crest() -> RoadSurface {
+        let mut surface = RoadSurface::new(RIG, 80, 240, 64);
         for (i, row) in surface.rows.iter_mut().enumerate() {
             *row = 100.0 + 5.0 * i as f32 / ENTRIES_PER_PX as f32 + 3.0 * (i as f32 / 100.0).sin();
         }
@@ -298,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn all_levels_glance_at_what_may_stand_and_miss_nothing_that_does() {
+    fn all_levels_preselect_equally_and_miss_no_obstacle_pixel() {
         let mut surface = crest();
         let mut random = fastrand::Rng::with_seed(1);
         let disparity: Vec<u16> = (0..240).map(|_| random.u16(8000..16_383)).collect();
@@ -309,7 +310,7 @@ mod tests {
             surface.level = level;
             surface.find_candidates(31.0, &disparity, filter, &mut stands);
             assert_eq!(*first.get_or_insert(stands.clone()), stands, "{}", level.name());
-            let mut standing = 0;
+            let mut obstacle_rows = 0;
             for (y, &d) in disparity.iter().enumerate() {
                 let px = f64::from(d) / 256.0;
                 let rises = surface.tilt.levelled_px(31.0, px) - f64::from(surface.row_disparity_px[y])
@@ -318,15 +319,15 @@ mod tests {
                 let does = d >= filter.min_disparity && rises && height_m <= filter.max_height_m;
                 assert!(stands[y] == 1 || !does, "row {y}, {height_m} m");
                 assert!(stands[y] == 0 || (d >= filter.min_disparity && rises));
-                standing += usize::from(does);
+                obstacle_rows += usize::from(does);
             }
-            let glanced = stands.iter().filter(|s| **s == 1).count();
-            assert!(standing > 20 && glanced < standing + 40, "{standing} of {glanced}");
+            let selected = stands.iter().filter(|s| **s == 1).count();
+            assert!(obstacle_rows > 20 && selected < obstacle_rows + 40, "{obstacle_rows} of {selected}");
         }
     }
 
     #[test]
-    fn all_levels_measure_the_heights_that_one_by_one_gives() {
+    fn all_levels_measure_heights_like_the_reference() {
         let mut surface = crest();
         let mut random = fastrand::Rng::with_seed(4);
         let mut pixels = PixelBatch::default();

@@ -1,21 +1,21 @@
-//! The cheapest way to give regions to tracks, each to one at most.
+//! Optimal one-to-one assignment of regions to tracks.
 //!
-//! Shortest augmenting paths (Jonker and Volgenant), where a row may stay unmatched_cost at a fixed price: the
-//! result is the best of all, not that of the first come.
+//! Shortest augmenting paths (Jonker-Volgenant), extended by a fixed cost for an unmatched row. The result is
+//! the global optimum, not a greedy one.
 
-/// No pair: beyond every price.
+/// Cost of an impossible pair.
 pub const INFEASIBLE: f64 = f64::INFINITY;
 
-/// Solves assignments of up to a size, with memory allocated once.
+/// Solves assignment problems up to a solution size; memory is allocated once.
 #[derive(Debug)]
 pub struct Assignment {
-    /// Greatest number of columns.
+    /// Largest number of columns.
     max_columns: usize,
     costs: Vec<f64>,
     columns: usize,
     row_price: Vec<f64>,
     column_price: Vec<f64>,
-    /// The row that has a column.
+    /// Row assigned to each column.
     row_of: Vec<Option<u32>>,
     distance: Vec<f64>,
     from: Vec<u32>,
@@ -26,7 +26,7 @@ pub struct Assignment {
 impl Assignment {
     /// Memory for `rows` × `columns`.
     pub fn new(rows: usize, columns: usize) -> Self {
-        // A row's place of its own, where it stays unmatched_cost, comes behind the columns.
+        // Each row has one more, private column that stands for "unmatched"; these follow the real columns.
         let all = columns + rows;
         Self {
             max_columns: columns,
@@ -42,21 +42,22 @@ impl Assignment {
         }
     }
 
-    /// Begins a problem of `rows` × `columns` in which nothing fits.
+    /// Starts a problem of `rows` × `columns` in which all pairs are impossible.
     pub fn begin(&mut self, rows: usize, columns: usize) {
         self.columns = columns.min(self.max_columns);
         self.costs.clear();
         self.costs.resize(rows * self.columns, INFEASIBLE);
     }
 
-    /// What it costs to give `row` the `column`.
+    /// Sets the cost of assigning `column` to `row`.
     pub fn set(&mut self, row: usize, column: usize, cost: f64) {
         if column < self.columns {
             self.costs[row * self.columns + column] = cost;
         }
     }
 
-    /// For each row its column; `None` for one that stays unmatched_cost, which costs `unmatched_cost`.
+    /// Solves the problem. Returns the column of each row; `None` for unmatched rows, each of which costs
+    /// `unmatched_cost`.
     pub fn solve(&mut self, unmatched_cost: f64) -> &[Option<u32>] {
         let columns = self.columns;
         let rows = self.costs.len().checked_div(columns).unwrap_or(0);
@@ -83,7 +84,7 @@ impl Assignment {
                         self.from[column] = row as u32;
                     }
                 }
-                // There always is one: the row's own place.
+                // Always exists: the private column of the row.
                 let mut next = None::<usize>;
                 for column in 0..all {
                     let d = self.distance[column];
@@ -110,7 +111,7 @@ impl Assignment {
                 }
             }
             self.row_price[start] += reached;
-            // The path back: each row takes the place it came through.
+            // Augment along the path back to the start.
             loop {
                 let row = self.from[column];
                 let before = self.column_of[row as usize].replace(column as u32);
@@ -149,8 +150,8 @@ mod tests {
     }
 
     #[test]
-    fn the_best_of_all_is_taken_not_the_first_come() {
-        // Greedy would give (0, 0) for 1 and leave row 1 with 10.
+    fn the_assignment_is_globally_optimal_not_greedy() {
+        // A greedy solution would take (0, 0) at cost 1 and leave 10 for row 1.
         assert_eq!(solve(&[&[1.0, 2.0], &[1.5, 10.0]], 20.0), [Some(1), Some(0)]);
         assert_eq!(solve(&[&[1.0, INFEASIBLE], &[2.0, INFEASIBLE]], 5.0), [Some(0), None]);
         assert_eq!(solve(&[&[7.0]], 5.0), [None]);
@@ -158,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn no_other_way_is_cheaper() {
+    fn no_other_assignment_is_cheaper() {
         let unmatched_cost = 4.0;
         for seed in 0..300 {
             let mut random = fastrand::Rng::with_seed(seed);
@@ -171,23 +172,23 @@ mod tests {
                 })
                 .collect();
             let lines: Vec<&[f64]> = costs.iter().map(Vec::as_slice).collect();
-            let given = solve(&lines, unmatched_cost);
-            let price = |given: &[Option<u32>]| -> f64 {
-                given
+            let solution = solve(&lines, unmatched_cost);
+            let price = |solution: &[Option<u32>]| -> f64 {
+                solution
                     .iter()
                     .enumerate()
                     .map(|(r, c)| c.map_or(unmatched_cost, |c| costs[r][c as usize]))
                     .sum()
             };
-            let mut taken: Vec<u32> = given.iter().flatten().copied().collect();
+            let mut taken: Vec<u32> = solution.iter().flatten().copied().collect();
             taken.sort_unstable();
             taken.dedup();
-            assert_eq!(taken.len(), given.iter().flatten().count(), "seed {seed}: a column twice");
-            // Every way there is.
-            let ways = (columns as u32 + 1).pow(rows as u32);
+            assert_eq!(taken.len(), solution.iter().flatten().count(), "seed {seed}: a column twice");
+            // Every possible assignment.
+            let assignments = (columns as u32 + 1).pow(rows as u32);
             let mut best = INFEASIBLE;
-            for way in 0..ways {
-                let mut rest = way;
+            for assignment in 0..assignments {
+                let mut rest = assignment;
                 let trial: Vec<Option<u32>> = (0..rows)
                     .map(|_| {
                         let c = rest % (columns as u32 + 1);
@@ -202,7 +203,7 @@ mod tests {
                     best = best.min(price(&trial));
                 }
             }
-            assert!((price(&given) - best).abs() < 1e-9, "seed {seed}: {} for {best}", price(&given));
+            assert!((price(&solution) - best).abs() < 1e-9, "seed {seed}: {} for {best}", price(&solution));
         }
     }
 }

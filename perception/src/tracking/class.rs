@@ -1,24 +1,24 @@
-//! What recognition says of a track, over several count.
+//! Classification of a track, accumulated over several runs of the recogniser.
 
-/// Looks in either direction that are remembered.
+/// Bound of the votes in either direction.
 const MAX_VOTES: i8 = 3;
 
-/// After so many count a track counts as known.
+/// Number of classifications after which the class of a track counts as known.
 pub(super) const MIN_CLASSIFICATIONS: u32 = 3;
 
-/// What the recogniser's count at a track say together.
+/// Accumulated classification of a track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Classification {
-    /// Looks that recognised it less those that did not, bounded.
+    /// Positive minus negative classifications, bounded.
     pub(super) votes: i8,
     pub(super) count: u32,
-    /// Frames frames_since the last look.
+    /// Frames since the last classification.
     pub(super) frames_since: u32,
     pub(super) score: f32,
 }
 
 impl Classification {
-    /// The latest score of the class, when most count of late recognised it; else `None`.
+    /// Latest positive score if the majority of recent classifications is positive, else `None`.
     pub fn score(&self) -> Option<f32> {
         (self.votes > 0).then_some(self.score)
     }

@@ -1,27 +1,28 @@
-//! Which tracks the recogniser looks at in a frame, and what its looks add up to.
+//! Schedule of classifications: selects the tracks that the recogniser processes in a frame.
 //!
-//! A look costs time, so a frame has only so many: the nearest of those that are not known yet, then
-//! those whose last look is long ago. Nothing is hidden by not being looked at: it stays an obstacle.
+//! Recognition is expensive, so the number of classifications per frame is limited. The nearest tracks of
+//! unknown class come first, then those whose last classification is oldest. A track that is not classified
+//! remains an obstacle.
 
 use super::class::MIN_CLASSIFICATIONS;
 use super::{Track, Tracker};
 
-/// A frame of waiting counts as much as this many metres nearer.
+/// Priority of waiting: one frame counts as this many metres nearer.
 const PRIORITY_M_PER_FRAME: f64 = 2.0;
 
-/// How often is looked.
+/// Limits of the classification schedule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScheduleParameters {
-    /// Most looks in a frame.
+    /// Largest number of classifications per frame.
     pub max_per_frame: usize,
-    /// A track that is known is looked at again after this many frames.
+    /// Number of frames after which a track of known class is classified again.
     pub repeat_frames: u32,
 }
 
 impl Tracker {
-    /// Lets the recogniser look: calls `recognise` for some of the tracks that were seen in this frame
-    /// and that `may` be looked at, and keeps the score of the recogniser's class that it gives. Call
-    /// once a frame.
+    /// Classifies tracks: calls `recognise` for some of the tracks that were detected in this frame and for
+    /// which `is_eligible` holds, and adds the returned score (`None`: not recognised) to their votes. Must
+    /// be called once per frame.
     pub fn classify(
         &mut self,
         parameters: ScheduleParameters,
@@ -36,7 +37,7 @@ impl Tracker {
             let due = unknown || classification.frames_since >= parameters.repeat_frames;
             if due && track.detection.is_some() && is_eligible(track) {
                 let waited_m = PRIORITY_M_PER_FRAME * f64::from(track.classification.frames_since.min(1000));
-                // What is not known comes first.
+                // Tracks of unknown class come first.
                 let priority_m = if unknown { 0.0 } else { 1e4 };
                 self.order.push((priority_m + track.longitudinal.distance_m() - waited_m, i as u32));
             }

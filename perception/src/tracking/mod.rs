@@ -1,5 +1,13 @@
-//! Obstacles over time: which region continues which track, where it is, how fast it comes, and what
-//! follows from that for the vehicle.
+//! Obstacle tracking over frames.
+//!
+//! Input: the [`Region`]s of each frame with its time in nanoseconds; optionally image crops for scale change
+//! ([`scale_change`]) and recogniser scores ([`classification_schedule`]). Output: [`Track`]s with distance
+//! (m), closing speed (m/s), time to collision (s) and lateral motion (m, m/s), each with its standard
+//! deviation.
+//!
+//! Regions are assigned to tracks by minimum total cost ([`assign`]) of disparity difference, box overlap and
+//! size. Each track has Kalman filters for distance and lateral position ([`filter`]). The paper measures
+//! distances in single frames (section 4.3); tracking extends that.
 
 pub mod assign;
 pub mod class;
@@ -13,36 +21,36 @@ use assign::Assignment;
 use class::Classification;
 use filter::{DistanceFilter, LateralFilter, TimeToCollision};
 
-/// An obstacle that is followed from frame to frame.
+/// An obstacle that is tracked from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    /// Unique as long as the tracker lives, from 1.
+    /// Identifier, unique during the life of the tracker, starting at 1.
     pub id: u32,
-    /// The region as last seen; its box moves on as expected while it is out of sight.
+    /// Last region; its box is predicted while the track is not detected.
     pub region: Region,
-    /// Which of this frame's regions it is; `None` when none is.
+    /// Index of the assigned region in this frame; `None` if there is none.
     pub detection: Option<usize>,
     /// Distance and closing speed.
     pub longitudinal: DistanceFilter,
-    /// Place and speed lateral the view.
+    /// Lateral position and speed.
     pub lateral: LateralFilter,
-    /// Width, in metres, smoothed.
+    /// Smoothed width, in metres.
     pub width_m: f64,
-    /// Height above the road, in metres, smoothed.
+    /// Smoothed height above the road, in metres.
     pub height_m: f64,
-    /// Frames in which it was seen.
+    /// Number of frames with a detection.
     pub seen: u32,
-    /// Frames in a row in which it was not.
+    /// Consecutive frames without a detection.
     pub missed: u32,
-    /// Frames in a row, up to this one, in which it was.
+    /// Consecutive frames with a detection, up to this one.
     pub consecutive_frames: u32,
-    /// By how much its width changes from frame to frame, as a logarithm, of late.
+    /// Smoothed change of the width from frame to frame: mean absolute log ratio.
     pub width_jitter: f64,
-    /// What the recogniser says of it.
+    /// Accumulated classification.
     pub classification: Classification,
-    /// Box and distance when it was last seen.
+    /// Box and distance of the last detection.
     last: (PixelBox, f64),
-    /// Whether the rim of what both cameras see contact that box.
+    /// Whether that box is truncated by the border of the area that both cameras see.
     is_truncated: bool,
 }
 
@@ -52,25 +60,24 @@ impl Track {
         self.longitudinal.distance_m()
     }
 
-    /// Speed at which the distance shrinks, in m/s.
+    /// Closing speed (decrease of the distance), in m/s.
     pub fn closing_m_s(&self) -> f64 {
         self.longitudinal.closing_m_s()
     }
 
-    /// Time to collision at constant closing speed; `None` when it does not close in, or so slowly
-    /// that noise decides.
+    /// Time to collision at constant closing speed; `None` if the track does not approach significantly.
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
         self.longitudinal.time_to_collision()
     }
 
-    /// Where its box is expected, as left, top, right, bottom in px: the last one brought to the distance
-    /// and the place lateral that are expected.
+    /// Predicted box as left, top, right, bottom in px: the last box, scaled and moved to the predicted
+    /// distance and lateral position.
     fn expected(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
         let (bounds, distance_m) = &self.last;
         let z = self.longitudinal.distance_m();
         let scale = distance_m / z;
         let centre = rig.cx_px + rig.focal_px * self.lateral.lateral_m() / z;
-        // Of what is contact only a part is seen: its whole width reaches beyond the rim.
+        // A truncated box shows only a part of the object, whose full width extends beyond the border.
         let half = if self.is_truncated {
             rig.focal_px * self.width_m / z / 2.0
         } else {
@@ -82,16 +89,17 @@ impl Track {
     }
 }
 
-/// How tracks live and die.
+/// Parameters of track management.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerParameters {
-    /// A track counts as an obstacle once it was seen in this many frames.
+    /// Number of detections after which a track is confirmed as an obstacle.
     pub confirm_frames: u32,
-    /// A confirmed one ends after this many frames without a region; any other at its first miss.
+    /// Consecutive misses after which a confirmed track is deleted; an unconfirmed one is deleted at its
+    /// first miss.
     pub forget_frames: u32,
-    /// Least overlap of boxes, 0 to 1, that continues a track.
+    /// Smallest box overlap for an assignment, 0 to 1.
     pub min_overlap: f64,
-    /// At most this many tracks live at once.
+    /// Largest number of tracks.
     pub max_count: usize,
 }
 
@@ -101,38 +109,39 @@ impl Default for TrackerParameters {
     }
 }
 
-/// Detections of a frame for which memory is set aside; the nearest are used.
+/// Largest number of regions per frame; the nearest are used.
 const MAX_DETECTIONS: usize = 64;
-/// A region may differ from what is expected by so many standard deviations of both,
+/// Gate of the disparity difference: this many standard deviations of prediction and measurement,
 const GATE_SIGMAS: f64 = 4.0;
-/// and by this much more, in px and as a share of the disparity: its near side jumps when parts join it.
+/// plus this many px, plus this share of the disparity: the near side jumps when parts are merged.
 const GATE_PX: f64 = 0.5;
 const GATE_SHARE: f64 = 0.08;
-/// A region that lies in the expected box, or the other way round, overlaps it as much as this share
-/// of what lies inside: regions split and merge.
+/// Weight of containment: if one box contains the other, the overlap is at least this share of the contained
+/// area, since regions split and merge.
 const CONTAINMENT_WEIGHT: f64 = 0.6;
-/// What a track costs that gets no region, against a squared number of standard deviations.
+/// Cost of a region without a track, in the unit of a squared normalised innovation.
 const UNMATCHED_COST: f64 = 24.0;
-/// What boxes that do not overlap at all, and sizes that differ by a factor of e, cost.
+/// Costs of boxes without overlap, and of widths that differ by a factor of e.
 const OVERLAP_COST: f64 = 12.0;
 const SIZE_COST: f64 = 3.0;
-/// Error of a box's middle: in px (strips of four), and as a share of the width.
+/// Standard deviation of the centre of a box: in px (strips of four columns), and as a share of the width.
 const CENTRE_SIGMA_PX: f64 = 3.0;
 const CENTRE_SIGMA_SHARE: f64 = 0.04;
-/// A box that ends so near the rim is contact, in px.
+/// A box closer to the image border than this, in px, is truncated.
 const BORDER_PX: f64 = 8.0;
-/// How much the width is matched to change before it is known.
+/// Initial value of the width jitter.
 const INITIAL_WIDTH_JITTER: f64 = 0.3;
-/// How much a frame's width counts, and its height.
+/// Smoothing gains of width and height.
 const WIDTH_GAIN: f64 = 0.25;
 const HEIGHT_GAIN_UP: f64 = 0.15;
 const HEIGHT_GAIN_DOWN: f64 = 0.5;
-/// Errors of a region's disparity last for some frames, the filter thinks that they do not.
+/// Inflation of the disparity's standard deviation: its errors are correlated over frames, while the filter
+/// assumes independence.
 const NOISE_INFLATION: f64 = 1.5;
-/// and a measurement is hardly better than this, in px, whatever it says: a thing's parts move within its region.
+/// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
 const MIN_SIGMA_PX: f64 = 0.08;
 
-/// Follows obstacles, with memory allocated once.
+/// Tracks obstacles; memory is allocated once.
 #[derive(Debug)]
 pub struct Tracker {
     parameters: TrackerParameters,
@@ -148,7 +157,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// A tracker without tracks, for regions of images of `size` (width, height) that the rig sees.
+    /// A tracker without tracks, for regions of images of `size` (width, height) taken with `rig`.
     pub fn new(parameters: TrackerParameters, rig: Rig, size: (usize, usize)) -> Self {
         Self {
             tracks: Vec::with_capacity(parameters.max_count),
@@ -168,13 +177,13 @@ impl Tracker {
         &self.tracks
     }
 
-    /// Whether a track counts as an obstacle.
+    /// Whether a track is confirmed as an obstacle.
     pub fn is_confirmed(&self, track: &Track) -> bool {
         track.seen >= self.parameters.confirm_frames
     }
 
-    /// Takes in the regions of the frame at `time_ns` and gives all tracks, oldest first. A time
-    /// that does not grow starts anew.
+    /// Updates the tracks with the regions of the frame at `time_ns`; returns all tracks, oldest first. A
+    /// time that does not increase resets the tracker.
     pub fn update(&mut self, time_ns: u64, regions: &[Region]) -> &[Track] {
         let elapsed_s = match self.last_ns {
             Some(last) if time_ns > last => (time_ns - last) as f64 * 1e-9,
@@ -217,7 +226,7 @@ impl Tracker {
         &self.tracks
     }
 
-    /// What it costs to continue each track with each region.
+    /// Sets the cost of assigning each region to each track.
     fn set_costs(&mut self, regions: &[Region]) {
         self.assignment.begin(regions.len(), self.tracks.len());
         for (t, track) in self.tracks.iter().enumerate() {
@@ -266,12 +275,12 @@ impl Tracker {
     }
 }
 
-/// One standard deviation of a region's disparity, as the filter takes it.
+/// Standard deviation of a region's disparity for the filter, in px.
 fn noise_px(region: &Region) -> f64 {
     NOISE_INFLATION * region.disparity_sigma_px.max(MIN_SIGMA_PX)
 }
 
-/// A track goes on with region `d`.
+/// Updates a track with region `d`.
 fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
     track.longitudinal.update(region.disparity_px, noise_px(region));
     let contact = border_contact(region, size);
@@ -281,11 +290,11 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
         track.width_m = track.width_m.max(region.width_m);
     }
     let other = region.width_m - track.width_m;
-    // Where one side is contact off, the other one tells where the middle is.
+    // If one side is truncated, the centre is inferred from the other side.
     let (lateral_m, sigma_m) = match contact {
         (true, false) => (region.lateral_m + other / 2.0, centre_sigma_m(region, &rig, false)),
         (false, true) => (region.lateral_m - other / 2.0, centre_sigma_m(region, &rig, false)),
-        // A box that is wider or narrower than before may have gained or lost a side.
+        // A box that became wider or narrower may have gained or lost a side.
         _ => (region.lateral_m, centre_sigma_m(region, &rig, is_truncated).hypot(other / 2.0)),
     };
     track.lateral.update(lateral_m, sigma_m);
@@ -294,7 +303,7 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
         track.width_jitter += WIDTH_GAIN * (change - track.width_jitter);
         track.width_m += WIDTH_GAIN * other;
     }
-    // Boxes more often reach into what is behind than they are too low.
+    // Boxes more often extend into the background above than they are too low.
     let taller = region.height_m - track.height_m;
     track.height_m += if taller > 0.0 { HEIGHT_GAIN_UP } else { HEIGHT_GAIN_DOWN } * taller;
     track.region = *region;
@@ -305,20 +314,21 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
     track.missed = 0;
 }
 
-/// Whether a box ends on the left and on the right where the pictures do. The right camera does not see as
-/// many columns of the left picture's left rim as the disparity is.
+/// Whether a box touches the left and the right border of the area that both cameras see. On the left, the
+/// right camera misses as many columns of the left image as the disparity.
 fn border_contact(region: &Region, (width, _): (u32, u32)) -> (bool, bool) {
     let (left, right) = (f64::from(region.bounds.x), region.bounds.x + region.bounds.width);
     (left <= region.disparity_px + BORDER_PX, f64::from(right) >= f64::from(width) - BORDER_PX)
 }
 
-/// One standard deviation of a box's middle, in metres. Of a box that is contact it may be anywhere.
+/// Standard deviation of a box's centre, in metres; half the width for a truncated box.
 fn centre_sigma_m(region: &Region, rig: &Rig, is_truncated: bool) -> f64 {
     let strips = CENTRE_SIGMA_PX * region.distance_m / rig.focal_px;
     strips.hypot(if is_truncated { 0.5 } else { CENTRE_SIGMA_SHARE } * region.width_m)
 }
 
-/// Shared ÷ joint area, or a good part of the share of the smaller one that lies in the larger.
+/// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is
+/// greater.
 fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
     let [left, top, right, bottom] = *expected;
     let (x, y) = (f64::from(bounds.x), f64::from(bounds.y));
@@ -331,7 +341,7 @@ fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
     if smaller <= 0.0 { 0.0 } else { (shared / joint).max(CONTAINMENT_WEIGHT * shared / smaller) }
 }
 
-/// The part of a box that lies in the image.
+/// Intersection of a box with the image.
 fn clip(edges: [f64; 4], (width, height): (u32, u32)) -> PixelBox {
     let place = |v: f64, most: u32| v.round().clamp(0.0, f64::from(most)) as u32;
     let (x, y) = (place(edges[0], width), place(edges[1], height));

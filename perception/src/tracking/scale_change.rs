@@ -1,11 +1,11 @@
-//! How fast the image of an obstacle grows: closing speed over distance, from its pixels.
+//! Scale change of an obstacle's image, that is closing speed / distance, measured from pixels.
 //!
-//! Far away disparity says little of speed: at 35 m and a baseline of 12 cm an error of a tenth of a pixel
-//! is a metre. The image itself grows by a sixth in two fifths of a second there, and where two templates of
-//! the same surface fit is known to a fraction of a percent. So the part of the image that a track had is kept,
-//! and laid over the newest one by shift, scale, gain and offset (Lucas and Kanade's least squares, in
-//! the inverse form of Baker and Matthews). Near by, where an obstacle's depth bends its image, disparity
-//! is the better witness again; the stated error says so.
+//! At long range disparity gives little information on speed: at 35 m, with a baseline of 12 cm, an error of
+//! a tenth of a pixel is a metre. Meanwhile the image grows by a sixth in two fifths of a second, and a
+//! template match determines the scale to a fraction of a percent. The image patch of a track is therefore
+//! stored as a template and registered to the current image by shift, scale, gain and offset (Lucas-Kanade
+//! least squares in the inverse compositional form of Baker and Matthews). At short range, where the depth of
+//! an obstacle distorts its image, disparity is more accurate again; the estimated error accounts for that.
 
 use super::filter::DistanceFilter;
 use super::{Track, Tracker};
@@ -13,67 +13,69 @@ use crate::image::GreyView;
 use crate::region::PixelBox;
 use nalgebra::{SMatrix, SVector};
 
-/// Points that are compared: columns and rows over the box.
+/// Sampling grid over the box: columns and rows.
 const COLUMNS: usize = 28;
 const ROWS: usize = 20;
 const POINTS: usize = COLUMNS * ROWS;
 
-/// Tracks that are measured at once: the nearest.
+/// Largest number of tracks that are measured at the same time; the nearest are selected.
 const MAX_TRACKS: usize = 8;
 
-/// The share of a box's sides that is compared: its rim sees what is behind.
+/// Share of the box's width and height that is sampled; its margin shows background.
 const INNER_SHARE: f64 = 0.75;
 
-/// Smaller boxes are not measured, in px.
+/// Smallest box that is measured, in px.
 const MIN_PX: (u32, u32) = (14, 10);
 
-/// Nearer than this disparity is better, farther to the side nothing is met, in metres.
+/// Nearer than the first distance disparity is more accurate; farther to the side than the second no
+/// collision is possible. In metres.
 const MIN_DISTANCE_M: f64 = 5.0;
 const MAX_LATERAL_M: f64 = 6.0;
 
-/// Two templates are compared after this time, in ns, or when they have grown apart by that factor,
+/// Smallest time between two compared views, in ns, unless the predicted scale change reaches the second
+/// value.
 const INTERVAL_NS: u64 = 380_000_000;
 const MAX_SCALE_CHANGE: f64 = 1.2;
-/// and not after this time: light and template have changed.
+/// Largest time between two compared views, in ns; later, illumination and aspect have changed.
 const MAX_AGE_NS: u64 = 900_000_000;
 
-/// Steps of the least squares, at most.
+/// Largest number of iterations.
 const MAX_ITERATIONS: usize = 16;
 
-/// Share of the points that must lie in both pictures.
+/// Smallest share of the points that lie in both images.
 const MIN_INSIDE: f64 = 0.85;
 
-/// Share of the new template's variance that the old one must explain.
+/// Smallest share of the variance that the template must explain.
 const MIN_EXPLAINED_VARIANCE: f64 = 0.8;
 
-/// Neighbouring points are not independent: errors are this much larger than least squares say, and
-/// never smaller than that share.
+/// Inflation of the least-squares error, as neighbouring points are correlated, and smallest standard
+/// deviation of the scale.
 const CORRELATION_FACTOR: f64 = 3.0;
 const MIN_SIGMA: f64 = 0.004;
 
-/// The surface that is seen may lie this much behind the near side that is tracked, in metres.
+/// Uncertainty of the depth of the visible surface behind the tracked near side, in metres.
 const DEPTH_OFFSET_M: f64 = 0.4;
 
-/// A growth rate that differs by more standard deviations is not this obstacle's.
+/// Scale rates with a larger normalised innovation are rejected.
 const GATE_SIGMAS: f64 = 4.0;
 
-/// Growth of a image, per second, with one standard deviation.
+/// Rate of scale change of an image, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaleRate {
-    /// Closing speed ÷ distance: the inverse of the time to collision.
+    /// Closing speed / distance, in 1/s: the inverse of the time to collision.
     pub per_s: f64,
-    /// Its error.
+    /// Standard deviation, in 1/s.
     pub sigma_per_s: f64,
 }
 
-/// A grey image made smaller by a whole factor, over memory that is kept.
+/// A grey image reduced by an integer factor; its memory is reused.
 #[derive(Debug, Default)]
 struct ReducedImage {
     pixels: Vec<f32>,
     width: usize,
     height: usize,
     factor: usize,
-    /// Pose of the crop in the image.
+    /// Position of the crop in the image.
     origin: (f64, f64),
 }
 
@@ -94,7 +96,7 @@ impl ReducedImage {
         }
     }
 
-    /// The value at a place of the image, in px; `None` outside.
+    /// Interpolated value at a position of the image, in px; `None` outside.
     #[inline]
     fn at(&self, x: f64, y: f64) -> Option<f32> {
         let factor = self.factor as f64;
@@ -116,7 +118,7 @@ impl ReducedImage {
     }
 }
 
-/// A point of a kept template: place from the middle in px, value, and slope along x and y.
+/// A point of a template: offset from the centre in px, value, and gradient along x and y.
 #[derive(Clone, Copy, Debug, Default)]
 struct Point {
     x: f64,
@@ -125,19 +127,19 @@ struct Point {
     slope: (f32, f32),
 }
 
-/// A kept template.
+/// A stored image patch of a track.
 #[derive(Debug)]
 struct Template {
     track: u32,
     time_ns: u64,
-    /// When it was last asked for.
+    /// Time of the last request.
     last_used_ns: u64,
     distance_m: f64,
     factor: usize,
     points: Vec<Point>,
 }
 
-/// Where a template lies in a image: middle and scale.
+/// Centre and scale of a template in an image.
 #[derive(Clone, Copy, Debug)]
 struct Pose {
     x: f64,
@@ -145,14 +147,14 @@ struct Pose {
     scale: f64,
 }
 
-/// Measures growth, with memory allocated once.
+/// Measures scale change; memory is allocated once.
 #[derive(Debug)]
 pub struct ScaleChangeMeter {
     templates: Vec<Template>,
     reduced: ReducedImage,
 }
 
-/// The part of the image that is compared, in px: its middle, width and height.
+/// The compared part of the image, in px: centre and size.
 #[derive(Clone, Copy, Debug)]
 struct Patch {
     x: f64,
@@ -162,8 +164,8 @@ struct Patch {
 }
 
 impl Patch {
-    /// The foot of a track's box, as wide and as high as the track has been of late: single boxes reach
-    /// into what is behind.
+    /// The lower part of a track's box, with the smoothed width and height of the track, since single boxes
+    /// extend into the background.
     fn of(track: &Track, focal_px: f64) -> Self {
         let PixelBox { x, y, width, height } = track.region.bounds;
         let [x, y, width, height] = [x, y, width, height].map(f64::from);
@@ -189,9 +191,9 @@ impl ScaleChangeMeter {
         Self { templates: (0..MAX_TRACKS).map(template).collect(), reduced }
     }
 
-    /// Compares a track's image at `time_ns` with the one kept of it, and keeps it for the next time.
-    /// `crop` begins at `origin` of the image. `None` when there is none to compare with yet, or when
-    /// the two do not fit.
+    /// Compares the image of a track at `time_ns` with its template, and replaces the template. `crop` starts
+    /// at `origin` of the image. `None` if there is no template yet, if it is too recent, or if registration
+    /// fails.
     fn measure(
         &mut self,
         track: &Track,
@@ -203,7 +205,7 @@ impl ScaleChangeMeter {
         let distance_m = track.distance_m();
         let Some(slot) = self.templates.iter().position(|v| v.track == track.id && v.time_ns <= time_ns)
         else {
-            // In place of the one that was not asked for for the longest time.
+            // Replaces the template that has not been requested for the longest time.
             let slot = (0..self.templates.len()).min_by_key(|&i| (self.templates[i].last_used_ns, i))?;
             self.store(slot, (track, patch), time_ns, crop, origin);
             return None;
@@ -263,7 +265,7 @@ impl ScaleChangeMeter {
     }
 }
 
-/// How well a template fits at a place, from a third of its points: their correlation.
+/// Correlation of a template with an image at a pose, from one third of the points.
 fn correlation(points: &[Point], image: &ReducedImage, pose: Pose) -> Option<f64> {
     let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points.iter().step_by(3) {
@@ -280,12 +282,12 @@ fn correlation(points: &[Point], image: &ReducedImage, pose: Pose) -> Option<f64
     (va > 1e-6 && vb > 1e-6).then(|| (ab - a * b / n) / (va * vb).sqrt())
 }
 
-/// The scale at which a template fits a image, and its standard deviation.
+/// Registers a template to an image. Returns the scale and its standard deviation.
 fn fit(points: &[Point], image: &ReducedImage, start: Pose) -> Option<(f64, f64)> {
     if points.len() < POINTS / 2 {
         return None;
     }
-    // Boxes jump by a strip or two: the best of some shifts first.
+    // Boxes jump by one or two strips: start from the best of several shifts.
     let reach = points.iter().fold(0.0_f64, |m, p| m.max(p.x.abs()));
     let step = (0.08 * reach).max(1.5);
     let mut best = (f64::NEG_INFINITY, start);
@@ -352,8 +354,9 @@ fn fit(points: &[Point], image: &ReducedImage, start: Pose) -> Option<(f64, f64)
 }
 
 impl Tracker {
-    /// Lets the pictures of the nearest tracks say how fast these come: for each track seen in the frame at
-    /// `time_ns`, `crop` gives its part of the left image and where in the image that begins.
+    /// Measures the scale change of the nearest tracks and updates their filters: for each track that was
+    /// detected in the frame at `time_ns`, `crop` returns its part of the left image and the position of that
+    /// part.
     pub fn measure_scale_change<'a>(
         &mut self,
         meter: &mut ScaleChangeMeter,
@@ -383,11 +386,10 @@ impl Tracker {
 }
 
 impl DistanceFilter {
-    /// Takes in how fast the obstacle's image grows; one that does not fit is left out. Gives whether it
-    /// was taken.
+    /// Updates the filter with a rate of scale change. Returns whether it was used; outliers are rejected.
     pub fn update_scale_rate(&mut self, rate: ScaleRate) -> bool {
         let (z, speed) = self.state();
-        // −ż/z and its slopes.
+        // −ż/z and its partial derivatives.
         let expected = -speed / z;
         let slopes = (speed / (z * z), -1.0 / z);
         self.update_linearised(slopes, rate.per_s - expected, rate.sigma_per_s, GATE_SIGMAS)
@@ -405,14 +407,14 @@ mod tests {
     const SIZE: (usize, usize) = (640, 480);
     const PERIOD_NS: u64 = 80_000_000;
 
-    /// Smooth texture over a plane, in metres.
+    /// Smooth texture on a plane, in metres.
     fn texture(x: f64, y: f64) -> f64 {
         let wave = |fx: f64, fy: f64, phase: f64| (fx * x + fy * y + phase).sin();
         let body = wave(7.0, 1.0, 0.3) + wave(-2.0, 9.0, 1.0) + wave(13.0, 11.0, 2.0) + wave(3.0, -5.0, 4.0);
         110.0 + 22.0 * body
     }
 
-    /// The back of a car 1.8 × 1.5 m at `z` metres before a grey wall, and its region.
+    /// Image and region of the back of a car, 1.8 × 1.5 m, at `z` metres in front of a grey wall.
     fn image(z: f64, lateral_m: f64, random: &mut fastrand::Rng) -> (Vec<u8>, Region) {
         let mut pixels = vec![0; SIZE.0 * SIZE.1];
         let px = RIG.focal_px / z;
@@ -429,7 +431,7 @@ mod tests {
             let noise = (0..4).map(|_| random.f64()).sum::<f64>() - 2.0;
             *v = (value + 3.0 * noise).clamp(0.0, 255.0) as u8;
         }
-        // Boxes are as coarse as strips of four columns, and jump.
+        // Box sides are quantised to strips of four columns, and jump.
         let strip = |v: f64, random: &mut fastrand::Rng| {
             ((v / 4.0).round() as i32 * 4 + random.i32(-1..2) * 2).max(0) as u32
         };
@@ -450,8 +452,7 @@ mod tests {
         (pixels, region)
     }
 
-    /// Worst relative error of the time to collision from 2.5 s down to 0.5 s, and its worst error in
-    /// stated deviations.
+    /// Largest error of the time to collision from 2.5 s down to 0.5 s: relative, and in standard deviations.
     fn approach(seed: u64, with_scale_change: bool) -> (f64, f64) {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
@@ -467,7 +468,7 @@ mod tests {
             tracker.update(frame * PERIOD_NS, &[region]);
             assert_eq!(tracker.tracks().len(), 1);
             if with_scale_change {
-                let image = GreyView::new(&pixels, SIZE.0, SIZE.1, SIZE.0).expect("a image");
+                let image = GreyView::new(&pixels, SIZE.0, SIZE.1, SIZE.0).expect("valid size");
                 tracker.measure_scale_change(&mut meter, frame * PERIOD_NS, |_| Some((image, (0, 0))));
             }
             let truth = z / closing;
@@ -484,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_s_growth_tells_the_time_far_away() {
+    fn scale_change_improves_the_time_to_collision_at_long_range() {
         let runs = |with| -> Vec<(f64, f64)> {
             let mut all: Vec<(f64, f64)> = (0..12).map(|seed| approach(seed, with)).collect();
             all.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -505,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_says_nothing() {
+    fn a_failed_registration_changes_nothing() {
         let mut random = fastrand::Rng::with_seed(1);
         let (first, region) = image(25.0, 0.0, &mut random);
         let noise: Vec<u8> = (0..SIZE.0 * SIZE.1).map(|_| random.u8(..)).collect();
@@ -515,15 +516,15 @@ mod tests {
             let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
             for (frame, pixels) in [&first, second].into_iter().enumerate() {
                 let time_ns = frame as u64 * 5 * PERIOD_NS;
-                let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a image");
+                let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("valid size");
                 tracker.update(time_ns, &[region]);
                 let before = tracker.tracks()[0].longitudinal;
                 tracker.measure_scale_change(&mut meter, time_ns, |_| Some((image, (0, 0))));
                 assert_eq!(tracker.tracks()[0].longitudinal, before, "frame {frame}");
             }
         }
-        // A crop that hardly holds the box.
-        let small = GreyView::new(&first, 20, 12, SIZE.0).expect("a image");
+        // A crop that hardly contains the box.
+        let small = GreyView::new(&first, 20, 12, SIZE.0).expect("valid size");
         let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
         let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
         for frame in 0..9 {

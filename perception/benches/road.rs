@@ -94,8 +94,9 @@ fn stages(c: &mut Criterion) {
             "a street: {} regions",
             scene.regions.len()
         );
-        group
-            .bench_function("road without small things", |b| b.iter(|| detector.detect(depth).regions.len()));
+        group.bench_function("road without small obstacles", |b| {
+            b.iter(|| detector.detect(depth).regions.len())
+        });
         if let Some(depth) = depth.with_images([views.0, views.1]) {
             group.bench_function("road", |b| b.iter(|| detector.detect(depth).regions.len()));
         }

@@ -140,14 +140,14 @@ impl Confirmation {
             (candidate.matched, candidate.displaced) = (false, false);
         }
         self.assign(regions, rig);
-        let mut place = 0;
+        let mut index = 0;
         regions.retain(|region| {
-            let own = self.owners[place];
-            let evidence = evidence[place];
-            place += 1;
+            let owner = self.owners[index];
+            let evidence = evidence[index];
+            index += 1;
             let seen = evidence.clamp(SIGHTING_BOUNDS.0, self.max_sighting);
-            if let Some(own) = own {
-                let candidate = &mut self.candidates[own as usize];
+            if let Some(owner) = owner {
+                let candidate = &mut self.candidates[owner as usize];
                 // A weak sighting away from the predicted place is another object or a part of the same one.
                 let overlaps = candidate
                     .predicted_region(size)
@@ -163,12 +163,10 @@ impl Confirmation {
                 return candidate.evidence >= REPORT_EVIDENCE && is_same;
             }
             if seen >= DROP_EVIDENCE && self.candidates.len() < 2 * CAPACITY {
-                let (step, evidence) = ([0.0; 3], seen);
-                let region = *region;
                 self.candidates.push(Candidate {
-                    region,
-                    step,
-                    evidence,
+                    region: *region,
+                    step: [0.0; 3],
+                    evidence: seen,
                     last_evidence: evidence,
                     sightings: 1,
                     unseen: 0,
@@ -226,7 +224,7 @@ impl Confirmation {
 }
 
 /// Centre column, foot row and disparity of a region.
-fn place(region: &Region) -> [f64; 3] {
+fn centre_foot_disparity(region: &Region) -> [f64; 3] {
     let b = &region.bounds;
     [f64::from(b.x) + 0.5 * f64::from(b.width), f64::from(b.y + b.height), region.disparity_px]
 }
@@ -234,7 +232,7 @@ fn place(region: &Region) -> [f64; 3] {
 impl Candidate {
     /// Adds a sighting.
     fn update(&mut self, region: &Region, seen: f64) {
-        let (before, now) = (place(&self.region), place(region));
+        let (before, now) = (centre_foot_disparity(&self.region), centre_foot_disparity(region));
         let frames = f64::from(self.unseen);
         let share = if self.sightings == 1 { 0.6 } else { 0.35 };
         for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
@@ -252,7 +250,7 @@ impl Candidate {
     /// Predicted centre column, foot row and disparity.
     fn predicted_place(&self) -> [f64; 3] {
         let frames = f64::from(self.unseen);
-        let [x, foot, disparity_px] = place(&self.region);
+        let [x, foot, disparity_px] = centre_foot_disparity(&self.region);
         let [dx, dfoot, rate] = self.step;
         [x + frames * dx, foot + frames * dfoot, (disparity_px + frames * rate).max(0.5 * disparity_px)]
     }
@@ -282,7 +280,7 @@ impl Candidate {
 /// Cost of assigning a region to a candidate: distance from the predicted place (0 to 1) plus the difference
 /// in size; `None` if the assignment is impossible.
 fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
-    let (expected, now) = (candidate.predicted_place(), place(region));
+    let (expected, now) = (candidate.predicted_place(), centre_foot_disparity(region));
     let depth = now[2] - expected[2];
     let frames = f64::from(candidate.unseen);
     // Objects approach faster than they recede; after one sighting the speed is still unknown.
@@ -297,7 +295,7 @@ fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> 
         return None;
     }
     // An object without lateral movement moves away from the image centre as it approaches.
-    let [x, _, disparity_px] = place(&candidate.region);
+    let [x, _, disparity_px] = centre_foot_disparity(&candidate.region);
     let at = if candidate.sightings == 1 {
         rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px
     } else {
@@ -305,8 +303,8 @@ fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> 
     };
     // If an object is only partly detected, one of its sides keeps its place.
     let half = 0.5 * f64::from(candidate.region.bounds.width) * now[2] / disparity_px;
-    let own = 0.5 * f64::from(region.bounds.width);
-    let side = (now[0] - own - (at - half)).abs().min((now[0] + own - (at + half)).abs());
+    let region_half = 0.5 * f64::from(region.bounds.width);
+    let side = (now[0] - region_half - (at - half)).abs().min((now[0] + region_half - (at + half)).abs());
     let across = (now[0] - at).abs().min(side + SIDE_MATCH_COST_PX);
     let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
     let slack = 2.0 + 0.3 * widest + frames * LATERAL_STEP_M * now[2] / rig.baseline_m;

@@ -126,9 +126,9 @@ impl Verifier<'_> {
                 }
             }
             let (without, _) = segment_row(&costs, width, &ORDER_WITHOUT_REGION);
-            let (with, own) = segment_row(&costs, width, &ORDER_WITH_REGION);
+            let (with, region_columns) = segment_row(&costs, width, &ORDER_WITH_REGION);
             reductions[count] = without - with;
-            if let (true, Some((first, end))) = (reductions[count] > MIN_SIDE_REDUCTION, own) {
+            if let (true, Some((first, end))) = (reductions[count] > MIN_SIDE_REDUCTION, region_columns) {
                 (lefts[side_rows], rights[side_rows]) =
                     ((surfaces.from + first) as u32, (surfaces.from + end) as u32);
                 side_rows += 1;
@@ -171,19 +171,19 @@ impl Verifier<'_> {
                 (sum, count) = (sum + d, count + 1.0);
             }
         }
-        let own = if count > 0.0 { sum / count } else { disparity_px };
+        let region_px = if count > 0.0 { sum / count } else { disparity_px };
         // The adjacent strip may still belong to the region or to a discontinuity.
         let before = |n: usize| known(strips.start.checked_sub(n));
         let after = |n: usize| known(Some(strips.end + n));
         let left = before(2).or_else(|| before(3)).or_else(|| before(1));
         let right = after(1).or_else(|| after(2)).or_else(|| after(0));
         let road_px = self.road.disparity_px(0.5 * (from + to) as f64, y).max(0.0) as f32;
-        let other = |d: Option<f32>| d.filter(|d| (d - own).abs() > MIN_SURFACE_GAP_PX);
+        let other = |d: Option<f32>| d.filter(|d| (d - region_px).abs() > MIN_SURFACE_GAP_PX);
         // Where the surface of the region continues sideways, only the box itself is examined.
         let is_continuous = |d: Option<f32>| d.is_some() && other(d).is_none();
         let from = if is_continuous(left) { from.max(first) } else { from };
         let to = if is_continuous(right) { to.min(end) } else { to };
-        let disparity_px = [other(left), other(Some(road_px)), other(right), Some(own)];
+        let disparity_px = [other(left), other(Some(road_px)), other(right), Some(region_px)];
         let is_decidable = to >= from + MIN_COLUMNS && disparity_px[..3].iter().any(Option::is_some);
         is_decidable.then_some(Surfaces { disparity_px, from, to })
     }
@@ -239,24 +239,24 @@ fn segment_row<const N: usize>(
     let mut sums = [0.0_f32; N];
     // First column of the region's surface and the column after its last, for each state; 0 if it has not
     // occurred.
-    let mut own = [[0_u16; 2]; N];
+    let mut extent = [[0_u16; 2]; N];
     for x in 0..width {
         let (mut best, mut known) = (f32::INFINITY, [0; 2]);
         for state in 0..N {
             // The previous surface may end here; at equal costs the earlier surface continues.
             let ends = sums[state] < best;
             best = if ends { sums[state] } else { best };
-            known = if ends { own[state] } else { known };
+            known = if ends { extent[state] } else { known };
             sums[state] = best + costs[order[state]][x];
-            own[state] = known;
+            extent[state] = known;
             if order[state] == REGION_SURFACE {
                 let first = if known[1] > 0 { known[0] } else { x as u16 };
-                own[state] = [first, x as u16 + 1];
+                extent[state] = [first, x as u16 + 1];
             }
         }
     }
     let best = (0..N).min_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-    let [first, end] = own[best].map(usize::from);
+    let [first, end] = extent[best].map(usize::from);
     (sums[best], (end > 0).then_some((first, end)))
 }
 

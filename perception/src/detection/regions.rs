@@ -206,10 +206,10 @@ impl RegionFinder {
             let strip = here.strip as usize;
             for next in strip.saturating_sub(LINK_STRIPS)..(strip + LINK_STRIPS + 1).min(stixels.strips()) {
                 for j in stixels.range(next) {
-                    let there = &list[j];
+                    let other = &list[j];
                     if !self.visited[j]
-                        && there.disparity_px >= min_px
-                        && linked(&here, there, surface, px_at_1_m)
+                        && other.disparity_px >= min_px
+                        && linked(&here, other, surface, px_at_1_m)
                     {
                         self.visited[j] = true;
                         self.stack.push(j as u32);
@@ -232,11 +232,11 @@ impl RegionFinder {
                     let (a, b) = (&near.bounds, &far.bounds);
                     let (right, bottom) = (a.x + a.width + 2 * STRIP_COLUMNS as u32, a.y + a.height);
                     let touches = b.x <= right && b.x + b.width + 2 * STRIP_COLUMNS as u32 >= a.x;
-                    let beside = b.y + b.height <= bottom && b.y + b.height / 2 >= a.y;
+                    let adjacent = b.y + b.height <= bottom && b.y + b.height / 2 >= a.y;
                     near.disparity_px > far.disparity_px * 1.05
                         && near.pixels > 2 * far.pixels
                         && touches
-                        && beside
+                        && adjacent
                 });
             if !is_artefact {
                 regions.swap(kept, i);
@@ -412,9 +412,9 @@ fn is_tail(far: &Region, near: &Region) -> bool {
     } else {
         (b.x.saturating_sub(a_end), a_end.saturating_sub(b.x), b_end.saturating_sub(a_end))
     };
-    let beside = gap <= MAX_TAIL_GAP_PX && overlap <= MAX_TAIL_OVERLAP_PX && beyond > ALIGNMENT_PX;
+    let adjacent = gap <= MAX_TAIL_GAP_PX && overlap <= MAX_TAIL_OVERLAP_PX && beyond > ALIGNMENT_PX;
     let (a_bottom, b_bottom) = (a.y + a.height, b.y + b.height);
-    beside
+    adjacent
         && b_bottom <= a_bottom + ALIGNMENT_PX
         && a.y <= b.y + 3 * ALIGNMENT_PX
         && b.width <= MAX_TAIL_WIDTH_PX
@@ -434,8 +434,8 @@ fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool
     let tolerance = noise.max(MAX_DEPTH_STEP_M * a.disparity_px * b.disparity_px / px_at_1_m);
     let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
-    let beside = f64::from(shared) >= MIN_ROW_OVERLAP * f64::from(taller);
-    beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
+    let adjacent = f64::from(shared) >= MIN_ROW_OVERLAP * f64::from(taller);
+    adjacent && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }
 
 #[cfg(test)]

@@ -162,9 +162,9 @@ impl Residual {
         let mut brightness = [1_u64; 2];
         for y in rows.clone().step_by(GAIN_STEP.0) {
             for x in road.columns(y, half_m, self.width).step_by(GAIN_STEP.1) {
-                let there = (x as f64 - road.disparity_px(x as f64, y)).clamp(0.0, (self.width - 1) as f64);
+                let right_x = (x as f64 - road.disparity_px(x as f64, y)).clamp(0.0, (self.width - 1) as f64);
                 brightness[0] += u64::from(left.row(y)[x]);
-                brightness[1] += u64::from(right.row(y)[there as usize]);
+                brightness[1] += u64::from(right.row(y)[right_x as usize]);
             }
         }
         let gain = brightness[0] as f32 / brightness[1] as f32;
@@ -267,13 +267,13 @@ impl Band<'_> {
         }
     }
 
-    /// Fast test whether the prominence at a noise of 1 may reach `least`.
+    /// Fast test whether the prominence at a noise of 1 may reach `min_prominence`.
     #[inline]
-    pub fn may_be_prominent(&self, left: i32, right: i32, least: f64) -> bool {
+    pub fn may_be_prominent(&self, left: i32, right: i32, min_prominence: f64) -> bool {
         let [gradient, product, ..] = self.window_sum(left, right);
         let product = f64::from(product as i32);
         // Both are in quarter units.
-        product * product > 4.0 * least * least * f64::from(gradient)
+        product * product > 4.0 * min_prominence * min_prominence * f64::from(gradient)
     }
 
     #[inline(always)]
@@ -328,23 +328,23 @@ fn accumulate_row_each<S: Simd>(
     here: &mut [[u32; 4]],
 ) {
     // Converted to i32 first: not every level can vectorise the conversion from usize to float.
-    let place = |k: usize| mapping.at + mapping.step * (k as i32) as f32;
+    let position = |k: usize| mapping.at + mapping.step * (k as i32) as f32;
     for (block, warped) in warped.chunks_mut(BLOCK).enumerate() {
         let (from, to) = (block * BLOCK, block * BLOCK + warped.len());
-        let whole = place(from).floor();
-        let last = place(to - 1) - (to - 1 - from) as f32 - whole;
+        let whole = position(from).floor();
+        let last = position(to - 1) - (to - 1 - from) as f32 - whole;
         let taps = usize::try_from(whole as isize - 1).ok().and_then(|i| right.get(i..i + warped.len() + 3));
         match taps {
             // All pixels of the block lie between the same neighbours.
             Some(taps) if (0.0..1.0).contains(&last) => {
                 for (k, (warped, taps)) in warped.iter_mut().zip(taps.windows(4)).enumerate() {
-                    let t = place(from + k) - (whole + (k as i32) as f32);
+                    let t = position(from + k) - (whole + (k as i32) as f32);
                     *warped = mapping.gain * cubic([0, 1, 2, 3].map(|i| f32::from(taps[i])), t);
                 }
             }
             _ => {
                 for (k, warped) in warped.iter_mut().enumerate() {
-                    *warped = mapping.gain * sample(right, place(from + k));
+                    *warped = mapping.gain * sample(right, position(from + k));
                 }
             }
         }

@@ -197,7 +197,7 @@ impl SmallObstacleFinder {
     fn fit_window(&self, candidate: &Candidate, first: usize, (width, height): (usize, usize)) -> Window {
         let mut window = candidate.window;
         let side = window[2] - window[0];
-        let least = (3 * side / 5).max(3);
+        let min_size = (3 * side / 5).max(3);
         let mut best = candidate.score(self.residual.sums(window));
         for _ in 0..40 {
             let before = best;
@@ -206,8 +206,8 @@ impl SmallObstacleFinder {
                     let mut next = window;
                     next[edge] += step;
                     let [left, top, right, bottom] = next;
-                    let fits = (least..=10 * side).contains(&(right - left))
-                        && (least..=4 * side).contains(&(bottom - top))
+                    let fits = (min_size..=10 * side).contains(&(right - left))
+                        && (min_size..=4 * side).contains(&(bottom - top))
                         && left >= 1
                         && top >= first as i32
                         && right < width as i32
@@ -291,11 +291,11 @@ impl SmallObstacleFinder {
         let last = (foot.max(0.0).ceil() as usize).clamp(bottom, size.1);
         let above = top.saturating_sub(side).max(first)..last;
         let rows = best_run(above, |y| columns.clone().map(|x| gain_at(x, y)).sum::<f64>() - MIN_LINE_GAIN);
-        let (tall, missing) = (foot - rows.start as f64, foot - rows.end as f64);
+        let (height_px, gap_px) = (foot - rows.start as f64, foot - rows.end as f64);
         let rig = &road.rig;
-        let height_m = rig.baseline_m * tall / plane_px;
+        let height_m = rig.baseline_m * height_px / plane_px;
         // This form of the comparison rejects NaN.
-        if !((HEIGHT_M.0..=HEIGHT_M.1).contains(&height_m) && missing <= MAX_FOOT_GAP_SHARE * tall) {
+        if !((HEIGHT_M.0..=HEIGHT_M.1).contains(&height_m) && gap_px <= MAX_FOOT_GAP_SHARE * height_px) {
             return None;
         }
         let distance_m = rig.distance_m(plane_px);
@@ -382,8 +382,8 @@ fn candidate(bands: &[Band<'_>; 3], window: Window, per_metre: f64) -> Option<Ca
     let around = wide.minus(bands[1].sums(left - side, right + side));
     // Test of the squares with a margin for rounding first, since most remaining windows are noise.
     let variance = (around.difference / around.count.max(1.0)).max(NOISE_LEVELS.0.powi(2));
-    let off = around.product / (around.gradient + variance / ROAD_PRIOR_PX.powi(2));
-    let product = own.with_offset(off).product;
+    let offset = around.product / (around.gradient + variance / ROAD_PRIOR_PX.powi(2));
+    let product = own.with_offset(offset).product;
     if variance > 1.001 * NOISE_LEVELS.1.powi(2)
         || product * product < 0.999 * MIN_PROMINENCE.powi(2) * variance * own.gradient
     {
@@ -428,11 +428,11 @@ fn evidence(region: &Region) -> f64 {
 /// Whether a window on the road overlaps a region or is occluded by it in one camera.
 fn is_near([left, top, right, bottom]: Window, road_px: f64, region: &Region, rig: &Rig) -> bool {
     let b = region.bounds;
-    let is_separate = REGION_MARGIN_M * region.disparity_px / rig.baseline_m;
+    let margin_px = REGION_MARGIN_M * region.disparity_px / rig.baseline_m;
     let hidden = (region.disparity_px - road_px).max(0.0);
-    f64::from(right) >= f64::from(b.x) - is_separate.max(hidden)
-        && f64::from(left) <= f64::from(b.x + b.width) + is_separate
-        && f64::from(top) <= f64::from(b.y + b.height) + is_separate
+    f64::from(right) >= f64::from(b.x) - margin_px.max(hidden)
+        && f64::from(left) <= f64::from(b.x + b.width) + margin_px
+        && f64::from(top) <= f64::from(b.y + b.height) + margin_px
         && bottom >= b.y as i32
 }
 

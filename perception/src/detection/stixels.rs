@@ -155,8 +155,8 @@ impl Stixels {
             }
             // Transpose: strips become contiguous.
             for strip in 0..self.strips {
-                let places = strip * self.height + first..strip * self.height + first + rows;
-                let (d, c) = (&mut self.depths[places.clone()], &mut self.confidence[places]);
+                let range = strip * self.height + first..strip * self.height + first + rows;
+                let (d, c) = (&mut self.depths[range.clone()], &mut self.confidence[range]);
                 let below = self.rows.0[strip..].iter().step_by(self.strips);
                 d.iter_mut().zip(below).for_each(|(d, from)| *d = *from);
                 let below = self.rows.1[strip..].iter().step_by(self.strips);
@@ -173,8 +173,8 @@ impl Stixels {
 
     fn find_in(&mut self, strip: usize, surface: &RoadSurface, parameters: &StixelParameters) {
         let x = Self::column(strip);
-        let places = strip * self.height..(strip + 1) * self.height;
-        let (depths, confidence) = (&self.depths[places.clone()], &self.confidence[places]);
+        let range = strip * self.height..(strip + 1) * self.height;
+        let (depths, confidence) = (&self.depths[range.clone()], &self.confidence[range]);
         let mut run = Run::default();
         let mut found = 0;
         // Fast preselection: most near pixels are road, most far pixels are too high.
@@ -349,15 +349,17 @@ fn strip_medians_row<S: Simd>(
     means: &mut [u8],
 ) {
     let (whole, rest) = row.as_chunks::<STRIP_COLUMNS>();
-    let (sure, doubt) = confidence.as_chunks::<STRIP_COLUMNS>();
-    for (((row, sure), depth), mean) in whole.iter().zip(sure).zip(depths.iter_mut()).zip(means.iter_mut()) {
-        (*depth, *mean) = strip_median(*row, *sure, min_confidence);
+    let (whole_confidence, rest_confidence) = confidence.as_chunks::<STRIP_COLUMNS>();
+    for (((row, confidence), depth), mean) in
+        whole.iter().zip(whole_confidence).zip(depths.iter_mut()).zip(means.iter_mut())
+    {
+        (*depth, *mean) = strip_median(*row, *confidence, min_confidence);
     }
     if let (false, Some(depth), Some(mean)) = (rest.is_empty(), depths.last_mut(), means.last_mut()) {
-        let (mut row, mut sure) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
+        let (mut row, mut confidence) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
         row[..rest.len()].copy_from_slice(rest);
-        sure[..doubt.len()].copy_from_slice(doubt);
-        (*depth, *mean) = strip_median(row, sure, min_confidence);
+        confidence[..rest_confidence.len()].copy_from_slice(rest_confidence);
+        (*depth, *mean) = strip_median(row, confidence, min_confidence);
     }
 }
 
@@ -371,13 +373,13 @@ fn strip_median(
 ) -> (u16, u8) {
     // 16-bit arithmetic, for as many strips per vector as possible.
     let confidence = confidence.map(u16::from);
-    let least = u16::from(min_confidence);
-    let known = |i: usize| if (columns[i] > 0) & (confidence[i] >= least) { u16::MAX } else { 0 };
+    let threshold = u16::from(min_confidence);
+    let known = |i: usize| if (columns[i] > 0) & (confidence[i] >= threshold) { u16::MAX } else { 0 };
     let known = [known(0), known(1), known(2), known(3)];
     let depth = |i: usize| columns[i] & known[i];
-    let sure = |i: usize| confidence[i] & known[i];
+    let known_confidence = |i: usize| confidence[i] & known[i];
     let count = known.iter().fold(0_u16, |count, known| count.wrapping_sub(*known));
-    let sum = sure(0) + sure(1) + sure(2) + sure(3);
+    let sum = known_confidence(0) + known_confidence(1) + known_confidence(2) + known_confidence(3);
     // Sorting network; unknown values come first.
     let (a, b) = (depth(0).min(depth(1)), depth(0).max(depth(1)));
     let (c, d) = (depth(2).min(depth(3)), depth(2).max(depth(3)));

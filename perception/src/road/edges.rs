@@ -128,9 +128,9 @@ impl EdgeFinder {
         let all = self.edges;
         for (segment, edges) in self.edges.iter_mut().enumerate() {
             for (side, edge) in edges.iter_mut().enumerate() {
-                let beside = |other: usize| all.get(other).and_then(|edges| edges[side]);
+                let neighbour = |other: usize| all.get(other).and_then(|edges| edges[side]);
                 *edge = edge.filter(|edge| {
-                    let near = [beside(segment.wrapping_sub(1)), beside(segment + 1)];
+                    let near = [neighbour(segment.wrapping_sub(1)), neighbour(segment + 1)];
                     near.iter()
                         .flatten()
                         .any(|other| (other.lateral_m - edge.lateral_m).abs() <= MAX_NEIGHBOUR_DIFFERENCE_M)
@@ -151,10 +151,10 @@ impl EdgeFinder {
         let mut cell_indices = [0; BATCH];
         surface.heights_m(pixels, &mut heights_m);
         assign_cells(self.level, pixels, *rig, bounds_px, &mut cell_indices);
-        for (&height_m, &place) in heights_m.iter().zip(&cell_indices).take(pixels.count()) {
+        for (&height_m, &index) in heights_m.iter().zip(&cell_indices).take(pixels.count()) {
             // This form of the comparison rejects NaN.
             if height_m.abs() < MAX_HEIGHT_M
-                && let Some(cell) = self.cells.get_mut(usize::from(place))
+                && let Some(cell) = self.cells.get_mut(usize::from(index))
             {
                 cell[0] += height_m as f32;
                 cell[1] += 1.0;
@@ -249,8 +249,8 @@ fn assign_cells_each<S: Simd>(
         } else {
             CELLS_PER_SIDE as f64
         }) as u16;
-        let place = (2 * segment + side) * CELLS_PER_SIDE as u16 + cell;
-        out[i] = if cell < CELLS_PER_SIDE as u16 { place } else { u16::MAX };
+        let index = (2 * segment + side) * CELLS_PER_SIDE as u16 + cell;
+        out[i] = if cell < CELLS_PER_SIDE as u16 { index } else { u16::MAX };
     }
 }
 

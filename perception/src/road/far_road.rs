@@ -57,8 +57,8 @@ impl NearLine {
         let mut line = Self::through(near(), |_, _| 1.0)?;
         for width_px in TUKEY_WIDTHS_PX {
             line = Self::through(near(), |row, px| {
-                let off = (px - line.at(row)) / width_px;
-                (1.0 - off * off).max(0.0).powi(2)
+                let residual = (px - line.at(row)) / width_px;
+                (1.0 - residual * residual).max(0.0).powi(2)
             })?;
         }
         let noise = line.noise_px(near(), histogram);
@@ -75,9 +75,9 @@ impl NearLine {
     /// interpolated between both.
     pub fn snap(&self, row: f64, px: f64) -> f64 {
         let straight = self.at(row);
-        let off = px - straight;
-        let departure = (off.abs() / self.snap_px - 1.0) / (FULL_DEPARTURE_RATIO - 1.0);
-        if straight > 0.0 { straight + off * departure.clamp(0.0, 1.0) } else { px }
+        let residual = px - straight;
+        let departure = (residual.abs() / self.snap_px - 1.0) / (FULL_DEPARTURE_RATIO - 1.0);
+        if straight > 0.0 { straight + residual * departure.clamp(0.0, 1.0) } else { px }
     }
 
     /// Whether the departure of a measured disparity from the line is within the noise.
@@ -107,8 +107,8 @@ impl NearLine {
                 let centre = self.at(y as f64) * BINS_PER_PX as f64;
                 let first = (centre - (RESIDUAL_BINS / 2) as f64).round().max(0.0) as usize;
                 for (bin, &count) in histogram.row(y).iter().enumerate().skip(first).take(RESIDUAL_BINS) {
-                    let off = (bin as f64 + 0.5 - centre).abs() as usize;
-                    counts[off.min(RESIDUAL_BINS - 1)] += u32::from(count);
+                    let residual = (bin as f64 + 0.5 - centre).abs() as usize;
+                    counts[residual.min(RESIDUAL_BINS - 1)] += u32::from(count);
                 }
             }
         }

@@ -83,9 +83,9 @@ fn measure_heights_each<S: Simd>(
         let level = tilt.levelled_px(f64::from(pixels.x_px[i]), px);
         // This form of the comparison maps NaN to 0.
         let level = if level > 0.0 { level } else { 0.0 };
-        let place = (level * entries_per_px) as f32;
-        index[i] = whole(if place < last as f32 { place } else { last as f32 });
-        share[i] = (place - index[i] as f32).min(1.0);
+        let position = (level * entries_per_px) as f32;
+        index[i] = whole(if position < last as f32 { position } else { last as f32 });
+        share[i] = (position - index[i] as f32).min(1.0);
     }
     let (mut near, mut next) = ([f32::NAN; BATCH], [f32::NAN; BATCH]);
     for i in 0..pixels.count {

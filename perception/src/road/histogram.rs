@@ -88,8 +88,8 @@ impl VDisparity {
             let (a, rest) = self.partial_counts.split_at_mut(self.bins + 1);
             let (b, rest) = rest.split_at_mut(self.bins + 1);
             let (c, d) = rest.split_at_mut(self.bins + 1);
-            let add = |counts: &mut [u16], place: u16| {
-                let count = &mut counts[usize::from(place)];
+            let add = |counts: &mut [u16], bin: u16| {
+                let count = &mut counts[usize::from(bin)];
                 *count = count.saturating_add(1);
             };
             for [i, j, k, l] in self.bin_of_pixel.as_chunks::<PARTIAL_COUNTS>().0 {

@@ -120,8 +120,9 @@ impl PathSearch {
         let (slope_range, rise_px) =
             if rises { (RISING_SLOPE_RANGE, RISING_MARGIN_PX) } else { (SLOPE_RANGE, 0.0) };
         let fall = line.slope * (BLOCK * BINS_PER_PX) as f64;
-        let least = ((slope_range.0 * fall).round() as usize).max(1);
-        let moves = (((slope_range.1 * fall).ceil() as usize).max(least + 1) + 1 - least).min(MAX_MOVES);
+        let min_move = ((slope_range.0 * fall).round() as usize).max(1);
+        let moves =
+            (((slope_range.1 * fall).ceil() as usize).max(min_move + 1) + 1 - min_move).min(MAX_MOVES);
         let curvature_cost = CURVATURE_COST * (usize::from(cap) * BLOCK) as f32;
         let slope_cost = SLOPE_COST * (usize::from(cap) * BLOCK) as f32;
         let [mut old, mut new] = std::mem::take(&mut self.energy);
@@ -131,19 +132,19 @@ impl PathSearch {
             let (low, high) = self.band(line, block_centre_row(height, block), rise_px);
             // Range of bins that the next block reads.
             let next = self.band(line, block_centre_row(height, block + 1), rise_px);
-            let required = low.min(next.0 + least)..(high.max(next.1 + least + moves) + 1).min(bins);
+            let required = low.min(next.0 + min_move)..(high.max(next.1 + min_move + moves) + 1).min(bins);
             Self::gather_scores(histogram, block, fall, cap, (low, high), &mut self.scores);
-            let mut most = f32::NEG_INFINITY;
+            let mut max_energy = f32::NEG_INFINITY;
             for step in 0..moves {
-                let off = ((least + step) as f32 - fall as f32).abs();
+                let slope_difference = ((min_move + step) as f32 - fall as f32).abs();
                 let row = &mut new[step * bins..][..bins];
                 row[required.clone()].fill(f32::NEG_INFINITY);
                 let best_moves = &mut self.best_moves[low..=high];
                 best_moves.fill(step as i32);
                 if block == 0 {
-                    row[low..=high].fill(-curvature_cost * off);
+                    row[low..=high].fill(-curvature_cost * slope_difference);
                 } else {
-                    let from = (low + least + step).min(bins);
+                    let from = (low + min_move + step).min(bins);
                     let count = (high + 1 - low).min(bins - from);
                     for before in step.saturating_sub(MAX_CURVATURE)..(step + MAX_CURVATURE + 1).min(moves) {
                         let cost = curvature_cost * step.abs_diff(before) as f32;
@@ -152,19 +153,19 @@ impl PathSearch {
                         relax(self.level, energies, before as i32, cost, best, &mut best_moves[..count]);
                     }
                 }
-                let slope_cost = slope_cost * off;
+                let slope_cost = slope_cost * slope_difference;
                 for (energy, count) in row[low..=high].iter_mut().zip(&self.scores[low..=high]) {
                     *energy = *energy + count - slope_cost;
-                    most = if *energy > most { *energy } else { most };
+                    max_energy = if *energy > max_energy { *energy } else { max_energy };
                 }
                 let back_pointers =
                     &mut self.back_pointers[block * states + step * bins + low..][..high + 1 - low];
                 back_pointers.iter_mut().zip(best_moves).for_each(|(pointer, best)| *pointer = *best as u8);
             }
-            if most > best_end.2 {
+            if max_energy > best_end.2 {
                 let mut ends = (low..=high).flat_map(|bin| (0..moves).map(move |step| step * bins + bin));
-                if let Some(state) = ends.find(|&state| new[state] == most) {
-                    best_end = (block, state, most);
+                if let Some(state) = ends.find(|&state| new[state] == max_energy) {
+                    best_end = (block, state, max_energy);
                 }
             }
             std::mem::swap(&mut old, &mut new);
@@ -173,16 +174,16 @@ impl PathSearch {
         let (end, state, _) = best_end;
         path.clear();
         path.resize(blocks.max(end + 1), (0.0, 0.0));
-        self.trace_back(histogram, cap, least, (end, state), path);
+        self.trace_back(histogram, cap, min_move, (end, state), path);
     }
 
     /// Follows the back pointers down from the best end (block, state), and refines the disparity of each block
-    /// to sub-bin resolution. `least` is the smallest move, in bins.
+    /// to sub-bin resolution. `min_move` is the smallest move, in bins.
     fn trace_back(
         &self,
         histogram: &VDisparity,
         cap: u16,
-        least: usize,
+        min_move: usize,
         (end, mut state): (usize, usize),
         path: &mut [(f32, f32)],
     ) {
@@ -192,7 +193,7 @@ impl PathSearch {
             let (mut sum, mut moment) = (0.0, 0.0);
             for up in 0..BLOCK {
                 let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
-                let shift = (0.5 * (BLOCK - 1) as f32 - up as f32) * (least + step) as f32 / BLOCK as f32;
+                let shift = (0.5 * (BLOCK - 1) as f32 - up as f32) * (min_move + step) as f32 / BLOCK as f32;
                 let centre = bin as f32 + shift;
                 let first = (centre.round() as usize).saturating_sub(2);
                 for (b, &count) in row.iter().enumerate().skip(first).take(5) {
@@ -201,10 +202,10 @@ impl PathSearch {
                     moment += count * (b as f32 + 0.5 - shift);
                 }
             }
-            let place = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
-            path[block] = (place / BINS_PER_PX as f32, sum);
+            let position = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
+            path[block] = (position / BINS_PER_PX as f32, sum);
             let from = usize::from(self.back_pointers[block * states + state]);
-            state = from * bins + (bin + least + step).min(bins - 1);
+            state = from * bins + (bin + min_move + step).min(bins - 1);
         }
     }
 }

@@ -210,7 +210,7 @@ impl ProfileFinder {
     fn measure_visibility(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
         self.visibility.clear();
         for (block, &(place, _)) in self.path.iter().enumerate().skip(from) {
-            let (mut there, mut seen, mut all) = (0_u32, 0_u32, 0_u32);
+            let (mut on_path, mut unoccluded, mut all) = (0_u32, 0_u32, 0_u32);
             let half = corridor.columns_per_px * place.max(0.25);
             let first = (corridor.centre_px - half).max(0.0) as usize;
             let end = ((corridor.centre_px + half).max(0.0) as usize).min(depth.width());
@@ -221,12 +221,12 @@ impl ProfileFinder {
                     let known = row[x] > 0 && confidence[x] >= MIN_CONFIDENCE;
                     let nearer = f32::from(row[x]) / 256.0 - place;
                     all += 1;
-                    seen += u32::from(!known || nearer <= ON_PATH_PX);
-                    there += u32::from(known && nearer.abs() <= ON_PATH_PX);
+                    unoccluded += u32::from(!known || nearer <= ON_PATH_PX);
+                    on_path += u32::from(known && nearer.abs() <= ON_PATH_PX);
                 }
             }
-            let enough = f64::from(seen) >= MIN_UNOCCLUDED_SHARE * f64::from(all) && seen > 0;
-            self.visibility.push(if enough { there as f32 / seen as f32 } else { f32::NAN });
+            let enough = f64::from(unoccluded) >= MIN_UNOCCLUDED_SHARE * f64::from(all) && unoccluded > 0;
+            self.visibility.push(if enough { on_path as f32 / unoccluded as f32 } else { f32::NAN });
         }
     }
 

@@ -110,9 +110,9 @@ impl Radon {
             // The line crosses the centre of bin 0 (1/8 px) half a bin below the horizon.
             let centre = -0.5 / bins_per_row;
             // Offsets decrease as the horizon moves down; a margin on both sides allows for rounding.
-            let place = |horizon_px: f64| ((horizon_px - centre) * sin + shift - 0.5).max(0.0);
-            let from = (place(range.horizon_px.1) as usize).saturating_sub(1).min(lines - 2);
-            let to = (place(range.horizon_px.0) as usize + 3).clamp(from + 1, lines - 1);
+            let line_index = |horizon_px: f64| ((horizon_px - centre) * sin + shift - 0.5).max(0.0);
+            let from = (line_index(range.horizon_px.1) as usize).saturating_sub(1).min(lines - 2);
+            let to = (line_index(range.horizon_px.0) as usize + 3).clamp(from + 1, lines - 1);
             for sums in &mut self.sums {
                 sums[from..=to].fill(0);
             }
@@ -152,16 +152,16 @@ kernel! {
 fn project_each<S: Simd>(_: S, cells: [&[u16]; 3], line: [f64; 3], sums: &mut [Vec<u32>; PARTIAL_SUMS]) {
     let [bins, rows, counts] = cells.map(|cells| cells.as_chunks::<GROUP>().0);
     let [a, b, c, d] = sums.each_mut().map(|sums| &mut sums[..]);
-    let mut places = [0_u32; GROUP];
+    let mut offsets = [0_u32; GROUP];
     for ((bins, rows), counts) in bins.iter().zip(rows).zip(counts) {
         for i in 0..GROUP {
             let offset = f64::from(bins[i]) * line[0] + f64::from(rows[i]) * line[1] + line[2];
-            places[i] = nearest_f64(offset);
+            offsets[i] = nearest_f64(offset);
         }
-        for (places, counts) in
-            places.as_chunks::<PARTIAL_SUMS>().0.iter().zip(counts.as_chunks::<PARTIAL_SUMS>().0)
+        for (offsets, counts) in
+            offsets.as_chunks::<PARTIAL_SUMS>().0.iter().zip(counts.as_chunks::<PARTIAL_SUMS>().0)
         {
-            let [i, j, k, l] = places.map(|place| place as usize);
+            let [i, j, k, l] = offsets.map(|line_index| line_index as usize);
             let [p, q, r, s] = counts.map(u32::from);
             // Sums outside the searched range are not reset, so they may wrap.
             a[i] = a[i].wrapping_add(p);

@@ -169,12 +169,12 @@ fn add_inliers_each<S: Simd>(
             let x = f64::from((STEP * (LANES * group + i)) as i32);
             let px = f64::from(eight[i]) / 256.0;
             let near = eight[i] > 0 && (tilt.levelled_px(x, px) - road_px).abs() < tolerance_px;
-            let (off, from) = if near { (x - tilt.cx_px, px - road_px) } else { (0.0, 0.0) };
+            let (column, residual_px) = if near { (x - tilt.cx_px, px - road_px) } else { (0.0, 0.0) };
             count[i] += if near { 1.0 } else { 0.0 };
-            across[i] += off;
-            square[i] += off * off;
-            residual[i] += from;
-            product[i] += off * from;
+            across[i] += column;
+            square[i] += column * column;
+            residual[i] += residual_px;
+            product[i] += column * residual_px;
         }
     }
     *sums = [count, across, square, residual, product];
@@ -197,10 +197,10 @@ fn bin_residuals_each<S: Simd>(
     let ResidualBins { start_px, absolute, bins_per_px, count } = bins;
     let bin_count = f64::from(count);
     for (i, (&d, bin)) in row.iter().zip(out).enumerate() {
-        let off = tilt.levelled_px(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
-        let place = (if absolute { off.abs() } else { off } - start_px) * bins_per_px;
-        let inside = d > 0 && place >= 0.0 && place < bin_count;
-        *bin = whole_f64(if inside { place } else { bin_count }) as u8;
+        let residual_px = tilt.levelled_px(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
+        let position = (if absolute { residual_px.abs() } else { residual_px } - start_px) * bins_per_px;
+        let inside = d > 0 && position >= 0.0 && position < bin_count;
+        *bin = whole_f64(if inside { position } else { bin_count }) as u8;
     }
 }
 

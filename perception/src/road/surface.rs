@@ -92,8 +92,8 @@ impl RoadSurface {
     /// Computes the values that depend on `rows` only.
     fn update_row_slopes(&mut self) {
         let (reach, last) = (ENTRIES_PER_PX / 2, self.rows.len() - 1);
-        for (place, out) in self.rows_per_px.iter_mut().enumerate() {
-            let (below, above) = (place.saturating_sub(reach), (place + reach).min(last));
+        for (entry, out) in self.rows_per_px.iter_mut().enumerate() {
+            let (below, above) = (entry.saturating_sub(reach), (entry + reach).min(last));
             let rows = f64::from(self.rows[above] - self.rows[below]);
             *out = rows * ENTRIES_PER_PX as f64 / (above - below).max(1) as f64;
         }
@@ -200,9 +200,9 @@ impl RoadSurface {
     /// Row in which the road has disparity `disparity_px` in column `x_px`; NaN without a road.
     #[inline]
     pub fn row_at(&self, x_px: f64, disparity_px: f64) -> f32 {
-        let place = (self.tilt.levelled_px(x_px, disparity_px).max(0.0) * ENTRIES_PER_PX as f64) as f32;
-        let index = (place as usize).min(self.rows.len() - 2);
-        let share = (place - index as f32).min(1.0);
+        let entry = (self.tilt.levelled_px(x_px, disparity_px).max(0.0) * ENTRIES_PER_PX as f64) as f32;
+        let index = (entry as usize).min(self.rows.len() - 2);
+        let share = (entry - index as f32).min(1.0);
         self.rows[index] + share * (self.rows[index + 1] - self.rows[index])
     }
 
@@ -224,9 +224,9 @@ impl RoadSurface {
     /// slope of the road.
     #[inline]
     pub fn height_noise_m(&self, disparity_px: f64) -> f64 {
-        let place =
+        let entry =
             (self.tilt.levelled_px(self.rig.cx_px, disparity_px).max(0.0) * ENTRIES_PER_PX as f64) as usize;
-        let rows_per_px = self.rows_per_px[place.min(self.rows_per_px.len() - 1)];
+        let rows_per_px = self.rows_per_px[entry.min(self.rows_per_px.len() - 1)];
         self.rig.baseline_m * self.noise_px * rows_per_px / disparity_px
     }
 }

@@ -117,7 +117,7 @@ impl Assignment {
                 let before = self.column_of[row as usize].replace(column as u32);
                 self.row_of[column] = Some(row);
                 match before {
-                    Some(place) if row as usize != start => column = place as usize,
+                    Some(column_before) if row as usize != start => column = column_before as usize,
                     _ => break,
                 }
             }

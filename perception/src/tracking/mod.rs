@@ -343,9 +343,9 @@ fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
 
 /// Intersection of a box with the image.
 fn clip(edges: [f64; 4], (width, height): (u32, u32)) -> PixelBox {
-    let place = |v: f64, most: u32| v.round().clamp(0.0, f64::from(most)) as u32;
-    let (x, y) = (place(edges[0], width), place(edges[1], height));
-    let (right, bottom) = (place(edges[2], width), place(edges[3], height));
+    let to_pixel = |v: f64, most: u32| v.round().clamp(0.0, f64::from(most)) as u32;
+    let (x, y) = (to_pixel(edges[0], width), to_pixel(edges[1], height));
+    let (right, bottom) = (to_pixel(edges[2], width), to_pixel(edges[3], height));
     PixelBox { x, y, width: right.saturating_sub(x), height: bottom.saturating_sub(y) }
 }
 

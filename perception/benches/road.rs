@@ -1,4 +1,4 @@
-//! Time of the road stage beside that of the stereo stage, whose map it gets: one street, in one run.
+//! Running time of the road stage compared with that of the stereo stage, on the same synthetic street.
 //! `cargo bench -p lookout-perception --bench road`.
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -10,12 +10,12 @@ use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvPa
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
-/// The paper's rig, 1.2 m above the road.
+/// Rig of the paper, 1.2 m above the road.
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
-const CAMERA_M: f64 = 1.2;
+const CAMERA_HEIGHT_M: f64 = 1.2;
 
-/// What stands in the street: left and right, height and distance, in metres.
-const THINGS: [(f64, f64, f64, f64); 12] = [
+/// Obstacles in the street: left and right side, height and distance, in metres.
+const OBSTACLES: [(f64, f64, f64, f64); 12] = [
     (-0.9, 0.9, 1.5, 18.0),
     (-4.2, -2.4, 1.5, 9.0),
     (-4.2, -2.4, 1.5, 15.0),
@@ -30,18 +30,18 @@ const THINGS: [(f64, f64, f64, f64); 12] = [
     (0.9, 2.5, 1.5, 34.0),
 ];
 
-/// Disparity of a pixel: the road, what stands on it, else houses 45 m away.
+/// Disparity of a pixel: the road, an obstacle, or houses 45 m away.
 fn truth(x: usize, y: usize) -> f64 {
-    let road = RIG.baseline_m / CAMERA_M * (y as f64 - RIG.cy_px);
-    THINGS.iter().fold(road.max(RIG.disparity_px(45.0)), |nearest, &(left, right, tall, distance)| {
+    let road = RIG.baseline_m / CAMERA_HEIGHT_M * (y as f64 - RIG.cy_px);
+    OBSTACLES.iter().fold(road.max(RIG.disparity_px(45.0)), |nearest, &(left, right, tall, distance)| {
         let across = RIG.lateral_m(x as f64, distance);
-        let up = CAMERA_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
+        let up = CAMERA_HEIGHT_M - (y as f64 - RIG.cy_px) * distance / RIG.focal_px;
         let there = (left..=right).contains(&across) && (0.0..=tall).contains(&up);
         if there { nearest.max(RIG.disparity_px(distance)) } else { nearest }
     })
 }
 
-/// A textured pair of the street, with two grey levels of noise in each image.
+/// A textured image pair of the street with two grey levels of noise in each image.
 fn pair(disparities: usize) -> (GreyImage, GreyImage) {
     let mut random = fastrand::Rng::with_seed(1);
     let wide = WIDTH + disparities + 2;
@@ -62,7 +62,7 @@ fn pair(disparities: usize) -> (GreyImage, GreyImage) {
     (left, right)
 }
 
-/// One frame of stereo into its map.
+/// Computes the disparity map of one pair.
 fn match_pair(matcher: &mut Mpv, (left, right): (GreyView<'_>, GreyView<'_>), map: &mut (Vec<u16>, Vec<u8>)) {
     let output = MatchOutput { disparity: &mut map.0, confidence: &mut map.1 };
     assert!(matcher.compute(left, right, output).is_ok(), "the sizes fit");
@@ -80,7 +80,7 @@ fn stages(c: &mut Criterion) {
         };
         let mut map = (vec![0; WIDTH * HEIGHT], vec![0; WIDTH * HEIGHT]);
         group.bench_function("stereo, fast", |b| b.iter(|| match_pair(&mut matcher, views, &mut map)));
-        // Also when stereo is not asked for.
+        // The map is needed even if the stereo benchmark is filtered out.
         match_pair(&mut matcher, views, &mut map);
         let depth = DisparityView::new(&map.0, WIDTH, HEIGHT).and_then(|view| DepthView::new(view, &map.1));
         let Some(depth) = depth else { continue };
@@ -94,9 +94,10 @@ fn stages(c: &mut Criterion) {
             "a street: {} regions",
             scene.regions.len()
         );
-        group
-            .bench_function("road without small things", |b| b.iter(|| detector.detect(depth).regions.len()));
-        if let Some(depth) = depth.with_pictures([views.0, views.1]) {
+        group.bench_function("road without small obstacles", |b| {
+            b.iter(|| detector.detect(depth).regions.len())
+        });
+        if let Some(depth) = depth.with_images([views.0, views.1]) {
             group.bench_function("road", |b| b.iter(|| detector.detect(depth).regions.len()));
         }
         group.finish();

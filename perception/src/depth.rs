@@ -1,43 +1,43 @@
-//! What the road is found in: a disparity map, how far each of its pixels is to be believed, and the
-//! pictures that it was made from.
+//! Input of road and obstacle detection: a disparity map with confidence and, optionally, the rectified
+//! images.
 
 use crate::image::GreyView;
 use crate::stereo::DisparityView;
 
-/// A disparity map with its confidence.
+/// A disparity map with its confidence and, optionally, its images.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthView<'a> {
     disparity: DisparityView<'a>,
     confidence: &'a [u8],
-    pictures: Option<[GreyView<'a>; 2]>,
+    images: Option<[GreyView<'a>; 2]>,
 }
 
 impl<'a> DepthView<'a> {
-    /// A map with one confidence a pixel, 0 to 255, in rows without gaps; `None` when there are not as
-    /// many.
+    /// Combines a map with one confidence per pixel (0 to 255, rows without padding); `None` if their sizes
+    /// differ.
     pub fn new(disparity: DisparityView<'a>, confidence: &'a [u8]) -> Option<Self> {
         let fits = confidence.len() == disparity.width() * disparity.height();
-        fits.then_some(Self { disparity, confidence, pictures: None })
+        fits.then_some(Self { disparity, confidence, images: None })
     }
 
-    /// The same with the rectified pair, left and right; `None` when a picture has another size.
-    pub fn with_pictures(self, pictures: [GreyView<'a>; 2]) -> Option<Self> {
+    /// Adds the rectified pair, left and right; `None` if the size of an image differs.
+    pub fn with_images(self, images: [GreyView<'a>; 2]) -> Option<Self> {
         let size = (self.width(), self.height());
-        let fit = pictures.iter().all(|picture| (picture.width(), picture.height()) == size);
-        fit.then_some(Self { pictures: Some(pictures), ..self })
+        let fit = images.iter().all(|image| (image.width(), image.height()) == size);
+        fit.then_some(Self { images: Some(images), ..self })
     }
 
-    /// The rectified pair, left and right, if it is there.
-    pub fn pictures(&self) -> Option<[GreyView<'a>; 2]> {
-        self.pictures
+    /// Rectified pair, left and right, if available.
+    pub fn images(&self) -> Option<[GreyView<'a>; 2]> {
+        self.images
     }
 
-    /// Width in pixels.
+    /// Width in px.
     pub fn width(&self) -> usize {
         self.disparity.width()
     }
 
-    /// Height in pixels.
+    /// Height in px.
     pub fn height(&self) -> usize {
         self.disparity.height()
     }
@@ -47,7 +47,7 @@ impl<'a> DepthView<'a> {
         self.disparity.row(y)
     }
 
-    /// Confidences of row `y`.
+    /// Confidences of row `y`, 0 to 255.
     pub fn confidence(&self, y: usize) -> &'a [u8] {
         &self.confidence[y * self.width()..(y + 1) * self.width()]
     }

@@ -1,8 +1,22 @@
-//! The algorithms of lookout: dense stereo, road model, obstacle regions, recognition and tracking.
+//! Perception algorithms of lookout: dense stereo, road model, obstacle detection, recognition, tracking and
+//! the collision alarm.
 //!
-//! Nothing here reads a file, a clock or the environment or talks to another process; threads are
-//! started only by a matcher that was asked for several. Every algorithm takes views of caller-owned images, writes into caller-owned outputs
-//! and keeps its scratch memory in a workspace that is allocated once.
+//! No code in this crate reads a file, a clock or the environment, or communicates with another process.
+//! Threads are started only by a matcher that was configured with several. Every algorithm takes views of
+//! caller-owned images and writes to caller-owned outputs; its scratch memory is in a workspace that is
+//! allocated once.
+//!
+//! The stages in the order of processing, with the section of the paper (Xie, Long, Zhang and Sun, *A Robust
+//! Real-Time Computing-based Environment Sensing System for Intelligent Vehicle*):
+//!
+//! - [`stereo`]: rectified image pair to disparity map (sections 3.2 to 3.4).
+//! - [`scene`]: disparity map to road and obstacle regions; runs [`road`] and [`detection`] (section 3.5).
+//! - [`recognition`]: cascade classifier for obstacle regions.
+//! - [`tracking`]: regions to tracks with distance and closing speed.
+//! - [`alarm`]: tracks to an alarm level (section 4.3).
+//! - [`calibration`], [`rectify`], [`image_quality`], [`point_cloud`]: support. [`simd`]: vector kernels.
+//!
+//! [`scene`] has a runnable example.
 
 pub mod alarm;
 pub mod calibration;

@@ -1,8 +1,8 @@
-//! A box in the image, and an obstacle region: what detection gives and tracking takes.
+//! Pixel boxes and obstacle regions: the output of detection and the input of tracking.
 
 use crate::rig::Rig;
 
-/// A box in the image, in pixels.
+/// An axis-aligned box in an image, in pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelBox {
     /// Left column.
@@ -16,7 +16,7 @@ pub struct PixelBox {
 }
 
 impl PixelBox {
-    /// Shared area ÷ joint area, 0 to 1.
+    /// Intersection over union, 0 to 1.
     pub fn overlap(&self, other: &PixelBox) -> f64 {
         let span =
             |a: u32, al: u32, b: u32, bl: u32| f64::from((a + al).min(b + bl).saturating_sub(a.max(b)));
@@ -28,31 +28,32 @@ impl PixelBox {
     }
 }
 
-/// Something that stands on the road, or beside it.
+/// An obstacle region: an object on or beside the road.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Region {
-    /// Where it is in the left image.
+    /// Bounding box in the left image.
     pub bounds: PixelBox,
-    /// Disparity of its near side, in pixels.
+    /// Disparity of the near side, in px.
     pub disparity_px: f64,
-    /// One standard deviation of that, in pixels.
+    /// Standard deviation of the disparity, in px.
     pub disparity_sigma_px: f64,
-    /// Distance of its near side along z, in metres.
+    /// Distance of the near side along z, in metres.
     pub distance_m: f64,
-    /// Middle of the box, metres right of the camera axis.
+    /// Lateral position of the box centre, in metres right of the camera axis.
     pub lateral_m: f64,
     /// Width of the box at that distance, in metres.
     pub width_m: f64,
-    /// Height of its top above the road, in metres.
+    /// Height of the top above the road, in metres.
     pub height_m: f64,
-    /// Obstacle pixels.
+    /// Number of obstacle pixels.
     pub pixels: u32,
-    /// Mean confidence of these, 0 to 1.
+    /// Mean confidence of these pixels, 0 to 1.
     pub confidence: f64,
 }
 
 impl Region {
-    /// Moves the sides of its box to column `first` and the one before `end`.
+    /// Sets the first column of the box and the column after its last one; updates width and lateral
+    /// position.
     pub(crate) fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {
         (self.bounds.x, self.bounds.width) = (first, end - first);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
@@ -65,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boxes_overlap_by_their_shared_part() {
+    fn overlap_is_intersection_over_union() {
         let a = PixelBox { x: 0, y: 0, width: 10, height: 10 };
         let b = PixelBox { x: 5, y: 0, width: 10, height: 10 };
         assert!((a.overlap(&b) - 50.0 / 150.0).abs() < 1e-12);

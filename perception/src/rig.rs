@@ -1,22 +1,22 @@
-//! The rectified stereo rig: what turns disparity into metres.
+//! Rectified stereo rig: conversion between disparity and distance.
 
 use thiserror::Error;
 
-/// A rectified pair of cameras: both look along z, their rows match, the right one stands
-/// `baseline_m` to the right. Camera coordinates: x right, y down, z forward, in metres.
+/// A rectified pair of cameras: optical axes along z, aligned rows, the right camera `baseline_m` to the
+/// right. Camera coordinates: x right, y down, z forward, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rig {
-    /// Focal length of both cameras, in pixels.
+    /// Focal length of both cameras, in px.
     pub focal_px: f64,
-    /// Distance between the two centres, in metres.
+    /// Baseline, the distance between the camera centres, in metres.
     pub baseline_m: f64,
-    /// Column of the left principal point, in pixels.
+    /// Column of the left principal point, in px.
     pub cx_px: f64,
-    /// Row of the principal point, in pixels.
+    /// Row of the principal point, in px.
     pub cy_px: f64,
 }
 
-/// Why figures do not describe a rig.
+/// Error of an implausible rig parameter.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("{what} is {value}: {remedy}")]
 pub struct RigError {
@@ -26,11 +26,11 @@ pub struct RigError {
 }
 
 impl Rig {
-    /// Checks the figures. Limits are wide, but catch swapped cameras and wrong units:
-    /// focal length 10 to 100,000 px, baseline 0.005 to 20 m, principal point finite.
+    /// Checks the parameters. The limits are wide, but detect swapped cameras and wrong units: focal length
+    /// 10 to 100,000 px, baseline 0.005 to 20 m, principal point finite.
     ///
     /// # Errors
-    /// Names the figure that is out of range and what to do.
+    /// Names the parameter that is out of range, and a remedy.
     pub fn checked(self) -> Result<Self, RigError> {
         let error = |what, value, remedy| Err(RigError { what, value, remedy });
         if !(10.0..=100_000.0).contains(&self.focal_px) {
@@ -51,23 +51,22 @@ impl Rig {
         Ok(self)
     }
 
-    /// Distance along z, in metres, of a disparity in pixels; infinite at zero.
+    /// Distance along z, in metres, of a disparity in px; infinite at zero.
     pub fn distance_m(&self, disparity_px: f64) -> f64 {
         if disparity_px <= 0.0 { f64::INFINITY } else { self.focal_px * self.baseline_m / disparity_px }
     }
 
-    /// Disparity in pixels of a distance along z in metres (above zero).
+    /// Disparity in px of a distance along z in metres (above zero).
     pub fn disparity_px(&self, distance_m: f64) -> f64 {
         self.focal_px * self.baseline_m / distance_m
     }
 
-    /// One standard deviation of the distance, in metres, for one of the disparity in pixels:
-    /// z²/(f·B)·σ.
+    /// Standard deviation of the distance, in metres, for that of the disparity in px: z²/(f·B)·σ.
     pub fn distance_error_m(&self, distance_m: f64, disparity_sigma_px: f64) -> f64 {
         distance_m * distance_m / (self.focal_px * self.baseline_m) * disparity_sigma_px
     }
 
-    /// Metres to the right of the left camera's axis, for a column and a distance.
+    /// Lateral position of a column at a distance, in metres right of the left camera's axis.
     pub fn lateral_m(&self, x_px: f64, distance_m: f64) -> f64 {
         (x_px - self.cx_px) * distance_m / self.focal_px
     }
@@ -89,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_units_are_named() {
+    fn wrong_units_are_reported() {
         assert!(KITTI.checked().is_ok());
         let millimetres = Rig { baseline_m: 533.0, ..KITTI }.checked().unwrap_err();
         assert!(millimetres.to_string().contains("metres"), "{millimetres}");

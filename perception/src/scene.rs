@@ -1,4 +1,46 @@
-//! One disparity map to the road and the obstacle regions on it: [`crate::road`], then [`crate::detection`].
+//! Scene detection: road and obstacle regions from one disparity map ([`crate::road`], then
+//! [`crate::detection`]; paper, section 3.5).
+//!
+//! Input: a [`DepthView`] (disparity in 1/256 px, confidence, optionally the rectified images). Output: a
+//! [`Scene`] with the road model, the road's disparity in each row (px), obstacle [`Region`]s (px and
+//! metres), free distances (metres) and road edges (metres).
+//!
+//! ```
+//! use lookout_perception::depth::DepthView;
+//! use lookout_perception::rig::Rig;
+//! use lookout_perception::scene::{SceneDetector, SceneParameters};
+//! use lookout_perception::stereo::DisparityView;
+//!
+//! let (width, height) = (320, 240);
+//! let rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 160.0, cy_px: 100.0 };
+//! let camera_height_m = 1.5;
+//!
+//! // Disparity map in 1/256 px: a flat road and a box, 1.8 m wide and 1.5 m high, at 12 m.
+//! let mut map = vec![0_u16; width * height];
+//! for (i, disparity) in map.iter_mut().enumerate() {
+//!     let (x, y) = ((i % width) as f64, (i / width) as f64);
+//!     let road_px = rig.baseline_m / camera_height_m * (y - rig.cy_px);
+//!     let height_m = camera_height_m - (y - rig.cy_px) * 12.0 / rig.focal_px;
+//!     let in_box = rig.lateral_m(x, 12.0).abs() <= 0.9 && (0.0..=1.5).contains(&height_m);
+//!     let disparity_px = if in_box { rig.disparity_px(12.0) } else { road_px.max(0.0) };
+//!     *disparity = (256.0 * disparity_px) as u16;
+//! }
+//! let confidence = vec![255; map.len()];
+//! let disparity = DisparityView::new(&map, width, height).expect("one disparity per pixel");
+//! let depth = DepthView::new(disparity, &confidence).expect("one confidence per pixel");
+//!
+//! // Regions are confirmed over several frames.
+//! let mut detector = SceneDetector::new(SceneParameters::default(), rig, width, height, 64);
+//! for _ in 0..3 {
+//!     detector.detect(depth);
+//! }
+//! let scene = detector.detect(depth);
+//!
+//! let road = scene.road.expect("a visible road");
+//! assert!((road.camera_height_m - camera_height_m).abs() < 0.15);
+//! assert_eq!(scene.regions.len(), 1);
+//! assert!((scene.regions[0].distance_m - 12.0).abs() < 0.4);
+//! ```
 
 use crate::depth::DepthView;
 use crate::detection::{ObstacleDetector, RegionParameters};
@@ -9,31 +51,32 @@ use crate::road::free_space::FreeSpace;
 use crate::road::histogram::VDisparity;
 use crate::road::{RoadEstimator, RoadModel, RoadParameters};
 
-/// What shapes the road model and the regions.
+/// Parameters of the road model and of obstacle detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneParameters {
-    /// The road model.
+    /// Road model.
     pub road: RoadParameters,
-    /// The regions.
+    /// Obstacle regions.
     pub regions: RegionParameters,
 }
 
-/// What one disparity map shows.
+/// Road and obstacles of one disparity map.
 #[derive(Debug)]
 pub struct Scene<'a> {
-    /// The road; `None` when no road was seen (then there are no regions either).
+    /// Road model; `None` if no road is visible, in which case there are no regions either.
     pub road: Option<RoadModel>,
-    /// Disparity of the road in each row, in pixels, 0 above it.
+    /// Disparity of the road in each row, in px; 0 above the road.
     pub profile_px: &'a [f32],
     /// Obstacle regions, nearest first.
     pub regions: &'a [Region],
-    /// Free distance ahead in metres, for each [`crate::road::free_space::COLUMNS`] columns; 0 without a road.
+    /// Free distance ahead in metres for each group of [`crate::road::free_space::COLUMNS`] columns; 0
+    /// without a road.
     pub free_m: &'a [f32],
-    /// Where the road ends to the left and to the right.
+    /// Left and right edges of the road.
     pub edges: &'a Edges,
 }
 
-/// Finds the road and the obstacle regions in disparity maps of one size, with memory allocated once.
+/// Detects road and obstacle regions in disparity maps of one size; memory is allocated once.
 #[derive(Debug)]
 pub struct SceneDetector {
     rig: Rig,
@@ -61,15 +104,15 @@ impl SceneDetector {
         }
     }
 
-    /// The v-disparity histogram of the last map.
+    /// v-disparity histogram of the last map.
     pub fn v_disparity(&self) -> &VDisparity {
         self.road.v_disparity()
     }
 
-    /// Finds the road in a map, then what stands on it.
+    /// Detects the road in a map, then the obstacles on it.
     ///
     /// # Panics
-    /// When the map has another size than the detector was made for.
+    /// When the size of the map differs from that of the detector.
     pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
         let Some(model) = self.road.estimate(depth) else {
             self.free_space.clear();
@@ -82,8 +125,8 @@ impl SceneDetector {
         let profile_px = profile.disparity_px();
         let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
         let min_px = self.rig.disparity_px(self.max_distance_m);
-        let seen_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
-        self.free_space.take(regions, seen_m);
+        let visible_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
+        self.free_space.update(regions, visible_m);
         let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
         Scene { road: Some(model), profile_px, regions, free_m, edges }
     }
@@ -97,7 +140,7 @@ mod tests {
     const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 160.0, cy_px: 100.0 };
     const CAMERA_HEIGHT_M: f64 = 1.5;
 
-    /// A map of a flat road with boxes: (left, right) and height in metres, at a distance.
+    /// Disparity map of a flat road with boxes: left and right side, height and distance in metres.
     fn map(boxes: &[(f64, f64, f64, f64)], roll: f64) -> Vec<u16> {
         let (width, height) = (320, 240);
         let mut random = fastrand::Rng::with_seed(8);
@@ -122,17 +165,17 @@ mod tests {
         out
     }
 
-    /// A map that is believed everywhere.
-    fn certain(map: &[u16]) -> DepthView<'_> {
+    /// A map with full confidence.
+    fn full_confidence(map: &[u16]) -> DepthView<'_> {
         DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
     }
 
-    /// What is found once a map has been seen a few times.
-    fn settled<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
+    /// Result of the fourth frame with the same map, after confirmation.
+    fn detect_repeatedly<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
         for _ in 0..3 {
-            detector.detect(certain(map));
+            detector.detect(full_confidence(map));
         }
-        detector.detect(certain(map))
+        detector.detect(full_confidence(map))
     }
 
     fn detector() -> SceneDetector {
@@ -140,12 +183,12 @@ mod tests {
     }
 
     #[test]
-    fn a_car_and_a_post_are_found_at_their_distance() {
+    fn a_car_and_a_post_are_detected_at_their_distance() {
         let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
         let map = map(&boxes, 0.0);
         let mut detector = detector();
-        let scene = settled(&mut detector, &map);
-        let road = scene.road.expect("the road is in plain sight");
+        let scene = detect_repeatedly(&mut detector, &map);
+        let road = scene.road.expect("the road is visible");
         assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
         assert!(road.confidence > 0.8, "{road:?}");
         assert_eq!(scene.regions.len(), 2, "{:?}", scene.regions);
@@ -159,11 +202,11 @@ mod tests {
     }
 
     #[test]
-    fn the_side_of_a_near_car_is_one_with_its_front() {
-        // A front at 5.5 m, then a side along the road to 7.4 m.
+    fn front_and_side_of_a_near_car_are_one_region() {
+        // The front of a car at 5.5 m and its side along the road up to 7.4 m.
         let mut map = map(&[(-1.9, -1.6, 1.4, 5.5)], 0.0);
         for x in 0..320 {
-            // Where a line of sight meets the plane 1.6 m left of the camera.
+            // Intersection of the ray with the plane 1.6 m left of the camera.
             let distance = -1.6 * RIG.focal_px / (x as f64 - RIG.cx_px);
             if !(5.5..7.4).contains(&distance) {
                 continue;
@@ -176,7 +219,7 @@ mod tests {
             }
         }
         let mut detector = detector();
-        let scene = settled(&mut detector, &map);
+        let scene = detect_repeatedly(&mut detector, &map);
         let [car] = scene.regions else { panic!("{:?}", scene.regions) };
         let side_end = RIG.cx_px - 1.6 * RIG.focal_px / 7.4;
         assert!(f64::from(car.bounds.x + car.bounds.width) > side_end - 8.0, "{car:?}");
@@ -184,24 +227,24 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_road_stays_empty_even_when_rolled() {
+    fn an_empty_road_has_no_regions_under_camera_roll() {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
-            let scene = settled(&mut detector, &map);
-            let road = scene.road.expect("the road is in plain sight");
+            let scene = detect_repeatedly(&mut detector, &map);
+            let road = scene.road.expect("the road is visible");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
         }
     }
 
     #[test]
-    fn boxes_at_both_edges_of_a_rolled_road_keep_their_height() {
+    fn heights_at_both_edges_are_correct_under_camera_roll() {
         let boxes = [(-2.6, -1.6, 1.5, 10.0), (1.6, 2.6, 1.5, 10.0)];
         for roll in [0.01, -0.01] {
             let map = map(&boxes, roll);
             let mut detector = detector();
-            let scene = settled(&mut detector, &map);
+            let scene = detect_repeatedly(&mut detector, &map);
             assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
             for region in scene.regions {
                 assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");
@@ -211,14 +254,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_known_is_no_road() {
+    fn an_unknown_or_implausible_map_has_no_road() {
         let mut detector = detector();
-        let scene = detector.detect(certain(&[0; 320 * 240]));
+        let scene = detector.detect(full_confidence(&[0; 320 * 240]));
         assert!(scene.road.is_none() && scene.regions.is_empty());
-        // A wall that fills the view is no road either, and is no reason to panic.
-        let scene = detector.detect(certain(&[10 * 256; 320 * 240]));
+        // A wall that fills the view is no road either, and must not cause a panic.
+        let scene = detector.detect(full_confidence(&[10 * 256; 320 * 240]));
         assert!(scene.road.is_none_or(|road| road.confidence < 0.6));
-        let scene = detector.detect(certain(&[u16::MAX; 320 * 240]));
+        let scene = detector.detect(full_confidence(&[u16::MAX; 320 * 240]));
         assert!(scene.regions.is_empty());
     }
 }

@@ -46,7 +46,7 @@ fn disparity() {
             let pictures = [&confidence, &right]
                 .map(|data| GreyView::new(data, WIDTH, HEIGHT, WIDTH).expect("the pictures fit"));
             let depth = DepthView::new(view, &confidence).expect("the confidences fit");
-            let scene = detector.detect(depth.with_pictures(pictures).expect("they have one size"));
+            let scene = detector.detect(depth.with_images(pictures).expect("they have one size"));
             for r in scene.regions {
                 // What a reader of regions insists on.
                 let b = r.bounds;

@@ -37,10 +37,10 @@ table! {
 
     /// Maximum number of obstacles that are classified in a frame, the nearest unclassified ones first. Larger
     /// values classify obstacles sooner and cost time. The others stay `obstacle`.
-    looks_max: Whole(1, 64) = Schedule::default().most;
+    looks_max: Whole(1, 64) = Schedule::default().max_per_frame;
 
     /// A classified obstacle is classified again after this many frames.
-    again_frames: Whole(1, 1000) in "frames" = Schedule::default().again_frames;
+    again_frames: Whole(1, 1000) in "frames" = Schedule::default().repeat_frames;
 }
 
 table! {

@@ -86,21 +86,21 @@ pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandErr
     let map = DisparityView::new(images.disparity, images.width, images.height)
         .ok_or_else(|| CommandError::Other(format!("{}: no disparity", args.left.display())))?;
     let parameters = PointCloudParameters {
-        every: args.every as usize,
-        distance_max_m: args.distance_max,
-        neighbours_min: args.neighbours as usize,
+        step: args.every as usize,
+        max_distance_m: args.distance_max,
+        min_neighbours: args.neighbours as usize,
         ..PointCloudParameters::default()
     };
     let mut points = Vec::new();
-    let tally = point_cloud::fill(map, images.left, &rig, &parameters, &mut points);
+    let counts = point_cloud::fill(map, images.left, &rig, &parameters, &mut points);
     if points.is_empty() {
         return Err(CommandError::Other(format!(
             "{}: no point is left: {} pixels without disparity, {} beyond --distance-max {} m, {} outliers",
             args.left.display(),
-            tally.unknown,
-            tally.far,
+            counts.unknown,
+            counts.far,
             args.distance_max,
-            tally.outliers
+            counts.outliers
         )));
     }
     let road = result.record.road;
@@ -112,10 +112,10 @@ pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandErr
     ply::save(&args.out, &points, colour).map_err(|e| CommandError::Other(e.to_string()))?;
     if args.json {
         return say(serde_json::to_string_pretty(&json!({
-            "points": tally.points,
-            "unknown": tally.unknown,
-            "far": tally.far,
-            "outliers": tally.outliers,
+            "points": counts.points,
+            "unknown": counts.unknown,
+            "far": counts.far,
+            "outliers": counts.outliers,
             "road_seen": road.is_some(),
             "camera_height_m": road.map(|r| tidy(r.camera_height_m)),
         }))?);
@@ -127,11 +127,11 @@ pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandErr
     say(format_args!(
         "{}: {} points; left out: {} without disparity, {} farther than {} m, {} outliers{no_road}",
         args.out.display(),
-        tally.points,
-        tally.unknown,
-        tally.far,
+        counts.points,
+        counts.unknown,
+        counts.far,
         args.distance_max,
-        tally.outliers
+        counts.outliers
     ))
 }
 

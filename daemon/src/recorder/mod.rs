@@ -204,7 +204,7 @@ impl Feed {
         let (width, height) = (header.width as usize, header.height as usize);
         let Some(disparity) = DisparityView::new(depth.disparity, width, height) else { return };
         self.cloud_due_ns = stamp.time_ns + CLOUD_PERIOD_NS;
-        let parameters = PointCloudParameters { every: CLOUD_EVERY, ..PointCloudParameters::default() };
+        let parameters = PointCloudParameters { step: CLOUD_EVERY, ..PointCloudParameters::default() };
         point_cloud::fill(disparity, depth.left, &self.rig, &parameters, &mut self.cloud);
         let message = encode::points(stamp, &self.cloud);
         self.put_message(message);

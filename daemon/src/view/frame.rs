@@ -199,8 +199,8 @@ impl Frame {
         let Some(map) = self.map() else { return Vec::new() };
         let every = ((map.as_slice().len() as f64 / POINTS as f64).sqrt() as usize).max(1);
         let parameters = PointCloudParameters {
-            every,
-            distance_max_m: POINTS_DISTANCE_MAX_M,
+            step: every,
+            max_distance_m: POINTS_DISTANCE_MAX_M,
             ..PointCloudParameters::default()
         };
         let mut points = Vec::new();

@@ -1,39 +1,45 @@
-//! The alarm: three rules, four levels, and what keeps it from flickering.
+//! Collision alarm: three rules, four levels, with confirmation and hysteresis.
 //!
-//! - **Distance** (paper, section 4.3): something in the path is nearer than a preset distance.
-//! - **Time to collision**: at constant closing speed it would be met within so many seconds.
-//! - **Deceleration**: to stop before it, the vehicle would have to brake that hard: v²/(2z).
+//! Input: confirmed tracks as [`Candidate`]s (distance in m, closing speed in m/s, time to collision in s,
+//! lateral motion) and the time of the frame in ns. Output: an [`AlarmState`] with level, rule, track and
+//! reasons.
 //!
-//! A level must hold in several frames before it is raised. Rules are asked as far ahead as confirming
-//! takes, so that it costs no time while things move on as they do. A level that is on is left only when
-//! its rule is clearly no longer fulfilled, and not before it was held for a while.
+//! Rules:
+//!
+//! - **Distance** (paper, section 4.3): an obstacle in the path is nearer than a preset distance.
+//! - **Time to collision**: at constant closing speed the collision would occur within a preset time.
+//! - **Deceleration**: avoiding the collision would need more than a preset deceleration, v²/(2z).
+//!
+//! A level must be triggered in several consecutive frames before it is raised. Rules are evaluated ahead in
+//! time by the duration of this confirmation, so that it causes no delay while motion continues unchanged. A
+//! level is lowered only when its rule is missed by a margin, and not before a hold time has passed.
 
 pub mod path;
 
 use crate::tracking::Track;
 use crate::tracking::filter::TimeToCollision;
-use path::Course;
+use path::LateralMotion;
 
-/// When the alarm sounds. A limit of 0 switches its rule off.
+/// Parameters of the alarm. A limit of 0 disables its rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AlarmParameters {
-    /// Alarm: something nearer than this, in metres.
+    /// Alarm: distance below this, in metres.
     pub distance_m: f64,
-    /// Warning: met in less than this, in seconds.
+    /// Warning: time to collision below this, in seconds.
     pub ttc_warning_s: f64,
-    /// Alarm: met in less than this, in seconds.
+    /// Alarm: time to collision below this, in seconds.
     pub ttc_alarm_s: f64,
-    /// Warning: braking harder than this would be needed, in m/s².
+    /// Warning: required deceleration above this, in m/s².
     pub deceleration_warning_m_s2: f64,
-    /// Alarm: braking harder than this would be needed, in m/s².
+    /// Alarm: required deceleration above this, in m/s².
     pub deceleration_alarm_m_s2: f64,
-    /// Width of the vehicle's path, in metres; what lies beside it does not count.
+    /// Width of the vehicle's path, in metres; obstacles outside it are ignored.
     pub path_width_m: f64,
-    /// Frames in a row in which a rule must be fulfilled.
+    /// Consecutive frames in which a rule must be triggered.
     pub confirm_frames: u32,
-    /// A level that is on ends when its limit is missed by this share.
+    /// Hysteresis: a raised level is kept while its limit is missed by less than this share.
     pub clear_share: f64,
-    /// Once on, a level stays on for at least this long after its cause is gone.
+    /// Shortest time for which a level is kept after its cause has ended, in ns.
     pub hold_ns: u64,
 }
 
@@ -53,134 +59,133 @@ impl Default for AlarmParameters {
     }
 }
 
-/// What the alarm says.
+/// Level of the alarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum AlarmLevel {
-    /// It cannot judge.
+    /// The alarm cannot judge.
     #[default]
     Off = 0,
-    /// It judges, and nothing dangerous is known.
+    /// The alarm judges, and no dangerous obstacle is known.
     Standby = 1,
-    /// Something will become dangerous.
+    /// An obstacle will become dangerous.
     Warning = 2,
-    /// Something is dangerous.
+    /// An obstacle is dangerous.
     Alarm = 3,
 }
 
-/// Which rule raised a level.
+/// Rule that raised a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum AlarmRule {
     /// None.
     #[default]
     None = 0,
-    /// The preset distance.
+    /// Preset distance.
     Distance = 1,
-    /// The time to collision.
+    /// Time to collision.
     TimeToCollision = 2,
-    /// The braking that would be needed.
+    /// Required deceleration.
     Deceleration = 3,
 }
 
-/// A confirmed obstacle, as the alarm sees it.
+/// A confirmed obstacle, as input of the alarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Candidate {
-    /// Its track.
+    /// Identifier of its track.
     pub track: u32,
-    /// Frames in which it was seen.
+    /// Number of frames with a detection.
     pub seen: u32,
-    /// Frames in a row, up to this one, in which it was; 0 when it is out of sight.
-    pub steady: u32,
-    /// By how much its width changes from frame to frame, as a logarithm.
-    pub wobble: f64,
+    /// Consecutive frames with a detection, up to this one; 0 if it is not detected.
+    pub consecutive_frames: u32,
+    /// Mean absolute log ratio of its width from frame to frame.
+    pub width_jitter: f64,
     /// Distance, in metres.
     pub distance_m: f64,
     /// Closing speed, in m/s.
     pub closing_m_s: f64,
-    /// Time to collision, where it surely comes nearer.
+    /// Time to collision; `None` if it does not approach significantly.
     pub time_to_collision: Option<TimeToCollision>,
-    /// Its place across the view.
-    pub course: Course,
+    /// Lateral position and speed.
+    pub motion: LateralMotion,
 }
 
 impl Candidate {
-    /// A track as the alarm sees it.
+    /// Converts a track.
     pub fn of(track: &Track) -> Self {
         Self {
             track: track.id,
             seen: track.seen,
-            steady: track.steady,
-            wobble: track.wobble,
+            consecutive_frames: track.consecutive_frames,
+            width_jitter: track.width_jitter,
             distance_m: track.distance_m(),
             closing_m_s: track.closing_m_s(),
             time_to_collision: track.time_to_collision(),
-            course: Course {
-                lateral_m: track.across.lateral_m(),
-                speed_m_s: track.across.speed_m_s(),
-                speed_sigma_m_s: track.across.speed_sigma_m_s(),
+            motion: LateralMotion {
+                lateral_m: track.lateral.lateral_m(),
+                speed_m_s: track.lateral.speed_m_s(),
+                speed_sigma_m_s: track.lateral.speed_sigma_m_s(),
                 width_m: track.width_m,
             },
         }
     }
 
-    /// Whether this frame's place of it can be relied on: it was seen, or is known for long and went on as
-    /// expected.
-    fn is_sure(&self) -> bool {
-        self.steady > 0 || self.seen >= KNOWN_FRAMES
+    /// Whether its position is reliable in this frame: it was detected, or it has been tracked for long.
+    fn is_reliable(&self) -> bool {
+        self.consecutive_frames > 0 || self.seen >= MIN_SEEN_FRAMES
     }
 
-    /// Whether the vehicle would meet it in its path.
+    /// Whether the vehicle would collide with it in a path of this width (in metres).
     pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
         let arrival_s = self.time_to_collision.map(|t| t.seconds);
-        self.course.place(path_width_m, arrival_s).is_in_the_way()
+        self.motion.path_relation(path_width_m, arrival_s).is_in_the_way()
     }
 
-    /// Braking that brings the closing speed to 0 before the distance is, in m/s²; 0 when it does not
-    /// surely come nearer.
+    /// Deceleration that reduces the closing speed to 0 before the distance is 0, in m/s²; 0 if it does not
+    /// approach significantly.
     pub fn required_deceleration_m_s2(&self) -> f64 {
         let is_closing = self.time_to_collision.is_some();
         if is_closing { self.closing_m_s * self.closing_m_s / (2.0 * self.distance_m.max(0.1)) } else { 0.0 }
     }
 }
 
-/// The alarm, and why.
+/// State of the alarm, with its reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AlarmState {
-    /// What it says.
+    /// Level.
     pub level: AlarmLevel,
-    /// Which rule raised that.
+    /// Rule that raised the level.
     pub rule: AlarmRule,
-    /// The track that did.
+    /// Track that raised the level.
     pub track: Option<u32>,
-    /// Whether the level is another than in the frame before.
+    /// Whether the level differs from that of the previous frame.
     pub changed: bool,
-    /// Nearest obstacle in the path, in metres, whether or not it is dangerous.
+    /// Distance of the nearest obstacle in the path, in metres, whether or not it is dangerous.
     pub nearest_m: Option<f64>,
-    /// The track's time to collision, while it is there.
+    /// Time to collision of the track, while it is present.
     pub time_to_collision: Option<TimeToCollision>,
-    /// The braking that it would need, while it is there, in m/s².
+    /// Required deceleration for the track, while it is present, in m/s².
     pub required_deceleration_m_s2: f64,
 }
 
-/// A closing speed is known well enough for the rules that need it after so many frames,
-const KNOWN_FRAMES: u32 = 8;
-/// the last of them in a row,
-const STEADY_FRAMES: u32 = 4;
-/// while the obstacle's width stays the same to this factor's logarithm: what changes more is now one thing,
-/// now another,
-const MAX_WOBBLE: f64 = 0.5;
-/// when the time to collision is sure to this share,
-const SURE_SHARE: f64 = 0.3;
-/// and above this, in m/s: creeping up to a queue is no danger.
+/// The rules that need a closing speed require this many frames with a detection,
+const MIN_SEEN_FRAMES: u32 = 8;
+/// the last of them consecutive,
+const MIN_CONSECUTIVE_FRAMES: u32 = 4;
+/// a width that varies by less than this mean absolute log ratio (otherwise the region alternates between
+/// objects),
+const MAX_WIDTH_JITTER: f64 = 0.5;
+/// a standard deviation of the time to collision below this share of it,
+const MAX_TTC_SIGMA_SHARE: f64 = 0.3;
+/// and a closing speed of at least this, in m/s: approaching a queue slowly is not dangerous.
 const MIN_CLOSING_M_S: f64 = 1.0;
 
-/// Candidates for which memory is set aside.
+/// Largest number of candidates.
 const CAPACITY: usize = 128;
 
-/// In how many frames in a row a track fulfilled a rule of each level.
+/// Consecutive frames in which a track triggered a rule of each level.
 #[derive(Clone, Copy, Debug)]
-struct Tally {
+struct RuleCounts {
     track: u32,
     warning: u32,
     alarm: u32,
@@ -194,22 +199,22 @@ struct Cause {
     candidate: Candidate,
 }
 
-/// The alarm as a state machine; time is passed in.
+/// The alarm as a state machine; the time is an argument.
 #[derive(Clone, Debug)]
 pub struct Alarm {
     parameters: AlarmParameters,
     level: AlarmLevel,
     rule: AlarmRule,
     track: Option<u32>,
-    /// The level is held until then.
+    /// The level is held until this time.
     until_ns: u64,
     last_ns: u64,
-    tallies: Vec<Tally>,
-    before: Vec<Tally>,
+    counts: Vec<RuleCounts>,
+    before: Vec<RuleCounts>,
 }
 
 impl Alarm {
-    /// A silent alarm.
+    /// An alarm that is off.
     pub fn new(parameters: AlarmParameters) -> Self {
         Self {
             parameters,
@@ -218,17 +223,17 @@ impl Alarm {
             track: None,
             until_ns: 0,
             last_ns: 0,
-            tallies: Vec::with_capacity(CAPACITY),
+            counts: Vec::with_capacity(CAPACITY),
             before: Vec::with_capacity(CAPACITY),
         }
     }
 
-    /// Judges one frame. With `able` false the alarm is off, whatever was seen. A time that goes
-    /// back is a new recording: nothing is held over.
+    /// Evaluates one frame. If `can_judge` is false, the alarm is off regardless of the candidates. A time
+    /// that decreases means a new recording: no level is held over.
     pub fn update(
         &mut self,
         time_ns: u64,
-        able: bool,
+        can_judge: bool,
         candidates: impl IntoIterator<Item = Candidate>,
     ) -> AlarmState {
         let before = self.level;
@@ -237,16 +242,16 @@ impl Alarm {
         }
         let elapsed_s = time_ns.saturating_sub(self.last_ns) as f64 * 1e-9;
         self.last_ns = time_ns;
-        if !able {
+        if !can_judge {
             self.silence(AlarmLevel::Off);
             let changed = before != AlarmLevel::Off;
             return AlarmState { changed, ..AlarmState::default() };
         }
-        // As far ahead as confirming takes; after a gap nothing is known so far ahead.
-        let ahead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
-        let ahead_s = if ahead <= 0.5 { ahead } else { 0.0 };
-        std::mem::swap(&mut self.tallies, &mut self.before);
-        self.tallies.clear();
+        // Time by which rules are evaluated ahead: the duration of confirmation, or 0 after a gap.
+        let lead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
+        let lead_s = if lead <= 0.5 { lead } else { 0.0 };
+        std::mem::swap(&mut self.counts, &mut self.before);
+        self.counts.clear();
         let mut nearest_m: Option<f64> = None;
         let mut cause: Option<Cause> = None;
         for candidate in candidates.into_iter().take(CAPACITY) {
@@ -254,14 +259,14 @@ impl Alarm {
                 continue;
             }
             nearest_m = Some(nearest_m.map_or(candidate.distance_m, |n| n.min(candidate.distance_m)));
-            if let Some(of) = self.judge(&candidate, ahead_s)
+            if let Some(of) = self.evaluate(&candidate, lead_s)
                 && cause.is_none_or(|c| (of.level, c.candidate.distance_m) > (c.level, candidate.distance_m))
             {
                 cause = Some(of);
             }
         }
-        self.settle(time_ns, cause);
-        // The cause's figures, when it still is the cause.
+        self.set_level(time_ns, cause);
+        // Values of the candidate, if it still is the cause.
         let now = cause.filter(|c| Some(c.candidate.track) == self.track).map(|c| c.candidate);
         AlarmState {
             level: self.level,
@@ -276,11 +281,11 @@ impl Alarm {
 
     fn silence(&mut self, level: AlarmLevel) {
         (self.level, self.rule, self.track) = (level, AlarmRule::None, None);
-        self.tallies.clear();
+        self.counts.clear();
     }
 
-    /// Raises at once, lowers when the time of holding is over.
-    fn settle(&mut self, time_ns: u64, cause: Option<Cause>) {
+    /// Raises the level immediately, lowers it after the hold time.
+    fn set_level(&mut self, time_ns: u64, cause: Option<Cause>) {
         let wanted = cause.map_or(AlarmLevel::Standby, |c| c.level);
         if wanted >= self.level || time_ns >= self.until_ns {
             self.level = wanted;
@@ -290,59 +295,67 @@ impl Alarm {
         }
     }
 
-    /// The highest level of a candidate that is confirmed, and keeps count.
-    fn judge(&mut self, candidate: &Candidate, ahead_s: f64) -> Option<Cause> {
-        let tally = self.before.iter().find(|t| t.track == candidate.track);
-        let mut tally = tally.copied().unwrap_or(Tally { track: candidate.track, warning: 0, alarm: 0 });
-        let holds = |level| self.track == Some(candidate.track) && self.level >= level;
-        let alarm = self.rule(candidate, AlarmLevel::Alarm, ahead_s, holds(AlarmLevel::Alarm));
-        let warning =
-            self.rule(candidate, AlarmLevel::Warning, ahead_s, holds(AlarmLevel::Warning)).or(alarm);
-        for (count, rule) in [(&mut tally.alarm, alarm), (&mut tally.warning, warning)] {
+    /// Highest confirmed level of a candidate; updates its frame counts.
+    fn evaluate(&mut self, candidate: &Candidate, lead_s: f64) -> Option<Cause> {
+        let counts = self.before.iter().find(|t| t.track == candidate.track);
+        let mut counts =
+            counts.copied().unwrap_or(RuleCounts { track: candidate.track, warning: 0, alarm: 0 });
+        let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
+        let alarm = self.triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm));
+        let warning = self
+            .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
+            .or(alarm);
+        for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {
-                // What is out of sight and new confirms nothing, and what was confirmed stays so.
-                Some(_) => count.saturating_add(u32::from(candidate.is_sure())),
+                // An undetected new track does not add to the count, but does not reset it either.
+                Some(_) => count.saturating_add(u32::from(candidate.is_reliable())),
                 None => 0,
             };
         }
-        self.tallies.push(tally);
+        self.counts.push(counts);
         let needed = self.parameters.confirm_frames;
         let cause = |level, rule: Option<AlarmRule>, count| {
             rule.filter(|_| count >= needed).map(|rule| Cause { level, rule, candidate: *candidate })
         };
-        cause(AlarmLevel::Alarm, alarm, tally.alarm)
-            .or_else(|| cause(AlarmLevel::Warning, warning, tally.warning))
+        cause(AlarmLevel::Alarm, alarm, counts.alarm)
+            .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
     }
 
-    /// The rule of a level that a candidate fulfils, looked at `ahead_s` from now. Limits are wider for one
-    /// that `holds` the level.
-    fn rule(&self, c: &Candidate, level: AlarmLevel, ahead_s: f64, holds: bool) -> Option<AlarmRule> {
+    /// Rule of a level that a candidate triggers, evaluated `lead_s` ahead. `is_held`: the candidate already
+    /// holds the level, so the limits include the hysteresis.
+    fn triggered_rule(
+        &self,
+        c: &Candidate,
+        level: AlarmLevel,
+        lead_s: f64,
+        is_held: bool,
+    ) -> Option<AlarmRule> {
         let p = &self.parameters;
-        let ease = if holds { 1.0 + p.clear_share } else { 1.0 };
-        let ahead_s = if c.is_sure() && !holds { ahead_s } else { 0.0 };
+        let hysteresis = if is_held { 1.0 + p.clear_share } else { 1.0 };
+        let lead_s = if c.is_reliable() && !is_held { lead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
-        let distance_m = c.distance_m - closing * ahead_s;
-        if level == AlarmLevel::Alarm && distance_m < p.distance_m * ease {
+        let distance_m = c.distance_m - closing * lead_s;
+        if level == AlarmLevel::Alarm && distance_m < p.distance_m * hysteresis {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
-        let is_known = c.seen >= KNOWN_FRAMES
-            && c.steady >= STEADY_FRAMES
-            && c.wobble <= MAX_WOBBLE
-            && ttc.sigma_s <= SURE_SHARE * ttc.seconds
+        let is_known = c.seen >= MIN_SEEN_FRAMES
+            && c.consecutive_frames >= MIN_CONSECUTIVE_FRAMES
+            && c.width_jitter <= MAX_WIDTH_JITTER
+            && ttc.sigma_s <= MAX_TTC_SIGMA_SHARE * ttc.seconds
             && c.closing_m_s >= MIN_CLOSING_M_S;
-        if !is_known && !holds {
+        if !is_known && !is_held {
             return None;
         }
         let (ttc_s, deceleration) = match level {
             AlarmLevel::Alarm => (p.ttc_alarm_s, p.deceleration_alarm_m_s2),
             _ => (p.ttc_warning_s, p.deceleration_warning_m_s2),
         };
-        if ttc.seconds - ahead_s < ttc_s * ease {
+        if ttc.seconds - lead_s < ttc_s * hysteresis {
             return Some(AlarmRule::TimeToCollision);
         }
         let needed = c.required_deceleration_m_s2() * c.distance_m / distance_m.max(0.1);
-        (deceleration > 0.0 && needed > deceleration / ease).then_some(AlarmRule::Deceleration)
+        (deceleration > 0.0 && needed > deceleration / hysteresis).then_some(AlarmRule::Deceleration)
     }
 }
 
@@ -352,31 +365,31 @@ mod tests {
 
     const PERIOD_NS: u64 = 80_000_000;
 
-    /// Something in the path that comes nearer at a known speed.
+    /// An obstacle in the path with a known closing speed.
     fn at(distance_m: f64, closing_m_s: f64) -> Candidate {
         Candidate {
             track: 7,
             seen: 20,
-            steady: 20,
-            wobble: 0.1,
+            consecutive_frames: 20,
+            width_jitter: 0.1,
             distance_m,
             closing_m_s,
             time_to_collision: (closing_m_s > 0.5)
                 .then(|| TimeToCollision { seconds: distance_m / closing_m_s, sigma_s: 0.05 }),
-            course: Course { speed_sigma_m_s: 0.1, width_m: 1.8, ..Course::default() },
+            motion: LateralMotion { speed_sigma_m_s: 0.1, width_m: 1.8, ..LateralMotion::default() },
         }
     }
 
     fn beside(lateral_m: f64, candidate: Candidate) -> Candidate {
-        Candidate { course: Course { lateral_m, ..candidate.course }, ..candidate }
+        Candidate { motion: LateralMotion { lateral_m, ..candidate.motion }, ..candidate }
     }
 
     fn alarm() -> Alarm {
         Alarm::new(AlarmParameters { hold_ns: 5 * PERIOD_NS, ..AlarmParameters::default() })
     }
 
-    /// Drives at something from `from_m` at a steady speed; gives the distance and rule of the first
-    /// warning and of the first alarm.
+    /// Approaches an obstacle from `from_m` at constant speed. Returns distance and rule of the first warning
+    /// and of the first alarm.
     fn drive(from_m: f64, closing: f64, parameters: AlarmParameters) -> [Option<(f64, AlarmRule)>; 2] {
         let mut alarm = Alarm::new(parameters);
         let mut found = [None; 2];
@@ -405,12 +418,12 @@ mod tests {
         assert!(z / 5.0 <= 2.88 && z / 5.0 > 2.7 && rule == AlarmRule::TimeToCollision, "{z}");
         let (z, rule) = alarm.unwrap();
         assert!(z <= 10.4 && z > 9.6 && rule == AlarmRule::Distance, "{z}");
-        // 14 m/s: the time alone.
+        // 14 m/s: time to collision only.
         let [warning, alarm] = drive(60.0, 14.0, p);
         assert!(warning.unwrap().0 / 14.0 > 2.7, "{warning:?}");
         let (z, rule) = alarm.unwrap();
         assert!((1.5..1.7).contains(&(z / 14.0)) && rule == AlarmRule::TimeToCollision, "{z}");
-        // 30 m/s, no limit on the time: 5 m/s² are needed from 90 m on, 3.5 from 129 m.
+        // 30 m/s without a limit on the time: 5 m/s² are needed from 90 m on, 3.5 from 129 m.
         let p = AlarmParameters { ttc_warning_s: 0.0, ttc_alarm_s: 0.0, ..p };
         let [warning, alarm] = drive(200.0, 30.0, p);
         assert!((124.0..131.0).contains(&warning.unwrap().0), "{warning:?}");
@@ -426,15 +439,15 @@ mod tests {
             let state = alarm.update(frame * PERIOD_NS, true, [at(z, 0.0)]);
             assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
         }
-        // Something new and out of sight confirms nothing either.
-        let gone = Candidate { steady: 0, seen: 4, ..at(4.0, 0.0) };
+        // An undetected new track confirms nothing either.
+        let gone = Candidate { consecutive_frames: 0, seen: 4, ..at(4.0, 0.0) };
         for frame in 20..25 {
             assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
         }
     }
 
     #[test]
-    fn it_is_held_cleared_late_and_tells_its_changes() {
+    fn a_level_is_held_cleared_with_hysteresis_and_reports_changes() {
         let mut alarm = alarm();
         let mut time = 0;
         let mut step = |alarm: &mut Alarm, candidates: &[Candidate]| {
@@ -446,26 +459,26 @@ mod tests {
         let state = step(&mut alarm, &[Candidate { track: 8, ..at(30.0, 0.0) }, at(9.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Alarm, Some(7), true));
         assert_eq!((state.rule, state.nearest_m), (AlarmRule::Distance, Some(9.0)));
-        // 11 m is beyond the limit, but not clearly.
+        // 11 m is beyond the limit, but within the hysteresis.
         for _ in 0..20 {
             let state = step(&mut alarm, &[at(11.0, 0.0)]);
             assert_eq!((state.level, state.changed), (AlarmLevel::Alarm, false));
         }
-        // Clearly gone: held for five frames more.
+        // Beyond the hysteresis: held for five more frames.
         for _ in 0..4 {
             let state = step(&mut alarm, &[at(12.0, 0.0)]);
             assert_eq!((state.level, state.rule), (AlarmLevel::Alarm, AlarmRule::Distance));
         }
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Standby, None, true));
-        // A recording that starts anew holds nothing over.
+        // A restarted recording holds nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);
         assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Standby);
     }
 
     #[test]
-    fn what_is_beside_the_path_does_not_count() {
+    fn obstacles_outside_the_path_are_ignored() {
         let mut alarm = alarm();
         for frame in 0..5 {
             let both = [beside(3.5, at(5.0, 8.0)), beside(-2.2, at(5.0, 8.0))];
@@ -475,11 +488,11 @@ mod tests {
     }
 
     #[test]
-    fn an_unsure_speed_raises_nothing_but_the_distance() {
+    fn an_uncertain_speed_triggers_no_rule_that_needs_it() {
         for wrong in [
             Candidate { seen: 5, ..at(20.0, 14.0) },
-            Candidate { steady: 2, ..at(20.0, 14.0) },
-            Candidate { wobble: 0.8, ..at(20.0, 14.0) },
+            Candidate { consecutive_frames: 2, ..at(20.0, 14.0) },
+            Candidate { width_jitter: 0.8, ..at(20.0, 14.0) },
             Candidate {
                 time_to_collision: Some(TimeToCollision { seconds: 1.4, sigma_s: 0.6 }),
                 ..at(20.0, 14.0)
@@ -493,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_off_when_the_system_cannot_judge() {
+    fn the_alarm_is_off_when_the_system_cannot_judge() {
         let mut alarm = alarm();
         for frame in 0..3 {
             alarm.update(frame * PERIOD_NS, true, [at(5.0, 0.0)]);
@@ -501,7 +514,7 @@ mod tests {
         let state = alarm.update(3 * PERIOD_NS, false, [at(5.0, 0.0)]);
         assert_eq!((state.level, state.nearest_m, state.changed), (AlarmLevel::Off, None, true));
         assert!(!alarm.update(4 * PERIOD_NS, false, []).changed);
-        // Afterwards it confirms anew.
+        // Confirmation starts again afterwards.
         assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Standby);
         assert_eq!(alarm.update(6 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Alarm);
     }

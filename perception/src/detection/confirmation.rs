@@ -1,199 +1,211 @@
-//! Which regions are believed: what stands out when it comes back, what is weaker a little later.
+//! Temporal confirmation of detections.
 //!
-//! Each sighting of a region has some evidence (log-odds that something stands there). Noise does not
-//! come back at the same place, things do: so the evidence of one place adds up over the frames, and
-//! fades. What was well believed is still reported, moved on, in a frame that does not show it.
+//! Each sighting of a region has evidence: the log-odds that an obstacle is present. Noise does not recur at
+//! the same place, obstacles do. The evidence of a candidate therefore accumulates along its motion from
+//! frame to frame, with exponential forgetting. An established candidate is still reported, at its predicted
+//! place, in a frame in which it is not detected (coasting).
 
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
-/// Evidence summed up from which a region is reported.
-const BELIEVED: f64 = 2.5;
-/// A sighting of less evidence is reported on no account: it may be another thing than what was believed.
-const PLAUSIBLE: f64 = 0.5;
-/// Overlap with the box that is expected from which on a sighting is of the same thing; below it, evidence
-/// that it must have to be reported, and to take the place of what is well known: for regions, and for what is
-/// small, whose boxes overlap by chance.
-const ALIKE: f64 = 0.3;
-const UNLIKE: f64 = 5.0;
-const UNLIKE_SMALL: f64 = 3.0;
-/// Sightings from which on what is small may be elsewhere than was expected: two flakes are two things.
-const OFTEN: u32 = 3;
-/// Evidence of a first sighting that is reported at once, and the same where nothing comes back.
-const AT_ONCE: f64 = 5.0;
-const ALONE: f64 = 3.5;
-/// Evidence that the last sighting must have had for a region to be reported unseen: what was half seen
-/// then is hardly where it is expected.
-const CLEAR: f64 = 6.0;
-/// Evidence of the pictures that an unseen region must have, where they tell.
-const BORNE_OUT: f64 = 2.0;
-/// No more is summed up, so that what vanishes is soon doubted.
-const MOST: f64 = 9.0;
-/// Evidence of one sighting counts within these bounds.
-const SIGHTING: (f64, f64) = (-2.0, 3.0);
-/// Share that is left of the sum from one frame to the next.
-const MEMORY: f64 = 0.8;
-/// What a frame without a sighting takes away.
-const MISS: f64 = 1.0;
-/// Below this a candidate is forgotten.
-const FORGOTTEN: f64 = 0.3;
-/// Frames for which a region that was well believed is reported unseen.
-const COASTING: u8 = 2;
-/// What a side that stays counts less than a middle that does, in px.
-const SIDE_PX: f64 = 4.0;
-/// Belief and sightings from which on a thing is well known.
-const KNOWN: (f64, u32) = (5.0, 5);
-/// Metres across the road that something may move from frame to frame.
-const ACROSS_M: f64 = 0.1;
-/// The most pairs of a region and a candidate that are weighed.
-const PAIRS: usize = 4096;
-/// The most candidates that are remembered.
+/// Accumulated evidence from which a region is reported.
+const REPORT_EVIDENCE: f64 = 2.5;
+/// A sighting with less evidence than this is never reported: it may be a different object than the
+/// candidate.
+const MIN_SIGHTING_EVIDENCE: f64 = 0.5;
+/// Overlap with the predicted box from which a sighting counts as the same object. Below it, the sighting is
+/// reported, and updates an established candidate, only with at least this evidence: for regions, and for
+/// small obstacles, whose boxes overlap by chance.
+const MIN_OVERLAP: f64 = 0.3;
+const DISPLACED_EVIDENCE: f64 = 5.0;
+const SMALL_DISPLACED_EVIDENCE: f64 = 3.0;
+/// Sightings after which a small obstacle may be detected away from its predicted place; two snowflakes in
+/// successive frames are different objects.
+const SMALL_DISPLACED_SIGHTINGS: u32 = 3;
+/// Evidence from which a first sighting is reported immediately: with and without temporal confirmation.
+const IMMEDIATE_EVIDENCE: f64 = 5.0;
+const SINGLE_FRAME_EVIDENCE: f64 = 3.5;
+/// Evidence of the last sighting from which a candidate is coasted without verification; a weak last sighting
+/// leaves its place too uncertain.
+const COASTING_EVIDENCE: f64 = 6.0;
+/// Evidence of the photometric verification, where available, from which a candidate is coasted.
+const VERIFIED_COASTING_EVIDENCE: f64 = 2.0;
+/// Upper limit of the accumulated evidence, so that a vanished object is dropped soon.
+const MAX_EVIDENCE: f64 = 9.0;
+/// Bounds of the evidence of one sighting.
+const SIGHTING_BOUNDS: (f64, f64) = (-2.0, 3.0);
+/// Share of the accumulated evidence that is kept from frame to frame.
+const DECAY_PER_FRAME: f64 = 0.8;
+/// Evidence subtracted in a frame without a sighting.
+const MISS_PENALTY: f64 = 1.0;
+/// Candidates with less evidence are dropped.
+const DROP_EVIDENCE: f64 = 0.3;
+/// Largest number of frames for which an established candidate is coasted.
+const MAX_COASTED_FRAMES: u8 = 2;
+/// Added cost of a match by a side instead of the centre, in px.
+const SIDE_MATCH_COST_PX: f64 = 4.0;
+/// Evidence and number of sightings from which a candidate is established.
+const ESTABLISHED: (f64, u32) = (5.0, 5);
+/// Largest lateral movement from frame to frame, in metres.
+const LATERAL_STEP_M: f64 = 0.1;
+/// Largest number of pairs of a region and a candidate.
+const MAX_PAIRS: usize = 4096;
+/// Largest number of candidates.
 const CAPACITY: usize = 256;
 
-/// Something that was seen, or may have been.
+/// An object that was detected, possibly falsely.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    /// Its last sighting.
+    /// Last sighting.
     region: Region,
-    /// Movement a frame of the box's middle, its foot, and the disparity, smoothed.
+    /// Smoothed movement per frame of the centre column, the foot row and the disparity.
     step: [f64; 3],
-    /// Evidence summed up.
-    belief: f64,
+    /// Accumulated evidence.
+    evidence: f64,
     /// Evidence of the last sighting.
-    last: f64,
+    last_evidence: f64,
     sightings: u32,
     /// Frames since the last sighting.
     unseen: u8,
-    /// Whether this frame has a sighting of it.
-    taken: bool,
-    /// Whether what this frame shows in its place is something else.
-    hidden: bool,
+    /// Whether a region of this frame is assigned to it.
+    matched: bool,
+    /// Whether the region assigned to it in this frame is another object.
+    displaced: bool,
 }
 
-/// Remembers the regions of the last frames, with memory allocated once.
+/// Confirms regions over time; memory is allocated once.
 #[derive(Debug)]
 pub struct Confirmation {
     candidates: Vec<Candidate>,
-    /// What each region may be a sighting of: cost, region, candidate.
+    /// Possible assignments: cost, region index, candidate index.
     pairs: Vec<(f64, u32, u32)>,
-    /// The candidate that each region is a sighting of.
+    /// Candidate assigned to each region.
     owners: Vec<Option<u32>>,
-    /// The most that one sighting counts.
-    most: f64,
-    /// Evidence of a first sighting that is reported.
-    at_once: f64,
-    /// Evidence that a sighting must have which is elsewhere than was expected, and the sightings before it counts.
-    unlike: f64,
-    often: u32,
+    /// Upper bound of the evidence of one sighting.
+    max_sighting: f64,
+    /// Evidence from which a first sighting is reported.
+    immediate_evidence: f64,
+    /// Evidence and number of sightings from which a sighting away from the predicted place is reported.
+    displaced_evidence: f64,
+    displaced_sightings: u32,
 }
 
 impl Confirmation {
-    /// Nothing seen yet. Unless a region must come back (`again`), strong evidence counts at once.
-    pub fn new(again: bool) -> Self {
-        let (most, at_once) = if again { (SIGHTING.1, AT_ONCE) } else { (MOST, ALONE) };
+    /// No candidates yet. `temporal` requires repeated sightings; without it, strong evidence in one frame is
+    /// enough.
+    pub fn new(temporal: bool) -> Self {
+        let (max_sighting, immediate_evidence) = if temporal {
+            (SIGHTING_BOUNDS.1, IMMEDIATE_EVIDENCE)
+        } else {
+            (MAX_EVIDENCE, SINGLE_FRAME_EVIDENCE)
+        };
         Self {
             candidates: Vec::with_capacity(2 * CAPACITY),
-            pairs: Vec::with_capacity(PAIRS),
+            pairs: Vec::with_capacity(MAX_PAIRS),
             owners: Vec::with_capacity(CAPACITY),
-            most,
-            at_once,
-            unlike: UNLIKE,
-            often: 0,
+            max_sighting,
+            immediate_evidence,
+            displaced_evidence: DISPLACED_EVIDENCE,
+            displaced_sightings: 0,
         }
     }
 
-    /// The same for what even strong evidence does not prove at once: a flake before the lens is as plain as
-    /// anything, for one frame.
-    pub fn twice(again: bool) -> Self {
-        let fresh = Self::new(again);
-        let at_once = if again { f64::INFINITY } else { fresh.at_once };
-        Self { at_once, unlike: UNLIKE_SMALL, often: OFTEN, ..fresh }
+    /// The same for small obstacles, where even strong evidence in one frame is no proof: a snowflake in
+    /// front of the lens is as distinct as an obstacle, for one frame.
+    pub fn for_small_obstacles(temporal: bool) -> Self {
+        let general = Self::new(temporal);
+        let immediate_evidence = if temporal { f64::INFINITY } else { general.immediate_evidence };
+        Self {
+            immediate_evidence,
+            displaced_evidence: SMALL_DISPLACED_EVIDENCE,
+            displaced_sightings: SMALL_DISPLACED_SIGHTINGS,
+            ..general
+        }
     }
 
-    /// Takes the regions of a frame, nearest first, each with its evidence, and leaves those that are
-    /// believed; adds those that were and are not seen just now, as far as there is room. `size` is the image's
-    /// width and height; `look` gives the evidence of the pictures alone for a region that is expected, where
-    /// they tell.
+    /// Filters the regions of a frame (nearest first, one entry of `evidence` each): keeps those that are
+    /// confirmed and appends coasted candidates as far as the capacity of `regions` allows. `size` is the
+    /// width and height of the image. `verify` returns the evidence of the images alone for a predicted
+    /// region, or `None` where it is undecidable.
     pub fn filter(
         &mut self,
         regions: &mut Vec<Region>,
         evidence: &[f64],
         size: (usize, usize),
         rig: &Rig,
-        mut look: impl FnMut(&Region) -> Option<f64>,
+        mut verify: impl FnMut(&Region) -> Option<f64>,
     ) {
         for candidate in &mut self.candidates {
             candidate.unseen += 1;
-            (candidate.taken, candidate.hidden) = (false, false);
+            (candidate.matched, candidate.displaced) = (false, false);
         }
         self.assign(regions, rig);
-        let mut place = 0;
+        let mut index = 0;
         regions.retain(|region| {
-            let own = self.owners[place];
-            let evidence = evidence[place];
-            place += 1;
-            let seen = evidence.clamp(SIGHTING.0, self.most);
-            if let Some(own) = own {
-                let candidate = &mut self.candidates[own as usize];
-                // What is seen in its stead now and then is another thing, or a part of it.
-                let alike = candidate
-                    .ahead(size)
-                    .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= ALIKE);
-                if !alike && evidence < self.unlike && candidate.is_known() {
-                    candidate.hidden = true;
+            let owner = self.owners[index];
+            let evidence = evidence[index];
+            index += 1;
+            let seen = evidence.clamp(SIGHTING_BOUNDS.0, self.max_sighting);
+            if let Some(owner) = owner {
+                let candidate = &mut self.candidates[owner as usize];
+                // A weak sighting away from the predicted place is another object or a part of the same one.
+                let overlaps = candidate
+                    .predicted_region(size)
+                    .is_none_or(|expected| expected.bounds.overlap(&region.bounds) >= MIN_OVERLAP);
+                if !overlaps && evidence < self.displaced_evidence && candidate.is_established() {
+                    candidate.displaced = true;
                     return false;
                 }
-                candidate.take(region, seen);
-                candidate.last = evidence;
-                let back = alike && evidence >= PLAUSIBLE
-                    || evidence >= self.unlike && candidate.sightings >= self.often;
-                return candidate.belief >= BELIEVED && back;
+                candidate.update(region, seen);
+                candidate.last_evidence = evidence;
+                let is_same = overlaps && evidence >= MIN_SIGHTING_EVIDENCE
+                    || evidence >= self.displaced_evidence && candidate.sightings >= self.displaced_sightings;
+                return candidate.evidence >= REPORT_EVIDENCE && is_same;
             }
-            if seen >= FORGOTTEN && self.candidates.len() < 2 * CAPACITY {
-                let (step, belief) = ([0.0; 3], seen);
-                let region = *region;
+            if seen >= DROP_EVIDENCE && self.candidates.len() < 2 * CAPACITY {
                 self.candidates.push(Candidate {
-                    region,
-                    step,
-                    belief,
-                    last: evidence,
+                    region: *region,
+                    step: [0.0; 3],
+                    evidence: seen,
+                    last_evidence: evidence,
                     sightings: 1,
                     unseen: 0,
-                    taken: true,
-                    hidden: false,
+                    matched: true,
+                    displaced: false,
                 });
             }
-            evidence >= self.at_once
+            evidence >= self.immediate_evidence
         });
         self.candidates.retain_mut(|candidate| {
             if candidate.unseen > 0 {
-                let known = candidate.is_known() && candidate.unseen <= COASTING;
-                let expected = candidate.ahead(size).filter(|_| known);
-                let seen = expected.as_ref().and_then(&mut look);
-                candidate.belief =
-                    MEMORY * candidate.belief - seen.map_or(MISS, |seen| (-seen).clamp(-MISS, MISS));
-                let goes_on =
-                    seen.map_or(candidate.last >= CLEAR || candidate.hidden, |seen| seen >= BORNE_OUT);
-                if goes_on
+                let known = candidate.is_established() && candidate.unseen <= MAX_COASTED_FRAMES;
+                let expected = candidate.predicted_region(size).filter(|_| known);
+                let seen = expected.as_ref().and_then(&mut verify);
+                candidate.evidence = DECAY_PER_FRAME * candidate.evidence
+                    - seen.map_or(MISS_PENALTY, |seen| (-seen).clamp(-MISS_PENALTY, MISS_PENALTY));
+                let is_coasted = seen
+                    .map_or(candidate.last_evidence >= COASTING_EVIDENCE || candidate.displaced, |seen| {
+                        seen >= VERIFIED_COASTING_EVIDENCE
+                    });
+                if is_coasted
                     && regions.len() < regions.capacity()
                     && let Some(region) = expected
                 {
                     regions.push(region);
                 }
             }
-            candidate.belief >= FORGOTTEN
+            candidate.evidence >= DROP_EVIDENCE
         });
         self.candidates.truncate(CAPACITY);
     }
 
-    /// Gives each region the candidate that it is most likely a sighting of, the likeliest pair first, none
-    /// of them twice.
+    /// Assigns regions to candidates one to one, in the order of increasing cost.
     fn assign(&mut self, regions: &[Region], rig: &Rig) {
         self.pairs.clear();
         for (r, region) in regions.iter().enumerate() {
             for (c, candidate) in self.candidates.iter().enumerate() {
-                if let Some(cost) = distance(candidate, region, rig)
-                    && self.pairs.len() < PAIRS
+                if let Some(cost) = match_cost(candidate, region, rig)
+                    && self.pairs.len() < MAX_PAIRS
                 {
                     self.pairs.push((cost, r as u32, c as u32));
                 }
@@ -204,53 +216,53 @@ impl Confirmation {
         self.owners.resize(regions.len(), None);
         for &(_, r, c) in &self.pairs {
             let candidate = &mut self.candidates[c as usize];
-            if self.owners[r as usize].is_none() && !candidate.taken {
-                (self.owners[r as usize], candidate.taken) = (Some(c), true);
+            if self.owners[r as usize].is_none() && !candidate.matched {
+                (self.owners[r as usize], candidate.matched) = (Some(c), true);
             }
         }
     }
 }
 
-/// Middle, foot and disparity of a region.
-fn place(region: &Region) -> [f64; 3] {
+/// Centre column, foot row and disparity of a region.
+fn centre_foot_disparity(region: &Region) -> [f64; 3] {
     let b = &region.bounds;
     [f64::from(b.x) + 0.5 * f64::from(b.width), f64::from(b.y + b.height), region.disparity_px]
 }
 
 impl Candidate {
-    /// A new sighting.
-    fn take(&mut self, region: &Region, seen: f64) {
-        let (before, now) = (place(&self.region), place(region));
+    /// Adds a sighting.
+    fn update(&mut self, region: &Region, seen: f64) {
+        let (before, now) = (centre_foot_disparity(&self.region), centre_foot_disparity(region));
         let frames = f64::from(self.unseen);
         let share = if self.sightings == 1 { 0.6 } else { 0.35 };
         for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
             *step += share * ((now - before) / frames - *step);
         }
-        self.belief = (MEMORY * self.belief + seen).min(MOST);
+        self.evidence = (DECAY_PER_FRAME * self.evidence + seen).min(MAX_EVIDENCE);
         self.sightings += 1;
         (self.region, self.unseen) = (*region, 0);
     }
 
-    fn is_known(&self) -> bool {
-        self.belief >= KNOWN.0 && self.sightings >= KNOWN.1
+    fn is_established(&self) -> bool {
+        self.evidence >= ESTABLISHED.0 && self.sightings >= ESTABLISHED.1
     }
 
-    /// Where it should be now.
-    fn expected(&self) -> [f64; 3] {
+    /// Predicted centre column, foot row and disparity.
+    fn predicted_place(&self) -> [f64; 3] {
         let frames = f64::from(self.unseen);
-        let [x, foot, disparity_px] = place(&self.region);
+        let [x, foot, disparity_px] = centre_foot_disparity(&self.region);
         let [dx, dfoot, rate] = self.step;
         [x + frames * dx, foot + frames * dfoot, (disparity_px + frames * rate).max(0.5 * disparity_px)]
     }
 
-    /// The region where it should be now, if that is inside the image.
-    fn ahead(&self, size: (usize, usize)) -> Option<Region> {
-        let (old, [x, foot, disparity_px]) = (&self.region, self.expected());
+    /// Predicted region; `None` if it is not completely inside the image.
+    fn predicted_region(&self, size: (usize, usize)) -> Option<Region> {
+        let (old, [x, foot, disparity_px]) = (&self.region, self.predicted_place());
         let nearer = disparity_px / old.disparity_px;
         let width = (f64::from(old.bounds.width) * nearer).max(1.0);
         let height = (f64::from(old.bounds.height) * nearer).max(1.0);
         let (left, top) = (x - 0.5 * width, foot - height);
-        // What leaves the image is not missed.
+        // A candidate that leaves the image is not coasted.
         if left < 0.0 || top < 0.0 || left + width > size.0 as f64 || foot > size.1 as f64 {
             return None;
         }
@@ -265,36 +277,37 @@ impl Candidate {
     }
 }
 
-/// How far a region is from where a candidate should be, 0 to 1, and how much it differs in size; `None` when it cannot be it.
-fn distance(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
-    let (expected, now) = (candidate.expected(), place(region));
+/// Cost of assigning a region to a candidate: distance from the predicted place (0 to 1) plus the difference
+/// in size; `None` if the assignment is impossible.
+fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> {
+    let (expected, now) = (candidate.predicted_place(), centre_foot_disparity(region));
     let depth = now[2] - expected[2];
     let frames = f64::from(candidate.unseen);
-    // Vehicles close in faster than they fall back; what was seen once has no speed yet.
+    // Objects approach faster than they recede; after one sighting the speed is still unknown.
     let reach = if candidate.sightings == 1 {
         (0.35 + 0.05 * now[2]) * if depth > 0.0 { 2.5 } else { 1.0 }
     } else {
-        // At an even speed the disparity grows ever faster.
+        // At constant closing speed the disparity grows ever faster.
         (0.3 + 0.045 * now[2]) * if depth > 0.0 { 1.5 } else { 1.0 }
     };
-    // Most pairs end here.
+    // Most pairs are rejected here.
     if depth.abs() > reach {
         return None;
     }
-    // What hardly moves across the road moves outwards in the image as it comes nearer.
-    let [x, _, disparity_px] = place(&candidate.region);
+    // An object without lateral movement moves away from the image centre as it approaches.
+    let [x, _, disparity_px] = centre_foot_disparity(&candidate.region);
     let at = if candidate.sightings == 1 {
         rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px
     } else {
         expected[0]
     };
-    // Of a thing that is seen in part, one side stays where it is.
+    // If an object is only partly detected, one of its sides keeps its place.
     let half = 0.5 * f64::from(candidate.region.bounds.width) * now[2] / disparity_px;
-    let own = 0.5 * f64::from(region.bounds.width);
-    let side = (now[0] - own - (at - half)).abs().min((now[0] + own - (at + half)).abs());
-    let across = (now[0] - at).abs().min(side + SIDE_PX);
+    let region_half = 0.5 * f64::from(region.bounds.width);
+    let side = (now[0] - region_half - (at - half)).abs().min((now[0] + region_half - (at + half)).abs());
+    let across = (now[0] - at).abs().min(side + SIDE_MATCH_COST_PX);
     let widest = f64::from(candidate.region.bounds.width.max(region.bounds.width));
-    let slack = 2.0 + 0.3 * widest + frames * ACROSS_M * now[2] / rig.baseline_m;
+    let slack = 2.0 + 0.3 * widest + frames * LATERAL_STEP_M * now[2] / rig.baseline_m;
     let cost = (depth.abs() / reach).max(across.abs() / slack);
     let (a, b) = (&candidate.region.bounds, &region.bounds);
     let ratio = |a: u32, b: u32| (f64::from(a.max(1)) / f64::from(b.max(1))).ln().abs();
@@ -321,14 +334,14 @@ mod tests {
         }
     }
 
-    /// A frame whose regions all have the same evidence, of which the pictures tell nothing.
+    /// Filters a frame whose regions all have the same evidence; verification is unavailable.
     fn filter(confirmation: &mut Confirmation, regions: &mut Vec<Region>, evidence: f64) {
         let evidence = vec![evidence; regions.len()];
         confirmation.filter(regions, &evidence, (640, 480), &RIG, |_| None);
     }
 
-    /// How many are believed of each frame's regions.
-    fn believed(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
+    /// Number of regions reported in each frame.
+    fn reported_counts(frames: &[&[Region]], evidence: f64) -> Vec<usize> {
         let mut confirmation = Confirmation::new(true);
         frames
             .iter()
@@ -342,20 +355,24 @@ mod tests {
     }
 
     #[test]
-    fn weak_evidence_adds_up() {
+    fn weak_evidence_accumulates() {
         let seen = [region(300, 5.0)];
-        assert_eq!(believed(&[&seen, &seen, &seen, &seen], 1.2), [0, 0, 1, 1]);
-        assert_eq!(believed(&[&seen, &seen], 3.8), [0, 1], "strong evidence when it comes back");
-        assert_eq!(believed(&[&seen, &seen], 8.5), [1, 1], "what is as plain as that at once");
-        assert_eq!(believed(&[&seen[..]; 12], 0.45), [0; 12], "too little never does");
-        // What comes and goes is not believed.
-        assert_eq!(believed(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
+        assert_eq!(reported_counts(&[&seen, &seen, &seen, &seen], 1.2), [0, 0, 1, 1]);
+        assert_eq!(reported_counts(&[&seen, &seen], 3.8), [0, 1], "strong evidence needs a second sighting");
+        assert_eq!(
+            reported_counts(&[&seen, &seen], 8.5),
+            [1, 1],
+            "very strong evidence is reported immediately"
+        );
+        assert_eq!(reported_counts(&[&seen[..]; 12], 0.45), [0; 12], "too little evidence never accumulates");
+        // Alternating detection and miss is not reported.
+        assert_eq!(reported_counts(&[&seen, &[], &seen, &[], &seen, &[]], 1.6), [0; 6]);
     }
 
     #[test]
-    fn what_may_be_a_flake_must_come_back_however_plain() {
-        let reported = |again: bool| {
-            let mut confirmation = Confirmation::twice(again);
+    fn a_small_obstacle_needs_repeated_sightings_however_strong() {
+        let reported = |temporal: bool| {
+            let mut confirmation = Confirmation::for_small_obstacles(temporal);
             [(); 2].map(|()| {
                 let mut regions = vec![region(300, 5.0)];
                 filter(&mut confirmation, &mut regions, 50.0);
@@ -363,7 +380,7 @@ mod tests {
             })
         };
         assert_eq!(reported(true), [0, 1]);
-        assert_eq!(reported(false), [1, 1], "a single picture has no second frame");
+        assert_eq!(reported(false), [1, 1], "a single image has no second frame");
         let flakes = |mut confirmation: Confirmation| {
             [10, 2, 15].map(|height| {
                 let bounds = PixelBox { x: 300, y: 230 - height, width: 16, height };
@@ -372,28 +389,36 @@ mod tests {
                 regions.len()
             })
         };
-        assert_eq!(flakes(Confirmation::twice(true)), [0, 0, 1], "another flake is not the first");
+        assert_eq!(
+            flakes(Confirmation::for_small_obstacles(true)),
+            [0, 0, 1],
+            "another snowflake is another object"
+        );
         assert_eq!(flakes(Confirmation::new(true)), [1, 1, 1]);
     }
 
     #[test]
-    fn single_pictures_need_strong_evidence_only() {
+    fn single_images_need_strong_evidence_only() {
         let mut regions = vec![region(300, 5.0), region(100, 5.0)];
         Confirmation::new(false).filter(&mut regions, &[3.8, 2.0], (640, 480), &RIG, |_| None);
         assert_eq!(regions, [region(300, 5.0)]);
     }
 
     #[test]
-    fn what_was_believed_may_be_missed_for_a_moment() {
+    fn an_established_region_is_coasted_over_missed_frames() {
         let seen = [region(300, 5.0)];
         let none: &[Region] = &[];
         let frames = [&seen[..], &seen, &seen, &seen, &seen, none, none, none, none];
-        assert_eq!(believed(&frames, 6.1), [1, 1, 1, 1, 1, 1, 1, 0, 0]);
-        assert_eq!(believed(&frames, 4.0), [0, 1, 1, 1, 1, 0, 0, 0, 0], "unless it was not seen clearly");
+        assert_eq!(reported_counts(&frames, 6.1), [1, 1, 1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(
+            reported_counts(&frames, 4.0),
+            [0, 1, 1, 1, 1, 0, 0, 0, 0],
+            "not after a weak last sighting"
+        );
     }
 
     #[test]
-    fn what_is_unseen_goes_on_as_far_as_the_pictures_bear_it_out() {
+    fn coasting_depends_on_photometric_verification() {
         let reported = |shown: f64| {
             let mut confirmation = Confirmation::new(true);
             let mut all = Vec::new();
@@ -405,13 +430,13 @@ mod tests {
             }
             all
         };
-        // Not seen as clearly as what goes on unasked, but the pictures show it; or do not.
+        // The last sighting is too weak for coasting without verification; the images confirm it, or do not.
         assert_eq!(reported(3.0), [0, 1, 1, 1, 1, 1, 1, 0, 0, 0]);
         assert_eq!(reported(1.0), [0, 1, 1, 1, 1, 0, 0, 0, 0, 0]);
     }
 
     #[test]
-    fn a_sighting_that_speaks_against_it_is_not_reported() {
+    fn a_sighting_with_negative_evidence_is_not_reported() {
         let mut confirmation = Confirmation::new(true);
         let mut reported = Vec::new();
         for evidence in [4.0, 4.0, 4.0, -1.0, 4.0] {
@@ -423,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_that_comes_first_does_not_take_the_place_of_the_whole() {
+    fn a_fragment_does_not_replace_the_whole_object() {
         let mut confirmation = Confirmation::new(true);
         let wide = |x, width, disparity_px| Region {
             bounds: PixelBox { x, y: 180, width, height: 60 },
@@ -431,7 +456,7 @@ mod tests {
         };
         let mut reported = Vec::new();
         for frame in 0..6 {
-            // Rain makes a piece of the car stand out, a little nearer, in the last frames.
+            // In the last frames, rain makes a part of the car a separate region that is slightly nearer.
             let whole = wide(300, 80, 8.0);
             let mut regions = if frame < 4 { vec![whole] } else { vec![wide(330, 12, 8.2), whole] };
             filter(&mut confirmation, &mut regions, 4.0);
@@ -442,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weak_look_at_another_thing_leaves_what_is_known_where_it_was_expected() {
+    fn a_weak_sighting_of_another_object_does_not_displace_an_established_one() {
         let mut confirmation = Confirmation::new(true);
         let post = |evidence: f64| {
             let bounds = PixelBox { x: 303, y: 150, width: 8, height: 70 };
@@ -454,28 +479,28 @@ mod tests {
             filter(&mut confirmation, &mut last, evidence);
         }
         assert_eq!(last, [Region { disparity_sigma_px: last[0].disparity_sigma_px, ..region(300, 5.0) }]);
-        // What is plain is believed.
+        // A strong sighting is reported.
         last = vec![post(9.0).0];
         filter(&mut confirmation, &mut last, 9.0);
         assert_eq!(last, [post(9.0).0]);
     }
 
     #[test]
-    fn noise_elsewhere_confirms_nothing() {
+    fn noise_at_changing_places_confirms_nothing() {
         let frames: Vec<[Region; 1]> = (0..20).map(|i| [region(60 * (i * 7 % 10), 5.0)]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert!(believed(&frames, 1.6).iter().all(|&n| n == 0));
+        assert!(reported_counts(&frames, 1.6).iter().all(|&n| n == 0));
         let depths: Vec<[Region; 1]> = (0..20).map(|i| [region(300, 3.0 + f64::from(i * 7 % 10))]).collect();
         let depths: Vec<&[Region]> = depths.iter().map(|f| &f[..]).collect();
-        assert!(believed(&depths, 1.6).iter().all(|&n| n == 0));
+        assert!(reported_counts(&depths, 1.6).iter().all(|&n| n == 0));
     }
 
     #[test]
-    fn what_comes_nearer_stays_the_same() {
-        // 20 m/s at 12.5 frames a second from 20 m on.
+    fn an_approaching_object_stays_one_candidate() {
+        // 20 m/s at 12.5 frames per second, from 20 m on.
         let frames: Vec<[Region; 1]> =
             (0..8).map(|i| [region(300 + i * 2, 105.0 / (20.0 - 1.6 * f64::from(i)))]).collect();
         let frames: Vec<&[Region]> = frames.iter().map(|f| &f[..]).collect();
-        assert_eq!(believed(&frames, 1.2), [0, 0, 1, 1, 1, 1, 1, 1]);
+        assert_eq!(reported_counts(&frames, 1.2), [0, 0, 1, 1, 1, 1, 1, 1]);
     }
 }

@@ -1,5 +1,16 @@
-//! What stands on the road (paper, section 3.5): stixels, the regions that they form, small obstacles, and the
-//! verification of both in the two pictures.
+//! Obstacle detection on the road surface (paper, section 3.5).
+//!
+//! Input: a [`DepthView`] (disparity in 1/256 px, confidence, optionally the rectified images), the
+//! [`RoadProfile`] and the [`RoadSurface`] of the same frame. Output: [`Region`]s, nearest first: a pixel box
+//! with disparity (px), distance, lateral position and size in metres.
+//!
+//! Steps:
+//!
+//! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns.
+//! 2. [`regions`]: neighbouring stixels are grouped into regions.
+//! 3. [`photometric`]: regions are verified in both images.
+//! 4. [`confirmation`]: evidence is accumulated over frames.
+//! 5. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
 pub mod confirmation;
 pub mod photometric;
@@ -12,22 +23,22 @@ use crate::depth::DepthView;
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::profile::RoadProfile;
-use crate::road::surface::Surface;
+use crate::road::surface::RoadSurface;
 use photometric::Verifier;
 use regions::RegionFinder;
 pub use regions::RegionParameters;
-use residual::Ground;
-use small_obstacles::SmallFinder;
+use residual::RoadGeometry;
+use small_obstacles::SmallObstacleFinder;
 use stixels::{StixelParameters, Stixels};
 
-/// Pixels of less confidence (0 to 255) do not take part in obstacle detection.
+/// Pixels with a lower confidence (0 to 255) are not used for obstacle detection.
 const MIN_CONFIDENCE: u8 = 100;
 
-/// No side of an object passes the camera nearer than this, in metres: disparity that changes faster from column
-/// to column than such a side does is a seam between two surfaces.
-const SIDE_M: f64 = 0.9;
+/// Smallest lateral distance of an object's side from the camera, in metres. Disparity that changes faster
+/// from column to column than on such a side is a discontinuity between two surfaces.
+const MIN_SIDE_OFFSET_M: f64 = 0.9;
 
-/// Finds obstacle regions in disparity maps of one size, with memory allocated once.
+/// Finds obstacle regions in disparity maps of one size; memory is allocated once.
 #[derive(Debug)]
 pub struct ObstacleDetector {
     parameters: RegionParameters,
@@ -35,7 +46,7 @@ pub struct ObstacleDetector {
     size: (usize, usize),
     stixels: Stixels,
     finder: RegionFinder,
-    small: SmallFinder,
+    small: SmallObstacleFinder,
     regions: Vec<Region>,
 }
 
@@ -51,7 +62,7 @@ impl ObstacleDetector {
         let stixels = Stixels::new(width, height);
         Self {
             finder: RegionFinder::new(parameters, &stixels, disparities),
-            small: SmallFinder::new(width, height, parameters.confirm),
+            small: SmallObstacleFinder::new(width, height, parameters.confirm),
             regions: Vec::with_capacity(regions::CAPACITY + small_obstacles::CAPACITY),
             size: (width, height),
             stixels,
@@ -60,26 +71,31 @@ impl ObstacleDetector {
         }
     }
 
-    /// Finds what stands on the road, nearest first.
-    pub fn detect(&mut self, depth: DepthView<'_>, profile: &RoadProfile, surface: &Surface) -> &[Region] {
+    /// Finds the obstacles on the road, nearest first.
+    pub fn detect(
+        &mut self,
+        depth: DepthView<'_>,
+        profile: &RoadProfile,
+        surface: &RoadSurface,
+    ) -> &[Region] {
         let p = &self.parameters;
-        let standing = StixelParameters {
+        let stixel_parameters = StixelParameters {
             min_height_m: 0.4 * p.min_height_m,
             sigmas: 0.3,
             min_rise_px: 0.2,
             max_height_m: p.max_height_m,
             min_disparity_px: self.rig.disparity_px(p.max_distance_m),
             min_confidence: MIN_CONFIDENCE,
-            steepest_px: self.rig.baseline_m / SIDE_M,
+            max_gradient_px: self.rig.baseline_m / MIN_SIDE_OFFSET_M,
         };
-        self.stixels.find(depth, surface, &standing);
+        self.stixels.find(depth, surface, &stixel_parameters);
         self.regions.clear();
-        let ground = Ground { profile_px: profile.disparity_px(), tilt: surface.tilt(), rig: self.rig };
-        let verifier = depth.pictures().map(|pictures| Verifier { pictures, ground, stixels: &self.stixels });
+        let road = RoadGeometry { profile_px: profile.disparity_px(), tilt: surface.tilt(), rig: self.rig };
+        let verifier = depth.images().map(|images| Verifier { images, road, stixels: &self.stixels });
         let found = self.finder.find(&self.stixels, surface, &self.rig, self.size, verifier.as_ref());
         self.regions.extend_from_slice(found);
-        if let Some(pictures) = depth.pictures() {
-            let small = self.small.find(pictures, &ground, surface, &self.regions);
+        if let Some(images) = depth.images() {
+            let small = self.small.find(images, &road, surface, &self.regions);
             self.regions.extend_from_slice(small);
             self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
             self.regions.truncate(p.max_count);

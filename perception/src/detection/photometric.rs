@@ -1,94 +1,95 @@
-//! Whether the pictures themselves bear a region out.
+//! Photometric verification of a region in the two images.
 //!
-//! A disparity map says little of what is narrow or without texture: the matcher's windows spread a near
-//! surface over its surroundings and lay ramps between two surfaces. So each row of a region is explained
-//! twice from the two pictures: by the surface to its left, the road and the surface to its right alone, in
-//! this order and with seams where they fit best; and with the region's own disparity in between. What the
-//! second saves is its **cost_reduction**: the sides of what truly stands there fit no other disparity, while nothing
-//! is saved where the road or a neighbour fits as well.
+//! A disparity map is unreliable for narrow or textureless objects: the windows of the matcher spread a near
+//! surface over its surroundings and create ramps between two surfaces. Each row of a region is therefore
+//! explained twice from the images: by the surface to its left, the road and the surface to its right, in
+//! this order with boundaries at the best columns; and with the disparity of the region inserted between
+//! them. The difference of both costs is the **cost reduction**. The sides of a real object fit no other
+//! disparity. Where the road or a neighbouring surface fits equally well, the reduction is 0.
 //!
-//! Costs are differences of horizontal gradients, so that the brightness of the pictures does not matter, cut
-//! off so that lamps and reflections do not decide alone.
+//! Costs are differences of horizontal gradients, which makes them independent of brightness, truncated to
+//! limit the influence of lamps and reflections.
 
-use super::residual::Ground;
+use super::residual::RoadGeometry;
 use super::stixels::{STRIP_COLUMNS, Stixels};
 use crate::image::GreyView;
 use crate::region::Region;
 use crate::simd::{Level, Simd, kernel};
 
-/// Rows of a region that are looked at, at most.
-const ROWS: usize = 24;
-/// Columns on either side of it that are looked at.
-const MARGIN: usize = 6;
-/// Rows of a region and its margins that are wider are not looked at: what is wide is plain without.
-const WIDEST: usize = 96;
-/// The fewest columns that can tell anything.
-const NARROWEST: usize = 4;
-/// Columns at the pictures' borders that have no gradient.
+/// Largest number of rows of a region that are examined.
+const MAX_ROWS: usize = 24;
+/// Columns examined on either side of a region.
+const MARGIN_COLUMNS: usize = 6;
+/// Wider regions (with margins) are not verified; wide regions are reliable in the disparity map.
+const MAX_COLUMNS: usize = 96;
+/// Fewest columns for a decision.
+const MIN_COLUMNS: usize = 4;
+/// Columns at the image border without a gradient.
 const BORDER: usize = 3;
-/// Differences of gradients count up to this, in grey levels.
-const MOST: f32 = 20.0;
-/// A surface whose disparity is as near to the region's as this, in px, is no other explanation.
-const SAME_PX: f32 = 0.35;
-/// Stixels of a row are of the region when they are as near to its disparity as this, in px.
-const OWN_PX: f32 = 0.5;
-/// Gain of a row from which on its sides are known, in grey levels.
-const KNOWN_SIDES: f32 = 15.0;
-/// Weights of evidence: constant, logarithms of the upper half's and the lower half's mean cost_reduction (grey levels a
-/// row, over [`NO_REDUCTION`]) and of the width (12 px). Fitted by logistic regression, with the evidence of the
-/// disparity map beside them, to what was seen in `street` and in another street, in six weathers; less is asked
-/// by the constant, as sightings add up.
+/// Truncation of the gradient difference, in grey levels.
+const MAX_COST: f32 = 20.0;
+/// A surface closer to the disparity of the region than this, in px, is no alternative explanation.
+const MIN_SURFACE_GAP_PX: f32 = 0.35;
+/// A stixel within this distance of the region's disparity, in px, belongs to the region.
+const REGION_STIXEL_PX: f32 = 0.5;
+/// Cost reduction of a row from which its sides are used, in grey levels.
+const MIN_SIDE_REDUCTION: f32 = 15.0;
+/// Weights of the evidence: constant; logarithms of the mean cost reduction of the upper and the lower half
+/// (grey levels per row, plus [`CHANCE_REDUCTION`]); logarithm of the width (relative to 12 px). Fitted by
+/// logistic regression, together with the evidence of the disparity map, to regions of `street` and another
+/// street in six weathers; the constant is less strict, as sightings accumulate.
 const EVIDENCE: [f64; 4] = [-27.4, 4.2, 3.7, -2.1];
-/// Gain that chance gives, in grey levels a row.
-const NO_REDUCTION: f64 = 5.0;
-/// The most that the pictures speak for a region.
+/// Cost reduction that occurs by chance, in grey levels per row.
+const CHANCE_REDUCTION: f64 = 5.0;
+/// Upper limit of the evidence.
 const MAX_EVIDENCE: f64 = 6.0;
-/// What is no surface costs more than any that is.
-const NONE: f32 = 1e6;
+/// Cost of a missing surface; larger than that of any surface.
+const NO_SURFACE_COST: f32 = 1e6;
 
-/// Left surface, road, right surface, the region's own.
+/// Left surface, road, right surface, and the surface of the region.
 const SURFACES: usize = 4;
-/// The order in which surfaces may follow each other in a row, without the region and with it.
-const WITHOUT: [usize; 3] = [0, 1, 2];
-const WITH: [usize; 5] = [0, 1, OWN, 1, 2];
-/// The region's own.
-const OWN: usize = 3;
+/// Possible order of surfaces in a row, without and with the region.
+const ORDER_WITHOUT_REGION: [usize; 3] = [0, 1, 2];
+const ORDER_WITH_REGION: [usize; 5] = [0, 1, REGION_SURFACE, 1, 2];
+/// Index of the region's surface.
+const REGION_SURFACE: usize = 3;
 
-type Costs = [[f32; WIDEST]; SURFACES];
+type Costs = [[f32; MAX_COLUMNS]; SURFACES];
 
-/// Two pictures, and what is known of the road and of what stands on it.
+/// The images, the road and the stixels of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Verifier<'a> {
-    /// The rectified pair, left and right.
-    pub pictures: [GreyView<'a>; 2],
+    /// Rectified pair, left and right.
+    pub images: [GreyView<'a>; 2],
     /// The road.
-    pub ground: Ground<'a>,
-    /// What was seen in the disparity map.
+    pub road: RoadGeometry<'a>,
+    /// Stixels of the disparity map.
     pub stixels: &'a Stixels,
 }
 
-/// What the pictures show where a region is said to be.
+/// Result of the verification of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verification {
-    /// Mean cost_reduction of the upper and of the lower half of its rows, in grey levels.
+    /// Mean cost reduction of the upper and of the lower half of the rows, in grey levels.
     pub cost_reduction: [f64; 2],
-    /// First column and the one after the last between which the region fits best, if its sides are seen.
+    /// First column of the region and the column after its last one, where the sides are well localised.
     pub sides: Option<(u32, u32)>,
-    /// Width of the box that was looked at, in px.
+    /// Width of the verified box, in px.
     pub width_px: u32,
 }
 
 impl Verification {
-    /// Log-odds that this adds to what else is known of the region; 6 at most.
+    /// Log-odds to be added to the evidence of the disparity map; at most 6.
     pub fn evidence(&self) -> f64 {
-        let [upper, lower] = self.cost_reduction.map(|cost_reduction| (cost_reduction + NO_REDUCTION).ln());
+        let [upper, lower] =
+            self.cost_reduction.map(|cost_reduction| (cost_reduction + CHANCE_REDUCTION).ln());
         let width = (f64::from(self.width_px.max(1)) / 12.0).ln();
         let sum = EVIDENCE[0] + EVIDENCE[1] * upper + EVIDENCE[2] * lower + EVIDENCE[3] * width;
         sum.min(MAX_EVIDENCE)
     }
 }
 
-/// Disparities that a row may be explained by, in px, and the columns that are explained.
+/// Candidate disparities of a row, in px, and the range of columns to explain.
 #[derive(Clone, Copy, Debug)]
 struct Surfaces {
     disparity_px: [Option<f32>; SURFACES],
@@ -97,23 +98,23 @@ struct Surfaces {
 }
 
 impl Verifier<'_> {
-    /// Looks at a region. `None` where it is too wide, too narrow or too near the border to tell, or where all
-    /// around it is as far away as itself.
+    /// Verifies a region. `None` if it is undecidable: too wide, too narrow, too near the image border, or at
+    /// the same distance as its surroundings.
     pub fn verify(&self, region: &Region) -> Option<Verification> {
-        let [left, right] = self.pictures;
+        let [left, right] = self.images;
         let b = &region.bounds;
-        let step = (b.height as usize).div_ceil(ROWS).max(1);
+        let step = (b.height as usize).div_ceil(MAX_ROWS).max(1);
         let rows = (b.y as usize..((b.y + b.height) as usize).min(left.height())).step_by(step);
-        let mut costs: Costs = [[NONE; WIDEST]; SURFACES];
-        let mut gains = [0.0_f32; ROWS];
-        let (mut lefts, mut rights) = ([0_u32; ROWS], [0_u32; ROWS]);
-        let (mut count, mut sure) = (0, 0);
-        for y in rows.take(ROWS) {
+        let mut costs: Costs = [[NO_SURFACE_COST; MAX_COLUMNS]; SURFACES];
+        let mut reductions = [0.0_f32; MAX_ROWS];
+        let (mut lefts, mut rights) = ([0_u32; MAX_ROWS], [0_u32; MAX_ROWS]);
+        let (mut count, mut side_rows) = (0, 0);
+        for y in rows.take(MAX_ROWS) {
             let Some(surfaces) = self.surfaces(region, y) else { continue };
             let width = surfaces.to - surfaces.from;
             for (disparity_px, costs) in surfaces.disparity_px.iter().zip(&mut costs) {
                 match disparity_px {
-                    Some(d) => compare(
+                    Some(d) => gradient_costs(
                         self.stixels.level(),
                         left.row(y),
                         right.row(y),
@@ -121,40 +122,41 @@ impl Verifier<'_> {
                         surfaces.from,
                         &mut costs[..width],
                     ),
-                    None => costs[..width].fill(NONE),
+                    None => costs[..width].fill(NO_SURFACE_COST),
                 }
             }
-            let (without, _) = explain(&costs, width, &WITHOUT);
-            let (with, own) = explain(&costs, width, &WITH);
-            gains[count] = without - with;
-            if let (true, Some((first, end))) = (gains[count] > KNOWN_SIDES, own) {
-                (lefts[sure], rights[sure]) = ((surfaces.from + first) as u32, (surfaces.from + end) as u32);
-                sure += 1;
+            let (without, _) = segment_row(&costs, width, &ORDER_WITHOUT_REGION);
+            let (with, region_columns) = segment_row(&costs, width, &ORDER_WITH_REGION);
+            reductions[count] = without - with;
+            if let (true, Some((first, end))) = (reductions[count] > MIN_SIDE_REDUCTION, region_columns) {
+                (lefts[side_rows], rights[side_rows]) =
+                    ((surfaces.from + first) as u32, (surfaces.from + end) as u32);
+                side_rows += 1;
             }
             count += 1;
         }
         if count < 2 {
             return None;
         }
-        let (upper, lower) = gains[..count].split_at(count.div_ceil(2));
-        let mean = |gains: &[f32]| f64::from(gains.iter().sum::<f32>()) / gains.len() as f64;
-        // A fifth of the rows may have their side farther out, as where a mirror or a wheel stands out.
-        let sides = (sure >= 3 && 2 * sure >= count).then(|| {
-            lefts[..sure].sort_unstable();
-            rights[..sure].sort_unstable();
-            (lefts[sure / 5], rights[4 * sure / 5])
+        let (upper, lower) = reductions[..count].split_at(count.div_ceil(2));
+        let mean = |reductions: &[f32]| f64::from(reductions.iter().sum::<f32>()) / reductions.len() as f64;
+        // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
+        let sides = (side_rows >= 3 && 2 * side_rows >= count).then(|| {
+            lefts[..side_rows].sort_unstable();
+            rights[..side_rows].sort_unstable();
+            (lefts[side_rows / 5], rights[4 * side_rows / 5])
         });
         let sides = sides.filter(|(first, end)| *end >= first + 3);
         Some(Verification { cost_reduction: [mean(upper), mean(lower)], sides, width_px: b.width })
     }
 
-    /// What row `y` may show. `None` where nothing but the region can be told.
+    /// Candidate surfaces of row `y`; `None` if there is no alternative to the region.
     fn surfaces(&self, region: &Region, y: usize) -> Option<Surfaces> {
         let b = &region.bounds;
         let (first, end) = (b.x as usize, (b.x + b.width) as usize);
-        let (from, to) = (first.saturating_sub(MARGIN), end + MARGIN);
-        let (from, to) = (from.max(BORDER), to.min(self.pictures[0].width().saturating_sub(BORDER)));
-        if to > from + WIDEST {
+        let (from, to) = (first.saturating_sub(MARGIN_COLUMNS), end + MARGIN_COLUMNS);
+        let (from, to) = (from.max(BORDER), to.min(self.images[0].width().saturating_sub(BORDER)));
+        if to > from + MAX_COLUMNS {
             return None;
         }
         let known = |strip: Option<usize>| {
@@ -165,36 +167,42 @@ impl Verifier<'_> {
         let disparity_px = region.disparity_px as f32;
         let (mut sum, mut count) = (0.0, 0.0);
         for d in strips.clone().filter_map(|strip| known(Some(strip))) {
-            if (d - disparity_px).abs() < OWN_PX {
+            if (d - disparity_px).abs() < REGION_STIXEL_PX {
                 (sum, count) = (sum + d, count + 1.0);
             }
         }
-        let own = if count > 0.0 { sum / count } else { disparity_px };
-        // The strip beside it may be a part of it still, or of a seam.
+        let region_px = if count > 0.0 { sum / count } else { disparity_px };
+        // The adjacent strip may still belong to the region or to a discontinuity.
         let before = |n: usize| known(strips.start.checked_sub(n));
         let after = |n: usize| known(Some(strips.end + n));
         let left = before(2).or_else(|| before(3)).or_else(|| before(1));
         let right = after(1).or_else(|| after(2)).or_else(|| after(0));
-        let road = self.ground.disparity_px(0.5 * (from + to) as f64, y).max(0.0) as f32;
-        let other = |d: Option<f32>| d.filter(|d| (d - own).abs() > SAME_PX);
-        // Where it goes on sideways, only the box itself tells of it.
-        let goes_on = |d: Option<f32>| d.is_some() && other(d).is_none();
-        let from = if goes_on(left) { from.max(first) } else { from };
-        let to = if goes_on(right) { to.min(end) } else { to };
-        let disparity_px = [other(left), other(Some(road)), other(right), Some(own)];
-        let tells = to >= from + NARROWEST && disparity_px[..3].iter().any(Option::is_some);
-        tells.then_some(Surfaces { disparity_px, from, to })
+        let road_px = self.road.disparity_px(0.5 * (from + to) as f64, y).max(0.0) as f32;
+        let other = |d: Option<f32>| d.filter(|d| (d - region_px).abs() > MIN_SURFACE_GAP_PX);
+        // Where the surface of the region continues sideways, only the box itself is examined.
+        let is_continuous = |d: Option<f32>| d.is_some() && other(d).is_none();
+        let from = if is_continuous(left) { from.max(first) } else { from };
+        let to = if is_continuous(right) { to.min(end) } else { to };
+        let disparity_px = [other(left), other(Some(road_px)), other(right), Some(region_px)];
+        let is_decidable = to >= from + MIN_COLUMNS && disparity_px[..3].iter().any(Option::is_some);
+        is_decidable.then_some(Surfaces { disparity_px, from, to })
     }
 }
 
-/// By how much the gradients of a row of both pictures differ from column `from` on, at a disparity (0 px or
-/// more).
-fn compare(level: Level, left: &[u8], right: &[u8], disparity_px: f32, from: usize, costs: &mut [f32]) {
+/// Gradient differences of both images in a row from column `from` on, at a disparity of 0 px or more.
+fn gradient_costs(
+    level: Level,
+    left: &[u8],
+    right: &[u8],
+    disparity_px: f32,
+    from: usize,
+    costs: &mut [f32],
+) {
     let whole = disparity_px.ceil();
     let share = whole - disparity_px;
-    // Columns that the right picture does not have.
+    // Columns outside the right image.
     let hidden = (whole as usize).saturating_add(BORDER).saturating_sub(from).min(costs.len());
-    costs[..hidden].fill(MOST);
+    costs[..hidden].fill(MAX_COST);
     let costs = &mut costs[hidden..];
     if costs.is_empty() {
         return;
@@ -202,49 +210,53 @@ fn compare(level: Level, left: &[u8], right: &[u8], disparity_px: f32, from: usi
     let from = from + hidden;
     let at = from - whole as usize;
     let (left, right) = (&left[from - 1..], &right[at - 1..]);
-    differ(level, left, right, share, costs);
+    gradient_differences(level, left, right, share, costs);
 }
 
 kernel! {
-    /// Differences of gradients: `left` begins a column before the first, `right` likewise, whose gradients are
-    /// taken `share` of a column later.
-    fn differ(left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) = differ_each
+    /// Gradient differences: `left` and `right` start one column before the first result; gradients of
+    /// `right` are interpolated by `share` of a column.
+    fn gradient_differences(left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) = gradient_differences_each
 }
 
 #[inline(always)]
-fn differ_each<S: Simd>(_: S, left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) {
+fn gradient_differences_each<S: Simd>(_: S, left: &[u8], right: &[u8], share: f32, costs: &mut [f32]) {
     for ((cost, left), right) in costs.iter_mut().zip(left.windows(3)).zip(right.windows(4)) {
         let [a, _, c] = [left[0], left[1], left[2]].map(f32::from);
         let [e, f, g, h] = [right[0], right[1], right[2], right[3]].map(f32::from);
         let gradient = (g - e) + share * ((h - f) - (g - e));
-        *cost = (c - a - gradient).abs().min(MOST);
+        *cost = (c - a - gradient).abs().min(MAX_COST);
     }
 }
 
-/// The least cost of a row whose surfaces follow each other in this order, each over any number of columns;
-/// and the columns of [`OWN`], if it has any.
-fn explain<const N: usize>(costs: &Costs, width: usize, order: &[usize; N]) -> (f32, Option<(usize, usize)>) {
+/// Minimum cost of explaining a row by surfaces in a given order, each over any number of columns; and the
+/// columns of [`REGION_SURFACE`], if it occurs.
+fn segment_row<const N: usize>(
+    costs: &Costs,
+    width: usize,
+    order: &[usize; N],
+) -> (f32, Option<(usize, usize)>) {
     let mut sums = [0.0_f32; N];
-    // First column of the own surface and the one after its last, as each state knows them; 0 where it has not
-    // been yet.
-    let mut own = [[0_u16; 2]; N];
+    // First column of the region's surface and the column after its last, for each state; 0 if it has not
+    // occurred.
+    let mut extent = [[0_u16; 2]; N];
     for x in 0..width {
         let (mut best, mut known) = (f32::INFINITY, [0; 2]);
         for state in 0..N {
-            // What came before may end here; at equal costs, the earlier surface goes on.
+            // The previous surface may end here; at equal costs the earlier surface continues.
             let ends = sums[state] < best;
             best = if ends { sums[state] } else { best };
-            known = if ends { own[state] } else { known };
+            known = if ends { extent[state] } else { known };
             sums[state] = best + costs[order[state]][x];
-            own[state] = known;
-            if order[state] == OWN {
+            extent[state] = known;
+            if order[state] == REGION_SURFACE {
                 let first = if known[1] > 0 { known[0] } else { x as u16 };
-                own[state] = [first, x as u16 + 1];
+                extent[state] = [first, x as u16 + 1];
             }
         }
     }
     let best = (0..N).min_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-    let [first, end] = own[best].map(usize::from);
+    let [first, end] = extent[best].map(usize::from);
     (sums[best], (end > 0).then_some((first, end)))
 }
 
@@ -255,30 +267,31 @@ mod tests {
     use crate::depth::DepthView;
     use crate::region::PixelBox;
     use crate::rig::Rig;
-    use crate::road::surface::Surface;
+    use crate::road::surface::RoadSurface;
     use crate::road::tilt::Tilt;
     use crate::stereo::DisparityView;
 
     const SIZE: (usize, usize) = (128, 64);
     const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 64.0, cy_px: 0.0 };
-    /// Disparity of all that lies behind.
-    const BEHIND: usize = 4;
+    /// Disparity of the background.
+    const BACKGROUND: usize = 4;
 
-    /// A pair of fine texture at [`BEHIND`], with a post before it at `disparity` in columns `post`.
+    /// A pair with fine texture at [`BACKGROUND`] and a post in columns `post` in front of it, at
+    /// `disparity`.
     fn pair(post: std::ops::Range<usize>, disparity: usize) -> [Vec<u8>; 2] {
         let mut random = fastrand::Rng::with_seed(5);
         let (width, height) = SIZE;
         let mut left = vec![0_u8; width * height];
         let mut right = left.clone();
         for y in 0..height {
-            // Half as fine as the pixels, so that gradients over two of them see it.
-            let mut behind = vec![0_u8; width + 8];
-            for two in behind.chunks_mut(2) {
+            // Texture elements of two pixels, so that gradients over two pixels respond to it.
+            let mut background = vec![0_u8; width + 8];
+            for two in background.chunks_mut(2) {
                 two.fill(random.u8(60..190));
             }
             for x in 0..width {
-                left[y * width + x] = behind[x];
-                right[y * width + x] = behind[(x + BEHIND).min(width + 7)];
+                left[y * width + x] = background[x];
+                right[y * width + x] = background[(x + BACKGROUND).min(width + 7)];
             }
             for x in post.clone() {
                 let grey = if x / 2 % 2 == 0 { 20 } else { 240 };
@@ -289,11 +302,11 @@ mod tests {
         [left, right]
     }
 
-    /// What the verifier sees of a box at disparity 8; the map has that disparity in it, and [`BEHIND`] elsewhere.
+    /// Verifies a box at disparity 8; the map has that disparity inside the box and [`BACKGROUND`] elsewhere.
     fn verify(pair: &[Vec<u8>; 2], bounds: PixelBox) -> Option<Verification> {
         let (width, height) = SIZE;
-        let view = |picture| GreyView::new(picture, width, height, width).unwrap();
-        let mut map = vec![(BEHIND * 256) as u16; width * height];
+        let view = |image| GreyView::new(image, width, height, width).unwrap();
+        let mut map = vec![(BACKGROUND * 256) as u16; width * height];
         for row in map.chunks_exact_mut(width) {
             row[bounds.x as usize..(bounds.x + bounds.width) as usize].fill(8 * 256);
         }
@@ -307,11 +320,11 @@ mod tests {
             max_height_m: 3.0,
             min_disparity_px: 1.0,
             min_confidence: 100,
-            steepest_px: 1.0,
+            max_gradient_px: 1.0,
         };
-        stixels.find(depth, &Surface::new(RIG, width, height, 32), &parameters);
+        stixels.find(depth, &RoadSurface::new(RIG, width, height, 32), &parameters);
         let profile_px = vec![1.0; height];
-        let ground = Ground { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
+        let road = RoadGeometry { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
         let region = Region {
             bounds,
             disparity_px: 8.0,
@@ -323,31 +336,31 @@ mod tests {
             pixels: 500,
             confidence: 0.9,
         };
-        Verifier { pictures: [view(&pair[0]), view(&pair[1])], ground, stixels: &stixels }.verify(&region)
+        Verifier { images: [view(&pair[0]), view(&pair[1])], road, stixels: &stixels }.verify(&region)
     }
 
     const BOX: PixelBox = PixelBox { x: 48, y: 8, width: 16, height: 40 };
 
     #[test]
-    fn what_stands_there_is_borne_out_and_its_sides_are_found() {
-        let seen = verify(&pair(50..61, 8), BOX).expect("it can tell");
+    fn a_real_object_is_verified_and_its_sides_are_found() {
+        let seen = verify(&pair(50..61, 8), BOX).expect("decidable");
         assert!(seen.evidence() > 3.0, "{seen:?}");
-        let (first, end) = seen.sides.expect("its sides are plain");
-        // The right camera does not see the four columns before the post: they may be anything.
+        let (first, end) = seen.sides.expect("well localised sides");
+        // The four columns left of the post are occluded in the right image and may belong to either surface.
         assert!((45..=51).contains(&first) && end.abs_diff(61) <= 1, "{seen:?}");
     }
 
     #[test]
-    fn what_the_map_made_up_is_not() {
-        let seen = verify(&pair(0..0, 8), BOX).expect("it can tell");
+    fn a_phantom_of_the_map_is_refuted() {
+        let seen = verify(&pair(0..0, 8), BOX).expect("decidable");
         assert!(seen.evidence() < -3.0 && seen.sides.is_none(), "{seen:?}");
-        // Something is there, but as far away as all the rest.
-        let seen = verify(&pair(50..61, BEHIND), BOX).expect("it can tell");
+        // An object at the distance of the background.
+        let seen = verify(&pair(50..61, BACKGROUND), BOX).expect("decidable");
         assert!(seen.evidence() < -3.0, "{seen:?}");
     }
 
     #[test]
-    fn half_of_it_is_not_enough() {
+    fn an_object_in_half_of_the_rows_is_not_enough() {
         let (width, _) = SIZE;
         let (mut half, none) = (pair(50..61, 8), pair(0..0, 8));
         for (half, none) in half.iter_mut().zip(&none) {
@@ -369,11 +382,11 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_tell_says_nothing() {
+    fn undecidable_regions_are_not_verified() {
         let pair = pair(50..61, 8);
         assert_eq!(verify(&pair, PixelBox { x: 10, width: 100, ..BOX }), None, "too wide");
         assert_eq!(verify(&pair, PixelBox { height: 1, ..BOX }), None, "one row");
-        // At the border, and where the right picture has nothing: no panic.
+        // At the border and where the right image has no data: no panic.
         for x in [0, 4, 120, 124] {
             verify(&pair, PixelBox { x, width: 4, ..BOX });
         }
@@ -381,26 +394,26 @@ mod tests {
     }
 
     #[test]
-    fn what_the_right_picture_does_not_have_costs_most() {
+    fn columns_outside_the_right_image_have_the_maximum_cost() {
         let (left, right) = ([0, 50, 0, 50, 0, 50, 0, 50, 0, 50, 0, 50], [7; 12]);
         for disparity_px in [0.0, 0.5, 1.0, 3.3, 5.9, 6.0, 7.0, 200.0, f32::MAX, f32::INFINITY, f32::NAN] {
             let mut costs = [-1.0; 6];
-            compare(Level::best(), &left, &right, disparity_px, 3, &mut costs);
+            gradient_costs(Level::best(), &left, &right, disparity_px, 3, &mut costs);
             let hidden = if disparity_px.is_nan() { 0 } else { (disparity_px.ceil() as usize).min(6) };
-            assert!(costs[..hidden].iter().all(|cost| *cost == MOST), "{disparity_px}: {costs:?}");
+            assert!(costs[..hidden].iter().all(|cost| *cost == MAX_COST), "{disparity_px}: {costs:?}");
             assert!(costs.iter().all(|cost| *cost != -1.0), "{disparity_px}: {costs:?}");
         }
     }
 
     #[test]
-    fn the_cheapest_order_is_the_cheapest_of_all() {
+    fn the_segmentation_equals_exhaustive_search() {
         let mut random = fastrand::Rng::with_seed(9);
         for _ in 0..50 {
-            let mut costs: Costs = [[NONE; WIDEST]; SURFACES];
+            let mut costs: Costs = [[NO_SURFACE_COST; MAX_COLUMNS]; SURFACES];
             for costs in &mut costs {
                 costs[..7].fill_with(|| random.f32() * 20.0);
             }
-            // Every way to cut seven columns into five stretches.
+            // Every division of seven columns into five segments.
             let mut best = f32::INFINITY;
             let cuts = |from: usize| from..=7;
             for a in cuts(0) {
@@ -409,31 +422,31 @@ mod tests {
                         for d in cuts(c) {
                             let stretches = [0..a, a..b, b..c, c..d, d..7];
                             let sum = |(i, x): (usize, std::ops::Range<usize>)| {
-                                costs[WITH[i]][x].iter().sum::<f32>()
+                                costs[ORDER_WITH_REGION[i]][x].iter().sum::<f32>()
                             };
                             best = best.min(stretches.into_iter().enumerate().map(sum).sum());
                         }
                     }
                 }
             }
-            let (least, own) = explain(&costs, 7, &WITH);
+            let (least, own) = segment_row(&costs, 7, &ORDER_WITH_REGION);
             assert!((least - best).abs() < 1e-3, "{least} {best}");
-            let (without, none) = explain(&costs, 7, &WITHOUT);
+            let (without, none) = segment_row(&costs, 7, &ORDER_WITHOUT_REGION);
             assert!(without >= least - 1e-3 && none.is_none(), "{own:?}");
         }
     }
 
     #[test]
-    fn all_levels_find_the_differences_of_gradients() {
+    fn all_levels_compute_the_gradient_differences_of_the_reference() {
         let mut random = fastrand::Rng::with_seed(1);
         let (left, right): (Vec<u8>, Vec<u8>) = (0..80).map(|_| (random.u8(..), random.u8(..))).unzip();
         for level in Level::available() {
             let mut costs = [0.0; 77];
-            differ(level, &left, &right, 0.3, &mut costs);
+            gradient_differences(level, &left, &right, 0.3, &mut costs);
             for (x, cost) in costs.iter().enumerate() {
                 let [e, f, g, h] = [0, 1, 2, 3].map(|k| f32::from(right[x + k]));
                 let gradient = (g - e) + 0.3 * ((h - f) - (g - e));
-                let expected = (f32::from(left[x + 2]) - f32::from(left[x]) - gradient).abs().min(MOST);
+                let expected = (f32::from(left[x + 2]) - f32::from(left[x]) - gradient).abs().min(MAX_COST);
                 assert_eq!(*cost, expected, "{} {x}", level.name());
             }
         }

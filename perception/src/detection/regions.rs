@@ -1,30 +1,30 @@
-//! Obstacle regions: stixels of one thing become a box with a distance.
+//! Groups stixels into obstacle regions: pixel boxes with a distance.
 
 use super::confirmation::Confirmation;
 use super::photometric::Verifier;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
-use crate::road::surface::Surface;
+use crate::road::surface::RoadSurface;
 
-/// What makes a region.
+/// Parameters of region detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegionParameters {
-    /// What reaches less than this above the road is road, in metres.
+    /// Smallest height above the road, in metres; anything lower is road.
     pub min_height_m: f64,
-    /// What is higher than this above the road is not in the way, in metres.
+    /// Largest height above the road, in metres; anything higher does not obstruct the vehicle.
     pub max_height_m: f64,
-    /// Nothing is reported farther away, in metres.
+    /// Largest reported distance, in metres.
     pub max_distance_m: f64,
-    /// Regions narrower than this are noise, in metres.
+    /// Smallest width of a region, in metres.
     pub min_width_m: f64,
-    /// Depth that one region may span, in metres: a long hedge is cut into pieces.
+    /// Largest extent of a region in depth, in metres; a long hedge is split.
     pub depth_span_m: f64,
-    /// Regions of fewer pixels are noise.
+    /// Fewest pixels of a region.
     pub min_pixels: u32,
-    /// At most this many regions are kept, nearest first.
+    /// Largest number of regions; the nearest are kept.
     pub max_count: usize,
-    /// Whether a region must come back before it counts; not so for single pictures.
+    /// Whether regions are confirmed over several frames; `false` for single images.
     pub confirm: bool,
 }
 
@@ -43,88 +43,91 @@ impl Default for RegionParameters {
     }
 }
 
-/// Regions that are measured before the nearest are chosen.
+/// Largest number of regions before the nearest are selected.
 pub(super) const CAPACITY: usize = 512;
-/// What rises fewer standard deviations above the road is noise.
+/// Smallest height of a region, in standard deviations of the height noise.
 const MIN_PROMINENCE: f64 = 1.5;
-/// What rises by fewer px of disparity is doubtful: a matcher's steps on a road rise as much.
-const STEP_PX: f64 = 1.0;
-/// Disparities that differ so much from the fullest place are of one face: the matcher blurs that much. What is
-/// farther off, as in rain, tells nothing of it.
-const FACE_PX: f64 = 0.36;
-/// What the near side's error is made of: a part of a pixel, which the matcher's steps leave; metres by which
-/// things stand out before their face, as the foot of a cone; and the frame's noise, over the stixels of the thing.
-/// Fitted to `street` in six weathers and to approaches, so that two standard deviations hold 95 of 100 truths.
+/// A smaller difference to the road, in px of disparity, is doubtful: the steps of a matcher on the road are
+/// as large.
+const DOUBTFUL_RISE_PX: f64 = 1.0;
+/// Half-width of the disparity range of one face, in px: the blur of the matcher. Values farther away, as in
+/// rain, carry no information about the face.
+const FACE_HALF_WIDTH_PX: f64 = 0.36;
+/// Error model of the near side: an error in px caused by the steps of the matcher; protrusion in front of
+/// the face, in metres, for example the foot of a cone; and the noise of the frame divided by the number of
+/// stixels. Fitted to `street` in six weathers and to approaches, such that two standard deviations contain
+/// 95 % of the true values.
 const SYSTEMATIC_PX: f64 = 0.062;
 const SHAPE_M: f64 = 0.075;
-const NOISE: f64 = 1.5;
-/// Share of what lies around the depth that most of a thing shows which is nearer than its near side is
-/// taken for. None would be the noise's edge, a half the middle of its face: the things of our scenes, seen
-/// in six weathers, are on average at neither.
+const NOISE_FACTOR: f64 = 1.5;
+/// Share of the pixels around the dominant depth that lies in front of the reported near side. 0 would be the
+/// edge of the noise, 0.5 the centre of the face; on average over the objects of the synthetic scenes in six
+/// weathers, the near side is at neither.
 const NEAR_SHARE: f64 = 0.38;
-/// A stixel that begins higher than this above the road may hang, in metres.
-const LOW_M: f64 = 0.8;
-/// Share of a region's strips in which something must begin lower.
-const STANDING: f64 = 0.4;
-/// The widest shadow of an edge, in px.
-const SHADOW_PX: u32 = 5 * STRIP_COLUMNS as u32;
-/// Confidence from which a region is no such shadow.
-const SURE: f64 = 0.7;
-/// The far end of a long thing: the most columns that it is wide, and metres that it lies behind the near side.
-const TAIL_PX: u32 = 7 * STRIP_COLUMNS as u32;
-const TAIL_M: std::ops::Range<f64> = 0.3..6.0;
-/// Columns that such an end may be apart from the rest, and that it may lie before it.
-const APART_PX: u32 = STRIP_COLUMNS as u32;
-const BEFORE_PX: u32 = 2 * STRIP_COLUMNS as u32;
-/// What is so many rows or columns apart is at the same place.
-const SLACK_PX: u32 = 2;
-/// Evidence that a thing must have for others to be its end, and evidence from which these are things themselves.
-const HAS_TAIL: f64 = 3.0;
-const NO_TAIL: f64 = 5.0;
-/// Weights of evidence: constant, log-odds of confidence, logarithms of fill, height (m) and pixels.
+/// A stixel that starts higher above the road than this may be a hanging object, in metres.
+const MAX_FOOT_HEIGHT_M: f64 = 0.8;
+/// Share of the strips of a region in which a stixel must start lower.
+const MIN_STANDING_SHARE: f64 = 0.4;
+/// Largest width of an occlusion artefact, in px.
+const MAX_ARTEFACT_WIDTH_PX: u32 = 5 * STRIP_COLUMNS as u32;
+/// Confidence from which a narrow region is not an occlusion artefact.
+const MIN_SURE_CONFIDENCE: f64 = 0.7;
+/// Tail, that is the far end of a long object: largest width, and range of its depth behind the near side in
+/// metres.
+const MAX_TAIL_WIDTH_PX: u32 = 7 * STRIP_COLUMNS as u32;
+const TAIL_DEPTH_M: std::ops::Range<f64> = 0.3..6.0;
+/// Largest gap between tail and object, and largest overlap of both, in px.
+const MAX_TAIL_GAP_PX: u32 = STRIP_COLUMNS as u32;
+const MAX_TAIL_OVERLAP_PX: u32 = 2 * STRIP_COLUMNS as u32;
+/// Tolerance for equal rows or columns, in px.
+const ALIGNMENT_PX: u32 = 2;
+/// Evidence from which an object can have a tail, and evidence from which a tail is an object of its own.
+const TAIL_OWNER_EVIDENCE: f64 = 3.0;
+const INDEPENDENT_EVIDENCE: f64 = 5.0;
+/// Weights of the evidence: constant, log-odds of the confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
-/// Evidence that no look at the pictures could make up for, and the most that the map's counts beside one: it is
-/// great where a surface without texture lies too near, too.
-const HOPELESS: f64 = -8.0;
-const MAX_OF_MAP: f64 = 5.0;
-/// Share of the taller of two stixels that lies beside the other, if they are of one thing: a kerb beside
-/// a car is not of the car.
-const SIDE_BY_SIDE: f64 = 0.2;
-/// Metres by which the depth of one thing may change from one stixel to the next: the side of a car that is
-/// near is seen at a flat angle.
-const SLANT_M: f32 = 0.3;
-/// Strips over which stixels are linked.
-const REACH: usize = 3;
-/// Bins of a pixel of disparity in which the near side is sought.
+/// Below the first value photometric verification is skipped. The second limits the evidence of the disparity
+/// map where verification is available, as it is also large where a textureless surface is measured too near.
+const MIN_MAP_EVIDENCE: f64 = -8.0;
+const MAX_MAP_EVIDENCE: f64 = 5.0;
+/// Smallest overlap of the rows of two linked stixels, as a share of the taller one; separates a kerb from
+/// the car beside it.
+const MIN_ROW_OVERLAP: f64 = 0.2;
+/// Largest change of depth between neighbouring stixels of one object, in metres; allows for the side of a
+/// near car, which is seen at a shallow angle.
+const MAX_DEPTH_STEP_M: f32 = 0.3;
+/// Largest distance of linked stixels, in strips.
+const LINK_STRIPS: usize = 3;
+/// Histogram bins per px of disparity for the near side.
 const BINS_PER_PX: usize = 8;
 
-/// Groups stixels, with memory allocated once.
+/// Groups stixels into regions; memory is allocated once.
 #[derive(Debug)]
 pub struct RegionFinder {
     parameters: RegionParameters,
-    /// Stixels by disparity, the nearest first.
+    /// Stixel indices by decreasing disparity.
     order: Vec<u32>,
     visited: Vec<bool>,
     stack: Vec<u32>,
     members: Vec<u32>,
-    /// Rows by disparity of the region at hand.
+    /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
     regions: Vec<Region>,
-    /// Evidence of each.
+    /// Evidence of each region.
     evidence: Vec<f64>,
     confirmation: Confirmation,
 }
 
 impl RegionFinder {
-    /// A workspace for such stixels with disparities below `disparities` px.
+    /// A workspace for the given stixels with disparities below `disparities` px.
     pub fn new(parameters: RegionParameters, stixels: &Stixels, disparities: usize) -> Self {
-        let most = stixels.capacity();
+        let capacity = stixels.capacity();
         Self {
             parameters,
-            order: Vec::with_capacity(most),
-            visited: Vec::with_capacity(most),
-            stack: Vec::with_capacity(most),
-            members: Vec::with_capacity(most),
+            order: Vec::with_capacity(capacity),
+            visited: Vec::with_capacity(capacity),
+            stack: Vec::with_capacity(capacity),
+            members: Vec::with_capacity(capacity),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
             evidence: Vec::with_capacity(CAPACITY),
@@ -132,13 +135,12 @@ impl RegionFinder {
         }
     }
 
-    /// Groups stixels; the regions are sorted, nearest first, and beyond the greatest count the
-    /// farthest are left out. `size` is the image's width and height; `verifier` are the pictures, where they
-    /// are known.
+    /// Groups stixels into regions, nearest first; only the nearest `max_count` are kept. `size` is the width
+    /// and height of the image; `verifier` is `None` if the images are not available.
     pub fn find(
         &mut self,
         stixels: &Stixels,
-        surface: &Surface,
+        surface: &RoadSurface,
         rig: &Rig,
         size: (usize, usize),
         verifier: Option<&Verifier<'_>>,
@@ -156,30 +158,31 @@ impl RegionFinder {
             if self.visited[seed as usize] {
                 continue;
             }
-            self.gather(stixels, surface, rig, seed);
+            self.grow(stixels, surface, rig, seed);
             if let Some(region) = self.measure(stixels, surface, rig, size)
                 && self.regions.len() < CAPACITY
             {
                 self.regions.push(region);
             }
         }
-        self.drop_shadows();
+        self.remove_occlusion_artefacts();
         self.evidence.clear();
         for region in &mut self.regions {
             let mut sum = evidence(region, surface);
-            let look = verifier.filter(|_| sum >= HOPELESS).and_then(|verifier| verifier.verify(region));
-            if let Some(look) = look {
-                sum = sum.min(MAX_OF_MAP) + look.evidence();
-                if let Some(sides) = look.sides {
+            let verification =
+                verifier.filter(|_| sum >= MIN_MAP_EVIDENCE).and_then(|verifier| verifier.verify(region));
+            if let Some(verification) = verification {
+                sum = sum.min(MAX_MAP_EVIDENCE) + verification.evidence();
+                if let Some(sides) = verification.sides {
                     region.set_sides(sides, rig);
                 }
             }
             self.evidence.push(sum);
         }
-        self.doubt_tails();
-        let look = |region: &Region| verifier.and_then(|w| w.verify(region)).map(|look| look.evidence());
-        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, look);
-        // The seed is the nearest stray stixel; what counts is where the region stands.
+        self.suppress_tails();
+        let verify = |region: &Region| verifier.and_then(|v| v.verify(region)).map(|v| v.evidence());
+        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, verify);
+        // Growing order follows the nearest stixel; the result is sorted by the distance of the region.
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
         });
@@ -187,12 +190,12 @@ impl RegionFinder {
         &self.regions
     }
 
-    /// Collects all stixels that connect to the seed and are not much farther away than it.
-    fn gather(&mut self, stixels: &Stixels, surface: &Surface, rig: &Rig, seed: u32) {
+    /// Region growing: collects all stixels that connect to the seed and are not much farther away.
+    fn grow(&mut self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig, seed: u32) {
         let list = stixels.list();
         let near_m = rig.distance_m(f64::from(list[seed as usize].disparity_px));
-        let farthest_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
-        let metre_px = rig.disparity_px(1.0) as f32;
+        let min_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
+        let px_at_1_m = rig.disparity_px(1.0) as f32;
         self.members.clear();
         self.stack.clear();
         self.visited[seed as usize] = true;
@@ -201,12 +204,12 @@ impl RegionFinder {
             self.members.push(i);
             let here = list[i as usize];
             let strip = here.strip as usize;
-            for next in strip.saturating_sub(REACH)..(strip + REACH + 1).min(stixels.strips()) {
-                for j in stixels.of(next) {
-                    let there = &list[j];
+            for next in strip.saturating_sub(LINK_STRIPS)..(strip + LINK_STRIPS + 1).min(stixels.strips()) {
+                for j in stixels.range(next) {
+                    let other = &list[j];
                     if !self.visited[j]
-                        && there.disparity_px >= farthest_px
-                        && linked(&here, there, surface, metre_px)
+                        && other.disparity_px >= min_px
+                        && linked(&here, other, surface, px_at_1_m)
                     {
                         self.visited[j] = true;
                         self.stack.push(j as u32);
@@ -216,26 +219,26 @@ impl RegionFinder {
         }
     }
 
-    /// Takes out narrow regions that cling to the side of a nearer, larger one: where the background is
-    /// hidden from one camera, the matcher fills in depths in between.
-    fn drop_shadows(&mut self) {
+    /// Removes narrow regions adjacent to a nearer, larger one: where the background is occluded in one
+    /// camera, the matcher interpolates between both depths.
+    fn remove_occlusion_artefacts(&mut self) {
         let regions = &mut self.regions;
         let mut kept = 0;
         for i in 0..regions.len() {
             let (near, far) = (&regions[..], regions[i]);
-            let shadow = far.bounds.width <= SHADOW_PX
-                && far.confidence < SURE
+            let is_artefact = far.bounds.width <= MAX_ARTEFACT_WIDTH_PX
+                && far.confidence < MIN_SURE_CONFIDENCE
                 && near.iter().any(|near| {
                     let (a, b) = (&near.bounds, &far.bounds);
                     let (right, bottom) = (a.x + a.width + 2 * STRIP_COLUMNS as u32, a.y + a.height);
                     let touches = b.x <= right && b.x + b.width + 2 * STRIP_COLUMNS as u32 >= a.x;
-                    let beside = b.y + b.height <= bottom && b.y + b.height / 2 >= a.y;
+                    let adjacent = b.y + b.height <= bottom && b.y + b.height / 2 >= a.y;
                     near.disparity_px > far.disparity_px * 1.05
                         && near.pixels > 2 * far.pixels
                         && touches
-                        && beside
+                        && adjacent
                 });
-            if !shadow {
+            if !is_artefact {
                 regions.swap(kept, i);
                 kept += 1;
             }
@@ -243,14 +246,14 @@ impl RegionFinder {
         regions.truncate(kept);
     }
 
-    /// Doubts narrow regions that cling to the far end of a nearer, larger one. The side of a long thing is seen
-    /// at a flat angle and its end is smeared over what lies beside it: unless much speaks for it, that is no
-    /// thing of its own.
-    fn doubt_tails(&mut self) {
+    /// Reduces the evidence of narrow regions at the far end of a nearer, larger one. The side of a long
+    /// object is seen at a shallow angle and its end is blurred into the background. Only strong evidence
+    /// makes it an object of its own.
+    fn suppress_tails(&mut self) {
         for i in 0..self.regions.len() {
             let mut others = self.regions.iter().zip(&self.evidence);
-            if self.evidence[i] < NO_TAIL
-                && others.any(|(near, &sum)| sum > HAS_TAIL && is_tail(&self.regions[i], near))
+            if self.evidence[i] < INDEPENDENT_EVIDENCE
+                && others.any(|(near, &sum)| sum > TAIL_OWNER_EVIDENCE && is_tail(&self.regions[i], near))
             {
                 self.evidence[i] = self.evidence[i].min(0.0);
             }
@@ -260,7 +263,7 @@ impl RegionFinder {
     fn measure(
         &mut self,
         stixels: &Stixels,
-        surface: &Surface,
+        surface: &RoadSurface,
         rig: &Rig,
         (width, height): (usize, usize),
     ) -> Option<Region> {
@@ -279,9 +282,9 @@ impl RegionFinder {
             right = right.max(stixel.strip);
             top = top.min(stixel.top);
         }
-        // What stands begins near the road: a sky without texture can seem to hang at any depth.
-        let low = members().filter(|s| f64::from(s.low_m) <= LOW_M).count();
-        let stands = low as f64 >= STANDING * f64::from(right + 1 - left);
+        // An obstacle starts near the road; a textureless sky can be matched at any depth.
+        let low = members().filter(|s| f64::from(s.low_m) <= MAX_FOOT_HEIGHT_M).count();
+        let stands = low as f64 >= MIN_STANDING_SHARE * f64::from(right + 1 - left);
         let (disparity_px, disparity_sigma_px) = self.near_side(stixels, surface, rig)?;
         let distance_m = rig.distance_m(disparity_px);
         if distance_m > p.max_distance_m {
@@ -289,7 +292,7 @@ impl RegionFinder {
         }
         let x = left * STRIP_COLUMNS as u32;
         let right = ((right + 1) * STRIP_COLUMNS as u32).min(width as u32);
-        // The stixels leave out what is low: the box goes down to the road.
+        // Low parts are not in the stixels: the box is extended down to the road.
         let middle = f64::from(x + right) / 2.0;
         let foot = f64::from(surface.row_at(middle, disparity_px));
         let foot = foot.round().clamp(f64::from(top), (height - 1) as f64) as u32;
@@ -314,9 +317,9 @@ impl RegionFinder {
         kept.then_some(region)
     }
 
-    /// Disparity of the near side with its standard deviation: the nearest depth at which a good part
-    /// of the region stands, so that neither its length nor a few stray rows move it; of that, the near part.
-    fn near_side(&mut self, stixels: &Stixels, surface: &Surface, rig: &Rig) -> Option<(f64, f64)> {
+    /// Disparity of the near side and its standard deviation: the nearest depth that contains a substantial
+    /// part of the region, which makes it independent of the region's length and of single outlier rows.
+    fn near_side(&mut self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig) -> Option<(f64, f64)> {
         self.histogram.fill(0);
         let list = stixels.list();
         let last = self.histogram.len() - 1;
@@ -331,7 +334,7 @@ impl RegionFinder {
                 }
             }
         }
-        // From the near end on, until a tenth is passed; then to the centre of what lies there.
+        // Skip the nearest tenth of the rows.
         let mut rest = total / 10;
         let mut nearest = last;
         for (bin, &count) in self.histogram.iter().enumerate().rev() {
@@ -341,8 +344,8 @@ impl RegionFinder {
             }
             rest -= count;
         }
-        // The fullest place within reach of it: pixels at the edges of a thing lie behind it, never
-        // before it, so a mean of all would be too far.
+        // The mode near that bin: pixels at the edges of an object are too far, never too near, so the mean
+        // would be biased.
         let reach = (4.0 * surface.noise_px() * BINS_PER_PX as f64 + 0.02 * nearest as f64).ceil() as usize;
         let smooth = |bin: usize| {
             let range = bin.saturating_sub(1)..=(bin + 1).min(last);
@@ -351,7 +354,7 @@ impl RegionFinder {
         let candidates = nearest.saturating_sub(reach)..=(nearest + reach / 2).min(last);
         let peak = candidates.max_by_key(|&bin| smooth(bin)).unwrap_or(nearest);
         let mut centre = peak as f64 + 0.5;
-        let half = FACE_PX * BINS_PER_PX as f64 + 0.005 * centre;
+        let half = FACE_HALF_WIDTH_PX * BINS_PER_PX as f64 + 0.005 * centre;
         for _ in 0..2 {
             let range = (centre - half).max(0.0) as usize..=((centre + half) as usize).min(last);
             let (mut count, mut sum) = (0.0, 0.0);
@@ -365,7 +368,7 @@ impl RegionFinder {
             }
             centre = sum / count;
         }
-        // The nearest point is wanted, and most of a thing lies behind it: where a good third is passed.
+        // The nearest point is in front of the centre: the quantile [`NEAR_SHARE`] of the face.
         let around = (centre - half).max(0.0) as usize..=((centre + half) as usize).min(last);
         let mut rest = NEAR_SHARE * around.clone().map(|bin| f64::from(self.histogram[bin])).sum::<f64>();
         let mut near = centre;
@@ -379,27 +382,27 @@ impl RegionFinder {
         }
         let near_px = near / BINS_PER_PX as f64;
         let shape_px = SHAPE_M * near_px * near_px / rig.disparity_px(1.0);
-        let noise_px = NOISE * surface.noise_px() / self.members.len() as f64;
+        let noise_px = NOISE_FACTOR * surface.noise_px() / self.members.len() as f64;
         Some((near_px, SYSTEMATIC_PX.hypot(shape_px).hypot(noise_px)))
     }
 }
 
-/// Log-odds that a region of one frame is something: what is surely matched, fills its box, is tall and
-/// wide stands out. The weights are a logistic regression over regions of our scenes in six weathers.
-fn evidence(region: &Region, surface: &Surface) -> f64 {
-    let sure = region.confidence.clamp(0.3, 0.98);
+/// Log-odds that a region of one frame is an obstacle; it grows with confidence, fill of the box, height and
+/// size. The weights are a logistic regression over regions of the synthetic scenes in six weathers.
+fn evidence(region: &Region, surface: &RoadSurface) -> f64 {
+    let confidence = region.confidence.clamp(0.3, 0.98);
     let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
     let fill = (f64::from(region.pixels) / area.max(1.0)).clamp(0.05, 1.0);
     let rise_px = prominence(region, surface) * surface.noise_px();
     EVIDENCE[0]
-        + 3.0 * (rise_px / STEP_PX).min(1.0).ln()
-        + EVIDENCE[1] * (sure / (1.0 - sure)).ln()
+        + 3.0 * (rise_px / DOUBTFUL_RISE_PX).min(1.0).ln()
+        + EVIDENCE[1] * (confidence / (1.0 - confidence)).ln()
         + EVIDENCE[2] * fill.ln()
         + EVIDENCE[3] * region.height_m.max(0.05).ln()
         + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
 }
 
-/// Whether a region may be the far end of a nearer, larger one: beside it, and neither higher nor lower.
+/// Whether a region may be the far end of a nearer, larger one: adjacent to it, and neither higher nor lower.
 fn is_tail(far: &Region, near: &Region) -> bool {
     let (a, b) = (&near.bounds, &far.bounds);
     let (a_end, b_end) = (a.x + a.width, b.x + b.width);
@@ -409,30 +412,30 @@ fn is_tail(far: &Region, near: &Region) -> bool {
     } else {
         (b.x.saturating_sub(a_end), a_end.saturating_sub(b.x), b_end.saturating_sub(a_end))
     };
-    let beside = gap <= APART_PX && overlap <= BEFORE_PX && beyond > SLACK_PX;
+    let adjacent = gap <= MAX_TAIL_GAP_PX && overlap <= MAX_TAIL_OVERLAP_PX && beyond > ALIGNMENT_PX;
     let (a_bottom, b_bottom) = (a.y + a.height, b.y + b.height);
-    beside
-        && b_bottom <= a_bottom + SLACK_PX
-        && a.y <= b.y + 3 * SLACK_PX
-        && b.width <= TAIL_PX
+    adjacent
+        && b_bottom <= a_bottom + ALIGNMENT_PX
+        && a.y <= b.y + 3 * ALIGNMENT_PX
+        && b.width <= MAX_TAIL_WIDTH_PX
         && 2 * a.width * a.height >= 3 * b.width * b.height
-        && TAIL_M.contains(&(far.distance_m - near.distance_m))
+        && TAIL_DEPTH_M.contains(&(far.distance_m - near.distance_m))
 }
 
-/// Standard deviations of the frame's noise that a region's top is above the road.
-fn prominence(region: &Region, surface: &Surface) -> f64 {
+/// Height of a region's top above the road, in standard deviations of the height noise.
+fn prominence(region: &Region, surface: &RoadSurface) -> f64 {
     region.height_m / surface.height_noise_m(region.disparity_px)
 }
 
-/// Whether two stixels of neighbouring strips belong to one thing: of one depth, and side by side. At a metre
-/// the disparity is `metre_px`.
-fn linked(a: &Stixel, b: &Stixel, surface: &Surface, metre_px: f32) -> bool {
+/// Whether two stixels of neighbouring strips belong to one object: similar depth and overlapping rows.
+/// `px_at_1_m` is the disparity at a distance of 1 m.
+fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool {
     let noise = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
-    let tolerance = noise.max(SLANT_M * a.disparity_px * b.disparity_px / metre_px);
+    let tolerance = noise.max(MAX_DEPTH_STEP_M * a.disparity_px * b.disparity_px / px_at_1_m);
     let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
-    let beside = f64::from(shared) >= SIDE_BY_SIDE * f64::from(taller);
-    beside && (a.disparity_px - b.disparity_px).abs() <= tolerance
+    let adjacent = f64::from(shared) >= MIN_ROW_OVERLAP * f64::from(taller);
+    adjacent && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }
 
 #[cfg(test)]
@@ -454,37 +457,37 @@ mod tests {
     }
 
     #[test]
-    fn the_far_end_of_a_car_is_no_thing_of_its_own() {
+    fn the_far_end_of_a_car_is_a_tail() {
         let car = region(300, 80, 18.0);
         for x in [378, 380, 384] {
             assert!(is_tail(&region(x, 16, 22.0), &car), "on its right, from {x}");
             assert!(is_tail(&region(680 - x - 16, 16, 22.0), &car), "on its left");
         }
-        assert!(!is_tail(&region(386, 16, 22.0), &car), "apart");
-        assert!(!is_tail(&region(366, 16, 22.0), &car), "before it");
-        assert!(!is_tail(&region(380, 32, 22.0), &car), "wide");
-        assert!(!is_tail(&region(380, 16, 24.5), &car), "far behind");
+        assert!(!is_tail(&region(386, 16, 22.0), &car), "gap too large");
+        assert!(!is_tail(&region(366, 16, 22.0), &car), "overlap too large");
+        assert!(!is_tail(&region(380, 32, 22.0), &car), "too wide");
+        assert!(!is_tail(&region(380, 16, 24.5), &car), "too far behind");
         assert!(!is_tail(&region(380, 16, 17.0), &car), "nearer");
-        assert!(!is_tail(&region(380, 16, 22.0), &region(364, 16, 18.0)), "of a thing as small");
+        assert!(!is_tail(&region(380, 16, 22.0), &region(364, 16, 18.0)), "owner too small");
         let mut low = region(380, 16, 22.0);
         low.bounds.y += 3;
-        assert!(!is_tail(&low, &car), "its foot is lower: it stands nearer, or on something else");
+        assert!(!is_tail(&low, &car), "a lower foot belongs to another object");
     }
 
     #[test]
-    fn an_end_is_doubted_unless_much_speaks_for_it() {
+    fn a_tail_is_suppressed_unless_its_evidence_is_strong() {
         let stixels = Stixels::new(640, 480);
         let mut finder = RegionFinder::new(RegionParameters::default(), &stixels, 64);
         finder.regions.extend([region(300, 80, 18.0), region(380, 16, 22.0), region(284, 16, 22.0)]);
         for (given, kept) in [
             ([9.0, 4.0, 6.0], [9.0, 0.0, 6.0]),
             ([9.0, -3.0, 5.0], [9.0, -3.0, 5.0]),
-            // Of what is not there itself, nothing is the end.
+            // A region without evidence has no tail.
             ([2.0, 4.0, 4.0], [2.0, 4.0, 4.0]),
         ] {
             finder.evidence.clear();
             finder.evidence.extend(given);
-            finder.doubt_tails();
+            finder.suppress_tails();
             assert_eq!(finder.evidence, kept);
         }
     }

@@ -1,33 +1,33 @@
-//! What stands in each narrow strip of columns: runs of rows of one depth above the road (stixels).
+//! Stixels: in strips of a few columns, vertical runs of similar disparity above the road.
 
 use crate::depth::DepthView;
-use crate::road::heights::{BATCH, Pixels};
-use crate::road::surface::{Glance, Surface};
+use crate::road::heights::{BATCH, PixelBatch};
+use crate::road::surface::{CandidateFilter, RoadSurface};
 use crate::simd::{Level, Simd, kernel};
 
-/// Image columns of a strip.
+/// Image columns per strip.
 pub const STRIP_COLUMNS: usize = 4;
-/// The most runs of a strip.
-const RUNS: usize = 12;
-/// Rows of a strip, or columns of a seam, that are looked at together.
-const GROUP: usize = 8;
-/// Rows that are turned into columns at once.
-const ROWS: usize = 16;
-/// Columns over which the steepness of a seam is told.
-const SEAM_COLUMNS: usize = 4;
-/// Rows without an estimate that a run may span.
-const GAP: usize = 10;
+/// Largest number of stixels in a strip.
+const MAX_STIXELS_PER_STRIP: usize = 12;
+/// Rows of a strip, or columns of an edge, that are processed as one group.
+const GROUP_SIZE: usize = 8;
+/// Rows that are transposed as one block.
+const TRANSPOSED_ROWS: usize = 16;
+/// Columns over which the gradient at a depth edge is measured.
+const EDGE_COLUMNS: usize = 4;
+/// Largest number of consecutive rows without an estimate inside a stixel.
+const MAX_GAP_ROWS: usize = 10;
 
-/// A run of rows in one strip whose disparity hardly changes, above the road.
+/// A vertical run in one strip with almost constant disparity, above the road.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stixel {
-    /// The strip.
+    /// Index of the strip.
     pub strip: u32,
-    /// First row, from above.
+    /// First row, from the top.
     pub top: u16,
     /// Last row.
     pub bottom: u16,
-    /// Rows with an estimate.
+    /// Number of rows with an estimate.
     pub rows: u16,
     /// Mean disparity, in px.
     pub disparity_px: f32,
@@ -39,46 +39,45 @@ pub struct Stixel {
     pub low_m: f32,
 }
 
-/// What makes a run.
+/// Parameters of stixel extraction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StixelParameters {
-    /// What reaches less than this above the road is road, in metres; more where the noise of the
-    /// frame asks for it.
+    /// Smallest height above the road, in metres; the noise of the frame may raise it (`sigmas`).
     pub min_height_m: f64,
-    /// Standard deviations of the noise that a row must be above the road.
+    /// Smallest height of a row above the road, in standard deviations of the height noise.
     pub sigmas: f64,
-    /// Disparity by which a row must be nearer than the road that the row shows, in px.
+    /// Smallest difference to the disparity of the road in the row, in px.
     pub min_rise_px: f64,
-    /// What begins higher than this above the road is not in the way, in metres.
+    /// Largest height above the road, in metres; anything higher does not obstruct the vehicle.
     pub max_height_m: f64,
-    /// Nothing is looked for farther away, in px of disparity.
+    /// Smallest disparity (largest distance) to search, in px.
     pub min_disparity_px: f64,
-    /// Pixels of less confidence are left out.
+    /// Smallest confidence of a pixel, 0 to 255.
     pub min_confidence: u8,
-    /// The most that the disparity of a surface changes from column to column, in px.
-    pub steepest_px: f64,
+    /// Largest change of disparity per column on one surface, in px.
+    pub max_gradient_px: f64,
 }
 
-/// The stixels of a frame, with memory allocated once.
+/// Stixels of a frame; memory is allocated once.
 #[derive(Debug)]
 pub struct Stixels {
     /// Disparity by strip and row, in 1/256 px; 0 = unknown.
     depths: Vec<u16>,
-    /// Confidence of each.
+    /// Confidence by strip and row.
     confidence: Vec<u8>,
-    /// One row of the map with sharp seams, and some more columns.
+    /// One row of the map with sharpened depth edges, and padding.
     sharp: Vec<u16>,
-    /// Some rows of both.
+    /// Disparities and confidences of a block of rows before transposition.
     rows: (Vec<u16>, Vec<u8>),
-    /// Where the seams of a row begin.
-    seams: Vec<u8>,
-    /// Rows of one strip that may show what stands.
-    stands: Vec<u8>,
+    /// Start of depth edges in a row.
+    edges: Vec<u8>,
+    /// Candidate rows of a strip.
+    candidates: Vec<u8>,
     strips: usize,
     height: usize,
     level: Level,
     list: Vec<Stixel>,
-    /// Where the stixels of each strip begin in the list; one more for the end.
+    /// Index of the first stixel of each strip in the list, and the length of the list.
     starts: Vec<u32>,
 }
 
@@ -89,74 +88,75 @@ impl Stixels {
         Self {
             depths: vec![0; strips * height],
             confidence: vec![0; strips * height],
-            sharp: vec![0; width + GROUP],
-            rows: (vec![0; strips * ROWS], vec![0; strips * ROWS]),
-            seams: vec![0; width],
-            stands: vec![0; height],
+            sharp: vec![0; width + GROUP_SIZE],
+            rows: (vec![0; strips * TRANSPOSED_ROWS], vec![0; strips * TRANSPOSED_ROWS]),
+            edges: vec![0; width],
+            candidates: vec![0; height],
             strips,
             height,
             level: Level::best(),
-            list: Vec::with_capacity(strips * (RUNS + 1)),
+            list: Vec::with_capacity(strips * (MAX_STIXELS_PER_STRIP + 1)),
             starts: vec![0; strips + 1],
         }
     }
 
-    /// The most stixels that there may be.
+    /// Largest possible number of stixels.
     pub fn capacity(&self) -> usize {
-        self.strips * (RUNS + 1)
+        self.strips * (MAX_STIXELS_PER_STRIP + 1)
     }
 
-    /// What the kernels run on.
+    /// SIMD level of the kernels.
     pub(super) fn level(&self) -> Level {
         self.level
     }
 
-    /// Strips of the image.
+    /// Number of strips in the image.
     pub fn strips(&self) -> usize {
         self.strips
     }
 
-    /// All stixels, strip by strip, from below.
+    /// All stixels, strip by strip, from the bottom.
     pub fn list(&self) -> &[Stixel] {
         &self.list
     }
 
-    /// Where those of a strip lie in the list.
-    pub fn of(&self, strip: usize) -> std::ops::Range<usize> {
+    /// Range of the stixels of a strip in [`Stixels::list`].
+    pub fn range(&self, strip: usize) -> std::ops::Range<usize> {
         self.starts[strip] as usize..self.starts[strip + 1] as usize
     }
 
-    /// Disparities of a strip, row by row from above, in 1/256 px; 0 = unknown.
+    /// Disparities of a strip, row by row from the top, in 1/256 px; 0 = unknown.
     pub fn depths(&self, strip: usize) -> &[u16] {
         &self.depths[strip * self.height..(strip + 1) * self.height]
     }
 
-    /// Middle column of a strip.
+    /// Centre column of a strip.
     pub fn column(strip: usize) -> f64 {
         (strip * STRIP_COLUMNS) as f64 + 0.5 * (STRIP_COLUMNS - 1) as f64
     }
 
-    /// Finds what stands on the road.
+    /// Extracts the stixels of a map.
     ///
     /// # Panics
-    /// When the map has another size than the workspace.
-    pub fn find(&mut self, depth: DepthView<'_>, surface: &Surface, parameters: &StixelParameters) {
+    /// When the size of the map differs from that of the workspace.
+    pub fn find(&mut self, depth: DepthView<'_>, surface: &RoadSurface, parameters: &StixelParameters) {
         assert_eq!((depth.width().div_ceil(STRIP_COLUMNS), depth.height()), (self.strips, self.height));
-        let steepest = (parameters.steepest_px * (256 * SEAM_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
-        for first in (0..self.height).step_by(ROWS) {
-            let rows = ROWS.min(self.height - first);
+        let max_difference =
+            (parameters.max_gradient_px * (256 * EDGE_COLUMNS) as f64).clamp(1.0, 65_535.0) as u16;
+        for first in (0..self.height).step_by(TRANSPOSED_ROWS) {
+            let rows = TRANSPOSED_ROWS.min(self.height - first);
             let (depths, means) = (&mut self.rows.0, &mut self.rows.1);
-            let middles_of = depths.chunks_exact_mut(self.strips).zip(means.chunks_exact_mut(self.strips));
-            for (y, (depths, means)) in (first..first + rows).zip(middles_of) {
+            let strip_rows = depths.chunks_exact_mut(self.strips).zip(means.chunks_exact_mut(self.strips));
+            for (y, (depths, means)) in (first..first + rows).zip(strip_rows) {
                 let (d, c) = (depth.disparity(y), depth.confidence(y));
-                sharpen(self.level, d, steepest, &mut self.seams, &mut self.sharp);
+                sharpen_edges(self.level, d, max_difference, &mut self.edges, &mut self.sharp);
                 let sharp = &self.sharp[..d.len()];
-                middles(self.level, sharp, c, parameters.min_confidence, depths, means);
+                strip_medians(self.level, sharp, c, parameters.min_confidence, depths, means);
             }
-            // What lies beside each other there lies below each other here.
+            // Transpose: strips become contiguous.
             for strip in 0..self.strips {
-                let places = strip * self.height + first..strip * self.height + first + rows;
-                let (d, c) = (&mut self.depths[places.clone()], &mut self.confidence[places]);
+                let range = strip * self.height + first..strip * self.height + first + rows;
+                let (d, c) = (&mut self.depths[range.clone()], &mut self.confidence[range]);
                 let below = self.rows.0[strip..].iter().step_by(self.strips);
                 d.iter_mut().zip(below).for_each(|(d, from)| *d = *from);
                 let below = self.rows.1[strip..].iter().step_by(self.strips);
@@ -171,47 +171,47 @@ impl Stixels {
         self.starts[self.strips] = self.list.len() as u32;
     }
 
-    fn find_in(&mut self, strip: usize, surface: &Surface, parameters: &StixelParameters) {
+    fn find_in(&mut self, strip: usize, surface: &RoadSurface, parameters: &StixelParameters) {
         let x = Self::column(strip);
-        let places = strip * self.height..(strip + 1) * self.height;
-        let (depths, confidence) = (&self.depths[places.clone()], &self.confidence[places]);
+        let range = strip * self.height..(strip + 1) * self.height;
+        let (depths, confidence) = (&self.depths[range.clone()], &self.confidence[range]);
         let mut run = Run::default();
         let mut found = 0;
-        // The quickest test first: most of what is near is road, most of what is far away too high.
+        // Fast preselection: most near pixels are road, most far pixels are too high.
         let p = parameters;
-        let glance = Glance {
-            least: (p.min_disparity_px * 256.0).max(1.0) as u16,
-            rise_px: p.min_rise_px,
-            max_m: p.max_height_m,
+        let filter = CandidateFilter {
+            min_disparity: (p.min_disparity_px * 256.0).max(1.0) as u16,
+            min_rise_px: p.min_rise_px,
+            max_height_m: p.max_height_m,
         };
-        surface.may_stand(x, depths, glance, &mut self.stands);
-        let mut pixels = Pixels::default();
+        surface.find_candidates(x, depths, filter, &mut self.candidates);
+        let mut pixels = PixelBatch::default();
         let mut heights_m = [0.0; BATCH];
         let mut end = self.height;
         while end > 0 {
             pixels.clear();
-            while end > 0 && pixels.count() + GROUP <= BATCH {
-                let rows = end.saturating_sub(GROUP)..end;
+            while end > 0 && pixels.count() + GROUP_SIZE <= BATCH {
+                let rows = end.saturating_sub(GROUP_SIZE)..end;
                 end = rows.start;
-                // In most groups nothing may stand, which is told at once.
-                if self.stands[rows.clone()].first_chunk() != Some(&[0; GROUP]) {
+                // Most groups contain no candidate and are skipped as a whole.
+                if self.candidates[rows.clone()].first_chunk() != Some(&[0; GROUP_SIZE]) {
                     for y in rows.rev() {
-                        pixels.push(x as f32, y as f32, depths[y], self.stands[y] > 0);
+                        pixels.push(x as f32, y as f32, depths[y], self.candidates[y] > 0);
                     }
                 }
             }
             surface.heights_m(&pixels, &mut heights_m);
             for (i, &height) in heights_m.iter().enumerate().take(pixels.count()) {
                 let (y, d) = (pixels.y_px[i] as usize, pixels.disparity[i]);
-                // Written so that NaN is left out.
+                // This form of the comparison rejects NaN.
                 if !(height >= p.min_height_m && height <= p.max_height_m)
                     || height < p.sigmas * surface.height_noise_m(f64::from(d) / 256.0)
                 {
                     continue;
                 }
-                if !run.takes(y, d, surface.noise_px()) {
+                if !run.accepts(y, d, surface.noise_px()) {
                     if let Some(stixel) = run.end(strip)
-                        && found < RUNS
+                        && found < MAX_STIXELS_PER_STRIP
                     {
                         self.list.push(stixel);
                         found += 1;
@@ -222,14 +222,14 @@ impl Stixels {
             }
         }
         if let Some(stixel) = run.end(strip)
-            && found < RUNS
+            && found < MAX_STIXELS_PER_STRIP
         {
             self.list.push(stixel);
         }
     }
 }
 
-/// A run that grows upwards.
+/// A stixel under construction, from the bottom up.
 #[derive(Clone, Copy, Debug, Default)]
 struct Run {
     top: usize,
@@ -244,11 +244,11 @@ struct Run {
 }
 
 impl Run {
-    /// Whether row `y` goes on with the run: near it, and of its depth.
-    fn takes(&self, y: usize, d: u16, noise_px: f64) -> bool {
+    /// Whether row `y` continues the run: close to it and at a similar disparity.
+    fn accepts(&self, y: usize, d: u16, noise_px: f64) -> bool {
         let px = f32::from(d) / 256.0;
         let tolerance = 0.25 + 2.0 * (noise_px as f32).min(0.12) + 0.01 * px;
-        self.rows == 0 || (self.top - y <= GAP && (px - self.last_px).abs() <= tolerance)
+        self.rows == 0 || (self.top - y <= MAX_GAP_ROWS && (px - self.last_px).abs() <= tolerance)
     }
 
     fn add(&mut self, y: usize, d: u16, confidence: u8, height_m: f32) {
@@ -279,46 +279,46 @@ impl Run {
 }
 
 kernel! {
-    /// Gives each pixel of a seam between two surfaces to the one that is nearer in disparity. A matcher smooths
-    /// what is a step: over a few columns, its map rises more steeply than any surface does. `steepest` is the
-    /// most that a surface rises over [`SEAM_COLUMNS`], in 1/256 px; `out` is longer than the row by
-    /// [`GROUP`].
-    fn sharpen(row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) = sharpen_row
+    /// Sharpens depth edges: assigns each pixel between two surfaces to the one that is closer in disparity.
+    /// A matcher smooths a step; over a few columns its disparity changes more than on any surface.
+    /// `max_difference` is the largest change on one surface over [`EDGE_COLUMNS`] columns, in 1/256 px;
+    /// `out` is longer than the row by [`GROUP_SIZE`].
+    fn sharpen_edges(row: &[u16], max_difference: u16, edges: &mut [u8], out: &mut [u16]) = sharpen_edges_row
 }
 
 #[inline(always)]
-fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out: &mut [u16]) {
+fn sharpen_edges_row<S: Simd>(_: S, row: &[u16], max_difference: u16, edges: &mut [u8], out: &mut [u16]) {
     out[..row.len()].copy_from_slice(row);
-    let Some(after) = row.get(SEAM_COLUMNS..) else { return };
-    // What begins in each column: 1 a steep rise, 2 a steep fall, 0 neither.
-    let seams = &mut seams[..after.len()];
-    for ((&a, &b), seam) in row.iter().zip(after).zip(seams.iter_mut()) {
-        let steep = (a > 0) & (b > 0) & (a.abs_diff(b) >= steepest);
-        let way = if b > a { 1_u16 } else { 2 };
-        *seam = (if steep { way } else { 0 }) as u8;
+    let Some(after) = row.get(EDGE_COLUMNS..) else { return };
+    // Marks the start of a rising (1) or falling (2) edge in each column; 0 for none.
+    let edges = &mut edges[..after.len()];
+    for ((&a, &b), edge) in row.iter().zip(after).zip(edges.iter_mut()) {
+        let is_edge = (a > 0) & (b > 0) & (a.abs_diff(b) >= max_difference);
+        let direction = if b > a { 1_u16 } else { 2 };
+        *edge = (if is_edge { direction } else { 0 }) as u8;
     }
-    let bytes = |x: usize| seams[x..].first_chunk().map(|chunk| u64::from_le_bytes(*chunk));
+    let bytes = |x: usize| edges[x..].first_chunk().map(|chunk| u64::from_le_bytes(*chunk));
     let zeros = |bytes: u64| (bytes.trailing_zeros() / u8::BITS) as usize;
     let mut x = 0;
-    while x < seams.len() {
-        // Most columns have no seam, and many are told at once.
+    while x < edges.len() {
+        // Most columns have no edge; runs of them are skipped.
         if let Some(bytes) = bytes(x)
             && bytes as u8 == 0
         {
             x += zeros(bytes);
             continue;
         }
-        if seams[x] == 0 {
+        if edges[x] == 0 {
             x += 1;
             continue;
         }
-        let alike = bytes(x).map_or(1, |bytes| zeros(bytes ^ u64::from_ne_bytes([seams[x]; GROUP])));
-        let more = seams[x + alike..].iter().take_while(|step| **step == seams[x]).count();
-        let end = x + alike + more - 1 + SEAM_COLUMNS;
+        let run = bytes(x).map_or(1, |bytes| zeros(bytes ^ u64::from_ne_bytes([edges[x]; GROUP_SIZE])));
+        let more = edges[x + run..].iter().take_while(|step| **step == edges[x]).count();
+        let end = x + run + more - 1 + EDGE_COLUMNS;
         let (a, b) = (row[x], row[end]);
-        for first in (x + 1..end).step_by(GROUP) {
-            let group = &mut out[first..][..GROUP];
-            let inside = (end - first).min(GROUP) as u16;
+        for first in (x + 1..end).step_by(GROUP_SIZE) {
+            let group = &mut out[first..][..GROUP_SIZE];
+            let inside = (end - first).min(GROUP_SIZE) as u16;
             for (i, d) in group.iter_mut().enumerate() {
                 let side = if d.abs_diff(a) <= d.abs_diff(b) { a } else { b };
                 *d = if (*d > 0) & ((i as u16) < inside) { side } else { *d };
@@ -329,18 +329,18 @@ fn sharpen_row<S: Simd>(_: S, row: &[u16], steepest: u16, seams: &mut [u8], out:
 }
 
 kernel! {
-    /// The middle of each strip of a row of disparities and confidences.
-    fn middles(
+    /// Median disparity and mean confidence of each strip of a row.
+    fn strip_medians(
         row: &[u16],
         confidence: &[u8],
         min_confidence: u8,
         depths: &mut [u16],
         means: &mut [u8],
-    ) = every_middle
+    ) = strip_medians_row
 }
 
 #[inline(always)]
-fn every_middle<S: Simd>(
+fn strip_medians_row<S: Simd>(
     _: S,
     row: &[u16],
     confidence: &[u8],
@@ -349,33 +349,38 @@ fn every_middle<S: Simd>(
     means: &mut [u8],
 ) {
     let (whole, rest) = row.as_chunks::<STRIP_COLUMNS>();
-    let (sure, doubt) = confidence.as_chunks::<STRIP_COLUMNS>();
-    for (((row, sure), depth), mean) in whole.iter().zip(sure).zip(depths.iter_mut()).zip(means.iter_mut()) {
-        (*depth, *mean) = middle(*row, *sure, min_confidence);
+    let (whole_confidence, rest_confidence) = confidence.as_chunks::<STRIP_COLUMNS>();
+    for (((row, confidence), depth), mean) in
+        whole.iter().zip(whole_confidence).zip(depths.iter_mut()).zip(means.iter_mut())
+    {
+        (*depth, *mean) = strip_median(*row, *confidence, min_confidence);
     }
     if let (false, Some(depth), Some(mean)) = (rest.is_empty(), depths.last_mut(), means.last_mut()) {
-        let (mut row, mut sure) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
+        let (mut row, mut confidence) = ([0; STRIP_COLUMNS], [0; STRIP_COLUMNS]);
         row[..rest.len()].copy_from_slice(rest);
-        sure[..doubt.len()].copy_from_slice(doubt);
-        (*depth, *mean) = middle(row, sure, min_confidence);
+        confidence[..rest_confidence.len()].copy_from_slice(rest_confidence);
+        (*depth, *mean) = strip_median(row, confidence, min_confidence);
     }
 }
 
-/// What the columns of a strip agree on: the median of those that are known well enough, two at least;
-/// of an even number the mean of the middle two. With it, their mean confidence. Without branches, so
-/// that it is done for many strips at once.
+/// Median of the known disparities of a strip (at least two; for an even number the mean of the middle two)
+/// and their mean confidence. Branch-free, so that it vectorises over strips.
 #[inline(always)]
-fn middle(columns: [u16; STRIP_COLUMNS], confidence: [u8; STRIP_COLUMNS], min_confidence: u8) -> (u16, u8) {
-    // All in 16 bits: as many strips at once as fit.
+fn strip_median(
+    columns: [u16; STRIP_COLUMNS],
+    confidence: [u8; STRIP_COLUMNS],
+    min_confidence: u8,
+) -> (u16, u8) {
+    // 16-bit arithmetic, for as many strips per vector as possible.
     let confidence = confidence.map(u16::from);
-    let least = u16::from(min_confidence);
-    let known = |i: usize| if (columns[i] > 0) & (confidence[i] >= least) { u16::MAX } else { 0 };
+    let threshold = u16::from(min_confidence);
+    let known = |i: usize| if (columns[i] > 0) & (confidence[i] >= threshold) { u16::MAX } else { 0 };
     let known = [known(0), known(1), known(2), known(3)];
     let depth = |i: usize| columns[i] & known[i];
-    let sure = |i: usize| confidence[i] & known[i];
+    let known_confidence = |i: usize| confidence[i] & known[i];
     let count = known.iter().fold(0_u16, |count, known| count.wrapping_sub(*known));
-    let sum = sure(0) + sure(1) + sure(2) + sure(3);
-    // Sorted; unknown ones come first.
+    let sum = known_confidence(0) + known_confidence(1) + known_confidence(2) + known_confidence(3);
+    // Sorting network; unknown values come first.
     let (a, b) = (depth(0).min(depth(1)), depth(0).max(depth(1)));
     let (c, d) = (depth(2).min(depth(3)), depth(2).max(depth(3)));
     let (first, last) = (a.min(c), b.max(d));
@@ -396,11 +401,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_seam_is_a_step_at_its_middle() {
+    fn a_depth_edge_becomes_a_step_at_its_middle() {
         let sharp = |row: &[u16]| {
             let results = Level::available().into_iter().map(|level| {
-                let (mut out, mut seams) = (vec![0; row.len() + GROUP], vec![0; row.len()]);
-                sharpen(level, row, 200, &mut seams, &mut out);
+                let (mut out, mut edges) = (vec![0; row.len() + GROUP_SIZE], vec![0; row.len()]);
+                sharpen_edges(level, row, 200, &mut edges, &mut out);
                 out.truncate(row.len());
                 out
             });
@@ -411,10 +416,10 @@ mod tests {
         let ramp = [500, 500, 500, 600, 700, 800, 900, 1000, 1000, 1000, 1000, 1000, 1000];
         let step = [500, 500, 500, 500, 500, 1000, 1000, 1000, 1000, 1000, 1000, 1000, 1000];
         let (out, back) = (sharp(&ramp), sharp(&ramp.map(|d| 1500 - d)));
-        // The middle itself, 750, lies between two columns.
+        // The centre value, 750, lies between two columns.
         assert_eq!(out, step);
         assert_eq!(back, step.map(|d| 1500 - d));
-        // A side that is seen at an angle stays, and so does what is unknown, wherever chunks begin.
+        // A slanted side is unchanged, and so are unknown pixels, at any alignment of the groups.
         let side: Vec<u16> = (0..100).map(|x| 1000 + 40 * x).collect();
         assert_eq!(sharp(&side), side);
         for at in 0..60 {
@@ -432,32 +437,32 @@ mod tests {
     }
 
     #[test]
-    fn a_strip_is_the_median_of_what_is_known() {
-        let middle = |columns: &[u16], confidence: &[u8]| {
+    fn a_strip_has_the_median_of_its_known_disparities() {
+        let median = |columns: &[u16], confidence: &[u8]| {
             let mut expected = None;
             for level in Level::available() {
                 let (mut depth, mut mean) = ([0], [0]);
                 let confidence = &confidence[..columns.len()];
-                middles(level, columns, confidence, 100, &mut depth, &mut mean);
+                strip_medians(level, columns, confidence, 100, &mut depth, &mut mean);
                 assert_eq!(*expected.get_or_insert((depth[0], mean[0])), (depth[0], mean[0]), "{level:?}");
             }
             expected.unwrap()
         };
-        let depth = |columns: &[u16]| middle(columns, &[200; 4]).0;
+        let depth = |columns: &[u16]| median(columns, &[200; 4]).0;
         assert_eq!(depth(&[0, 0, 0, 9]), 0);
         assert_eq!(depth(&[4, 0, 0, 8]), 6);
         assert_eq!(depth(&[4, 0, 100, 8]), 8);
         assert_eq!(depth(&[4, 6, 100, 8]), 7);
         assert_eq!(depth(&[4, 6]), 5);
         assert_eq!(depth(&[4]), 0);
-        assert_eq!(middle(&[4, 6, 100, 8], &[110, 120, 99, 130]), (6, 120), "one is not believed");
+        assert_eq!(median(&[4, 6, 100, 8], &[110, 120, 99, 130]), (6, 120), "one has low confidence");
     }
 
     #[test]
-    fn all_levels_give_the_middles_that_sorting_gives() {
+    fn all_levels_give_the_medians_of_the_reference() {
         let mut random = fastrand::Rng::with_seed(3);
         for length in [1, 4, 63, 640, 1242] {
-            // Few values, so that unknown and equal ones occur.
+            // Few distinct values, so that unknown and equal ones occur.
             let row: Vec<u16> = (0..length).map(|_| random.u16(..6) * random.u16(..13_107)).collect();
             let confidence: Vec<u8> = (0..length).map(|_| random.u8(..)).collect();
             let strips = row.len().div_ceil(STRIP_COLUMNS);
@@ -477,7 +482,7 @@ mod tests {
                 .collect();
             for level in Level::available() {
                 let (mut depths, mut means) = (vec![0; strips], vec![0; strips]);
-                middles(level, &row, &confidence, 100, &mut depths, &mut means);
+                strip_medians(level, &row, &confidence, 100, &mut depths, &mut means);
                 let given: Vec<(u16, u8)> = depths.into_iter().zip(means).collect();
                 assert_eq!(given, expected, "{level:?}, {length}");
             }

@@ -1,66 +1,72 @@
-//! Where the road ends to the left and to the right: kerbs, verges, and whatever else steps up beside it.
+//! Detects the left and right edges of the road: kerbs, verges and anything else that rises beside it.
 //!
-//! A kerb of 10 cm is within the noise of a row of the map. But it goes on along the road: so the heights of
-//! all pixels are averaged in cells, some metres long and a hand wide, and over some frames; there a step of
-//! 5 cm is plain. Outwards from the vehicle, the first one is the road's edge.
+//! A kerb of 10 cm is within the noise of one row of the disparity map, but it continues along the road.
+//! Heights above the road are therefore averaged in cells that are some metres long and 0.2 m wide, and over
+//! several frames. In these averages a step of 5 cm stands out. The first step outwards from the vehicle is
+//! the edge of the road.
+//!
+//! Input: a disparity map and the road surface ([`RoadSurface`]). Output: one [`Edge`] for each side and
+//! longitudinal segment, in metres and in pixels of the left image.
 
-use super::heights::{BATCH, Pixels};
-use super::surface::Surface;
+use super::heights::{BATCH, PixelBatch};
+use super::surface::RoadSurface;
 use crate::depth::DepthView;
 use crate::rig::Rig;
 use crate::simd::whole::whole_f64;
 use crate::simd::{Level, Simd, kernel};
 
-/// Stretches that have an edge of their own.
-pub const STRETCHES: usize = 8;
-/// Where they begin and end, in metres ahead.
-const ENDS_M: [f64; STRETCHES + 1] = [5.0, 6.5, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.5];
-/// Width of a cell in metres, and cells to either side of the camera.
+/// Longitudinal segments, each with its own pair of edges.
+pub const SEGMENTS: usize = 8;
+/// Bounds of the segments, in metres ahead of the camera.
+const SEGMENT_BOUNDS_M: [f64; SEGMENTS + 1] = [5.0, 6.5, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.5];
+/// Width of a cell in metres, and number of cells on each side of the camera.
 const CELL_M: f64 = 0.2;
-const CELLS: usize = 40;
-/// Rows and columns between the pixels that are looked at.
+const CELLS_PER_SIDE: usize = 40;
+/// Sampling step in rows and columns, in px.
 const STEP: usize = 2;
-/// What is farther from the road's height is neither it nor its edge, in metres.
-const MAX_M: f64 = 0.5;
-/// Share of the heights of a frame that counts in the next.
-const MEMORY: f32 = 0.8;
-/// Pixels of a row that are looked at together.
-const GROUP: usize = 16;
-/// Pixels that a cell must have seen.
+/// Pixels farther than this from the road height, in metres, belong neither to the road nor to its edge.
+const MAX_HEIGHT_M: f64 = 0.5;
+/// Exponential forgetting: the weight of the accumulated heights decays by this factor per frame.
+const DECAY_PER_FRAME: f32 = 0.8;
+/// Columns of a row that are processed as one group.
+const GROUP_PIXELS: usize = 16;
+/// Fewest pixels for a valid cell.
 const MIN_PIXELS: f32 = 6.0;
-/// Nothing nearer to the camera's axis is an edge, in cells: the vehicle is there.
-const INNERMOST: usize = 4;
-/// Cells that are compared on the inner and the outer side of an edge.
-const INNER: usize = 5;
-const OUTER: usize = 3;
-/// The least step, and how much lower than all of the outer side all of the inner side is, in metres.
+/// Cells closer to the camera axis than this cannot be an edge: the vehicle drives there.
+const MIN_EDGE_CELL: usize = 4;
+/// Cells compared on the inner and on the outer side of an edge.
+const INNER_CELLS: usize = 5;
+const OUTER_CELLS: usize = 3;
+/// Smallest mean step of an edge, and smallest distance between the lowest outer and the highest inner cell,
+/// in metres.
 const MIN_STEP_M: f32 = 0.05;
-const CLEAR_M: f32 = 0.02;
-/// Metres by which the edges of neighbouring stretches may differ: one alone is no edge.
-const AGREE_M: f32 = 0.6;
+const MIN_SEPARATION_M: f32 = 0.02;
+/// Largest lateral difference to the edge of a neighbouring segment, in metres; an edge without such a
+/// neighbour is dropped.
+const MAX_NEIGHBOUR_DIFFERENCE_M: f32 = 0.6;
 
-/// The road's edge on one side of a stretch.
+/// The edge of the road on one side of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Edge {
-    /// Metres to the right of the camera.
+    /// Lateral position, in metres right of the camera axis.
     pub lateral_m: f32,
-    /// How much higher it is outside, in metres.
+    /// Height of the outside above the inside, in metres.
     pub step_m: f32,
-    /// Metres ahead: the stretch's middle.
+    /// Distance of the centre of the segment, in metres ahead.
     pub distance_m: f32,
-    /// Where that is in the left image, on the road.
+    /// Column of the edge in the left image, at the height of the road.
     pub x_px: f32,
-    /// Its row.
+    /// Row of the edge in the left image.
     pub y_px: f32,
 }
 
-/// The edges to the left and to the right, where they are seen, of each stretch, the nearest first.
-pub type Edges = [[Option<Edge>; 2]; STRETCHES];
+/// Left and right edge of each segment, nearest segment first; `None` where no edge is visible.
+pub type Edges = [[Option<Edge>; 2]; SEGMENTS];
 
-/// Heights beside the road, with memory allocated once.
+/// Finds road edges from accumulated heights; memory is allocated once.
 #[derive(Debug)]
 pub struct EdgeFinder {
-    /// Sum of heights and number of pixels, by stretch, side and cell from the inside.
+    /// Sum of heights and number of pixels, indexed by segment, side and cell (from the inside out).
     cells: Vec<[f32; 2]>,
     edges: Edges,
     level: Level,
@@ -68,75 +74,87 @@ pub struct EdgeFinder {
 
 impl Default for EdgeFinder {
     fn default() -> Self {
-        let cells = vec![[0.0; 2]; STRETCHES * 2 * CELLS];
+        let cells = vec![[0.0; 2]; SEGMENTS * 2 * CELLS_PER_SIDE];
         Self { cells, edges: Edges::default(), level: Level::best() }
     }
 }
 
 impl EdgeFinder {
-    /// Without a road there are no edges, and what was known of it is forgotten.
+    /// Drops all edges and the accumulated heights; called when no road is visible.
     pub fn clear(&mut self) {
         self.cells.fill([0.0; 2]);
         self.edges = Edges::default();
     }
 
-    /// The edges of the last frame.
+    /// Edges of the last frame.
     pub fn edges(&self) -> &Edges {
         &self.edges
     }
 
-    /// Takes a frame: a map with the road that was found in it, from row `top` on.
-    pub fn take(
+    /// Adds the heights of one frame and finds the edges. `top` is the first row of the road in the map.
+    pub fn update(
         &mut self,
         depth: DepthView<'_>,
-        surface: &Surface,
+        surface: &RoadSurface,
         rig: &Rig,
         top: usize,
         min_confidence: u8,
     ) {
         for [sum, count] in &mut self.cells {
-            *sum *= MEMORY;
-            *count *= MEMORY;
+            *sum *= DECAY_PER_FRAME;
+            *count *= DECAY_PER_FRAME;
         }
-        let ends_px = ENDS_M.map(|z| (256.0 * rig.disparity_px(z)).min(65_535.0) as u16);
-        let mut pixels = Pixels::default();
+        let bounds_px = SEGMENT_BOUNDS_M.map(|z| (256.0 * rig.disparity_px(z)).min(65_535.0) as u16);
+        let mut pixels = PixelBatch::default();
         for y in (top..depth.height()).step_by(STEP) {
-            let row = depth.disparity(y).chunks(STEP * GROUP).zip(depth.confidence(y).chunks(STEP * GROUP));
+            let row = depth
+                .disparity(y)
+                .chunks(STEP * GROUP_PIXELS)
+                .zip(depth.confidence(y).chunks(STEP * GROUP_PIXELS));
             for (group, (row, confidence)) in row.enumerate() {
                 for (i, (d, confidence)) in row.iter().zip(confidence).enumerate().step_by(STEP) {
-                    let there = (*d < ends_px[0]) & (*d > ends_px[STRETCHES]);
-                    let x = STEP * GROUP * group + i;
-                    pixels.push(x as f32, y as f32, *d, there & (*confidence >= min_confidence));
+                    let in_range = (*d < bounds_px[0]) & (*d > bounds_px[SEGMENTS]);
+                    let x = STEP * GROUP_PIXELS * group + i;
+                    pixels.push(x as f32, y as f32, *d, in_range & (*confidence >= min_confidence));
                 }
-                if pixels.count() + GROUP > BATCH {
-                    self.add(&mut pixels, surface, rig, &ends_px);
+                if pixels.count() + GROUP_PIXELS > BATCH {
+                    self.accumulate(&mut pixels, surface, rig, &bounds_px);
                 }
             }
         }
-        self.add(&mut pixels, surface, rig, &ends_px);
-        self.edges = std::array::from_fn(|stretch| [0, 1].map(|side| self.find(stretch, side, surface, rig)));
+        self.accumulate(&mut pixels, surface, rig, &bounds_px);
+        self.edges =
+            std::array::from_fn(|segment| [0, 1].map(|side| self.find_edge(segment, side, surface, rig)));
         let all = self.edges;
-        for (stretch, edges) in self.edges.iter_mut().enumerate() {
+        for (segment, edges) in self.edges.iter_mut().enumerate() {
             for (side, edge) in edges.iter_mut().enumerate() {
-                let beside = |other: usize| all.get(other).and_then(|edges| edges[side]);
+                let neighbour = |other: usize| all.get(other).and_then(|edges| edges[side]);
                 *edge = edge.filter(|edge| {
-                    let near = [beside(stretch.wrapping_sub(1)), beside(stretch + 1)];
-                    near.iter().flatten().any(|other| (other.lateral_m - edge.lateral_m).abs() <= AGREE_M)
+                    let near = [neighbour(segment.wrapping_sub(1)), neighbour(segment + 1)];
+                    near.iter()
+                        .flatten()
+                        .any(|other| (other.lateral_m - edge.lateral_m).abs() <= MAX_NEIGHBOUR_DIFFERENCE_M)
                 });
             }
         }
     }
 
-    /// Adds the heights of some pixels to their cells.
-    fn add(&mut self, pixels: &mut Pixels, surface: &Surface, rig: &Rig, ends_px: &[u16; STRETCHES + 1]) {
+    /// Adds the heights of a batch of pixels to their cells.
+    fn accumulate(
+        &mut self,
+        pixels: &mut PixelBatch,
+        surface: &RoadSurface,
+        rig: &Rig,
+        bounds_px: &[u16; SEGMENTS + 1],
+    ) {
         let mut heights_m = [0.0; BATCH];
-        let mut places = [0; BATCH];
+        let mut cell_indices = [0; BATCH];
         surface.heights_m(pixels, &mut heights_m);
-        place(self.level, pixels, *rig, ends_px, &mut places);
-        for (&height_m, &place) in heights_m.iter().zip(&places).take(pixels.count()) {
-            // Written so that NaN is left out.
-            if height_m.abs() < MAX_M
-                && let Some(cell) = self.cells.get_mut(usize::from(place))
+        assign_cells(self.level, pixels, *rig, bounds_px, &mut cell_indices);
+        for (&height_m, &index) in heights_m.iter().zip(&cell_indices).take(pixels.count()) {
+            // This form of the comparison rejects NaN.
+            if height_m.abs() < MAX_HEIGHT_M
+                && let Some(cell) = self.cells.get_mut(usize::from(index))
             {
                 cell[0] += height_m as f32;
                 cell[1] += 1.0;
@@ -145,32 +163,34 @@ impl EdgeFinder {
         pixels.clear();
     }
 
-    /// The first step from the inside out.
-    fn find(&self, stretch: usize, side: usize, surface: &Surface, rig: &Rig) -> Option<Edge> {
-        let cells = &self.cells[(2 * stretch + side) * CELLS..][..CELLS];
+    /// Finds the first step from the inside out.
+    fn find_edge(&self, segment: usize, side: usize, surface: &RoadSurface, rig: &Rig) -> Option<Edge> {
+        let cells = &self.cells[(2 * segment + side) * CELLS_PER_SIDE..][..CELLS_PER_SIDE];
         let height = |i: usize| (cells[i][1] >= MIN_PIXELS).then(|| cells[i][0] / cells[i][1]);
-        // Height inside, and how much higher it is outside, of cell i on.
+        // Mean height of the inner cells, and the step to the outer cells that begin at cell i.
         let step = |i: usize| {
             let (mut inside, mut known, mut highest) = (0.0, 0, f32::NEG_INFINITY);
-            for value in (i.saturating_sub(INNER)..i).filter_map(height) {
+            for value in (i.saturating_sub(INNER_CELLS)..i).filter_map(height) {
                 inside += value;
                 known += 1;
                 highest = highest.max(value);
             }
             let (mut outside, mut lowest) = (0.0, f32::INFINITY);
-            for i in i..i + OUTER {
+            for i in i..i + OUTER_CELLS {
                 let value = height(i)?;
-                outside += value / OUTER as f32;
+                outside += value / OUTER_CELLS as f32;
                 lowest = lowest.min(value);
             }
             let inside = inside / known.max(1) as f32;
-            (known + 1 >= i.min(INNER) && outside - inside >= MIN_STEP_M && lowest - highest > CLEAR_M)
+            (known + 1 >= i.min(INNER_CELLS)
+                && outside - inside >= MIN_STEP_M
+                && lowest - highest > MIN_SEPARATION_M)
                 .then_some((inside, outside - inside))
         };
-        let first = (INNERMOST..=CELLS - OUTER).find(|&i| step(i).is_some())?;
+        let first = (MIN_EDGE_CELL..=CELLS_PER_SIDE - OUTER_CELLS).find(|&i| step(i).is_some())?;
         let mut best = (first, step(first)?);
-        // A step that is spread over some cells is seen in full a little later.
-        for i in first + 1..(first + OUTER).min(CELLS - OUTER + 1) {
+        // A step that spans several cells reaches its full height a few cells farther out.
+        for i in first + 1..(first + OUTER_CELLS).min(CELLS_PER_SIDE - OUTER_CELLS + 1) {
             if let Some((_, higher)) = step(i)
                 && higher > best.1.1
             {
@@ -178,14 +198,14 @@ impl EdgeFinder {
             }
         }
         let (inside, step_m) = best.1;
-        // Where half of it is reached, between the middles of two cells.
+        // The edge lies where half of the step is reached, interpolated between two cell centres.
         let half = inside + 0.5 * step_m;
-        let outer = (first..CELLS).find(|&i| height(i).is_none_or(|value| value >= half))?;
+        let outer = (first..CELLS_PER_SIDE).find(|&i| height(i).is_none_or(|value| value >= half))?;
         let (below, above) = (height(outer - 1)?, height(outer)?);
         let share = if above > below { ((half - below) / (above - below)).clamp(0.0, 1.0) } else { 0.5 };
         let cells_out = (outer - 1) as f32 + 0.5 + share;
         let lateral_m = cells_out * CELL_M as f32 * if side == 0 { -1.0 } else { 1.0 };
-        let distance_m = 0.5 * (ENDS_M[stretch] + ENDS_M[stretch + 1]);
+        let distance_m = 0.5 * (SEGMENT_BOUNDS_M[segment] + SEGMENT_BOUNDS_M[segment + 1]);
         let x_px = rig.cx_px + f64::from(lateral_m) * rig.focal_px / distance_m;
         let y_px = surface.row_at(x_px, rig.disparity_px(distance_m));
         y_px.is_finite().then_some(Edge {
@@ -199,34 +219,38 @@ impl EdgeFinder {
 }
 
 kernel! {
-    /// The cell of each pixel, by where stretches begin and end in 1/256 px; the greatest number where it lies
-    /// in none.
-    fn place(
-        pixels: &Pixels,
+    /// Computes the cell index of each pixel from the segment bounds in 1/256 px; `u16::MAX` if the pixel
+    /// lies in no cell.
+    fn assign_cells(
+        pixels: &PixelBatch,
         rig: Rig,
-        ends_px: &[u16; STRETCHES + 1],
+        bounds_px: &[u16; SEGMENTS + 1],
         out: &mut [u16; BATCH],
-    ) = place_each
+    ) = assign_cells_each
 }
 
 #[inline(always)]
-fn place_each<S: Simd>(
+fn assign_cells_each<S: Simd>(
     _: S,
-    pixels: &Pixels,
+    pixels: &PixelBatch,
     rig: Rig,
-    ends_px: &[u16; STRETCHES + 1],
+    bounds_px: &[u16; SEGMENTS + 1],
     out: &mut [u16; BATCH],
 ) {
     for i in 0..BATCH {
         let d = pixels.disparity[i];
         let distance_m = rig.distance_m(f64::from(d) / 256.0);
         let across = rig.lateral_m(f64::from(pixels.x_px[i]), distance_m) / CELL_M;
-        let beyond = ends_px[1..STRETCHES].iter().fold(0, |n, &end| n + u16::from(d <= end));
+        let segment = bounds_px[1..SEGMENTS].iter().fold(0, |n, &end| n + u16::from(d <= end));
         let side = u16::from(across >= 0.0);
-        // Written so that NaN is in none.
-        let cell = whole_f64(if across.abs() < CELLS as f64 { across.abs() } else { CELLS as f64 }) as u16;
-        let place = (2 * beyond + side) * CELLS as u16 + cell;
-        out[i] = if cell < CELLS as u16 { place } else { u16::MAX };
+        // This form of the comparison maps NaN to "no cell".
+        let cell = whole_f64(if across.abs() < CELLS_PER_SIDE as f64 {
+            across.abs()
+        } else {
+            CELLS_PER_SIDE as f64
+        }) as u16;
+        let index = (2 * segment + side) * CELLS_PER_SIDE as u16 + cell;
+        out[i] = if cell < CELLS_PER_SIDE as u16 { index } else { u16::MAX };
     }
 }
 
@@ -240,22 +264,24 @@ mod tests {
     const RIG: Rig = Rig { focal_px: 600.0, baseline_m: 0.2, cx_px: 320.0, cy_px: 200.0 };
     const CAMERA_HEIGHT_M: f64 = 1.3;
 
-    /// A flat road between two kerbs, whose distance to the camera's axis grows by `bend` per metre ahead.
+    /// Disparity map of a flat road between two kerbs; `bend` is the lateral shift of the road per metre
+    /// ahead.
     fn map(kerbs: [f64; 2], step_m: f64, bend: f64, seed: u64) -> Vec<u16> {
         let mut random = fastrand::Rng::with_seed(seed);
         let plane = |y: usize, height: f64| RIG.baseline_m / height * (y as f64 - RIG.cy_px);
         let mut out = vec![0; SIZE.0 * SIZE.1];
         for (i, out) in out.iter_mut().enumerate() {
             let (x, y) = (i % SIZE.0, i / SIZE.0);
-            // Columns off the road's middle line; lateral places are those over disparity.
+            // Columns relative to the centre line of the road; the lateral position is this × baseline /
+            // disparity.
             let across = x as f64 - RIG.cx_px - bend * RIG.focal_px;
             let kerb = kerbs[usize::from(across >= 0.0)];
             let (low, high) = (plane(y, CAMERA_HEIGHT_M), plane(y, CAMERA_HEIGHT_M - step_m));
             if low <= 0.0 {
                 continue;
             }
-            // A ray meets the pavement where that lies outside the kerb, the road where it lies inside, and the
-            // kerb's face in between.
+            // A ray meets the pavement outside the kerb, the road inside the kerb, or the vertical face
+            // between them.
             let face = RIG.baseline_m * across / kerb;
             let d = face.clamp(low, high) + 0.6 * random.f64() - 0.3;
             *out = (256.0 * d).max(0.0) as u16;
@@ -267,19 +293,19 @@ mod tests {
         let mut detector = SceneDetector::new(SceneParameters::default(), RIG, SIZE.0, SIZE.1, 128);
         let mut edges = Edges::default();
         for map in frames {
-            let sure = vec![255; map.len()];
+            let confidence = vec![255; map.len()];
             let view = DisparityView::new(&map, SIZE.0, SIZE.1).unwrap();
-            edges = *detector.detect(DepthView::new(view, &sure).unwrap()).edges;
+            edges = *detector.detect(DepthView::new(view, &confidence).unwrap()).edges;
         }
         edges
     }
 
     #[test]
-    fn kerbs_of_ten_centimetres_are_found_on_both_sides() {
+    fn kerbs_of_ten_centimetres_are_detected_on_both_sides() {
         let seen = edges((0..5).map(|seed| map([-3.0, 2.5], 0.1, 0.0, seed)));
-        for (stretch, sides) in seen.iter().enumerate().skip(3) {
+        for (segment, sides) in seen.iter().enumerate().skip(3) {
             for (edge, truth) in sides.iter().zip([-3.0, 2.5]) {
-                let edge = edge.unwrap_or_else(|| panic!("stretch {stretch}: {seen:?}"));
+                let edge = edge.unwrap_or_else(|| panic!("segment {segment}: {seen:?}"));
                 assert!((edge.lateral_m - truth).abs() < 0.15, "{edge:?}");
                 assert!((edge.step_m - 0.1).abs() < 0.03, "{edge:?}");
                 let x = RIG.cx_px + f64::from(truth) * RIG.focal_px / f64::from(edge.distance_m);
@@ -307,30 +333,32 @@ mod tests {
     }
 
     #[test]
-    fn what_was_known_is_forgotten_with_the_road() {
+    fn edges_are_cleared_when_the_road_is_lost() {
         let empty = vec![0; SIZE.0 * SIZE.1];
         let kerbs = (0..5).map(|seed| map([-3.0, 3.0], 0.12, 0.0, seed));
         assert_eq!(edges(kerbs.chain([empty])), Edges::default());
     }
 
     #[test]
-    fn all_levels_place_pixels_in_the_cells_that_dividing_gives() {
+    fn all_levels_assign_pixels_to_the_cells_of_the_reference() {
         let mut random = fastrand::Rng::with_seed(1);
-        let ends_px = ENDS_M.map(|z| (256.0 * RIG.disparity_px(z)) as u16);
-        let mut pixels = Pixels::default();
+        let bounds_px = SEGMENT_BOUNDS_M.map(|z| (256.0 * RIG.disparity_px(z)) as u16);
+        let mut pixels = PixelBatch::default();
         for _ in 0..BATCH - 1 {
-            let d = random.u16(ends_px[STRETCHES] + 1..ends_px[0]);
+            let d = random.u16(bounds_px[SEGMENTS] + 1..bounds_px[0]);
             pixels.push(f32::from(random.u16(..640)), 300.0, d, true);
         }
         for level in Level::available() {
-            let mut places = [0; BATCH];
-            place(level, &pixels, RIG, &ends_px, &mut places);
-            for (i, place) in places.iter().enumerate().take(pixels.count()) {
+            let mut cell_indices = [0; BATCH];
+            assign_cells(level, &pixels, RIG, &bounds_px, &mut cell_indices);
+            for (i, place) in cell_indices.iter().enumerate().take(pixels.count()) {
                 let distance_m = RIG.distance_m(f64::from(pixels.disparity[i]) / 256.0);
                 let across = RIG.lateral_m(f64::from(pixels.x_px[i]), distance_m) / CELL_M;
-                let stretch = ends_px[1..STRETCHES].iter().filter(|end| pixels.disparity[i] <= **end).count();
-                let cell = (2 * stretch + usize::from(across >= 0.0)) * CELLS + across.abs() as usize;
-                let expected = if across.abs() < CELLS as f64 { cell as u16 } else { u16::MAX };
+                let segment =
+                    bounds_px[1..SEGMENTS].iter().filter(|end| pixels.disparity[i] <= **end).count();
+                let cell =
+                    (2 * segment + usize::from(across >= 0.0)) * CELLS_PER_SIDE + across.abs() as usize;
+                let expected = if across.abs() < CELLS_PER_SIDE as f64 { cell as u16 } else { u16::MAX };
                 assert_eq!(*place, expected, "{} {i}", level.name());
             }
         }

@@ -1,86 +1,88 @@
-//! The straight line of the road's near part: where the far road goes unless it plainly leaves it.
+//! Straight-line model of the near road that stabilises the estimate of the far road.
 //!
-//! Far off, a row of the road is a few noisy pixels between things that stand on it, and a matcher draws dark
-//! or wet asphalt nearer than it is. Nearby there are many rows, and most of them show road: a line through
-//! them tells where a straight road is far off better than what is seen there. So the path is laid on the line
-//! where it departs from it by no more than what the frame's noise explains.
+//! At long range a row of the road has only a few noisy pixels between obstacles, and a matcher places dark
+//! or wet asphalt too near. The near road has many rows, most of which show the road. A line through them
+//! predicts the far part of a straight road better than the few pixels observed there. The path is therefore
+//! snapped to the line where it departs from it by no more than the noise of the frame explains.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
 use super::line_fit::LineFit;
 use super::path_search::BLOCK;
 
-/// Share of the road's disparity in the lowest row from which on a row is near.
-const NEAR: f64 = 0.23;
-/// Fewer near blocks make no line.
+/// A row is near if its road disparity is at least this share of the disparity in the lowest row.
+const MIN_NEAR_SHARE: f64 = 0.23;
+/// Fewest near blocks for a fit.
 const MIN_BLOCKS: usize = 6;
-/// Rounds of the fit: what is farther off than so many px counts for nothing.
-const ROUNDS_PX: [f64; 5] = [0.6, 0.6, ON_LINE_PX, ON_LINE_PX, ON_LINE_PX];
-/// What is within so many px of the line is on it.
-const ON_LINE_PX: f64 = 0.25;
-/// Departure that is laid straight, in px: where the frame is clear, and more for each px of noise above
-/// that of a clear frame.
-const STRAIGHT_PX: f64 = 0.4;
-const PER_NOISE: f64 = 3.0;
+/// Iterations of the robust fit: cut-off of Tukey's biweight in each, in px.
+const TUKEY_WIDTHS_PX: [f64; 5] = [0.6, 0.6, INLIER_PX, INLIER_PX, INLIER_PX];
+/// Blocks closer to the line than this, in px, are inliers.
+const INLIER_PX: f64 = 0.25;
+/// Departures from the line up to this size, in px, are snapped to it; the limit grows by the second value
+/// for each px of noise above the noise of a clear frame (third value).
+const SNAP_PX: f64 = 0.4;
+const SNAP_PER_NOISE: f64 = 3.0;
 const CLEAR_NOISE_PX: f64 = 0.28;
-/// A departure so many times as great is followed wholly.
-const PLAIN: f64 = 2.0;
-/// Residuals of near rows that are told apart, in bins.
-const RESIDUALS: usize = 16;
+/// Departures this many times as large as the snapping limit are kept unchanged.
+const FULL_DEPARTURE_RATIO: f64 = 2.0;
+/// Histogram bins of residuals in near rows.
+const RESIDUAL_BINS: usize = 16;
 
-/// A block of the path: its middle row, disparity in px and weight.
+/// One block of the path: centre row, disparity in px, weight.
 pub type Block = (f64, f64, f64);
 
-/// The line, with the noise of what is counted around it.
+/// The line, with a snapping limit that depends on the noise around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearLine {
-    /// Disparity that a row adds, px per row.
+    /// Slope of the line, in px of disparity per row.
     pub slope: f64,
-    /// Disparity in row 0, in px.
+    /// Disparity of the line in row 0, in px.
     offset_px: f64,
-    /// Departure that is laid straight, in px.
-    straight_px: f64,
+    /// Departures up to this size are snapped to the line, in px.
+    snap_px: f64,
 }
 
 impl NearLine {
-    /// The line through the near blocks of a path, robustly; `None` where there are too few. `lowest_px` is
-    /// the road's disparity in the lowest row.
+    /// Fits a line to the near blocks of a path by iteratively reweighted least squares; `None` if there are
+    /// too few. `lowest_px` is the disparity of the road in the lowest row.
     pub fn fit(
         blocks: impl Iterator<Item = Block> + Clone,
         lowest_px: f64,
         histogram: &VDisparity,
     ) -> Option<Self> {
-        let near = || blocks.clone().filter(|&(_, px, weight)| px >= NEAR * lowest_px && weight > 0.0);
+        let near =
+            || blocks.clone().filter(|&(_, px, weight)| px >= MIN_NEAR_SHARE * lowest_px && weight > 0.0);
         if near().count() < MIN_BLOCKS {
             return None;
         }
         let mut line = Self::through(near(), |_, _| 1.0)?;
-        for reach in ROUNDS_PX {
+        for width_px in TUKEY_WIDTHS_PX {
             line = Self::through(near(), |row, px| {
-                let off = (px - line.at(row)) / reach;
-                (1.0 - off * off).max(0.0).powi(2)
+                let residual = (px - line.at(row)) / width_px;
+                (1.0 - residual * residual).max(0.0).powi(2)
             })?;
         }
         let noise = line.noise_px(near(), histogram);
-        line.straight_px = STRAIGHT_PX + PER_NOISE * (noise - CLEAR_NOISE_PX).max(0.0);
+        line.snap_px = SNAP_PX + SNAP_PER_NOISE * (noise - CLEAR_NOISE_PX).max(0.0);
         Some(line)
     }
 
-    /// Disparity of the line in a row, in px; below zero above its horizon.
+    /// Disparity of the line in a row, in px; negative above its horizon.
     pub fn at(&self, row: f64) -> f64 {
         self.offset_px + self.slope * row
     }
 
-    /// Where the road of a row is, of which a path says `px`.
-    pub fn lay(&self, row: f64, px: f64) -> f64 {
+    /// Disparity of the road in a row where the path measured `px`: snapped to the line, kept, or
+    /// interpolated between both.
+    pub fn snap(&self, row: f64, px: f64) -> f64 {
         let straight = self.at(row);
-        let off = px - straight;
-        let followed = (off.abs() / self.straight_px - 1.0) / (PLAIN - 1.0);
-        if straight > 0.0 { straight + off * followed.clamp(0.0, 1.0) } else { px }
+        let residual = px - straight;
+        let departure = (residual.abs() / self.snap_px - 1.0) / (FULL_DEPARTURE_RATIO - 1.0);
+        if straight > 0.0 { straight + residual * departure.clamp(0.0, 1.0) } else { px }
     }
 
-    /// Whether a place is on the line, as far as the noise tells.
-    pub fn holds(&self, row: f64, px: f64) -> bool {
-        (px - self.at(row)).abs() <= self.straight_px
+    /// Whether the departure of a measured disparity from the line is within the noise.
+    pub fn is_consistent(&self, row: f64, px: f64) -> bool {
+        (px - self.at(row)).abs() <= self.snap_px
     }
 
     fn through(blocks: impl Iterator<Item = Block>, share: impl Fn(f64, f64) -> f64) -> Option<Self> {
@@ -89,24 +91,24 @@ impl NearLine {
             fit.add(row, px, weight * share(row, px));
         }
         let (slope, offset_px) = fit.line().filter(|(slope, _)| *slope > 0.0)?;
-        Some(Self { slope, offset_px, straight_px: STRAIGHT_PX })
+        Some(Self { slope, offset_px, snap_px: SNAP_PX })
     }
 
-    /// The median distance of what is counted around the line, in the rows of the blocks that lie on it, as a
-    /// standard deviation: a road that bends is not noise.
+    /// Standard deviation of the disparities around the line, from the median absolute residual. Only rows of
+    /// inlier blocks are counted, so that a bend in the road is not taken for noise.
     fn noise_px(&self, blocks: impl Iterator<Item = Block>, histogram: &VDisparity) -> f64 {
-        let mut counts = [0_u32; RESIDUALS];
+        let mut counts = [0_u32; RESIDUAL_BINS];
         for (row, px, _) in blocks {
-            if (px - self.at(row)).abs() > ON_LINE_PX {
+            if (px - self.at(row)).abs() > INLIER_PX {
                 continue;
             }
             let first = (row - 0.5 * (BLOCK - 1) as f64).max(0.0) as usize;
             for y in first..(first + BLOCK).min(histogram.height()) {
                 let centre = self.at(y as f64) * BINS_PER_PX as f64;
-                let first = (centre - (RESIDUALS / 2) as f64).round().max(0.0) as usize;
-                for (bin, &count) in histogram.row(y).iter().enumerate().skip(first).take(RESIDUALS) {
-                    let off = (bin as f64 + 0.5 - centre).abs() as usize;
-                    counts[off.min(RESIDUALS - 1)] += u32::from(count);
+                let first = (centre - (RESIDUAL_BINS / 2) as f64).round().max(0.0) as usize;
+                for (bin, &count) in histogram.row(y).iter().enumerate().skip(first).take(RESIDUAL_BINS) {
+                    let residual = (bin as f64 + 0.5 - centre).abs() as usize;
+                    counts[residual.min(RESIDUAL_BINS - 1)] += u32::from(count);
                 }
             }
         }
@@ -132,7 +134,7 @@ mod tests {
 
     const HEIGHT: usize = 240;
 
-    /// The v-disparity of a road of 0.1 px a row below row 100, with so much noise to either side.
+    /// v-disparity of a road with 0.1 px per row below row 100 and uniform noise of ± `noise_px`.
     fn histogram(noise_px: f64) -> VDisparity {
         let mut random = fastrand::Rng::with_seed(2);
         let mut map = Vec::with_capacity(64 * HEIGHT);
@@ -143,13 +145,13 @@ mod tests {
             }
         }
         let mut histogram = VDisparity::new(64, HEIGHT, 32);
-        let sure = vec![255; map.len()];
-        let depth = DepthView::new(DisparityView::new(&map, 64, HEIGHT).unwrap(), &sure).unwrap();
-        histogram.fill(depth, 1, Corridor::ALL);
+        let confidence = vec![255; map.len()];
+        let depth = DepthView::new(DisparityView::new(&map, 64, HEIGHT).unwrap(), &confidence).unwrap();
+        histogram.fill(depth, 1, Corridor::UNBOUNDED);
         histogram
     }
 
-    /// Blocks of eight rows of the same road, whose far part is off.
+    /// Blocks of eight rows of the same road, with an offset that depends on the row.
     fn blocks(off: impl Fn(f64) -> f64 + Clone) -> impl Iterator<Item = Block> + Clone {
         (0..17).map(move |block| {
             let row = 235.5 - 8.0 * f64::from(block);
@@ -158,37 +160,37 @@ mod tests {
     }
 
     #[test]
-    fn a_far_part_that_is_hardly_off_is_laid_straight() {
+    fn small_far_departures_are_snapped_to_the_line() {
         let bend = |row: f64| if row < 130.0 { 0.25 } else { 0.0 };
         let line = NearLine::fit(blocks(bend), 14.0, &histogram(0.1)).unwrap();
         for (row, px, _) in blocks(bend) {
             let straight = 0.1 * (row - 100.0);
-            assert!((line.lay(row, px) - straight).abs() < 0.02, "row {row}: {}", line.lay(row, px));
+            assert!((line.snap(row, px) - straight).abs() < 0.02, "row {row}: {}", line.snap(row, px));
         }
     }
 
     #[test]
-    fn a_far_part_that_plainly_leaves_the_line_is_followed() {
+    fn large_far_departures_are_kept() {
         let line = NearLine::fit(blocks(|_| 0.0), 14.0, &histogram(0.1)).unwrap();
         for off in [-1.0, 1.0] {
-            assert!((line.lay(120.0, 2.0 + off) - (2.0 + off)).abs() < 1e-9);
-            assert!(!line.holds(120.0, 2.0 + off));
+            assert!((line.snap(120.0, 2.0 + off) - (2.0 + off)).abs() < 1e-9);
+            assert!(!line.is_consistent(120.0, 2.0 + off));
         }
-        // In between it goes over smoothly, and never back.
-        let laid: Vec<f64> = (0..100).map(|i| line.lay(120.0, 2.0 + 0.01 * f64::from(i))).collect();
-        assert!(laid.windows(2).all(|w| w[0] <= w[1] + 1e-9 && w[1] - w[0] < 0.05), "{laid:?}");
+        // Between both limits the result is continuous and monotonic.
+        let snapped: Vec<f64> = (0..100).map(|i| line.snap(120.0, 2.0 + 0.01 * f64::from(i))).collect();
+        assert!(snapped.windows(2).all(|w| w[0] <= w[1] + 1e-9 && w[1] - w[0] < 0.05), "{snapped:?}");
     }
 
     #[test]
-    fn noise_asks_for_a_greater_departure() {
+    fn noise_raises_the_snapping_limit() {
         let fit = |noise| NearLine::fit(blocks(|_| 0.0), 14.0, &histogram(noise)).unwrap();
         let (clear, noisy) = (fit(0.1), fit(1.5));
-        assert!(noisy.straight_px > 2.0 * clear.straight_px, "{clear:?} {noisy:?}");
-        assert!(!clear.holds(120.0, 2.8) && noisy.holds(120.0, 2.8));
+        assert!(noisy.snap_px > 2.0 * clear.snap_px, "{clear:?} {noisy:?}");
+        assert!(!clear.is_consistent(120.0, 2.8) && noisy.is_consistent(120.0, 2.8));
     }
 
     #[test]
-    fn things_on_the_near_road_do_not_bend_the_line() {
+    fn obstacles_on_the_near_road_do_not_bend_the_line() {
         let car = |row: f64| if (150.0..175.0).contains(&row) { 2.0 } else { 0.0 };
         let line = NearLine::fit(blocks(car), 14.0, &histogram(0.1)).unwrap();
         assert!((line.at(110.0) - 1.0).abs() < 0.03, "{line:?}");

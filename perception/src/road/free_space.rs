@@ -1,36 +1,36 @@
-//! Where the way is free: per column the distance to what stands first.
+//! Free space ahead: for each group of columns, the distance to the nearest obstacle.
 
 use crate::region::Region;
 
-/// Columns that share one distance.
+/// Image columns that share one distance.
 pub const COLUMNS: usize = 8;
 
-/// The free space, with memory allocated once.
+/// Free distance by column group; memory is allocated once.
 #[derive(Debug)]
 pub struct FreeSpace {
     free_m: Vec<f32>,
 }
 
 impl FreeSpace {
-    /// Nothing known, for images of `width`.
+    /// Free space of images of `width` px; all distances are 0.
     pub fn new(width: usize) -> Self {
         Self { free_m: vec![0.0; width.div_ceil(COLUMNS)] }
     }
 
-    /// Metres that are free ahead of each [`COLUMNS`] columns, from the left: to the nearest region, or
-    /// where none stands to the end of the road that is seen; all 0 without a road.
+    /// Free distance ahead in metres for each group of [`COLUMNS`] columns, from the left: up to the nearest
+    /// region or, without one, to the far end of the visible road. All values are 0 when no road is visible.
     pub fn free_m(&self) -> &[f32] {
         &self.free_m
     }
 
-    /// Without a road nothing is known to be free.
+    /// Sets all distances to 0; called when no road is visible.
     pub fn clear(&mut self) {
         self.free_m.fill(0.0);
     }
 
-    /// Takes a frame: its regions, and how far its road is seen.
-    pub fn take(&mut self, regions: &[Region], seen_m: f64) {
-        self.free_m.fill(seen_m as f32);
+    /// Computes the free space of a frame from its regions and the distance up to which its road is visible.
+    pub fn update(&mut self, regions: &[Region], visible_m: f64) {
+        self.free_m.fill(visible_m as f32);
         for region in regions {
             let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);
             let end = to.div_ceil(COLUMNS).min(self.free_m.len());
@@ -47,7 +47,7 @@ mod tests {
     use crate::region::PixelBox;
 
     #[test]
-    fn the_nearest_region_ends_what_is_free() {
+    fn the_nearest_region_limits_the_free_distance() {
         let region = |x, width, distance_m| Region {
             bounds: PixelBox { x, y: 100, width, height: 40 },
             disparity_px: 100.0 / distance_m,
@@ -61,7 +61,7 @@ mod tests {
         };
         let mut free = FreeSpace::new(60);
         assert_eq!(free.free_m(), [0.0; 8]);
-        free.take(&[region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)], 45.0);
+        free.update(&[region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)], 45.0);
         assert_eq!(free.free_m(), [45.0, 20.0, 12.0, 12.0, 45.0, 45.0, 45.0, 9.0]);
         free.clear();
         assert_eq!(free.free_m(), [0.0; 8]);

@@ -1,4 +1,4 @@
-//! A straight line through weighted points, by least squares.
+//! Weighted least-squares fit of a straight line.
 
 /// Sums over the points.
 #[derive(Clone, Copy, Debug, Default)]
@@ -11,7 +11,7 @@ pub struct LineFit {
 }
 
 impl LineFit {
-    /// One more point, with its weight (0 or more).
+    /// Adds a point with a weight (0 or more).
     pub fn add(&mut self, x: f64, y: f64, weight: f64) {
         self.s += weight;
         self.sx += weight * x;
@@ -20,7 +20,7 @@ impl LineFit {
         self.sxy += weight * x * y;
     }
 
-    /// The line's slope, and its y where x is 0; `None` where the points leave it open.
+    /// Slope of the line and its value at x = 0; `None` if the points do not determine a line.
     pub fn line(&self) -> Option<(f64, f64)> {
         let determinant = self.s * self.sxx - self.sx * self.sx;
         let slope = (self.s * self.sxy - self.sx * self.sy) / determinant;
@@ -34,16 +34,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_goes_through_its_points_and_by_their_weights() {
+    fn the_fit_is_exact_for_two_points_and_respects_weights() {
         let mut fit = LineFit::default();
         assert_eq!(fit.line(), None);
         fit.add(1.0, 5.0, 2.0);
-        assert_eq!(fit.line(), None, "one point leaves the slope open");
+        assert_eq!(fit.line(), None, "one point does not determine a slope");
         fit.add(3.0, 9.0, 1.0);
         let (slope, at_zero) = fit.line().unwrap();
         assert!((slope - 2.0).abs() < 1e-12 && (at_zero - 3.0).abs() < 1e-12);
         fit.add(3.0, 12.0, 2.0);
-        // The two at x = 3 weigh as one at y = 11.
+        // The two points at x = 3 have the combined effect of one point at y = 11.
         let (slope, at_zero) = fit.line().unwrap();
         assert!((slope - 3.0).abs() < 1e-12 && (at_zero - 2.0).abs() < 1e-12);
     }

@@ -1,5 +1,18 @@
-//! The road's surface from a disparity map (paper, section 3.5): v-disparity, a straight start by the Radon
-//! transform, the road profile by a path search, roll, edges and free space.
+//! Road surface estimation from a disparity map (paper, section 3.5).
+//!
+//! Input: a [`DepthView`], that is a disparity map in 1/256 px with a confidence (0 to 255) for each pixel.
+//! Output: a [`RoadModel`] (initial line, roll, camera height in metres), the [`RoadProfile`] (disparity of
+//! the road in each image row, in px), the [`RoadSurface`] from which heights in metres are measured, and the
+//! road's [`Edges`].
+//!
+//! Steps:
+//!
+//! 1. [`histogram`]: v-disparity histogram of a corridor ahead of the vehicle.
+//! 2. [`radon`]: initial straight line by the Radon transform.
+//! 3. [`path_search`]: the road's path through v-disparity by dynamic programming.
+//! 4. [`profile`]: smoothed profile; [`far_road`] stabilises its far part.
+//! 5. [`surface`]: lateral tilt and noise; heights above the road.
+//! 6. [`edges`]: kerbs and other lateral limits. [`free_space`]: free distance by column.
 
 pub mod edges;
 pub mod far_road;
@@ -22,19 +35,19 @@ use histogram::{Corridor, MIN_CONFIDENCE, VDisparity};
 pub use profile::Shape;
 use profile::{ProfileFinder, RoadProfile};
 use radon::{Radon, RadonRange, RoadLine};
-use surface::Surface;
+use surface::RoadSurface;
 
-/// Half-width of the corridor that is searched for the road, in metres to either side of the camera.
-const CORRIDOR_M: f64 = 5.0;
+/// Half-width of the corridor in which the road is searched, in metres on each side of the camera.
+const CORRIDOR_HALF_WIDTH_M: f64 = 5.0;
 
-/// What shapes the road model.
+/// Parameters of the road model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoadParameters {
-    /// Least and greatest height of the camera above the road, in metres.
+    /// Smallest and largest height of the camera above the road, in metres.
     pub camera_height_m: (f64, f64),
-    /// Largest distance of the horizon from the principal row, as a share of the image height.
+    /// Largest distance of the horizon from the principal point's row, as a share of the image height.
     pub horizon_share: f64,
-    /// Below this support (0 to 1) the result is "no road seen".
+    /// A result with less support than this (0 to 1) means that no road is visible.
     pub min_support: f64,
     /// Model that is fitted to the road.
     pub shape: Shape,
@@ -46,20 +59,20 @@ impl Default for RoadParameters {
     }
 }
 
-/// The road as it was seen in one frame.
+/// Road model of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoadModel {
-    /// Its straight start.
+    /// Initial straight line from the Radon transform.
     pub line: RoadLine,
-    /// Disparity gained per column to the right because of camera roll, in px per px.
+    /// Change of the road's disparity per column to the right, caused by camera roll, in px per px.
     pub roll: f64,
-    /// Share of rows in which the profile is supported, 0 to 1.
+    /// Share of rows in which the profile is supported by the histogram, 0 to 1.
     pub confidence: f64,
     /// Height of the camera above the near road, in metres.
     pub camera_height_m: f64,
 }
 
-/// Estimates the road's surface in disparity maps of one size, with memory allocated once.
+/// Estimates the road surface in disparity maps of one size; memory is allocated once.
 #[derive(Debug)]
 pub struct RoadEstimator {
     parameters: RoadParameters,
@@ -69,7 +82,7 @@ pub struct RoadEstimator {
     histogram: VDisparity,
     radon: Radon,
     profile: ProfileFinder,
-    surface: Surface,
+    surface: RoadSurface,
     edges: EdgeFinder,
 }
 
@@ -85,8 +98,8 @@ impl RoadEstimator {
         let histogram = VDisparity::new(width, height, disparities);
         Self {
             radon: Radon::new(histogram.bins(), height),
-            profile: ProfileFinder::new(histogram.bins(), height).fitting(parameters.shape),
-            surface: Surface::new(rig, width, height, disparities),
+            profile: ProfileFinder::new(histogram.bins(), height).with_shape(parameters.shape),
+            surface: RoadSurface::new(rig, width, height, disparities),
             edges: EdgeFinder::default(),
             histogram,
             parameters,
@@ -96,45 +109,45 @@ impl RoadEstimator {
         }
     }
 
-    /// The v-disparity histogram of the last map.
+    /// v-disparity histogram of the last map.
     pub fn v_disparity(&self) -> &VDisparity {
         &self.histogram
     }
 
-    /// The road profile of the last map; empty when no road was seen.
+    /// Road profile of the last map; empty if no road was visible.
     pub fn profile(&self) -> &RoadProfile {
         self.profile.profile()
     }
 
-    /// The surface of the last map with a road: heights are measured from it.
-    pub fn surface(&self) -> &Surface {
+    /// RoadSurface of the last map with a visible road; heights are measured relative to it.
+    pub fn surface(&self) -> &RoadSurface {
         &self.surface
     }
 
-    /// Where the road ends to the left and to the right; nothing when no road was seen.
+    /// Left and right edges of the road; all `None` if no road was visible.
     pub fn edges(&self) -> &Edges {
         self.edges.edges()
     }
 
-    /// Estimates the road in a map; `None` when no road is seen.
+    /// Estimates the road in a map; `None` if no road is visible.
     ///
     /// # Panics
-    /// When the map has another size than the estimator was made for.
+    /// When the size of the map differs from that of the estimator.
     pub fn estimate(&mut self, depth: DepthView<'_>) -> Option<RoadModel> {
         assert_eq!((depth.width(), depth.height()), (self.width, self.height));
         let corridor = Corridor {
             centre_px: self.rig.cx_px as f32,
-            columns_per_px: (CORRIDOR_M / self.rig.baseline_m) as f32,
+            columns_per_px: (CORRIDOR_HALF_WIDTH_M / self.rig.baseline_m) as f32,
         };
         self.histogram.fill(depth, MIN_CONFIDENCE, corridor);
         let cap = (self.width / 24).clamp(4, u16::MAX as usize) as u16;
-        let (lowest, highest) = self.parameters.camera_height_m;
-        let slack = self.parameters.horizon_share * self.height as f64;
+        let (min_height_m, max_height_m) = self.parameters.camera_height_m;
+        let horizon_margin = self.parameters.horizon_share * self.height as f64;
         let range = RadonRange {
-            slope: (self.rig.baseline_m / highest, self.rig.baseline_m / lowest),
-            horizon_px: (self.rig.cy_px - slack, self.rig.cy_px + slack),
+            slope: (self.rig.baseline_m / max_height_m, self.rig.baseline_m / min_height_m),
+            horizon_px: (self.rig.cy_px - horizon_margin, self.rig.cy_px + horizon_margin),
         };
-        let line = self.radon.strongest(&self.histogram, range, cap);
+        let line = self.radon.strongest_line(&self.histogram, range, cap);
         let support =
             line.map_or(0.0, |line| self.profile.find(&self.histogram, depth, line, cap, corridor).support());
         let Some(line) = line.filter(|_| support >= self.parameters.min_support) else {
@@ -143,8 +156,8 @@ impl RoadEstimator {
             return None;
         };
         let profile = self.profile.profile();
-        self.surface.take(profile, depth, MIN_CONFIDENCE);
-        self.edges.take(depth, &self.surface, &self.rig, profile.top(), MIN_CONFIDENCE);
+        self.surface.update(profile, depth, MIN_CONFIDENCE);
+        self.edges.update(depth, &self.surface, &self.rig, profile.top(), MIN_CONFIDENCE);
         Some(RoadModel {
             line,
             roll: self.surface.tilt().roll,

@@ -1,70 +1,72 @@
-//! The road's path: Viterbi's through v-disparity from a Radon start (paper, e(i, j)).
+//! Path of the road through v-disparity by dynamic programming, starting from the Radon line (e(i, j) in the
+//! paper).
 //!
-//! From the bottom up, every block of rows i takes the bin j that maximises
-//! `e(i, j) = H(i, j) + max { e(i+1, j′) − κ·|Δ| : η₀ ≤ j′ − j ≤ η₁ }`, where H sums the block's rows along
-//! the Radon line's slope, and Δ is how much the move j′ − j differs from the one before (the paper has
-//! moves alone; the price of a bend is what keeps the path off walls). The path must fall with
-//! distance, at least a little (η₀ > 0: what stands upright cannot be followed), at most some (η₁): so
-//! crests, dips and slopes are followed where the road is not a plane, up to where it is last seen.
+//! From the bottom up, each block of rows i takes the bin j that maximises `e(i, j) = H(i, j) + max { e(i+1,
+//! j′) − κ·|Δ| : η₀ ≤ j′ − j ≤ η₁ }`. H sums the rows of the block along the slope of the Radon line. Δ is
+//! the change of the move j′ − j from one block to the next. The paper restricts moves only; the cost of
+//! curvature κ keeps the path off walls. The disparity must decrease with distance by at least η₀ > 0, so
+//! that vertical surfaces are not followed, and by at most η₁. Crests, dips and slopes are thus followed on
+//! roads that are not planar, up to the last visible part.
 
 use super::histogram::{BINS_PER_PX, VDisparity};
 use super::radon::RoadLine;
 use crate::simd::{Level, Simd, kernel};
 
-/// Rows of a block.
+/// Rows per block.
 pub(super) const BLOCK: usize = 8;
-/// Least and greatest fall of a path, as shares of the line's.
-const FALL: (f64, f64) = (0.5, 2.2);
-/// The same where the road may rise ahead.
-const RISING_FALL: (f64, f64) = (0.3, 2.2);
-/// What a bend by one bin a block costs, as a share of a block's greatest count.
-const STIFFNESS: f32 = 0.02;
-/// What a fall by a bin a block more or less than the line's costs, likewise.
-const PULL: f32 = 0.15;
-/// The greatest bend at once, in bins a block.
-const BEND: usize = 2;
-/// What is counted this many bins farther than the road lies beyond it, and counts so much against it.
-const CLEAR: usize = 6;
-const BEYOND: f32 = 0.3;
-/// Moves that are told apart.
-const MOVES: usize = 24;
-/// How much nearer than the line's a rising road may be, in px.
-const RISE_PX: f64 = 3.0;
+/// Smallest and largest decrease of disparity per block, as factors of the decrease of the Radon line.
+const SLOPE_RANGE: (f64, f64) = (0.5, 2.2);
+/// The same for a road that may rise ahead.
+const RISING_SLOPE_RANGE: (f64, f64) = (0.3, 2.2);
+/// Cost of a change of the move by one bin per block, as a share of the largest score of a block.
+const CURVATURE_COST: f32 = 0.02;
+/// Cost of a move that differs from the Radon line by one bin per block, in the same unit.
+const SLOPE_COST: f32 = 0.15;
+/// Largest change of the move between two blocks, in bins per block.
+const MAX_CURVATURE: usize = 2;
+/// Counts at least this many bins beyond (farther than) a road bin contradict it; the second value is their
+/// weight.
+const OCCLUSION_MARGIN_BINS: usize = 6;
+const BEYOND_WEIGHT: f32 = 0.3;
+/// Largest number of different moves.
+const MAX_MOVES: usize = 24;
+/// Margin of the search band towards larger disparities for a rising road, in px.
+const RISING_MARGIN_PX: f64 = 3.0;
 
-/// Follows roads, with memory allocated once.
+/// Dynamic-programming search; memory is allocated once.
 #[derive(Debug)]
-pub struct Viterbi {
+pub struct PathSearch {
     bins: usize,
-    /// Counts of a block at each bin.
-    counts: Vec<f32>,
-    /// Best sum up to each last move and bin, for the block below and for this one.
+    /// Scores of a block, one for each bin.
+    scores: Vec<f32>,
+    /// Best energy for each last move and bin, for the block below and for the current one.
     energy: [Vec<f32>; 2],
-    /// The move before the last of each, block by block from below.
-    came: Vec<u8>,
-    /// The same of the bins of one move.
-    last: Vec<i32>,
+    /// Move before the last one for each state, by block from the bottom.
+    back_pointers: Vec<u8>,
+    /// The same for the bins of one move.
+    best_moves: Vec<i32>,
     level: Level,
 }
 
-/// Middle row of a block, counted from below, of so many rows.
-pub(super) fn middle(height: usize, block: usize) -> f64 {
+/// Centre row of a block, counted from the bottom of an image with `height` rows.
+pub(super) fn block_centre_row(height: usize, block: usize) -> f64 {
     (height - BLOCK * block) as f64 - 0.5 * (BLOCK + 1) as f64
 }
 
-impl Viterbi {
+impl PathSearch {
     /// A workspace for histograms of `bins` × `height` cells.
     pub fn new(bins: usize, height: usize) -> Self {
         Self {
             bins,
-            counts: vec![0.0; bins],
-            energy: [vec![0.0; bins * MOVES], vec![0.0; bins * MOVES]],
-            came: vec![0; bins * MOVES * (height / BLOCK)],
-            last: vec![0; bins],
+            scores: vec![0.0; bins],
+            energy: [vec![0.0; bins * MAX_MOVES], vec![0.0; bins * MAX_MOVES]],
+            back_pointers: vec![0; bins * MAX_MOVES * (height / BLOCK)],
+            best_moves: vec![0; bins],
             level: Level::best(),
         }
     }
 
-    /// The bins in which the road of row `y` may lie.
+    /// First and last bin in which the road may lie in row `y`.
     fn band(&self, line: RoadLine, y: f64, rise_px: f64) -> (usize, usize) {
         let per_px = BINS_PER_PX as f64;
         let centre = line.at(y).max(0.0);
@@ -74,9 +76,9 @@ impl Viterbi {
         (low.min(self.bins - 1), high.min(self.bins - 1))
     }
 
-    /// What speaks for each bin of a band in a block, along the line's slope: what is counted there, less
-    /// what is counted beyond, for nothing is seen through the road.
-    fn gather(
+    /// Score of each bin of a band in a block, summed along the slope of the line: counts at the bin minus
+    /// weighted counts beyond it, since nothing is visible through the road.
+    fn gather_scores(
         histogram: &VDisparity,
         block: usize,
         fall: f64,
@@ -91,19 +93,20 @@ impl Viterbi {
             let shift = ((0.5 * (BLOCK - 1) as f64 - up as f64) * fall / BLOCK as f64).round() as isize;
             let count = |b: usize| row.get(b).map_or(0.0, |&c| f32::from(c.min(cap)));
             let first = low.saturating_add_signed(shift);
-            let beyond = &row[..first.saturating_sub(CLEAR).min(row.len())];
+            let beyond = &row[..first.saturating_sub(OCCLUSION_MARGIN_BINS).min(row.len())];
             let mut beyond = beyond.iter().map(|&c| u32::from(c)).sum::<u32>() as f32;
             for (at, sum) in (first..).zip(&mut out[low..=high]) {
-                beyond += count(at.wrapping_sub(CLEAR));
+                beyond += count(at.wrapping_sub(OCCLUSION_MARGIN_BINS));
                 *sum += 0.5 * count(at.wrapping_sub(1)) + count(at) + 0.5 * count(at + 1);
-                *sum -= BEYOND * beyond.min(f32::from(cap));
+                *sum -= BEYOND_WEIGHT * beyond.min(f32::from(cap));
             }
         }
     }
 
-    /// Follows the road through so many blocks from the bottom row; `rises` if it may do so ahead. One cell counts
-    /// at most `cap`. The path is the disparity, in px, and the weight of each block, from below.
-    pub fn follow(
+    /// Finds the path through `blocks` blocks from the bottom row; `rises` allows a road that rises ahead. A
+    /// single cell counts at most `cap`. Writes disparity (px) and weight of each block to `path`, from the
+    /// bottom.
+    pub fn search(
         &mut self,
         histogram: &VDisparity,
         line: RoadLine,
@@ -113,67 +116,84 @@ impl Viterbi {
         path: &mut Vec<(f32, f32)>,
     ) {
         let height = histogram.height();
-        let (bins, states) = (self.bins, self.bins * MOVES);
-        let (fall_share, rise_px) = if rises { (RISING_FALL, RISE_PX) } else { (FALL, 0.0) };
+        let (bins, states) = (self.bins, self.bins * MAX_MOVES);
+        let (slope_range, rise_px) =
+            if rises { (RISING_SLOPE_RANGE, RISING_MARGIN_PX) } else { (SLOPE_RANGE, 0.0) };
         let fall = line.slope * (BLOCK * BINS_PER_PX) as f64;
-        let least = ((fall_share.0 * fall).round() as usize).max(1);
-        let moves = (((fall_share.1 * fall).ceil() as usize).max(least + 1) + 1 - least).min(MOVES);
-        let bend = STIFFNESS * (usize::from(cap) * BLOCK) as f32;
-        let pull = PULL * (usize::from(cap) * BLOCK) as f32;
+        let min_move = ((slope_range.0 * fall).round() as usize).max(1);
+        let moves =
+            (((slope_range.1 * fall).ceil() as usize).max(min_move + 1) + 1 - min_move).min(MAX_MOVES);
+        let curvature_cost = CURVATURE_COST * (usize::from(cap) * BLOCK) as f32;
+        let slope_cost = SLOPE_COST * (usize::from(cap) * BLOCK) as f32;
         let [mut old, mut new] = std::mem::take(&mut self.energy);
-        // Where the best path ends: block, state, energy.
+        // End of the best path: block, state, energy.
         let mut best_end = (0, 0, f32::NEG_INFINITY);
         for block in 0..blocks {
-            let (low, high) = self.band(line, middle(height, block), rise_px);
-            // What the next block will ask for.
-            let next = self.band(line, middle(height, block + 1), rise_px);
-            let asked = low.min(next.0 + least)..(high.max(next.1 + least + moves) + 1).min(bins);
-            Self::gather(histogram, block, fall, cap, (low, high), &mut self.counts);
-            let mut most = f32::NEG_INFINITY;
+            let (low, high) = self.band(line, block_centre_row(height, block), rise_px);
+            // Range of bins that the next block reads.
+            let next = self.band(line, block_centre_row(height, block + 1), rise_px);
+            let required = low.min(next.0 + min_move)..(high.max(next.1 + min_move + moves) + 1).min(bins);
+            Self::gather_scores(histogram, block, fall, cap, (low, high), &mut self.scores);
+            let mut max_energy = f32::NEG_INFINITY;
             for step in 0..moves {
-                let off = ((least + step) as f32 - fall as f32).abs();
+                let slope_difference = ((min_move + step) as f32 - fall as f32).abs();
                 let row = &mut new[step * bins..][..bins];
-                row[asked.clone()].fill(f32::NEG_INFINITY);
-                let last = &mut self.last[low..=high];
-                last.fill(step as i32);
+                row[required.clone()].fill(f32::NEG_INFINITY);
+                let best_moves = &mut self.best_moves[low..=high];
+                best_moves.fill(step as i32);
                 if block == 0 {
-                    row[low..=high].fill(-bend * off);
+                    row[low..=high].fill(-curvature_cost * slope_difference);
                 } else {
-                    let from = (low + least + step).min(bins);
+                    let from = (low + min_move + step).min(bins);
                     let count = (high + 1 - low).min(bins - from);
-                    for before in step.saturating_sub(BEND)..(step + BEND + 1).min(moves) {
-                        let cost = bend * step.abs_diff(before) as f32;
+                    for before in step.saturating_sub(MAX_CURVATURE)..(step + MAX_CURVATURE + 1).min(moves) {
+                        let cost = curvature_cost * step.abs_diff(before) as f32;
                         let energies = &old[before * bins + from..][..count];
                         let best = &mut row[low..][..count];
-                        follow_move(self.level, energies, before as i32, cost, best, &mut last[..count]);
+                        relax(self.level, energies, before as i32, cost, best, &mut best_moves[..count]);
                     }
                 }
-                let pull = pull * off;
-                for (energy, count) in row[low..=high].iter_mut().zip(&self.counts[low..=high]) {
-                    *energy = *energy + count - pull;
-                    most = if *energy > most { *energy } else { most };
+                let slope_cost = slope_cost * slope_difference;
+                for (energy, count) in row[low..=high].iter_mut().zip(&self.scores[low..=high]) {
+                    *energy = *energy + count - slope_cost;
+                    max_energy = if *energy > max_energy { *energy } else { max_energy };
                 }
-                let came = &mut self.came[block * states + step * bins + low..][..high + 1 - low];
-                came.iter_mut().zip(last).for_each(|(came, last)| *came = *last as u8);
+                let back_pointers =
+                    &mut self.back_pointers[block * states + step * bins + low..][..high + 1 - low];
+                back_pointers.iter_mut().zip(best_moves).for_each(|(pointer, best)| *pointer = *best as u8);
             }
-            if most > best_end.2 {
+            if max_energy > best_end.2 {
                 let mut ends = (low..=high).flat_map(|bin| (0..moves).map(move |step| step * bins + bin));
-                if let Some(state) = ends.find(|&state| new[state] == most) {
-                    best_end = (block, state, most);
+                if let Some(state) = ends.find(|&state| new[state] == max_energy) {
+                    best_end = (block, state, max_energy);
                 }
             }
             std::mem::swap(&mut old, &mut new);
         }
         self.energy = [old, new];
-        let (end, mut state, _) = best_end;
+        let (end, state, _) = best_end;
         path.clear();
         path.resize(blocks.max(end + 1), (0.0, 0.0));
+        self.trace_back(histogram, cap, min_move, (end, state), path);
+    }
+
+    /// Follows the back pointers down from the best end (block, state), and refines the disparity of each block
+    /// to sub-bin resolution. `min_move` is the smallest move, in bins.
+    fn trace_back(
+        &self,
+        histogram: &VDisparity,
+        cap: u16,
+        min_move: usize,
+        (end, mut state): (usize, usize),
+        path: &mut [(f32, f32)],
+    ) {
+        let (bins, states) = (self.bins, self.bins * MAX_MOVES);
         for block in (0..=end).rev() {
             let (step, bin) = (state / bins, state % bins);
             let (mut sum, mut moment) = (0.0, 0.0);
             for up in 0..BLOCK {
                 let row = histogram.row(histogram.height() - 1 - BLOCK * block - up);
-                let shift = (0.5 * (BLOCK - 1) as f32 - up as f32) * (least + step) as f32 / BLOCK as f32;
+                let shift = (0.5 * (BLOCK - 1) as f32 - up as f32) * (min_move + step) as f32 / BLOCK as f32;
                 let centre = bin as f32 + shift;
                 let first = (centre.round() as usize).saturating_sub(2);
                 for (b, &count) in row.iter().enumerate().skip(first).take(5) {
@@ -182,22 +202,22 @@ impl Viterbi {
                     moment += count * (b as f32 + 0.5 - shift);
                 }
             }
-            let place = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
-            path[block] = (place / BINS_PER_PX as f32, sum);
-            let from = usize::from(self.came[block * states + state]);
-            state = from * bins + (bin + least + step).min(bins - 1);
+            let position = if sum > 0.0 { moment / sum } else { bin as f32 + 0.5 };
+            path[block] = (position / BINS_PER_PX as f32, sum);
+            let from = usize::from(self.back_pointers[block * states + state]);
+            state = from * bins + (bin + min_move + step).min(bins - 1);
         }
     }
 }
 
 kernel! {
-    /// Takes a move before the last wherever it is better than what was: energies of the places that it came
-    /// to, less its cost.
-    fn follow_move(energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) = follow_each
+    /// Dynamic-programming relaxation: replaces the best energy and its move where `energies` minus `cost` is
+    /// greater.
+    fn relax(energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) = relax_each
 }
 
 #[inline(always)]
-fn follow_each<S: Simd>(_: S, energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) {
+fn relax_each<S: Simd>(_: S, energies: &[f32], before: i32, cost: f32, best: &mut [f32], last: &mut [i32]) {
     for ((energy, best), last) in energies.iter().zip(best).zip(last) {
         let energy = energy - cost;
         let better = energy > *best;
@@ -211,13 +231,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_levels_take_the_better_move_and_keep_what_is_as_good() {
+    fn all_levels_relax_to_strictly_better_moves_only() {
         let mut random = fastrand::Rng::with_seed(1);
         let mut energies = || -> Vec<f32> { (0..77).map(|_| random.u8(..9).into()).collect() };
         let (first, second) = (energies(), energies());
         for level in Level::available() {
             let (mut best, mut last) = (first.clone(), vec![3; 77]);
-            follow_move(level, &second, 5, 2.0, &mut best, &mut last);
+            relax(level, &second, 5, 2.0, &mut best, &mut last);
             for i in 0..77 {
                 let better = second[i] - 2.0 > first[i];
                 let expected = if better { (second[i] - 2.0, 5) } else { (first[i], 3) };

@@ -1,55 +1,56 @@
-//! The road's profile: its disparity in every row, and the row of every disparity.
+//! Road profile: disparity of the road in each row, and row of the road for each disparity.
 //!
-//! The road is followed through v-disparity ([`Viterbi`]), laid straight where it is nearly so, and smoothed.
+//! The path of the road through v-disparity ([`PathSearch`]) is straightened where it is nearly straight
+//! ([`NearLine`]) and smoothed.
 
 use super::far_road::NearLine;
 use super::histogram::{BINS_PER_PX, Corridor, MIN_CONFIDENCE, VDisparity};
 use super::line_fit::LineFit;
-use super::path_search::{BLOCK, Viterbi, middle};
+use super::path_search::{BLOCK, PathSearch, block_centre_row};
 use super::plane;
 use super::radon::RoadLine;
 use crate::depth::DepthView;
 
-/// A block is supported by this share of its greatest count.
-const SUPPORTED: f32 = 0.2;
-/// Blocks without support that end the road.
-const LOST: usize = 3;
-/// Rows above the line's horizon in which a rising road is followed, as a share of the height.
-const RISE: f64 = 0.15;
-/// Share of the corridor that a rising road fills where nothing nearer hides it, and the least number of
-/// such blocks.
-const PLAIN: f32 = 0.5;
-const RISEN: usize = 3;
-/// What is within so many px of the path belongs to it.
-const AT_PX: f32 = 0.4;
-/// Share of the corridor that must be seen to tell.
-const SEEN: f64 = 0.15;
+/// A block is supported if its weight reaches this share of the largest possible weight.
+const MIN_BLOCK_SUPPORT: f32 = 0.2;
+/// The road ends after more than this many consecutive blocks without support.
+const MAX_UNSUPPORTED_BLOCKS: usize = 3;
+/// Range above the line's horizon in which a rising road is followed, as a share of the image height.
+const MAX_RISE_SHARE: f64 = 0.15;
+/// A rising road fills at least this share of the unoccluded part of the corridor, in at least this many
+/// blocks.
+const MIN_VISIBLE_SHARE: f32 = 0.5;
+const MIN_RISING_BLOCKS: usize = 3;
+/// Pixels within this distance of the path, in px of disparity, belong to it.
+const ON_PATH_PX: f32 = 0.4;
+/// Smallest unoccluded share of the corridor for a decision.
+const MIN_UNOCCLUDED_SHARE: f64 = 0.15;
 
-/// What the road is fitted by.
+/// Model of the road profile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shape {
-    /// The Viterbi path: crests, dips and slopes.
+    /// The path found by dynamic programming: crests, dips and slopes.
     #[default]
     Profile,
-    /// A single plane: what the path is compared with.
+    /// A single plane, for comparison.
     Plane,
 }
 
-/// The road's disparity in every row.
+/// Disparity of the road in each row.
 #[derive(Clone, Debug)]
 pub struct RoadProfile {
     disparity_px: Vec<f32>,
-    /// First row (from above) that belongs to the road.
+    /// First row, from the top, that belongs to the road.
     top: usize,
     support: f64,
-    /// Row of the road for each bin, the inverse of `disparity_px`.
+    /// Row of the road for each bin; the inverse of `disparity_px`.
     row_of_bin: Vec<f32>,
-    /// Slope of the straight start, for what lies beyond either end.
+    /// Slope of the Radon line, in px per row, for extrapolation.
     near_slope: f32,
 }
 
 impl RoadProfile {
-    /// A profile without a road, for `height` rows and `bins` bins.
+    /// An empty profile for `height` rows and `bins` bins.
     fn new(height: usize, bins: usize) -> Self {
         Self {
             disparity_px: vec![0.0; height],
@@ -60,45 +61,45 @@ impl RoadProfile {
         }
     }
 
-    /// Disparity of the road in each row, in pixels; 0 above the road.
+    /// Disparity of the road in each row, in px; 0 above the road.
     pub fn disparity_px(&self) -> &[f32] {
         &self.disparity_px
     }
 
-    /// First row, from above, that belongs to the road.
+    /// First row, from the top, that belongs to the road.
     pub fn top(&self) -> usize {
         self.top
     }
 
-    /// Share of road rows in which the path runs through counted pixels, 0 to 1.
+    /// Share of road rows in which the path is supported by the histogram, 0 to 1.
     pub fn support(&self) -> f64 {
         self.support
     }
 
-    /// The row where the road has a disparity (in px), to a bin of 1/4 px; below the image and
-    /// beyond the far end it is extrapolated. `None` when there is no road.
+    /// Row in which the road has a disparity (in px), quantised to bins of 1/4 px. Extrapolated below the
+    /// image and beyond the far end of the road. `None` without a road.
     pub fn row_at(&self, disparity_px: f32) -> Option<f32> {
         let last = self.row_of_bin.len().checked_sub(1)?;
         let bin = disparity_px * BINS_PER_PX as f32;
         let row = self.row_of_bin[(bin as usize).min(last)];
-        // Nearer than the last bin: on along the line.
+        // Larger disparities than that of the last bin are extrapolated along the line.
         let beyond = (bin - (last + 1) as f32).max(0.0) / BINS_PER_PX as f32;
         let row = row + beyond / self.near_slope.max(1e-3);
         row.is_finite().then_some(row)
     }
 }
 
-/// Finds profiles, with memory allocated once.
+/// Estimates profiles; memory is allocated once.
 #[derive(Debug)]
 pub struct ProfileFinder {
     profile: RoadProfile,
     shape: Shape,
     bins: usize,
-    viterbi: Viterbi,
-    /// Disparity and weight of each block, from below.
+    search: PathSearch,
+    /// Disparity and weight of each block, from the bottom.
     path: Vec<(f32, f32)>,
-    /// Share of the corridor that shows the path in each block.
-    shares: Vec<f32>,
+    /// Visible share of the path within the corridor, for each block.
+    visibility: Vec<f32>,
 }
 
 impl ProfileFinder {
@@ -109,23 +110,23 @@ impl ProfileFinder {
             profile: RoadProfile::new(height, bins),
             shape: Shape::default(),
             bins,
-            viterbi: Viterbi::new(bins, height),
+            search: PathSearch::new(bins, height),
             path: Vec::with_capacity(blocks),
-            shares: Vec::with_capacity(blocks),
+            visibility: Vec::with_capacity(blocks),
         }
     }
 
-    /// The same, for roads of another shape.
-    pub fn fitting(self, shape: Shape) -> Self {
+    /// The same with another model.
+    pub fn with_shape(self, shape: Shape) -> Self {
         Self { shape, ..self }
     }
 
-    /// The profile that was found last.
+    /// The last profile.
     pub fn profile(&self) -> &RoadProfile {
         &self.profile
     }
 
-    /// Marks the profile as "no road".
+    /// Resets the profile to "no road".
     pub fn clear(&mut self) {
         self.profile.disparity_px.fill(0.0);
         self.profile.row_of_bin.fill(f32::NAN);
@@ -133,7 +134,7 @@ impl ProfileFinder {
         self.profile.support = 0.0;
     }
 
-    /// Follows the road from the bottom row, along `line` at first. One cell counts at most `cap`.
+    /// Follows the road from the bottom row, starting along `line`. A single cell counts at most `cap`.
     pub fn find(
         &mut self,
         histogram: &VDisparity,
@@ -150,37 +151,40 @@ impl ProfileFinder {
             self.clear();
             return &self.profile;
         }
-        // A rising road goes on above the horizon of its near part: if so, it is in plain sight.
+        // A rising road continues above the horizon of its near part and is then clearly visible there.
         let level = blocks_above(horizon).min(height / BLOCK);
-        let rising = blocks_above((horizon - RISE * height as f64).max(0.0)).min(height / BLOCK);
+        let rising = blocks_above((horizon - MAX_RISE_SHARE * height as f64).max(0.0)).min(height / BLOCK);
         if self.shape == Shape::Plane {
-            self.lay_plane(histogram, line, cap, level);
+            self.fit_plane_path(histogram, line, cap, level);
         } else {
-            self.viterbi.follow(histogram, line, cap, rising, true, &mut self.path);
-            self.measure_shares(depth, corridor, below);
+            self.search.search(histogram, line, cap, rising, true, &mut self.path);
+            self.measure_visibility(depth, corridor, below);
             let hidden = |share: &f32| share.is_nan();
-            let mut risen = self.shares.iter().take_while(|s| hidden(s) || **s >= PLAIN).count();
-            while risen > 0 && hidden(&self.shares[risen - 1]) {
+            let mut risen =
+                self.visibility.iter().take_while(|s| hidden(s) || **s >= MIN_VISIBLE_SHARE).count();
+            while risen > 0 && hidden(&self.visibility[risen - 1]) {
                 risen -= 1;
             }
-            if self.shares[..risen].iter().filter(|s| !hidden(s)).count() >= RISEN {
+            if self.visibility[..risen].iter().filter(|s| !hidden(s)).count() >= MIN_RISING_BLOCKS {
                 self.path.truncate(below + risen);
             } else {
-                self.viterbi.follow(histogram, line, cap, level, false, &mut self.path);
+                self.search.search(histogram, line, cap, level, false, &mut self.path);
             }
         }
-        let supported = |&&(_, weight): &&(f32, f32)| weight >= SUPPORTED * (usize::from(cap) * BLOCK) as f32;
+        let supported =
+            |&&(_, weight): &&(f32, f32)| weight >= MIN_BLOCK_SUPPORT * (usize::from(cap) * BLOCK) as f32;
         self.profile.support =
             self.path[..below.min(self.path.len())].iter().filter(supported).count() as f64 / below as f64;
-        // The road ends where nothing has been seen of it for a while.
-        let (mut end, mut lost) = (0, 0);
+        // The road ends after several consecutive blocks without support.
+        let (mut end, mut unsupported) = (0, 0);
         for (block, place) in self.path.iter().enumerate() {
             if supported(&place) {
-                (end, lost) = (block + 1, 0);
+                (end, unsupported) = (block + 1, 0);
             } else if end > 0 {
-                // Nearer than it is first seen there may be a bonnet, or what is too near to be matched.
-                lost += 1;
-                if lost > LOST {
+                // Below the first supported block the image may show the bonnet, or a range that is too near
+                // to be matched.
+                unsupported += 1;
+                if unsupported > MAX_UNSUPPORTED_BLOCKS {
                     break;
                 }
             }
@@ -190,23 +194,23 @@ impl ProfileFinder {
             self.clear();
             return &self.profile;
         }
-        let near = self.straighten(histogram, line);
+        let near = self.straighten_far_part(histogram, line);
         let slope = self.smooth(line);
-        self.invert(line, near.unwrap_or(slope));
+        self.invert_profile(line, near.unwrap_or(slope));
         &self.profile
     }
 
-    /// Middle row of a block, counted from below.
-    fn middle(&self, block: usize) -> f64 {
-        middle(self.profile.disparity_px.len(), block)
+    /// Centre row of a block, counted from the bottom.
+    fn centre_row(&self, block: usize) -> f64 {
+        block_centre_row(self.profile.disparity_px.len(), block)
     }
 
-    /// How much of the corridor shows the path from a block on, of what nothing nearer hides; NaN where
-    /// that is next to nothing.
-    fn measure_shares(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
-        self.shares.clear();
+    /// For each block from `from` on, the share of the unoccluded corridor that lies on the path; NaN if
+    /// hardly anything is unoccluded.
+    fn measure_visibility(&mut self, depth: DepthView<'_>, corridor: Corridor, from: usize) {
+        self.visibility.clear();
         for (block, &(place, _)) in self.path.iter().enumerate().skip(from) {
-            let (mut there, mut seen, mut all) = (0_u32, 0_u32, 0_u32);
+            let (mut on_path, mut unoccluded, mut all) = (0_u32, 0_u32, 0_u32);
             let half = corridor.columns_per_px * place.max(0.25);
             let first = (corridor.centre_px - half).max(0.0) as usize;
             let end = ((corridor.centre_px + half).max(0.0) as usize).min(depth.width());
@@ -217,51 +221,51 @@ impl ProfileFinder {
                     let known = row[x] > 0 && confidence[x] >= MIN_CONFIDENCE;
                     let nearer = f32::from(row[x]) / 256.0 - place;
                     all += 1;
-                    seen += u32::from(!known || nearer <= AT_PX);
-                    there += u32::from(known && nearer.abs() <= AT_PX);
+                    unoccluded += u32::from(!known || nearer <= ON_PATH_PX);
+                    on_path += u32::from(known && nearer.abs() <= ON_PATH_PX);
                 }
             }
-            let enough = f64::from(seen) >= SEEN * f64::from(all) && seen > 0;
-            self.shares.push(if enough { there as f32 / seen as f32 } else { f32::NAN });
+            let enough = f64::from(unoccluded) >= MIN_UNOCCLUDED_SHARE * f64::from(all) && unoccluded > 0;
+            self.visibility.push(if enough { on_path as f32 / unoccluded as f32 } else { f32::NAN });
         }
     }
 
-    /// In place of a path: one line through all blocks.
-    fn lay_plane(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize) {
+    /// Plane model: replaces the path by one straight line through all blocks.
+    fn fit_plane_path(&mut self, histogram: &VDisparity, line: RoadLine, cap: u16, blocks: usize) {
         let height = histogram.height();
-        let plane = plane::fit(histogram, line, cap);
+        let plane = plane::fit_plane(histogram, line, cap);
         self.path.clear();
         for block in 0..blocks {
             let rows = height - BLOCK * (block + 1)..height - BLOCK * block;
-            let counts = rows.flat_map(|y| plane::near(histogram, plane, cap, y));
+            let counts = rows.flat_map(|y| plane::counts_near_line(histogram, plane, cap, y));
             let weight: f64 = counts.map(|(_, count)| count).sum();
-            // The least weight keeps the line straight where nothing is counted.
-            self.path.push((plane.at(self.middle(block)).max(0.0) as f32, weight.max(1.0) as f32));
+            // A minimum weight keeps the line straight across empty blocks.
+            self.path.push((plane.at(self.centre_row(block)).max(0.0) as f32, weight.max(1.0) as f32));
         }
     }
 
-    /// Lays the path on the line of its near part where it does not plainly leave it; gives the slope of that
-    /// line if the far end is on it.
-    fn straighten(&mut self, histogram: &VDisparity, line: RoadLine) -> Option<f64> {
+    /// Snaps the path to the line of its near part where the departure is small. Returns the slope of that
+    /// line if the far end lies on it.
+    fn straighten_far_part(&mut self, histogram: &VDisparity, line: RoadLine) -> Option<f64> {
         if self.shape == Shape::Plane {
             return None;
         }
-        let middle = |block| self.middle(block);
+        let centre_row = |block| self.centre_row(block);
         let blocks =
-            self.path.iter().enumerate().map(|(b, &(px, w))| (middle(b), f64::from(px), f64::from(w)));
+            self.path.iter().enumerate().map(|(b, &(px, w))| (centre_row(b), f64::from(px), f64::from(w)));
         let near = NearLine::fit(blocks, line.at((histogram.height() - 1) as f64), histogram)?;
-        let mut held = false;
+        let mut on_line = false;
         for block in 0..self.path.len() {
-            let row = self.middle(block);
+            let row = self.centre_row(block);
             let place = &mut self.path[block].0;
-            held = near.holds(row, f64::from(*place));
-            *place = near.lay(row, f64::from(*place)) as f32;
+            on_line = near.is_consistent(row, f64::from(*place));
+            *place = near.snap(row, f64::from(*place)) as f32;
         }
-        held.then_some(near.slope)
+        on_line.then_some(near.slope)
     }
 
-    /// A straight line fitted to the blocks around each row, weighted by their counts, so that the
-    /// profile is finer than a bin. Gives the slope at the far end.
+    /// Smooths the path to sub-bin resolution: a weighted line fit over the blocks around each row. Returns
+    /// the slope at the far end.
     fn smooth(&mut self, line: RoadLine) -> f64 {
         let height = self.profile.disparity_px.len();
         let top = height - BLOCK * self.path.len();
@@ -274,7 +278,7 @@ impl ProfileFinder {
             let span = (reach / BLOCK as f64).ceil() as usize + 1;
             let mut fit = LineFit::default();
             for block in here.saturating_sub(span)..(here + span + 1).min(self.path.len()) {
-                let x = self.middle(block) - y as f64;
+                let x = self.centre_row(block) - y as f64;
                 let (value, weight) = self.path[block];
                 let weight = f64::from(weight) * (1.0 - (x / (reach + BLOCK as f64)).abs()).max(0.0);
                 fit.add(x, f64::from(value), weight);
@@ -286,7 +290,7 @@ impl ProfileFinder {
                 }
                 None => f64::from(self.path[here.min(self.path.len() - 1)].0),
             };
-            // Never growing with distance.
+            // Disparity must not increase with distance.
             nearest = (value.max(0.0) as f32).min(nearest);
             self.profile.disparity_px[y] = nearest;
         }
@@ -294,7 +298,7 @@ impl ProfileFinder {
         slope.clamp(0.8 * line.slope, 1.2 * line.slope)
     }
 
-    fn invert(&mut self, line: RoadLine, far_slope: f64) {
+    fn invert_profile(&mut self, line: RoadLine, far_slope: f64) {
         let profile = &mut self.profile;
         let (top, height) = (profile.top, profile.disparity_px.len());
         profile.near_slope = line.slope as f32;
@@ -312,7 +316,7 @@ impl ProfileFinder {
             }
             let (a, b) = (profile.disparity_px[y], profile.disparity_px[(y + 1).min(height - 1)]);
             if a > d {
-                // Beyond the far end of the road it goes on as it was there.
+                // Beyond the far end the road is extrapolated with its slope there.
                 profile.row_of_bin[bin] = (top as f32 - (a - d) / far_slope as f32).max(0.0);
             } else {
                 let share = if b > a { (d - a) / (b - a) } else { 0.0 };
@@ -338,7 +342,8 @@ mod tests {
         let mut map = vec![0_u16; width * height];
         for y in 0..height {
             for x in 0..width {
-                // A third is unknown, the rest has ±0.2 px of noise; a car hides part of it.
+                // One third of the pixels is unknown, the others have ±0.2 px of noise; a car occludes a
+                // part.
                 let noise = f64::from(random.f32()) * 0.4 - 0.2;
                 let d = if (40..90).contains(&x) && (120..170).contains(&y) {
                     14.0
@@ -351,18 +356,18 @@ mod tests {
             }
         }
         let mut histogram = VDisparity::new(width, height, 64);
-        let certain = vec![255; width * height];
-        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &certain).unwrap();
-        histogram.fill(depth, 1, Corridor::ALL);
+        let confidence = vec![255; width * height];
+        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &confidence).unwrap();
+        histogram.fill(depth, 1, Corridor::UNBOUNDED);
         let corridor = Corridor { centre_px: 60.0, columns_per_px: 10.0 };
         ProfileFinder::new(histogram.bins(), height)
-            .fitting(shape)
+            .with_shape(shape)
             .find(&histogram, depth, line, 12, corridor)
             .clone()
     }
 
     #[test]
-    fn a_plane_is_found_to_a_fraction_of_a_bin() {
+    fn a_plane_is_estimated_with_sub_bin_accuracy() {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| 0.2 * (y - 100.0), line);
         for y in 110..240 {
@@ -372,13 +377,13 @@ mod tests {
         }
         assert!(profile.support() > 0.9);
         assert!(profile.disparity_px()[..100].iter().all(|&d| d == 0.0));
-        // Nearer than the lowest row: extrapolated below the image.
+        // Disparities larger than in the lowest row are extrapolated below the image.
         assert!((profile.row_at(30.0).unwrap() - 250.0).abs() < 2.0);
     }
 
     #[test]
     fn a_crest_is_followed_away_from_the_line() {
-        // The far road falls away: its disparity is lower than the near plane's.
+        // The far road drops: its disparity is smaller than that of the near plane.
         let road = |y: f64| if y > 170.0 { 0.2 * (y - 100.0) } else { 14.0 - 0.16 * (170.0 - y) };
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(road, line);
@@ -412,14 +417,14 @@ mod tests {
     }
 
     #[test]
-    fn the_path_never_grows_with_distance() {
+    fn disparity_never_increases_with_distance() {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| 0.2 * (y - 100.0) + (y * 0.7).sin(), line);
         assert!(profile.disparity_px().windows(2).all(|w| w[0] <= w[1]));
     }
 
     #[test]
-    fn a_road_that_is_not_seen_near_by_is_found_farther_off() {
+    fn a_road_without_visible_near_part_is_found_farther_off() {
         let line = RoadLine { slope: 0.2, horizon_px: 100.0, support: 1.0 };
         let profile = find(|y| if y < 190.0 { 0.2 * (y - 100.0) } else { -1.0 }, line);
         for y in [120, 140, 160, 180] {
@@ -429,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn a_horizon_at_the_bottom_is_no_road() {
+    fn a_horizon_at_the_bottom_of_the_image_means_no_road() {
         let line = RoadLine { slope: 0.2, horizon_px: 236.0, support: 0.1 };
         let profile = find(|y| 0.2 * (y - 100.0), line);
         assert_eq!(profile.top(), 240);

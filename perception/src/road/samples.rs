@@ -1,4 +1,4 @@
-//! Every fourth column of a map: what the road's surface is measured at.
+//! Every fourth column of a disparity map: the samples from which the road surface is measured.
 
 use super::tilt::Tilt;
 use crate::depth::DepthView;
@@ -7,69 +7,64 @@ use crate::simd::{Level, Simd, kernel};
 
 /// Columns between samples.
 const STEP: usize = 4;
-/// Sums that are kept beside each other, and classes that are counted so.
-const FOLD: usize = 8;
-const BESIDE: usize = 4;
+/// Parallel accumulators of the sums, and of the histogram counts.
+const LANES: usize = 8;
+const PARTIAL_COUNTS: usize = 4;
 
-/// The samples of a map, with memory allocated once.
+/// Samples of a map; memory is allocated once.
 #[derive(Clone, Debug)]
 pub struct Samples {
-    /// Disparity of each, row by row, in 1/256 px; 0 = unknown.
+    /// Disparity of each sample, row by row, in 1/256 px; 0 = unknown.
     disparity: Vec<u16>,
     columns: usize,
-    /// Class of each sample of a row.
-    classes: Vec<u8>,
+    /// Bin of each sample of a row.
+    bins: Vec<u8>,
     level: Level,
 }
 
-/// Classes of how far a sample is off the road.
+/// Bins of the residual of a sample against the road.
 #[derive(Clone, Copy, Debug)]
-pub struct Classes {
-    /// Where the first one begins, in px.
-    pub from_px: f64,
-    /// Whether what lies beyond the road is as far off as what lies before it.
-    pub folded: bool,
-    /// Classes in a pixel.
-    pub per_px: f64,
-    /// How many.
+pub struct ResidualBins {
+    /// Start of the first bin, in px.
+    pub start_px: f64,
+    /// Whether the absolute residual is binned instead of the signed one.
+    pub absolute: bool,
+    /// Bins per px.
+    pub bins_per_px: f64,
+    /// Number of bins.
     pub count: u8,
 }
 
-/// Sums over samples: of their columns off the principal one, and of their disparities off the road.
+/// Moments of samples: columns relative to the principal point, residuals relative to the road.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// Samples.
+    /// Number of samples.
     pub count: f64,
     /// Σ columns.
     pub across: f64,
     /// Σ columns².
     pub square: f64,
-    /// Σ disparities, in px.
+    /// Σ residuals, in px.
     pub residual: f64,
-    /// Σ columns·disparities.
+    /// Σ columns · residuals.
     pub product: f64,
 }
 
 impl Samples {
-    /// Room for maps of `width` × `height`.
+    /// Memory for maps of `width` × `height`.
     pub fn new(width: usize, height: usize) -> Self {
-        // Whole groups: what lies behind the last column is unknown.
-        let columns = width.div_ceil(STEP).next_multiple_of(FOLD);
-        Self {
-            disparity: vec![0; columns * height],
-            columns,
-            classes: vec![0; columns],
-            level: Level::best(),
-        }
+        // Rows are padded to whole groups; samples beyond the last column are unknown.
+        let columns = width.div_ceil(STEP).next_multiple_of(LANES);
+        Self { disparity: vec![0; columns * height], columns, bins: vec![0; columns], level: Level::best() }
     }
 
-    /// Takes the rows of a map from `top` on; those of less confidence are unknown.
+    /// Reads the rows of a map from `top` on; pixels with less confidence than `min_confidence` are unknown.
     ///
     /// # Panics
-    /// When the map has another size.
-    pub fn take(&mut self, depth: DepthView<'_>, top: usize, min_confidence: u8) {
+    /// When the size of the map differs from that of the workspace.
+    pub fn update(&mut self, depth: DepthView<'_>, top: usize, min_confidence: u8) {
         let columns = depth.width().div_ceil(STEP);
-        let size = (columns.next_multiple_of(FOLD), depth.height() * self.columns);
+        let size = (columns.next_multiple_of(LANES), depth.height() * self.columns);
         assert_eq!(size, (self.columns, self.disparity.len()));
         for (y, row) in self.disparity.chunks_exact_mut(self.columns).enumerate().skip(top) {
             let (row, _) = row.split_at_mut(columns);
@@ -77,8 +72,8 @@ impl Samples {
         }
     }
 
-    /// Sums over the samples of some rows that are within `tolerance_px` of the road; `road_px` is its
-    /// disparity in every row.
+    /// Moments of the samples of some rows that lie within `tolerance_px` of the road; `road_px` is the
+    /// disparity of the road in each row.
     pub fn moments(
         &self,
         rows: impl Iterator<Item = usize>,
@@ -86,33 +81,40 @@ impl Samples {
         tilt: Tilt,
         tolerance_px: f64,
     ) -> Moments {
-        let mut sums = [[0.0; FOLD]; 5];
+        let mut sums = [[0.0; LANES]; 5];
         for y in rows {
-            add_near(self.level, self.row(y), tilt, f64::from(road_px[y]), tolerance_px, &mut sums);
+            add_inliers(self.level, self.row(y), tilt, f64::from(road_px[y]), tolerance_px, &mut sums);
         }
         let [count, across, square, residual, product] = sums.map(|sums| sums.iter().sum());
         Moments { count, across, square, residual, product }
     }
 
-    /// Counts the samples of row `y` by how far they are off a road of `road_px`; what belongs to no class is
-    /// left out.
+    /// Adds the samples of row `y` to a histogram of their residuals against a road of `road_px`; samples
+    /// outside all bins are skipped.
     ///
     /// # Panics
-    /// When there is not one count a class.
-    pub fn count(&mut self, y: usize, road_px: f64, tilt: Tilt, classes: Classes, counts: &mut [u32]) {
-        assert_eq!(counts.len(), usize::from(classes.count));
+    /// When the length of `counts` differs from the number of bins.
+    pub fn count_residuals(
+        &mut self,
+        y: usize,
+        road_px: f64,
+        tilt: Tilt,
+        bins: ResidualBins,
+        counts: &mut [u32],
+    ) {
+        assert_eq!(counts.len(), usize::from(bins.count));
         let row = &self.disparity[y * self.columns..][..self.columns];
-        classify(self.level, row, tilt, road_px, classes, &mut self.classes);
-        // Neighbours are of one class mostly: one count would wait for the other.
-        let mut beside = [[0_u16; 256]; BESIDE];
-        let (four, _) = self.classes.as_chunks::<BESIDE>();
+        bin_residuals(self.level, row, tilt, road_px, bins, &mut self.bins);
+        // Neighbouring samples mostly share a bin: separate histograms avoid a dependency between increments.
+        let mut partial = [[0_u16; 256]; PARTIAL_COUNTS];
+        let (four, _) = self.bins.as_chunks::<PARTIAL_COUNTS>();
         for four in four {
-            for (counts, &class) in beside.iter_mut().zip(four) {
-                counts[usize::from(class)] = counts[usize::from(class)].saturating_add(1);
+            for (counts, &bin) in partial.iter_mut().zip(four) {
+                counts[usize::from(bin)] = counts[usize::from(bin)].saturating_add(1);
             }
         }
-        for (class, count) in counts.iter_mut().enumerate() {
-            *count += beside.iter().map(|counts| u32::from(counts[class])).sum::<u32>();
+        for (bin, count) in counts.iter_mut().enumerate() {
+            *count += partial.iter().map(|counts| u32::from(counts[bin])).sum::<u32>();
         }
     }
 
@@ -122,75 +124,83 @@ impl Samples {
 }
 
 kernel! {
-    /// Every fourth pixel of a row that is known well enough; 0 for the others.
-    fn sample(row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) = every_fourth
+    /// Every fourth pixel of a row; 0 if its disparity is unknown or its confidence is too low.
+    fn sample(row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) = sample_each
 }
 
 #[inline(always)]
-fn every_fourth<S: Simd>(_: S, row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) {
+fn sample_each<S: Simd>(_: S, row: &[u16], confidence: &[u8], min_confidence: u8, out: &mut [u16]) {
     let known = |d: u16, confidence: u8| if confidence >= min_confidence { d } else { 0 };
     let (whole, rest) = row.as_chunks::<STEP>();
-    let (sure, doubt) = confidence.as_chunks::<STEP>();
-    for ((row, sure), out) in whole.iter().zip(sure).zip(out.iter_mut()) {
-        *out = known(row[0], sure[0]);
+    let (whole_confidence, rest_confidence) = confidence.as_chunks::<STEP>();
+    for ((row, confidence), out) in whole.iter().zip(whole_confidence).zip(out.iter_mut()) {
+        *out = known(row[0], confidence[0]);
     }
-    if let (Some(&d), Some(&confidence), Some(out)) = (rest.first(), doubt.first(), out.last_mut()) {
+    if let (Some(&d), Some(&confidence), Some(out)) = (rest.first(), rest_confidence.first(), out.last_mut())
+    {
         *out = known(d, confidence);
     }
 }
 
 kernel! {
-    /// Adds the samples of a row that are near the road: count, Σ columns, Σ columns², Σ residuals, and
-    /// Σ columns·residuals.
-    fn add_near(
+    /// Adds the samples of a row that are near the road: count, Σ columns, Σ columns², Σ residuals, and Σ
+    /// columns · residuals.
+    fn add_inliers(
         row: &[u16],
         tilt: Tilt,
         road_px: f64,
         tolerance_px: f64,
-        sums: &mut [[f64; FOLD]; 5],
-    ) = add_each
+        sums: &mut [[f64; LANES]; 5],
+    ) = add_inliers_each
 }
 
 #[inline(always)]
-fn add_each<S: Simd>(
+fn add_inliers_each<S: Simd>(
     _: S,
     row: &[u16],
     tilt: Tilt,
     road_px: f64,
     tolerance_px: f64,
-    sums: &mut [[f64; FOLD]; 5],
+    sums: &mut [[f64; LANES]; 5],
 ) {
     let [mut count, mut across, mut square, mut residual, mut product] = *sums;
-    for (group, eight) in row.as_chunks::<FOLD>().0.iter().enumerate() {
-        for i in 0..FOLD {
-            let x = f64::from((STEP * (FOLD * group + i)) as i32);
+    for (group, eight) in row.as_chunks::<LANES>().0.iter().enumerate() {
+        for i in 0..LANES {
+            let x = f64::from((STEP * (LANES * group + i)) as i32);
             let px = f64::from(eight[i]) / 256.0;
-            let near = eight[i] > 0 && (tilt.level(x, px) - road_px).abs() < tolerance_px;
-            let (off, from) = if near { (x - tilt.cx_px, px - road_px) } else { (0.0, 0.0) };
+            let near = eight[i] > 0 && (tilt.levelled_px(x, px) - road_px).abs() < tolerance_px;
+            let (column, residual_px) = if near { (x - tilt.cx_px, px - road_px) } else { (0.0, 0.0) };
             count[i] += if near { 1.0 } else { 0.0 };
-            across[i] += off;
-            square[i] += off * off;
-            residual[i] += from;
-            product[i] += off * from;
+            across[i] += column;
+            square[i] += column * column;
+            residual[i] += residual_px;
+            product[i] += column * residual_px;
         }
     }
     *sums = [count, across, square, residual, product];
 }
 
 kernel! {
-    /// The class of each sample of a row; the number of classes for what belongs to none.
-    fn classify(row: &[u16], tilt: Tilt, road_px: f64, classes: Classes, out: &mut [u8]) = classify_each
+    /// Computes the bin of each sample of a row; the number of bins for samples outside all bins.
+    fn bin_residuals(row: &[u16], tilt: Tilt, road_px: f64, bins: ResidualBins, out: &mut [u8]) = bin_residuals_each
 }
 
 #[inline(always)]
-fn classify_each<S: Simd>(_: S, row: &[u16], tilt: Tilt, road_px: f64, classes: Classes, out: &mut [u8]) {
-    let Classes { from_px, folded, per_px, count } = classes;
-    let most = f64::from(count);
-    for (i, (&d, class)) in row.iter().zip(out).enumerate() {
-        let off = tilt.level(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
-        let place = (if folded { off.abs() } else { off } - from_px) * per_px;
-        let inside = d > 0 && place >= 0.0 && place < most;
-        *class = whole_f64(if inside { place } else { most }) as u8;
+fn bin_residuals_each<S: Simd>(
+    _: S,
+    row: &[u16],
+    tilt: Tilt,
+    road_px: f64,
+    bins: ResidualBins,
+    out: &mut [u8],
+) {
+    let ResidualBins { start_px, absolute, bins_per_px, count } = bins;
+    let bin_count = f64::from(count);
+    for (i, (&d, bin)) in row.iter().zip(out).enumerate() {
+        let residual_px = tilt.levelled_px(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
+        let position = (if absolute { residual_px.abs() } else { residual_px } - start_px) * bins_per_px;
+        let inside = d > 0 && position >= 0.0 && position < bin_count;
+        *bin = whole_f64(if inside { position } else { bin_count }) as u8;
     }
 }
 
@@ -201,7 +211,7 @@ mod tests {
 
     const TILT: Tilt = Tilt { roll: 0.01, offset_px: -0.3, cx_px: 40.0 };
 
-    /// Disparities about a road of 10 px and 90 columns, some of them unknown, in two rows.
+    /// Two rows of 90 columns with disparities around a road of 10 px, some of them unknown.
     fn map() -> (Vec<u16>, Vec<u8>) {
         let mut random = fastrand::Rng::with_seed(5);
         let mut pixel = |_| if random.u8(..) < 40 { 0 } else { random.u16(2200..2950) };
@@ -213,11 +223,11 @@ mod tests {
         let (map, confidence) = map();
         let depth = DepthView::new(DisparityView::new(&map, 90, 2).unwrap(), &confidence).unwrap();
         let mut samples = Samples { level, ..Samples::new(90, 2) };
-        samples.take(depth, 0, 100);
+        samples.update(depth, 0, 100);
         samples
     }
 
-    /// Columns and disparities, in px, of what is known in a row.
+    /// Columns and disparities, in px, of the known samples of a row.
     fn known(y: usize) -> Vec<(f64, f64)> {
         let (map, confidence) = map();
         let sure = (0..90).step_by(4).filter(|x| map[90 * y + x] > 0 && confidence[90 * y + x] >= 100);
@@ -225,10 +235,10 @@ mod tests {
     }
 
     #[test]
-    fn all_levels_sum_what_is_near_the_road() {
+    fn all_levels_sum_the_inliers() {
         let mut expected = Moments::default();
         for (x, px) in (0..2).flat_map(known) {
-            if (TILT.level(x, px) - 10.0).abs() < 1.5 {
+            if (TILT.levelled_px(x, px) - 10.0).abs() < 1.5 {
                 let (off, from) = (x - 40.0, px - 10.0);
                 expected.count += 1.0;
                 expected.across += off;
@@ -254,25 +264,25 @@ mod tests {
     }
 
     #[test]
-    fn all_levels_count_the_classes_that_one_by_one_gives() {
-        let signed = Classes { from_px: -1.0, folded: false, per_px: 10.0, count: 20 };
-        let folded = Classes { from_px: 0.0, folded: true, per_px: 7.0, count: 9 };
-        for classes in [signed, folded] {
+    fn all_levels_count_residuals_like_the_reference() {
+        let signed = ResidualBins { start_px: -1.0, absolute: false, bins_per_px: 10.0, count: 20 };
+        let absolute = ResidualBins { start_px: 0.0, absolute: true, bins_per_px: 7.0, count: 9 };
+        for bins in [signed, absolute] {
             for y in 0..2 {
-                let mut expected = vec![0; usize::from(classes.count)];
+                let mut expected = vec![0; usize::from(bins.count)];
                 for (x, px) in known(y) {
-                    let off = TILT.level(x, px) - 10.0;
-                    let off = if classes.folded { off.abs() } else { off } - classes.from_px;
+                    let off = TILT.levelled_px(x, px) - 10.0;
+                    let off = if bins.absolute { off.abs() } else { off } - bins.start_px;
                     if off >= 0.0
-                        && let Some(count) = expected.get_mut((off * classes.per_px) as usize)
+                        && let Some(count) = expected.get_mut((off * bins.bins_per_px) as usize)
                     {
                         *count += 1;
                     }
                 }
                 assert!(expected.iter().sum::<u32>() > 3, "{expected:?}");
                 for level in Level::available() {
-                    let mut counts = vec![0; usize::from(classes.count)];
-                    samples(level).count(y, 10.0, TILT, classes, &mut counts);
+                    let mut counts = vec![0; usize::from(bins.count)];
+                    samples(level).count_residuals(y, 10.0, TILT, bins, &mut counts);
                     assert_eq!(counts, expected, "{}", level.name());
                 }
             }

@@ -1,21 +1,21 @@
-//! The cheapest way to give regions to tracks, each to one at most.
+//! Optimal one-to-one assignment of regions to tracks.
 //!
-//! Shortest augmenting paths (Jonker and Volgenant), where a row may stay alone at a fixed price: the
-//! result is the best of all, not that of the first come.
+//! Shortest augmenting paths (Jonker-Volgenant), extended by a fixed cost for an unmatched row. The result is
+//! the global optimum, not a greedy one.
 
-/// No pair: beyond every price.
-pub const NEVER: f64 = f64::INFINITY;
+/// Cost of an impossible pair.
+pub const INFEASIBLE: f64 = f64::INFINITY;
 
-/// Solves assignments of up to a size, with memory allocated once.
+/// Solves assignment problems up to a solution size; memory is allocated once.
 #[derive(Debug)]
 pub struct Assignment {
-    /// Greatest number of columns.
+    /// Largest number of columns.
     max_columns: usize,
     costs: Vec<f64>,
     columns: usize,
     row_price: Vec<f64>,
     column_price: Vec<f64>,
-    /// The row that has a column.
+    /// Row assigned to each column.
     row_of: Vec<Option<u32>>,
     distance: Vec<f64>,
     from: Vec<u32>,
@@ -26,7 +26,7 @@ pub struct Assignment {
 impl Assignment {
     /// Memory for `rows` × `columns`.
     pub fn new(rows: usize, columns: usize) -> Self {
-        // A row's place of its own, where it stays alone, comes behind the columns.
+        // Each row has one more, private column that stands for "unmatched"; these follow the real columns.
         let all = columns + rows;
         Self {
             max_columns: columns,
@@ -42,22 +42,23 @@ impl Assignment {
         }
     }
 
-    /// Begins a problem of `rows` × `columns` in which nothing fits.
+    /// Starts a problem of `rows` × `columns` in which all pairs are impossible.
     pub fn begin(&mut self, rows: usize, columns: usize) {
         self.columns = columns.min(self.max_columns);
         self.costs.clear();
-        self.costs.resize(rows * self.columns, NEVER);
+        self.costs.resize(rows * self.columns, INFEASIBLE);
     }
 
-    /// What it costs to give `row` the `column`.
+    /// Sets the cost of assigning `column` to `row`.
     pub fn set(&mut self, row: usize, column: usize, cost: f64) {
         if column < self.columns {
             self.costs[row * self.columns + column] = cost;
         }
     }
 
-    /// For each row its column; `None` for one that stays alone, which costs `alone`.
-    pub fn solve(&mut self, alone: f64) -> &[Option<u32>] {
+    /// Solves the problem. Returns the column of each row; `None` for unmatched rows, each of which costs
+    /// `unmatched_cost`.
+    pub fn solve(&mut self, unmatched_cost: f64) -> &[Option<u32>] {
         let columns = self.columns;
         let rows = self.costs.len().checked_div(columns).unwrap_or(0);
         let all = columns + rows;
@@ -66,7 +67,7 @@ impl Assignment {
         fill(&mut self.row_of, all, None);
         fill(&mut self.column_of, rows, None);
         for start in 0..rows {
-            fill(&mut self.distance, all, NEVER);
+            fill(&mut self.distance, all, INFEASIBLE);
             fill(&mut self.from, all, 0);
             fill(&mut self.done, all, false);
             let (mut row, mut reached) = (start, 0.0);
@@ -74,7 +75,7 @@ impl Assignment {
                 for column in 0..all {
                     let cost = match column.checked_sub(columns) {
                         None => self.costs[row * columns + column],
-                        Some(own) if own == row => alone,
+                        Some(own) if own == row => unmatched_cost,
                         Some(_) => continue,
                     };
                     let through = reached + cost - self.row_price[row] - self.column_price[column];
@@ -83,11 +84,11 @@ impl Assignment {
                         self.from[column] = row as u32;
                     }
                 }
-                // There always is one: the row's own place.
+                // Always exists: the private column of the row.
                 let mut next = None::<usize>;
                 for column in 0..all {
                     let d = self.distance[column];
-                    if !self.done[column] && d < NEVER && next.is_none_or(|n| d < self.distance[n]) {
+                    if !self.done[column] && d < INFEASIBLE && next.is_none_or(|n| d < self.distance[n]) {
                         next = Some(column);
                     }
                 }
@@ -110,13 +111,13 @@ impl Assignment {
                 }
             }
             self.row_price[start] += reached;
-            // The path back: each row takes the place it came through.
+            // Augment along the path back to the start.
             loop {
                 let row = self.from[column];
                 let before = self.column_of[row as usize].replace(column as u32);
                 self.row_of[column] = Some(row);
                 match before {
-                    Some(place) if row as usize != start => column = place as usize,
+                    Some(column_before) if row as usize != start => column = column_before as usize,
                     _ => break,
                 }
             }
@@ -137,7 +138,7 @@ fn fill<T: Clone>(list: &mut Vec<T>, count: usize, value: T) {
 mod tests {
     use super::*;
 
-    fn solve(costs: &[&[f64]], alone: f64) -> Vec<Option<u32>> {
+    fn solve(costs: &[&[f64]], unmatched_cost: f64) -> Vec<Option<u32>> {
         let mut assignment = Assignment::new(8, 8);
         assignment.begin(costs.len(), costs.first().map_or(0, |r| r.len()));
         for (row, line) in costs.iter().enumerate() {
@@ -145,45 +146,49 @@ mod tests {
                 assignment.set(row, column, cost);
             }
         }
-        assignment.solve(alone).to_vec()
+        assignment.solve(unmatched_cost).to_vec()
     }
 
     #[test]
-    fn the_best_of_all_is_taken_not_the_first_come() {
-        // Greedy would give (0, 0) for 1 and leave row 1 with 10.
+    fn the_assignment_is_globally_optimal_not_greedy() {
+        // A greedy solution would take (0, 0) at cost 1 and leave 10 for row 1.
         assert_eq!(solve(&[&[1.0, 2.0], &[1.5, 10.0]], 20.0), [Some(1), Some(0)]);
-        assert_eq!(solve(&[&[1.0, NEVER], &[2.0, NEVER]], 5.0), [Some(0), None]);
+        assert_eq!(solve(&[&[1.0, INFEASIBLE], &[2.0, INFEASIBLE]], 5.0), [Some(0), None]);
         assert_eq!(solve(&[&[7.0]], 5.0), [None]);
         assert_eq!(solve(&[&[], &[]], 5.0), []);
     }
 
     #[test]
-    fn no_other_way_is_cheaper() {
-        let alone = 4.0;
+    fn no_other_assignment_is_cheaper() {
+        let unmatched_cost = 4.0;
         for seed in 0..300 {
             let mut random = fastrand::Rng::with_seed(seed);
             let (rows, columns) = (random.usize(1..5), random.usize(1..5));
             let costs: Vec<Vec<f64>> = (0..rows)
                 .map(|_| {
                     (0..columns)
-                        .map(|_| if random.u8(0..4) == 0 { NEVER } else { random.f64() * 6.0 })
+                        .map(|_| if random.u8(0..4) == 0 { INFEASIBLE } else { random.f64() * 6.0 })
                         .collect()
                 })
                 .collect();
             let lines: Vec<&[f64]> = costs.iter().map(Vec::as_slice).collect();
-            let given = solve(&lines, alone);
-            let price = |given: &[Option<u32>]| -> f64 {
-                given.iter().enumerate().map(|(r, c)| c.map_or(alone, |c| costs[r][c as usize])).sum()
+            let solution = solve(&lines, unmatched_cost);
+            let price = |solution: &[Option<u32>]| -> f64 {
+                solution
+                    .iter()
+                    .enumerate()
+                    .map(|(r, c)| c.map_or(unmatched_cost, |c| costs[r][c as usize]))
+                    .sum()
             };
-            let mut taken: Vec<u32> = given.iter().flatten().copied().collect();
+            let mut taken: Vec<u32> = solution.iter().flatten().copied().collect();
             taken.sort_unstable();
             taken.dedup();
-            assert_eq!(taken.len(), given.iter().flatten().count(), "seed {seed}: a column twice");
-            // Every way there is.
-            let ways = (columns as u32 + 1).pow(rows as u32);
-            let mut best = NEVER;
-            for way in 0..ways {
-                let mut rest = way;
+            assert_eq!(taken.len(), solution.iter().flatten().count(), "seed {seed}: a column twice");
+            // Every possible assignment.
+            let assignments = (columns as u32 + 1).pow(rows as u32);
+            let mut best = INFEASIBLE;
+            for assignment in 0..assignments {
+                let mut rest = assignment;
                 let trial: Vec<Option<u32>> = (0..rows)
                     .map(|_| {
                         let c = rest % (columns as u32 + 1);
@@ -198,7 +203,7 @@ mod tests {
                     best = best.min(price(&trial));
                 }
             }
-            assert!((price(&given) - best).abs() < 1e-9, "seed {seed}: {} for {best}", price(&given));
+            assert!((price(&solution) - best).abs() < 1e-9, "seed {seed}: {} for {best}", price(&solution));
         }
     }
 }

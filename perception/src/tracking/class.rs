@@ -1,33 +1,33 @@
-//! What recognition says of a track, over several looks.
+//! Classification of a track, accumulated over several runs of the recogniser.
 
-/// Looks in either direction that are remembered.
-const MAX_BELIEF: i8 = 3;
+/// Bound of the votes in either direction.
+const MAX_VOTES: i8 = 3;
 
-/// After so many looks a track counts as known.
-pub(super) const KNOWN_LOOKS: u32 = 3;
+/// Number of classifications after which the class of a track counts as known.
+pub(super) const MIN_CLASSIFICATIONS: u32 = 3;
 
-/// What the recogniser's looks at a track say together.
+/// Accumulated classification of a track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Class {
-    /// Looks that recognised it less those that did not, bounded.
-    pub(super) belief: i8,
-    pub(super) looks: u32,
-    /// Frames since the last look.
-    pub(super) since: u32,
+pub struct Classification {
+    /// Positive minus negative classifications, bounded.
+    pub(super) votes: i8,
+    pub(super) count: u32,
+    /// Frames since the last classification.
+    pub(super) frames_since: u32,
     pub(super) score: f32,
 }
 
-impl Class {
-    /// The latest score of the class, when most looks of late recognised it; else `None`.
+impl Classification {
+    /// Latest positive score if the majority of recent classifications is positive, else `None`.
     pub fn score(&self) -> Option<f32> {
-        (self.belief > 0).then_some(self.score)
+        (self.votes > 0).then_some(self.score)
     }
 
     pub(super) fn add(&mut self, score: Option<f32>) {
         let change = if score.is_some() { 1 } else { -1 };
-        self.belief = (self.belief + change).clamp(-MAX_BELIEF, MAX_BELIEF);
-        self.looks = self.looks.saturating_add(1);
-        self.since = 0;
+        self.votes = (self.votes + change).clamp(-MAX_VOTES, MAX_VOTES);
+        self.count = self.count.saturating_add(1);
+        self.frames_since = 0;
         self.score = score.unwrap_or(self.score);
     }
 }

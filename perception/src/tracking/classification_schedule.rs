@@ -1,57 +1,58 @@
-//! Which tracks the recogniser looks at in a frame, and what its looks add up to.
+//! Schedule of classifications: selects the tracks that the recogniser processes in a frame.
 //!
-//! A look costs time, so a frame has only so many: the nearest of those that are not known yet, then
-//! those whose last look is long ago. Nothing is hidden by not being looked at: it stays an obstacle.
+//! Recognition is expensive, so the number of classifications per frame is limited. The nearest tracks of
+//! unknown class come first, then those whose last classification is oldest. A track that is not classified
+//! remains an obstacle.
 
-use super::class::KNOWN_LOOKS;
+use super::class::MIN_CLASSIFICATIONS;
 use super::{Track, Tracker};
 
-/// A frame of waiting counts as much as this many metres nearer.
-const WAIT_M: f64 = 2.0;
+/// Priority of waiting: one frame counts as this many metres nearer.
+const PRIORITY_M_PER_FRAME: f64 = 2.0;
 
-/// How often is looked.
+/// Limits of the classification schedule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScheduleParameters {
-    /// Most looks in a frame.
-    pub most: usize,
-    /// A track that is known is looked at again after this many frames.
-    pub again_frames: u32,
+    /// Largest number of classifications per frame.
+    pub max_per_frame: usize,
+    /// Number of frames after which a track of known class is classified again.
+    pub repeat_frames: u32,
 }
 
 impl Default for ScheduleParameters {
     fn default() -> Self {
-        Self { most: 8, again_frames: 5 }
+        Self { max_per_frame: 8, repeat_frames: 5 }
     }
 }
 
 impl Tracker {
-    /// Lets the recogniser look: calls `recognise` for some of the tracks that were seen in this frame
-    /// and that `may` be looked at, and keeps the score of the recogniser's class that it gives. Call
-    /// once a frame.
-    pub fn look(
+    /// Classifies tracks: calls `recognise` for some of the tracks that were detected in this frame and for
+    /// which `is_eligible` holds, and adds the returned score (`None`: not recognised) to their votes. Must
+    /// be called once per frame.
+    pub fn classify(
         &mut self,
         parameters: ScheduleParameters,
-        may: impl Fn(&Track) -> bool,
+        is_eligible: impl Fn(&Track) -> bool,
         mut recognise: impl FnMut(&Track) -> Option<f32>,
     ) {
         self.order.clear();
         for (i, track) in self.tracks.iter_mut().enumerate() {
-            let class = &mut track.class;
-            class.since = class.since.saturating_add(1);
-            let unknown = class.looks < KNOWN_LOOKS;
-            let due = unknown || class.since >= parameters.again_frames;
-            if due && track.detection.is_some() && may(track) {
-                let waited = WAIT_M * f64::from(track.class.since.min(1000));
-                // What is not known comes first.
-                let first = if unknown { 0.0 } else { 1e4 };
-                self.order.push((first + track.along.distance_m() - waited, i as u32));
+            let classification = &mut track.classification;
+            classification.frames_since = classification.frames_since.saturating_add(1);
+            let unknown = classification.count < MIN_CLASSIFICATIONS;
+            let due = unknown || classification.frames_since >= parameters.repeat_frames;
+            if due && track.detection.is_some() && is_eligible(track) {
+                let waited_m = PRIORITY_M_PER_FRAME * f64::from(track.classification.frames_since.min(1000));
+                // Tracks of unknown class come first.
+                let priority_m = if unknown { 0.0 } else { 1e4 };
+                self.order.push((priority_m + track.longitudinal.distance_m() - waited_m, i as u32));
             }
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for &(_, i) in self.order.iter().take(parameters.most) {
+        for &(_, i) in self.order.iter().take(parameters.max_per_frame) {
             let track = &mut self.tracks[i as usize];
             let score = recognise(track);
-            track.class.add(score);
+            track.classification.add(score);
         }
     }
 }

@@ -1,130 +1,131 @@
-//! Kalman filters of one obstacle: distance and closing speed, and its place across the road.
+//! Kalman filters of one obstacle: distance and closing speed, and lateral position and speed.
 //!
-//! What is measured is disparity, whose noise is even; what moves evenly is distance. So the state
-//! is in metres, where a constant closing speed is a straight line, and each measurement carries
-//! the noise that its disparity has at the distance expected.
+//! The measured quantity is the disparity, whose noise is uniform. Motion is uniform in distance. The state
+//! is therefore in metres, where a constant closing speed is linear, and the noise of each measurement is the
+//! disparity noise converted at the predicted distance.
 
-/// Nearer than this nothing is told apart, in metres.
-const NEAREST_M: f64 = 0.3;
+/// Smallest distance, in metres.
+const MIN_DISTANCE_M: f64 = 0.3;
 
-/// First guess of the closing speed's spread, in m/s: standing, moving or coming, nothing is known.
-const FIRST_CLOSING_M_S: f64 = 12.0;
+/// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects.
+const INITIAL_CLOSING_SIGMA_M_S: f64 = 12.0;
 
-/// Closing speeds beyond this are no vehicle's, in m/s.
-const MAX_M_S: f64 = 90.0;
+/// Largest speed of a vehicle, in m/s.
+const MAX_SPEED_M_S: f64 = 90.0;
 
-/// How fast closing speed may change: spectral density of the acceleration, m²/s³. A spread of
-/// 0.5 m/s after one second of driving.
-const AGILITY: f64 = 0.25;
+/// Process noise of the closing speed: spectral density of the acceleration, in m²/s³. Corresponds to a
+/// standard deviation of 0.5 m/s after one second.
+const PROCESS_NOISE: f64 = 0.25;
 
-/// The same while the measurements have run off to one side: something brakes.
-const MANOEUVRE_AGILITY: f64 = 5.0;
+/// Process noise during a manoeuvre such as braking, detected by the CUSUM test, in m²/s³.
+const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
 
-/// Share of the strain that is kept from frame to frame.
-const STRAIN_KEPT: f64 = 0.8;
+/// Share of the CUSUM statistic that is kept from frame to frame.
+const CUSUM_DECAY: f64 = 0.8;
 
-/// Surprises of one sign, added up, that are no noise any more: 3.6 standard deviations of such a sum.
-const MAX_STRAIN: f64 = 6.0;
+/// CUSUM statistic above which the innovations are biased: 3.6 standard deviations of the statistic under
+/// noise.
+const CUSUM_THRESHOLD: f64 = 6.0;
 
-/// A surprise of more standard deviations than this is believed less, the more so the larger it is.
-const BELIEVED_SIGMAS: f64 = 3.0;
+/// A normalised innovation above this counts as an outlier; its weight decreases with its size.
+const OUTLIER_SIGMAS: f64 = 3.0;
 
-/// So many large surprises in a row that agree are a step: another side of the thing is measured now. When they
-/// grow, the speed is another.
+/// This many consecutive outliers that agree are a step of the measurement (another side of the object is
+/// measured). If they grow, the speed has changed.
 const STEP_FRAMES: u8 = 3;
 
-/// Large surprises in a row to one side.
+/// Consecutive outliers of the same sign.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Surprises {
+struct OutlierRun {
     first: f64,
     last: f64,
     frames: u8,
-    /// How many of the last ones agree.
-    alike: u8,
+    /// Number of the last outliers that agree with each other.
+    similar: u8,
 }
 
-impl Surprises {
-    /// These and one more; two whose difference is less than `tolerance` agree.
-    fn and(self, surprise: f64, tolerance: f64) -> Self {
-        if self.frames == 0 || self.last * surprise < 0.0 {
-            return Self { first: surprise, last: surprise, frames: 1, alike: 1 };
+impl OutlierRun {
+    /// Adds an outlier; two agree if they differ by less than `tolerance`.
+    fn with(self, innovation: f64, tolerance: f64) -> Self {
+        if self.frames == 0 || self.last * innovation < 0.0 {
+            return Self { first: innovation, last: innovation, frames: 1, similar: 1 };
         }
-        let is_like_the_last = (surprise - self.last).abs() < tolerance;
+        let is_similar = (innovation - self.last).abs() < tolerance;
         Self {
             first: self.first,
-            last: surprise,
+            last: innovation,
             frames: self.frames.saturating_add(1),
-            alike: if is_like_the_last { self.alike.saturating_add(1) } else { 1 },
+            similar: if is_similar { self.similar.saturating_add(1) } else { 1 },
         }
     }
 }
 
-/// A straight line through noisy measurements: place, speed, and their covariance.
+/// Constant-velocity Kalman filter in one dimension: position, speed and covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ConstantVelocityFilter {
-    place: f64,
+    position: f64,
     speed: f64,
-    /// Covariance: place², place·speed, speed².
+    /// Covariance: position², position·speed, speed².
     p: [f64; 3],
-    /// Surprises in standard deviations, the latest weighing most.
-    strain: f64,
-    off: Surprises,
-    /// Variance of a speed of which nothing is known.
+    /// CUSUM statistic of the normalised innovations, with exponential forgetting.
+    cusum: f64,
+    outliers: OutlierRun,
+    /// Initial variance of the speed.
     unknown_speed: f64,
 }
 
 impl ConstantVelocityFilter {
-    fn new(place: f64, sigma: f64, speed_sigma: f64) -> Self {
+    fn new(position: f64, sigma: f64, speed_sigma: f64) -> Self {
         Self {
-            place,
+            position,
             speed: 0.0,
             p: [sigma * sigma, 0.0, speed_sigma * speed_sigma],
-            strain: 0.0,
-            off: Surprises::default(),
+            cusum: 0.0,
+            outliers: OutlierRun::default(),
             unknown_speed: speed_sigma * speed_sigma,
         }
     }
 
-    /// Moves on by `t` seconds, with accelerations of spectral density `q`.
+    /// Predicts the state `t` seconds ahead, with process noise of spectral density `q`.
     fn predict(&mut self, t: f64, q: f64) {
-        self.place += self.speed * t;
+        self.position += self.speed * t;
         let [a, b, c] = self.p;
         self.p = [a + 2.0 * t * b + t * t * c + q * t.powi(3) / 3.0, b + t * c + q * t * t / 2.0, c + q * t];
     }
 
-    /// Takes a measurement in. A large surprise counts as a poorer measurement, so that one bad frame
-    /// moves little. Several that agree are a step, which says nothing of the speed; several that grow tell
-    /// that the speed is another, and it is learned anew.
-    fn update(&mut self, place: f64, sigma: f64) {
+    /// Updates the state with a measurement. An outlier gets a larger noise, so that a single bad frame has
+    /// little effect. Several outliers that agree are a step: the position is reset and the speed is kept.
+    /// Several that grow mean another speed, whose variance is reset as well.
+    fn update(&mut self, position: f64, sigma: f64) {
         let [a, b, c] = self.p;
-        let surprise = place - self.place;
+        let innovation = position - self.position;
         let mut noise = (sigma * sigma).max(1e-8);
-        let sigmas = surprise / (a + noise).sqrt();
-        if sigmas.abs() > BELIEVED_SIGMAS {
-            self.off = self.off.and(surprise, 2.0 * (2.0 * noise).sqrt());
-            let grows = surprise.abs() - self.off.first.abs() > BELIEVED_SIGMAS * noise.sqrt();
-            if self.off.frames >= STEP_FRAMES && grows || self.off.alike >= STEP_FRAMES {
-                self.place = place;
+        let sigmas = innovation / (a + noise).sqrt();
+        if sigmas.abs() > OUTLIER_SIGMAS {
+            self.outliers = self.outliers.with(innovation, 2.0 * (2.0 * noise).sqrt());
+            let grows = innovation.abs() - self.outliers.first.abs() > OUTLIER_SIGMAS * noise.sqrt();
+            if self.outliers.frames >= STEP_FRAMES && grows || self.outliers.similar >= STEP_FRAMES {
+                self.position = position;
                 self.p = [noise, 0.0, if grows { c.max(self.unknown_speed) } else { c }];
-                (self.strain, self.off) = (0.0, Surprises::default());
+                (self.cusum, self.outliers) = (0.0, OutlierRun::default());
                 return;
             }
-            noise = (surprise / BELIEVED_SIGMAS).powi(2) * sigmas.abs() / BELIEVED_SIGMAS;
+            noise = (innovation / OUTLIER_SIGMAS).powi(2) * sigmas.abs() / OUTLIER_SIGMAS;
         } else {
-            self.off = Surprises::default();
+            self.outliers = OutlierRun::default();
         }
         let spread = a + noise;
         let (gain, speed_gain) = (a / spread, b / spread);
-        self.place += gain * surprise;
-        self.speed += speed_gain * surprise;
+        self.position += gain * innovation;
+        self.speed += speed_gain * innovation;
         self.p = [(1.0 - gain) * a, (1.0 - gain) * b, (c - speed_gain * b).max(1e-9)];
-        let bounded = sigmas.clamp(-BELIEVED_SIGMAS, BELIEVED_SIGMAS);
-        self.strain = STRAIN_KEPT * self.strain + bounded;
+        let bounded = sigmas.clamp(-OUTLIER_SIGMAS, OUTLIER_SIGMAS);
+        self.cusum = CUSUM_DECAY * self.cusum + bounded;
     }
 
-    /// Whether measurements keep lying on one side.
-    fn is_strained(&self) -> bool {
-        self.strain.abs() > MAX_STRAIN
+    /// Whether the CUSUM test detects biased innovations.
+    fn is_manoeuvring(&self) -> bool {
+        self.cusum.abs() > CUSUM_THRESHOLD
     }
 
     fn sigma(&self) -> f64 {
@@ -136,77 +137,79 @@ impl ConstantVelocityFilter {
     }
 }
 
-/// A time with its error.
+/// Time to collision with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeToCollision {
     /// Seconds until the distance is 0, at constant closing speed.
     pub seconds: f64,
-    /// One standard deviation of it, in seconds.
+    /// Standard deviation, in seconds.
     pub sigma_s: f64,
 }
 
-/// Distance and closing speed of an obstacle.
+/// Kalman filter of distance and closing speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceFilter {
     /// Focal length × baseline, px·m.
     scale: f64,
-    /// Place is the distance; its speed is the closing speed with the other sign.
-    line: ConstantVelocityFilter,
+    /// Position is the distance; speed is the negative closing speed.
+    filter: ConstantVelocityFilter,
 }
 
 impl DistanceFilter {
-    /// Starts at a first measurement of the disparity. `scale` is the rig's focal length in px times its
-    /// baseline in metres.
+    /// Initialises the filter with a measured disparity. `scale` is focal length (px) × baseline (m).
     pub fn new(scale: f64, disparity_px: f64, sigma_px: f64) -> Self {
         let distance = scale / disparity_px;
         let sigma = distance * distance * sigma_px / scale;
-        Self { scale, line: ConstantVelocityFilter::new(distance, sigma, FIRST_CLOSING_M_S) }
+        Self { scale, filter: ConstantVelocityFilter::new(distance, sigma, INITIAL_CLOSING_SIGMA_M_S) }
     }
 
-    /// Moves on by `elapsed_s` seconds at constant closing speed.
+    /// Predicts the state `elapsed_s` seconds ahead at constant closing speed.
     pub fn predict(&mut self, elapsed_s: f64) {
-        let agility = if self.line.is_strained() { MANOEUVRE_AGILITY } else { AGILITY };
-        self.line.predict(elapsed_s, agility);
-        self.line.place = self.line.place.max(NEAREST_M);
+        let process_noise =
+            if self.filter.is_manoeuvring() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE };
+        self.filter.predict(elapsed_s, process_noise);
+        self.filter.position = self.filter.position.max(MIN_DISTANCE_M);
     }
 
-    /// Takes in a measured disparity with its standard deviation, both in px.
+    /// Updates the state with a measured disparity and its standard deviation, both in px.
     pub fn update(&mut self, disparity_px: f64, sigma_px: f64) {
-        // The noise at the distance expected: at the measured one near outliers would weigh more.
-        let expected = self.line.place;
+        // Noise at the predicted distance; at the measured one, outliers that are too near would get more
+        // weight.
+        let expected = self.filter.position;
         let sigma = expected * expected * sigma_px / self.scale;
-        self.line.update(self.scale / disparity_px, sigma);
-        self.line.place = self.line.place.max(NEAREST_M);
-        self.line.speed = self.line.speed.clamp(-MAX_M_S, MAX_M_S);
+        self.filter.update(self.scale / disparity_px, sigma);
+        self.filter.position = self.filter.position.max(MIN_DISTANCE_M);
+        self.filter.speed = self.filter.speed.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S);
     }
 
-    /// Distance and its rate, in metres and m/s.
+    /// Distance in metres and its rate in m/s.
     pub(super) fn state(&self) -> (f64, f64) {
-        (self.line.place, self.line.speed)
+        (self.filter.position, self.filter.speed)
     }
 
-    /// Takes in a measurement of a function of distance and rate: its slopes by them, by how much it
-    /// differs from what is expected, and its standard deviation. One that is surprising by more than
-    /// `gate` deviations is left out; gives whether it was taken.
-    pub(super) fn take_combination(
+    /// Updates the state with a linearised measurement of a function of distance and rate, given by its
+    /// partial derivatives, the innovation and the standard deviation. A normalised innovation above `gate`
+    /// is rejected. Returns whether the measurement was used.
+    pub(super) fn update_linearised(
         &mut self,
         slopes: (f64, f64),
-        surprise: f64,
+        innovation: f64,
         sigma: f64,
         gate: f64,
     ) -> bool {
-        let [a, b, c] = self.line.p;
-        // Covariance with the state, and the variance of what is expected.
-        let (with_place, with_speed) = (slopes.0 * a + slopes.1 * b, slopes.0 * b + slopes.1 * c);
-        let spread = slopes.0 * with_place + slopes.1 * with_speed + sigma * sigma;
-        if spread <= 0.0 || surprise * surprise > gate * gate * spread {
+        let [a, b, c] = self.filter.p;
+        // Covariance of the measurement with the state, and variance of the innovation.
+        let (with_position, with_speed) = (slopes.0 * a + slopes.1 * b, slopes.0 * b + slopes.1 * c);
+        let spread = slopes.0 * with_position + slopes.1 * with_speed + sigma * sigma;
+        if spread <= 0.0 || innovation * innovation > gate * gate * spread {
             return false;
         }
-        self.line.place = (self.line.place + with_place / spread * surprise).max(NEAREST_M);
-        self.line.speed += with_speed / spread * surprise;
-        self.line.p = [
-            (a - with_place * with_place / spread).max(1e-9),
-            b - with_place * with_speed / spread,
+        self.filter.position =
+            (self.filter.position + with_position / spread * innovation).max(MIN_DISTANCE_M);
+        self.filter.speed += with_speed / spread * innovation;
+        self.filter.p = [
+            (a - with_position * with_position / spread).max(1e-9),
+            b - with_position * with_speed / spread,
             (c - with_speed * with_speed / spread).max(1e-9),
         ];
         true
@@ -214,103 +217,91 @@ impl DistanceFilter {
 
     /// Distance, in metres, above zero.
     pub fn distance_m(&self) -> f64 {
-        self.line.place
+        self.filter.position
     }
 
-    /// One standard deviation of it.
+    /// Standard deviation of the distance, in metres.
     pub fn distance_sigma_m(&self) -> f64 {
-        self.line.sigma()
+        self.filter.sigma()
     }
 
     /// Disparity at that distance, in px.
     pub fn disparity_px(&self) -> f64 {
-        self.scale / self.line.place
+        self.scale / self.filter.position
     }
 
-    /// One standard deviation of it.
+    /// Standard deviation of the disparity, in px.
     pub fn disparity_sigma_px(&self) -> f64 {
-        self.scale / (self.line.place * self.line.place) * self.line.sigma()
+        self.scale / (self.filter.position * self.filter.position) * self.filter.sigma()
     }
 
-    /// Speed at which the distance shrinks, in m/s.
+    /// Closing speed (decrease of the distance), in m/s.
     pub fn closing_m_s(&self) -> f64 {
-        -self.line.speed
+        -self.filter.speed
     }
 
-    /// One standard deviation of it.
+    /// Standard deviation of the closing speed, in m/s.
     pub fn closing_sigma_m_s(&self) -> f64 {
-        self.line.speed_sigma()
+        self.filter.speed_sigma()
     }
 
-    /// Time to collision; `None` when it does not close in, or so slowly that noise decides.
+    /// Time to collision; `None` if the obstacle does not approach significantly (two standard deviations).
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
-        let (z, closing) = (self.line.place, self.closing_m_s());
+        let (z, closing) = (self.filter.position, self.closing_m_s());
         if closing <= 2.0 * self.closing_sigma_m_s() {
             return None;
         }
-        let [a, b, c] = self.line.p;
+        let [a, b, c] = self.filter.p;
         // t = z/w with w = −ż: ∂t/∂z = 1/w, ∂t/∂ż = z/w².
-        let (by_place, by_speed) = (1.0 / closing, z / (closing * closing));
-        let variance = by_place * by_place * a + 2.0 * by_place * by_speed * b + by_speed * by_speed * c;
+        let (by_position, by_speed) = (1.0 / closing, z / (closing * closing));
+        let variance =
+            by_position * by_position * a + 2.0 * by_position * by_speed * b + by_speed * by_speed * c;
         Some(TimeToCollision { seconds: z / closing, sigma_s: variance.max(0.0).sqrt() })
-    }
-
-    /// Squared error of (distance, closing speed) against the truth, measured by the covariance: 2
-    /// in the mean when the filter's errors are as large as it says (NEES).
-    pub fn squared_error(&self, distance_m: f64, closing_m_s: f64) -> f64 {
-        let [a, b, c] = self.line.p;
-        let (dz, dv) = (self.line.place - distance_m, self.line.speed + closing_m_s);
-        (c * dz * dz - 2.0 * b * dz * dv + a * dv * dv) / (a * c - b * b)
     }
 }
 
-/// First guess of the spread of speeds across the view, in m/s.
-const FIRST_ACROSS_M_S: f64 = 4.0;
+/// Initial standard deviation of the lateral speed, in m/s.
+const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
 
-/// How fast the speed across may change, m²/s³.
-const ACROSS_AGILITY: f64 = 0.6;
+/// Process noise of the lateral speed, in m²/s³.
+const LATERAL_PROCESS_NOISE: f64 = 0.6;
 
-/// Place and speed across the view, in metres right of the camera axis.
+/// Kalman filter of lateral position and speed, positive to the right of the camera axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LateralFilter {
-    line: ConstantVelocityFilter,
+    filter: ConstantVelocityFilter,
 }
 
 impl LateralFilter {
-    /// Starts at a first measurement.
+    /// Initialises the filter with a measurement and its standard deviation, in metres.
     pub fn new(lateral_m: f64, sigma_m: f64) -> Self {
-        Self { line: ConstantVelocityFilter::new(lateral_m, sigma_m, FIRST_ACROSS_M_S) }
+        Self { filter: ConstantVelocityFilter::new(lateral_m, sigma_m, INITIAL_LATERAL_SIGMA_M_S) }
     }
 
-    /// Moves on by `elapsed_s` seconds.
+    /// Predicts the state `elapsed_s` seconds ahead.
     pub fn predict(&mut self, elapsed_s: f64) {
-        self.line.predict(elapsed_s, ACROSS_AGILITY);
+        self.filter.predict(elapsed_s, LATERAL_PROCESS_NOISE);
     }
 
-    /// Takes in a measurement with its standard deviation.
+    /// Updates the state with a measurement and its standard deviation, in metres.
     pub fn update(&mut self, lateral_m: f64, sigma_m: f64) {
-        self.line.update(lateral_m, sigma_m);
-        self.line.speed = self.line.speed.clamp(-MAX_M_S, MAX_M_S);
+        self.filter.update(lateral_m, sigma_m);
+        self.filter.speed = self.filter.speed.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S);
     }
 
-    /// Metres right of the camera axis.
+    /// Lateral position, in metres right of the camera axis.
     pub fn lateral_m(&self) -> f64 {
-        self.line.place
+        self.filter.position
     }
 
-    /// One standard deviation of it.
-    pub fn lateral_sigma_m(&self) -> f64 {
-        self.line.sigma()
-    }
-
-    /// Speed to the right, in m/s.
+    /// Lateral speed to the right, in m/s.
     pub fn speed_m_s(&self) -> f64 {
-        self.line.speed
+        self.filter.speed
     }
 
-    /// One standard deviation of it.
+    /// Standard deviation of the lateral speed, in m/s.
     pub fn speed_sigma_m_s(&self) -> f64 {
-        self.line.speed_sigma()
+        self.filter.speed_sigma()
     }
 }
 
@@ -318,17 +309,25 @@ impl LateralFilter {
 mod tests {
     use super::*;
 
-    /// The paper's rig, px·m.
+    /// Focal length × baseline of the paper's rig, px·m.
     const SCALE: f64 = 105.5;
     const PERIOD_S: f64 = 0.08;
 
-    /// Normally distributed.
+    /// Normalised estimation error squared (NEES) of distance and closing speed against the true values; its
+    /// expected value is 2 for a consistent filter.
+    fn nees_of(filter: &DistanceFilter, distance_m: f64, closing_m_s: f64) -> f64 {
+        let [a, b, c] = filter.filter.p;
+        let (dz, dv) = (filter.filter.position - distance_m, filter.filter.speed + closing_m_s);
+        (c * dz * dz - 2.0 * b * dz * dv + a * dv * dv) / (a * c - b * b)
+    }
+
+    /// A normally distributed random number.
     fn normal(random: &mut fastrand::Rng) -> f64 {
         (-2.0 * (1.0 - random.f64()).ln()).sqrt() * (std::f64::consts::TAU * random.f64()).cos()
     }
 
-    /// Runs over an approach and gives the mean of the squared errors, and the largest error of the time
-    /// to collision from 2.5 s down, relative and in its stated deviations.
+    /// Simulates an approach. Returns the mean NEES and the largest error of the time to collision from 2.5 s
+    /// down, relative and in standard deviations.
     fn approach(seed: u64, from_m: f64, closing: f64, sigma_px: f64) -> (f64, f64, f64) {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut z = from_m;
@@ -342,7 +341,7 @@ mod tests {
             }
             filter.predict(PERIOD_S);
             filter.update(measure(z, &mut random), sigma_px);
-            nees += filter.squared_error(z, closing);
+            nees += nees_of(&filter, z, closing);
             frames += 1;
             let truth = z / closing;
             if let Some(ttc) = filter.time_to_collision().filter(|_| truth <= 2.5) {
@@ -353,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_as_large_as_the_filter_says() {
+    fn the_filter_is_consistent() {
         for (from_m, closing, sigma_px) in [(60.0, 14.0, 0.12), (30.0, 5.0, 0.12), (60.0, 25.0, 0.15)] {
             let runs = 200;
             let results: Vec<_> = (0..runs).map(|s| approach(s, from_m, closing, sigma_px)).collect();
@@ -372,15 +371,15 @@ mod tests {
                 most[100],
                 most[190]
             );
-            // Below 2 there is room for accelerations, which these runs do not have; above it at 25 m/s,
-            // which is twice the first guess's spread.
+            // Below 2, as the process noise allows for accelerations that these runs do not have; above 2 at
+            // 25 m/s, which is twice the initial standard deviation.
             assert!((0.8..3.0).contains(&nees), "NEES {nees}");
             assert!(most[190] < 3.5, "{}", most[190]);
         }
     }
 
     #[test]
-    fn what_stands_still_closes_in_by_nothing() {
+    fn a_static_object_has_no_closing_speed() {
         let mut false_times = 0;
         for seed in 0..50 {
             let mut random = fastrand::Rng::with_seed(seed);
@@ -396,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn one_bad_frame_moves_little_and_a_lasting_change_wins() {
+    fn an_outlier_has_little_effect_and_a_lasting_change_is_followed() {
         let mut filter = DistanceFilter::new(SCALE, SCALE / 20.0, 0.12);
         for _ in 0..20 {
             filter.predict(PERIOD_S);
@@ -407,7 +406,7 @@ mod tests {
         filter.update(SCALE / 14.0, 0.12);
         assert!((filter.distance_m() - before.distance_m()).abs() < 0.3, "{filter:?}");
         assert!(filter.closing_m_s() < 1.0, "{filter:?}");
-        // A car ahead that brakes with 6 m/s² from now on.
+        // From now on the car ahead brakes with 6 m/s².
         let (mut z, mut v) = (20.0, 0.0);
         let mut filter = before;
         for _ in 0..15 {
@@ -422,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_within_one_frame_does_not_run_through() {
+    fn a_sudden_stop_does_not_overshoot() {
         let (mut overshot, mut worst_speed) = (Vec::new(), 0.0_f64);
         for (closing, stop_m) in [(4.0, 4.0), (4.0, 8.0), (8.0, 8.0), (8.0, 12.0)] {
             for seed in 0..50 {
@@ -450,13 +449,13 @@ mod tests {
             "a stop in one frame: overshot by {:.1} frames' way (median), {:.1} (most); a second later {worst_speed:.2} m/s at most",
             overshot[100], overshot[199]
         );
-        // Two frames are disbelieved, the third is not.
+        // Two outliers are down-weighted, the third resets the state.
         assert!(overshot[100] < 2.5 && overshot[199] < 5.5, "{overshot:?}");
         assert!(worst_speed < 1.5, "{worst_speed}");
     }
 
     #[test]
-    fn what_stops_at_once_is_not_run_on_with() {
+    fn a_sudden_stop_is_followed_within_four_frames() {
         let mut worst = 0.0_f64;
         for seed in 0..50 {
             let mut random = fastrand::Rng::with_seed(seed);
@@ -469,7 +468,7 @@ mod tests {
                 filter.update(SCALE / z + 0.06 * normal(&mut random), 0.12);
                 errors.push((filter.distance_m() - z).abs());
             }
-            // It stands from the 25th frame on; four later it is believed.
+            // The object stands from frame 25 on; the filter has converged four frames later.
             worst = errors[28..].iter().fold(worst, |worst, &e| worst.max(e));
             assert!(filter.closing_m_s().abs() < 0.7, "seed {seed}: {}", filter.closing_m_s());
         }
@@ -478,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn uncertainty_grows_without_measurements_and_stays_sound() {
+    fn uncertainty_grows_without_measurements_and_stays_finite() {
         let mut filter = DistanceFilter::new(SCALE, 5.0, 0.2);
         filter.update(5.0, 0.0);
         let before = filter.distance_sigma_m();
@@ -492,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn a_walker_s_speed_across_is_learned() {
+    fn the_lateral_speed_of_a_pedestrian_is_estimated() {
         let mut worst = 0.0_f64;
         for seed in 0..50 {
             let mut random = fastrand::Rng::with_seed(seed);

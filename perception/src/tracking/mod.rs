@@ -1,5 +1,13 @@
-//! Obstacles over time: which region continues which track, where it is, how fast it comes, and what
-//! follows from that for the vehicle.
+//! Obstacle tracking over frames.
+//!
+//! Input: the [`Region`]s of each frame with its time in nanoseconds; optionally image crops for scale change
+//! ([`scale_change`]) and recogniser scores ([`classification_schedule`]). Output: [`Track`]s with distance
+//! (m), closing speed (m/s), time to collision (s) and lateral motion (m, m/s), each with its standard
+//! deviation.
+//!
+//! Regions are assigned to tracks by minimum total cost ([`assign`]) of disparity difference, box overlap and
+//! size. Each track has Kalman filters for distance and lateral position ([`filter`]). The paper measures
+//! distances in single frames (section 4.3); tracking extends that.
 
 pub mod assign;
 pub mod class;
@@ -10,88 +18,88 @@ pub mod scale_change;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use assign::Assignment;
-use class::Class;
+use class::Classification;
 use filter::{DistanceFilter, LateralFilter, TimeToCollision};
 
-/// An obstacle that is followed from frame to frame.
+/// An obstacle that is tracked from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    /// Unique as long as the tracker lives, from 1.
+    /// Identifier, unique during the life of the tracker, starting at 1.
     pub id: u32,
-    /// The region as last seen; its box moves on as expected while it is out of sight.
+    /// Last region; its box is predicted while the track is not detected.
     pub region: Region,
-    /// Which of this frame's regions it is; `None` when none is.
+    /// Index of the assigned region in this frame; `None` if there is none.
     pub detection: Option<usize>,
     /// Distance and closing speed.
-    pub along: DistanceFilter,
-    /// Place and speed across the view.
-    pub across: LateralFilter,
-    /// Width, in metres, smoothed.
+    pub longitudinal: DistanceFilter,
+    /// Lateral position and speed.
+    pub lateral: LateralFilter,
+    /// Smoothed width, in metres.
     pub width_m: f64,
-    /// Height above the road, in metres, smoothed.
+    /// Smoothed height above the road, in metres.
     pub height_m: f64,
-    /// Frames in which it was seen.
+    /// Number of frames with a detection.
     pub seen: u32,
-    /// Frames in a row in which it was not.
+    /// Consecutive frames without a detection.
     pub missed: u32,
-    /// Frames in a row, up to this one, in which it was.
-    pub steady: u32,
-    /// By how much its width changes from frame to frame, as a logarithm, of late.
-    pub wobble: f64,
-    /// What the recogniser says of it.
-    pub class: Class,
-    /// Box and distance when it was last seen.
+    /// Consecutive frames with a detection, up to this one.
+    pub consecutive_frames: u32,
+    /// Smoothed change of the width from frame to frame: mean absolute log ratio.
+    pub width_jitter: f64,
+    /// Accumulated classification.
+    pub classification: Classification,
+    /// Box and distance of the last detection.
     last: (PixelBox, f64),
-    /// Whether the rim of what both cameras see cut that box.
-    is_cut: bool,
+    /// Whether that box is truncated by the border of the area that both cameras see.
+    is_truncated: bool,
 }
 
 impl Track {
     /// Distance, in metres.
     pub fn distance_m(&self) -> f64 {
-        self.along.distance_m()
+        self.longitudinal.distance_m()
     }
 
-    /// Speed at which the distance shrinks, in m/s.
+    /// Closing speed (decrease of the distance), in m/s.
     pub fn closing_m_s(&self) -> f64 {
-        self.along.closing_m_s()
+        self.longitudinal.closing_m_s()
     }
 
-    /// Time to collision at constant closing speed; `None` when it does not close in, or so slowly
-    /// that noise decides.
+    /// Time to collision at constant closing speed; `None` if the track does not approach significantly.
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
-        self.along.time_to_collision()
+        self.longitudinal.time_to_collision()
     }
 
-    /// Where its box is expected, as left, top, right, bottom in px: the last one brought to the distance
-    /// and the place across that are expected.
+    /// Predicted box as left, top, right, bottom in px: the last box, scaled and moved to the predicted
+    /// distance and lateral position.
     fn expected(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
         let (bounds, distance_m) = &self.last;
-        let z = self.along.distance_m();
-        let growth = distance_m / z;
-        let middle = rig.cx_px + rig.focal_px * self.across.lateral_m() / z;
-        // Of what is cut only a part is seen: its whole width reaches beyond the rim.
-        let half = if self.is_cut {
+        let z = self.longitudinal.distance_m();
+        let scale = distance_m / z;
+        let centre = rig.cx_px + rig.focal_px * self.lateral.lateral_m() / z;
+        // A truncated box shows only a part of the object, whose full width extends beyond the border.
+        let half = if self.is_truncated {
             rig.focal_px * self.width_m / z / 2.0
         } else {
-            f64::from(bounds.width) * growth / 2.0
+            f64::from(bounds.width) * scale / 2.0
         };
-        let row = |y: u32| rig.cy_px + (f64::from(y) - rig.cy_px) * growth;
-        let (left, right) = ((middle - half).max(0.0), (middle + half).min(f64::from(size.0)));
+        let row = |y: u32| rig.cy_px + (f64::from(y) - rig.cy_px) * scale;
+        let (left, right) = ((centre - half).max(0.0), (centre + half).min(f64::from(size.0)));
         [left, row(bounds.y), right.max(left), row(bounds.y + bounds.height)]
     }
 }
 
-/// How tracks live and die.
+/// Parameters of track management.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerParameters {
-    /// A track counts as an obstacle once it was seen in this many frames.
+    /// Number of detections after which a track is confirmed as an obstacle.
     pub confirm_frames: u32,
-    /// A confirmed one ends after this many frames without a region; any other at its first miss.
+    /// Consecutive misses after which a confirmed track is deleted; an unconfirmed one is deleted at its
+    /// first miss.
     pub forget_frames: u32,
-    /// Least overlap of boxes, 0 to 1, that continues a track.
+    /// Smallest box overlap for an assignment, 0 to 1.
     pub min_overlap: f64,
-    /// At most this many tracks live at once.
+    /// Largest number of tracks.
     pub max_count: usize,
 }
 
@@ -101,38 +109,39 @@ impl Default for TrackerParameters {
     }
 }
 
-/// Detections of a frame for which memory is set aside; the nearest are used.
+/// Largest number of regions per frame; the nearest are used.
 const MAX_DETECTIONS: usize = 64;
-/// A region may differ from what is expected by so many standard deviations of both,
+/// Gate of the disparity difference: this many standard deviations of prediction and measurement,
 const GATE_SIGMAS: f64 = 4.0;
-/// and by this much more, in px and as a share of the disparity: its near side jumps when parts join it.
+/// plus this many px, plus this share of the disparity: the near side jumps when parts are merged.
 const GATE_PX: f64 = 0.5;
 const GATE_SHARE: f64 = 0.08;
-/// A region that lies in the expected box, or the other way round, overlaps it as much as this share
-/// of what lies inside: regions split and merge.
-const INSIDE: f64 = 0.6;
-/// What a track costs that gets no region, against a squared number of standard deviations.
-const ALONE: f64 = 24.0;
-/// What boxes that do not overlap at all, and sizes that differ by a factor of e, cost.
-const APART: f64 = 12.0;
-const UNLIKE: f64 = 3.0;
-/// Error of a box's middle: in px (strips of four), and as a share of the width.
-const MIDDLE_PX: f64 = 3.0;
-const MIDDLE_SHARE: f64 = 0.04;
-/// A box that ends so near the rim is cut, in px.
-const RIM_PX: f64 = 8.0;
-/// How much the width is taken to change before it is known.
-const FIRST_WOBBLE: f64 = 0.3;
-/// How much a frame's width counts, and its height.
+/// Weight of containment: if one box contains the other, the overlap is at least this share of the contained
+/// area, since regions split and merge.
+const CONTAINMENT_WEIGHT: f64 = 0.6;
+/// Cost of a region without a track, in the unit of a squared normalised innovation.
+const UNMATCHED_COST: f64 = 24.0;
+/// Costs of boxes without overlap, and of widths that differ by a factor of e.
+const OVERLAP_COST: f64 = 12.0;
+const SIZE_COST: f64 = 3.0;
+/// Standard deviation of the centre of a box: in px (strips of four columns), and as a share of the width.
+const CENTRE_SIGMA_PX: f64 = 3.0;
+const CENTRE_SIGMA_SHARE: f64 = 0.04;
+/// A box closer to the image border than this, in px, is truncated.
+const BORDER_PX: f64 = 8.0;
+/// Initial value of the width jitter.
+const INITIAL_WIDTH_JITTER: f64 = 0.3;
+/// Smoothing gains of width and height.
 const WIDTH_GAIN: f64 = 0.25;
-const TALLER_GAIN: f64 = 0.15;
-const LOWER_GAIN: f64 = 0.5;
-/// Errors of a region's disparity last for some frames, the filter thinks that they do not.
-const LASTING: f64 = 1.5;
-/// and a measurement is hardly better than this, in px, whatever it says: a thing's parts move within its region.
+const HEIGHT_GAIN_UP: f64 = 0.15;
+const HEIGHT_GAIN_DOWN: f64 = 0.5;
+/// Inflation of the disparity's standard deviation: its errors are correlated over frames, while the filter
+/// assumes independence.
+const NOISE_INFLATION: f64 = 1.5;
+/// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
 const MIN_SIGMA_PX: f64 = 0.08;
 
-/// Follows obstacles, with memory allocated once.
+/// Tracks obstacles; memory is allocated once.
 #[derive(Debug)]
 pub struct Tracker {
     parameters: TrackerParameters,
@@ -141,19 +150,19 @@ pub struct Tracker {
     size: (u32, u32),
     tracks: Vec<Track>,
     assignment: Assignment,
-    taken: Vec<bool>,
+    matched: Vec<bool>,
     order: Vec<(f64, u32)>,
     next_id: u32,
     last_ns: Option<u64>,
 }
 
 impl Tracker {
-    /// A tracker without tracks, for regions of images of `size` (width, height) that the rig sees.
+    /// A tracker without tracks, for regions of images of `size` (width, height) taken with `rig`.
     pub fn new(parameters: TrackerParameters, rig: Rig, size: (usize, usize)) -> Self {
         Self {
             tracks: Vec::with_capacity(parameters.max_count),
             assignment: Assignment::new(MAX_DETECTIONS, parameters.max_count),
-            taken: Vec::with_capacity(MAX_DETECTIONS),
+            matched: Vec::with_capacity(MAX_DETECTIONS),
             order: Vec::with_capacity(parameters.max_count),
             parameters,
             rig,
@@ -168,13 +177,13 @@ impl Tracker {
         &self.tracks
     }
 
-    /// Whether a track counts as an obstacle.
+    /// Whether a track is confirmed as an obstacle.
     pub fn is_confirmed(&self, track: &Track) -> bool {
         track.seen >= self.parameters.confirm_frames
     }
 
-    /// Takes in the regions of the frame at `time_ns` and gives all tracks, oldest first. A time
-    /// that does not grow starts anew.
+    /// Updates the tracks with the regions of the frame at `time_ns`; returns all tracks, oldest first. A
+    /// time that does not increase resets the tracker.
     pub fn update(&mut self, time_ns: u64, regions: &[Region]) -> &[Track] {
         let elapsed_s = match self.last_ns {
             Some(last) if time_ns > last => (time_ns - last) as f64 * 1e-9,
@@ -187,29 +196,29 @@ impl Tracker {
         self.last_ns = Some(time_ns);
         let regions = &regions[..regions.len().min(MAX_DETECTIONS)];
         for track in &mut self.tracks {
-            track.along.predict(elapsed_s);
-            track.across.predict(elapsed_s);
+            track.longitudinal.predict(elapsed_s);
+            track.lateral.predict(elapsed_s);
             track.missed += 1;
             track.detection = None;
         }
-        self.price(regions);
-        self.taken.clear();
-        self.taken.resize(regions.len(), false);
-        let given = self.assignment.solve(ALONE);
-        for (d, track) in given.iter().enumerate() {
+        self.set_costs(regions);
+        self.matched.clear();
+        self.matched.resize(regions.len(), false);
+        let assigned = self.assignment.solve(UNMATCHED_COST);
+        for (d, track) in assigned.iter().enumerate() {
             let Some(t) = *track else { continue };
-            self.taken[d] = true;
+            self.matched[d] = true;
             let edges = (self.rig, self.size);
-            take(&mut self.tracks[t as usize], d, &regions[d], edges);
+            update_track(&mut self.tracks[t as usize], d, &regions[d], edges);
         }
         let (forget, confirm) = (self.parameters.forget_frames, self.parameters.confirm_frames);
         self.tracks.retain(|t| t.missed == 0 || (t.seen >= confirm && t.missed < forget));
         for track in self.tracks.iter_mut().filter(|t| t.missed > 0) {
-            track.steady = 0;
+            track.consecutive_frames = 0;
             track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
         }
         for (d, region) in regions.iter().enumerate() {
-            if !self.taken[d] && self.tracks.len() < self.parameters.max_count {
+            if !self.matched[d] && self.tracks.len() < self.parameters.max_count {
                 let track = self.begin(d, region);
                 self.tracks.push(track);
             }
@@ -217,26 +226,26 @@ impl Tracker {
         &self.tracks
     }
 
-    /// What it costs to continue each track with each region.
-    fn price(&mut self, regions: &[Region]) {
+    /// Sets the cost of assigning each region to each track.
+    fn set_costs(&mut self, regions: &[Region]) {
         self.assignment.begin(regions.len(), self.tracks.len());
         for (t, track) in self.tracks.iter().enumerate() {
             let expected = track.expected(&self.rig, self.size);
-            let disparity = track.along.disparity_px();
-            let spread_px = track.along.disparity_sigma_px();
+            let disparity = track.longitudinal.disparity_px();
+            let spread_px = track.longitudinal.disparity_sigma_px();
             for (d, region) in regions.iter().enumerate() {
                 let spread = spread_px.hypot(region.disparity_sigma_px);
-                let surprise = (region.disparity_px - disparity).abs();
-                if surprise > GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * disparity {
+                let innovation = (region.disparity_px - disparity).abs();
+                if innovation > GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * disparity {
                     continue;
                 }
                 let overlap = overlap(&expected, &region.bounds);
                 if overlap < self.parameters.min_overlap {
                     continue;
                 }
-                let sigmas = (surprise / spread.max(1e-3)).min(GATE_SIGMAS);
+                let sigmas = (innovation / spread.max(1e-3)).min(GATE_SIGMAS);
                 let size = (region.width_m / track.width_m.max(0.05)).max(0.05).ln().abs();
-                let cost = sigmas * sigmas + APART * (1.0 - overlap) + UNLIKE * size.min(1.0);
+                let cost = sigmas * sigmas + OVERLAP_COST * (1.0 - overlap) + SIZE_COST * size.min(1.0);
                 self.assignment.set(d, t, cost);
             }
         }
@@ -246,79 +255,80 @@ impl Tracker {
         let id = self.next_id;
         self.next_id = self.next_id.wrapping_add(1).max(1);
         let scale = self.rig.focal_px * self.rig.baseline_m;
-        let is_cut = cuts(region, self.size) != (false, false);
+        let is_truncated = border_contact(region, self.size) != (false, false);
         Track {
             id,
             region: *region,
             detection: Some(detection),
-            along: DistanceFilter::new(scale, region.disparity_px, noise_px(region)),
-            across: LateralFilter::new(region.lateral_m, middle_sigma_m(region, &self.rig, is_cut)),
+            longitudinal: DistanceFilter::new(scale, region.disparity_px, noise_px(region)),
+            lateral: LateralFilter::new(region.lateral_m, centre_sigma_m(region, &self.rig, is_truncated)),
             width_m: region.width_m,
             height_m: region.height_m,
-            steady: 1,
-            wobble: FIRST_WOBBLE,
-            is_cut,
+            consecutive_frames: 1,
+            width_jitter: INITIAL_WIDTH_JITTER,
+            is_truncated,
             seen: 1,
             missed: 0,
-            class: Class::default(),
+            classification: Classification::default(),
             last: (region.bounds, region.distance_m),
         }
     }
 }
 
-/// One standard deviation of a region's disparity, as the filter takes it.
+/// Standard deviation of a region's disparity for the filter, in px.
 fn noise_px(region: &Region) -> f64 {
-    LASTING * region.disparity_sigma_px.max(MIN_SIGMA_PX)
+    NOISE_INFLATION * region.disparity_sigma_px.max(MIN_SIGMA_PX)
 }
 
-/// A track goes on with region `d`.
-fn take(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
-    track.along.update(region.disparity_px, noise_px(region));
-    let cut = cuts(region, size);
-    let is_cut = cut != (false, false);
+/// Updates a track with region `d`.
+fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig, (u32, u32))) {
+    track.longitudinal.update(region.disparity_px, noise_px(region));
+    let contact = border_contact(region, size);
+    let is_truncated = contact != (false, false);
     let change = (region.width_m / track.width_m.max(0.05)).max(0.05).ln().abs();
-    if is_cut {
+    if is_truncated {
         track.width_m = track.width_m.max(region.width_m);
     }
     let other = region.width_m - track.width_m;
-    // Where one side is cut off, the other one tells where the middle is.
-    let (lateral_m, sigma_m) = match cut {
-        (true, false) => (region.lateral_m + other / 2.0, middle_sigma_m(region, &rig, false)),
-        (false, true) => (region.lateral_m - other / 2.0, middle_sigma_m(region, &rig, false)),
-        // A box that is wider or narrower than before may have gained or lost a side.
-        _ => (region.lateral_m, middle_sigma_m(region, &rig, is_cut).hypot(other / 2.0)),
+    // If one side is truncated, the centre is inferred from the other side.
+    let (lateral_m, sigma_m) = match contact {
+        (true, false) => (region.lateral_m + other / 2.0, centre_sigma_m(region, &rig, false)),
+        (false, true) => (region.lateral_m - other / 2.0, centre_sigma_m(region, &rig, false)),
+        // A box that became wider or narrower may have gained or lost a side.
+        _ => (region.lateral_m, centre_sigma_m(region, &rig, is_truncated).hypot(other / 2.0)),
     };
-    track.across.update(lateral_m, sigma_m);
-    track.is_cut = is_cut;
-    if !is_cut {
-        track.wobble += WIDTH_GAIN * (change - track.wobble);
+    track.lateral.update(lateral_m, sigma_m);
+    track.is_truncated = is_truncated;
+    if !is_truncated {
+        track.width_jitter += WIDTH_GAIN * (change - track.width_jitter);
         track.width_m += WIDTH_GAIN * other;
     }
-    // Boxes more often reach into what is behind than they are too low.
+    // Boxes more often extend into the background above than they are too low.
     let taller = region.height_m - track.height_m;
-    track.height_m += if taller > 0.0 { TALLER_GAIN } else { LOWER_GAIN } * taller;
+    track.height_m += if taller > 0.0 { HEIGHT_GAIN_UP } else { HEIGHT_GAIN_DOWN } * taller;
     track.region = *region;
     track.detection = Some(d);
     track.last = (region.bounds, region.distance_m);
     track.seen = track.seen.saturating_add(1);
-    track.steady = track.steady.saturating_add(1);
+    track.consecutive_frames = track.consecutive_frames.saturating_add(1);
     track.missed = 0;
 }
 
-/// Whether a box ends on the left and on the right where the pictures do. The right camera does not see as
-/// many columns of the left picture's left rim as the disparity is.
-fn cuts(region: &Region, (width, _): (u32, u32)) -> (bool, bool) {
+/// Whether a box touches the left and the right border of the area that both cameras see. On the left, the
+/// right camera misses as many columns of the left image as the disparity.
+fn border_contact(region: &Region, (width, _): (u32, u32)) -> (bool, bool) {
     let (left, right) = (f64::from(region.bounds.x), region.bounds.x + region.bounds.width);
-    (left <= region.disparity_px + RIM_PX, f64::from(right) >= f64::from(width) - RIM_PX)
+    (left <= region.disparity_px + BORDER_PX, f64::from(right) >= f64::from(width) - BORDER_PX)
 }
 
-/// One standard deviation of a box's middle, in metres. Of a box that is cut it may be anywhere.
-fn middle_sigma_m(region: &Region, rig: &Rig, is_cut: bool) -> f64 {
-    let strips = MIDDLE_PX * region.distance_m / rig.focal_px;
-    strips.hypot(if is_cut { 0.5 } else { MIDDLE_SHARE } * region.width_m)
+/// Standard deviation of a box's centre, in metres; half the width for a truncated box.
+fn centre_sigma_m(region: &Region, rig: &Rig, is_truncated: bool) -> f64 {
+    let strips = CENTRE_SIGMA_PX * region.distance_m / rig.focal_px;
+    strips.hypot(if is_truncated { 0.5 } else { CENTRE_SIGMA_SHARE } * region.width_m)
 }
 
-/// Shared ÷ joint area, or a good part of the share of the smaller one that lies in the larger.
+/// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is
+/// greater.
 fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
     let [left, top, right, bottom] = *expected;
     let (x, y) = (f64::from(bounds.x), f64::from(bounds.y));
@@ -328,14 +338,14 @@ fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
     let shared = wide * high;
     let areas = ((right - left) * (bottom - top), w * h);
     let (joint, smaller) = (areas.0 + areas.1 - shared, areas.0.min(areas.1));
-    if smaller <= 0.0 { 0.0 } else { (shared / joint).max(INSIDE * shared / smaller) }
+    if smaller <= 0.0 { 0.0 } else { (shared / joint).max(CONTAINMENT_WEIGHT * shared / smaller) }
 }
 
-/// The part of a box that lies in the image.
+/// Intersection of a box with the image.
 fn clip(edges: [f64; 4], (width, height): (u32, u32)) -> PixelBox {
-    let place = |v: f64, most: u32| v.round().clamp(0.0, f64::from(most)) as u32;
-    let (x, y) = (place(edges[0], width), place(edges[1], height));
-    let (right, bottom) = (place(edges[2], width), place(edges[3], height));
+    let to_pixel = |v: f64, most: u32| v.round().clamp(0.0, f64::from(most)) as u32;
+    let (x, y) = (to_pixel(edges[0], width), to_pixel(edges[1], height));
+    let (right, bottom) = (to_pixel(edges[2], width), to_pixel(edges[3], height));
     PixelBox { x, y, width: right.saturating_sub(x), height: bottom.saturating_sub(y) }
 }
 

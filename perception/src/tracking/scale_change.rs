@@ -1,11 +1,11 @@
-//! How fast the picture of an obstacle grows: closing speed over distance, from its pixels.
+//! Scale change of an obstacle's image, that is closing speed / distance, measured from pixels.
 //!
-//! Far away disparity says little of speed: at 35 m and a baseline of 12 cm an error of a tenth of a pixel
-//! is a metre. The picture itself grows by a sixth in two fifths of a second there, and where two views of
-//! the same surface fit is known to a fraction of a percent. So the part of the image that a track had is kept,
-//! and laid over the newest one by shift, scale, gain and offset (Lucas and Kanade's least squares, in
-//! the inverse form of Baker and Matthews). Near by, where an obstacle's depth bends its picture, disparity
-//! is the better witness again; the stated error says so.
+//! At long range disparity gives little information on speed: at 35 m, with a baseline of 12 cm, an error of
+//! a tenth of a pixel is a metre. Meanwhile the image grows by a sixth in two fifths of a second, and a
+//! template match determines the scale to a fraction of a percent. The image patch of a track is therefore
+//! stored as a template and registered to the current image by shift, scale, gain and offset (Lucas-Kanade
+//! least squares in the inverse compositional form of Baker and Matthews). At short range, where the depth of
+//! an obstacle distorts its image, disparity is more accurate again; the estimated error accounts for that.
 
 use super::filter::DistanceFilter;
 use super::{Track, Tracker};
@@ -13,71 +13,73 @@ use crate::image::GreyView;
 use crate::region::PixelBox;
 use nalgebra::{SMatrix, SVector};
 
-/// Points that are compared: columns and rows over the box.
+/// Sampling grid over the box: columns and rows.
 const COLUMNS: usize = 28;
 const ROWS: usize = 20;
 const POINTS: usize = COLUMNS * ROWS;
 
-/// Tracks that are measured at once: the nearest.
-const SLOTS: usize = 8;
+/// Largest number of tracks that are measured at the same time; the nearest are selected.
+const MAX_TRACKS: usize = 8;
 
-/// The share of a box's sides that is compared: its rim sees what is behind.
-const INNER: f64 = 0.75;
+/// Share of the box's width and height that is sampled; its margin shows background.
+const INNER_SHARE: f64 = 0.75;
 
-/// Smaller boxes are not measured, in px.
+/// Smallest box that is measured, in px.
 const MIN_PX: (u32, u32) = (14, 10);
 
-/// Nearer than this disparity is better, farther to the side nothing is met, in metres.
-const NEAREST_M: f64 = 5.0;
-const WIDEST_M: f64 = 6.0;
+/// Nearer than the first distance disparity is more accurate; farther to the side than the second no
+/// collision is possible. In metres.
+const MIN_DISTANCE_M: f64 = 5.0;
+const MAX_LATERAL_M: f64 = 6.0;
 
-/// Two views are compared after this time, in ns, or when they have grown apart by that factor,
+/// Smallest time between two compared views, in ns, unless the predicted scale change reaches the second
+/// value.
 const INTERVAL_NS: u64 = 380_000_000;
-const GROWN: f64 = 1.2;
-/// and not after this time: light and view have changed.
-const OLDEST_NS: u64 = 900_000_000;
+const MAX_SCALE_CHANGE: f64 = 1.2;
+/// Largest time between two compared views, in ns; later, illumination and aspect have changed.
+const MAX_AGE_NS: u64 = 900_000_000;
 
-/// Steps of the least squares, at most.
-const STEPS: usize = 16;
+/// Largest number of iterations.
+const MAX_ITERATIONS: usize = 16;
 
-/// Share of the points that must lie in both pictures.
+/// Smallest share of the points that lie in both images.
 const MIN_INSIDE: f64 = 0.85;
 
-/// Share of the new view's variance that the old one must explain.
-const MIN_FIT: f64 = 0.8;
+/// Smallest share of the variance that the template must explain.
+const MIN_EXPLAINED_VARIANCE: f64 = 0.8;
 
-/// Neighbouring points are not independent: errors are this much larger than least squares say, and
-/// never smaller than that share.
-const DEPENDENT: f64 = 3.0;
+/// Inflation of the least-squares error, as neighbouring points are correlated, and smallest standard
+/// deviation of the scale.
+const CORRELATION_FACTOR: f64 = 3.0;
 const MIN_SIGMA: f64 = 0.004;
 
-/// The surface that is seen may lie this much behind the near side that is tracked, in metres.
-const DEPTH_M: f64 = 0.4;
+/// Uncertainty of the depth of the visible surface behind the tracked near side, in metres.
+const DEPTH_OFFSET_M: f64 = 0.4;
 
-/// A growth rate that differs by more standard deviations is not this obstacle's.
+/// Scale rates with a larger normalised innovation are rejected.
 const GATE_SIGMAS: f64 = 4.0;
 
-/// Growth of a picture, per second, with one standard deviation.
+/// Rate of scale change of an image, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GrowthRate {
-    /// Closing speed ÷ distance: the inverse of the time to collision.
+pub struct ScaleRate {
+    /// Closing speed / distance, in 1/s: the inverse of the time to collision.
     pub per_s: f64,
-    /// Its error.
+    /// Standard deviation, in 1/s.
     pub sigma_per_s: f64,
 }
 
-/// A grey picture made smaller by a whole factor, over memory that is kept.
+/// A grey image reduced by an integer factor; its memory is reused.
 #[derive(Debug, Default)]
-struct Shrunk {
+struct ReducedImage {
     pixels: Vec<f32>,
     width: usize,
     height: usize,
     factor: usize,
-    /// Place of the crop in the image.
+    /// Position of the crop in the image.
     origin: (f64, f64),
 }
 
-impl Shrunk {
+impl ReducedImage {
     fn fill(&mut self, crop: GreyView<'_>, origin: (u32, u32), factor: usize) {
         self.factor = factor;
         self.origin = (f64::from(origin.0), f64::from(origin.1));
@@ -94,7 +96,7 @@ impl Shrunk {
         }
     }
 
-    /// The value at a place of the image, in px; `None` outside.
+    /// Interpolated value at a position of the image, in px; `None` outside.
     #[inline]
     fn at(&self, x: f64, y: f64) -> Option<f32> {
         let factor = self.factor as f64;
@@ -116,7 +118,7 @@ impl Shrunk {
     }
 }
 
-/// A point of a kept view: place from the middle in px, value, and slope along x and y.
+/// A point of a template: offset from the centre in px, value, and gradient along x and y.
 #[derive(Clone, Copy, Debug, Default)]
 struct Point {
     x: f64,
@@ -125,34 +127,34 @@ struct Point {
     slope: (f32, f32),
 }
 
-/// A kept view.
+/// A stored image patch of a track.
 #[derive(Debug)]
-struct View {
+struct Template {
     track: u32,
     time_ns: u64,
-    /// When it was last asked for.
-    asked_ns: u64,
+    /// Time of the last request.
+    last_used_ns: u64,
     distance_m: f64,
     factor: usize,
     points: Vec<Point>,
 }
 
-/// Where a view lies in a picture: middle and scale.
+/// Centre and scale of a template in an image.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct Pose {
     x: f64,
     y: f64,
     scale: f64,
 }
 
-/// Measures growth, with memory allocated once.
+/// Measures scale change; memory is allocated once.
 #[derive(Debug)]
-pub struct GrowthMeter {
-    views: Vec<View>,
-    shrunk: Shrunk,
+pub struct ScaleChangeMeter {
+    templates: Vec<Template>,
+    reduced: ReducedImage,
 }
 
-/// The part of the image that is compared, in px: its middle, width and height.
+/// The compared part of the image, in px: centre and size.
 #[derive(Clone, Copy, Debug)]
 struct Patch {
     x: f64,
@@ -162,36 +164,36 @@ struct Patch {
 }
 
 impl Patch {
-    /// The foot of a track's box, as wide and as high as the track has been of late: single boxes reach
-    /// into what is behind.
+    /// The lower part of a track's box, with the smoothed width and height of the track, since single boxes
+    /// extend into the background.
     fn of(track: &Track, focal_px: f64) -> Self {
         let PixelBox { x, y, width, height } = track.region.bounds;
         let [x, y, width, height] = [x, y, width, height].map(f64::from);
         let px = focal_px / track.distance_m();
         let (wide, high) = ((px * track.width_m).min(width), (px * track.height_m).min(height));
         let (middle, bottom) = (x + (width - 1.0) / 2.0, y + height - 1.0);
-        Self { x: middle, y: bottom - high / 2.0, width: INNER * wide, height: INNER * high }
+        Self { x: middle, y: bottom - high / 2.0, width: INNER_SHARE * wide, height: INNER_SHARE * high }
     }
 }
 
-impl GrowthMeter {
+impl ScaleChangeMeter {
     /// A meter for crops of images of up to `width` × `height` px.
     pub fn new(width: usize, height: usize) -> Self {
-        let view = |_| View {
+        let template = |_| Template {
             track: 0,
             time_ns: 0,
-            asked_ns: 0,
+            last_used_ns: 0,
             distance_m: 0.0,
             factor: 1,
             points: Vec::with_capacity(POINTS),
         };
-        let shrunk = Shrunk { pixels: Vec::with_capacity(width * height), ..Shrunk::default() };
-        Self { views: (0..SLOTS).map(view).collect(), shrunk }
+        let reduced = ReducedImage { pixels: Vec::with_capacity(width * height), ..ReducedImage::default() };
+        Self { templates: (0..MAX_TRACKS).map(template).collect(), reduced }
     }
 
-    /// Compares a track's picture at `time_ns` with the one kept of it, and keeps it for the next time.
-    /// `crop` begins at `origin` of the image. `None` when there is none to compare with yet, or when
-    /// the two do not fit.
+    /// Compares the image of a track at `time_ns` with its template, and replaces the template. `crop` starts
+    /// at `origin` of the image. `None` if there is no template yet, if it is too recent, or if registration
+    /// fails.
     fn measure(
         &mut self,
         track: &Track,
@@ -199,37 +201,39 @@ impl GrowthMeter {
         patch: Patch,
         crop: GreyView<'_>,
         origin: (u32, u32),
-    ) -> Option<GrowthRate> {
+    ) -> Option<ScaleRate> {
         let distance_m = track.distance_m();
-        let Some(slot) = self.views.iter().position(|v| v.track == track.id && v.time_ns <= time_ns) else {
-            // In place of the one that was not asked for for the longest time.
-            let slot = (0..self.views.len()).min_by_key(|&i| (self.views[i].asked_ns, i))?;
-            self.keep(slot, (track, patch), time_ns, crop, origin);
+        let Some(slot) = self.templates.iter().position(|v| v.track == track.id && v.time_ns <= time_ns)
+        else {
+            // Replaces the template that has not been requested for the longest time.
+            let slot = (0..self.templates.len()).min_by_key(|&i| (self.templates[i].last_used_ns, i))?;
+            self.store(slot, (track, patch), time_ns, crop, origin);
             return None;
         };
-        self.views[slot].asked_ns = time_ns;
-        let view = &self.views[slot];
-        let elapsed_ns = time_ns - view.time_ns;
-        let expected = view.distance_m / distance_m;
-        if elapsed_ns < INTERVAL_NS && expected < GROWN {
+        self.templates[slot].last_used_ns = time_ns;
+        let template = &self.templates[slot];
+        let elapsed_ns = time_ns - template.time_ns;
+        let expected = template.distance_m / distance_m;
+        if elapsed_ns < INTERVAL_NS && expected < MAX_SCALE_CHANGE {
             return None;
         }
         let mut rate = None;
-        if elapsed_ns <= OLDEST_NS && elapsed_ns > 0 {
-            self.shrunk.fill(crop, origin, view.factor);
-            let start = Place { x: patch.x, y: patch.y, scale: expected.clamp(0.7, 1.6) };
+        if elapsed_ns <= MAX_AGE_NS && elapsed_ns > 0 {
+            self.reduced.fill(crop, origin, template.factor);
+            let start = Pose { x: patch.x, y: patch.y, scale: expected.clamp(0.7, 1.6) };
             let elapsed_s = elapsed_ns as f64 * 1e-9;
-            rate = fit(&view.points, &self.shrunk, start).map(|(scale, sigma)| {
+            rate = fit(&template.points, &self.reduced, start).map(|(scale, sigma)| {
                 let per_s = (scale - 1.0) / elapsed_s;
-                let sigma_per_s = (sigma.max(MIN_SIGMA) / elapsed_s).hypot(per_s * DEPTH_M / distance_m);
-                GrowthRate { per_s, sigma_per_s }
+                let sigma_per_s =
+                    (sigma.max(MIN_SIGMA) / elapsed_s).hypot(per_s * DEPTH_OFFSET_M / distance_m);
+                ScaleRate { per_s, sigma_per_s }
             });
         }
-        self.keep(slot, (track, patch), time_ns, crop, origin);
+        self.store(slot, (track, patch), time_ns, crop, origin);
         rate
     }
 
-    fn keep(
+    fn store(
         &mut self,
         slot: usize,
         (track, patch): (&Track, Patch),
@@ -240,32 +244,32 @@ impl GrowthMeter {
         let Patch { x: x0, y: y0, width, height } = patch;
         let step = (width / (COLUMNS - 1) as f64, height / (ROWS - 1) as f64);
         let factor = (step.0.max(step.1).round() as usize).max(1);
-        self.shrunk.fill(crop, origin, factor);
-        let view = &mut self.views[slot];
-        (view.track, view.time_ns, view.asked_ns) = (track.id, time_ns, time_ns);
-        (view.distance_m, view.factor) = (track.distance_m(), factor);
-        view.points.clear();
+        self.reduced.fill(crop, origin, factor);
+        let template = &mut self.templates[slot];
+        (template.track, template.time_ns, template.last_used_ns) = (track.id, time_ns, time_ns);
+        (template.distance_m, template.factor) = (track.distance_m(), factor);
+        template.points.clear();
         let delta = 0.5 * factor as f64;
         for i in 0..POINTS {
             let x = (i % COLUMNS) as f64 * step.0 - width / 2.0;
             let y = (i / COLUMNS) as f64 * step.1 - height / 2.0;
-            let at = |dx: f64, dy: f64| self.shrunk.at(x0 + x + dx, y0 + y + dy);
+            let at = |dx: f64, dy: f64| self.reduced.at(x0 + x + dx, y0 + y + dy);
             let (Some(value), Some(l), Some(r), Some(a), Some(b)) =
                 (at(0.0, 0.0), at(-delta, 0.0), at(delta, 0.0), at(0.0, -delta), at(0.0, delta))
             else {
                 continue;
             };
             let span = 2.0 * delta as f32;
-            view.points.push(Point { x, y, value, slope: ((r - l) / span, (b - a) / span) });
+            template.points.push(Point { x, y, value, slope: ((r - l) / span, (b - a) / span) });
         }
     }
 }
 
-/// How well a view fits at a place, from a third of its points: their correlation.
-fn likeness(points: &[Point], picture: &Shrunk, place: Place) -> Option<f64> {
+/// Correlation of a template with an image at a pose, from one third of the points.
+fn correlation(points: &[Point], image: &ReducedImage, pose: Pose) -> Option<f64> {
     let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points.iter().step_by(3) {
-        if let Some(v) = picture.at(place.x + place.scale * p.x, place.y + place.scale * p.y) {
+        if let Some(v) = image.at(pose.x + pose.scale * p.x, pose.y + pose.scale * p.y) {
             let (t, v) = (f64::from(p.value), f64::from(v));
             (n, a, b) = (n + 1.0, a + t, b + v);
             (aa, bb, ab) = (aa + t * t, bb + v * v, ab + t * v);
@@ -278,34 +282,34 @@ fn likeness(points: &[Point], picture: &Shrunk, place: Place) -> Option<f64> {
     (va > 1e-6 && vb > 1e-6).then(|| (ab - a * b / n) / (va * vb).sqrt())
 }
 
-/// The scale at which a view fits a picture, and its standard deviation.
-fn fit(points: &[Point], picture: &Shrunk, start: Place) -> Option<(f64, f64)> {
+/// Registers a template to an image. Returns the scale and its standard deviation.
+fn fit(points: &[Point], image: &ReducedImage, start: Pose) -> Option<(f64, f64)> {
     if points.len() < POINTS / 2 {
         return None;
     }
-    // Boxes jump by a strip or two: the best of some shifts first.
+    // Boxes jump by one or two strips: start from the best of several shifts.
     let reach = points.iter().fold(0.0_f64, |m, p| m.max(p.x.abs()));
     let step = (0.08 * reach).max(1.5);
     let mut best = (f64::NEG_INFINITY, start);
     for k in 0..49 {
         let (dx, dy) = (f64::from(k % 7 - 3) * step, f64::from(k / 7 - 3) * step);
-        let place = Place { x: start.x + dx, y: start.y + dy, ..start };
-        if let Some(likeness) = likeness(points, picture, place)
-            && likeness > best.0
+        let pose = Pose { x: start.x + dx, y: start.y + dy, ..start };
+        if let Some(correlation) = correlation(points, image, pose)
+            && correlation > best.0
         {
-            best = (likeness, place);
+            best = (correlation, pose);
         }
     }
-    let (likeness, mut place) = best;
-    if likeness < 0.5 {
+    let (correlation, mut pose) = best;
+    if correlation < 0.5 {
         return None;
     }
-    for _ in 0..STEPS {
+    for _ in 0..MAX_ITERATIONS {
         let mut normal = SMatrix::<f64, 5, 5>::zeros();
         let mut right = SVector::<f64, 5>::zeros();
         let (mut sum, mut squares, mut inside) = (0.0, 0.0, 0.0);
         for p in points {
-            let Some(v) = picture.at(place.x + place.scale * p.x, place.y + place.scale * p.y) else {
+            let Some(v) = image.at(pose.x + pose.scale * p.x, pose.y + pose.scale * p.y) else {
                 continue;
             };
             let v = f64::from(v);
@@ -330,31 +334,32 @@ fn fit(points: &[Point], picture: &Shrunk, start: Place) -> Option<(f64, f64)> {
         if ds.abs() > 0.3 {
             return None;
         }
-        place.scale /= 1.0 + ds;
-        place.x -= place.scale * dx;
-        place.y -= place.scale * dy;
-        if !(0.5..=2.5).contains(&place.scale) {
+        pose.scale /= 1.0 + ds;
+        pose.x -= pose.scale * dx;
+        pose.y -= pose.scale * dy;
+        if !(0.5..=2.5).contains(&pose.scale) {
             return None;
         }
         if ds.abs() < 5e-4 && dx.hypot(dy) < 0.03 {
             let errors = (squares - right.dot(&solution)).max(0.0);
             let spread = squares - sum * sum / inside;
-            if errors > (1.0 - MIN_FIT) * spread {
+            if errors > (1.0 - MIN_EXPLAINED_VARIANCE) * spread {
                 return None;
             }
             let variance = errors / (inside - 5.0) * inverse[(2, 2)] / (gain * gain);
-            return Some((place.scale, DEPENDENT * place.scale * variance.max(0.0).sqrt()));
+            return Some((pose.scale, CORRELATION_FACTOR * pose.scale * variance.max(0.0).sqrt()));
         }
     }
     None
 }
 
 impl Tracker {
-    /// Lets the pictures of the nearest tracks say how fast these come: for each track seen in the frame at
-    /// `time_ns`, `crop` gives its part of the left image and where in the image that begins.
-    pub fn measure_growth<'a>(
+    /// Measures the scale change of the nearest tracks and updates their filters: for each track that was
+    /// detected in the frame at `time_ns`, `crop` returns its part of the left image and the position of that
+    /// part.
+    pub fn measure_scale_change<'a>(
         &mut self,
-        meter: &mut GrowthMeter,
+        meter: &mut ScaleChangeMeter,
         time_ns: u64,
         crop: impl Fn(&Track) -> Option<(GreyView<'a>, (u32, u32))>,
     ) {
@@ -362,32 +367,32 @@ impl Tracker {
         for (i, track) in self.tracks.iter().enumerate() {
             let (b, z) = (&track.region.bounds, track.distance_m());
             let is_large = b.width >= MIN_PX.0 && b.height >= MIN_PX.1;
-            let is_near = z >= NEAREST_M && track.across.lateral_m().abs() <= WIDEST_M + track.width_m / 2.0;
+            let is_near =
+                z >= MIN_DISTANCE_M && track.lateral.lateral_m().abs() <= MAX_LATERAL_M + track.width_m / 2.0;
             if track.detection.is_some() && is_large && is_near {
                 self.order.push((z, i as u32));
             }
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for &(_, i) in self.order.iter().take(SLOTS) {
+        for &(_, i) in self.order.iter().take(MAX_TRACKS) {
             let track = &mut self.tracks[i as usize];
-            let Some((view, origin)) = crop(track) else { continue };
+            let Some((template, origin)) = crop(track) else { continue };
             let patch = Patch::of(track, self.rig.focal_px);
-            if let Some(rate) = meter.measure(track, time_ns, patch, view, origin) {
-                track.along.update_growth(rate);
+            if let Some(rate) = meter.measure(track, time_ns, patch, template, origin) {
+                track.longitudinal.update_scale_rate(rate);
             }
         }
     }
 }
 
 impl DistanceFilter {
-    /// Takes in how fast the obstacle's picture grows; one that does not fit is left out. Gives whether it
-    /// was taken.
-    pub fn update_growth(&mut self, rate: GrowthRate) -> bool {
+    /// Updates the filter with a rate of scale change. Returns whether it was used; outliers are rejected.
+    pub fn update_scale_rate(&mut self, rate: ScaleRate) -> bool {
         let (z, speed) = self.state();
-        // −ż/z and its slopes.
+        // −ż/z and its partial derivatives.
         let expected = -speed / z;
         let slopes = (speed / (z * z), -1.0 / z);
-        self.take_combination(slopes, rate.per_s - expected, rate.sigma_per_s, GATE_SIGMAS)
+        self.update_linearised(slopes, rate.per_s - expected, rate.sigma_per_s, GATE_SIGMAS)
     }
 }
 
@@ -402,15 +407,15 @@ mod tests {
     const SIZE: (usize, usize) = (640, 480);
     const PERIOD_NS: u64 = 80_000_000;
 
-    /// Smooth texture over a plane, in metres.
+    /// Smooth texture on a plane, in metres.
     fn texture(x: f64, y: f64) -> f64 {
         let wave = |fx: f64, fy: f64, phase: f64| (fx * x + fy * y + phase).sin();
         let body = wave(7.0, 1.0, 0.3) + wave(-2.0, 9.0, 1.0) + wave(13.0, 11.0, 2.0) + wave(3.0, -5.0, 4.0);
         110.0 + 22.0 * body
     }
 
-    /// The back of a car 1.8 × 1.5 m at `z` metres before a grey wall, and its region.
-    fn picture(z: f64, lateral_m: f64, random: &mut fastrand::Rng) -> (Vec<u8>, Region) {
+    /// Image and region of the back of a car, 1.8 × 1.5 m, at `z` metres in front of a grey wall.
+    fn image(z: f64, lateral_m: f64, random: &mut fastrand::Rng) -> (Vec<u8>, Region) {
         let mut pixels = vec![0; SIZE.0 * SIZE.1];
         let px = RIG.focal_px / z;
         let (left, right) = (RIG.cx_px + px * (lateral_m - 0.9), RIG.cx_px + px * (lateral_m + 0.9));
@@ -426,7 +431,7 @@ mod tests {
             let noise = (0..4).map(|_| random.f64()).sum::<f64>() - 2.0;
             *v = (value + 3.0 * noise).clamp(0.0, 255.0) as u8;
         }
-        // Boxes are as coarse as strips of four columns, and jump.
+        // Box sides are quantised to strips of four columns, and jump.
         let strip = |v: f64, random: &mut fastrand::Rng| {
             ((v / 4.0).round() as i32 * 4 + random.i32(-1..2) * 2).max(0) as u32
         };
@@ -447,12 +452,11 @@ mod tests {
         (pixels, region)
     }
 
-    /// Worst relative error of the time to collision from 2.5 s down to 0.5 s, and its worst error in
-    /// stated deviations.
-    fn approach(seed: u64, with_growth: bool) -> (f64, f64) {
+    /// Largest error of the time to collision from 2.5 s down to 0.5 s: relative, and in standard deviations.
+    fn approach(seed: u64, with_scale_change: bool) -> (f64, f64) {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-        let mut meter = GrowthMeter::new(SIZE.0, SIZE.1);
+        let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
         let (mut z, closing) = (52.0, 13.9);
         let mut worst = (0.0_f64, 0.0_f64);
         for frame in 0.. {
@@ -460,12 +464,12 @@ mod tests {
             if z / closing < 0.5 {
                 break;
             }
-            let (pixels, region) = picture(z, 0.1, &mut random);
+            let (pixels, region) = image(z, 0.1, &mut random);
             tracker.update(frame * PERIOD_NS, &[region]);
             assert_eq!(tracker.tracks().len(), 1);
-            if with_growth {
-                let image = GreyView::new(&pixels, SIZE.0, SIZE.1, SIZE.0).expect("a picture");
-                tracker.measure_growth(&mut meter, frame * PERIOD_NS, |_| Some((image, (0, 0))));
+            if with_scale_change {
+                let image = GreyView::new(&pixels, SIZE.0, SIZE.1, SIZE.0).expect("valid size");
+                tracker.measure_scale_change(&mut meter, frame * PERIOD_NS, |_| Some((image, (0, 0))));
             }
             let truth = z / closing;
             if truth <= 2.5 {
@@ -481,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_s_growth_tells_the_time_far_away() {
+    fn scale_change_improves_the_time_to_collision_at_long_range() {
         let runs = |with| -> Vec<(f64, f64)> {
             let mut all: Vec<(f64, f64)> = (0..12).map(|seed| approach(seed, with)).collect();
             all.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -502,30 +506,30 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_says_nothing() {
+    fn a_failed_registration_changes_nothing() {
         let mut random = fastrand::Rng::with_seed(1);
-        let (first, region) = picture(25.0, 0.0, &mut random);
+        let (first, region) = image(25.0, 0.0, &mut random);
         let noise: Vec<u8> = (0..SIZE.0 * SIZE.1).map(|_| random.u8(..)).collect();
         let flat = vec![90; SIZE.0 * SIZE.1];
         for second in [&noise, &flat] {
             let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-            let mut meter = GrowthMeter::new(SIZE.0, SIZE.1);
+            let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
             for (frame, pixels) in [&first, second].into_iter().enumerate() {
                 let time_ns = frame as u64 * 5 * PERIOD_NS;
-                let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("a picture");
+                let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("valid size");
                 tracker.update(time_ns, &[region]);
-                let before = tracker.tracks()[0].along;
-                tracker.measure_growth(&mut meter, time_ns, |_| Some((image, (0, 0))));
-                assert_eq!(tracker.tracks()[0].along, before, "frame {frame}");
+                let before = tracker.tracks()[0].longitudinal;
+                tracker.measure_scale_change(&mut meter, time_ns, |_| Some((image, (0, 0))));
+                assert_eq!(tracker.tracks()[0].longitudinal, before, "frame {frame}");
             }
         }
-        // A crop that hardly holds the box.
-        let small = GreyView::new(&first, 20, 12, SIZE.0).expect("a picture");
+        // A crop that hardly contains the box.
+        let small = GreyView::new(&first, 20, 12, SIZE.0).expect("valid size");
         let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-        let mut meter = GrowthMeter::new(SIZE.0, SIZE.1);
+        let mut meter = ScaleChangeMeter::new(SIZE.0, SIZE.1);
         for frame in 0..9 {
             tracker.update(frame * PERIOD_NS, &[region]);
-            tracker.measure_growth(&mut meter, frame * PERIOD_NS, |_| Some((small, (300, 230))));
+            tracker.measure_scale_change(&mut meter, frame * PERIOD_NS, |_| Some((small, (300, 230))));
         }
         assert_eq!(tracker.tracks().len(), 1);
     }

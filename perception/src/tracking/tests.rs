@@ -6,7 +6,7 @@ const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 2
 const SIZE: (usize, usize) = (640, 480);
 const PERIOD_NS: u64 = 80_000_000;
 
-/// A thing 1.8 m wide and 1.5 m high, its foot 1.25 m below the camera.
+/// Region of an object 1.8 m wide and 1.5 m high; its foot is 1.25 m below the camera.
 fn region(distance_m: f64, lateral_m: f64) -> Region {
     sized(distance_m, lateral_m, 1.8, 1.5)
 }
@@ -35,7 +35,7 @@ fn sized(distance_m: f64, lateral_m: f64, width_m: f64, height_m: f64) -> Region
     }
 }
 
-/// The same as it is measured.
+/// The region with measurement noise.
 fn noisy(region: Region, random: &mut fastrand::Rng) -> Region {
     let normal = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
     let disparity_px = (region.disparity_px + 0.12 * normal).max(0.3);
@@ -54,7 +54,7 @@ fn tracker() -> Tracker {
     Tracker::new(TrackerParameters::default(), RIG, SIZE)
 }
 
-/// A tracker that has seen the same regions for ten frames, and the time of the last.
+/// A tracker after ten frames with the same regions, and the time of the last frame.
 fn settled(regions: &[Region]) -> (Tracker, u64) {
     let mut tracker = tracker();
     for frame in 0..10 {
@@ -64,8 +64,8 @@ fn settled(regions: &[Region]) -> (Tracker, u64) {
 }
 
 #[test]
-fn approaching_cars_keep_their_identity_and_give_speed_and_time() {
-    // What disparity alone says: 0.12 px are 12 % of the speed at 35 m, and 4 % at 12 m.
+fn approaching_cars_keep_their_identity_and_yield_time_to_collision() {
+    // Accuracy of disparity alone: 0.12 px are 12 % of the speed at 35 m, and 4 % at 12 m.
     for (from_m, closing, limit) in [(50.0, 14.0, 0.6), (30.0, 5.0, 0.2)] {
         let mut worst = (0.0_f64, 0.0_f64);
         for seed in 0..40 {
@@ -82,7 +82,7 @@ fn approaching_cars_keep_their_identity_and_give_speed_and_time() {
                         (2, 2, 0),
                         "at {distance} m"
                     );
-                    let ttc = track.time_to_collision().expect("it comes nearer");
+                    let ttc = track.time_to_collision().expect("the car approaches");
                     let error = (ttc.seconds - distance / closing).abs();
                     worst = (worst.0.max(error * closing / distance), worst.1.max(error / ttc.sigma_s));
                 }
@@ -101,7 +101,7 @@ fn approaching_cars_keep_their_identity_and_give_speed_and_time() {
 }
 
 #[test]
-fn tracks_are_confirmed_bridged_and_forgotten() {
+fn tracks_are_confirmed_bridged_and_deleted() {
     let mut tracker = tracker();
     let mut time = 0;
     let mut step = |tracker: &mut Tracker, regions: &[Region]| {
@@ -114,7 +114,7 @@ fn tracks_are_confirmed_bridged_and_forgotten() {
     step(&mut tracker, &car);
     step(&mut tracker, &car);
     assert!(tracker.is_confirmed(&tracker.tracks[0]));
-    // Four frames without it are bridged, five are not.
+    // Four missed frames are bridged, five are not.
     for missed in 1..5 {
         assert_eq!(step(&mut tracker, &[])[0].missed, missed);
     }
@@ -124,12 +124,12 @@ fn tracks_are_confirmed_bridged_and_forgotten() {
     }
     assert_eq!(step(&mut tracker, &[]), []);
     assert_ne!(step(&mut tracker, &car)[0].id, first);
-    // A track of one frame leaves at once.
+    // An unconfirmed track is deleted at its first miss.
     assert_eq!(step(&mut tracker, &[]), []);
 }
 
 #[test]
-fn a_car_out_of_sight_is_expected_where_it_went() {
+fn an_undetected_car_is_predicted_along_its_motion() {
     let mut tracker = tracker();
     let place = |frame: u64| region(30.0 - 0.8 * frame as f64, -3.0 + 0.12 * frame as f64);
     for frame in 0..15 {
@@ -153,19 +153,19 @@ fn a_bad_frame_changes_neither_track_nor_speed() {
         let wrong = Region { disparity_px: RIG.disparity_px(bad), distance_m: bad, ..region(20.0, 0.0) };
         tracker.update(time + PERIOD_NS, &[wrong]);
         let tracks = tracker.update(time + 2 * PERIOD_NS, &[region(20.0, 0.0)]).to_vec();
-        let track = tracks.iter().find(|t| t.id == 1).expect("the track lives");
+        let track = tracks.iter().find(|t| t.id == 1).expect("the track still exists");
         assert_eq!(track.missed, 0, "{bad} m");
         assert!(
             (track.distance_m() - 20.0).abs() < 0.5 && track.closing_m_s().abs() < 1.5,
             "{bad} m: {track:?}"
         );
         let time = time + 3 * PERIOD_NS;
-        assert_eq!(tracker.update(time, &[region(20.0, 0.0)]).len(), 1, "nothing of it stays");
+        assert_eq!(tracker.update(time, &[region(20.0, 0.0)]).len(), 1, "the outlier leaves no track");
     }
 }
 
 #[test]
-fn a_near_side_that_jumps_is_followed_without_a_false_speed() {
+fn a_jumping_near_side_is_followed_without_a_false_speed() {
     let (mut tracker, time) = settled(&[region(14.0, 0.0)]);
     let mut fastest = 0.0_f64;
     for frame in 1..12 {
@@ -183,7 +183,7 @@ fn regions_that_split_and_merge_keep_their_tracks() {
     // A car and a van beside it, 1 m apart.
     let (car, van) = (region(15.0, -1.4), region(15.2, 1.4));
     let (mut tracker, time) = settled(&[car, van]);
-    // For two frames they are one.
+    // For two frames they are merged.
     let both = sized(15.0, 0.0, 4.6, 1.5);
     for frame in 1..3 {
         let tracks = tracker.update(time + frame * PERIOD_NS, &[both]);
@@ -193,8 +193,8 @@ fn regions_that_split_and_merge_keep_their_tracks() {
     let tracks = tracker.update(time + 4 * PERIOD_NS, &[car, van]);
     let ids: Vec<u32> = tracks.iter().map(|t| t.id).collect();
     assert_eq!(ids, [1, 2], "{tracks:?}");
-    assert!(tracks[0].across.lateral_m() < -0.9 && tracks[1].across.lateral_m() > 0.9, "{tracks:?}");
-    // One that falls apart goes on as its larger part.
+    assert!(tracks[0].lateral.lateral_m() < -0.9 && tracks[1].lateral.lateral_m() > 0.9, "{tracks:?}");
+    // A track whose region splits continues with the larger part.
     let (mut tracker, time) = settled(&[sized(15.0, 0.0, 2.4, 1.5)]);
     let parts = [sized(15.0, -0.45, 1.5, 1.5), sized(15.0, 0.85, 0.7, 1.5)];
     let tracks = tracker.update(time + PERIOD_NS, &parts);
@@ -202,46 +202,46 @@ fn regions_that_split_and_merge_keep_their_tracks() {
 }
 
 #[test]
-fn a_score_is_a_vote_and_a_jump_back_in_time_starts_anew() {
+fn scores_are_votes_and_a_jump_back_in_time_resets() {
     let (mut tracker, mut time) = settled(&[region(20.0, 0.0), region(10.0, 3.0)]);
-    let policy = ScheduleParameters { most: 1, again_frames: 3 };
-    let mut looked = Vec::new();
+    let policy = ScheduleParameters { max_per_frame: 1, repeat_frames: 3 };
+    let mut classified = Vec::new();
     let mut frame = |tracker: &mut Tracker, score: Option<f32>| {
         time += PERIOD_NS;
         tracker.update(time, &[region(20.0, 0.0), region(10.0, 3.0)]);
-        tracker.look(
+        tracker.classify(
             policy,
             |_| true,
             |track| {
-                looked.push(track.id);
+                classified.push(track.id);
                 score
             },
         );
     };
     frame(&mut tracker, Some(4.0));
-    assert_eq!(tracker.tracks()[1].class.score(), Some(4.0), "the nearest comes first");
+    assert_eq!(tracker.tracks()[1].classification.score(), Some(4.0), "the nearest track comes first");
     for _ in 0..12 {
         frame(&mut tracker, Some(5.0));
     }
-    assert_eq!(tracker.tracks()[0].class.score(), Some(5.0));
-    // One look that fails changes nothing, four of four do.
+    assert_eq!(tracker.tracks()[0].classification.score(), Some(5.0));
+    // A few negative classifications change nothing, the majority does.
     for _ in 0..2 {
         frame(&mut tracker, None);
     }
-    assert!(tracker.tracks().iter().all(|t| t.class.score().is_some()));
+    assert!(tracker.tracks().iter().all(|t| t.classification.score().is_some()));
     for _ in 0..10 {
         frame(&mut tracker, None);
     }
-    assert!(tracker.tracks().iter().all(|t| t.class.score().is_none()));
-    let [first, second] = [1, 2].map(|id| looked.iter().filter(|&&l| l == id).count());
-    assert!(first >= 8 && second >= 8, "both are looked at: {looked:?}");
-    tracker.look(policy, |_| false, |_| unreachable!("none may be looked at"));
+    assert!(tracker.tracks().iter().all(|t| t.classification.score().is_none()));
+    let [first, second] = [1, 2].map(|id| classified.iter().filter(|&&l| l == id).count());
+    assert!(first >= 8 && second >= 8, "both are classified: {classified:?}");
+    tracker.classify(policy, |_| false, |_| unreachable!("none may be classified at"));
     let tracks = tracker.update(5, &[region(20.0, 0.0)]);
     assert_eq!((tracks.len(), tracks[0].seen), (1, 1));
 }
 
 #[test]
-fn any_regions_are_survived() {
+fn arbitrary_regions_cause_no_invalid_track() {
     let mut random = fastrand::Rng::with_seed(9);
     let mut tracker = tracker();
     for frame in 0..2000_u64 {
@@ -266,13 +266,13 @@ fn any_regions_are_survived() {
             let b = t.region.bounds;
             assert!(b.x + b.width <= 640 && b.y + b.height <= 480, "{b:?}");
             assert!(t.distance_m().is_finite() && t.closing_m_s().is_finite());
-            assert!(t.across.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
+            assert!(t.lateral.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
         }
     }
 }
 
-/// Judges a frame as the recognition stage does.
-fn judge(tracker: &mut Tracker, alarm: &mut Alarm, time_ns: u64, regions: &[Region]) -> AlarmLevel {
+/// Processes a frame like the recognition stage.
+fn process_frame(tracker: &mut Tracker, alarm: &mut Alarm, time_ns: u64, regions: &[Region]) -> AlarmLevel {
     tracker.update(time_ns, regions);
     let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
     alarm.update(time_ns, true, confirmed.map(Candidate::of)).level
@@ -285,7 +285,7 @@ fn a_single_bad_frame_raises_no_alarm() {
         let mut tracker = tracker();
         let mut alarm = Alarm::new(AlarmParameters::default());
         for frame in 0..60 {
-            // A car is followed at 16 m; in frame 40 everything is somewhere else.
+            // A car ahead at a constant 16 m; in frame 40 all measurements are wrong.
             let mut regions =
                 vec![noisy(region(16.0, 0.0), &mut random), noisy(region(22.0, 4.5), &mut random)];
             if frame == 40 {
@@ -295,14 +295,14 @@ fn a_single_bad_frame_raises_no_alarm() {
                 }
                 regions.push(region(4.0 + 4.0 * random.f64(), random.f64() - 0.5));
             }
-            let level = judge(&mut tracker, &mut alarm, frame * PERIOD_NS, &regions);
+            let level = process_frame(&mut tracker, &mut alarm, frame * PERIOD_NS, &regions);
             assert_eq!(level, AlarmLevel::Standby, "seed {seed}, frame {frame}");
         }
     }
 }
 
 #[test]
-fn the_next_lane_raises_no_alarm_and_a_car_in_the_way_does() {
+fn a_car_in_the_path_raises_an_alarm_and_one_in_the_next_lane_does_not() {
     for seed in 0..40 {
         let mut random = fastrand::Rng::with_seed(seed);
         for (lateral, expected) in
@@ -313,7 +313,7 @@ fn the_next_lane_raises_no_alarm_and_a_car_in_the_way_does() {
             let (mut z, mut frame, mut worst) = (60.0, 0, AlarmLevel::Standby);
             while z > 3.0 {
                 let car = noisy(region(z, lateral), &mut random);
-                worst = worst.max(judge(&mut tracker, &mut alarm, frame * PERIOD_NS, &[car]));
+                worst = worst.max(process_frame(&mut tracker, &mut alarm, frame * PERIOD_NS, &[car]));
                 z -= 13.9 * 0.08;
                 frame += 1;
             }

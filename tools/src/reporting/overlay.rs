@@ -2,7 +2,7 @@
 
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
-use perception::road::edges::STRETCHES;
+use perception::road::edges::SEGMENTS;
 
 const RED: Colour = [255, 40, 40];
 const ORANGE: Colour = [255, 165, 40];
@@ -11,7 +11,7 @@ const WHITE: Colour = [240, 240, 240];
 const YELLOW: Colour = [250, 230, 60];
 
 /// Columns and rows of the road's left and right edges, where they are seen, from near to far.
-pub type EdgePoints = [[Option<(i32, i32)>; 2]; STRETCHES];
+pub type EdgePoints = [[Option<(i32, i32)>; 2]; SEGMENTS];
 
 /// What an overlay is drawn from: images of one size, row after row.
 #[derive(Clone, Copy, Debug)]

@@ -53,7 +53,7 @@ mod tests {
         let mut histogram = VDisparity::new(50, 40, 16);
         let map: Vec<u16> = (0..40 * 50).map(|i| (i / 50 * 64) as u16).collect();
         let map = DisparityView::new(&map, 50, 40).unwrap();
-        histogram.fill(DepthView::new(map, &[255; 2000]).unwrap(), 1, Corridor::ALL);
+        histogram.fill(DepthView::new(map, &[255; 2000]).unwrap(), 1, Corridor::UNBOUNDED);
         let mut profile = vec![0.0; 40];
         profile[30] = 3.0;
         let picture = draw(&histogram, &profile);

@@ -19,7 +19,7 @@ use perception::recognition::Recogniser;
 use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
 use perception::tracking::classification_schedule::ScheduleParameters;
-use perception::tracking::scale_change::GrowthMeter;
+use perception::tracking::scale_change::ScaleChangeMeter;
 use perception::tracking::{Track, Tracker};
 
 /// The word for what no class recognised.
@@ -37,7 +37,7 @@ pub struct RecognitionStage {
     min_m: f64,
     looks: ScheduleParameters,
     tracker: Tracker,
-    growth: GrowthMeter,
+    scale_change: ScaleChangeMeter,
     alarm: Alarm,
     path_width_m: f64,
     /// When a road was seen last, in the scene's time, and for how long an alarm goes on without.
@@ -67,7 +67,7 @@ impl RecognitionStage {
             let pixels = message.crop(record)?;
             Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
         };
-        self.tracker.measure_growth(&mut self.growth, frame.source_ns, crop);
+        self.tracker.measure_scale_change(&mut self.scale_change, frame.source_ns, crop);
         if frame.modes & modes::RECOGNITION_OFF == 0 {
             self.recognise(message);
         }
@@ -117,7 +117,7 @@ impl RecognitionStage {
         let may = |track: &Track| {
             record(track).is_some_and(|r| r.width_m.min(r.height_m) >= min_m && message.crop(r).is_some())
         };
-        self.tracker.look(self.looks, may, |track| {
+        self.tracker.classify(self.looks, may, |track| {
             let record = record(track)?;
             let [_, _, width, height] = record.crop.map(|v| v as usize);
             let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
@@ -140,7 +140,7 @@ impl Stage for RecognitionStage {
             min_m: MIN_SHARE * config.recognition.window_m,
             looks: schedule_parameters(config),
             tracker: Tracker::new(tracker_parameters(config), rig, size),
-            growth: GrowthMeter::new(format.width, format.height),
+            scale_change: ScaleChangeMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
             road_ns: 0,
             hold_ns: alarm_parameters(config).hold_ns,
@@ -186,7 +186,7 @@ fn region(record: &RegionRecord) -> Region {
 fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> ObstacleRecord {
     let b = track.region.bounds;
     let mut class = [0; 16];
-    let score = track.class.score();
+    let score = track.classification.score();
     put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
     let ttc = track.time_to_collision();
     ObstacleRecord {
@@ -196,13 +196,13 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
         missed: track.missed,
         bounds: [b.x, b.y, b.width, b.height],
         distance_m: track.distance_m(),
-        distance_sigma_m: track.along.distance_sigma_m(),
-        lateral_m: track.across.lateral_m(),
+        distance_sigma_m: track.longitudinal.distance_sigma_m(),
+        lateral_m: track.lateral.lateral_m(),
         width_m: track.width_m,
         height_m: track.region.height_m,
-        across_m_s: track.across.speed_m_s(),
+        across_m_s: track.lateral.speed_m_s(),
         closing_m_s: track.closing_m_s(),
-        closing_sigma_m_s: track.along.closing_sigma_m_s(),
+        closing_sigma_m_s: track.longitudinal.closing_sigma_m_s(),
         time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
         time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
         in_path: u32::from(Candidate::of(track).is_in_the_way(path_width_m)),

@@ -36,7 +36,7 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
 /// How often tracks are classified.
 pub fn schedule_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
-    ScheduleParameters { most: whole(c.looks_max), again_frames: whole(c.again_frames) }
+    ScheduleParameters { max_per_frame: whole(c.looks_max), repeat_frames: whole(c.again_frames) }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use messages::regions::{EdgeRecord, RegionRecord, RegionsMessage, RoadRecord};
 use messages::typed::{Output, Written};
 use perception::depth::DepthView;
 use perception::image::GreyView;
-use perception::image_quality::{TextureCheck, road_texture};
+use perception::image_quality::{TextureMonitor, road_texture};
 use perception::region::Region;
 use perception::rig::Rig;
 use perception::road::edges::Edge;
@@ -22,7 +22,7 @@ use perception::stereo::DisparityView;
 
 // What the algorithm gives and what the message holds are the same columns.
 const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
-const _: () = assert!(perception::road::edges::STRETCHES == regions::STRETCHES);
+const _: () = assert!(perception::road::edges::SEGMENTS == regions::STRETCHES);
 
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
 /// room.
@@ -37,7 +37,7 @@ pub struct RoadStage {
     rig: Rig,
     path_width_m: f64,
     /// Whether the road has texture to be matched by, if it is asked for.
-    texture: Option<TextureCheck>,
+    texture: Option<TextureMonitor>,
     is_sparse: bool,
     width: usize,
     height: usize,
@@ -61,7 +61,7 @@ impl Stage for RoadStage {
             detector,
             rig: format.rig(),
             path_width_m: config.alarm.path_width_m,
-            texture: config.alarm.self_check.then(TextureCheck::default),
+            texture: config.alarm.self_check.then(TextureMonitor::default),
             is_sparse: false,
             width,
             height,
@@ -79,7 +79,7 @@ impl Stage for RoadStage {
         let disparity = DisparityView::new(depth.disparity, self.width, self.height)
             .ok_or(MessageError::Length { given: depth.disparity.len(), needed: self.width * self.height })?;
         let depth_view = DepthView::new(disparity, depth.confidence)
-            .and_then(|view| view.with_pictures([left, right]))
+            .and_then(|view| view.with_images([left, right]))
             .ok_or(MessageError::Length {
                 given: depth.confidence.len(),
                 needed: self.width * self.height,

@@ -16,7 +16,7 @@ use messages::device::DeviceRecord;
 use messages::pair::{Pair, PairMessage};
 use messages::typed::{Output, Written};
 use perception::image::GreyView;
-use perception::image_quality::{SightCheck, SightFaults};
+use perception::image_quality::{ImageFaults, ImageMonitor};
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use std::time::{Duration, Instant};
 
@@ -25,8 +25,8 @@ pub struct StereoStage {
     matcher: Box<dyn Matcher>,
     calibration: Option<CalibrationMonitor>,
     /// Looks at the pictures themselves, if it is asked for.
-    sight: Option<SightCheck>,
-    seen: SightFaults,
+    sight: Option<ImageMonitor>,
+    seen: ImageFaults,
     /// A frame gets no more time than this; None is all that it takes.
     budget: Option<Duration>,
     /// Frames that were given at a coarser scale, for want of time.
@@ -101,8 +101,8 @@ impl Stage for StereoStage {
         let budget =
             (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
         let calibration = CalibrationMonitor::new(config, width, height);
-        let sight = config.alarm.self_check.then(SightCheck::default);
-        let seen = SightFaults::default();
+        let sight = config.alarm.self_check.then(ImageMonitor::default);
+        let seen = ImageFaults::default();
         let (coarse, loss_told) = (0, false);
         Ok(Self { matcher, calibration, sight, seen, budget, coarse, width, height, loss_told })
     }
@@ -134,13 +134,13 @@ impl Stage for StereoStage {
     }
 
     fn faults(&self) -> Faults {
-        let SightFaults { dark, bright, blocked, unlike } = self.seen;
+        let ImageFaults { dark, bright, blocked, contrast_mismatch } = self.seen;
         let is_degraded = self.calibration().state() == CalibrationState::Degraded;
         Faults::DARK
             .when(dark)
             .and(Faults::BRIGHT.when(bright))
             .and(Faults::BLOCKED.when(blocked))
-            .and(Faults::UNLIKE.when(unlike))
+            .and(Faults::UNLIKE.when(contrast_mismatch))
             .and(Faults::CALIBRATION.when(is_degraded))
     }
 }

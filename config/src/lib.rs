@@ -6,6 +6,7 @@
 //! the reload of a running daemon are derived from that declaration ([`keys::all`]).
 
 mod check;
+mod key;
 pub mod keys;
 mod reference;
 pub mod stages;

@@ -1,6 +1,6 @@
 //! The macros that declare tables and the configuration.
 
-use crate::keys::{Key, Kind, Reload};
+use crate::key::{Key, Kind, Reload};
 use crate::stages::{PerStage, StageKey};
 use messages::pipeline::Role;
 
@@ -71,7 +71,7 @@ macro_rules! table {
         impl $crate::table::Table for $table {
             const TEXT: &'static str = concat!($($about),+).trim_ascii();
 
-            fn keys(table: &'static str) -> Vec<$crate::keys::Key> {
+            fn keys(table: &'static str) -> Vec<$crate::key::Key> {
                 let default = Self::default();
                 let mut keys = Vec::new();
                 $(
@@ -113,7 +113,7 @@ macro_rules! kind {
 
     (keys $entry:ident, $value:expr, PerStage $key:tt) => { $entry.per_stage(&$value) };
     (keys $entry:ident, $value:expr, $kind:ident $($range:tt)?) => {
-        $entry.key($crate::keys::Kind::$kind $($range)?, &$value)
+        $entry.key($crate::key::Kind::$kind $($range)?, &$value)
     };
 }
 
@@ -131,9 +131,9 @@ macro_rules! configuration {
         }
 
         /// The tables with their keys.
-        pub(crate) fn declared() -> Vec<$crate::keys::Table> {
+        pub(crate) fn declared() -> Vec<$crate::key::Table> {
             vec![$(
-                $crate::keys::Table {
+                $crate::key::Table {
                     name: stringify!($table),
                     text: <$type as $crate::table::Table>::TEXT,
                     keys: <$type as $crate::table::Table>::keys(stringify!($table)),

@@ -1,6 +1,6 @@
 //! When the daemon warns and raises an alarm.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 use perception::alarm::AlarmParameters as Rules;
 

@@ -1,6 +1,6 @@
 //! The board: its temperature, its clocks, its power.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 
 table! {

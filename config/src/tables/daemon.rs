@@ -1,6 +1,6 @@
 //! Identity, logging, CPU affinity and supervision of the processes.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::stages::Core;
 use crate::table::table;
 use messages::pipeline::{self, Role};

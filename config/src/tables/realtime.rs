@@ -1,6 +1,6 @@
 //! Real-time scheduling of the processes, and the frame rate.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::stages::Priority;
 use crate::table::table;
 use messages::pipeline::Role;

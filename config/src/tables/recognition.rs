@@ -1,6 +1,6 @@
 //! Recognition and tracking of obstacles.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 use perception::recognition::RecogniserParameters as Recogniser;
 use perception::recognition::scan::{DEFAULT_MAX_PX, DEFAULT_MIN_PX};

@@ -1,6 +1,6 @@
 //! The road surface and the regions above it.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 use perception::detection::RegionParameters as Region;
 use perception::road::{RoadParameters, Shape};

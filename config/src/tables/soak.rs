@@ -1,6 +1,6 @@
 //! `lookout soak`: its procedure and its budgets.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 
 table! {

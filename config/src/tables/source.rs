@@ -1,6 +1,6 @@
 //! Where image pairs come from.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 
 table! {

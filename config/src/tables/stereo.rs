@@ -1,6 +1,6 @@
 //! Stereo matching, and the monitoring of the calibration.
 
-use crate::keys::Reload;
+use crate::key::Reload;
 use crate::table::table;
 use perception::stereo::MpvParameters as Mpv;
 use perception::stereo::cost::DEFAULT_K2;

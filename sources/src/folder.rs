@@ -1,20 +1,12 @@
 //! Recorded pairs in folders: left/right folders and the layouts of KITTI.
 
+pub use crate::source::LAYOUTS;
+
 use crate::{PairSource, SourceError, calibration_file};
 use image::{DynamicImage, ImageError, ImageReader, Limits};
 use perception::rig::Rig;
 use std::io::{BufRead, Seek};
 use std::path::{Path, PathBuf};
-
-/// Folder names of the left and the right images, most specific first.
-pub const LAYOUTS: [(&str, &str); 6] = [
-    ("image_2", "image_3"),
-    ("image_0", "image_1"),
-    ("image_l", "image_r"),
-    ("left", "right"),
-    ("image_02/data", "image_03/data"),
-    ("image_00/data", "image_01/data"),
-];
 
 const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
 

@@ -1,15 +1,10 @@
 //! Finds the pairs of a data set by its layout.
 
-use super::{TruthError, TruthFiles, TruthPair};
+use super::error::TruthError;
+use super::pair::{TruthFiles, TruthPair};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// The layouts that [`find`] knows, for people.
-pub const LAYOUTS: &str = "folders image_2 and image_3, or image_0 and image_1, with disp_occ_0, disp_noc_0, \
-    disp_occ or disp_noc (KITTI 2015, 2012); folders left, right, gt_depth_map and calib (KITTI depth); or a \
-    folder per scene with im0.png, im1.png and disp0GT.pfm or disp0.pfm, im2, im6 and disp2 (.ppm and .pgm, or \
-    .png), view1.png, view5.png and disp1.png, or left.png, right.png and groundtruth.png or gt.png (Middlebury)";
 
 /// A scene with a folder of its own.
 struct SceneLayout {

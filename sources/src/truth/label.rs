@@ -1,6 +1,6 @@
 //! Labels of KITTI's object benchmark: what is in a picture, its box and where it stands.
 
-use super::TruthError;
+use super::error::TruthError;
 use std::path::Path;
 
 /// One labelled object.

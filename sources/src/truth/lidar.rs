@@ -1,7 +1,8 @@
 //! Pictures with LiDAR depth: stereo pairs, or left pictures alone, some with labels.
 
+use super::error::TruthError;
+use super::find;
 use super::map_file::{self, DisparityMap};
-use super::{TruthError, find};
 use std::path::{Path, PathBuf};
 
 /// The layout that [`frames`] knows, for people.

@@ -1,6 +1,7 @@
 //! Disparity maps in files: PNG and PGM with a scale, PFM.
 
-use super::{TruthError, pfm};
+use super::error::TruthError;
+use super::pfm;
 use crate::{SourceError, folder};
 use image::{DynamicImage, ImageReader};
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Middlebury's PFM: one float per pixel, rows from the bottom up.
 
-use super::TruthError;
+use super::error::TruthError;
 use std::path::Path;
 
 /// More bytes than any map has; a file beyond is a mistake, not a map.

@@ -2,8 +2,10 @@
 //! by pictures that neither trees nor thresholds were made from.
 
 use super::augment::Variation;
+use super::error::TrainError;
+use super::parameters::TrainParameters;
 use super::pictures::{self, SourcePicture};
-use super::{Progress, TrainError, TrainParameters, train};
+use super::trainer::{Progress, train};
 use crate::evaluation::detection::{judge_all, report};
 use serde::Serialize;
 use std::fmt::Write as _;

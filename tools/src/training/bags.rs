@@ -65,7 +65,7 @@ pub fn join(cascades: Vec<Cascade>, hit_rate: f64, objects: &[Sums]) -> Option<C
 
 #[cfg(test)]
 mod tests {
-    use super::super::FeatureKind;
+    use super::super::features::FeatureKind;
     use super::*;
     use perception::recognition::cascade::{Features, LbpFeature, Split};
 

@@ -1,7 +1,9 @@
 //! What a training run needs to go on after it was stopped: the stages so far.
 
+use super::error::TrainError;
+use super::parameters::TrainParameters;
 use super::pictures::Split;
-use super::{StageFigures, TrainError, TrainParameters};
+use super::trainer::StageFigures;
 use perception::recognition::Cascade;
 use perception::recognition::xml::{self, TrainedWith};
 use serde::{Deserialize, Serialize};

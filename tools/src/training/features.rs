@@ -1,9 +1,10 @@
 //! The features that the trainer chooses from, and their values on all samples as one byte each.
 
-use super::{FeatureKind, threads};
+use super::threads;
 use fastrand::Rng;
 use perception::recognition::cascade::{Features, HaarFeature, LbpFeature, Split, WeightedRect};
 use perception::recognition::integral::Integral;
+use serde::{Deserialize, Serialize};
 
 /// Samples that are coded at a time.
 const BLOCK: usize = 32;
@@ -13,6 +14,38 @@ const CUTS: usize = 63;
 
 /// Values from which the thresholds of a Haar feature are taken.
 const SURVEYED: usize = 512;
+
+/// Which features trees are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureKind {
+    /// Multi-block local binary patterns.
+    Lbp,
+    /// Upright Haar features.
+    Haar,
+    /// Haar features, tilted ones too.
+    HaarTilted,
+}
+
+impl FeatureKind {
+    /// What a cascade's features need.
+    pub fn of(features: &Features) -> Self {
+        match features {
+            Features::Lbp(_) => Self::Lbp,
+            Features::Haar(list) if list.iter().any(|f| f.tilted) => Self::HaarTilted,
+            Features::Haar(_) => Self::Haar,
+        }
+    }
+
+    /// Every feature of a window.
+    pub fn all(self, width: u16, height: u16) -> Features {
+        match self {
+            Self::Lbp => Features::Lbp(all_lbp(width, height)),
+            Self::Haar => Features::Haar(all_haar(width, height, false)),
+            Self::HaarTilted => Features::Haar(all_haar(width, height, true)),
+        }
+    }
+}
 
 /// Every multi-block LBP feature of a window, columns outermost, as OpenCV's trainer counts them.
 pub fn all_lbp(width: u16, height: u16) -> Vec<LbpFeature> {

@@ -1,9 +1,9 @@
 //! Windows of pictures without objects: any, and those that a cascade takes for objects.
 
 use super::augment::{Part, Sampling, Variation, fade, relight, vary, window};
-use super::features::Sums;
+use super::features::{FeatureKind, Sums};
 use super::pictures::SourcePicture;
-use super::{FeatureKind, threads};
+use super::threads;
 use fastrand::Rng;
 use perception::recognition::cascade::Cascade;
 

@@ -1,6 +1,6 @@
 //! Folders of patches and pictures, read in an order that keeps sequences together.
 
-use super::TrainError;
+use super::error::TrainError;
 use perception::image::GreyImage;
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};

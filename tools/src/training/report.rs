@@ -2,8 +2,9 @@
 //! learned from, and the chosen features on the mean object.
 
 use super::augment::{Part, Sampling, window};
+use super::error::TrainError;
 use super::pictures::SourcePicture;
-use super::{StageFigures, TrainError};
+use super::trainer::StageFigures;
 use crate::evaluation::detection::DetectionReport;
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::plot::{self, Series};

@@ -2,8 +2,10 @@
 //! the search window.
 
 use super::augment::{Part, Sampling, window};
+use super::error::TrainError;
+use super::parameters::TrainParameters;
 use super::pictures::{SourcePicture, Split};
-use super::{Progress, TrainError, TrainParameters, train};
+use super::trainer::{Progress, train};
 use crate::evaluation::detection::{judge_all, report};
 use perception::image::GreyView;
 use perception::recognition::{Cascade, Detector, Sizes};

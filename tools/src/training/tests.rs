@@ -1,6 +1,10 @@
 use super::checkpoint::Checkpoint;
+use super::finish::Aim;
+use super::pictures::{SourcePicture, Split};
+use super::trainer::Progress;
 use super::*;
 use crate::evaluation::detection::{judge_all, report as figures};
+use fastrand::Rng;
 use perception::image::GreyImage;
 use perception::recognition::xml::TrainedWith;
 use std::path::Path;

@@ -288,7 +288,7 @@ impl Fit<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::FeatureKind::{Haar, Lbp};
+    use super::super::features::FeatureKind::{Haar, Lbp};
     use super::super::features::Sums;
     use super::*;
     use perception::recognition::cascade::{Features, HaarFeature, LbpFeature, WeightedRect};

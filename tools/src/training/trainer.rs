@@ -1,0 +1,331 @@
+//! The trainer: stages of boosted trees, each on the windows that the stages before it accept.
+
+use super::augment::{self, Part, Sampling};
+use super::bags;
+use super::error::TrainError;
+use super::features::{self, Codes, FeatureKind, Sums};
+use super::finish::{self, Aim, Judged};
+use super::mine::Miner;
+use super::parameters::TrainParameters;
+use super::pictures::{SourcePicture, Split};
+use super::stage::{self, Samples, StageParameters, Start, TrainedStage};
+use super::threads;
+use super::tree::{Child, TreeNode};
+use fastrand::Rng;
+use perception::recognition::cascade::{Branch, Cascade, Features, Node, Stage};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+
+/// Most trees of the first stage, which sees every window; each stage behind it may have twice as
+/// many as the one before, up to [`StageParameters::max_trees`].
+const FIRST_TREES: usize = 16;
+
+/// Figures of a stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageFigures {
+    /// Its trees.
+    pub trees: usize,
+    /// Share of the judging objects that passes it.
+    pub hit_rate: f64,
+    /// Share of the judging rest (that reached it) that passes it.
+    pub false_alarm_rate: f64,
+    /// The same of what it learned from.
+    pub learned_hit_rate: f64,
+    /// The same of what it learned from.
+    pub learned_false_alarm_rate: f64,
+    /// Share of all windows without objects that reached it.
+    pub acceptance: f64,
+    /// Windows without objects that it learned from.
+    pub negatives: usize,
+}
+
+/// What happens during training.
+#[derive(Clone, Copy, Debug)]
+pub enum Progress<'a> {
+    /// A stage begins with this share of windows still in the race.
+    Stage {
+        /// From 0, counted through all bags.
+        index: usize,
+        /// Share of windows without objects that reach it.
+        acceptance: f64,
+    },
+    /// It has one more tree.
+    Tree {
+        /// Its stage, counted through all bags.
+        stage: usize,
+        /// How many it has.
+        trees: usize,
+        /// Share of the judging rest that passes it.
+        false_alarm_rate: f64,
+    },
+    /// A stage is done; the cascade so far can be kept.
+    Done {
+        /// Which of the cascades that will be joined, from 0.
+        bag: usize,
+        /// All stages so far.
+        cascade: &'a Cascade,
+        /// Its figures.
+        figures: &'a StageFigures,
+    },
+}
+
+/// A trained cascade.
+#[derive(Clone, Debug)]
+pub struct Trained {
+    /// The cascade.
+    pub cascade: Cascade,
+    /// Figures of the stages that were trained now.
+    pub stages: Vec<StageFigures>,
+    /// Whether it ended before the last stage because hardly any window without object was left.
+    pub exhausted: bool,
+}
+
+/// The windows of pictures that fill them: each as it is, and varied.
+fn whole_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usize, salt: u64) -> Vec<Sums> {
+    let window = (usize::from(p.window.0), usize::from(p.window.1));
+    let made = threads::map(p.threads, pictures.len(), |i| {
+        let view = pictures[i].grey.view();
+        let mut random = Rng::with_seed(p.seed ^ salt ^ (i as u64) << 20);
+        let mut out = Vec::new();
+        (0..=variants)
+            .map(|variant| {
+                if variant == 0 {
+                    augment::window(view, Part::whole(view), Sampling::Area, window, &mut out);
+                } else {
+                    augment::vary(view, Part::whole(view), &p.variation, &mut random, window, &mut out);
+                }
+                Sums::of(&out, p.window, p.features)
+            })
+            .filter(|sums| sums.sound)
+            .collect::<Vec<_>>()
+    });
+    made.into_iter().flatten().collect()
+}
+
+fn sums_of(windows: &[Vec<u8>], p: &TrainParameters) -> Vec<Sums> {
+    threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, p.features))
+}
+
+/// Trains a cascade. `begun` holds what was trained before with the same parameters and pictures: the cascades
+/// that will be joined, the last of them perhaps without its last stages; training goes on behind them, to the
+/// same cascade.
+///
+/// # Errors
+/// When the pictures do not suffice.
+pub fn train(
+    p: &TrainParameters,
+    objects: Split,
+    rest: Split,
+    begun: Vec<Cascade>,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Trained, TrainError> {
+    if p.bags > 1 && !p.stage.chained {
+        let text = "cascades whose stages begin from nothing cannot be joined: --bags 1, or not --unchained";
+        return Err(TrainError::Data(text.into()));
+    }
+    let mut result = Trained { cascade: Builder::new(p, None).cascade, stages: Vec::new(), exhausted: false };
+    let mut cascades = begun;
+    for bag in cascades.len().saturating_sub(1)..p.bags {
+        let before = (cascades.len() > bag).then(|| cascades.split_off(bag)).and_then(|mut last| last.pop());
+        let one = train_one(p, bag, &objects, &rest, before, progress)?;
+        result.stages.extend(one.stages);
+        result.exhausted |= one.exhausted;
+        cascades.push(one.cascade);
+    }
+    let judging = |split: Split| if p.validation > 0.0 { split.validation } else { split.training };
+    let (objects, rest) = (judging(objects), judging(rest));
+    let varied = whole_windows(&objects, p, p.variants, 2);
+    result.cascade = bags::join(cascades, p.stage.hit_rate, &varied).unwrap_or(result.cascade);
+    let margins = |windows: &[Sums]| bags::margins(&result.cascade, windows, p.threads);
+    let judged = match p.aim {
+        Aim::AsTrained => Judged::default(),
+        _ => Judged {
+            objects: margins(&whole_windows(&objects, p, 0, 2)),
+            rest: margins(&without_objects(&rest, p)),
+            varied: margins(&varied),
+        },
+    };
+    finish::finish(p.aim, p.early, &mut result.cascade.stages, &judged);
+    Ok(result)
+}
+
+/// The patches among the pictures; windows at random where there are no patches.
+fn without_objects(pictures: &[SourcePicture], p: &TrainParameters) -> Vec<Sums> {
+    let window = (usize::from(p.window.0), usize::from(p.window.1));
+    let miner = Miner::new(pictures, window, p.variation, p.seed ^ 0x5EED);
+    let patches: Vec<SourcePicture> = miner.patches().iter().map(|&i| pictures[i].clone()).collect();
+    let windows = whole_windows(&patches, p, 0, 3);
+    if windows.is_empty() {
+        return sums_of(&miner.mine(&Builder::new(p, None).cascade, 0, p.negatives, p.threads).windows, p);
+    }
+    windows
+}
+
+/// Trains one of the cascades that will be joined.
+fn train_one(
+    p: &TrainParameters,
+    bag: usize,
+    objects: &Split,
+    rest: &Split,
+    begun: Option<Cascade>,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Trained, TrainError> {
+    let p = &TrainParameters { seed: p.seed.wrapping_add(bag as u64), ..*p };
+    let earlier = bag * p.stages;
+    let window = (usize::from(p.window.0), usize::from(p.window.1));
+    let all = p.features.all(p.window.0, p.window.1);
+    let miner = Miner::new(&rest.training, window, p.variation, p.seed);
+    let judge_miner = Miner::new(&rest.validation, window, p.variation, p.seed ^ 0x5EED);
+    let judged_apart = p.validation > 0.0;
+    if objects.training.is_empty() || judged_apart && objects.validation.is_empty() {
+        let text = "too few pictures of objects to learn from some and be judged by others: give more, or --validation 0";
+        return Err(TrainError::Data(text.into()));
+    }
+    if miner.is_empty() || judged_apart && judge_miner.is_empty() {
+        let text = format!(
+            "too few pictures without objects of at least {}x{} pixels to learn from some and be judged by others: give more",
+            window.0, window.1
+        );
+        return Err(TrainError::Data(text));
+    }
+    let mut learned = whole_windows(&objects.training, p, p.variants, 1);
+    let judges = whole_windows(&objects.validation, p, p.variants, 2);
+    let mut builder = Builder::new(p, begun);
+    let mut alive = vec![true; judges.len()];
+    let mut figures = Vec::new();
+    let mut exhausted = false;
+    // Stages that were there before: whom they refuse does not come back.
+    for stage in &builder.cascade.stages.clone() {
+        let single = Cascade { stages: vec![stage.clone()], ..builder.cascade.clone() };
+        let passes = |s: &Sums| single.stages_passed(s.integral(), 0, 0) == Some(1);
+        for (alive, judge) in alive.iter_mut().zip(&judges) {
+            *alive &= stage::passes(bags::sum(&builder.cascade, stage, judge), stage.threshold);
+        }
+        learned.retain(passes);
+    }
+    while builder.cascade.stages.len() < p.stages {
+        let index = builder.cascade.stages.len();
+        let round = index as u64 + 1;
+        let mined = miner.mine(&builder.cascade, round, p.negatives, p.threads);
+        let acceptance = mined.acceptance();
+        if mined.windows.len() < (p.negatives / 16).max(8) || learned.len() < 8 {
+            exhausted = true;
+            break;
+        }
+        progress(Progress::Stage { index: earlier + index, acceptance });
+        let objects_now = learned.len();
+        let rest_now = sums_of(&mined.windows, p);
+        let rest_count = rest_now.len();
+        let mut samples = std::mem::take(&mut learned);
+        samples.extend(rest_now);
+        let mut random = Rng::with_seed(p.seed ^ round << 48);
+        let pool = features::draw(&all, p.pool, &mut random);
+        let codes = Codes::new(&pool, &samples, p.threads);
+        let judge_objects: Vec<Sums>;
+        let judge_rest: Vec<Sums>;
+        let judging = if judged_apart {
+            let mined = judge_miner.mine(&builder.cascade, round, (p.negatives / 3).max(500), p.threads);
+            judge_rest = sums_of(&mined.windows, p);
+            judge_objects = judges.iter().zip(&alive).filter(|(_, a)| **a).map(|(j, _)| j.clone()).collect();
+            Samples { objects: &judge_objects, rest: &judge_rest }
+        } else {
+            Samples { objects: &samples[..objects_now], rest: &samples[objects_now..] }
+        };
+        let mut each = |trees, false_alarm_rate| {
+            progress(Progress::Tree { stage: earlier + index, trees, false_alarm_rate });
+        };
+        let begin = Start {
+            learned: builder.sums(&samples, p),
+            judged_objects: builder.sums(judging.objects, p),
+            judged_rest: builder.sums(judging.rest, p),
+        };
+        let limits =
+            StageParameters { max_trees: p.stage.max_trees.min(FIRST_TREES << index.min(16)), ..p.stage };
+        let trained =
+            stage::train(&limits, &pool, (&codes, objects_now), judging, begin, p.threads, &mut each)
+                .ok_or_else(|| {
+                    TrainError::Data(format!(
+                        "stage {index}: no feature tells objects from the rest: are the folders right?"
+                    ))
+                })?;
+        let stage_figures = StageFigures {
+            trees: trained.trees.len(),
+            hit_rate: trained.judged.0,
+            false_alarm_rate: trained.judged.1,
+            learned_hit_rate: trained.learned.0,
+            learned_false_alarm_rate: trained.learned.1,
+            acceptance,
+            negatives: rest_count,
+        };
+        builder.push(&trained, &pool, p.stage.chained);
+        samples.truncate(objects_now);
+        learned = samples;
+        let mut kept = trained.learned_sums.iter().map(|&s| stage::passes(s, trained.threshold));
+        learned.retain(|_| kept.next().unwrap_or(false));
+        if let Some(stage) = builder.cascade.stages.last() {
+            for (alive, judge) in alive.iter_mut().zip(&judges) {
+                *alive &= stage::passes(bags::sum(&builder.cascade, stage, judge), stage.threshold);
+            }
+        }
+        progress(Progress::Done { bag, cascade: &builder.cascade, figures: &stage_figures });
+        figures.push(stage_figures);
+    }
+    Ok(Trained { cascade: builder.cascade, stages: figures, exhausted })
+}
+
+/// Puts a cascade together from stages over changing pools of features.
+struct Builder {
+    cascade: Cascade,
+}
+
+impl Builder {
+    fn new(p: &TrainParameters, begun: Option<Cascade>) -> Self {
+        let features = match p.features {
+            FeatureKind::Lbp => Features::Lbp(Vec::new()),
+            _ => Features::Haar(Vec::new()),
+        };
+        let empty = Cascade { width: p.window.0, height: p.window.1, features, stages: Vec::new() };
+        Self { cascade: begun.unwrap_or(empty) }
+    }
+
+    /// What samples bring along into the next stage.
+    fn sums(&self, samples: &[Sums], p: &TrainParameters) -> Vec<f64> {
+        match self.cascade.stages.last().filter(|_| p.stage.chained) {
+            Some(stage) => {
+                const RUN: usize = 256;
+                let runs = threads::map(p.threads, samples.len().div_ceil(RUN), |run| {
+                    let part = &samples[run * RUN..samples.len().min((run + 1) * RUN)];
+                    part.iter().map(|s| bags::sum(&self.cascade, stage, s)).collect::<Vec<f64>>()
+                });
+                runs.into_iter().flatten().collect()
+            }
+            None => vec![0.0; samples.len()],
+        }
+    }
+
+    fn push(&mut self, trained: &TrainedStage, pool: &Features, chained: bool) {
+        // Features of the pool that are in the cascade by now.
+        let mut names: HashMap<usize, u32> = HashMap::new();
+        let features = &mut self.cascade.features;
+        let trees = trained.trees.iter().map(|tree| {
+            let nodes = tree.iter().map(|node: &TreeNode| {
+                let branch = |child: Child| match child {
+                    Child::Node(n) => Branch::Node(n as u16),
+                    Child::Leaf(value) => Branch::Leaf(value),
+                };
+                Node {
+                    feature: *names
+                        .entry(node.feature)
+                        .or_insert_with(|| features::add(features, pool, node.feature)),
+                    split: node.split,
+                    left: branch(node.children[0]),
+                    right: branch(node.children[1]),
+                }
+            });
+            nodes.collect()
+        });
+        let before = self.cascade.stages.last().filter(|_| chained).map(|s| s.trees.clone());
+        let trees = before.unwrap_or_default().into_iter().chain(trees).collect();
+        self.cascade.stages.push(Stage { threshold: trained.threshold, trees });
+    }
+}

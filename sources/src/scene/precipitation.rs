@@ -25,6 +25,14 @@ pub struct Precipitation {
     pub opacity: f32,
 }
 
+/// The motion-blurred image of one drop or flake: its ends and width in pixels, and 1/z where it starts.
+struct Streak {
+    from: (f64, f64),
+    to: (f64, f64),
+    thick: f32,
+    inverse_z: f32,
+}
+
 impl Precipitation {
     /// Draws what falls into one camera's `light`; `depth` is 1/z of each pixel. Both cameras give the
     /// same `seed`, and so the same drops; `speed_m_s` is the vehicle's.
@@ -53,29 +61,18 @@ impl Precipitation {
                 )
             };
             let thick = size * rig.focal_px / z;
-            self.streak(
-                camera,
-                project([x, y, z]),
-                project(end),
-                thick as f32,
-                (1.0 / z) as f32,
-                light,
-                depth,
-            );
+            let streak = Streak {
+                from: project([x, y, z]),
+                to: project(end),
+                thick: thick as f32,
+                inverse_z: (1.0 / z) as f32,
+            };
+            self.draw_streak(camera, &streak, light, depth);
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "a line, its look, and the image")]
-    fn streak(
-        &self,
-        camera: &Camera,
-        from: (f64, f64),
-        to: (f64, f64),
-        thick: f32,
-        near: f32,
-        light: &mut [f32],
-        depth: &[f32],
-    ) {
+    fn draw_streak(&self, camera: &Camera, streak: &Streak, light: &mut [f32], depth: &[f32]) {
+        let &Streak { from, to, thick, inverse_z } = streak;
         let (width, height) = camera.size;
         let (dx, dy) = ((to.0 - from.0) as f32, (to.1 - from.1) as f32);
         let length = (dx * dx + dy * dy).sqrt();
@@ -91,7 +88,7 @@ impl Precipitation {
         for y in side(from.1, to.1, height) {
             for x in side(from.0, to.0, width) {
                 let i = y * width + x;
-                if depth[i] > near {
+                if depth[i] > inverse_z {
                     continue;
                 }
                 let (px, py) = ((x as f64 - from.0) as f32, (y as f64 - from.1) as f32);

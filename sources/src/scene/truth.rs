@@ -2,9 +2,6 @@
 
 use perception::region::PixelBox;
 
-/// Owner of a pixel that sees the sky.
-pub const SKY: u16 = 0;
-
 /// Owner of a pixel that sees the road's asphalt.
 pub const ROAD: u16 = 1;
 

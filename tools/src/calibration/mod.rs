@@ -61,7 +61,7 @@ pub struct Outcome {
 }
 
 /// The board in a picture, the picture's size, and the processor time that the search took, in ms.
-type Look = Result<((usize, usize), Result<Sighting, NoBoard>, f64), String>;
+type Search = Result<((usize, usize), Result<Sighting, NoBoard>, f64), String>;
 
 /// [`finder::find`], and the processor time of this thread that it took, in ms.
 pub fn timed(view: GreyView<'_>, board: &Board) -> (Result<Sighting, NoBoard>, f64) {
@@ -75,10 +75,10 @@ pub fn timed(view: GreyView<'_>, board: &Board) -> (Result<Sighting, NoBoard>, f
 }
 
 /// Looks for the board in all pictures, on as many threads as there are processors.
-fn look(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Look> {
+fn search(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Search> {
     let next = AtomicUsize::new(0);
     let done = AtomicUsize::new(0);
-    let results: Mutex<Vec<Option<Look>>> = Mutex::new(vec![None; paths.len()]);
+    let results: Mutex<Vec<Option<Search>>> = Mutex::new(vec![None; paths.len()]);
     let work = || {
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
@@ -131,15 +131,47 @@ fn attempt(
     let pictures = Pictures::find(request.folder).map_err(|e| e.to_string())?;
     outcome.pairs = pictures.pairs.len();
     let board = &request.board;
+    let (size, other_boards) = collect_views(&pictures, board, progress, outcome)?;
+    let Some(size) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
+    thin_out(outcome, size);
+    let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
+    let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
+    let mut verdict = match &result {
+        Ok(calibration) => judge(calibration, &names),
+        Err(error) => Verdict::redo(error.to_string()),
+    };
+    judge_missing_boards(&mut verdict, outcome, board, &other_boards);
+    if let Some(path) = pictures.single.first() {
+        let text = format!("{} images have no partner, such as {}", pictures.single.len(), path.display());
+        verdict.reasons.push(Reason { grade: Grade::Good, text });
+    }
+    outcome.calibration = result.ok();
+    if request.cross_validate {
+        outcome.of_all = calibrate_all(board, size, &outcome.corners, request.lens, request.crop).ok();
+    }
+    Ok(verdict)
+}
+
+/// Size of a picture or of a board, in pixels or corners: columns, rows.
+type Size = (usize, usize);
+
+/// Searches all pictures and collects the pairs in which both show the board. Returns the common size of the
+/// pictures, and how often a board of another size was detected.
+fn collect_views(
+    pictures: &Pictures,
+    board: &Board,
+    progress: &(dyn Fn(usize, usize) + Sync),
+    outcome: &mut Outcome,
+) -> Result<(Option<Size>, BTreeMap<Size, usize>), String> {
     let paths: Vec<&Path> =
         pictures.pairs.iter().flat_map(|p| [p.left.as_path(), p.right.as_path()]).collect();
-    let looks = look(&paths, board, progress);
-    let mut size: Option<((usize, usize), &Path)> = None;
-    let mut sizes_seen: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    for ((pair, path), sides) in pictures.pairs.iter().zip(paths.chunks(2)).zip(looks.chunks(2)) {
+    let searches = search(&paths, board, progress);
+    let mut size: Option<(Size, &Path)> = None;
+    let mut other_boards = BTreeMap::new();
+    for ((pair, path), sides) in pictures.pairs.iter().zip(paths.chunks(2)).zip(searches.chunks(2)) {
         let mut found = Vec::new();
-        for (path, look) in path.iter().zip(sides) {
-            let (own, sighting, ms) = look.as_ref().map_err(Clone::clone)?;
+        for (path, search) in path.iter().zip(sides) {
+            let (own, sighting, ms) = search.as_ref().map_err(Clone::clone)?;
             outcome.picture_ms.push(*ms);
             match size {
                 None => size = Some((*own, path)),
@@ -160,7 +192,7 @@ fn attempt(
                 Ok(sighting) => found.push(sighting.corners.clone()),
                 Err(why) => {
                     if let NoBoard::Other { columns, rows } = why {
-                        *sizes_seen.entry((*columns, *rows)).or_default() += 1;
+                        *other_boards.entry((*columns, *rows)).or_default() += 1;
                     }
                     outcome.without.push((path.to_path_buf(), *why));
                 }
@@ -171,16 +203,18 @@ fn attempt(
             outcome.views.push(pair.clone());
         }
     }
-    let Some((size, _)) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
-    thin_out(outcome, size);
-    let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
-    let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
-    let mut verdict = match &result {
-        Ok(calibration) => judge(calibration, &names),
-        Err(error) => Verdict::redo(error.to_string()),
-    };
-    // A lattice that is seen in most pictures is the board.
-    let most = sizes_seen.iter().max_by_key(|(_, count)| **count);
+    Ok((size.map(|(size, _)| size), other_boards))
+}
+
+/// Adds to the verdict why pictures have no board.
+fn judge_missing_boards(
+    verdict: &mut Verdict,
+    outcome: &Outcome,
+    board: &Board,
+    other_boards: &BTreeMap<Size, usize>,
+) {
+    // A size that was detected in most of these pictures is that of the board.
+    let most = other_boards.iter().max_by_key(|(_, count)| **count);
     if let Some(((columns, rows), count)) = most
         && 2 * count > outcome.without.len()
         && outcome.without.len() > outcome.views.len()
@@ -195,28 +229,17 @@ fn attempt(
         verdict.reasons.insert(0, Reason { grade: Grade::Redo, text });
         verdict.grade = Grade::Redo;
     } else if !outcome.without.is_empty() {
-        // A part of a board says more than none.
+        // A partly detected board is the more helpful example.
         let part = outcome.without.iter().find(|w| matches!(w.1, NoBoard::Other { .. }));
         let (path, why) = part.unwrap_or(&outcome.without[0]);
         let count = outcome.without.len();
-        let grade = if count > paths.len() / 2 { Grade::Usable } else { Grade::Good };
-        let text = format!(
-            "the board was not found in {count} of {} pictures; {}: {why}",
-            paths.len(),
-            path.display()
-        );
+        let total = 2 * outcome.pairs;
+        let grade = if count > total / 2 { Grade::Usable } else { Grade::Good };
+        let text =
+            format!("the board was not found in {count} of {total} pictures; {}: {why}", path.display());
         verdict.reasons.push(Reason { grade, text });
         verdict.grade = verdict.grade.max(grade);
     }
-    if let Some(path) = pictures.single.first() {
-        let text = format!("{} pictures have no partner, such as {}", pictures.single.len(), path.display());
-        verdict.reasons.push(Reason { grade: Grade::Good, text });
-    }
-    outcome.calibration = result.ok();
-    if request.cross_validate {
-        outcome.of_all = calibrate_all(board, size, &outcome.corners, request.lens, request.crop).ok();
-    }
-    Ok(verdict)
 }
 
 /// Keeps the views that differ most in place, size and slant, when there are many.

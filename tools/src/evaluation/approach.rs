@@ -181,26 +181,28 @@ impl Approach {
     }
 }
 
-impl fmt::Display for DistanceReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let cell = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.2}"));
-        if !self.approaches.is_empty() {
-            writeln!(
-                f,
-                "{:<14}{:>8}{:>9}{:>13}{:>9}{:>10}{:>9}{:>8}{:>9}{:>9}{:>9}",
-                "approach",
-                "frames",
-                "start m",
-                "first found",
-                "missed",
-                "preset m",
-                "alarm m",
-                "late",
-                "flicker",
-                "error %",
-                "covered"
-            )?;
-        }
+/// A number of a table with two decimals; a dash where there is none.
+fn cell(value: Option<f64>) -> String {
+    value.map_or("-".into(), |v| format!("{v:.2}"))
+}
+
+impl DistanceReport {
+    fn write_approaches(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<14}{:>8}{:>9}{:>13}{:>9}{:>10}{:>9}{:>8}{:>9}{:>9}{:>9}",
+            "approach",
+            "frames",
+            "start m",
+            "first found",
+            "missed",
+            "preset m",
+            "alarm m",
+            "late",
+            "flicker",
+            "error %",
+            "covered"
+        )?;
         for row in &self.approaches {
             let late = row.alarm_late_frames.map_or("-".into(), |late| format!("{late:+}"));
             writeln!(
@@ -219,13 +221,15 @@ impl fmt::Display for DistanceReport {
                 cell(row.covered)
             )?;
         }
-        if !self.approaches.is_empty() {
-            writeln!(
-                f,
-                "\n{:<14}{:>12}{:>10}{:>10}{:>10}{:>9}{:>8}",
-                "approach", "warning TTC", "alarm TTC", "TTC err %", "worst %", "covered", "missed"
-            )?;
-        }
+        Ok(())
+    }
+
+    fn write_times_to_collision(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\n{:<14}{:>12}{:>10}{:>10}{:>10}{:>9}{:>8}",
+            "approach", "warning TTC", "alarm TTC", "TTC err %", "worst %", "covered", "missed"
+        )?;
         for row in &self.approaches {
             writeln!(
                 f,
@@ -239,28 +243,27 @@ impl fmt::Display for DistanceReport {
                 row.ttc_missed
             )?;
         }
-        if !self.approaches.is_empty() && !self.silent.is_empty() {
-            writeln!(f)?;
-        }
-        if !self.silent.is_empty() {
-            writeln!(
-                f,
-                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>7}",
-                "silent",
-                "frames",
-                "alarms",
-                "alarm frames",
-                "warnings",
-                "off",
-                "blind frames",
-                "false regions",
-                "stray"
-            )?;
-        }
+        Ok(())
+    }
+
+    fn write_silent(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>18}",
+            "silent",
+            "frames",
+            "alarms",
+            "alarm frames",
+            "warnings",
+            "off",
+            "blind frames",
+            "false regions",
+            "off-road regions"
+        )?;
         for row in &self.silent {
             writeln!(
                 f,
-                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>7}",
+                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>18}",
                 row.scene,
                 row.frames,
                 row.alarms,
@@ -271,6 +274,23 @@ impl fmt::Display for DistanceReport {
                 row.false_regions,
                 row.stray_regions
             )?;
+        }
+        Ok(())
+    }
+}
+
+/// Tables of the approaches, of their times to collision, and of the silent scenes.
+impl fmt::Display for DistanceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.approaches.is_empty() {
+            self.write_approaches(f)?;
+            self.write_times_to_collision(f)?;
+            if !self.silent.is_empty() {
+                writeln!(f)?;
+            }
+        }
+        if !self.silent.is_empty() {
+            self.write_silent(f)?;
         }
         write!(f, "\nmethod: {}", self.method)
     }

@@ -282,22 +282,27 @@ pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".into(), |v| format!("{v:.decimals$}"))
 }
 
-impl fmt::Display for WeatherReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let road = |row: &WeatherRow| row.road.as_ref().map_or(String::new(), |road| format!(", {road}"));
-        let name = |row: &WeatherRow| format!("{} {}{}", row.scene, row.weather, road(row));
-        let width = self.rows.iter().map(|row| name(row).chars().count()).max().unwrap_or(0).max(12);
+impl WeatherRow {
+    /// Scene, weather and, where road models are compared, the road model.
+    fn name(&self) -> String {
+        let road = self.road.as_ref().map_or(String::new(), |road| format!(", {road}"));
+        format!("{} {}{road}", self.scene, self.weather)
+    }
+}
+
+impl WeatherReport {
+    fn write_detection(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
-            "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10}{:>11}{:>10}{:>10}{:>10}{:>9}",
+            "{:<width$}{:>8}{:>10}{:>10}{:>8}{:>10}{:>11}{:>13}{:>10}{:>10}{:>9}",
             "scene",
             "frames",
-            "due",
+            "evaluable",
             "detected",
             "paper",
             "false/min",
             "tracks/min",
-            "stray/min",
+            "off-road/min",
             "road seen",
             "road cm",
             "95 % cm"
@@ -305,8 +310,8 @@ impl fmt::Display for WeatherReport {
         for row in &self.rows {
             writeln!(
                 f,
-                "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10.1}{:>11.1}{:>10.1}{:>10}{:>10}{:>9}",
-                name(row),
+                "{:<width$}{:>8}{:>10}{:>10}{:>8}{:>10.1}{:>11.1}{:>13.1}{:>10}{:>10}{:>9}",
+                row.name(),
                 row.frames,
                 row.due,
                 cell(row.detection_rate, 3),
@@ -319,9 +324,14 @@ impl fmt::Display for WeatherReport {
                 cell(row.road_p95_m.map(|m| 100.0 * m), 1),
             )?;
         }
+        Ok(())
+    }
+
+    fn write_distances(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
-            "\nDistance: median error in percent, of it too far (+) or near (-), share of truths within the error bar"
+            "\nDistance: median absolute error in percent, median signed error (+ too far, - too near), share of \
+             true distances within the error bar"
         )?;
         write!(f, "{:<width$}", "scene")?;
         for (from, to) in RANGES_M {
@@ -329,7 +339,7 @@ impl fmt::Display for WeatherReport {
         }
         writeln!(f, "{:>22}", "all")?;
         for row in &self.rows {
-            write!(f, "{:<width$}", name(row))?;
+            write!(f, "{:<width$}", row.name())?;
             for range in row.ranges.iter().chain([&row.all]) {
                 let sign = range.bias_percent.map_or("-".into(), |v| format!("{v:+.2}"));
                 let text = format!("{} {sign} {}", cell(range.median_percent, 2), cell(range.covered, 2));
@@ -337,21 +347,37 @@ impl fmt::Display for WeatherReport {
             }
             writeln!(f)?;
         }
+        Ok(())
+    }
+
+    fn write_classes(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
-            "\nClass: share of the objects due that a track found and gave the right class; of those found; of vehicles, of others"
+            "\nClass: share of the evaluable objects with a matching track of the right class; the same of those \
+             with a matching track; of vehicles, of others"
         )?;
         for row in &self.rows {
             writeln!(
                 f,
                 "{:<width$}{:>8}{:>8}{:>16}{:>16}",
-                name(row),
+                row.name(),
                 cell(row.class_rate, 3),
                 cell(row.class_rate_of_found, 3),
                 format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.due),
                 format!("{} of {}", cell(row.others.rate(), 3), row.others.due),
             )?;
         }
+        Ok(())
+    }
+}
+
+/// Tables of detection, distance and class, then the missed objects by class.
+impl fmt::Display for WeatherReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = self.rows.iter().map(|row| row.name().chars().count()).max().unwrap_or(0).max(12);
+        self.write_detection(f, width)?;
+        self.write_distances(f, width)?;
+        self.write_classes(f, width)?;
         let missed: Vec<String> = self
             .rows
             .iter()
@@ -359,7 +385,7 @@ impl fmt::Display for WeatherReport {
             .map(|row| {
                 let classes: Vec<String> =
                     row.missed.iter().map(|(class, n)| format!("{n} {class}")).collect();
-                format!("{}: {}", name(row), classes.join(", "))
+                format!("{}: {}", row.name(), classes.join(", "))
             })
             .collect();
         if !missed.is_empty() {

@@ -141,50 +141,35 @@ impl Line {
 const FAULTY: &str = "restarts are part of this run";
 const OVERLOADED: &str = "more is offered than can be done";
 
+/// A line whose budget is an upper limit; `not_judged` says why it does not count.
+fn at_most(
+    (name, what, unit): (&'static str, &'static str, &'static str),
+    limit: f64,
+    measured: f64,
+    not_judged: Option<&'static str>,
+) -> Line {
+    let verdict = match not_judged {
+        Some(_) => Verdict::NotJudged,
+        // NaN compares false and so fails.
+        None if measured <= limit => Verdict::Pass,
+        None => Verdict::Fail,
+    };
+    let why = not_judged.unwrap_or_default();
+    Line { name, what, unit, limit, at_least: false, measured: Some(measured), verdict, why }
+}
+
 /// Judges a run, budget by budget.
 pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
-    let line = |name, what, unit, limit, measured: f64, not_judged: Option<&'static str>| {
-        let verdict = match not_judged {
-            Some(_) => Verdict::NotJudged,
-            // Written so that what is no number fails.
-            None if measured <= limit => Verdict::Pass,
-            None => Verdict::Fail,
-        };
-        let why = not_judged.unwrap_or_default();
-        Line { name, what, unit, limit, at_least: false, measured: Some(measured), verdict, why }
-    };
     let steady_only = match f.kind {
         Kind::Steady => None,
         Kind::Faults => Some(FAULTY),
         Kind::Overload => Some(OVERLOADED),
     };
-    let latency = |frames: u64| match f.kind {
-        Kind::Overload => Some(OVERLOADED),
-        // Without any frame there is no run to excuse.
-        _ if f.frames > 0 && f.judged_frames < frames => {
-            Some("too few undisturbed frames for this percentile")
-        }
-        _ => None,
-    };
     let growth = match f.slope {
         Some((_, span_s)) if span_s >= SLOPE_SPAN_S => None,
         _ => Some("too short a run: its samples must span four minutes"),
     };
-    let memory =
-        line("memory_bytes", "resident memory, all processes", "bytes", b.memory_bytes, f.memory_bytes, None);
-    let slope = Line {
-        measured: f.slope.map(|(slope, _)| slope),
-        ..line(
-            "slope_bytes_per_hour",
-            "growth of private and of reserved shared memory",
-            "bytes/h",
-            b.slope_bytes_per_hour,
-            f.slope.map_or(f64::NAN, |(slope, _)| slope),
-            growth,
-        )
-    };
-    let (waits, none) = (f.next_result_s, (f.faults == 0).then_some("no fault was made"));
-    let failed = f.failed_restarts as f64;
+    let slope = f.slope.map(|(slope, _)| slope);
     let processed = Line {
         at_least: true,
         verdict: match steady_only {
@@ -192,69 +177,114 @@ pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
             None if f.processed_percent >= b.processed_percent => Verdict::Pass,
             None => Verdict::Fail,
         },
-        ..line(
-            "processed_percent",
-            "results per offered pair",
-            "%",
+        ..at_most(
+            ("processed_percent", "results per offered pair", "%"),
             b.processed_percent,
             f.processed_percent,
             steady_only,
         )
     };
-    let (p50, p99, p999) = (f.latency_p50_ms, f.latency_p99_ms, f.latency_p999_ms);
     let mut lines = vec![
-        line("failed_restarts", "restarts that failed", "", b.failed_restarts as f64, failed, None),
-        line(
-            "leaked_entries",
-            "entries left in shared memory",
-            "",
+        at_most(
+            ("failed_restarts", "restarts that failed", ""),
+            b.failed_restarts as f64,
+            f.failed_restarts as f64,
+            None,
+        ),
+        at_most(
+            ("leaked_entries", "entries left in shared memory", ""),
             b.leaked_entries as f64,
             f.leaked_entries as f64,
             None,
         ),
-        line(
-            "next_result_s",
-            "longest time from a fault to the next result",
-            "s",
+        at_most(
+            ("next_result_s", "longest time from a fault to the next result", "s"),
             b.next_result_s,
-            waits,
-            none,
+            f.next_result_s,
+            (f.faults == 0).then_some("no fault was injected"),
         ),
-        memory,
-        slope,
-        line("latency_p50_ms", "end to end, median", "ms", b.latency_p50_ms, p50, latency(1)),
-        line("latency_p99_ms", "end to end, 99 %, less stalls", "ms", b.latency_p99_ms, p99, latency(100)),
-        line(
-            "latency_p999_ms",
-            "end to end, 99.9 %, less stalls",
-            "ms",
-            b.latency_p999_ms,
-            p999,
-            latency(1000),
+        at_most(
+            ("memory_bytes", "resident memory, all processes", "bytes"),
+            b.memory_bytes,
+            f.memory_bytes,
+            None,
         ),
-        line("cpu_percent", "processor time, of all cores", "%", b.cpu_percent, f.cpu_percent, steady_only),
-        processed,
+        Line {
+            measured: slope,
+            ..at_most(
+                ("slope_bytes_per_hour", "growth of private and of reserved shared memory", "bytes/h"),
+                b.slope_bytes_per_hour,
+                slope.unwrap_or(f64::NAN),
+                growth,
+            )
+        },
     ];
+    lines.extend(latency_lines(f, b));
+    lines.push(at_most(
+        ("cpu_percent", "processor time, of all cores", "%"),
+        b.cpu_percent,
+        f.cpu_percent,
+        steady_only,
+    ));
+    lines.push(processed);
     if f.kind == Kind::Overload {
-        lines.push(line(
-            "age",
-            "age of frames when stereo takes them up, 99 %: a period and stereo's median work",
-            "ms",
+        lines.extend(age_lines(f));
+    }
+    lines
+}
+
+fn latency_lines(f: &Figures, b: &Budgets) -> [Line; 3] {
+    let not_judged = |frames: u64| match f.kind {
+        Kind::Overload => Some(OVERLOADED),
+        // A run without any result is judged, and fails.
+        _ if f.frames > 0 && f.judged_frames < frames => {
+            Some("too few undisturbed frames for this percentile")
+        }
+        _ => None,
+    };
+    [
+        at_most(
+            ("latency_p50_ms", "end to end, median", "ms"),
+            b.latency_p50_ms,
+            f.latency_p50_ms,
+            not_judged(1),
+        ),
+        at_most(
+            ("latency_p99_ms", "end to end, 99 %, less stalls", "ms"),
+            b.latency_p99_ms,
+            f.latency_p99_ms,
+            not_judged(100),
+        ),
+        at_most(
+            ("latency_p999_ms", "end to end, 99.9 %, less stalls", "ms"),
+            b.latency_p999_ms,
+            f.latency_p999_ms,
+            not_judged(1000),
+        ),
+    ]
+}
+
+/// Under overload the age of frames must stay bounded.
+fn age_lines(f: &Figures) -> [Line; 2] {
+    let short = f.age_growth_ms.is_none().then_some("too short a run");
+    [
+        at_most(
+            (
+                "age",
+                "age of frames at the start of stereo, 99 %: one period plus stereo's median processing time",
+                "ms",
+            ),
             f.age_bound_ms,
             f.age_p99_ms,
             None,
-        ));
-        let short = f.age_growth_ms.is_none().then_some("too short a run");
-        lines.push(line(
-            "age_growth",
-            "growth of that age over the run: half of its bound",
-            "ms",
+        ),
+        at_most(
+            ("age_growth", "growth of that age over the run: half of its bound", "ms"),
             f.age_bound_ms / 2.0,
             f.age_growth_ms.unwrap_or(f64::NAN),
             short,
-        ));
-    }
-    lines
+        ),
+    ]
 }
 
 #[cfg(test)]

@@ -149,35 +149,49 @@ fn one(value: f64) -> String {
     format!("{value:.1}")
 }
 
-/// The three tables as Markdown.
-pub fn tables(place: &Place, runs: &[RateRun]) -> String {
-    let run = |fps: f64| runs.iter().find(|r| (r.fps - fps).abs() < 1e-6);
-    let ours = |fps: f64, value: &dyn Fn(&RateRun) -> String| run(fps).map_or_else(|| "-".into(), value);
-    let mut rates: Vec<Vec<String>> = Vec::new();
-    for (fps, cpu, memory, processed) in RATES {
-        rates.push(vec![
+/// The run at an offered rate.
+fn run_at(runs: &[RateRun], fps: f64) -> Option<&RateRun> {
+    runs.iter().find(|r| (r.fps - fps).abs() < 1e-6)
+}
+
+/// A value of the run at an offered rate; a dash where there is none.
+fn ours(runs: &[RateRun], fps: f64, value: &dyn Fn(&RateRun) -> String) -> String {
+    run_at(runs, fps).map_or_else(|| "-".into(), value)
+}
+
+fn rate_rows(runs: &[RateRun]) -> Vec<Vec<String>> {
+    let row = |(fps, cpu, memory, processed): (f64, f64, f64, f64)| {
+        vec![
             format!("{fps:.0}"),
             format!("{cpu:.2}"),
-            ours(fps, &|r| one(r.cpu_cores / CORES * 100.0)),
-            ours(fps, &|r| one((r.cpu_cores - r.capture_cores) / CORES * 100.0)),
+            ours(runs, fps, &|r| one(r.cpu_cores / CORES * 100.0)),
+            ours(runs, fps, &|r| one((r.cpu_cores - r.capture_cores) / CORES * 100.0)),
             one(memory),
-            ours(fps, &|r| one(r.memory_bytes / 1e6)),
+            ours(runs, fps, &|r| one(r.memory_bytes / 1e6)),
             one(processed),
-            ours(fps, &|r| one(r.processed_fps)),
-        ]);
-    }
+            ours(runs, fps, &|r| one(r.processed_fps)),
+        ]
+    };
+    RATES.into_iter().map(row).collect()
+}
+
+fn clock_rows(place: &Place, runs: &[RateRun]) -> Vec<Vec<String>> {
     let mut clocks = paper_clocks();
     for fps in [24.0, 10.0, 20.0] {
         clocks.push(vec![
             format!("here, {}", place.backend),
             format!("{fps:.0}"),
             place.rectify_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.2}")),
-            ours(fps, &|r| one(r.work_p50_ms[1])),
-            ours(fps, &|r| one(r.work_p50_ms[2] + r.work_p50_ms[3])),
+            ours(runs, fps, &|r| one(r.work_p50_ms[1])),
+            ours(runs, fps, &|r| one(r.work_p50_ms[2] + r.work_p50_ms[3])),
         ]);
     }
+    clocks
+}
+
+fn obstacle_rows(runs: &[RateRun]) -> Vec<Vec<String>> {
     let mut obstacles: Vec<Vec<String>> = Vec::new();
-    let part = |fps: f64, i: usize| run(fps).and_then(|r| r.obstacles.get(i).copied());
+    let part = |fps: f64, i: usize| run_at(runs, fps).and_then(|r| r.obstacles.get(i).copied());
     let mut row = |name: String, paper: [(f64, f64); 2], ours: [Option<(f64, f64)>; 2]| {
         let mut cells = vec![name];
         for ((cpu, memory), ours) in paper.into_iter().zip(ours) {
@@ -202,8 +216,13 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
     row(
         "mean".into(),
         OBSTACLES.map(|(_, parts)| mean(&parts)),
-        OBSTACLES.map(|(fps, _)| run(fps).map(|r| mean(&r.obstacles))),
+        OBSTACLES.map(|(fps, _)| run_at(runs, fps).map(|r| mean(&r.obstacles))),
     );
+    obstacles
+}
+
+/// The three tables as Markdown.
+pub fn tables(place: &Place, runs: &[RateRun]) -> String {
     format!(
         "Here: {} ({} cores), {}, {}.\n\n\
          ## Frame rate\n\n\
@@ -232,9 +251,12 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
                 "fps, paper",
                 "here"
             ],
-            &rates
+            &rate_rows(runs)
         ),
-        table(&["", "fps", "calibration", "stereo matching", "obstacle extraction"], &clocks),
+        table(
+            &["", "fps", "calibration", "stereo matching", "obstacle extraction"],
+            &clock_rows(place, runs)
+        ),
         table(
             &[
                 "",
@@ -247,7 +269,7 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
                 "memory, paper",
                 "here"
             ],
-            &obstacles
+            &obstacle_rows(runs)
         ),
     )
 }

@@ -30,6 +30,17 @@ pub struct Samples<'a> {
     pub rest: &'a [Sums],
 }
 
+/// The samples that trees are fitted to, as values of the features on offer: the objects first.
+#[derive(Clone, Copy, Debug)]
+pub struct CodedSamples<'a> {
+    /// The features on offer.
+    pub features: &'a Features,
+    /// Their values.
+    pub codes: &'a Codes,
+    /// Number of objects.
+    pub objects: usize,
+}
+
 /// What samples bring along: the sums of the trees that a stage begins with.
 #[derive(Clone, Debug, Default)]
 pub struct Start {
@@ -93,13 +104,13 @@ fn share(sums: &[f64], threshold: f32) -> f64 {
 /// the judged rest that passes. `None` when no feature tells the samples apart.
 pub fn train(
     parameters: &StageParameters,
-    features: &Features,
-    (codes, objects): (&Codes, usize),
+    learned: CodedSamples<'_>,
     judges: Samples<'_>,
     begin: Start,
     threads: usize,
     each: &mut dyn FnMut(usize, f64),
 ) -> Option<TrainedStage> {
+    let CodedSamples { features, codes, objects } = learned;
     let count = codes.samples();
     let mut sums = begin.learned;
     let (mut judged_objects, mut judged_rest) = (begin.judged_objects, begin.judged_rest);

@@ -8,7 +8,7 @@ use super::finish::{self, Aim, Judged};
 use super::mine::Miner;
 use super::parameters::TrainParameters;
 use super::pictures::{SourcePicture, Split};
-use super::stage::{self, Samples, StageParameters, Start, TrainedStage};
+use super::stage::{self, CodedSamples, Samples, StageParameters, Start, TrainedStage};
 use super::threads;
 use super::tree::{Child, TreeNode};
 use fastrand::Rng;
@@ -37,6 +37,20 @@ pub struct StageFigures {
     pub acceptance: f64,
     /// Windows without objects that it learned from.
     pub negatives: usize,
+}
+
+impl StageFigures {
+    fn of(stage: &TrainedStage, acceptance: f64, negatives: usize) -> Self {
+        Self {
+            trees: stage.trees.len(),
+            hit_rate: stage.judged.0,
+            false_alarm_rate: stage.judged.1,
+            learned_hit_rate: stage.learned.0,
+            learned_false_alarm_rate: stage.learned.1,
+            acceptance,
+            negatives,
+        }
+    }
 }
 
 /// What happens during training.
@@ -175,32 +189,20 @@ fn train_one(
     let window = (usize::from(p.window.0), usize::from(p.window.1));
     let all = p.features.all(p.window.0, p.window.1);
     let miner = Miner::new(&rest.training, window, p.variation, p.seed);
-    let judge_miner = Miner::new(&rest.validation, window, p.variation, p.seed ^ 0x5EED);
-    let judged_apart = p.validation > 0.0;
-    if objects.training.is_empty() || judged_apart && objects.validation.is_empty() {
-        let text = "too few pictures of objects to learn from some and be judged by others: give more, or --validation 0";
-        return Err(TrainError::Data(text.into()));
-    }
-    if miner.is_empty() || judged_apart && judge_miner.is_empty() {
-        let text = format!(
-            "too few pictures without objects of at least {}x{} pixels to learn from some and be judged by others: give more",
-            window.0, window.1
-        );
-        return Err(TrainError::Data(text));
-    }
+    let validation_miner = Miner::new(&rest.validation, window, p.variation, p.seed ^ 0x5EED);
+    let held_out = p.validation > 0.0;
+    check_pictures(p, objects, &miner, &validation_miner)?;
     let mut learned = whole_windows(&objects.training, p, p.variants, 1);
     let judges = whole_windows(&objects.validation, p, p.variants, 2);
     let mut builder = Builder::new(p, begun);
     let mut alive = vec![true; judges.len()];
     let mut figures = Vec::new();
     let mut exhausted = false;
-    // Stages that were there before: whom they refuse does not come back.
+    // Resuming: samples that an existing stage rejects take no further part.
     for stage in &builder.cascade.stages.clone() {
         let single = Cascade { stages: vec![stage.clone()], ..builder.cascade.clone() };
         let passes = |s: &Sums| single.stages_passed(s.integral(), 0, 0) == Some(1);
-        for (alive, judge) in alive.iter_mut().zip(&judges) {
-            *alive &= stage::passes(bags::sum(&builder.cascade, stage, judge), stage.threshold);
-        }
+        builder.reject(stage, &judges, &mut alive);
         learned.retain(passes);
     }
     while builder.cascade.stages.len() < p.stages {
@@ -223,8 +225,8 @@ fn train_one(
         let codes = Codes::new(&pool, &samples, p.threads);
         let judge_objects: Vec<Sums>;
         let judge_rest: Vec<Sums>;
-        let judging = if judged_apart {
-            let mined = judge_miner.mine(&builder.cascade, round, (p.negatives / 3).max(500), p.threads);
+        let judging = if held_out {
+            let mined = validation_miner.mine(&builder.cascade, round, (p.negatives / 3).max(500), p.threads);
             judge_rest = sums_of(&mined.windows, p);
             judge_objects = judges.iter().zip(&alive).filter(|(_, a)| **a).map(|(j, _)| j.clone()).collect();
             Samples { objects: &judge_objects, rest: &judge_rest }
@@ -241,36 +243,48 @@ fn train_one(
         };
         let limits =
             StageParameters { max_trees: p.stage.max_trees.min(FIRST_TREES << index.min(16)), ..p.stage };
+        let coded = CodedSamples { features: &pool, codes: &codes, objects: objects_now };
         let trained =
-            stage::train(&limits, &pool, (&codes, objects_now), judging, begin, p.threads, &mut each)
-                .ok_or_else(|| {
-                    TrainError::Data(format!(
-                        "stage {index}: no feature tells objects from the rest: are the folders right?"
-                    ))
-                })?;
-        let stage_figures = StageFigures {
-            trees: trained.trees.len(),
-            hit_rate: trained.judged.0,
-            false_alarm_rate: trained.judged.1,
-            learned_hit_rate: trained.learned.0,
-            learned_false_alarm_rate: trained.learned.1,
-            acceptance,
-            negatives: rest_count,
-        };
+            stage::train(&limits, coded, judging, begin, p.threads, &mut each).ok_or_else(|| {
+                TrainError::Data(format!(
+                    "stage {index}: no feature separates objects from background: are the folders right?"
+                ))
+            })?;
+        let stage_figures = StageFigures::of(&trained, acceptance, rest_count);
         builder.push(&trained, &pool, p.stage.chained);
         samples.truncate(objects_now);
         learned = samples;
         let mut kept = trained.learned_sums.iter().map(|&s| stage::passes(s, trained.threshold));
         learned.retain(|_| kept.next().unwrap_or(false));
         if let Some(stage) = builder.cascade.stages.last() {
-            for (alive, judge) in alive.iter_mut().zip(&judges) {
-                *alive &= stage::passes(bags::sum(&builder.cascade, stage, judge), stage.threshold);
-            }
+            builder.reject(stage, &judges, &mut alive);
         }
         progress(Progress::Done { bag, cascade: &builder.cascade, figures: &stage_figures });
         figures.push(stage_figures);
     }
     Ok(Trained { cascade: builder.cascade, stages: figures, exhausted })
+}
+
+/// Whether there are pictures of both classes, for training and, where it is held out, for validation.
+fn check_pictures(
+    p: &TrainParameters,
+    objects: &Split,
+    miner: &Miner<'_>,
+    validation_miner: &Miner<'_>,
+) -> Result<(), TrainError> {
+    let held_out = p.validation > 0.0;
+    if objects.training.is_empty() || held_out && objects.validation.is_empty() {
+        let text = "too few pictures of objects to train on some and validate on others: give more, or --validation 0";
+        return Err(TrainError::Data(text.into()));
+    }
+    if miner.is_empty() || held_out && validation_miner.is_empty() {
+        let text = format!(
+            "too few pictures without objects of at least {}x{} pixels to train on some and validate on others: give more",
+            p.window.0, p.window.1
+        );
+        return Err(TrainError::Data(text));
+    }
+    Ok(())
 }
 
 /// Puts a cascade together from stages over changing pools of features.
@@ -286,6 +300,13 @@ impl Builder {
         };
         let empty = Cascade { width: p.window.0, height: p.window.1, features, stages: Vec::new() };
         Self { cascade: begun.unwrap_or(empty) }
+    }
+
+    /// Clears the flags in `alive` of the samples that a stage rejects.
+    fn reject(&self, stage: &Stage, samples: &[Sums], alive: &mut [bool]) {
+        for (alive, sample) in alive.iter_mut().zip(samples) {
+            *alive &= stage::passes(bags::sum(&self.cascade, stage, sample), stage.threshold);
+        }
     }
 
     /// What samples bring along into the next stage.

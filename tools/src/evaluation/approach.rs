@@ -1,6 +1,6 @@
 //! Approach tests, as in the paper's system test, and silent scenes.
 
-use super::scene_match::Found;
+use super::scene_match::Detection;
 use super::weather::BAR_SIGMAS;
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::tidy;
@@ -13,7 +13,7 @@ pub struct ApproachFrame {
     /// True distance of the object; `None` when it is not in the picture.
     pub truth_m: Option<f64>,
     /// What found it.
-    pub found: Option<Found>,
+    pub found: Option<Detection>,
     /// True time to collision; `None` when it does not come nearer.
     pub ttc_truth_s: Option<f64>,
     /// Time to collision of the track that is it, and its standard deviation, in seconds.
@@ -91,7 +91,8 @@ pub struct Silent {
     /// Unexplained regions on the asphalt, each frame counted.
     pub false_regions: usize,
     /// Unexplained regions elsewhere.
-    pub stray_regions: usize,
+    #[serde(rename = "stray_regions")]
+    pub off_road_regions: usize,
 }
 
 /// The whole evaluation.
@@ -134,22 +135,25 @@ impl Approach {
         let truth = |k: usize| frames[k].truth_m.map(tidy);
         let first = frames.iter().position(|f| f.found.is_some());
         let alarm = frames.iter().position(|f| f.alarm);
-        let due = frames.iter().position(|f| f.truth_m.is_some_and(|m| m < preset_m));
+        let below_preset = frames.iter().position(|f| f.truth_m.is_some_and(|m| m < preset_m));
         let missed =
             |k: usize| frames[k..].iter().filter(|f| f.truth_m.is_some() && f.found.is_none()).count();
         let flickers = frames
             .windows(2)
             .filter(|w| w[0].alarm && !w[1].alarm && w[1].truth_m.is_some_and(|m| m < preset_m));
-        let pairs: Vec<(f64, Found)> = frames.iter().filter_map(|f| Some((f.truth_m?, f.found?))).collect();
+        let pairs: Vec<(f64, Detection)> =
+            frames.iter().filter_map(|f| Some((f.truth_m?, f.found?))).collect();
         let mut errors: Vec<f64> = pairs.iter().map(|(m, f)| 100.0 * (f.distance_m - m).abs() / m).collect();
         errors.sort_unstable_by(f64::total_cmp);
         let warning = frames.iter().position(|f| f.warning);
-        let due_ttc: Vec<(f64, Option<(f64, f64)>)> = frames
+        let ttc_pairs: Vec<(f64, Option<(f64, f64)>)> = frames
             .iter()
             .filter_map(|f| Some((f.ttc_truth_s.filter(|t| *t <= TTC_FROM_S)?, f.ttc_s)))
             .collect();
-        let times: Vec<(f64, f64, f64)> =
-            due_ttc.iter().filter_map(|&(truth, given)| given.map(|(s, sigma)| (truth, s, sigma))).collect();
+        let times: Vec<(f64, f64, f64)> = ttc_pairs
+            .iter()
+            .filter_map(|&(truth, given)| given.map(|(s, sigma)| (truth, s, sigma)))
+            .collect();
         let mut ttc_errors: Vec<f64> =
             times.iter().map(|(truth, s, _)| 100.0 * (s - truth).abs() / truth.max(1e-3)).collect();
         ttc_errors.sort_unstable_by(f64::total_cmp);
@@ -167,7 +171,9 @@ impl Approach {
             missed_after: first.map_or(0, missed),
             preset_m,
             alarm_m: alarm.and_then(truth),
-            alarm_late_frames: alarm.zip(due).map(|(alarm, due)| alarm as i64 - due as i64),
+            alarm_late_frames: alarm
+                .zip(below_preset)
+                .map(|(alarm, below_preset)| alarm as i64 - below_preset as i64),
             alarm_flickers: flickers.count(),
             distance_median_percent: errors.get(errors.len() / 2).copied().map(tidy),
             covered: (!pairs.is_empty()).then(|| tidy(covered as f64 / pairs.len() as f64)),
@@ -176,7 +182,7 @@ impl Approach {
             ttc_median_percent: ttc_errors.get(ttc_errors.len() / 2).copied().map(tidy),
             ttc_worst_percent: ttc_errors.last().copied().map(tidy),
             ttc_covered: (!times.is_empty()).then(|| tidy(ttc_covered as f64 / times.len() as f64)),
-            ttc_missed: due_ttc.len() - times.len(),
+            ttc_missed: ttc_pairs.len() - times.len(),
         }
     }
 }
@@ -272,7 +278,7 @@ impl DistanceReport {
                 row.off_frames,
                 row.blind_frames,
                 row.false_regions,
-                row.stray_regions
+                row.off_road_regions
             )?;
         }
         Ok(())
@@ -306,7 +312,7 @@ pub struct Shot {
     /// The picture; it is shown half as large.
     pub picture: Picture,
     /// What found the object, drawn into it.
-    pub found: Option<Found>,
+    pub found: Option<Detection>,
     /// A line below it.
     pub caption: String,
 }
@@ -338,7 +344,7 @@ pub fn filmstrip(title: &str, shots: &[Shot]) -> Option<Picture> {
                 strip.tint(left + x, top + y, sum.map(|v| (v / 4) as u8), 256);
             }
         }
-        if let Some(Found { bounds, distance_m, sigma_m }) = shot.found {
+        if let Some(Detection { bounds, distance_m, sigma_m }) = shot.found {
             let (x, y) = (left as u32 + bounds.x / 2, top as u32 + bounds.y / 2);
             strip.frame([x, y, bounds.width / 2, bounds.height / 2], BOX, 1);
             let label = format!("{distance_m:.1}±{sigma_m:.1}m");
@@ -361,7 +367,7 @@ mod tests {
         (0..28)
             .map(|k| {
                 let truth = 30.0 - f64::from(k);
-                let found = (k >= 2 && k != 9).then(|| Found {
+                let found = (k >= 2 && k != 9).then(|| Detection {
                     bounds: PixelBox::default(),
                     distance_m: truth * 1.01,
                     sigma_m: 0.004 * truth,
@@ -406,7 +412,7 @@ mod tests {
         assert_eq!(shown_frames(&frames), [0]);
         assert!(filmstrip("x", &[]).is_none());
         let bounds = PixelBox { x: 8, y: 4, width: 20, height: 10 };
-        let found = Some(Found { bounds, distance_m: 9.1, sigma_m: 0.1 });
+        let found = Some(Detection { bounds, distance_m: 9.1, sigma_m: 0.1 });
         let shot = |found| Shot { picture: Picture::new(40, 20, [200, 0, 0]), found, caption: "9 m".into() };
         let strip = filmstrip("x", &[shot(None)]).unwrap();
         assert_eq!((strip.width(), strip.height(), strip.at(16, 30)), (32, 58, [200, 0, 0]));

@@ -134,7 +134,8 @@ pub struct LidarReport {
     /// Labelled objects.
     pub labels: Vec<LabelRow>,
     /// Cars that were due.
-    pub due: usize,
+    #[serde(rename = "due")]
+    pub evaluable: usize,
     /// Those that were covered.
     pub covered: usize,
     /// covered ÷ due.
@@ -266,7 +267,7 @@ impl LidarReport {
     pub fn new(method: &str, repeats: u64, pictures: Vec<PictureRow>, labels: Vec<LabelRow>) -> Self {
         let count = |verdict: Verdict| labels.iter().filter(|row| row.verdict == verdict).count();
         let covered = count(Verdict::Covered);
-        let due = covered + count(Verdict::Missed);
+        let evaluable = covered + count(Verdict::Missed);
         let cars = labels.iter().filter(|row| row.verdict == Verdict::Covered);
         let of = |disparity: Disparity| {
             let rows = pictures.iter().filter(move |row| row.disparity == disparity);
@@ -275,9 +276,9 @@ impl LidarReport {
         Self {
             method: method.to_owned(),
             repeats,
-            due,
+            evaluable,
             covered,
-            share: tidy_finite(covered as f64 / due as f64),
+            share: tidy_finite(covered as f64 / evaluable as f64),
             cars: Errors::new(cars.filter_map(|row| row.error_percent)),
             matched: of(Disparity::Matched),
             depth_map: of(Disparity::DepthMap),
@@ -344,12 +345,12 @@ impl fmt::Display for LidarReport {
             )?;
         }
         writeln!(f)?;
-        if self.due > 0 {
+        if self.evaluable > 0 {
             writeln!(
                 f,
                 "cars within {FARTHEST_M} m in view: {} of {} covered ({}); {}",
                 self.covered,
-                self.due,
+                self.evaluable,
                 cell(self.share, 3),
                 self.cars
             )?;
@@ -458,7 +459,7 @@ mod tests {
         assert_eq!(pictures[0].errors_percent, [5.0]);
         let missed = judge("1", &label(), &depth, &regions[1..]);
         let report = LidarReport::new("fast", 1, pictures, vec![row, missed]);
-        assert_eq!((report.due, report.covered, report.share), (2, 1, Some(0.5)));
+        assert_eq!((report.evaluable, report.covered, report.share), (2, 1, Some(0.5)));
         assert_eq!(
             (report.cars.median_percent, report.matched.count, report.depth_map.count),
             (Some(5.0), 0, 1)

@@ -20,14 +20,14 @@ use sources::scene::truth::{FIRST_OBJECT, ROAD};
 use sources::scene::{ObjectClass, ObjectTruth, SceneTruth};
 
 /// Nearest and farthest object that is due, in metres.
-pub const DUE_M: (f64, f64) = (3.0, 40.0);
+pub const EVALUABLE_M: (f64, f64) = (3.0, 40.0);
 
 /// What lies so many columns or rows apart touches.
 const TOUCHING_PX: u32 = 4;
 
 /// What a detector found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
+pub struct Detection {
     /// Where, in the left image.
     pub bounds: PixelBox,
     /// How far, in metres.
@@ -38,32 +38,41 @@ pub struct Found {
 
 /// A due object, and the region that found it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Due {
+pub struct Evaluable {
     /// The object.
     pub object: ObjectTruth,
     /// The region that overlaps it most, among those that found it.
-    pub found: Option<Found>,
+    pub detection: Option<Detection>,
+}
+
+/// Regions of a frame, within 40 m, that match nothing in the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FalsePositives {
+    /// Those that stand on the asphalt.
+    pub on_road: usize,
+    /// The others.
+    pub off_road: usize,
 }
 
 /// What was made of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameMatch {
     /// The due objects.
-    pub due: Vec<Due>,
+    pub evaluable: Vec<Evaluable>,
     /// For each region whether the truth explains it.
-    pub explained: Vec<bool>,
+    pub matched: Vec<bool>,
     /// Unexplained regions on the asphalt, and elsewhere.
-    pub unexplained: (usize, usize),
+    pub false_positives: FalsePositives,
 }
 
 /// Whether an object has to be found.
-pub fn is_due(object: &ObjectTruth, width: usize) -> bool {
+pub fn is_evaluable(object: &ObjectTruth, width: usize) -> bool {
     let small = object.class == ObjectClass::Debris;
-    let (farthest, pixels) = if small { (20.0, 12) } else { (DUE_M.1, 40) };
+    let (farthest, pixels) = if small { (20.0, 12) } else { (EVALUABLE_M.1, 40) };
     let cut = object.bounds.x == 0 || object.bounds.x + object.bounds.width >= width as u32;
     object.subject
         && object.class != ObjectClass::Bridge
-        && (DUE_M.0..=farthest).contains(&object.distance_m)
+        && (EVALUABLE_M.0..=farthest).contains(&object.distance_m)
         && object.visible >= 0.5
         && object.pixels >= pixels
         && object.visible * object.seen_by_both >= 0.5
@@ -71,12 +80,12 @@ pub fn is_due(object: &ObjectTruth, width: usize) -> bool {
 }
 
 /// Whether a region's place and distance are those of an object.
-pub fn is_found(object: &ObjectTruth, found: &Found) -> bool {
-    is_found_beside(object, &[], found)
+pub fn is_match(object: &ObjectTruth, found: &Detection) -> bool {
+    is_match_among(object, &[], found)
 }
 
 /// The same among all objects of a frame.
-fn is_found_beside(object: &ObjectTruth, all: &[ObjectTruth], found: &Found) -> bool {
+fn is_match_among(object: &ObjectTruth, all: &[ObjectTruth], found: &Detection) -> bool {
     let tolerance = tolerance_m(object);
     let (a, b) = (&found.bounds, &object.bounds);
     let shared = shared_area(a, b);
@@ -119,30 +128,30 @@ fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
 
 /// Compares what was found in a frame with its truth. `focal_baseline` is the rig's focal length in
 /// px times its baseline in metres.
-pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Found]) -> FrameMatch {
-    let due = truth.objects.iter().filter(|object| is_due(object, truth.width)).map(|&object| {
-        let by = found.iter().filter(|found| is_found_beside(&object, &truth.objects, found));
+pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Detection]) -> FrameMatch {
+    let evaluable = truth.objects.iter().filter(|object| is_evaluable(object, truth.width)).map(|&object| {
+        let by = found.iter().filter(|found| is_match_among(&object, &truth.objects, found));
         let best =
             by.max_by(|a, b| a.bounds.overlap(&object.bounds).total_cmp(&b.bounds.overlap(&object.bounds)));
-        Due { object, found: best.copied() }
+        Evaluable { object, detection: best.copied() }
     });
-    let mut result = FrameMatch { due: due.collect(), ..FrameMatch::default() };
+    let mut result = FrameMatch { evaluable: evaluable.collect(), ..FrameMatch::default() };
     for region in found {
-        let finds = |due: &Due| is_found_beside(&due.object, &truth.objects, region);
-        let explained = explains(truth, focal_baseline, region) || result.due.iter().any(finds);
-        result.explained.push(explained);
-        if !explained && region.distance_m <= DUE_M.1 {
+        let finds = |evaluable: &Evaluable| is_match_among(&evaluable.object, &truth.objects, region);
+        let is_matched = shows_object(truth, focal_baseline, region) || result.evaluable.iter().any(finds);
+        result.matched.push(is_matched);
+        if !is_matched && region.distance_m <= EVALUABLE_M.1 {
             if stands_on_road(truth, region) {
-                result.unexplained.0 += 1;
+                result.false_positives.on_road += 1;
             } else {
-                result.unexplained.1 += 1;
+                result.false_positives.off_road += 1;
             }
         }
     }
     result
 }
 
-fn explains(truth: &SceneTruth, focal_baseline: f64, region: &Found) -> bool {
+fn shows_object(truth: &SceneTruth, focal_baseline: f64, region: &Detection) -> bool {
     let tolerance = (0.2 * region.distance_m).max(1.5);
     let near = region.distance_m - tolerance;
     let most = if near > 0.0 { (focal_baseline / near) as f32 } else { f32::INFINITY };
@@ -160,7 +169,7 @@ fn explains(truth: &SceneTruth, focal_baseline: f64, region: &Found) -> bool {
 }
 
 /// Whether the lowest tenth of a box shows asphalt.
-fn stands_on_road(truth: &SceneTruth, region: &Found) -> bool {
+fn stands_on_road(truth: &SceneTruth, region: &Detection) -> bool {
     let b = &region.bounds;
     let foot = PixelBox { y: b.y + b.height - b.height.div_ceil(10), height: b.height.div_ceil(10), ..*b };
     let (mut road, mut all) = (0_u32, 0_u32);
@@ -242,18 +251,18 @@ mod tests {
         truth
     }
 
-    fn found(x: u32, y: u32, width: u32, height: u32, distance_m: f64) -> Found {
-        Found { bounds: PixelBox { x, y, width, height }, distance_m, sigma_m: 0.2 }
+    fn found(x: u32, y: u32, width: u32, height: u32, distance_m: f64) -> Detection {
+        Detection { bounds: PixelBox { x, y, width, height }, distance_m, sigma_m: 0.2 }
     }
 
     #[test]
     fn place_and_distance_must_both_fit() {
         let object = truth().objects[0];
-        assert!(is_found(&object, &found(42, 32, 20, 20, 10.9)));
-        assert!(!is_found(&object, &found(42, 32, 20, 20, 11.6)), "too far");
-        assert!(!is_found(&object, &found(58, 32, 20, 20, 10.0)), "beside it");
-        assert!(is_found(&object, &found(30, 20, 40, 40, 10.0)), "larger, and around it");
-        assert!(!is_found(&object, &found(0, 0, 100, 80, 10.0)), "everything is no answer");
+        assert!(is_match(&object, &found(42, 32, 20, 20, 10.9)));
+        assert!(!is_match(&object, &found(42, 32, 20, 20, 11.6)), "too far");
+        assert!(!is_match(&object, &found(58, 32, 20, 20, 10.0)), "beside it");
+        assert!(is_match(&object, &found(30, 20, 40, 40, 10.0)), "larger, and around it");
+        assert!(!is_match(&object, &found(0, 0, 100, 80, 10.0)), "everything is no answer");
     }
 
     #[test]
@@ -264,7 +273,7 @@ mod tests {
             ObjectTruth { id: FIRST_OBJECT + 1, bounds, pixels: 50, distance_m: 10.5, ..truth.objects[0] };
         truth.objects.push(block);
         let both = found(41, 30, 24, 20, 10.2);
-        let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).due[1].found;
+        let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).evaluable[1].detection;
         assert_eq!(blocks(&truth, both), Some(both));
         assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must hold it");
         assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not hold everything");
@@ -290,12 +299,12 @@ mod tests {
             found(70, 40, 10, 10, 55.0),
         ];
         let result = match_frame(&truth, SCALE, &regions);
-        assert_eq!(result.explained, [true, false, false, false, false]);
+        assert_eq!(result.matched, [true, false, false, false, false]);
         // The second stands before the car's foot; the fourth beside the road; the last is too far.
-        assert_eq!(result.unexplained, (1, 2));
-        assert_eq!(result.due.len(), 1);
-        assert_eq!(result.due[0].found, Some(regions[0]));
-        assert_eq!(match_frame(&truth, SCALE, &[]).due[0].found, None);
+        assert_eq!(result.false_positives, FalsePositives { on_road: 1, off_road: 2 });
+        assert_eq!(result.evaluable.len(), 1);
+        assert_eq!(result.evaluable[0].detection, Some(regions[0]));
+        assert_eq!(match_frame(&truth, SCALE, &[]).evaluable[0].detection, None);
     }
 
     #[test]
@@ -309,24 +318,27 @@ mod tests {
         }
         let wide = found(40, 20, 20, 30, 10.0);
         let result = match_frame(&truth, SCALE, &[wide]);
-        assert_eq!((result.due[0].found, result.unexplained), (Some(wide), (0, 0)));
-        assert_eq!(match_frame(&truth, SCALE, &[found(20, 20, 20, 30, 10.0)]).unexplained, (1, 0));
+        assert_eq!(
+            (result.evaluable[0].detection, result.false_positives),
+            (Some(wide), FalsePositives::default())
+        );
+        assert_eq!(match_frame(&truth, SCALE, &[found(20, 20, 20, 30, 10.0)]).false_positives.on_road, 1);
     }
 
     #[test]
-    fn hidden_and_cut_objects_are_not_due() {
+    fn hidden_and_cut_objects_are_not_evaluable() {
         let object = truth().objects[0];
-        assert!(is_due(&object, 100));
-        assert!(!is_due(&ObjectTruth { visible: 0.4, ..object }, 100));
+        assert!(is_evaluable(&object, 100));
+        assert!(!is_evaluable(&ObjectTruth { visible: 0.4, ..object }, 100));
         assert!(
-            !is_due(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
+            !is_evaluable(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
             "half of it, by both"
         );
-        assert!(is_due(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
-        assert!(!is_due(&ObjectTruth { distance_m: 41.0, ..object }, 100));
-        assert!(!is_due(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
-        assert!(!is_due(&ObjectTruth { subject: false, ..object }, 100));
-        assert!(!is_due(&object, 60), "cut by the border");
+        assert!(is_evaluable(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
+        assert!(!is_evaluable(&ObjectTruth { distance_m: 41.0, ..object }, 100));
+        assert!(!is_evaluable(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
+        assert!(!is_evaluable(&ObjectTruth { subject: false, ..object }, 100));
+        assert!(!is_evaluable(&object, 60), "cut by the border");
     }
 
     #[test]

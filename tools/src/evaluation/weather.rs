@@ -1,7 +1,7 @@
 //! Detection, distance and road by weather, beside the paper's table.
 
 use super::quantile;
-use super::scene_match::{Found, FrameMatch, is_found, road_errors};
+use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
 use crate::reporting::record::{tidy, tidy_finite};
 use serde::Serialize;
 use sources::scene::{ObjectClass, RoadTruth};
@@ -35,7 +35,8 @@ pub struct RangeErrors {
     /// To, in metres.
     pub to_m: f64,
     /// Objects that were due.
-    pub due: usize,
+    #[serde(rename = "due")]
+    pub evaluable: usize,
     /// Those that were found.
     pub found: usize,
     /// Median of the error's size, in percent of the distance.
@@ -50,7 +51,8 @@ pub struct RangeErrors {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Share {
     /// Objects due, frame by frame.
-    pub due: usize,
+    #[serde(rename = "due")]
+    pub evaluable: usize,
     /// Those that a track found.
     pub tracked: usize,
     /// Those whose track has the right class.
@@ -59,13 +61,13 @@ pub struct Share {
 
 impl Share {
     fn add(&mut self, tracked: bool, right: bool) {
-        self.due += 1;
+        self.evaluable += 1;
         self.tracked += usize::from(tracked);
         self.right += usize::from(tracked && right);
     }
 
     fn rate(&self) -> Option<f64> {
-        tidy_finite(self.right as f64 / self.due as f64)
+        tidy_finite(self.right as f64 / self.evaluable as f64)
     }
 }
 
@@ -73,7 +75,7 @@ impl Share {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Labelled {
     /// Where it is.
-    pub found: Found,
+    pub found: Detection,
     /// Whether it is called a vehicle.
     pub is_vehicle: bool,
 }
@@ -98,10 +100,12 @@ pub struct WeatherRow {
     /// Seconds of driving.
     pub seconds: f64,
     /// Objects due, frame by frame.
-    pub due: usize,
-    /// Those that were found.
-    pub found: usize,
-    /// found ÷ due.
+    #[serde(rename = "due")]
+    pub evaluable: usize,
+    /// Those with a matching region.
+    #[serde(rename = "found")]
+    pub true_positives: usize,
+    /// `true_positives` ÷ `evaluable`.
     pub detection_rate: Option<f64>,
     /// The paper's accuracy rate for this weather.
     pub paper_rate: Option<f64>,
@@ -120,7 +124,8 @@ pub struct WeatherRow {
     /// Confirmed tracks that were an unexplained region on the asphalt, per minute.
     pub false_tracks_per_minute: f64,
     /// Unexplained regions elsewhere, each frame counted, per minute.
-    pub stray_per_minute: f64,
+    #[serde(rename = "stray_per_minute")]
+    pub off_road_per_minute: f64,
     /// Frames in which a road was seen.
     pub road_seen: usize,
     /// Median size of the road's height error, in metres.
@@ -155,7 +160,7 @@ pub struct Tally {
     rig: perception::rig::Rig,
     period_s: f64,
     frames: usize,
-    unexplained: (usize, usize),
+    false_positives: FalsePositives,
     false_tracks: BTreeSet<u32>,
     road_seen: usize,
     road_errors_m: Vec<f64>,
@@ -175,7 +180,7 @@ impl Tally {
             rig,
             period_s,
             frames: 0,
-            unexplained: (0, 0),
+            false_positives: FalsePositives::default(),
             false_tracks: BTreeSet::new(),
             road_seen: 0,
             road_errors_m: Vec::new(),
@@ -189,18 +194,19 @@ impl Tally {
     /// Adds a frame.
     pub fn add(&mut self, frame: &FrameResult<'_>) {
         self.frames += 1;
-        self.unexplained.0 += frame.matched.unexplained.0;
-        self.unexplained.1 += frame.matched.unexplained.1;
+        self.false_positives.on_road += frame.matched.false_positives.on_road;
+        self.false_positives.off_road += frame.matched.false_positives.off_road;
         self.false_tracks.extend(frame.false_tracks);
-        for due in &frame.matched.due {
-            self.distances.push((due.object.distance_m, due.found.map(|f| (f.distance_m, f.sigma_m))));
-            if due.found.is_none() {
-                *self.missed.entry(due.object.class.name()).or_default() += 1;
+        for evaluable in &frame.matched.evaluable {
+            self.distances
+                .push((evaluable.object.distance_m, evaluable.detection.map(|f| (f.distance_m, f.sigma_m))));
+            if evaluable.detection.is_none() {
+                *self.missed.entry(evaluable.object.class.name()).or_default() += 1;
             }
-            let overlap = |t: &&Labelled| t.found.bounds.overlap(&due.object.bounds);
-            let by = frame.tracks.iter().filter(|t| is_found(&due.object, &t.found));
+            let overlap = |t: &&Labelled| t.found.bounds.overlap(&evaluable.object.bounds);
+            let by = frame.tracks.iter().filter(|t| is_match(&evaluable.object, &t.found));
             let track = by.max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
-            let wanted = is_vehicle(due.object.class);
+            let wanted = is_vehicle(evaluable.object.class);
             let share = if wanted { &mut self.vehicles } else { &mut self.others };
             share.add(track.is_some(), track.is_some_and(|t| t.is_vehicle == wanted));
         }
@@ -224,7 +230,7 @@ impl Tally {
         RangeErrors {
             from_m,
             to_m,
-            due: of_range().count(),
+            evaluable: of_range().count(),
             found: found.len(),
             median_percent: quantile(&mut sizes, 0.5).map(tidy),
             bias_percent: quantile(&mut signed, 0.5).map(tidy),
@@ -236,8 +242,8 @@ impl Tally {
     pub fn row(&self) -> WeatherRow {
         let seconds = self.frames as f64 * self.period_s;
         let per_minute = |count: usize| tidy(count as f64 * 60.0 / seconds.max(1e-9));
-        let found = self.distances.iter().filter(|(_, found)| found.is_some()).count();
-        let due = self.distances.len();
+        let true_positives = self.distances.iter().filter(|(_, found)| found.is_some()).count();
+        let evaluable = self.distances.len();
         let mut heights: Vec<f64> = self.road_errors_m.iter().map(|e| e.abs()).collect();
         WeatherRow {
             scene: self.scene.clone(),
@@ -245,21 +251,21 @@ impl Tally {
             road: None,
             frames: self.frames,
             seconds: tidy(seconds),
-            due,
-            found,
-            detection_rate: tidy_finite(found as f64 / due as f64),
+            evaluable,
+            true_positives,
+            detection_rate: tidy_finite(true_positives as f64 / evaluable as f64),
             paper_rate: PAPER.iter().find(|(name, _)| *name == self.weather).map(|(_, rate)| *rate),
             missed: self.missed.clone(),
             vehicles: self.vehicles,
             others: self.others,
-            class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / due as f64),
+            class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / evaluable as f64),
             class_rate_of_found: tidy_finite(
                 (self.vehicles.right + self.others.right) as f64
                     / (self.vehicles.tracked + self.others.tracked) as f64,
             ),
-            false_per_minute: per_minute(self.unexplained.0),
+            false_per_minute: per_minute(self.false_positives.on_road),
             false_tracks_per_minute: per_minute(self.false_tracks.len()),
-            stray_per_minute: per_minute(self.unexplained.1),
+            off_road_per_minute: per_minute(self.false_positives.off_road),
             road_seen: self.road_seen,
             road_median_m: quantile(&mut heights, 0.5).map(tidy),
             road_p95_m: quantile(&mut heights, 0.95).map(tidy),
@@ -313,12 +319,12 @@ impl WeatherReport {
                 "{:<width$}{:>8}{:>10}{:>10}{:>8}{:>10.1}{:>11.1}{:>13.1}{:>10}{:>10}{:>9}",
                 row.name(),
                 row.frames,
-                row.due,
+                row.evaluable,
                 cell(row.detection_rate, 3),
                 cell(row.paper_rate, 3),
                 row.false_per_minute,
                 row.false_tracks_per_minute,
-                row.stray_per_minute,
+                row.off_road_per_minute,
                 row.road_seen,
                 cell(row.road_median_m.map(|m| 100.0 * m), 1),
                 cell(row.road_p95_m.map(|m| 100.0 * m), 1),
@@ -363,8 +369,8 @@ impl WeatherReport {
                 row.name(),
                 cell(row.class_rate, 3),
                 cell(row.class_rate_of_found, 3),
-                format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.due),
-                format!("{} of {}", cell(row.others.rate(), 3), row.others.due),
+                format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.evaluable),
+                format!("{} of {}", cell(row.others.rate(), 3), row.others.evaluable),
             )?;
         }
         Ok(())
@@ -397,13 +403,13 @@ impl fmt::Display for WeatherReport {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene_match::Due;
+    use super::super::scene_match::Evaluable;
     use super::*;
     use perception::region::PixelBox;
     use perception::rig::Rig;
     use sources::scene::ObjectTruth;
 
-    fn due(distance_m: f64, found: Option<(f64, f64)>) -> Due {
+    fn evaluable(distance_m: f64, found: Option<(f64, f64)>) -> Evaluable {
         let bounds = PixelBox { x: 1, y: 1, width: 9, height: 9 };
         let object = ObjectTruth {
             id: 3,
@@ -421,7 +427,10 @@ mod tests {
             in_path: true,
             on_road: true,
         };
-        Due { object, found: found.map(|(distance_m, sigma_m)| Found { bounds, distance_m, sigma_m }) }
+        Evaluable {
+            object,
+            detection: found.map(|(distance_m, sigma_m)| Detection { bounds, distance_m, sigma_m }),
+        }
     }
 
     #[test]
@@ -429,13 +438,17 @@ mod tests {
         let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
         let mut tally = Tally::new("street", "night", rig, 0.08);
         let matched = FrameMatch {
-            due: vec![due(10.0, Some((10.2, 0.11))), due(10.0, Some((9.5, 0.1))), due(30.0, None)],
-            explained: vec![true, true, false],
-            unexplained: (1, 0),
+            evaluable: vec![
+                evaluable(10.0, Some((10.2, 0.11))),
+                evaluable(10.0, Some((9.5, 0.1))),
+                evaluable(30.0, None),
+            ],
+            matched: vec![true, true, false],
+            false_positives: FalsePositives { on_road: 1, off_road: 0 },
         };
         let road = RoadTruth::default();
         for _ in 0..3 {
-            let found = matched.due[0].found.unwrap();
+            let found = matched.evaluable[0].detection.unwrap();
             let tracks = [Labelled { found, is_vehicle: false }];
             let frame = FrameResult {
                 matched: &matched,
@@ -447,17 +460,20 @@ mod tests {
             tally.add(&frame);
         }
         let row = tally.row();
-        assert_eq!((row.frames, row.due, row.found), (3, 9, 6));
+        assert_eq!((row.frames, row.evaluable, row.true_positives), (3, 9, 6));
         assert_eq!(row.detection_rate, Some(0.6667));
         assert_eq!(row.paper_rate, Some(0.806));
         // One a frame, every 80 ms; one track.
         assert_eq!((row.false_per_minute, row.false_tracks_per_minute), (750.0, 250.0));
         assert_eq!(row.missed["cone"], 3);
         // Cones are no vehicles: right when they are called none.
-        assert_eq!((row.others.due, row.others.tracked, row.others.right, row.vehicles.due), (9, 6, 6, 0));
+        assert_eq!(
+            (row.others.evaluable, row.others.tracked, row.others.right, row.vehicles.evaluable),
+            (9, 6, 6, 0)
+        );
         assert_eq!((row.class_rate, row.class_rate_of_found), (Some(0.6667), Some(1.0)));
         let near = &row.ranges[1];
-        assert_eq!((near.due, near.found, near.covered), (6, 6, Some(0.5)));
+        assert_eq!((near.evaluable, near.found, near.covered), (6, 6, Some(0.5)));
         assert!([Some(2.0), Some(5.0)].contains(&near.median_percent), "{near:?}");
         assert_eq!(row.ranges[4].median_percent, None);
         let text = WeatherReport { method: "fast".into(), rows: vec![row] }.to_string();

@@ -1,4 +1,4 @@
-//! The interface of every source: [`PairSource`], [`LiveSource`] and their errors.
+//! The interfaces of all sources, [`PairSource`] and [`LiveSource`], and their errors.
 
 use crate::recording::RecordingError;
 use crate::scene::file::SceneError;
@@ -7,59 +7,59 @@ use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
-/// A sequence of rectified pairs of one size, read by index: so a source can be resumed, repeated
-/// and read twice with the same result.
+/// A sequence of stereo pairs of one size, read by index, so that a source can be resumed, repeated, and read
+/// twice with the same result.
 pub trait PairSource {
     /// Width and height of every image, in pixels.
     fn size(&self) -> (usize, usize);
 
-    /// What turns disparity into metres, when the source knows.
+    /// Rectified intrinsics and baseline, where known; needed to convert disparity to metres.
     fn rig(&self) -> Option<Rig>;
 
-    /// Pairs from index 0 on; `None` when they never end.
+    /// Number of pairs; `None` for an endless source.
     fn count(&self) -> Option<u64>;
 
-    /// Time from one pair to the next when it was taken, in nanoseconds.
+    /// Nominal time from one pair to the next, in nanoseconds.
     fn period_ns(&self) -> u64;
 
-    /// Time of pair `index` in the scene, in nanoseconds: so many periods, unless the source knows when
-    /// each pair was taken. A live source gives that of the pair it gave last, on the monotonic clock.
+    /// Source time of pair `index`, in nanoseconds: `index` periods, unless the source has a timestamp for each
+    /// pair. A live source returns the time of its latest pair on the monotonic clock.
     fn time_ns(&self, index: u64) -> u64 {
         index.saturating_mul(self.period_ns())
     }
 
-    /// A source that runs by itself, as cameras do; `None` for one that is read at any pace.
+    /// The live interface of a source that runs at its own pace, such as cameras; `None` for all others.
     fn live(&mut self) -> Option<&mut dyn LiveSource> {
         None
     }
 
-    /// Writes pair `index`, both images `width` × `height` bytes, row after row.
+    /// Reads pair `index` into two images of `width` × `height` bytes, row-major.
     ///
     /// # Errors
-    /// When the pair does not exist or cannot be decoded; the file is named.
+    /// When the pair does not exist or cannot be decoded; the error names the file.
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError>;
 }
 
-/// A source that brings pairs when they are there: [`PairSource::read`] then gives the one that
-/// [`Self::wait`] has found.
+/// A source that delivers pairs at its own pace. [`PairSource::read`] returns the pair that [`Self::wait`]
+/// has announced.
 pub trait LiveSource {
     /// Waits for the next pair, at most about `patience`.
     fn wait(&mut self, patience: Duration) -> Readiness;
 }
 
-/// What waiting for a pair came to.
+/// Result of waiting for a pair.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Readiness {
-    /// A pair is there.
+    /// A pair is ready.
     Pair {
-        /// When it was exposed, on the monotonic clock, in nanoseconds.
+        /// Exposure time on the monotonic clock, in nanoseconds.
         capture_ns: u64,
     },
-    /// None came.
+    /// No pair arrived.
     Nothing,
-    /// None came, and this is why. It is told once; pairs may come again.
+    /// No pair arrived, for this reason. Each fault is reported once; pairs may follow.
     Trouble(String),
-    /// What was wrong is not any more.
+    /// The reported fault is over.
     Recovered,
 }
 
@@ -73,18 +73,18 @@ pub const LAYOUTS: [(&str, &str); 6] = [
     ("image_00/data", "image_01/data"),
 ];
 
-/// Why pairs cannot be had. Every text names the file or folder and the remedy.
+/// Errors of sources. Every text names the file or folder and the remedy.
 #[derive(Debug, Error)]
 pub enum SourceError {
-    /// The folder is not there, or cannot be listed.
+    /// The folder is missing or cannot be listed.
     #[error("{}: {source}", path.display())]
     Io {
-        /// What was opened.
+        /// Path that was opened.
         path: PathBuf,
-        /// Why it failed.
+        /// Cause.
         source: std::io::Error,
     },
-    /// None of the known layouts.
+    /// The folder has none of the known layouts.
     #[error(
         "{}: no stereo pairs here: expected two folders named {}, with images of the same names in both",
         path.display(),
@@ -94,7 +94,7 @@ pub enum SourceError {
         /// The folder.
         path: PathBuf,
     },
-    /// The left folder holds no image.
+    /// The left folder contains no image.
     #[error("{}: the folder is empty: put PNG, PGM or PPM images into it", path.display())]
     Empty {
         /// The folder.
@@ -103,12 +103,12 @@ pub enum SourceError {
     /// One image of a pair is missing.
     #[error("{}: missing, but {} is there: add it, or remove the other", path.display(), other.display())]
     Unpaired {
-        /// The image that should be there.
+        /// The missing image.
         path: PathBuf,
-        /// The one that is.
+        /// Its existing partner.
         other: PathBuf,
     },
-    /// An image has another size than the first.
+    /// An image differs in size from the first.
     #[error(
         "{}: {}x{} pixels, but {} has {}x{}: all images of a source need one size",
         path.display(), size.0, size.1, first.display(), expected.0, expected.1
@@ -120,7 +120,7 @@ pub enum SourceError {
         size: (usize, usize),
         /// The first image.
         first: PathBuf,
-        /// The size of that.
+        /// The size of the first image.
         expected: (usize, usize),
     },
     /// An image that cannot be decoded.
@@ -128,10 +128,10 @@ pub enum SourceError {
     Decode {
         /// The image.
         path: PathBuf,
-        /// What the decoder says.
+        /// Message of the decoder.
         reason: String,
     },
-    /// A calibration file that cannot be used.
+    /// An invalid calibration file.
     #[error("{}: {reason}", path.display())]
     Calibration {
         /// The file.
@@ -139,18 +139,18 @@ pub enum SourceError {
         /// Line or key, and the remedy.
         reason: String,
     },
-    /// A recording in MCAP.
+    /// An invalid MCAP recording.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// A scene.
+    /// An invalid scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// An index beyond the end.
-    #[error("pair {index} was asked for, but the source has only {count}")]
+    /// An index beyond the last pair.
+    #[error("pair {index} requested, but the source has only {count}")]
     End {
         /// The index.
         index: u64,
-        /// Pairs that exist.
+        /// Number of pairs.
         count: u64,
     },
 }

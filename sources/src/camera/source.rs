@@ -1,4 +1,4 @@
-//! Pairs from cameras.
+//! Stereo pairs from live cameras.
 
 use super::connection::{Action, Connection, ConnectionParameters};
 use super::exposure::{ExposureControl, ExposureParameters};
@@ -8,54 +8,54 @@ use crate::{LiveSource, PairSource, Readiness, SourceError};
 use perception::rig::Rig;
 use std::time::Duration;
 
-/// Every so many pixels and pairs the brightness is looked at.
+/// Brightness is sampled every this many pixels and pairs.
 const BRIGHTNESS_STEP: usize = 61;
 
-/// How brightness is set.
+/// Exposure mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExposureMode {
-    /// Once, at the start: the camera's own automatic, or fixed values.
+    /// Set once at start: the camera's own automatic exposure, or fixed values.
     Once(Exposure),
-    /// By us, the same for both cameras.
+    /// Controlled here, with the same exposure for both cameras.
     Matched(ExposureParameters),
 }
 
-/// How the cameras are used.
+/// How the cameras are operated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Width and height of one image, in pixels.
     pub size: (usize, usize),
-    /// Time from one pair to the next, in nanoseconds.
+    /// Period of the pairs, in nanoseconds.
     pub period_ns: u64,
-    /// One camera gives both images side by side, the left one first.
+    /// Whether one camera delivers both images side by side, the left one first.
     pub side_by_side: bool,
-    /// Exposures of a pair may be this far apart, in nanoseconds.
+    /// Largest difference between the exposure times of a pair, in nanoseconds.
     pub skew_ns: u64,
-    /// When a lost camera is opened again.
+    /// Reconnection of lost cameras.
     pub connection: ConnectionParameters,
-    /// How brightness is set.
+    /// Exposure mode.
     pub exposure: ExposureMode,
 }
 
-/// A camera and what belongs to it.
+/// A camera with its connection state and buffers.
 struct Link {
     camera: Option<Box<dyn Camera>>,
     connection: Connection,
-    /// Two images: one may wait for its partner while the other is taken.
+    /// Two images: one may wait for its partner while the other is being written.
     images: [Vec<u8>; 2],
-    /// Which of them is to be written next.
+    /// Index of the image to write next.
     free: usize,
     trouble: Option<String>,
 }
 
-/// A pair that is ready: which image of each side, and when it was exposed.
+/// A complete pair: the image index of each side, and the exposure time.
 #[derive(Clone, Copy, Debug)]
 struct Ready {
     images: [usize; 2],
     time_ns: u64,
 }
 
-/// See the module. Once the cameras are open, nothing is allocated.
+/// A [`PairSource`] of live cameras. Allocates nothing once the cameras are open.
 pub struct CameraSource {
     opener: Box<dyn Opener>,
     settings: Settings,
@@ -64,16 +64,16 @@ pub struct CameraSource {
     links: Vec<Link>,
     pairing: Pairing,
     ready: Option<Ready>,
-    /// When the last pair was exposed. The scene's time is that of the clock, so that it goes on when
+    /// Exposure time of the last pair. The source time equals the capture clock, so that it continues when
     /// this process is replaced.
     last_ns: u64,
     control: Option<ExposureControl>,
-    /// What is wrong and was not yet told; empty when it is well again.
+    /// A fault that was not reported yet; empty after recovery.
     news: Option<String>,
 }
 
 impl CameraSource {
-    /// Opens nothing yet: cameras are opened when pairs are waited for, as often as needed.
+    /// Opens nothing yet: cameras are opened while waiting for pairs, as often as needed.
     pub fn new(opener: Box<dyn Opener>, settings: Settings, clock: fn() -> u64) -> Self {
         let (width, height) = settings.size;
         let (cameras, pixels) =
@@ -102,12 +102,12 @@ impl CameraSource {
         }
     }
 
-    /// Pairs and frames without partner so far.
+    /// Pair counters since the start.
     pub fn counts(&self) -> Counts {
         self.pairing.counts()
     }
 
-    /// How often a camera was lost after it had worked.
+    /// How often a camera was lost after it had delivered frames.
     pub fn losses(&self) -> u64 {
         self.links.iter().map(|link| link.connection.losses()).sum()
     }
@@ -117,7 +117,7 @@ impl CameraSource {
         if self.settings.side_by_side { (2 * width, height) } else { (width, height) }
     }
 
-    /// Something is wrong; both cameras may have something to say.
+    /// Queues a fault; both cameras may report one.
     fn tell(&mut self, text: String) {
         match &mut self.news {
             Some(news) if !news.is_empty() => {
@@ -128,7 +128,7 @@ impl CameraSource {
         }
     }
 
-    /// A camera failed: it is closed, and opened again in a while.
+    /// A camera failed: closes it and schedules the next attempt.
     fn fail(&mut self, side: usize, reason: &str) {
         let link = &mut self.links[side];
         link.camera = None;
@@ -136,7 +136,7 @@ impl CameraSource {
         if link.trouble.as_deref() != Some(reason) {
             link.trouble = Some(reason.to_owned());
             self.tell(format!(
-                "{reason}; opened again in {:.1} s, then ever more rarely",
+                "{reason}; next attempt in {:.1} s, then at growing intervals",
                 wait_ns as f64 * 1e-9
             ));
         }
@@ -165,7 +165,7 @@ impl CameraSource {
         }
     }
 
-    /// Opens, closes or takes a frame of one camera, whatever is due.
+    /// Opens, closes or reads one camera, as its connection state requires.
     fn attend(&mut self, side: usize, patience: Duration) {
         match self.links[side].connection.action((self.clock)()) {
             Action::Wait => {}
@@ -173,7 +173,7 @@ impl CameraSource {
             Action::Close => {
                 let silent_s = self.settings.connection.silence_ns as f64 * 1e-9;
                 let name = ["left", "right"][side.min(1)];
-                self.fail(side, &format!("the {name} camera has given no frame for {silent_s:.1} s"));
+                self.fail(side, &format!("the {name} camera has delivered no frame for {silent_s:.1} s"));
             }
             Action::Grab => {
                 let link = &mut self.links[side];
@@ -187,7 +187,7 @@ impl CameraSource {
         }
     }
 
-    /// A frame is in the free image of a side.
+    /// A frame was written to the free image of a side.
     fn take(&mut self, side: usize, taken: Taken) {
         let link = &mut self.links[side];
         link.connection.frame((self.clock)());
@@ -212,7 +212,7 @@ impl CameraSource {
         }
     }
 
-    /// Steers the exposure by the brightness of a pair.
+    /// Updates the exposure control with the brightness of a pair.
     fn steer(&mut self, left: &[u8], right: &[u8]) {
         let Some(control) = &mut self.control else { return };
         let samples = left.iter().chain(right).step_by(BRIGHTNESS_STEP);
@@ -232,18 +232,18 @@ impl CameraSource {
 
 impl LiveSource for CameraSource {
     fn wait(&mut self, patience: Duration) -> Readiness {
-        // A pair that nobody wanted makes room for the next.
+        // An unread pair is replaced by the next.
         self.ready = None;
-        // First the side whose partner waits already.
+        // Serves the side first whose partner is already held.
         let first = usize::from(self.links.len() > 1 && self.pairing.holds(0));
         self.attend(first, patience);
         if self.links.len() > 1 && self.ready.is_none() {
-            // When the first is lost, this one is what there is to wait for.
+            // When the first is lost, waits on this one.
             let is_open = self.links[first].connection.is_open();
             self.attend(1 - first, if is_open { Duration::from_millis(1) } else { patience });
         }
         if self.links.iter().all(|link| !link.connection.is_open()) {
-            // Nothing to wait for: at least not in a loop that never sleeps.
+            // No camera is open: sleep, so that the caller's loop does not spin.
             std::thread::sleep(patience);
         }
         match (self.ready, self.news.take()) {
@@ -280,7 +280,7 @@ impl PairSource for CameraSource {
         Some(self)
     }
 
-    /// The pair that [`LiveSource::wait`] has found; the index does not matter.
+    /// The pair that [`LiveSource::wait`] has found; `index` is ignored.
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
         let Some(ready) = self.ready.take() else { return Err(SourceError::End { index, count: index }) };
         let (width, height) = self.settings.size;
@@ -326,7 +326,7 @@ mod tests {
         }
     }
 
-    /// Runs a script to its end: the grey levels of the pairs that came, and what was told.
+    /// Runs a script to its end. Returns the grey levels of the pairs and the reported faults.
     fn play(source: &mut CameraSource, rig: &FakeRig) -> (Vec<(u8, u8)>, Vec<String>) {
         let (mut pairs, mut told) = (Vec::new(), Vec::new());
         let (mut left, mut right) = (vec![0; 12], vec![0; 12]);
@@ -355,7 +355,7 @@ mod tests {
         assert!(pairs.iter().all(|(l, r)| l == r), "{pairs:?}");
         assert!(pairs.len() >= 38 && told.is_empty(), "{} pairs, {told:?}", pairs.len());
         assert_eq!(source.counts().worst_skew_ns, MS);
-        assert_eq!(source.time_ns(0), 39 * 33 * MS + MS, "time runs by the exposures");
+        assert_eq!(source.time_ns(0), 39 * 33 * MS + MS, "source time follows the exposures");
     }
 
     #[test]
@@ -380,7 +380,7 @@ mod tests {
         let frames = |range: std::ops::Range<u64>| {
             range.map(|n| Event::Frame { at_ns: n * 33 * MS, level: n as u8 }).collect::<Vec<_>>()
         };
-        // The right camera is unplugged after frame 20; opening fails twice; from frame 60 on it is back.
+        // The right camera is unplugged after frame 20; opening fails twice; it is back from frame 60 on.
         let mut right = frames(1..21);
         right.extend([Event::Unplug { at_ns: 20 * 33 * MS + MS }, Event::Plug { at_ns: 50 * 33 * MS }]);
         right.extend(frames(51..90));
@@ -413,7 +413,7 @@ mod tests {
         let rig = FakeRig::new([left, frames(1..70)]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
         let (pairs, told) = play(&mut source, &rig);
-        assert!(told[0].contains("left camera has given no frame for 0.2 s"), "{told:?}");
+        assert!(told[0].contains("left camera has delivered no frame for 0.2 s"), "{told:?}");
         assert!(pairs.iter().any(|p| p.0 == 66), "{pairs:?}");
         assert!(rig.opened(0) >= 2);
     }
@@ -438,7 +438,7 @@ mod tests {
         play(&mut source, &rig);
         let set = rig.exposures();
         assert_eq!(set[0], set[1]);
-        // It stays dark whatever is set: in the end all that is allowed.
+        // The image stays dark whatever is set, so the control ends at its limits.
         assert_eq!(set[0].last(), Some(&Exposure::Fixed { time_us: 10_000, gain: 4 }));
     }
 }

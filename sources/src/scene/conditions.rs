@@ -1,4 +1,4 @@
-//! What the weather makes of light, ground and sensors.
+//! Light, ground, precipitation, lens and sensor parameters of each weather.
 
 use super::file::Weather;
 use super::lens::{Glare, Lens};
@@ -7,24 +7,24 @@ use super::mesh::unit;
 use super::precipitation::Precipitation;
 use super::sensor::Sensor;
 
-/// A weather, in numbers.
+/// Rendering parameters of a weather.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions {
-    /// Light and air.
+    /// Light and atmosphere.
     pub light: Light,
-    /// How wet the ground is, 0 to 1.
+    /// Wetness of the ground, 0 to 1.
     pub wet: f64,
-    /// Share of the ground under snow.
+    /// Share of the ground under snow, 0 to 1.
     pub snow: f64,
     /// Rain or snow.
     pub falls: Option<Precipitation>,
-    /// What is on the lenses.
+    /// Drops, film, glare and halo of the lenses.
     pub lens: Lens,
     /// Left and right sensor.
     pub sensors: [Sensor; 2],
 }
 
-/// Rain of so many drops, that hide so much.
+/// Rain with `count` drops per image.
 fn rain(count: u32, opacity: f32, grey: f32) -> Option<Precipitation> {
     Some(Precipitation {
         count,
@@ -38,10 +38,10 @@ fn rain(count: u32, opacity: f32, grey: f32) -> Option<Precipitation> {
 }
 
 impl Conditions {
-    /// The weather's numbers.
+    /// Parameters of a weather.
     pub fn new(weather: Weather) -> Self {
         let sensor = |gain, offset, noise, shot_noise| Sensor { gain, offset, noise, shot_noise };
-        // No two cameras are alike: the right one is a little brighter.
+        // Real cameras differ: the right one is a little brighter.
         let pair =
             |noise: f32, shot: f32| [sensor(1.0, 0.0, noise, shot), sensor(1.04, 1.5, noise * 1.1, shot)];
         let fair = Self {
@@ -122,5 +122,5 @@ impl Conditions {
     }
 }
 
-/// Where a low sun stands: right and down per metre ahead.
+/// Direction of a low sun: metres right and down per metre ahead.
 const SUN: (f64, f64) = (0.1, -0.2);

@@ -1,4 +1,4 @@
-//! Finds what is true of a placed world.
+//! Computes the ground truth of a frame from the world's geometry.
 
 use super::Scene;
 use super::truth::{FIRST_OBJECT, ObjectTruth, ROAD, RoadTruth, SceneTruth};
@@ -6,7 +6,7 @@ use super::view::{Camera, MIDDLE, Surface, View};
 use super::world::{HALF_PATH_M, Present};
 use perception::region::PixelBox;
 
-/// What pixels see at their middle: 1/z and the patch's number from 1.
+/// Depth buffer at the pixel centres: 1/z and the patch number from 1.
 struct Map {
     view: View,
     inverse_z: Vec<f32>,
@@ -164,7 +164,7 @@ impl Scene {
         }
     }
 
-    /// Pixels of an object if nothing stood before it.
+    /// Pixels that an object would have without occlusion.
     fn silhouette(&self, camera: &Camera, id: u16) -> u32 {
         let own: Vec<Surface> = self.world.surfaces.iter().filter(|s| s.owner == id).copied().collect();
         Map::new(camera, &own).number.iter().filter(|&&number| number > 0).count() as u32

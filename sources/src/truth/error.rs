@@ -10,16 +10,16 @@ const LAYOUTS: &str = "folders image_2 and image_3, or image_0 and image_1, with
     folder per scene with im0.png, im1.png and disp0GT.pfm or disp0.pfm, im2, im6 and disp2 (.ppm and .pgm, or \
     .png), view1.png, view5.png and disp1.png, or left.png, right.png and groundtruth.png or gt.png (Middlebury)";
 
-/// Why a data set cannot be used. Every text names the file or folder and the remedy.
+/// Errors of data sets. Every text names the file or folder and the remedy.
 #[derive(Debug, Error)]
 pub enum TruthError {
-    /// Nothing here has truth.
+    /// No pair with ground truth.
     #[error("{}: no stereo pair with ground truth here or below: expected {}", path.display(), LAYOUTS)]
     NoPairs {
         /// The folder.
         path: PathBuf,
     },
-    /// Two pairs of one name would overwrite each other's results.
+    /// Two pairs with equal names, whose results would overwrite each other.
     #[error(
         "{}: its pair is called {name}, as is the one of {}: rename one of their folders",
         path.display(), other.display()
@@ -27,28 +27,28 @@ pub enum TruthError {
     SameName {
         /// The name.
         name: String,
-        /// A left image.
+        /// Left image of one pair.
         path: PathBuf,
-        /// The left image of the other.
+        /// Left image of the other pair.
         other: PathBuf,
     },
     /// A file or folder that cannot be read.
     #[error("{}: {source}: make it readable, or remove it", path.display())]
     Io {
-        /// What was opened.
+        /// Path that was opened.
         path: PathBuf,
-        /// Why it failed.
+        /// Cause.
         source: std::io::Error,
     },
-    /// A map that cannot be used.
+    /// An invalid map.
     #[error("{}: {reason}", path.display())]
     Map {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and the remedy.
+        /// The fault and the remedy.
         reason: String,
     },
-    /// A map or mask of another size than what it belongs to.
+    /// A map or mask that differs in size from the file it belongs to.
     #[error(
         "{}: {}x{} pixels, but {} has {}x{}: both must be of one pair, unscaled",
         path.display(), size.0, size.1, other.display(), expected.0, expected.1
@@ -58,12 +58,12 @@ pub enum TruthError {
         path: PathBuf,
         /// Its width and height.
         size: (usize, usize),
-        /// The file that it belongs to.
+        /// The file it belongs to.
         other: PathBuf,
-        /// The size of that.
+        /// Width and height of that file.
         expected: (usize, usize),
     },
-    /// An image or a calibration.
+    /// An invalid image or calibration.
     #[error(transparent)]
     Source(#[from] SourceError),
 }

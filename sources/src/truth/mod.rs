@@ -1,5 +1,5 @@
-//! Data sets with ground truth: stereo pairs, the disparity of their left pixels, and where it
-//! counts.
+//! Data sets with ground truth (KITTI, Middlebury): stereo pairs, disparity of the left image, and evaluation
+//! masks.
 
 mod error;
 pub mod find;

@@ -1,4 +1,4 @@
-//! A stereo pair with ground truth, and how its maps are read.
+//! A stereo pair with ground truth, and the reader of its maps.
 
 use super::error::TruthError;
 use super::map_file::{self, DisparityMap};
@@ -6,17 +6,17 @@ use crate::calibration_file;
 use crate::folder::read_grey;
 use std::path::{Path, PathBuf};
 
-/// Which pixels are scored.
+/// Set of evaluated pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Region {
-    /// Every pixel that has truth (KITTI: Out-All).
+    /// All pixels with ground truth (KITTI: Out-All).
     All,
-    /// Those of them that the right camera sees too (KITTI: Out-Noc).
+    /// Those of them that are not occluded in the right image (KITTI: Out-Noc).
     Noc,
 }
 
 impl Region {
-    /// Its name in tables.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::All => "all",
@@ -25,77 +25,76 @@ impl Region {
     }
 }
 
-/// One pair of a data set; files are read when they are asked for.
+/// A pair of a data set; files are read on demand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthPair {
-    /// Name within its set, fit for a file name.
+    /// Name within the data set, usable as a file name.
     pub name: String,
     /// Left image.
     pub left: PathBuf,
-    /// Right image, rectified like the left.
+    /// Right image, rectified with the left one.
     pub right: PathBuf,
-    /// Where the truth is.
+    /// Ground truth files.
     pub files: TruthFiles,
 }
 
-/// Where the truth of a pair is.
+/// Files with the ground truth of a pair.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TruthFiles {
     /// KITTI's maps, 16-bit PNG, disparity × 256; at least one of them.
     Kitti {
-        /// Of every pixel.
+        /// Map of all pixels.
         all: Option<PathBuf>,
-        /// Of the non-occluded ones.
+        /// Map of the non-occluded pixels.
         noc: Option<PathBuf>,
     },
-    /// A folder for each scene, as Middlebury does it.
+    /// One folder per scene, as in Middlebury.
     Scene {
-        /// The map.
+        /// Disparity map of the left image.
         map: PathBuf,
-        /// Picture that is 255 where the pixel is not occluded.
+        /// Image that is 255 where the pixel is not occluded.
         mask: Option<PathBuf>,
-        /// The map of the right image: where both agree, the pixel is not occluded.
+        /// Disparity map of the right image: a pixel is not occluded where both agree.
         right_map: Option<PathBuf>,
-        /// Steps in the map for a pixel of disparity; `None`: by the height of the map.
+        /// Stored value per pixel of disparity; `None`: derived from the height of the map.
         scale: Option<f64>,
     },
-    /// Distances, 16-bit PNG, metres × 256, and the KITTI calibration that makes disparities of
-    /// them.
+    /// Depth, 16-bit PNG, metres × 256, and the KITTI calibration that converts it to disparity.
     Depth {
-        /// The distances.
+        /// Depth map.
         depth: PathBuf,
-        /// The calibration.
+        /// Calibration.
         calibration: PathBuf,
     },
 }
 
-/// The truth of one pair: maps of `width` × `height`, row after row.
+/// Ground truth of a pair: maps of `width` × `height`, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// Disparity of the left pixels in px; −1 = unknown.
+    /// Disparity of the left image in px; −1 = unknown.
     pub disparity_px: Vec<f32>,
-    /// The regions that the data set tells apart, each with its pixels; never empty.
+    /// The evaluation masks of the data set; never empty.
     pub regions: Vec<(Region, Vec<bool>)>,
 }
 
 impl Truth {
-    /// The pixels of a region.
+    /// Mask of a region.
     pub fn region(&self, region: Region) -> Option<&[bool]> {
         self.regions.iter().find(|(r, _)| *r == region).map(|(_, mask)| mask.as_slice())
     }
 
-    /// The non-occluded pixels, or all where the set does not tell them apart.
+    /// Mask of the non-occluded pixels, or of all where the set does not distinguish them.
     pub fn visible(&self) -> &[bool] {
         self.region(Region::Noc).or_else(|| self.region(Region::All)).unwrap_or(&[])
     }
 }
 
 impl TruthPair {
-    /// The file that holds the truth; the first where there are several.
+    /// The file with the ground truth; the first where there are several.
     pub fn truth_file(&self) -> &Path {
         match &self.files {
             TruthFiles::Kitti { all: Some(path), .. } | TruthFiles::Kitti { noc: Some(path), .. } => path,
@@ -105,7 +104,7 @@ impl TruthPair {
         }
     }
 
-    /// The regions that [`Self::truth`] will tell apart.
+    /// The regions that [`Self::truth`] returns.
     pub fn regions(&self) -> Vec<Region> {
         let (all, noc) = match &self.files {
             TruthFiles::Kitti { all, noc } => (all.is_some(), noc.is_some()),
@@ -116,10 +115,10 @@ impl TruthPair {
         regions.into_iter().filter(|(_, there)| *there).map(|(region, _)| region).collect()
     }
 
-    /// Reads the truth and its regions.
+    /// Reads the ground truth and its regions.
     ///
     /// # Errors
-    /// Names the file at fault.
+    /// Names the faulty file.
     pub fn truth(&self) -> Result<Truth, TruthError> {
         match &self.files {
             TruthFiles::Kitti { all, noc } => self.kitti(all.as_deref(), noc.as_deref()),
@@ -165,7 +164,7 @@ fn scene(
     scale: Option<f64>,
 ) -> Result<Truth, TruthError> {
     let mut map = map_file::read(path, scale.unwrap_or(1.0))?;
-    // Middlebury 2005 and 2006 keep the disparities of the full size in maps of half and a third.
+    // Middlebury 2005 and 2006 store full-size disparities in maps of half and a third of the size.
     let scale = scale.unwrap_or_else(|| {
         let divisor: u8 = match map.height {
             901.. => 1,
@@ -190,8 +189,8 @@ fn scene(
     Ok(Truth { width: map.width, height: map.height, disparity_px: map.px, regions })
 }
 
-/// Pixels whose disparity leads to one of the right image that is within 1 px of it: both cameras
-/// see the same point. Both maps have one size.
+/// Left-right check: pixels whose corresponding right pixel has a disparity within 1 px of theirs. Both maps
+/// have the same size.
 fn agreement(left: &DisparityMap, right: &DisparityMap) -> Vec<bool> {
     let seen = |i: usize| {
         let d = left.px[i];
@@ -204,7 +203,7 @@ fn agreement(left: &DisparityMap, right: &DisparityMap) -> Vec<bool> {
 fn from_depth(path: &Path, calibration: &Path) -> Result<Truth, TruthError> {
     let rig = calibration_file::read(calibration, true)?;
     let mut map = map_file::read(path, 256.0)?;
-    // From metres to px: both are above zero where they are known.
+    // From metres to px; known values are positive in both.
     for z in map.px.iter_mut().filter(|z| **z > 0.0) {
         *z = rig.disparity_px(f64::from(*z)) as f32;
     }
@@ -265,11 +264,11 @@ mod tests {
         let truth = scene(Some(path("m.png")), None, Some(4.0));
         assert_eq!(truth.disparity_px, [1.0, 1.0, 2.0, -1.0]);
         assert_eq!(truth.region(Region::Noc).unwrap(), [true, false, true, false]);
-        // 0: outside; 1: column 0 has 2, within 1 px; 2: column 0 has 2.
+        // Pixel 0: outside; 1: column 0 has 2, within 1 px; 2: column 0 has 2.
         let truth = scene(None, Some(path("r.png")), Some(4.0));
         assert_eq!(truth.region(Region::Noc).unwrap(), [false, true, true, false]);
         assert_eq!(truth.region(Region::All).unwrap(), [true, true, true, false]);
-        // Low maps of unknown scale are a third of the full size.
+        // Maps of small height and unknown scale are a third of the full size.
         let truth = scene(None, None, None);
         assert_eq!(truth.disparity_px[2], 8.0 / 3.0);
         assert_eq!(truth.region(Region::Noc), None);

@@ -1,5 +1,31 @@
-//! Where stereo pairs come from: recorded folders and MCAP files, data sets with truth and synthetic
-//! scenes.
+//! Sources of stereo pairs: recordings, live cameras, synthetic scenes and data sets with ground truth.
+//!
+//! All sources implement [`PairSource`]: pairs of grey images, read by index.
+//!
+//! | module | content |
+//! |---|---|
+//! | [`folder`] | image folders, including the layouts of KITTI |
+//! | [`recording`] | MCAP files of `lookout record`, and ROS 2 bags |
+//! | [`camera`] | live cameras: V4L2, GStreamer; pairing, reconnection, exposure control |
+//! | [`scene`] | synthetic scenes with exact ground truth |
+//! | [`chessboard`] | synthetic chessboard images, to test calibration |
+//! | [`truth`] | data sets with ground truth: KITTI, Middlebury, LiDAR depth, labels |
+//! | [`rectified`] | rectification of another source's pairs |
+//! | [`rig_file`], [`calibration_file`] | calibration files: the rig file, OpenCV, ROS, Kalibr, KITTI |
+//!
+//! ```
+//! use sources::PairSource;
+//! use sources::scene::Scene;
+//!
+//! let mut scene = Scene::open("street?weather=night&seed=7")?;
+//! let (width, height) = scene.size();
+//! let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
+//! scene.read(0, &mut left, &mut right)?;
+//!
+//! let truth = scene.truth(0);
+//! assert_eq!(truth.disparity_px.len(), width * height);
+//! # Ok::<(), sources::SourceError>(())
+//! ```
 
 pub mod calibration_file;
 pub mod camera;

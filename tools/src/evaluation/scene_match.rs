@@ -1,51 +1,52 @@
-//! What a frame's regions have to do with what is true of it.
+//! Matching of detected regions with the ground truth of a synthetic scene.
 //!
-//! **Due** are the objects that a scene names (not the rows beside the road), but bridges, whose
+//! **Evaluable** are the objects that a scene lists (not the rows beside the road), except bridges, whose
 //! nearest visible point is 3 to 40 m away (debris: 20 m), of which at least 40 pixels (debris: 12) are
-//! visible, of which at least half can be seen in both images, and which the picture's left and right border
-//! do not cut.
+//! visible, of which at least half is visible in both images, and which the left and right image borders do
+//! not truncate.
 //!
-//! A due object is **found** by a region whose distance is within 1 m or 15 % of the truth (whichever
-//! is more) and whose box overlaps the box of the object's visible pixels by 0.25 (shared ÷ joint), or
-//! holds at least half of it without being more than six times as large; if the object touches another one
-//! within that distance of it, which no stereo camera tells apart, also without being more than one and a
-//! half times as large as the box of both.
+//! An evaluable object is a **true positive** if there is a region whose distance is within 1 m or 15 % of the
+//! true one (whichever is more) and whose box overlaps the box of the object's visible pixels by 0.25
+//! (intersection over union), or contains at least half of it and is at most six times as large. If the object
+//! touches another one at a distance within the same tolerance, which a stereo camera cannot separate, the
+//! region may also be up to 1.5 times as large as the box of both.
 //!
-//! A region is **explained** when it finds a due object, or when at least a tenth of its box's pixels see
-//! something that stands there, object or row beside the road, at the region's distance within 1.5 m or 20 %.
-//! One that is not, within 40 m, is **false** where its foot is on the asphalt, and **stray** elsewhere.
+//! A region is **matched** when it matches an evaluable object, or when at least a tenth of its box's pixels show
+//! an object, including the rows beside the road, whose distance is within 1.5 m or 20 % of the region's. An
+//! unmatched region within 40 m is a **false positive** where its foot is on the asphalt, and an **off-road false
+//! positive** elsewhere.
 
 use perception::region::PixelBox;
 use sources::scene::truth::{FIRST_OBJECT, ROAD};
 use sources::scene::{ObjectClass, ObjectTruth, SceneTruth};
 
-/// Nearest and farthest object that is due, in metres.
+/// Distance range of evaluable objects, in metres.
 pub const EVALUABLE_M: (f64, f64) = (3.0, 40.0);
 
-/// What lies so many columns or rows apart touches.
+/// Objects at most this many columns or rows apart touch each other.
 const TOUCHING_PX: u32 = 4;
 
-/// What a detector found.
+/// A detected region or track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detection {
-    /// Where, in the left image.
+    /// Bounding box in the left image.
     pub bounds: PixelBox,
-    /// How far, in metres.
+    /// Distance in metres.
     pub distance_m: f64,
-    /// One standard deviation of that.
+    /// Standard deviation of the distance, in metres.
     pub sigma_m: f64,
 }
 
-/// A due object, and the region that found it.
+/// An evaluable object with the region that matches it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluable {
     /// The object.
     pub object: ObjectTruth,
-    /// The region that overlaps it most, among those that found it.
+    /// The region that overlaps it most, among those that match.
     pub detection: Option<Detection>,
 }
 
-/// Regions of a frame, within 40 m, that match nothing in the scene.
+/// Numbers of unmatched regions of a frame within 40 m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FalsePositives {
     /// Those that stand on the asphalt.
@@ -54,18 +55,18 @@ pub struct FalsePositives {
     pub off_road: usize,
 }
 
-/// What was made of a frame.
+/// Result of matching one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameMatch {
-    /// The due objects.
+    /// The evaluable objects.
     pub evaluable: Vec<Evaluable>,
-    /// For each region whether the truth explains it.
+    /// For each region, whether it is matched.
     pub matched: Vec<bool>,
-    /// Unexplained regions on the asphalt, and elsewhere.
+    /// Unmatched regions.
     pub false_positives: FalsePositives,
 }
 
-/// Whether an object has to be found.
+/// Whether an object is evaluable, in an image of `width` pixels.
 pub fn is_evaluable(object: &ObjectTruth, width: usize) -> bool {
     let small = object.class == ObjectClass::Debris;
     let (farthest, pixels) = if small { (20.0, 12) } else { (EVALUABLE_M.1, 40) };
@@ -79,12 +80,12 @@ pub fn is_evaluable(object: &ObjectTruth, width: usize) -> bool {
         && !cut
 }
 
-/// Whether a region's place and distance are those of an object.
+/// Whether a region matches an object in position and distance.
 pub fn is_match(object: &ObjectTruth, found: &Detection) -> bool {
     is_match_among(object, &[], found)
 }
 
-/// The same among all objects of a frame.
+/// The same, given all objects of the frame.
 fn is_match_among(object: &ObjectTruth, all: &[ObjectTruth], found: &Detection) -> bool {
     let tolerance = tolerance_m(object);
     let (a, b) = (&found.bounds, &object.bounds);
@@ -104,7 +105,7 @@ fn tolerance_m(object: &ObjectTruth) -> f64 {
     (0.15 * object.distance_m).max(1.0)
 }
 
-/// Whether two objects touch in the image, and in depth as far as a disparity tells.
+/// Whether two objects touch in the image and cannot be separated by disparity.
 fn is_one_with(object: &ObjectTruth, other: &ObjectTruth) -> bool {
     let (a, b) = (&object.bounds, &other.bounds);
     let near = |a: u32, al: u32, b: u32, bl: u32| a <= b + bl + TOUCHING_PX && b <= a + al + TOUCHING_PX;
@@ -126,8 +127,8 @@ fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
     span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
 }
 
-/// Compares what was found in a frame with its truth. `focal_baseline` is the rig's focal length in
-/// px times its baseline in metres.
+/// Matches the regions of a frame with its ground truth. `focal_baseline` is focal length × baseline, in
+/// px · m.
 pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Detection]) -> FrameMatch {
     let evaluable = truth.objects.iter().filter(|object| is_evaluable(object, truth.width)).map(|&object| {
         let by = found.iter().filter(|found| is_match_among(&object, &truth.objects, found));
@@ -190,9 +191,9 @@ fn columns(b: &PixelBox, width: usize) -> std::ops::Range<usize> {
     (b.x as usize).min(width)..((b.x + b.width) as usize).min(width)
 }
 
-/// Height errors of a road model: for each row that both know, how far above the true surface the
-/// model's lies where it says that the road is, in metres. `profile_px` is the model's disparity of
-/// each row (0 = none), `rows_px` the true one's; only what is nearer than `farthest_m` counts.
+/// Height errors of a road model: for each row known to both, the height of the model's road above the true
+/// surface, in metres. `profile_px` is the disparity of the model per row (0 = none), `rows_px` the true one.
+/// Only rows nearer than `farthest_m` count.
 pub fn road_errors(
     profile_px: &[f32],
     rows_px: &[f32],
@@ -205,7 +206,7 @@ pub fn road_errors(
         if f64::from(model) * farthest_m < focal_baseline {
             continue;
         }
-        // The row in which the road truly has this disparity; rows grow nearer downwards.
+        // The row in which the true road has this disparity; disparity increases downwards.
         let below = rows_px.iter().position(|&d| d >= model && d > 0.0);
         let Some(k) = below.filter(|&k| k > 0 && rows_px[k - 1] > 0.0) else { continue };
         let (a, b) = (rows_px[k - 1], rows_px[k]);
@@ -262,7 +263,7 @@ mod tests {
         assert!(!is_match(&object, &found(42, 32, 20, 20, 11.6)), "too far");
         assert!(!is_match(&object, &found(58, 32, 20, 20, 10.0)), "beside it");
         assert!(is_match(&object, &found(30, 20, 40, 40, 10.0)), "larger, and around it");
-        assert!(!is_match(&object, &found(0, 0, 100, 80, 10.0)), "everything is no answer");
+        assert!(!is_match(&object, &found(0, 0, 100, 80, 10.0)), "a box of the whole image matches nothing");
     }
 
     #[test]
@@ -275,8 +276,8 @@ mod tests {
         let both = found(41, 30, 24, 20, 10.2);
         let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).evaluable[1].detection;
         assert_eq!(blocks(&truth, both), Some(both));
-        assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must hold it");
-        assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not hold everything");
+        assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must contain the object");
+        assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not be too large");
         truth.objects[1].distance_m = 12.0;
         assert_eq!(blocks(&truth, found(41, 30, 24, 20, 11.0)), None, "another distance");
         truth.objects[1] = ObjectTruth { bounds: PixelBox { x: 66, ..bounds }, ..block };
@@ -300,7 +301,7 @@ mod tests {
         ];
         let result = match_frame(&truth, SCALE, &regions);
         assert_eq!(result.matched, [true, false, false, false, false]);
-        // The second stands before the car's foot; the fourth beside the road; the last is too far.
+        // The second is in front of the car's foot; the fourth is beside the road; the last is too far.
         assert_eq!(result.false_positives, FalsePositives { on_road: 1, off_road: 2 });
         assert_eq!(result.evaluable.len(), 1);
         assert_eq!(result.evaluable[0].detection, Some(regions[0]));
@@ -310,7 +311,7 @@ mod tests {
     #[test]
     fn what_finds_something_is_not_false() {
         let mut truth = truth();
-        // A post whose box is mostly road.
+        // A pole whose box is mostly road.
         truth.objects[0].bounds = PixelBox { x: 50, y: 20, width: 8, height: 30 };
         truth.owner.fill(ROAD);
         for y in 20..50 {
@@ -332,13 +333,13 @@ mod tests {
         assert!(!is_evaluable(&ObjectTruth { visible: 0.4, ..object }, 100));
         assert!(
             !is_evaluable(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
-            "half of it, by both"
+            "less than half visible in both"
         );
         assert!(is_evaluable(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
         assert!(!is_evaluable(&ObjectTruth { distance_m: 41.0, ..object }, 100));
         assert!(!is_evaluable(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
         assert!(!is_evaluable(&ObjectTruth { subject: false, ..object }, 100));
-        assert!(!is_evaluable(&object, 60), "cut by the border");
+        assert!(!is_evaluable(&object, 60), "truncated by the border");
     }
 
     #[test]
@@ -351,7 +352,7 @@ mod tests {
         assert!(errors.len() > 300 && errors.iter().all(|e| e.abs() < 1e-5));
         errors.clear();
         road_errors(&raised, &rows, 0.12, 105.0, 40.0, &mut errors);
-        // The model's camera is 1.2 ÷ 1.05 m high: its road lies 5.7 cm above the true one.
+        // The model's camera is 1.2 ÷ 1.05 m high: its road is 5.7 cm above the true one.
         assert!(errors.iter().all(|e| (e - 0.0571).abs() < 1e-3), "{errors:?}");
     }
 }

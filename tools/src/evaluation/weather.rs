@@ -1,4 +1,4 @@
-//! Detection, distance and road by weather, beside the paper's table.
+//! Detection, distance, class and road errors by weather, compared with the paper's table.
 
 use super::quantile;
 use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
@@ -18,42 +18,42 @@ pub const PAPER: [(&str, f64); 6] = [
     ("backlight", 0.763),
 ];
 
-/// Ranges of distance, in metres: from, to.
+/// Distance ranges in metres: from, to.
 pub const RANGES_M: [(f64, f64); 5] = [(3.0, 7.5), (7.5, 12.5), (12.5, 20.0), (20.0, 27.5), (27.5, 40.0)];
 
 /// The stated error bar is this many standard deviations to either side.
 pub const BAR_SIGMAS: f64 = 2.0;
 
-/// Road rows beyond this are not compared, in metres.
+/// Maximum distance of compared road rows, in metres.
 pub const ROAD_M: f64 = 40.0;
 
 /// Distance errors of one range.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RangeErrors {
-    /// From, in metres.
+    /// Start of the range, in metres.
     pub from_m: f64,
-    /// To, in metres.
+    /// End of the range, in metres.
     pub to_m: f64,
-    /// Objects that were due.
+    /// Evaluable objects.
     #[serde(rename = "due")]
     pub evaluable: usize,
-    /// Those that were found.
+    /// Those with a matching region.
     pub found: usize,
-    /// Median of the error's size, in percent of the distance.
+    /// Median absolute error, in percent of the distance.
     pub median_percent: Option<f64>,
-    /// Median of the error with its sign, in percent: above zero is too far.
+    /// Median signed error, in percent; positive is too far.
     pub bias_percent: Option<f64>,
-    /// Share of the found whose truth lies within the stated error bar.
+    /// Share of the matched objects whose true distance is within the stated error bar.
     pub covered: Option<f64>,
 }
 
-/// Objects, and those of them that were given the right class.
+/// Classification counts of a group of objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Share {
-    /// Objects due, frame by frame.
+    /// Evaluable objects, summed over frames.
     #[serde(rename = "due")]
     pub evaluable: usize,
-    /// Those that a track found.
+    /// Those with a matching track.
     pub tracked: usize,
     /// Those whose track has the right class.
     pub right: usize,
@@ -71,35 +71,35 @@ impl Share {
     }
 }
 
-/// A confirmed track, as its class is judged.
+/// A confirmed track with its class.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Labelled {
-    /// Where it is.
+    /// Position and distance.
     pub found: Detection,
-    /// Whether it is called a vehicle.
+    /// Whether its class is vehicle.
     pub is_vehicle: bool,
 }
 
-/// Whether an object is what the recogniser calls a vehicle.
+/// Whether the recogniser is expected to classify an object as a vehicle.
 pub fn is_vehicle(class: ObjectClass) -> bool {
     matches!(class, ObjectClass::Car | ObjectClass::Bus)
 }
 
-/// One weather, or one scene.
+/// Results of one scene in one weather.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WeatherRow {
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// The weather.
+    /// Name of the weather.
     pub weather: String,
-    /// What the road was fitted by, where that is compared.
+    /// Method of the road fit, where several are compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub road: Option<String>,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Seconds of driving.
+    /// Duration in seconds.
     pub seconds: f64,
-    /// Objects due, frame by frame.
+    /// Evaluable objects, summed over frames.
     #[serde(rename = "due")]
     pub evaluable: usize,
     /// Those with a matching region.
@@ -109,28 +109,28 @@ pub struct WeatherRow {
     pub detection_rate: Option<f64>,
     /// The paper's accuracy rate for this weather.
     pub paper_rate: Option<f64>,
-    /// Vehicles due, and those of them that a track called a vehicle.
+    /// Evaluable vehicles, and those classified as a vehicle.
     pub vehicles: Share,
-    /// Other objects due, and those of them that a track found and called nothing else than an obstacle.
+    /// Other evaluable objects, and those with a track that is not classified as a vehicle.
     pub others: Share,
-    /// Share of all objects due that were found and given the right class.
+    /// Share of all evaluable objects with a matching track of the right class.
     pub class_rate: Option<f64>,
-    /// The same of those that a track found.
+    /// The same of those with a matching track.
     pub class_rate_of_found: Option<f64>,
-    /// Objects that were due and not found, by class.
+    /// Evaluable objects without a matching region, by class.
     pub missed: BTreeMap<&'static str, usize>,
-    /// Unexplained regions on the asphalt, each frame counted, per minute.
+    /// False positives on the road per minute, summed over frames.
     pub false_per_minute: f64,
-    /// Confirmed tracks that were an unexplained region on the asphalt, per minute.
+    /// Confirmed tracks that were a false positive on the road, per minute.
     pub false_tracks_per_minute: f64,
-    /// Unexplained regions elsewhere, each frame counted, per minute.
+    /// Off-road false positives per minute, summed over frames.
     #[serde(rename = "stray_per_minute")]
     pub off_road_per_minute: f64,
-    /// Frames in which a road was seen.
+    /// Frames with a road estimate.
     pub road_seen: usize,
-    /// Median size of the road's height error, in metres.
+    /// Median absolute height error of the road, in metres.
     pub road_median_m: Option<f64>,
-    /// 95 % of the road's height errors are smaller, in metres.
+    /// 95th percentile of the absolute height error of the road, in metres.
     pub road_p95_m: Option<f64>,
     /// Distance errors by range.
     pub ranges: Vec<RangeErrors>,
@@ -138,21 +138,21 @@ pub struct WeatherRow {
     pub all: RangeErrors,
 }
 
-/// What a frame adds.
+/// Results of one frame.
 pub struct FrameResult<'a> {
-    /// Regions against truth.
+    /// Regions matched with the ground truth.
     pub matched: &'a FrameMatch,
-    /// Confirmed tracks that no truth explains and that stand on the asphalt.
+    /// Numbers of confirmed tracks that are false positives on the road.
     pub false_tracks: &'a [u32],
     /// All confirmed tracks.
     pub tracks: &'a [Labelled],
-    /// The model's road, when one was seen.
+    /// Road profile of the model, where there is one.
     pub profile_px: Option<&'a [f32]>,
-    /// The true road.
+    /// Ground truth of the road.
     pub road: &'a RoadTruth,
 }
 
-/// Gathers the frames of one weather.
+/// Accumulates the frames of one scene and weather.
 #[derive(Debug)]
 pub struct Tally {
     scene: String,
@@ -164,7 +164,7 @@ pub struct Tally {
     false_tracks: BTreeSet<u32>,
     road_seen: usize,
     road_errors_m: Vec<f64>,
-    /// Per due object: true distance, and distance and sigma found.
+    /// For each evaluable object: true distance, and measured distance with its standard deviation.
     distances: Vec<(f64, Option<(f64, f64)>)>,
     missed: BTreeMap<&'static str, usize>,
     vehicles: Share,
@@ -172,7 +172,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Nothing yet; frames are `period_s` seconds apart.
+    /// An empty tally; frames are `period_s` seconds apart.
     pub fn new(scene: &str, weather: &str, rig: perception::rig::Rig, period_s: f64) -> Self {
         Self {
             scene: scene.into(),
@@ -238,7 +238,7 @@ impl Tally {
         }
     }
 
-    /// The row of the table.
+    /// Computes the row of the table.
     pub fn row(&self) -> WeatherRow {
         let seconds = self.frames as f64 * self.period_s;
         let per_minute = |count: usize| tidy(count as f64 * 60.0 / seconds.max(1e-9));
@@ -275,12 +275,12 @@ impl Tally {
     }
 }
 
-/// The whole evaluation.
+/// Report of the weather evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WeatherReport {
-    /// The matcher.
+    /// Name of the matcher.
     pub method: String,
-    /// A row for each scene and weather.
+    /// One row per scene and weather.
     pub rows: Vec<WeatherRow>,
 }
 
@@ -463,10 +463,10 @@ mod tests {
         assert_eq!((row.frames, row.evaluable, row.true_positives), (3, 9, 6));
         assert_eq!(row.detection_rate, Some(0.6667));
         assert_eq!(row.paper_rate, Some(0.806));
-        // One a frame, every 80 ms; one track.
+        // One per frame, every 80 ms; one track.
         assert_eq!((row.false_per_minute, row.false_tracks_per_minute), (750.0, 250.0));
         assert_eq!(row.missed["cone"], 3);
-        // Cones are no vehicles: right when they are called none.
+        // Cones are not vehicles: right when classified as an obstacle.
         assert_eq!(
             (row.others.evaluable, row.others.tracked, row.others.right, row.vehicles.evaluable),
             (9, 6, 6, 0)

@@ -1,32 +1,32 @@
-//! Plots as SVG: lines or dots over axes with round numbers.
+//! Vector plots (SVG): lines or dots with axes and round tick values.
 
 use std::fmt::Write;
 
-/// One line, or one colour of dots.
+/// One data series.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What it shows.
+    /// Label in the legend.
     pub name: String,
-    /// (x, y); what is no number is left out.
+    /// (x, y); values that are not finite are skipped.
     pub points: Vec<(f64, f64)>,
-    /// Dots instead of a line.
+    /// Draw dots instead of a line.
     pub dots: bool,
 }
 
 /// A plot.
 #[derive(Clone, Debug, Default)]
 pub struct Plot {
-    /// Above it.
+    /// Title above the plot.
     pub title: String,
-    /// Below it, with unit.
+    /// Label of the x axis, with unit.
     pub x_name: String,
-    /// Beside it, with unit.
+    /// Label of the y axis, with unit.
     pub y_name: String,
-    /// What is shown.
+    /// Data series.
     pub series: Vec<Series>,
-    /// A line across, with its name: a budget.
+    /// A horizontal line with its label, such as a budget.
     pub limit: Option<(String, f64)>,
-    /// Marks of the x axis; empty takes round numbers.
+    /// Ticks of the x axis; round numbers if empty.
     pub x_marks: Vec<(f64, String)>,
 }
 
@@ -38,7 +38,7 @@ const TOP: f64 = 58.0;
 const BOTTOM: f64 = 52.0;
 const COLOURS: [&str; 6] = ["#1f6fc5", "#d1540f", "#1d8a3c", "#9133b5", "#5d6570", "#b08900"];
 
-/// A step of 1, 2 or 5 times a power of ten that divides a range into about five.
+/// A tick step of 1, 2 or 5 times a power of ten that divides a range into about five parts.
 fn step(range: f64) -> f64 {
     let rough = (range / 5.0).max(1e-12);
     let power = 10_f64.powf(rough.log10().floor());
@@ -51,7 +51,7 @@ fn step(range: f64) -> f64 {
     factor * power
 }
 
-/// A number with as many decimals as its step needs.
+/// A number with as many decimals as its tick step needs.
 fn number(value: f64, step: f64) -> String {
     let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{value:.decimals$}")
@@ -229,13 +229,13 @@ mod tests {
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("budget 4 ms"), "{svg}");
         assert_eq!(svg.matches("<circle").count(), 2);
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-        // The limit lies within the picture, above all points.
+        // The limit is inside the drawing, above all points.
         let from = |text: &str| svg[svg.find(text).unwrap()..].to_owned();
         let limit = from("stroke=\"#c00000\"");
         assert!(limit.contains("budget"));
         let document = roxmltree::Document::parse(&svg).unwrap();
         assert_eq!(document.root_element().tag_name().name(), "svg");
-        // Nothing to show is no reason to panic.
+        // Empty data do not panic.
         roxmltree::Document::parse(&Plot::default().to_svg()).unwrap();
     }
 }

@@ -2,16 +2,16 @@
 
 use thiserror::Error;
 
-/// Why training cannot go on. The text names the file or value and the remedy.
+/// Errors of training. The text names the file or value and the remedy.
 #[derive(Debug, Error)]
 pub enum TrainError {
-    /// The pictures.
+    /// Unsuitable images or parameters.
     #[error("{0}")]
     Data(String),
-    /// A picture cannot be read.
+    /// An image cannot be read.
     #[error(transparent)]
     Source(#[from] sources::SourceError),
-    /// A picture or report cannot be written.
+    /// An image or report cannot be written.
     #[error(transparent)]
     Picture(#[from] crate::reporting::picture::PictureError),
 }

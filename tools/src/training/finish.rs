@@ -1,34 +1,33 @@
-//! Where a trained cascade draws the line: its thresholds, moved to the share of objects or of the rest that is
-//! wanted of the whole.
+//! Final adjustment of a cascade's thresholds to a target hit rate or false-alarm rate.
 
 use super::stage::{passes, threshold_for};
 use perception::recognition::cascade::Stage;
 
-/// What is wanted of the whole cascade. The last stage knows most, so its threshold is set to it; then the stages
-/// before refuse hardly any of the judging objects that the last lets pass.
+/// Target of the whole cascade. The last stage is the most accurate, so its threshold is set to the target; the
+/// earlier stages then reject hardly any validation objects that the last one accepts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    /// Thresholds stay as the stages set them.
+    /// Thresholds remain as trained.
     AsTrained,
-    /// The last stage lets this share of the judging objects pass.
+    /// The last stage accepts this share of the validation objects.
     HitRate(f64),
-    /// The last stage lets this share of the judging rest pass.
+    /// The last stage accepts this share of the validation negatives.
     FalseAlarmRate(f64),
 }
 
-/// Judging samples: how far each lies above the threshold of each stage.
+/// Margins of validation samples: sum minus threshold for each stage.
 #[derive(Clone, Debug, Default)]
 pub struct Judged {
-    /// Objects, as they are.
+    /// Objects without augmentation.
     pub objects: Vec<Vec<f64>>,
-    /// The rest, as it is.
+    /// Negatives without augmentation.
     pub rest: Vec<Vec<f64>>,
-    /// Objects as they are and varied: the stages before are set by those that the last lets pass.
+    /// Objects with augmentation: those that the last stage accepts determine the earlier stages.
     pub varied: Vec<Vec<f64>>,
 }
 
-/// Moves the thresholds of `stages` to the aim. Of the objects that the last stage lets pass the first may refuse
-/// the share `early`, the later ones less and less, the one before the last none: what is refused early saves most.
+/// Shifts the thresholds of `stages` to the target. Of the objects that the last stage accepts, the first stage
+/// may reject the share `early`, decreasing to none for the last but one: early rejections save the most time.
 pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &Judged) {
     let Some((last, before)) = stages.split_last_mut() else { return };
     let of_last = |samples: &[Vec<f64>]| -> Vec<f64> {
@@ -59,8 +58,8 @@ pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &Judged) {
     }
 }
 
-/// The threshold that lets no more than `share` of the sums pass, half way to the last that passes; `None` when
-/// all may.
+/// The threshold that accepts at most `share` of the sums, midway to the last accepted one; `None` when all may be
+/// accepted.
 fn min_refused(mut sums: Vec<f64>, share: f64) -> Option<f32> {
     sums.sort_unstable_by(|a, b| b.total_cmp(a));
     let passing = (share * sums.len() as f64 + 1e-9) as usize;
@@ -93,9 +92,9 @@ mod tests {
         assert_eq!(thresholds(Aim::AsTrained, 0.0, &judged), [1.0, 2.0]);
         judged.varied = judged.objects.clone();
         assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &judged), [1.25, 2.25]);
-        // The first stage refused this one.
+        // The first stage had rejected this one.
         assert_eq!(thresholds(Aim::HitRate(1.0), 0.0, &judged), [0.5, 2.125]);
-        // It may refuse one of five again.
+        // It may reject one of five again.
         assert_eq!(thresholds(Aim::HitRate(1.0), 0.2, &judged), [1.25, 2.125]);
         assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &Judged::default()), [1.0, 2.0]);
     }

@@ -1,9 +1,8 @@
-//! Trains boosted cascades: Gentle AdaBoost over trees of LBP or Haar features, stage by stage, on
-//! what the stages before let pass (paper, section 3.6).
+//! Training of boosted cascades: Gentle AdaBoost over trees of LBP or Haar features, stage by stage, on the
+//! windows that the previous stages accept (paper, section 3.6).
 //!
-//! The format is OpenCV's; what OpenCV's trainer lacks is there: varied samples, means that are drawn
-//! to a prior, least leaf weights, and thresholds and ends of stages judged by pictures that were
-//! not learned from.
+//! The output format is OpenCV's. In addition to OpenCV's trainer there are data augmentation, shrinkage of means
+//! towards a prior, minimum leaf weights, and thresholds and stopping decided on held-out validation images.
 
 pub mod ablation;
 pub mod augment;

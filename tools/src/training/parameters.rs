@@ -6,43 +6,43 @@ use super::finish::Aim;
 use super::stage::StageParameters;
 use super::tree::TreeParameters;
 
-/// How a cascade is trained.
+/// Parameters of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainParameters {
     /// Width and height of the window, in pixels.
     pub window: (u16, u16),
-    /// Features.
+    /// Feature type.
     pub features: FeatureKind,
-    /// Features that a stage chooses from, drawn anew for each; all when there are no more.
+    /// Number of features that a stage chooses from, drawn anew for each stage; all when there are no more.
     pub pool: usize,
-    /// Stages.
+    /// Maximum number of stages.
     pub stages: usize,
-    /// Cascades that are trained and joined, each with random numbers of its own.
+    /// Number of cascades trained with different random numbers and joined.
     pub bags: usize,
-    /// How a stage is trained.
+    /// Parameters of a stage.
     pub stage: StageParameters,
-    /// Varied windows made of each object, besides the object as it is.
+    /// Augmented windows per object, in addition to the original.
     pub variants: usize,
-    /// How they are varied.
+    /// Strength of the augmentation.
     pub variation: Variation,
-    /// Windows without objects that each stage learns from.
+    /// Negative windows for each stage.
     pub negatives: usize,
-    /// Share of each folder's pictures that judge and are not learned from; with 0 the samples
-    /// that are learned from judge themselves.
+    /// Share of each folder's images held out for validation; with 0 the training samples are used for validation
+    /// too.
     pub validation: f64,
-    /// What is wanted of the whole cascade, judged by the pictures that are filled by an object and patches
-    /// without (windows where there are no patches).
+    /// Target of the whole cascade, measured on the images filled by an object and on patches without objects
+    /// (random windows if there are no patches).
     pub aim: Aim,
-    /// With an aim: share of the objects that the last stage lets pass that the first may refuse.
+    /// With a target: share of the objects accepted by the last stage that the first may reject.
     pub early: f64,
-    /// Random numbers come from this.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Threads; the result is the same for any number.
+    /// Number of threads; the result does not depend on it.
     pub threads: usize,
 }
 
 impl TrainParameters {
-    /// What the trainer does unless told otherwise.
+    /// Default parameters.
     pub const fn usual(features: FeatureKind) -> Self {
         Self {
             window: (24, 24),

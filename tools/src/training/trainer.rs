@@ -1,4 +1,4 @@
-//! The trainer: stages of boosted trees, each on the windows that the stages before it accept.
+//! The trainer: stages of boosted trees, each trained on the windows that the previous stages accept.
 
 use super::augment::{self, Part, Sampling};
 use super::bags;
@@ -16,26 +16,26 @@ use perception::recognition::cascade::{Branch, Cascade, Features, Node, Stage};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
-/// Most trees of the first stage, which sees every window; each stage behind it may have twice as
-/// many as the one before, up to [`StageParameters::max_trees`].
+/// Maximum number of trees in the first stage, which sees every window; each further stage may have twice as many
+/// as the previous one, up to [`StageParameters::max_trees`].
 const FIRST_TREES: usize = 16;
 
-/// Figures of a stage.
+/// Statistics of a stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageFigures {
-    /// Its trees.
+    /// Number of trees.
     pub trees: usize,
-    /// Share of the judging objects that passes it.
+    /// Share of the validation objects accepted.
     pub hit_rate: f64,
-    /// Share of the judging rest (that reached it) that passes it.
+    /// Share of the validation negatives that reached it and are accepted.
     pub false_alarm_rate: f64,
-    /// The same of what it learned from.
+    /// Share of the training objects accepted.
     pub learned_hit_rate: f64,
-    /// The same of what it learned from.
+    /// Share of the training negatives accepted.
     pub learned_false_alarm_rate: f64,
-    /// Share of all windows without objects that reached it.
+    /// Share of all negative windows that reached the stage.
     pub acceptance: f64,
-    /// Windows without objects that it learned from.
+    /// Number of negative training windows.
     pub negatives: usize,
 }
 
@@ -53,32 +53,32 @@ impl StageFigures {
     }
 }
 
-/// What happens during training.
+/// Progress of training.
 #[derive(Clone, Copy, Debug)]
 pub enum Progress<'a> {
-    /// A stage begins with this share of windows still in the race.
+    /// A stage starts.
     Stage {
-        /// From 0, counted through all bags.
+        /// Index over all bags, from 0.
         index: usize,
-        /// Share of windows without objects that reach it.
+        /// Share of the negative windows that reach it.
         acceptance: f64,
     },
-    /// It has one more tree.
+    /// A tree was added.
     Tree {
-        /// Its stage, counted through all bags.
+        /// Stage index over all bags.
         stage: usize,
-        /// How many it has.
+        /// Number of trees so far.
         trees: usize,
-        /// Share of the judging rest that passes it.
+        /// Share of the validation negatives accepted.
         false_alarm_rate: f64,
     },
-    /// A stage is done; the cascade so far can be kept.
+    /// A stage is finished; the cascade so far can be saved.
     Done {
-        /// Which of the cascades that will be joined, from 0.
+        /// Index of the bag, from 0.
         bag: usize,
-        /// All stages so far.
+        /// The cascade with all stages so far.
         cascade: &'a Cascade,
-        /// Its figures.
+        /// Statistics of the stage.
         figures: &'a StageFigures,
     },
 }
@@ -88,13 +88,13 @@ pub enum Progress<'a> {
 pub struct Trained {
     /// The cascade.
     pub cascade: Cascade,
-    /// Figures of the stages that were trained now.
+    /// Statistics of the stages trained in this run.
     pub stages: Vec<StageFigures>,
-    /// Whether it ended before the last stage because hardly any window without object was left.
+    /// Whether training ended early because too few negative windows were left.
     pub exhausted: bool,
 }
 
-/// The windows of pictures that fill them: each as it is, and varied.
+/// Windows of images as a whole: each in its original form, and augmented.
 fn whole_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usize, salt: u64) -> Vec<Sums> {
     let window = (usize::from(p.window.0), usize::from(p.window.1));
     let made = threads::map(p.threads, pictures.len(), |i| {
@@ -120,12 +120,11 @@ fn sums_of(windows: &[Vec<u8>], p: &TrainParameters) -> Vec<Sums> {
     threads::map(p.threads, windows.len(), |i| Sums::of(&windows[i], p.window, p.features))
 }
 
-/// Trains a cascade. `begun` holds what was trained before with the same parameters and pictures: the cascades
-/// that will be joined, the last of them perhaps without its last stages; training goes on behind them, to the
-/// same cascade.
+/// Trains a cascade. `begun` contains the cascades (one per bag, the last possibly incomplete) of an interrupted
+/// run with the same parameters and images; training continues to the same result.
 ///
 /// # Errors
-/// When the pictures do not suffice.
+/// When there are too few images.
 pub fn train(
     p: &TrainParameters,
     objects: Split,
@@ -134,7 +133,7 @@ pub fn train(
     progress: &mut dyn FnMut(Progress<'_>),
 ) -> Result<Trained, TrainError> {
     if p.bags > 1 && !p.stage.chained {
-        let text = "cascades whose stages begin from nothing cannot be joined: --bags 1, or not --unchained";
+        let text = "cascades with unchained stages cannot be joined: give --bags 1, or omit --unchained";
         return Err(TrainError::Data(text.into()));
     }
     let mut result = Trained { cascade: Builder::new(p, None).cascade, stages: Vec::new(), exhausted: false };
@@ -163,7 +162,7 @@ pub fn train(
     Ok(result)
 }
 
-/// The patches among the pictures; windows at random where there are no patches.
+/// The patches among the images; random windows if there are no patches.
 fn without_objects(pictures: &[SourcePicture], p: &TrainParameters) -> Vec<Sums> {
     let window = (usize::from(p.window.0), usize::from(p.window.1));
     let miner = Miner::new(pictures, window, p.variation, p.seed ^ 0x5EED);
@@ -175,7 +174,7 @@ fn without_objects(pictures: &[SourcePicture], p: &TrainParameters) -> Vec<Sums>
     windows
 }
 
-/// Trains one of the cascades that will be joined.
+/// Trains the cascade of one bag.
 fn train_one(
     p: &TrainParameters,
     bag: usize,
@@ -198,7 +197,7 @@ fn train_one(
     let mut alive = vec![true; judges.len()];
     let mut figures = Vec::new();
     let mut exhausted = false;
-    // Resuming: samples that an existing stage rejects take no further part.
+    // When resuming: samples rejected by an existing stage are removed.
     for stage in &builder.cascade.stages.clone() {
         let single = Cascade { stages: vec![stage.clone()], ..builder.cascade.clone() };
         let passes = |s: &Sums| single.stages_passed(s.integral(), 0, 0) == Some(1);
@@ -265,7 +264,7 @@ fn train_one(
     Ok(Trained { cascade: builder.cascade, stages: figures, exhausted })
 }
 
-/// Whether there are pictures of both classes, for training and, where it is held out, for validation.
+/// Checks that there are images of both classes for training and, if held out, for validation.
 fn check_pictures(
     p: &TrainParameters,
     objects: &Split,
@@ -274,12 +273,12 @@ fn check_pictures(
 ) -> Result<(), TrainError> {
     let held_out = p.validation > 0.0;
     if objects.training.is_empty() || held_out && objects.validation.is_empty() {
-        let text = "too few pictures of objects to train on some and validate on others: give more, or --validation 0";
+        let text = "too few images of objects to train on some and validate on others: give more, or --validation 0";
         return Err(TrainError::Data(text.into()));
     }
     if miner.is_empty() || held_out && validation_miner.is_empty() {
         let text = format!(
-            "too few pictures without objects of at least {}x{} pixels to train on some and validate on others: give more",
+            "too few images without objects of at least {}x{} pixels to train on some and validate on others: give more",
             p.window.0, p.window.1
         );
         return Err(TrainError::Data(text));
@@ -287,7 +286,7 @@ fn check_pictures(
     Ok(())
 }
 
-/// Puts a cascade together from stages over changing pools of features.
+/// Assembles a cascade from stages over changing feature pools.
 struct Builder {
     cascade: Cascade,
 }
@@ -309,7 +308,7 @@ impl Builder {
         }
     }
 
-    /// What samples bring along into the next stage.
+    /// Sums that samples start the next stage with.
     fn sums(&self, samples: &[Sums], p: &TrainParameters) -> Vec<f64> {
         match self.cascade.stages.last().filter(|_| p.stage.chained) {
             Some(stage) => {
@@ -325,7 +324,7 @@ impl Builder {
     }
 
     fn push(&mut self, trained: &TrainedStage, pool: &Features, chained: bool) {
-        // Features of the pool that are in the cascade by now.
+        // Pool features that are already in the cascade.
         let mut names: HashMap<usize, u32> = HashMap::new();
         let features = &mut self.cascade.features;
         let trees = trained.trees.iter().map(|tree| {

@@ -235,8 +235,7 @@ fn judge_missing_boards(
         let count = outcome.without.len();
         let total = 2 * outcome.pairs;
         let grade = if count > total / 2 { Grade::Usable } else { Grade::Good };
-        let text =
-            format!("the board was not found in {count} of {total} images; {}: {why}", path.display());
+        let text = format!("the board was not found in {count} of {total} images; {}: {why}", path.display());
         verdict.reasons.push(Reason { grade, text });
         verdict.grade = verdict.grade.max(grade);
     }

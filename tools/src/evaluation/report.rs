@@ -139,7 +139,10 @@ impl fmt::Display for StereoReport {
         }
         match &self.subpixel {
             Some(subpixel) => writeln!(f, "{subpixel}")?,
-            None => writeln!(f, "sub-pixel: pixel-locking bias not available: no estimate within 1 px of ground truth with sub-pixel values")?,
+            None => writeln!(
+                f,
+                "sub-pixel: pixel-locking bias not available: no estimate within 1 px of ground truth with sub-pixel values"
+            )?,
         }
         if let Some(roc) = &self.roc {
             writeln!(f, "{roc}")?;

@@ -161,7 +161,11 @@ impl fmt::Display for Subpixel {
             self.pixels
         )?;
         if self.images_left_out > 0 {
-            write!(f, "; {} images skipped, their ground truth has no sub-pixel values", self.images_left_out)?;
+            write!(
+                f,
+                "; {} images skipped, their ground truth has no sub-pixel values",
+                self.images_left_out
+            )?;
         }
         Ok(())
     }

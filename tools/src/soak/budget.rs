@@ -269,11 +269,7 @@ fn age_lines(f: &Figures) -> [Line; 2] {
     let short = f.age_growth_ms.is_none().then_some("too short a run");
     [
         at_most(
-            (
-                "age",
-                "age of frames when stereo takes them up, 99 %: a period and stereo's median work",
-                "ms",
-            ),
+            ("age", "age of frames when stereo takes them up, 99 %: a period and stereo's median work", "ms"),
             f.age_bound_ms,
             f.age_p99_ms,
             None,

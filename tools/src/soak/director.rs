@@ -130,7 +130,7 @@ impl Director {
                 self.state = State::Recovering { fault, from_ns, since_ns: now_ns, restarted: true, failed };
                 Some(Order {
                     stage: fault.stage,
-                    The first signal of a fault was sent; `sent_ns` is the time after sending.
+                    signal: if is_heat { Signal::Cool } else { Signal::Continue },
                 })
             }
             State::Recovering { fault, from_ns, since_ns, restarted, failed: false }
@@ -144,7 +144,7 @@ impl Director {
         }
     }
 
-    /// The first signal of a fault was sent; `sent_ns` is the time after that.
+    /// The first signal of a fault was sent; `sent_ns` is the time after sending.
     pub fn sent(&mut self, sent_ns: u64) {
         if let State::Asked { fault } = self.state {
             self.recoveries.made(&fault);

@@ -110,10 +110,7 @@ impl Checkpoint {
             cascades: cascades.iter().map(|cascade| xml::write(cascade, with)).collect(),
         };
         let io = |error: &dyn std::fmt::Display| {
-            TrainError::Data(format!(
-                "{}: {error}: give a writable path with -o",
-                self.path.display()
-            ))
+            TrainError::Data(format!("{}: {error}: give a writable path with -o", self.path.display()))
         };
         let text = serde_json::to_string(&document).map_err(|e| io(&e))?;
         let mut fresh = self.path.clone().into_os_string();

@@ -49,7 +49,10 @@ pub fn read(folder: &Path) -> Result<Vec<Vec<SourcePicture>>, TrainError> {
     read_into(folder, &mut sequences)?;
     if sequences.is_empty() {
         let endings = ENDINGS.join(", ");
-        return Err(TrainError::Data(format!("{}: no images ({endings}) in this folder or its subfolders", folder.display())));
+        return Err(TrainError::Data(format!(
+            "{}: no images ({endings}) in this folder or its subfolders",
+            folder.display()
+        )));
     }
     Ok(sequences)
 }

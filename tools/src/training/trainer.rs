@@ -273,7 +273,8 @@ fn check_pictures(
 ) -> Result<(), TrainError> {
     let held_out = p.validation > 0.0;
     if objects.training.is_empty() || held_out && objects.validation.is_empty() {
-        let text = "too few images of objects to train on some and validate on others: give more, or --validation 0";
+        let text =
+            "too few images of objects to train on some and validate on others: give more, or --validation 0";
         return Err(TrainError::Data(text.into()));
     }
     if miner.is_empty() || held_out && validation_miner.is_empty() {

@@ -5,7 +5,7 @@ mod support;
 
 use nalgebra::{Rotation3, Vector3};
 use perception::calibration::{Board, Camera, Crop, Pose};
-use sources::chessboard::{Conditions, Studio, poses};
+use sources::chessboard::{BoardRenderer, Conditions, poses};
 use sources::rig_file::RigFile;
 use std::path::Path;
 use std::process::Command;
@@ -44,7 +44,7 @@ fn set() -> &'static Set {
     SET.get_or_init(|| {
         let ([left, right], between) = cameras();
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studios = [left, right].map(|c| Studio::new(&c, SIZE, board));
+        let studios = [left, right].map(|c| BoardRenderer::new(&c, SIZE, board));
         let pitch = Pose {
             rotation: Rotation3::new(Vector3::new(0.1_f64.to_radians(), 0.0, 0.0)),
             translation_m: Vector3::zeros(),

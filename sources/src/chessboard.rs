@@ -30,14 +30,14 @@ impl Default for Conditions {
 
 /// Renders a chessboard as one camera sees it.
 #[derive(Clone, Debug)]
-pub struct Studio {
+pub struct BoardRenderer {
     board: Board,
     size: (usize, usize),
     /// Ray of each sample point of each pixel, at z = 1; `None` where the lens model has no ray.
     rays: Vec<Option<Vector2<f64>>>,
 }
 
-impl Studio {
+impl BoardRenderer {
     /// A renderer for one camera with images of `size`.
     pub fn new(camera: &Camera, size: (usize, usize), board: Board) -> Self {
         let (width, height) = size;
@@ -135,7 +135,7 @@ mod tests {
     use perception::calibration::finder;
 
     /// Root mean square distance of the detected corners from their true positions, in pixels.
-    fn error(studio: &Studio, camera: &Camera, pose: &Pose, conditions: &Conditions) -> f64 {
+    fn error(studio: &BoardRenderer, camera: &Camera, pose: &Pose, conditions: &Conditions) -> f64 {
         let board = studio.board;
         let image = studio.picture(pose, conditions, 5);
         let found = finder::find(image.view(), &board)
@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn boards_are_found_under_blur_noise_tilt_and_uneven_light() {
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&CAMERA, (640, 480), board);
+        let studio = BoardRenderer::new(&CAMERA, (640, 480), board);
         let base = Conditions::default();
         for (conditions, limit) in [
             (base, 0.05),
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn boards_of_all_sizes_are_found() {
-        let mut studio = Studio::new(&CAMERA, (640, 480), Board::new(4, 3, 0.1).unwrap());
+        let mut studio = BoardRenderer::new(&CAMERA, (640, 480), Board::new(4, 3, 0.1).unwrap());
         for (columns, rows) in
             [(3, 4), (4, 3), (5, 4), (7, 7), (8, 8), (6, 9), (9, 6), (11, 8), (13, 9), (20, 14)]
         {
@@ -209,7 +209,7 @@ mod tests {
     fn small_pictures_show_boards_too() {
         let camera = Camera { distortion: CAMERA.distortion, ..Camera::pinhole(225.0, 225.0, 135.0, 90.0) };
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&camera, (270, 180), board);
+        let studio = BoardRenderer::new(&camera, (270, 180), board);
         for (x, y, away) in [(0.0, 0.0, 0.45), (0.4, 0.3, 0.5), (-0.3, 0.5, 0.55), (0.2, 0.0, 0.6)] {
             let rms = error(&studio, &camera, &pose(x, y, 0.1, away), &Conditions::default());
             assert!(rms < 0.08, "{x} {y} {away}: {rms}");
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn boards_that_are_cut_off_or_of_another_size_are_said() {
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&CAMERA, (640, 480), board);
+        let studio = BoardRenderer::new(&CAMERA, (640, 480), board);
         let mut cut = pose(0.2, 0.2, 0.1, 0.5);
         cut.translation_m.x += 0.2;
         let image = studio.picture(&cut, &Conditions::default(), 1);

@@ -12,7 +12,7 @@ use sources::scene::library;
 use std::path::PathBuf;
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::scene_match::{Detection, match_frame};
-use tools::evaluation::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport, WeatherRow};
+use tools::evaluation::weather::{ClassifiedTrack, FrameResult, PAPER, Tally, WeatherReport, WeatherRow};
 use tools::reporting::overlay;
 use tools::reporting::picture::Picture;
 use tools::reporting::record::ObstacleLine;
@@ -80,7 +80,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
             let (truth, result) = run.frame(index)?;
             let regions: Vec<Detection> = result.regions.iter().map(|region| found(region, &rig)).collect();
             let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
-            let tracks: Vec<(&ObstacleLine, Labelled)> = result
+            let tracks: Vec<(&ObstacleLine, ClassifiedTrack)> = result
                 .record
                 .obstacles
                 .iter()
@@ -88,7 +88,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 .map(|o| {
                     let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
                     let found = Detection { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
-                    (o, Labelled { found, is_vehicle: o.class == config.recognition.label })
+                    (o, ClassifiedTrack { found, is_vehicle: o.class == config.recognition.label })
                 })
                 .collect();
             let is_false = |found: &Detection| {
@@ -103,7 +103,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 .filter(|(o, t)| o.missed == 0 && is_false(&t.found))
                 .map(|(o, _)| o.track)
                 .collect();
-            let labelled: Vec<Labelled> = tracks.iter().map(|(_, t)| *t).collect();
+            let labelled: Vec<ClassifiedTrack> = tracks.iter().map(|(_, t)| *t).collect();
             tally.add(&FrameResult {
                 matched: &matched,
                 false_tracks: &false_tracks,

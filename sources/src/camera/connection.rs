@@ -6,9 +6,9 @@ pub struct ConnectionParameters {
     /// A camera that delivers no frame for this long is lost.
     pub silence_ns: u64,
     /// Delay before the first attempt to reopen; it doubles with each attempt.
-    pub retry_first_ns: u64,
+    pub retry_initial_ns: u64,
     /// Upper limit of that delay.
-    pub retry_longest_ns: u64,
+    pub retry_max_ns: u64,
 }
 
 /// What the caller has to do now.
@@ -44,7 +44,7 @@ pub struct Connection {
 impl Connection {
     /// A camera that was never opened: the first attempt is due at once.
     pub fn new(parameters: ConnectionParameters) -> Self {
-        let wait_ns = parameters.retry_first_ns;
+        let wait_ns = parameters.retry_initial_ns;
         Self { parameters, state: State::Closed { retry_ns: 0 }, wait_ns, frames: 0, losses: 0 }
     }
 
@@ -70,7 +70,7 @@ impl Connection {
     pub fn frame(&mut self, now_ns: u64) {
         self.frames += 1;
         // Only a camera that delivers frames resets the delay.
-        self.wait_ns = self.parameters.retry_first_ns;
+        self.wait_ns = self.parameters.retry_initial_ns;
         self.state = State::Open { heard_ns: now_ns };
     }
 
@@ -79,7 +79,7 @@ impl Connection {
         self.losses += u64::from(self.frames > 0);
         self.frames = 0;
         let wait_ns = self.wait_ns;
-        self.wait_ns = wait_ns.saturating_mul(2).min(self.parameters.retry_longest_ns);
+        self.wait_ns = wait_ns.saturating_mul(2).min(self.parameters.retry_max_ns);
         self.state = State::Closed { retry_ns: now_ns.saturating_add(wait_ns) };
         wait_ns
     }
@@ -102,8 +102,7 @@ mod tests {
     const S: u64 = 1_000_000_000;
 
     fn connection() -> Connection {
-        let parameters =
-            ConnectionParameters { silence_ns: S, retry_first_ns: S / 2, retry_longest_ns: 4 * S };
+        let parameters = ConnectionParameters { silence_ns: S, retry_initial_ns: S / 2, retry_max_ns: 4 * S };
         Connection::new(parameters)
     }
 

@@ -19,7 +19,7 @@ const SETTLE_FRAMES: u32 = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExposureParameters {
     /// Longest exposure, in microseconds; longer exposures blur moving objects.
-    pub longest_us: u32,
+    pub max_exposure_us: u32,
     /// Highest gain, in the device's unit; gain 0 counts as 1.
     pub max_gain: u32,
 }
@@ -36,7 +36,7 @@ pub struct ExposureControl {
 impl ExposureControl {
     /// Starts in the middle of the range.
     pub fn new(parameters: ExposureParameters) -> Self {
-        let time_us = f64::from(parameters.longest_us.max(1)) / 2.0;
+        let time_us = f64::from(parameters.max_exposure_us.max(1)) / 2.0;
         Self { parameters, time_us, gain: 1.0, settle: 0 }
     }
 
@@ -56,7 +56,7 @@ impl ExposureControl {
             return None;
         }
         let before = self.exposure();
-        let longest = f64::from(self.parameters.longest_us.max(1));
+        let longest = f64::from(self.parameters.max_exposure_us.max(1));
         let total = self.time_us * self.gain * wanted;
         // As little gain as possible: gain amplifies noise.
         self.time_us = total.clamp(1.0, longest);
@@ -75,7 +75,7 @@ mod tests {
 
     /// A scene in which an exposure of 1 µs at gain 1 gives `light` grey levels.
     fn settle(light: f64, frames: u32) -> (f64, Exposure, u32) {
-        let parameters = ExposureParameters { longest_us: 20_000, max_gain: 16 };
+        let parameters = ExposureParameters { max_exposure_us: 20_000, max_gain: 16 };
         let mut control = ExposureControl::new(parameters);
         let mut changes = 0;
         let mut mean = 0.0;

@@ -124,8 +124,8 @@ mod tests {
         let opener = GstOpener { pipelines: vec![pipeline("white"), pipeline("black")] };
         let parameters = ConnectionParameters {
             silence_ns: 60_000_000_000,
-            retry_first_ns: 1_000_000_000,
-            retry_longest_ns: 1_000_000_000,
+            retry_initial_ns: 1_000_000_000,
+            retry_max_ns: 1_000_000_000,
         };
         // Two test sources start at different times, so any two frames may form a pair.
         let settings = Settings {

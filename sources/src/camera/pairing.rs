@@ -22,7 +22,7 @@ pub struct Counts {
     /// Frames without a partner, left and right.
     pub single: [u64; 2],
     /// Frames out of order, left and right.
-    pub disordered: [u64; 2],
+    pub out_of_order: [u64; 2],
     /// Largest time between the exposures of a pair, in nanoseconds.
     pub worst_skew_ns: u64,
 }
@@ -63,7 +63,7 @@ impl Pairing {
     /// Offers a frame of `side` (0 or 1), exposed at `time_ns`.
     pub fn offer(&mut self, side: usize, time_ns: u64) -> Verdict {
         if self.last[side].is_some_and(|last| time_ns <= last) {
-            self.counts.disordered[side] += 1;
+            self.counts.out_of_order[side] += 1;
             return Verdict::Drop;
         }
         self.last[side] = Some(time_ns);
@@ -143,7 +143,7 @@ mod tests {
         // Timestamps that go backwards or repeat are rejected.
         assert_eq!(p.offer(0, 16 * MS), Verdict::Drop);
         assert_eq!(p.offer(0, 3 * MS), Verdict::Drop);
-        assert_eq!(p.counts().disordered, [2, 0]);
+        assert_eq!(p.counts().out_of_order, [2, 0]);
         // A restarted camera may have a new clock.
         p.reset(0);
         assert_eq!(p.offer(0, MS), Verdict::Hold);

@@ -69,7 +69,7 @@ pub struct CameraSource {
     last_ns: u64,
     control: Option<ExposureControl>,
     /// A fault that was not reported yet; empty after recovery.
-    news: Option<String>,
+    pending_fault: Option<String>,
 }
 
 impl CameraSource {
@@ -98,7 +98,7 @@ impl CameraSource {
             ready: None,
             last_ns: 0,
             control,
-            news: None,
+            pending_fault: None,
         }
     }
 
@@ -118,13 +118,13 @@ impl CameraSource {
     }
 
     /// Queues a fault; both cameras may report one.
-    fn tell(&mut self, text: String) {
-        match &mut self.news {
-            Some(news) if !news.is_empty() => {
-                news.push_str("; ");
-                news.push_str(&text);
+    fn report_fault(&mut self, text: String) {
+        match &mut self.pending_fault {
+            Some(pending_fault) if !pending_fault.is_empty() => {
+                pending_fault.push_str("; ");
+                pending_fault.push_str(&text);
             }
-            news => *news = Some(text),
+            pending_fault => *pending_fault = Some(text),
         }
     }
 
@@ -135,7 +135,7 @@ impl CameraSource {
         let wait_ns = link.connection.failed((self.clock)());
         if link.trouble.as_deref() != Some(reason) {
             link.trouble = Some(reason.to_owned());
-            self.tell(format!(
+            self.report_fault(format!(
                 "{reason}; next attempt in {:.1} s, then at growing intervals",
                 wait_ns as f64 * 1e-9
             ));
@@ -154,7 +154,7 @@ impl CameraSource {
             Ok(mut camera) => {
                 // Images with another exposure are better than none.
                 if let Err(error) = camera.set_exposure(exposure) {
-                    self.tell(error.to_string());
+                    self.report_fault(error.to_string());
                 }
                 let link = &mut self.links[side];
                 link.camera = Some(camera);
@@ -166,7 +166,7 @@ impl CameraSource {
     }
 
     /// Opens, closes or reads one camera, as its connection state requires.
-    fn attend(&mut self, side: usize, patience: Duration) {
+    fn service(&mut self, side: usize, patience: Duration) {
         match self.links[side].connection.action((self.clock)()) {
             Action::Wait => {}
             Action::Open => self.open(side),
@@ -193,7 +193,7 @@ impl CameraSource {
         link.connection.frame((self.clock)());
         let was_lost = link.trouble.take().is_some();
         if was_lost && self.links.iter().all(|link| link.trouble.is_none()) {
-            self.news = Some(String::new());
+            self.pending_fault = Some(String::new());
         }
         let own = self.links[side].free;
         if self.settings.side_by_side {
@@ -213,7 +213,7 @@ impl CameraSource {
     }
 
     /// Updates the exposure control with the brightness of a pair.
-    fn steer(&mut self, left: &[u8], right: &[u8]) {
+    fn control_exposure(&mut self, left: &[u8], right: &[u8]) {
         let Some(control) = &mut self.control else { return };
         let samples = left.iter().chain(right).step_by(BRIGHTNESS_STEP);
         let (sum, count) = samples.fold((0_u64, 0_u64), |(sum, n), &v| (sum + u64::from(v), n + 1));
@@ -225,7 +225,7 @@ impl CameraSource {
             }
         }
         if let Some(text) = refused {
-            self.tell(text);
+            self.report_fault(text);
         }
     }
 }
@@ -236,19 +236,19 @@ impl LiveSource for CameraSource {
         self.ready = None;
         // Serves the side first whose partner is already held.
         let first = usize::from(self.links.len() > 1 && self.pairing.holds(0));
-        self.attend(first, patience);
+        self.service(first, patience);
         if self.links.len() > 1 && self.ready.is_none() {
             // When the first is lost, waits on this one.
             let is_open = self.links[first].connection.is_open();
-            self.attend(1 - first, if is_open { Duration::from_millis(1) } else { patience });
+            self.service(1 - first, if is_open { Duration::from_millis(1) } else { patience });
         }
         if self.links.iter().all(|link| !link.connection.is_open()) {
             // No camera is open: sleep, so that the caller's loop does not spin.
             std::thread::sleep(patience);
         }
-        match (self.ready, self.news.take()) {
-            (_, Some(news)) if news.is_empty() => Readiness::Recovered,
-            (_, Some(news)) => Readiness::Trouble(news),
+        match (self.ready, self.pending_fault.take()) {
+            (_, Some(pending_fault)) if pending_fault.is_empty() => Readiness::Recovered,
+            (_, Some(pending_fault)) => Readiness::Trouble(pending_fault),
             (Some(ready), None) => Readiness::Pair { capture_ns: ready.time_ns },
             (None, None) => Readiness::Nothing,
         }
@@ -299,7 +299,7 @@ impl PairSource for CameraSource {
             right.copy_from_slice(&self.links[1].images[ready.images[1]]);
         }
         self.last_ns = self.last_ns.max(ready.time_ns);
-        self.steer(left, right);
+        self.control_exposure(left, right);
         Ok(())
     }
 }
@@ -319,8 +319,8 @@ mod tests {
             skew_ns: 2 * MS,
             connection: ConnectionParameters {
                 silence_ns: 200 * MS,
-                retry_first_ns: 100 * MS,
-                retry_longest_ns: 400 * MS,
+                retry_initial_ns: 100 * MS,
+                retry_max_ns: 400 * MS,
             },
             exposure: ExposureMode::Once(Exposure::Automatic),
         }
@@ -432,7 +432,7 @@ mod tests {
     fn matched_exposure_sets_both_cameras_alike() {
         let frames = || (1..60_u64).map(|n| Event::Frame { at_ns: n * 33 * MS, level: 20 }).collect();
         let rig = FakeRig::new([frames(), frames()]);
-        let exposure = ExposureMode::Matched(ExposureParameters { longest_us: 10_000, max_gain: 4 });
+        let exposure = ExposureMode::Matched(ExposureParameters { max_exposure_us: 10_000, max_gain: 4 });
         let settings = Settings { exposure, ..settings(false) };
         let mut source = CameraSource::new(rig.opener(), settings, now_ns);
         play(&mut source, &rig);

@@ -19,7 +19,7 @@ struct Line {
 }
 
 /// Maximum nesting depth.
-const DEEPEST: usize = 16;
+const MAX_DEPTH: usize = 16;
 
 /// Parses a document.
 ///
@@ -90,7 +90,7 @@ fn is_item(line: &Line) -> bool {
 /// Parses the lines from `at` on that are indented by `indent` or more.
 fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<Value, String> {
     let Some(first) = lines.get(*at) else { return Ok(Value::Map(Vec::new())) };
-    if depth > DEEPEST {
+    if depth > MAX_DEPTH {
         return Err(format!("line {}: nested too deeply", first.number));
     }
     let own = first.indent;
@@ -166,7 +166,7 @@ fn flow(text: &str, number: usize) -> Result<Value, String> {
             }
             _ => word.push(c),
         }
-        if stack.len() > DEEPEST {
+        if stack.len() > MAX_DEPTH {
             return Err(format!("line {number}: nested too deeply"));
         }
     }

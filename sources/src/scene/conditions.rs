@@ -17,7 +17,7 @@ pub struct Conditions {
     /// Share of the ground under snow, 0 to 1.
     pub snow: f64,
     /// Rain or snow.
-    pub falls: Option<Precipitation>,
+    pub precipitation: Option<Precipitation>,
     /// Drops, film, glare and halo of the lenses.
     pub lens: Lens,
     /// Left and right sensor.
@@ -48,7 +48,7 @@ impl Conditions {
             light: Light::day(),
             wet: 0.0,
             snow: 0.0,
-            falls: None,
+            precipitation: None,
             lens: Lens::default(),
             sensors: pair(0.8, 1.4),
         };
@@ -58,7 +58,7 @@ impl Conditions {
             Weather::LightRain => Self {
                 light: Light { visibility_m: 300.0, ..Light::overcast(0.8) },
                 wet: 0.55,
-                falls: rain(1200, 0.8, 200.0),
+                precipitation: rain(1200, 0.8, 200.0),
                 lens: Lens { drops: 5, ..Lens::default() },
                 sensors: pair(1.4, 2.2),
                 ..fair
@@ -66,7 +66,7 @@ impl Conditions {
             Weather::HeavyRain => Self {
                 light: Light { visibility_m: 90.0, ..Light::overcast(0.75) },
                 wet: 1.0,
-                falls: rain(4500, 1.0, 185.0),
+                precipitation: rain(4500, 1.0, 185.0),
                 lens: Lens { drops: 18, film: 0.12, ..Lens::default() },
                 sensors: pair(2.2, 3.2),
                 ..fair
@@ -91,7 +91,7 @@ impl Conditions {
             Weather::Snow => Self {
                 light: Light { visibility_m: 160.0, air: 200.0, ..Light::overcast(0.95) },
                 snow: 0.92,
-                falls: Some(Precipitation {
+                precipitation: Some(Precipitation {
                     count: 1800,
                     diameter_m: 0.009,
                     fall_m_s: 1.3,

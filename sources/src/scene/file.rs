@@ -479,23 +479,23 @@ impl SceneFile {
                 return Err(fault(line_of("[[beside]]", n), reason));
             }
         }
-        if scene.road.grade_percent.greatest() > 30.0 {
+        if scene.road.grade_percent.max_abs() > 30.0 {
             return Err(fault(None, "road.grade_percent: give grades from -30 to 30 percent".into()));
         }
-        if scene.road.bend_per_km.greatest() > 50.0 {
+        if scene.road.bend_per_km.max_abs() > 50.0 {
             return Err(fault(None, "road.bend_per_km: give bends from -50 to 50 (a radius of 20 m)".into()));
         }
         let angles = [&scene.camera.pitch_deg, &scene.camera.roll_deg];
-        if angles.into_iter().flatten().any(|angle| angle.greatest() > 20.0) {
+        if angles.into_iter().flatten().any(|angle| angle.max_abs() > 20.0) {
             return Err(fault(
                 None,
                 "camera.pitch_deg and roll_deg: give angles from -20 to 20 degrees".into(),
             ));
         }
-        if scene.camera.right_pitch_deg.as_ref().is_some_and(|angle| angle.greatest() > 2.0) {
+        if scene.camera.right_pitch_deg.as_ref().is_some_and(|angle| angle.max_abs() > 2.0) {
             return Err(fault(None, "camera.right_pitch_deg: give angles from -2 to 2 degrees".into()));
         }
-        if scene.ego.speed_m_s.greatest() > 70.0 {
+        if scene.ego.speed_m_s.max_abs() > 70.0 {
             return Err(fault(None, "ego.speed_m_s: give speeds from -70 to 70 m/s".into()));
         }
         let (_, size, _) = scene.camera.values().map_err(|error| fault(None, format!("camera: {error}")))?;

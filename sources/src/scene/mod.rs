@@ -156,11 +156,11 @@ impl Scene {
         let camera = Camera { pitch_rad, ..self.camera(right) };
         let (width, height) = camera.size;
         let world = &self.world;
-        self.view.look(&camera, &world.surfaces);
-        self.shades.look(&camera, &world.shades);
+        self.view.project(&camera, &world.surfaces);
+        self.shades.project(&camera, &world.shades);
         let wet = world.is_wet();
         if wet {
-            self.mirror.look(&camera, &world.mirrors);
+            self.mirror.project(&camera, &world.mirrors);
         }
         for y in 0..height {
             self.view.row(&camera, y, &SAMPLES, &mut self.depth, &mut self.seen);
@@ -186,7 +186,7 @@ impl Scene {
         }
         let conditions = &world.conditions;
         let scene_seed = hash(world.file.seed ^ 0x5eed);
-        if let Some(falls) = conditions.falls {
+        if let Some(falls) = conditions.precipitation {
             // Both cameras see the same drops.
             let speed = world.file.ego.speed_m_s.value(self.time_s(index));
             falls.draw(&camera, hash(scene_seed ^ index << 8), speed, &mut self.light, &self.near);

@@ -45,7 +45,7 @@ impl Waypoints {
     }
 
     /// Largest absolute value.
-    pub fn greatest(&self) -> f64 {
+    pub fn max_abs(&self) -> f64 {
         self.points.iter().fold(0.0, |most, p| most.max(p.1.abs()))
     }
 

@@ -17,7 +17,7 @@ impl Map {
     fn new(camera: &Camera, surfaces: &[Surface]) -> Self {
         let (width, height) = camera.size;
         let mut view = View::default();
-        view.look(camera, surfaces);
+        view.project(camera, surfaces);
         let (mut depth, mut seen) = ([vec![0.0; width]], [vec![0; width]]);
         let (mut inverse_z, mut number) = (Vec::new(), Vec::new());
         for y in 0..height {

@@ -6,7 +6,7 @@ use super::mesh::{Axis, CORNERS, Face, Point, add, dot};
 use perception::rig::Rig;
 
 /// Near clipping distance, in metres.
-const NEAREST_M: f64 = 0.3;
+const NEAR_CLIP_M: f64 = 0.3;
 
 /// Pose of the left camera.
 #[derive(Clone, Copy, Debug)]
@@ -101,12 +101,12 @@ fn clip(corners: impl Iterator<Item = Point> + Clone) -> ([Point; CORNERS], usiz
     let mut before = corners.clone().last();
     for now in corners {
         if let Some(before) = before
-            && (before[2] >= NEAREST_M) != (now[2] >= NEAREST_M)
+            && (before[2] >= NEAR_CLIP_M) != (now[2] >= NEAR_CLIP_M)
         {
-            let share = (NEAREST_M - before[2]) / (now[2] - before[2]);
+            let share = (NEAR_CLIP_M - before[2]) / (now[2] - before[2]);
             push(add(before, add(now, before, -1.0), share));
         }
-        if now[2] >= NEAREST_M {
+        if now[2] >= NEAR_CLIP_M {
             push(now);
         }
         before = Some(now);
@@ -290,7 +290,7 @@ pub struct View {
 
 impl View {
     /// Projects the surfaces into `camera`.
-    pub fn look(&mut self, camera: &Camera, surfaces: &[Surface]) {
+    pub fn project(&mut self, camera: &Camera, surfaces: &[Surface]) {
         self.patches.clear();
         // Patch indices have 16 bits, far more than any scene needs.
         let patches = surfaces.iter().zip(0..).filter_map(|(surface, index)| camera.patch(surface, index));

@@ -14,10 +14,10 @@ use super::{props, vehicles};
 use perception::rig::Rig;
 
 /// Maximum distance of drawn objects, in metres.
-const FARTHEST_M: f64 = 220.0;
+const MAX_DRAWN_M: f64 = 220.0;
 
 /// Maximum distance of reflected objects, in metres.
-const MIRRORED_M: f64 = 90.0;
+const MAX_MIRRORED_M: f64 = 90.0;
 
 /// Half the width of the vehicle's path, in metres.
 pub const HALF_PATH_M: f64 = 1.2;
@@ -328,7 +328,7 @@ impl World {
                 Place::Ahead(path) => path.at(time_s),
             };
             let (least, greatest) = self.boxes[instance.mesh];
-            if ahead > FARTHEST_M || ahead + greatest[2] < -6.0 {
+            if ahead > MAX_DRAWN_M || ahead + greatest[2] < -6.0 {
                 continue;
             }
             let spot = self.course.spot(along, ahead);
@@ -337,7 +337,7 @@ impl World {
             let owner = FIRST_OBJECT + k as u16;
             for face in &self.meshes[instance.mesh].faces {
                 self.surfaces.extend(Surface::new(&placement.face(face), owner, &pose, &rig, &light));
-                if wet && ahead < MIRRORED_M {
+                if wet && ahead < MAX_MIRRORED_M {
                     let mirrored = placement.face(&face.mirrored());
                     self.mirrors.extend(Surface::new(&mirrored, owner, &pose, &rig, &light));
                 }

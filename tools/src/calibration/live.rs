@@ -167,14 +167,14 @@ mod tests {
     use nalgebra::{Rotation3, Vector3};
     use perception::calibration::{Camera, Pose};
     use perception::image::GreyImage;
-    use sources::chessboard::{Conditions, Studio, poses};
+    use sources::chessboard::{BoardRenderer, Conditions, poses};
 
     const SIZE: (usize, usize) = (320, 240);
 
     fn views(count: usize) -> Vec<[GreyImage; 2]> {
         let camera = Camera::pinhole(270.0, 270.0, 160.0, 120.0);
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&camera, SIZE, board);
+        let studio = BoardRenderer::new(&camera, SIZE, board);
         let between = Pose {
             rotation: Rotation3::new(Vector3::new(0.004, 0.008, -0.003)),
             translation_m: Vector3::new(-0.1, 0.0, 0.0),

@@ -18,19 +18,19 @@ use sources::truth::map_file::DisparityMap;
 use std::fmt;
 
 /// Maximum distance of evaluated cars and regions, in metres.
-pub const FARTHEST_M: f64 = 40.0;
+pub const MAX_DISTANCE_M: f64 = 40.0;
 
 /// Minimum overlap of a region that covers a car.
-pub const OVERLAP: f64 = 0.4;
+pub const MIN_OVERLAP: f64 = 0.4;
 
 /// Maximum truncation of a car by the image border.
-const CUT: f64 = 0.5;
+const MAX_TRUNCATION: f64 = 0.5;
 
 /// Minimum number of depth values for a LiDAR distance.
 const MIN_DEPTHS: usize = 30;
 
 /// Quantile of the depths that defines the near side.
-const NEARER: f64 = 0.1;
+const NEAR_QUANTILE: f64 = 0.1;
 
 /// Origin of an image's disparity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -131,7 +131,7 @@ pub struct LidarReport {
     pub repeats: u64,
     /// Images.
     pub pictures: Vec<PictureRow>,
-    /// Labelled objects.
+    /// ClassifiedTrack objects.
     pub labels: Vec<LabelRow>,
     /// Number of evaluable cars.
     #[serde(rename = "due")]
@@ -172,7 +172,7 @@ fn depths(map: &DisparityMap, bounds: &PixelBox, (from_m, to_m): (f64, f64)) -> 
 }
 
 fn near_side_m(mut depths: Vec<f64>) -> Option<f64> {
-    if depths.len() < MIN_DEPTHS { None } else { quantile(&mut depths, NEARER) }
+    if depths.len() < MIN_DEPTHS { None } else { quantile(&mut depths, NEAR_QUANTILE) }
 }
 
 /// The box of a label in whole pixels.
@@ -221,10 +221,10 @@ pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Re
     let region_m = best.map(|region| region.distance_m);
     let verdict = match label {
         Label { class, .. } if !["Car", "Van"].contains(&&class[..]) => Verdict::OtherClass,
-        Label { distance_m, .. } if *distance_m > FARTHEST_M => Verdict::Far,
-        Label { truncated, .. } if *truncated > CUT => Verdict::Cut,
+        Label { distance_m, .. } if *distance_m > MAX_DISTANCE_M => Verdict::Far,
+        Label { truncated, .. } if *truncated > MAX_TRUNCATION => Verdict::Cut,
         Label { occluded, .. } if *occluded > 1 => Verdict::Hidden,
-        _ if shared >= OVERLAP => Verdict::Covered,
+        _ if shared >= MIN_OVERLAP => Verdict::Covered,
         _ => Verdict::Missed,
     };
     LabelRow {
@@ -248,7 +248,7 @@ impl PictureRow {
         depth_m: &DisparityMap,
         regions: &[Region],
     ) -> Self {
-        let judged = || regions.iter().filter(|region| region.distance_m <= FARTHEST_M);
+        let judged = || regions.iter().filter(|region| region.distance_m <= MAX_DISTANCE_M);
         let error = |region: &Region| {
             Some(error_percent(region.distance_m, region_distance_m(depth_m, &region.bounds)?))
         };
@@ -348,7 +348,7 @@ impl fmt::Display for LidarReport {
         if self.evaluable > 0 {
             writeln!(
                 f,
-                "cars within {FARTHEST_M} m in view: {} of {} covered ({}); {}",
+                "cars within {MAX_DISTANCE_M} m in view: {} of {} covered ({}); {}",
                 self.covered,
                 self.evaluable,
                 cell(self.share, 3),

@@ -73,7 +73,7 @@ impl Share {
 
 /// A confirmed track with its class.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Labelled {
+pub struct ClassifiedTrack {
     /// Position and distance.
     pub found: Detection,
     /// Whether its class is vehicle.
@@ -145,7 +145,7 @@ pub struct FrameResult<'a> {
     /// Numbers of confirmed tracks that are false positives on the road.
     pub false_tracks: &'a [u32],
     /// All confirmed tracks.
-    pub tracks: &'a [Labelled],
+    pub tracks: &'a [ClassifiedTrack],
     /// Road profile of the model, where there is one.
     pub profile_px: Option<&'a [f32]>,
     /// Ground truth of the road.
@@ -203,7 +203,7 @@ impl Tally {
             if evaluable.detection.is_none() {
                 *self.missed.entry(evaluable.object.class.name()).or_default() += 1;
             }
-            let overlap = |t: &&Labelled| t.found.bounds.overlap(&evaluable.object.bounds);
+            let overlap = |t: &&ClassifiedTrack| t.found.bounds.overlap(&evaluable.object.bounds);
             let by = frame.tracks.iter().filter(|t| is_match(&evaluable.object, &t.found));
             let track = by.max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
             let wanted = is_vehicle(evaluable.object.class);
@@ -449,7 +449,7 @@ mod tests {
         let road = RoadTruth::default();
         for _ in 0..3 {
             let found = matched.evaluable[0].detection.unwrap();
-            let tracks = [Labelled { found, is_vehicle: false }];
+            let tracks = [ClassifiedTrack { found, is_vehicle: false }];
             let frame = FrameResult {
                 matched: &matched,
                 false_tracks: &[7],

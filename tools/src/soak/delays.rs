@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 /// Maximum number of samples: several seconds, longer than a frame waits to be judged.
-const KEPT: usize = 2048;
+const MAX_SAMPLES: usize = 2048;
 
 /// Samples of one stage's process.
 #[derive(Clone, Debug, Default)]
@@ -18,7 +18,7 @@ impl Delays {
         if self.readings.back().is_some_and(|&(_, last)| total_ns < last) {
             self.readings.clear();
         }
-        if self.readings.len() >= KEPT {
+        if self.readings.len() >= MAX_SAMPLES {
             self.readings.pop_front();
         }
         self.readings.push_back((at_ns, total_ns));
@@ -58,7 +58,7 @@ mod tests {
         for i in 0..10_000 {
             delays.add(100 + i, i);
         }
-        assert_eq!(delays.readings.len(), KEPT);
+        assert_eq!(delays.readings.len(), MAX_SAMPLES);
         assert_eq!(delays.between_ns(10_000, 10_050), Some(50));
     }
 }

@@ -13,7 +13,7 @@ pub const STAGES: usize = 4;
 const HOLD_NS: u64 = 500_000_000;
 
 /// Maximum number of frames that wait for evaluation; more than a second at any supported rate.
-const HELD: usize = 4096;
+const MAX_HELD: usize = 4096;
 
 /// Time after a recovery during which frames count as disturbed: a new process has cold caches.
 const AFTERMATH_NS: u64 = 500_000_000;
@@ -133,7 +133,7 @@ impl Latencies {
             self.unsound += 1;
             return;
         }
-        if self.held.len() >= HELD
+        if self.held.len() >= MAX_HELD
             && let Some(oldest) = self.held.pop_front()
         {
             self.judge(&oldest, stalls);

@@ -7,7 +7,7 @@ use crate::reporting::summary::Latency;
 use serde::Serialize;
 
 /// Number of longest recoveries listed individually.
-const WORST: usize = 10;
+const MAX_WORST: usize = 10;
 
 /// Faults of one kind in one stage.
 #[derive(Clone, Debug, Default)]
@@ -86,7 +86,7 @@ impl Recoveries {
         self.trend.add(at_s, next_result_s);
         self.worst.push(Recovery { fault: fault.to_string(), at_s, next_result_s });
         self.worst.sort_by(|a, b| b.next_result_s.total_cmp(&a.next_result_s));
-        self.worst.truncate(WORST);
+        self.worst.truncate(MAX_WORST);
     }
 
     /// Number of injected faults.
@@ -156,7 +156,7 @@ mod tests {
         all.failed(&fault(FaultKind::Hang, 3));
         assert_eq!((all.count(), all.kills(), all.failures(), all.expected_restarts()), (32, 30, 1, 31));
         assert_eq!(all.longest_s(), 3.0);
-        assert_eq!(all.worst().len(), WORST);
+        assert_eq!(all.worst().len(), MAX_WORST);
         let rows = all.rows();
         assert_eq!(
             rows.iter().map(|r| (r.kind, r.stage, r.count, r.failed)).collect::<Vec<_>>(),

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 pub const MIN_NS: u64 = 1_000_000;
 
 /// Maximum number of stalls per core kept for frames not yet evaluated.
-const KEPT: usize = 8192;
+const MAX_STALLS: usize = 8192;
 
 /// Stalls of one core.
 #[derive(Clone, Debug)]
@@ -68,7 +68,7 @@ impl Stalls {
             core.stalls += 1;
             core.total_ns += late_ns;
             core.longest_ns = core.longest_ns.max(late_ns);
-            if core.recent.len() >= KEPT {
+            if core.recent.len() >= MAX_STALLS {
                 core.recent.pop_front();
             }
             core.recent.push_back((due_ns, woke_ns));
@@ -140,7 +140,7 @@ mod tests {
         for i in 0..100_000 {
             stalls.add(None, i * 10 * MS, i * 10 * MS + 2 * MS);
         }
-        assert_eq!(stalls.cores[0].recent.len(), KEPT);
+        assert_eq!(stalls.cores[0].recent.len(), MAX_STALLS);
         assert_eq!(stalls.figures()[0].stalls, 100_000);
     }
 }

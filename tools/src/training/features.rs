@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 const BLOCK: usize = 32;
 
 /// Maximum number of quantisation thresholds of a Haar feature.
-const CUTS: usize = 63;
+const MAX_CUTS: usize = 63;
 
 /// Number of values from which the thresholds of a Haar feature are derived.
-const SURVEYED: usize = 512;
+const SURVEY_SAMPLES: usize = 512;
 
 /// Feature type of the trees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -318,11 +318,11 @@ fn lbp_row(feature: &LbpFeature, blocks: &[LaneSums], samples: usize) -> Vec<u8>
 fn haar_row(feature: &HaarFeature, samples: &[Sums]) -> (Vec<u8>, Vec<f32>) {
     let values: Vec<f32> = samples.iter().map(|s| feature.value(&s.integral, 0, 0, s.inverse)).collect();
     let mut survey: Vec<f32> =
-        values.iter().step_by(values.len().div_ceil(SURVEYED).max(1)).copied().collect();
+        values.iter().step_by(values.len().div_ceil(SURVEY_SAMPLES).max(1)).copied().collect();
     survey.sort_unstable_by(f32::total_cmp);
     survey.dedup();
     // Midway between neighbouring values, at equal quantiles.
-    let mut ranks: Vec<usize> = (1..=CUTS).map(|k| (k * survey.len() / (CUTS + 1)).max(1)).collect();
+    let mut ranks: Vec<usize> = (1..=MAX_CUTS).map(|k| (k * survey.len() / (MAX_CUTS + 1)).max(1)).collect();
     ranks.dedup();
     let ranks = ranks.into_iter().filter(|&rank| rank < survey.len());
     let cuts: Vec<f32> =

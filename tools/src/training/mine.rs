@@ -11,10 +11,10 @@ use perception::recognition::cascade::Cascade;
 const RUN: usize = 2048;
 
 /// Maximum number of candidates per requested window.
-const TRIES: usize = 200;
+const MAX_TRIES_PER_WINDOW: usize = 200;
 
 /// Images up to this many windows wide and high are patches: each is also tried as a whole.
-const PATCH: usize = 4;
+const MAX_PATCH_WINDOWS: usize = 4;
 
 /// Result of mining.
 #[derive(Debug)]
@@ -60,7 +60,7 @@ impl<'a> Miner<'a> {
             if w >= window.0 && h >= window.1 {
                 // A large image is drawn more often than a patch.
                 sum += ((w * h) as f64).sqrt();
-                if w <= PATCH * window.0 && h <= PATCH * window.1 {
+                if w <= MAX_PATCH_WINDOWS * window.0 && h <= MAX_PATCH_WINDOWS * window.1 {
                     patches.push(i);
                 }
             }
@@ -138,7 +138,7 @@ impl<'a> Miner<'a> {
         if self.is_empty() {
             return mined;
         }
-        let most = count * TRIES + self.patches.len();
+        let most = count * MAX_TRIES_PER_WINDOW + self.patches.len();
         while mined.windows.len() < count && mined.tried < most {
             // The amount of work does not depend on the number of threads, so that the result is the same.
             let runs = threads::map(threads, 8, |run| {

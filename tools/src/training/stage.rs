@@ -43,7 +43,7 @@ pub struct CodedSamples<'a> {
 
 /// Initial sums of the samples: those of the trees that a chained stage starts with.
 #[derive(Clone, Debug, Default)]
-pub struct Start {
+pub struct InitialSums {
     /// Of the training samples.
     pub learned: Vec<f64>,
     /// Of the validation objects.
@@ -106,7 +106,7 @@ pub fn train(
     parameters: &StageParameters,
     learned: CodedSamples<'_>,
     judges: Samples<'_>,
-    begin: Start,
+    begin: InitialSums,
     threads: usize,
     each: &mut dyn FnMut(usize, f64),
 ) -> Option<TrainedStage> {

@@ -4,11 +4,11 @@ use super::augment::{self, Part, Sampling};
 use super::bags;
 use super::error::TrainError;
 use super::features::{self, Codes, FeatureKind, Sums};
-use super::finish::{self, Aim, Judged};
+use super::finish::{self, Aim, ValidationMargins};
 use super::mine::Miner;
 use super::parameters::TrainParameters;
 use super::pictures::{SourcePicture, Split};
-use super::stage::{self, CodedSamples, Samples, StageParameters, Start, TrainedStage};
+use super::stage::{self, CodedSamples, InitialSums, Samples, StageParameters, TrainedStage};
 use super::threads;
 use super::tree::{Child, TreeNode};
 use fastrand::Rng;
@@ -151,8 +151,8 @@ pub fn train(
     result.cascade = bags::join(cascades, p.stage.hit_rate, &varied).unwrap_or(result.cascade);
     let margins = |windows: &[Sums]| bags::margins(&result.cascade, windows, p.threads);
     let judged = match p.aim {
-        Aim::AsTrained => Judged::default(),
-        _ => Judged {
+        Aim::AsTrained => ValidationMargins::default(),
+        _ => ValidationMargins {
             objects: margins(&whole_windows(&objects, p, 0, 2)),
             rest: margins(&without_objects(&rest, p)),
             varied: margins(&varied),
@@ -235,7 +235,7 @@ fn train_one(
         let mut each = |trees, false_alarm_rate| {
             progress(Progress::Tree { stage: earlier + index, trees, false_alarm_rate });
         };
-        let begin = Start {
+        let begin = InitialSums {
             learned: builder.sums(&samples, p),
             judged_objects: builder.sums(judging.objects, p),
             judged_rest: builder.sums(judging.rest, p),

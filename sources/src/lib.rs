@@ -1,6 +1,7 @@
 //! Sources of stereo pairs: recordings, live cameras, synthetic scenes and data sets with ground truth.
 //!
-//! All sources implement [`PairSource`]: pairs of grey images, read by index.
+//! All sources implement [`PairSource`]: pairs of grey images, read by index. The other crates of the workspace
+//! import this one as `sources`.
 //!
 //! | module | content |
 //! |---|---|
@@ -14,8 +15,8 @@
 //! | [`rig_file`], [`calibration_file`] | calibration files: the rig file, OpenCV, ROS, Kalibr, KITTI |
 //!
 //! ```
-//! use sources::PairSource;
-//! use sources::scene::Scene;
+//! use lookout_sources::PairSource;
+//! use lookout_sources::scene::Scene;
 //!
 //! let mut scene = Scene::open("street?weather=night&seed=7")?;
 //! let (width, height) = scene.size();
@@ -24,7 +25,7 @@
 //!
 //! let truth = scene.truth(0);
 //! assert_eq!(truth.disparity_px.len(), width * height);
-//! # Ok::<(), sources::SourceError>(())
+//! # Ok::<(), lookout_sources::SourceError>(())
 //! ```
 
 pub mod calibration_file;

@@ -220,7 +220,7 @@ fn bad_input_has_a_clear_verdict_and_leaves_a_good_rig_alone() {
     save(&folder("cut"), cut);
     refused("cut", &BOARD, "cut off");
     std::fs::create_dir_all(folder("empty")).unwrap();
-    refused("empty", &BOARD, "no pictures");
+    refused("empty", &BOARD, "no images");
     refused("missing", &BOARD, "missing");
     save(&folder("broken"), good[..5].to_vec());
     std::fs::write(folder("broken").join("left/3.png"), b"no picture").unwrap();

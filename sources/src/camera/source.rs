@@ -328,7 +328,7 @@ mod tests {
 
     /// Runs a script to its end. Returns the grey levels of the pairs and the reported faults.
     fn play(source: &mut CameraSource, rig: &FakeRig) -> (Vec<(u8, u8)>, Vec<String>) {
-        let (mut pairs, mut told) = (Vec::new(), Vec::new());
+        let (mut pairs, mut reported) = (Vec::new(), Vec::new());
         let (mut left, mut right) = (vec![0; 12], vec![0; 12]);
         while !rig.is_over() {
             match source.wait(Duration::from_millis(5)) {
@@ -336,12 +336,12 @@ mod tests {
                     source.read(pairs.len() as u64, &mut left, &mut right).unwrap();
                     pairs.push((left[11], right[11]));
                 }
-                Readiness::Trouble(text) => told.push(text),
-                Readiness::Recovered => told.push("recovered".into()),
+                Readiness::Trouble(text) => reported.push(text),
+                Readiness::Recovered => reported.push("recovered".into()),
                 Readiness::Nothing => {}
             }
         }
-        (pairs, told)
+        (pairs, reported)
     }
 
     #[test]
@@ -351,9 +351,9 @@ mod tests {
         };
         let rig = FakeRig::new([frames(0).collect(), frames(MS).collect()]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
-        let (pairs, told) = play(&mut source, &rig);
+        let (pairs, reported) = play(&mut source, &rig);
         assert!(pairs.iter().all(|(l, r)| l == r), "{pairs:?}");
-        assert!(pairs.len() >= 38 && told.is_empty(), "{} pairs, {told:?}", pairs.len());
+        assert!(pairs.len() >= 38 && reported.is_empty(), "{} pairs, {reported:?}", pairs.len());
         assert_eq!(source.counts().worst_skew_ns, MS);
         assert_eq!(source.time_ns(0), 39 * 33 * MS + MS, "source time follows the exposures");
     }
@@ -386,11 +386,11 @@ mod tests {
         right.extend(frames(51..90));
         let rig = FakeRig::new([frames(1..90), right]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
-        let (pairs, told) = play(&mut source, &rig);
+        let (pairs, reported) = play(&mut source, &rig);
         assert!(pairs.iter().all(|(l, r)| l == r));
         assert!(pairs.iter().any(|p| p.0 == 19) && pairs.iter().any(|p| p.0 == 85), "{pairs:?}");
-        assert!(told[0].contains("fake right: unplugged"), "{told:?}");
-        assert_eq!(told.last().map(String::as_str), Some("recovered"), "{told:?}");
+        assert!(reported[0].contains("fake right: unplugged"), "{reported:?}");
+        assert_eq!(reported.last().map(String::as_str), Some("recovered"), "{reported:?}");
         assert_eq!(source.losses(), 1);
     }
 
@@ -399,8 +399,13 @@ mod tests {
         let rig = FakeRig::new([vec![Event::Unplug { at_ns: MS }], vec![Event::Unplug { at_ns: MS }]]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
         assert_eq!(source.wait(Duration::from_millis(5)), Readiness::Nothing, "both are opened");
-        let Readiness::Trouble(told) = source.wait(Duration::from_millis(5)) else { panic!("both are gone") };
-        assert!(told.contains("fake left: unplugged") && told.contains("fake right: unplugged"), "{told}");
+        let Readiness::Trouble(reported) = source.wait(Duration::from_millis(5)) else {
+            panic!("both are gone")
+        };
+        assert!(
+            reported.contains("fake left: unplugged") && reported.contains("fake right: unplugged"),
+            "{reported}"
+        );
     }
 
     #[test]
@@ -412,8 +417,8 @@ mod tests {
         left.extend(frames(50..70));
         let rig = FakeRig::new([left, frames(1..70)]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
-        let (pairs, told) = play(&mut source, &rig);
-        assert!(told[0].contains("left camera has delivered no frame for 0.2 s"), "{told:?}");
+        let (pairs, reported) = play(&mut source, &rig);
+        assert!(reported[0].contains("left camera has delivered no frame for 0.2 s"), "{reported:?}");
         assert!(pairs.iter().any(|p| p.0 == 66), "{pairs:?}");
         assert!(rig.opened(0) >= 2);
     }

@@ -2,7 +2,7 @@
 //! are converted to two cameras, in metres, left to right.
 
 use super::yaml::{self, Value};
-use super::{RigFile, rotation, rows, sound, write_whole};
+use super::{RigFile, check_camera, rotation, rows, write_atomically};
 use crate::{SourceError, calibration_file};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};
@@ -68,7 +68,7 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
     };
     let (cameras, between, size) = read.map_err(fail)?;
     for (camera, name) in cameras.iter().zip(["the left camera", "the right camera"]) {
-        sound(camera, name).map_err(fail)?;
+        check_camera(camera, name).map_err(fail)?;
     }
     RigFile::from_cameras(cameras, between, size, crop).map_err(fail)
 }
@@ -217,12 +217,12 @@ pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>,
                 None => format!("{name}_right"),
             };
             let right = path.with_file_name(other);
-            write_whole(path, &to_ros(rig, 0))?;
-            write_whole(&right, &to_ros(rig, 1))?;
+            write_atomically(path, &to_ros(rig, 0))?;
+            write_atomically(&right, &to_ros(rig, 1))?;
             return Ok(vec![path.to_owned(), right]);
         }
     };
-    write_whole(path, &text)?;
+    write_atomically(path, &text)?;
     Ok(vec![path.to_owned()])
 }
 

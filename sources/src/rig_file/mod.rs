@@ -240,7 +240,7 @@ impl RigFile {
                 cy_px: t.cy_px,
                 distortion: t.distortion,
             };
-            sound(&c, name)?;
+            check_camera(&c, name)?;
             Ok(c)
         };
         let turns = [
@@ -276,12 +276,12 @@ impl RigFile {
     /// When it cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), SourceError> {
         let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
-        write_whole(path, &self.to_toml().map_err(fail)?)
+        write_atomically(path, &self.to_toml().map_err(fail)?)
     }
 }
 
 /// Checks the plausibility of a camera's parameters.
-fn sound(camera: &Camera, name: &str) -> Result<(), String> {
+fn check_camera(camera: &Camera, name: &str) -> Result<(), String> {
     let focal = 1.0..1e6;
     if !focal.contains(&camera.fx_px) || !focal.contains(&camera.fy_px) {
         return Err(format!(
@@ -296,7 +296,7 @@ fn sound(camera: &Camera, name: &str) -> Result<(), String> {
 }
 
 /// Writes a text file atomically.
-fn write_whole(path: &Path, text: &str) -> Result<(), SourceError> {
+fn write_atomically(path: &Path, text: &str) -> Result<(), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".part");

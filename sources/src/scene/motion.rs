@@ -18,10 +18,10 @@ impl Waypoints {
 
     /// `None` when there are no points, positions do not increase or a value is not finite.
     pub fn new(points: Vec<(f64, f64)>) -> Option<Self> {
-        let sound = !points.is_empty()
+        let is_valid = !points.is_empty()
             && points.iter().all(|p| p.0.abs() < 1e6 && p.1.abs() < 1e6)
             && points.windows(2).all(|w| w[0].0 < w[1].0);
-        sound.then_some(Self { points })
+        is_valid.then_some(Self { points })
     }
 
     /// Whether it is constantly `value`.

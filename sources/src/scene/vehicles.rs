@@ -35,9 +35,9 @@ fn wheel(mesh: &mut Mesh, x: f64, z: f64, radius: f64, outwards: f64) {
     mesh.patch(&disc(radius * 0.62, x + 0.012 * outwards), side, HUB);
     // The tread, visible from behind and in front.
     let (a, b) = (x, x - 0.2 * outwards);
-    for (z, looks) in [(z - radius * 0.92, -1.0), (z + radius * 0.92, 1.0)] {
+    for (z, outwards_z) in [(z - radius * 0.92, -1.0), (z + radius * 0.92, 1.0)] {
         let corners = [[a, 0.0, z], [b, 0.0, z], [b, 1.5 * radius, z], [a, 1.5 * radius, z]];
-        mesh.patch(&corners, [0.0, 0.0, looks], TYRE);
+        mesh.patch(&corners, [0.0, 0.0, outwards_z], TYRE);
     }
 }
 

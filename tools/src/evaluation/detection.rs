@@ -73,7 +73,7 @@ const POINTS: usize = 200;
 pub fn judge(cascade: &Cascade, pixels: &[u8]) -> Verdict {
     let kind = FeatureKind::of(&cascade.features);
     let sample = Sums::of(pixels, (cascade.width, cascade.height), kind);
-    if !sample.sound {
+    if !sample.is_valid {
         return Verdict { margin: f64::NEG_INFINITY, stages: 0 };
     }
     let mut verdict = Verdict { margin: f64::INFINITY, stages: 0 };

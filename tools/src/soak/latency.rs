@@ -35,12 +35,12 @@ impl Trace {
         self.stamps[STAGES - 1].1
     }
 
-    fn is_sound(&self) -> bool {
+    fn is_consistent(&self) -> bool {
         let mut before = self.capture_ns;
         let in_order = self.stamps[1..].iter().all(|&(begin, end)| {
-            let sound = before <= begin && begin <= end;
+            let is_consistent = before <= begin && begin <= end;
             before = end;
-            sound
+            is_consistent
         });
         in_order && self.capture_ns > 0
     }
@@ -129,7 +129,7 @@ impl Latencies {
 
     /// Adds a frame with a final result.
     pub fn add(&mut self, trace: Trace, stalls: &Stalls) {
-        if !trace.is_sound() {
+        if !trace.is_consistent() {
             self.unsound += 1;
             return;
         }

@@ -153,7 +153,7 @@ pub struct Sums {
     integral: Integral,
     inverse: f32,
     /// Whether a detector with Haar features can evaluate it.
-    pub sound: bool,
+    pub is_valid: bool,
 }
 
 impl Sums {
@@ -167,13 +167,13 @@ impl Sums {
     /// The same, reusing the allocated memory.
     pub fn fill(&mut self, window: &[u8], (width, height): (u16, u16), kind: FeatureKind) {
         self.integral.fill(window, width.into());
-        (self.inverse, self.sound) = (1.0, true);
+        (self.inverse, self.is_valid) = (1.0, true);
         if kind == FeatureKind::HaarTilted {
             self.integral.fill_tilted(window, width.into());
         }
         if kind != FeatureKind::Lbp {
             let contrast = self.integral.contrast(width, height, 0, 0);
-            (self.inverse, self.sound) = (contrast.inverse, contrast.sound);
+            (self.inverse, self.is_valid) = (contrast.inverse, contrast.sound);
         }
     }
 

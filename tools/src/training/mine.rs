@@ -148,7 +148,7 @@ impl<'a> Miner<'a> {
                 for index in first..first + RUN {
                     self.candidate(round, index, &mut out);
                     sums.fill(&out, (cascade.width, cascade.height), kind);
-                    if sums.sound
+                    if sums.is_valid
                         && cascade.stages_passed(sums.integral(), 0, 0) == Some(cascade.stages.len())
                     {
                         found.push((index, out.clone()));

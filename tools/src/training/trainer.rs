@@ -110,7 +110,7 @@ fn whole_windows(pictures: &[SourcePicture], p: &TrainParameters, variants: usiz
                 }
                 Sums::of(&out, p.window, p.features)
             })
-            .filter(|sums| sums.sound)
+            .filter(|sums| sums.is_valid)
             .collect::<Vec<_>>()
     });
     made.into_iter().flatten().collect()

@@ -4,7 +4,7 @@
 use crate::support::{self, Bench, python, save_grey, shared_data, turns};
 use nalgebra::{Rotation3, Vector3};
 use perception::calibration::{Board, Camera, Crop, Pose};
-use sources::chessboard::{Conditions, Studio, poses};
+use sources::chessboard::{BoardRenderer, Conditions, poses};
 use sources::rig_file::RigFile;
 use std::path::Path;
 use std::process::Command;
@@ -42,7 +42,7 @@ fn set() -> &'static Set {
     SET.get_or_init(|| {
         let ([left, right], between) = cameras();
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studios = [left, right].map(|c| Studio::new(&c, SIZE, board));
+        let studios = [left, right].map(|c| BoardRenderer::new(&c, SIZE, board));
         let pitch = Pose {
             rotation: Rotation3::new(Vector3::new(0.1_f64.to_radians(), 0.0, 0.0)),
             translation_m: Vector3::zeros(),
@@ -218,7 +218,7 @@ fn bad_input_has_a_clear_verdict_and_leaves_a_good_rig_alone() {
     save(&folder("cut"), cut);
     refused("cut", &BOARD, "cut off");
     std::fs::create_dir_all(folder("empty")).unwrap();
-    refused("empty", &BOARD, "no pictures");
+    refused("empty", &BOARD, "no images");
     refused("missing", &BOARD, "missing");
     save(&folder("broken"), good[..5].to_vec());
     std::fs::write(folder("broken").join("left/3.png"), b"no picture").unwrap();

@@ -370,7 +370,7 @@ fn regions_are_scored_against_lidar_depth_and_labels() {
     assert!(text.contains("lies in the data set cars"), "{text}");
     std::fs::write(bench.path("cars/labels/7.txt"), "Car 0 0\n").unwrap();
     let text = bench.fails(&["evaluate", "lidar", "cars"]);
-    assert!(text.contains("labels/7.txt: line 1: 3 words"), "{text}");
+    assert!(text.contains("labels/7.txt: line 1: 3 fields"), "{text}");
     std::fs::write(bench.path("cars/labels/7.txt"), "").unwrap();
     save_map(&bench.path("cars/gt_depth/7.png"), &[1; 100], 10);
     let text = bench.fails(&["evaluate", "lidar", "pairs", "cars"]);

@@ -122,7 +122,7 @@ fn unusable_input_is_named() {
     assert!(detect.contains("bad.xml") && detect.contains("<stageType> is missing"), "{detect}");
     assert!(bench.fails(&["detect", "no.xml", "p/0.png"]).contains("no.xml"));
     let train = bench.fails(&["train", "--positives", "p", "--negatives", "empty", "-o", "x.xml"]);
-    assert!(train.contains("empty") && train.contains("no pictures"), "{train}");
+    assert!(train.contains("empty") && train.contains("no images"), "{train}");
     for args in [
         &["train", "--positives", "p", "--negatives", "p", "-o", "x", "--window", "4x4"][..],
         &["train", "--positives", "p", "--negatives", "p", "-o", "x", "--hit-rate", "1.5"],

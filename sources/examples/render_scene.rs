@@ -1,4 +1,4 @@
-//! Draws pairs of a scene and tells how much processor time a pair takes (on Linux):
+//! Renders pairs of a scene and prints the processor time per pair (on Linux):
 //! `cargo run --release -p lookout-sources --example render_scene street?weather=night 40 out`.
 
 use image::{GrayImage, Luma};
@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         times_ms.push(cpu_ms()? - start);
     }
     times_ms.sort_by(f64::total_cmp);
-    println!("{}: {:.1} ms of processor time a pair (median of 9)", scene.title(), times_ms[4]);
+    println!("{}: {:.1} ms of processor time per pair (median of 9)", scene.title(), times_ms[4]);
     let frame = scene.frame(index);
     for object in frame.truth.objects.iter().filter(|object| object.subject || object.distance_m < 40.0) {
         println!(
@@ -51,7 +51,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let size = (width as u32, height as u32);
     let save = |pixels: Vec<u8>, name: &str| -> Result<(), Box<dyn Error>> {
-        let image = GrayImage::from_raw(size.0, size.1, pixels).ok_or("the pixels do not fit")?;
+        let image = GrayImage::from_raw(size.0, size.1, pixels)
+            .ok_or("pixel buffer does not match the image size")?;
         image.save(out.join(name))?;
         Ok(())
     };
@@ -60,7 +61,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let steps = |&d: &f32| (d * 256.0).round().min(65_535.0) as u16;
     let map: Vec<u16> = frame.truth.disparity_px.iter().map(steps).collect();
     image::ImageBuffer::<Luma<u16>, _>::from_raw(size.0, size.1, map)
-        .ok_or("the pixels do not fit")?
+        .ok_or("pixel buffer does not match the image size")?
         .save(out.join("disparity.png"))?;
     save(frame.truth.in_both.iter().map(|&both| if both { 255 } else { 0 }).collect(), "in_both.png")
 }

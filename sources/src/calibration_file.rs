@@ -1,11 +1,11 @@
-//! Reads the rig of a source: KITTI `calib.txt` or a rig TOML.
+//! Reads the rig of a rectified source: KITTI `calib.txt` or rig TOML.
 
 use crate::SourceError;
 use perception::rig::Rig;
 use serde::Deserialize;
 use std::path::Path;
 
-/// A rig TOML of an already rectified pair: the keys of [`Rig`].
+/// A rig TOML of an already rectified pair: the fields of [`Rig`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
@@ -15,18 +15,19 @@ struct RigFile {
     cy_px: f64,
 }
 
-/// Reads a rig from a TOML file (`focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, with any other
-/// ending, from a KITTI calibration (`P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each; without names, line n is Pn).
-/// `colour` prefers P2 and P3, the colour cameras of KITTI, when both are there.
+/// Reads a rig from a TOML file (`focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, for any other
+/// extension, from a KITTI calibration: `P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each. Lines
+/// without names are numbered: line n is Pn. With `colour`, P2 and P3 (KITTI's colour cameras) take
+/// precedence where both pairs are present.
 ///
 /// # Errors
-/// Names the file, the line or key, and what is expected.
+/// Names the file, the line or key, and the expected content.
 pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
     let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
     let text =
         std::fs::read_to_string(path).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
     let rig = if path.extension().is_some_and(|e| e == "toml") {
-        // A calibrated pair's file says more; its recordings are rectified by the same file.
+        // A full rig file describes the unrectified cameras; its rectified rig is the one of the recordings.
         if text.lines().any(|l| l.trim_start().starts_with("layout")) {
             return Ok(crate::rig_file::RigFile::from_toml(&text).map_err(fail)?.rectification.rig);
         }
@@ -43,7 +44,7 @@ fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
         for (i, line) in text.lines().enumerate() {
             let mut words = line.split_ascii_whitespace().peekable();
             let first = words.peek().copied().unwrap_or("");
-            // Some copies of the odometry set leave the names out: line n is Pn.
+            // Some copies of the odometry set omit the names: line n is Pn.
             let is_bare = first.parse::<f64>().is_ok() && name[1..] == i.to_string();
             if !is_bare && first.trim_end_matches(':') != name {
                 continue;
@@ -73,7 +74,7 @@ fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
             return Ok(Rig { focal_px: l[0], baseline_m: (l[3] - r[3]) / l[0], cx_px: l[2], cy_px: l[6] });
         }
     }
-    Err("neither P0: and P1: nor P2: and P3: are there; expected a KITTI calib.txt or a rig .toml".into())
+    Err("neither P0: and P1: nor P2: and P3: found; expected a KITTI calib.txt or a rig .toml".into())
 }
 
 #[cfg(test)]
@@ -126,7 +127,7 @@ mod tests {
         let error = read_text("calib.txt", &KITTI.replace("0 600 -378", "0 610 -378")).unwrap_err();
         assert!(error.contains("P0 and P1") && error.contains("10.00 px apart"), "{error}");
         assert!(read_text("calib.txt", "").unwrap_err().contains("neither P0"));
-        // Swapped cameras have a negative baseline.
+        // Swapped cameras give a negative baseline.
         let error = read_text("calib.txt", &KITTI.replace("-378", "378")).unwrap_err();
         assert!(error.contains("swapped"), "{error}");
     }

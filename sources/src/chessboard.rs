@@ -1,24 +1,24 @@
-//! Chessboards before known cameras: pictures to test a calibration with.
+//! Synthetic images of a chessboard seen by known cameras, to test calibration with.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use perception::calibration::plane::Plane;
 use perception::calibration::{Board, Camera, Pose};
 use perception::image::GreyImage;
 
-/// Points of a pixel that are averaged: no two in one column or row, so that edges along either are
-/// smooth, too.
+/// Sample points averaged per pixel: no two in one column or row, so that edges along either direction are
+/// antialiased too.
 const POINTS: usize = 13;
 
-/// What is photographed, and how well.
+/// Imaging conditions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
     /// Blur, standard deviation in pixels.
     pub blur_px: f32,
     /// Noise, standard deviation in grey levels.
     pub noise: f64,
-    /// Brightness of the right border over that of the left one.
+    /// Brightness of the right border relative to the left one.
     pub light: f64,
-    /// Printed length along the rows over what the squares say.
+    /// Printed length along the rows relative to the nominal square size.
     pub stretch: f64,
 }
 
@@ -28,17 +28,17 @@ impl Default for Conditions {
     }
 }
 
-/// A camera's pictures of a chessboard.
+/// Renders a chessboard as one camera sees it.
 #[derive(Clone, Debug)]
-pub struct Studio {
+pub struct BoardRenderer {
     board: Board,
     size: (usize, usize),
-    /// Ray of each point of each pixel, at z = 1; none where the lens shows nothing.
+    /// Ray of each sample point of each pixel, at z = 1; `None` where the lens model has no ray.
     rays: Vec<Option<Vector2<f64>>>,
 }
 
-impl Studio {
-    /// A studio for one camera with pictures of `size`.
+impl BoardRenderer {
+    /// A renderer for one camera with images of `size`.
     pub fn new(camera: &Camera, size: (usize, usize), board: Board) -> Self {
         let (width, height) = size;
         let offset = |i: usize| (i as f64 + 0.5) / POINTS as f64 - 0.5;
@@ -54,7 +54,7 @@ impl Studio {
         Self { board, size, rays }
     }
 
-    /// A picture of the board at a pose (from board to camera coordinates); noise by `seed`.
+    /// An image of the board at a pose (board to camera coordinates); `seed` selects the noise.
     pub fn picture(&self, pose: &Pose, conditions: &Conditions, seed: u64) -> GreyImage {
         let (width, height) = self.size;
         let back = pose.rotation.inverse();
@@ -98,7 +98,7 @@ impl Studio {
         let mut random = fastrand::Rng::with_seed(seed);
         for y in 0..height {
             for (pixel, value) in image.as_mut_slice()[y * width..].iter_mut().zip(blurred.row(y)) {
-                // A sum of uniform numbers is close enough to a normal one.
+                // A sum of uniform numbers approximates a normal one closely enough.
                 let sum: f64 = (0..6).map(|_| random.f64()).sum::<f64>() - 3.0;
                 *pixel = (f64::from(*value) + sum * conditions.noise * 2.0_f64.sqrt())
                     .round()
@@ -109,8 +109,8 @@ impl Studio {
     }
 }
 
-/// Poses that calibrate well: tilted in all directions in turn, `near_m` to `far_m` away, all over the
-/// picture of a camera with this ratio of focal length to width.
+/// Poses suited for calibration: tilted in all directions in turn, `near_m` to `far_m` away, spread over the
+/// image of a camera with this ratio of focal length to width.
 pub fn poses(count: usize, (near_m, far_m): (f64, f64), focal_over_width: f64, seed: u64) -> Vec<Pose> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
@@ -134,8 +134,8 @@ mod tests {
     use super::*;
     use perception::calibration::finder;
 
-    /// Root mean square distance of found corners from where they are, in pixels.
-    fn error(studio: &Studio, camera: &Camera, pose: &Pose, conditions: &Conditions) -> f64 {
+    /// Root mean square distance of the detected corners from their true positions, in pixels.
+    fn error(studio: &BoardRenderer, camera: &Camera, pose: &Pose, conditions: &Conditions) -> f64 {
         let board = studio.board;
         let image = studio.picture(pose, conditions, 5);
         let found = finder::find(image.view(), &board)
@@ -145,7 +145,7 @@ mod tests {
             .iter()
             .map(|p| camera.project(&pose.apply(&Vector3::new(p.x, p.y, 0.0))).unwrap())
             .collect();
-        // Boards that look the same upside down may be read either way.
+        // Boards with a half-turn symmetry may be read either way.
         let all = finder::orders(&found.corners, &board);
         let rms = |c: &Vec<Vector2<f64>>| {
             (c.iter().zip(&expected).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / c.len() as f64)
@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn boards_are_found_under_blur_noise_tilt_and_uneven_light() {
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&CAMERA, (640, 480), board);
+        let studio = BoardRenderer::new(&CAMERA, (640, 480), board);
         let base = Conditions::default();
         for (conditions, limit) in [
             (base, 0.05),
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn boards_of_all_sizes_are_found() {
-        let mut studio = Studio::new(&CAMERA, (640, 480), Board::new(4, 3, 0.1).unwrap());
+        let mut studio = BoardRenderer::new(&CAMERA, (640, 480), Board::new(4, 3, 0.1).unwrap());
         for (columns, rows) in
             [(3, 4), (4, 3), (5, 4), (7, 7), (8, 8), (6, 9), (9, 6), (11, 8), (13, 9), (20, 14)]
         {
@@ -209,7 +209,7 @@ mod tests {
     fn small_pictures_show_boards_too() {
         let camera = Camera { distortion: CAMERA.distortion, ..Camera::pinhole(225.0, 225.0, 135.0, 90.0) };
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&camera, (270, 180), board);
+        let studio = BoardRenderer::new(&camera, (270, 180), board);
         for (x, y, away) in [(0.0, 0.0, 0.45), (0.4, 0.3, 0.5), (-0.3, 0.5, 0.55), (0.2, 0.0, 0.6)] {
             let rms = error(&studio, &camera, &pose(x, y, 0.1, away), &Conditions::default());
             assert!(rms < 0.08, "{x} {y} {away}: {rms}");
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn boards_that_are_cut_off_or_of_another_size_are_said() {
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&CAMERA, (640, 480), board);
+        let studio = BoardRenderer::new(&CAMERA, (640, 480), board);
         let mut cut = pose(0.2, 0.2, 0.1, 0.5);
         cut.translation_m.x += 0.2;
         let image = studio.picture(&cut, &Conditions::default(), 1);
@@ -233,7 +233,7 @@ mod tests {
         }
         let empty = GreyImage::new(640, 480);
         assert_eq!(finder::find(empty.view(), &board).unwrap_err(), finder::NoBoard::None);
-        // Pictures too small for anything.
+        // Images too small for any board.
         for (w, h) in [(1, 1), (8, 3), (20, 17)] {
             assert!(finder::find(GreyImage::new(w, h).view(), &board).is_err());
         }

@@ -1,4 +1,6 @@
-//! Recorded pairs in folders: left/right folders and the layouts of KITTI.
+//! Recorded pairs in folders: left and right folders, and the layouts of KITTI.
+
+pub use crate::source::LAYOUTS;
 
 use crate::{PairSource, SourceError, calibration_file};
 use image::{DynamicImage, ImageError, ImageReader, Limits};
@@ -6,22 +8,12 @@ use perception::rig::Rig;
 use std::io::{BufRead, Seek};
 use std::path::{Path, PathBuf};
 
-/// Folder names of the left and the right images, most specific first.
-pub const LAYOUTS: [(&str, &str); 6] = [
-    ("image_2", "image_3"),
-    ("image_0", "image_1"),
-    ("image_l", "image_r"),
-    ("left", "right"),
-    ("image_02/data", "image_03/data"),
-    ("image_00/data", "image_01/data"),
-];
-
 const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
 
-/// KITTI's 10 Hz: the period of a folder that does not say.
+/// Period of a folder, which carries no timestamps: KITTI's 10 Hz.
 const DEFAULT_PERIOD_NS: u64 = 100_000_000;
 
-/// Pairs in two folders, in the order of their names.
+/// Pairs of two image folders, in the order of their names.
 #[derive(Debug)]
 pub struct FolderSource {
     pairs: Vec<(PathBuf, PathBuf)>,
@@ -29,7 +21,7 @@ pub struct FolderSource {
     rig: Option<Rig>,
 }
 
-/// Decodes an image to grey: its pixels, width and height.
+/// Decodes an image to grey. Returns its pixels, width and height.
 ///
 /// # Errors
 /// When the file cannot be read or decoded.
@@ -40,7 +32,7 @@ pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
     Ok(grey_of(image))
 }
 
-/// Decodes what no camera's picture exceeds: a damaged head must not ask for the machine's memory.
+/// Decodes with limits above any camera's image size: a damaged header must not exhaust the memory.
 pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<DynamicImage, ImageError> {
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(1 << 14), Some(1 << 14));
@@ -49,7 +41,7 @@ pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<Dy
     reader.decode()
 }
 
-/// An image's grey pixels, width and height.
+/// Grey pixels, width and height of an image.
 pub(crate) fn grey_of(image: DynamicImage) -> (Vec<u8>, usize, usize) {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let pixels = match image {
@@ -60,8 +52,7 @@ pub(crate) fn grey_of(image: DynamicImage) -> (Vec<u8>, usize, usize) {
     (pixels, width, height)
 }
 
-/// Grey of a colour by the weights of BT.601 in whole numbers: what OpenCV computes, and the same
-/// on every machine.
+/// BT.601 luma in integer arithmetic: the result of OpenCV, and identical on every machine.
 pub(crate) fn luma(rgb: &[u8]) -> u8 {
     let weighted: u32 = rgb.iter().zip([4899, 9617, 1868]).map(|(&v, weight)| u32::from(v) * weight).sum();
     ((weighted + (1 << 13)) >> 14) as u8
@@ -94,14 +85,14 @@ pub(crate) fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
 }
 
 impl FolderSource {
-    /// Opens a folder in one of the [`LAYOUTS`]. Every image's header is read, so that a missing
-    /// partner or another size is known before the first frame.
+    /// Opens a folder in one of the [`LAYOUTS`]. Reads the header of every image, so that a missing partner or
+    /// a different size is reported before the first frame.
     ///
-    /// The rig comes from `rig.toml`, `calib.txt` or `calib/<first name>.txt` in the folder, if
-    /// there is one.
+    /// The rig comes from `rig.toml`, `calib.txt` or `calib/<first name>.txt` in the folder, where one
+    /// exists.
     ///
     /// # Errors
-    /// Names the folder or file at fault.
+    /// Names the faulty folder or file.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
         if let Err(source) = std::fs::read_dir(path) {
             return Err(SourceError::Io { path: path.to_owned(), source });
@@ -154,7 +145,7 @@ impl FolderSource {
         Ok(Self { pairs, size: expected, rig })
     }
 
-    /// Name of pair `index` without ending, for outputs.
+    /// Name of pair `index` without extension, for outputs.
     pub fn name(&self, index: u64) -> Option<&str> {
         self.pairs.get(usize::try_from(index).ok()?)?.0.file_stem()?.to_str()
     }
@@ -295,7 +286,7 @@ mod tests {
         let recording = Recording::new("left", "right", &["1.png", "2.png"]);
         let path = recording.path("right/2.png");
         let bytes = std::fs::read(&path).unwrap();
-        // The header is whole, the pixels are not.
+        // The header is intact, the pixels are truncated.
         std::fs::write(&path, &bytes[..bytes.len() - 25]).unwrap();
         let mut source = FolderSource::open(recording.folder.path()).unwrap();
         let (mut l, mut r) = (vec![0; 108], vec![0; 108]);

@@ -1,4 +1,4 @@
-//! Pairs as the cameras took them, rectified one by one.
+//! Rectification of unrectified pairs.
 
 use crate::rig_file::RigFile;
 use crate::{LiveSource, PairSource, SourceError};
@@ -7,7 +7,7 @@ use perception::rectify::Remap;
 use perception::rig::Rig;
 use std::path::PathBuf;
 
-/// Another source's pairs, rectified. Allocates nothing per pair.
+/// Rectifies the pairs of another source. Allocates nothing per pair.
 pub struct RectifiedSource {
     inner: Box<dyn PairSource>,
     tables: [Remap; 2],
@@ -21,14 +21,14 @@ impl RectifiedSource {
     /// Rectifies the pairs of `inner` with the rig file `path`.
     ///
     /// # Errors
-    /// When the file cannot be read, is no calibration, or is one of pictures of another size.
+    /// When the file cannot be read, is not a calibration, or is for images of another size.
     pub fn new(inner: Box<dyn PairSource>, path: PathBuf) -> Result<Self, SourceError> {
         let file = RigFile::read(&path)?;
         let (width, height) = inner.size();
         if file.size() != (width, height) {
             let (w, h) = file.size();
             let reason = format!(
-                "calibrated with pictures of {w}x{h} pixels, the source has {width}x{height}: calibrate at that size"
+                "calibrated with images of {w}x{h} pixels, the source has {width}x{height}: calibrate at that size"
             );
             return Err(SourceError::Calibration { path, reason });
         }
@@ -82,7 +82,7 @@ mod tests {
     use nalgebra::{Rotation3, Vector2, Vector3};
     use perception::calibration::{Camera, Crop, Pose};
 
-    /// A source with a slope of light in each picture.
+    /// A source with a brightness gradient in each image.
     struct Slope;
 
     impl PairSource for Slope {

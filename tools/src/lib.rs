@@ -1,5 +1,14 @@
-//! What people run at a desk, without processes of its own: evaluation against truth, training, calibration
-//! sessions, recordings, soak statistics, and the pictures, plots and records that all of these write.
+//! Offline tools and output formats, without processes of their own.
+//!
+//! - [`evaluation`]: accuracy against ground truth (disparity maps, detection, distance, recognition) and
+//!   comparison of runs;
+//! - [`training`]: training of recognition cascades;
+//! - [`calibration`]: calibration from folders and live sessions, with reports;
+//! - [`recording`]: MCAP recording of a running daemon;
+//! - [`reporting`]: images, plots, frame records and run summaries that the other modules write;
+//! - [`soak`]: statistics, fault injection and verdict of soak tests.
+//!
+//! Processes, command lines and services are in the `daemon` crate, which calls these modules.
 
 pub mod calibration;
 pub mod evaluation;

@@ -31,12 +31,14 @@ fn settings(config: &Config) -> Settings {
         skew_ns: (c.skew_ms * 1e6) as u64,
         connection: ConnectionParameters {
             silence_ns: ns(c.silence_ms),
-            retry_first_ns: ns(c.retry_first_ms),
-            retry_longest_ns: ns(c.retry_longest_ms),
+            retry_initial_ns: ns(c.retry_first_ms),
+            retry_max_ns: ns(c.retry_longest_ms),
         },
         exposure: match c.exposure.as_str() {
             "fixed" => ExposureMode::Once(Exposure::Fixed { time_us, gain }),
-            "matched" => ExposureMode::Matched(ExposureParameters { longest_us: time_us, max_gain: gain }),
+            "matched" => {
+                ExposureMode::Matched(ExposureParameters { max_exposure_us: time_us, max_gain: gain })
+            }
             _ => ExposureMode::Once(Exposure::Automatic),
         },
     }
@@ -80,7 +82,7 @@ mod tests {
             (settings.size, settings.period_ns, settings.skew_ns),
             ((320, 240), 50_000_000, 2_500_000)
         );
-        let matched = ExposureParameters { longest_us: 4000, max_gain: 8 };
+        let matched = ExposureParameters { max_exposure_us: 4000, max_gain: 8 };
         assert_eq!(settings.exposure, ExposureMode::Matched(matched));
         let wide = "[camera]\nskew_ms = 30\n";
         let error = config::parse(wide, Path::new("car.toml")).unwrap_err().to_string();

@@ -228,17 +228,13 @@ impl Observer {
             };
             Some((sum(&self.role_cpu)?, sum(&self.role_memory)? / total * 100.0))
         };
-        let p50_ms = |role: &Role| {
-            report.stages.iter().filter(|row| row.role == role.name()).map(|row| row.work_ms.p50).sum::<f64>()
-        };
         RateRun {
             fps: config.source.fps,
             processed_fps: report.rate_hz,
             cpu_cores: report.cpu_cores,
             capture_cores,
             memory_bytes: report.rss_bytes as f64,
-            stereo_p50_ms: p50_ms(&Role::Stereo),
-            obstacles_p50_ms: AFTER_STEREO.iter().map(p50_ms).sum(),
+            work_p50_ms: report.stages.iter().map(|row| row.work_ms.p50).collect(),
             obstacles: (0..5).filter_map(part).collect(),
         }
     }

@@ -1,26 +1,26 @@
-//! When a camera that was lost is opened again: a pure state machine, time is passed in.
+//! Reconnection of a lost camera: a pure state machine; the caller passes the time.
 
-/// Bounds, in nanoseconds.
+/// Time limits, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConnectionParameters {
-    /// A camera that gives no frame for this long is lost.
+    /// A camera that delivers no frame for this long is lost.
     pub silence_ns: u64,
-    /// Wait before the first attempt to open it again; it doubles with each.
-    pub retry_first_ns: u64,
-    /// The longest wait.
-    pub retry_longest_ns: u64,
+    /// Delay before the first attempt to reopen; it doubles with each attempt.
+    pub retry_initial_ns: u64,
+    /// Upper limit of that delay.
+    pub retry_max_ns: u64,
 }
 
-/// What is to be done now.
+/// What the caller has to do now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Open it.
+    /// Open the camera.
     Open,
-    /// Take frames.
+    /// Grab frames.
     Grab,
-    /// Close it: it has been silent for too long.
+    /// Close the camera: it has been silent for too long.
     Close,
-    /// Nothing: it is not yet time to try again.
+    /// Nothing: the next attempt is not due yet.
     Wait,
 }
 
@@ -30,13 +30,13 @@ enum State {
     Open { heard_ns: u64 },
 }
 
-/// The state of one camera.
+/// Connection state of one camera.
 #[derive(Clone, Debug)]
 pub struct Connection {
     parameters: ConnectionParameters,
     state: State,
     wait_ns: u64,
-    /// Frames since it was opened.
+    /// Frames since the camera was opened.
     frames: u64,
     losses: u64,
 }
@@ -44,11 +44,11 @@ pub struct Connection {
 impl Connection {
     /// A camera that was never opened: the first attempt is due at once.
     pub fn new(parameters: ConnectionParameters) -> Self {
-        let wait_ns = parameters.retry_first_ns;
+        let wait_ns = parameters.retry_initial_ns;
         Self { parameters, state: State::Closed { retry_ns: 0 }, wait_ns, frames: 0, losses: 0 }
     }
 
-    /// What is to be done at `now_ns`.
+    /// What to do at time `now_ns`.
     pub fn action(&self, now_ns: u64) -> Action {
         match self.state {
             State::Closed { retry_ns } if now_ns >= retry_ns => Action::Open,
@@ -60,36 +60,36 @@ impl Connection {
         }
     }
 
-    /// It was opened.
+    /// The camera was opened.
     pub fn opened(&mut self, now_ns: u64) {
         self.frames = 0;
         self.state = State::Open { heard_ns: now_ns };
     }
 
-    /// A frame came.
+    /// A frame arrived.
     pub fn frame(&mut self, now_ns: u64) {
         self.frames += 1;
-        // Only a camera that works again earns a quick attempt next time.
-        self.wait_ns = self.parameters.retry_first_ns;
+        // Only a camera that delivers frames resets the delay.
+        self.wait_ns = self.parameters.retry_initial_ns;
         self.state = State::Open { heard_ns: now_ns };
     }
 
-    /// It could not be opened, or was lost. Gives the time until the next attempt.
+    /// Opening failed, or the camera was lost. Returns the time until the next attempt.
     pub fn failed(&mut self, now_ns: u64) -> u64 {
         self.losses += u64::from(self.frames > 0);
         self.frames = 0;
         let wait_ns = self.wait_ns;
-        self.wait_ns = wait_ns.saturating_mul(2).min(self.parameters.retry_longest_ns);
+        self.wait_ns = wait_ns.saturating_mul(2).min(self.parameters.retry_max_ns);
         self.state = State::Closed { retry_ns: now_ns.saturating_add(wait_ns) };
         wait_ns
     }
 
-    /// Whether it is open.
+    /// Whether the camera is open.
     pub fn is_open(&self) -> bool {
         matches!(self.state, State::Open { .. })
     }
 
-    /// How often it was lost after it had worked.
+    /// How often the camera was lost after it had delivered frames.
     pub fn losses(&self) -> u64 {
         self.losses
     }
@@ -102,8 +102,7 @@ mod tests {
     const S: u64 = 1_000_000_000;
 
     fn connection() -> Connection {
-        let parameters =
-            ConnectionParameters { silence_ns: S, retry_first_ns: S / 2, retry_longest_ns: 4 * S };
+        let parameters = ConnectionParameters { silence_ns: S, retry_initial_ns: S / 2, retry_max_ns: 4 * S };
         Connection::new(parameters)
     }
 
@@ -121,7 +120,7 @@ mod tests {
             assert_eq!(c.action(now), Action::Open);
         }
         assert_eq!(waits, [S / 2, S, 2 * S, 4 * S, 4 * S, 4 * S]);
-        // Opening alone is not yet working.
+        // Opening alone does not reset the delay.
         c.opened(now);
         assert_eq!(c.failed(now), 4 * S);
         c.opened(now);
@@ -137,7 +136,7 @@ mod tests {
         c.frame(11 * S);
         assert_eq!(c.action(12 * S), Action::Grab);
         assert_eq!(c.action(12 * S + 1), Action::Close);
-        // A clock that seems to go backwards closes nothing.
+        // A clock that appears to run backwards closes nothing.
         assert_eq!(c.action(0), Action::Grab);
     }
 }

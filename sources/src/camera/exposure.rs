@@ -1,30 +1,30 @@
-//! Both cameras equally bright: one exposure for both, steered by the brightness of the images. Cameras
-//! that each have an automatic of their own differ, and matching suffers.
+//! Common exposure control: one exposure for both cameras, controlled by the mean brightness of the images.
+//! Independent automatic exposures make the two images differ, which degrades matching.
 
 use super::Exposure;
 
-/// Grey level that is aimed at.
+/// Target grey level.
 const TARGET: f64 = 105.0;
 
-/// Brightness may differ from it by this factor before anything changes.
+/// Ratio of brightness to target within which the exposure is left alone.
 const DEAD_ZONE: f64 = 1.15;
 
-/// The most by which brightness is changed at once.
+/// Largest change of brightness in one step, as a factor.
 const MAX_STEP: f64 = 1.6;
 
-/// Frames after a change before the images show it.
+/// Frames until a new setting shows in the images.
 const SETTLE_FRAMES: u32 = 4;
 
-/// Bounds of what is set.
+/// Limits of the settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExposureParameters {
-    /// The longest exposure, in microseconds: longer blurs what moves.
-    pub longest_us: u32,
-    /// The greatest gain, in the device's unit; gain 0 counts as 1.
+    /// Longest exposure, in microseconds; longer exposures blur moving objects.
+    pub max_exposure_us: u32,
+    /// Highest gain, in the device's unit; gain 0 counts as 1.
     pub max_gain: u32,
 }
 
-/// Steers exposure time first, gain when that does not suffice.
+/// Adjusts the exposure time first, and the gain once the exposure time is at its limit.
 #[derive(Clone, Debug)]
 pub struct ExposureControl {
     parameters: ExposureParameters,
@@ -34,18 +34,18 @@ pub struct ExposureControl {
 }
 
 impl ExposureControl {
-    /// Starts in the middle.
+    /// Starts in the middle of the range.
     pub fn new(parameters: ExposureParameters) -> Self {
-        let time_us = f64::from(parameters.longest_us.max(1)) / 2.0;
+        let time_us = f64::from(parameters.max_exposure_us.max(1)) / 2.0;
         Self { parameters, time_us, gain: 1.0, settle: 0 }
     }
 
-    /// What is set now.
+    /// The current setting.
     pub fn exposure(&self) -> Exposure {
         Exposure::Fixed { time_us: self.time_us.round() as u32, gain: self.gain.round() as u32 }
     }
 
-    /// The mean grey level of a pair. Gives what is to be set, when that changes.
+    /// Processes the mean grey level of a pair. Returns the new setting when it changes.
     pub fn pair(&mut self, mean: f64) -> Option<Exposure> {
         if self.settle > 0 {
             self.settle -= 1;
@@ -56,9 +56,9 @@ impl ExposureControl {
             return None;
         }
         let before = self.exposure();
-        let longest = f64::from(self.parameters.longest_us.max(1));
+        let longest = f64::from(self.parameters.max_exposure_us.max(1));
         let total = self.time_us * self.gain * wanted;
-        // As little gain as will do: it brings noise.
+        // As little gain as possible: gain amplifies noise.
         self.time_us = total.clamp(1.0, longest);
         self.gain = (total / self.time_us).clamp(1.0, f64::from(self.parameters.max_gain.max(1)));
         let after = self.exposure();
@@ -73,9 +73,9 @@ impl ExposureControl {
 mod tests {
     use super::*;
 
-    /// A scene so bright that an exposure of 1 µs at gain 1 gives `light` grey levels.
+    /// A scene in which an exposure of 1 µs at gain 1 gives `light` grey levels.
     fn settle(light: f64, frames: u32) -> (f64, Exposure, u32) {
-        let parameters = ExposureParameters { longest_us: 20_000, max_gain: 16 };
+        let parameters = ExposureParameters { max_exposure_us: 20_000, max_gain: 16 };
         let mut control = ExposureControl::new(parameters);
         let mut changes = 0;
         let mut mean = 0.0;
@@ -94,11 +94,11 @@ mod tests {
             assert!((TARGET / 1.3..TARGET * 1.3).contains(&mean), "light {light}: {mean}, {exposure:?}");
             assert!(changes <= 25, "light {light}: {changes} changes");
         }
-        // Too dark for anything: the most that is allowed, and no more.
+        // Too dark for any setting: stays at the limits.
         let (_, exposure, changes) = settle(1e-6, 200);
         assert_eq!(exposure, Exposure::Fixed { time_us: 20_000, gain: 16 });
         assert!(changes <= 12, "{changes}");
-        // By daylight without gain.
+        // No gain in daylight.
         assert!(matches!(settle(0.02, 200).1, Exposure::Fixed { gain: 1, .. }));
     }
 }

@@ -1,4 +1,4 @@
-//! A pair of cameras that follow a script, and a clock that runs as fast as they do.
+//! A scripted pair of cameras for tests, with a simulated clock.
 
 use super::{Camera, CameraError, Exposure, Opener, Taken};
 use std::cell::{Cell, RefCell};
@@ -10,19 +10,19 @@ thread_local! {
     static NOW_NS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// The clock of the script.
+/// The simulated clock.
 pub fn now_ns() -> u64 {
     NOW_NS.get()
 }
 
-/// What happens at a camera.
+/// A scripted event of one camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// A frame of one grey level is exposed, and there.
+    /// A uniform frame of one grey level is exposed and available.
     Frame { at_ns: u64, level: u8 },
-    /// The camera is gone.
+    /// The camera is unplugged.
     Unplug { at_ns: u64 },
-    /// It can be opened again.
+    /// The camera can be opened again.
     Plug { at_ns: u64 },
 }
 
@@ -41,7 +41,7 @@ struct Side {
     exposures: Vec<Exposure>,
 }
 
-/// Both cameras.
+/// Both scripted cameras.
 #[derive(Clone)]
 pub struct FakeRig {
     sides: Rc<RefCell<[Side; 2]>>,
@@ -49,7 +49,7 @@ pub struct FakeRig {
 }
 
 impl FakeRig {
-    /// Cameras with a script each, in order of time.
+    /// Cameras with one script each, in order of time.
     pub fn new(scripts: [Vec<Event>; 2]) -> Self {
         NOW_NS.set(0);
         let end_ns = scripts.iter().flatten().map(|e| e.at_ns()).max().unwrap_or(0);
@@ -90,7 +90,7 @@ impl Opener for FakeRig {
         if own.is_gone {
             return Err(CameraError { device, reason: "not there".into() });
         }
-        // What was exposed before it was opened is lost.
+        // Frames exposed before the camera was opened are lost.
         while own.events.front().is_some_and(|e| matches!(e, Event::Frame { at_ns, .. } if *at_ns < now_ns()))
         {
             own.events.pop_front();
@@ -120,7 +120,7 @@ impl Camera for FakeCamera {
                     own.is_gone = true;
                     return Err(CameraError { device: self.device.clone(), reason: "unplugged".into() });
                 };
-                // The right half of a wide image is brighter.
+                // The right half of a side-by-side image is brighter.
                 let width = self.width;
                 for (i, pixel) in grey.iter_mut().enumerate() {
                     *pixel = if width > 4 && i % width >= width / 2 { level + 100 } else { level };

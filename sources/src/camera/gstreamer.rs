@@ -1,5 +1,5 @@
-//! Cameras by GStreamer: for CSI cameras, whose drivers give raw Bayer frames that only the board's own
-//! elements (`nvarguscamerasrc`, `libcamerasrc`) turn into images.
+//! GStreamer cameras: for CSI cameras whose drivers deliver raw Bayer frames, which only the board's own
+//! elements (`nvarguscamerasrc`, `libcamerasrc`) convert to images.
 
 use super::{Camera, CameraError, Exposure, Opener, Taken};
 use gst::prelude::*;
@@ -9,8 +9,8 @@ use std::time::Duration;
 /// Opens GStreamer pipelines.
 #[derive(Clone, Debug)]
 pub struct GstOpener {
-    /// Descriptions as `gst-launch-1.0` takes them, from the source on; what makes them grey and brings
-    /// them here is added. Left and right, or the one that gives both images.
+    /// Pipeline descriptions in the syntax of `gst-launch-1.0`, starting at the source; conversion to grey and
+    /// the app sink are appended. Left and right, or the one that delivers both images side by side.
     pub pipelines: Vec<String>,
 }
 
@@ -31,13 +31,13 @@ impl Opener for GstOpener {
             "{name} ! videoconvert ! video/x-raw,format=GRAY8,width={width},height={height} ! \
              appsink name=lookout sync=false max-buffers=2 drop=true"
         );
-        let element = gst::parse::launch(&text).map_err(|e| fail(format!("no pipeline: {e}")))?;
+        let element = gst::parse::launch(&text).map_err(|e| fail(format!("not a valid pipeline: {e}")))?;
         let pipeline = element
             .downcast::<gst::Pipeline>()
-            .map_err(|_| fail("give a source and what follows it".into()))?;
+            .map_err(|_| fail("the description must start with a source element".into()))?;
         let sink = pipeline.by_name("lookout").and_then(|sink| sink.downcast::<AppSink>().ok());
-        let sink = sink.ok_or_else(|| fail("has no end for images".into()))?;
-        // The system's clock is the monotonic one, whatever clock a source brings.
+        let sink = sink.ok_or_else(|| fail("the pipeline has no output for images".into()))?;
+        // The system clock is CLOCK_MONOTONIC, whatever clock the source provides.
         pipeline.use_clock(Some(&gst::SystemClock::obtain()));
         let camera = GstCamera { name: name.clone(), pipeline, sink, width, frames: 0 };
         camera.pipeline.set_state(gst::State::Playing).map_err(|_| camera.fault("does not start"))?;
@@ -46,7 +46,7 @@ impl Opener for GstOpener {
 }
 
 impl GstCamera {
-    /// An error, with what the pipeline itself says of it.
+    /// An error with the message that the pipeline itself reports.
     fn fault(&self, what: &str) -> CameraError {
         let bus = self.pipeline.bus();
         let said =
@@ -86,7 +86,7 @@ impl Camera for GstCamera {
             return Ok(None);
         }
         let time = buffer.pts().zip(self.pipeline.base_time()).map(|(pts, base)| (pts + base).nseconds());
-        let Some(time_ns) = time else { return Err(self.fault("gives frames without a time")) };
+        let Some(time_ns) = time else { return Err(self.fault("delivers frames without a timestamp")) };
         self.frames = self.frames.wrapping_add(1);
         Ok(Some(Taken { time_ns, sequence: self.frames }))
     }
@@ -95,14 +95,15 @@ impl Camera for GstCamera {
         if exposure == Exposure::Automatic {
             return Ok(());
         }
-        let reason = "exposure and gain of a pipeline are set by its own elements: set camera.exposure = \"automatic\"";
+        let reason =
+            "the pipeline's own elements control exposure and gain: set camera.exposure = \"automatic\"";
         Err(CameraError { device: self.name.clone(), reason: reason.into() })
     }
 }
 
 impl Drop for GstCamera {
     fn drop(&mut self) {
-        // Gives the device back; a pipeline that cannot be stopped is gone anyway.
+        // Releases the device. A pipeline that cannot be stopped is gone anyway, so the error is ignored.
         let _ = self.pipeline.set_state(gst::State::Null);
     }
 }
@@ -123,10 +124,10 @@ mod tests {
         let opener = GstOpener { pipelines: vec![pipeline("white"), pipeline("black")] };
         let parameters = ConnectionParameters {
             silence_ns: 60_000_000_000,
-            retry_first_ns: 1_000_000_000,
-            retry_longest_ns: 1_000_000_000,
+            retry_initial_ns: 1_000_000_000,
+            retry_max_ns: 1_000_000_000,
         };
-        // Two test sources start at different times, so any two frames may be a pair.
+        // Two test sources start at different times, so any two frames may form a pair.
         let settings = Settings {
             size: (322, 240),
             period_ns: 33_333_333,
@@ -141,7 +142,7 @@ mod tests {
         let (mut left, mut right) = (vec![0; 322 * 240], vec![0; 322 * 240]);
         let (start, mut times) = (Instant::now(), Vec::new());
         while times.len() < 5 {
-            assert!(start.elapsed() < Duration::from_secs(120), "no pairs came");
+            assert!(start.elapsed() < Duration::from_secs(120), "no pairs arrived");
             match source.wait(Duration::from_millis(50)) {
                 Readiness::Pair { capture_ns } => {
                     source.read(0, &mut left, &mut right).unwrap();
@@ -159,14 +160,14 @@ mod tests {
     fn a_wrong_pipeline_is_named() {
         let mut opener = GstOpener { pipelines: vec!["nosuchelement".into()] };
         let error = opener.open(0, (64, 48)).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(error.contains("nosuchelement") && error.contains("no pipeline"), "{error}");
-        // A pipeline that ends is a camera that is lost.
+        assert!(error.contains("nosuchelement") && error.contains("not a valid pipeline"), "{error}");
+        // A pipeline that ends counts as a lost camera.
         let mut opener = GstOpener { pipelines: vec!["videotestsrc num-buffers=2".into()] };
         let mut camera = opener.open(0, (64, 48)).map_err(|e| e.to_string()).unwrap();
         let mut grey = vec![0; 64 * 48];
         let start = Instant::now();
         let error = loop {
-            assert!(start.elapsed() < Duration::from_secs(120), "it never ended");
+            assert!(start.elapsed() < Duration::from_secs(120), "the pipeline never ended");
             if let Err(error) = camera.grab(Duration::from_millis(50), &mut grey) {
                 break error.to_string();
             }

@@ -1,8 +1,9 @@
-//! Real cameras: two devices, or one that gives both images side by side.
+//! Live cameras: two devices, or one that delivers both images side by side.
 //!
-//! [`Camera`] is what a kind of camera has to be able to do: V4L2 (feature `v4l2`), GStreamer (feature
-//! `gstreamer`), and in tests a script of times. Everything else is the same for all of them, in parts
-//! that know neither a device nor a clock: [`pairing`] joins frames by their times, [`connection`]
+//! [`Camera`] is the interface of a device: V4L2 (feature `v4l2`), GStreamer (feature `gstreamer`), and
+//! scripted cameras in tests. Everything else is common to all devices and depends on neither device nor
+//! clock: [`pairing`] matches frames by timestamp, [`connection`] decides when a lost camera is reopened,
+//! [`exposure`] keeps both images equally bright.
 //! decides when a lost camera is opened again, [`exposure`] keeps both equally bright.
 
 pub mod connection;
@@ -22,61 +23,61 @@ pub use source::{CameraSource, ExposureMode, Settings};
 use std::time::Duration;
 use thiserror::Error;
 
-/// A frame that a camera gave.
+/// Metadata of a captured frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// When it was exposed, on the monotonic clock, in nanoseconds: as the device says, else when it
-    /// arrived.
+    /// Exposure time on the monotonic clock, in nanoseconds: as stamped by the device, else the time of
+    /// arrival.
     pub time_ns: u64,
-    /// Its number at the device; gaps are frames that the device dropped.
+    /// The device's frame number; gaps are frames that the device dropped.
     pub sequence: u32,
 }
 
-/// How brightness is set.
+/// Exposure setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exposure {
-    /// The camera's own automatic.
+    /// The camera's own automatic exposure.
     Automatic,
-    /// As given.
+    /// Fixed values.
     Fixed {
         /// Exposure time in microseconds.
         time_us: u32,
-        /// Gain, in the device's own unit.
+        /// Gain, in the device's unit.
         gain: u32,
     },
 }
 
-/// Why a camera cannot be used, now.
+/// Why a camera cannot be used at present.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("{device}: {reason}")]
 pub struct CameraError {
     /// The device.
     pub device: String,
-    /// What is wrong, and what to do.
+    /// What is wrong, and the remedy.
     pub reason: String,
 }
 
-/// A camera that is open.
+/// An open camera.
 pub trait Camera {
-    /// Waits for the next frame, at most `patience`, and writes its grey pixels, row after row. `None`
-    /// when there was none. Allocates nothing.
+    /// Waits for the next frame, at most `patience`, and writes its grey pixels in row-major order.
+    /// `None` when no frame arrived. Does not allocate.
     ///
     /// # Errors
-    /// When the camera is lost: it has to be opened again.
+    /// When the camera is lost and has to be reopened.
     fn grab(&mut self, patience: Duration, grey: &mut [u8]) -> Result<Option<Taken>, CameraError>;
 
     /// Sets the exposure.
     ///
     /// # Errors
-    /// When the device cannot do that; the images keep coming.
+    /// When the device does not support the setting; frames keep arriving.
     fn set_exposure(&mut self, exposure: Exposure) -> Result<(), CameraError>;
 }
 
 /// Opens cameras.
 pub trait Opener {
-    /// Opens camera `side` (0 is the left one, or the only one), for grey images of `width` × `height`.
+    /// Opens camera `side` (0 is the left or the only one) for grey images of `width` × `height`.
     ///
     /// # Errors
-    /// When it is not there, or cannot do what is asked of it.
+    /// When the device is absent or does not support the request.
     fn open(&mut self, side: usize, size: (usize, usize)) -> Result<Box<dyn Camera>, CameraError>;
 }

@@ -1,20 +1,20 @@
-//! Which frames of two cameras belong together: those that were exposed at the same time.
+//! Pairing of frames from two cameras by exposure time.
 
-/// What becomes of a frame.
+/// What to do with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It waits for its partner; what its own side held before is dropped.
+    /// Keep it until its partner arrives; the frame held before on its side is dropped.
     Hold,
-    /// It and the one that the other side holds are a pair.
+    /// It forms a pair with the frame held on the other side.
     Pair {
         /// Time between the two exposures, in nanoseconds.
         skew_ns: u64,
     },
-    /// It is of no use: its partner was lost, or it comes out of order.
+    /// Drop it: its partner was lost, or it is out of order.
     Drop,
 }
 
-/// What has happened so far.
+/// Counters since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Pairs.
@@ -22,29 +22,29 @@ pub struct Counts {
     /// Frames without a partner, left and right.
     pub single: [u64; 2],
     /// Frames out of order, left and right.
-    pub disordered: [u64; 2],
-    /// The greatest time between the exposures of a pair, in nanoseconds.
+    pub out_of_order: [u64; 2],
+    /// Largest time between the exposures of a pair, in nanoseconds.
     pub worst_skew_ns: u64,
 }
 
-/// Joins frames by their times. Each side brings its frames in order; at most one of each side waits.
+/// Matches frames by exposure time. Each side delivers its frames in order; at most one per side is held.
 #[derive(Clone, Debug)]
 pub struct Pairing {
     bound_ns: u64,
-    /// Time of the frame that waits.
+    /// Exposure time of the held frame.
     held: [Option<u64>; 2],
     last: [Option<u64>; 2],
     counts: Counts,
 }
 
 impl Pairing {
-    /// Frames whose exposures are at most `bound_ns` apart belong together. It must be less than half
-    /// of the time between two frames.
+    /// Frames whose exposures are at most `bound_ns` apart form a pair. The bound must be less than half the
+    /// frame period.
     pub fn new(bound_ns: u64) -> Self {
         Self { bound_ns, held: [None; 2], last: [None; 2], counts: Counts::default() }
     }
 
-    /// What has happened so far.
+    /// Counters since the start.
     pub fn counts(&self) -> Counts {
         self.counts
     }
@@ -54,16 +54,16 @@ impl Pairing {
         self.held[side].is_some()
     }
 
-    /// A side was lost, or starts anew: what it holds is no more, and its clock may differ.
+    /// A side was lost or restarts: its held frame is dropped, and its clock may differ from now on.
     pub fn reset(&mut self, side: usize) {
         self.counts.single[side] += u64::from(self.held[side].take().is_some());
         self.last[side] = None;
     }
 
-    /// A frame of `side` (0 or 1), exposed at `time_ns`.
+    /// Offers a frame of `side` (0 or 1), exposed at `time_ns`.
     pub fn offer(&mut self, side: usize, time_ns: u64) -> Verdict {
         if self.last[side].is_some_and(|last| time_ns <= last) {
-            self.counts.disordered[side] += 1;
+            self.counts.out_of_order[side] += 1;
             return Verdict::Drop;
         }
         self.last[side] = Some(time_ns);
@@ -72,18 +72,18 @@ impl Pairing {
             let skew_ns = waiting.abs_diff(time_ns);
             if skew_ns <= self.bound_ns {
                 self.held[other] = None;
-                // An older one of this side has found nobody.
+                // The older frame of this side found no partner.
                 self.counts.single[side] += u64::from(self.held[side].take().is_some());
                 self.counts.pairs += 1;
                 self.counts.worst_skew_ns = self.counts.worst_skew_ns.max(skew_ns);
                 return Verdict::Pair { skew_ns };
             }
             if waiting > time_ns {
-                // The partner would have come before the one that waits.
+                // The partner would have arrived before the held frame.
                 self.counts.single[side] += 1;
                 return Verdict::Drop;
             }
-            // The partner of the one that waits would have come before this one.
+            // The partner of the held frame would have arrived before this one.
             self.held[other] = None;
             self.counts.single[other] += 1;
         }
@@ -137,14 +137,14 @@ mod tests {
         assert_eq!(p.offer(0, 10 * MS), Verdict::Hold);
         assert_eq!(p.offer(1, 15 * MS), Verdict::Hold, "5 ms are more than the bound of 2");
         assert_eq!(p.counts().single, [1, 0]);
-        // A late one, whose partner is gone.
+        // A late frame whose partner is gone.
         assert_eq!(p.offer(0, 12 * MS), Verdict::Drop);
         assert_eq!(p.offer(0, 16 * MS), Verdict::Pair { skew_ns: MS });
-        // Times that go backwards or stand still are not believed.
+        // Timestamps that go backwards or repeat are rejected.
         assert_eq!(p.offer(0, 16 * MS), Verdict::Drop);
         assert_eq!(p.offer(0, 3 * MS), Verdict::Drop);
-        assert_eq!(p.counts().disordered, [2, 0]);
-        // A camera that starts anew may have a new clock.
+        assert_eq!(p.counts().out_of_order, [2, 0]);
+        // A restarted camera may have a new clock.
         p.reset(0);
         assert_eq!(p.offer(0, MS), Verdict::Hold);
     }
@@ -164,7 +164,7 @@ mod tests {
                 for side in 0..2 {
                     if random.f32() < 0.9 {
                         let exposed = n * 33 * MS + random.u64(0..MS);
-                        // It takes up to 30 ms to come here, but none overtakes its predecessor.
+                        // Transport takes up to 30 ms, but frames stay in order.
                         arrivals.push((exposed + random.u64(0..30 * MS), side, exposed, n));
                         both += 1;
                     }
@@ -181,7 +181,7 @@ mod tests {
                 }
             }
             let counts = p.counts();
-            assert_eq!(counts.pairs, whole, "every pair that came is found");
+            assert_eq!(counts.pairs, whole, "every complete pair is found");
             assert!(counts.worst_skew_ns <= 2 * MS);
         }
     }

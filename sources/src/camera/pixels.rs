@@ -1,26 +1,26 @@
-//! From a camera's pixels to grey.
+//! Conversion of camera pixel formats to grey.
 
 use image::codecs::jpeg::JpegDecoder;
 use image::{DynamicImage, ImageDecoder};
 use std::io::Cursor;
 
-/// How a camera's pixels lie.
+/// Pixel format of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelFormat {
-    /// One grey byte a pixel.
+    /// One grey byte per pixel.
     Grey,
-    /// Two bytes a pixel, grey first: YUYV (YUY2).
+    /// Two bytes per pixel, luma first: YUYV (YUY2).
     Yuyv,
-    /// Two bytes a pixel, grey second: UYVY.
+    /// Two bytes per pixel, luma second: UYVY.
     Uyvy,
-    /// Grey plane first, colour behind it: NV12, I420.
+    /// Luma plane first, chroma after it: NV12, I420.
     Planar,
-    /// A JPEG file each. Decoding takes memory for each frame: it is for cameras that give nothing else.
+    /// One JPEG per frame. Decoding allocates for each frame: only for cameras that offer nothing else.
     Mjpeg,
 }
 
 impl PixelFormat {
-    /// Bytes from one row to the next when nothing lies between.
+    /// Bytes per row without padding.
     pub fn row_bytes(self, width: usize) -> usize {
         match self {
             Self::Grey | Self::Planar => width,
@@ -30,11 +30,11 @@ impl PixelFormat {
     }
 }
 
-/// Writes the grey pixels of a frame of `width` pixels a row; `stride` is the distance of rows in bytes,
-/// 0 for no gaps. The height is that of `grey`. Allocates nothing but for [`PixelFormat::Mjpeg`].
+/// Writes the grey pixels of a frame with `width` pixels per row. `stride` is the row pitch in bytes, 0 for
+/// no padding. The height follows from the length of `grey`. Allocates only for [`PixelFormat::Mjpeg`].
 ///
 /// # Errors
-/// In words: the frame is too short, or no image.
+/// A message when the frame is too short or not an image.
 pub fn to_grey(
     format: PixelFormat,
     frame: &[u8],
@@ -67,7 +67,7 @@ fn jpeg(frame: &[u8], width: usize, grey: &mut [u8]) -> Result<(), String> {
     let decoder = JpegDecoder::new(Cursor::new(frame)).map_err(|e| e.to_string())?;
     let (w, h) = decoder.dimensions();
     if w as usize != width || w as usize * h as usize != grey.len() {
-        return Err(format!("a JPEG of {w}x{h} pixels, {width}x{} are wanted", grey.len() / width.max(1)));
+        return Err(format!("a JPEG of {w}x{h} pixels, expected {width}x{}", grey.len() / width.max(1)));
     }
     let image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     grey.copy_from_slice(&crate::folder::grey_of(image).0);
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(grey(PixelFormat::Yuyv, &yuyv, 8).unwrap(), wanted);
         let uyvy: Vec<u8> = wanted.iter().flat_map(|&y| [128, y]).collect();
         assert_eq!(grey(PixelFormat::Uyvy, &uyvy, 0).unwrap(), wanted);
-        // Rows with gaps; the last may end early. Then a plane of colour.
+        // Padded rows (the last one may end early), then a chroma plane.
         let gaps: Vec<u8> = wanted.chunks(4).flat_map(|row| [row, &[77, 77, 77]].concat()).collect();
         assert_eq!(grey(PixelFormat::Grey, &gaps[..18], 7).unwrap(), wanted);
         let planar = [&wanted[..], &[128; 6]].concat();

@@ -1,4 +1,4 @@
-//! Pairs from cameras.
+//! Stereo pairs from live cameras.
 
 use super::connection::{Action, Connection, ConnectionParameters};
 use super::exposure::{ExposureControl, ExposureParameters};
@@ -8,54 +8,54 @@ use crate::{LiveSource, PairSource, Readiness, SourceError};
 use perception::rig::Rig;
 use std::time::Duration;
 
-/// Every so many pixels and pairs the brightness is looked at.
+/// Brightness is sampled every this many pixels and pairs.
 const BRIGHTNESS_STEP: usize = 61;
 
-/// How brightness is set.
+/// Exposure mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExposureMode {
-    /// Once, at the start: the camera's own automatic, or fixed values.
+    /// Set once at start: the camera's own automatic exposure, or fixed values.
     Once(Exposure),
-    /// By us, the same for both cameras.
+    /// Controlled here, with the same exposure for both cameras.
     Matched(ExposureParameters),
 }
 
-/// How the cameras are used.
+/// How the cameras are operated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Width and height of one image, in pixels.
     pub size: (usize, usize),
-    /// Time from one pair to the next, in nanoseconds.
+    /// Period of the pairs, in nanoseconds.
     pub period_ns: u64,
-    /// One camera gives both images side by side, the left one first.
+    /// Whether one camera delivers both images side by side, the left one first.
     pub side_by_side: bool,
-    /// Exposures of a pair may be this far apart, in nanoseconds.
+    /// Largest difference between the exposure times of a pair, in nanoseconds.
     pub skew_ns: u64,
-    /// When a lost camera is opened again.
+    /// Reconnection of lost cameras.
     pub connection: ConnectionParameters,
-    /// How brightness is set.
+    /// Exposure mode.
     pub exposure: ExposureMode,
 }
 
-/// A camera and what belongs to it.
+/// A camera with its connection state and buffers.
 struct Link {
     camera: Option<Box<dyn Camera>>,
     connection: Connection,
-    /// Two images: one may wait for its partner while the other is taken.
+    /// Two images: one may wait for its partner while the other is being written.
     images: [Vec<u8>; 2],
-    /// Which of them is to be written next.
+    /// Index of the image to write next.
     free: usize,
     trouble: Option<String>,
 }
 
-/// A pair that is ready: which image of each side, and when it was exposed.
+/// A complete pair: the image index of each side, and the exposure time.
 #[derive(Clone, Copy, Debug)]
 struct Ready {
     images: [usize; 2],
     time_ns: u64,
 }
 
-/// See the module. Once the cameras are open, nothing is allocated.
+/// A [`PairSource`] of live cameras. Allocates nothing once the cameras are open.
 pub struct CameraSource {
     opener: Box<dyn Opener>,
     settings: Settings,
@@ -64,16 +64,16 @@ pub struct CameraSource {
     links: Vec<Link>,
     pairing: Pairing,
     ready: Option<Ready>,
-    /// When the last pair was exposed. The scene's time is that of the clock, so that it goes on when
+    /// Exposure time of the last pair. The source time equals the capture clock, so that it continues when
     /// this process is replaced.
     last_ns: u64,
     control: Option<ExposureControl>,
-    /// What is wrong and was not yet told; empty when it is well again.
-    news: Option<String>,
+    /// A fault that was not reported yet; empty after recovery.
+    pending_fault: Option<String>,
 }
 
 impl CameraSource {
-    /// Opens nothing yet: cameras are opened when pairs are waited for, as often as needed.
+    /// Opens nothing yet: cameras are opened while waiting for pairs, as often as needed.
     pub fn new(opener: Box<dyn Opener>, settings: Settings, clock: fn() -> u64) -> Self {
         let (width, height) = settings.size;
         let (cameras, pixels) =
@@ -98,16 +98,16 @@ impl CameraSource {
             ready: None,
             last_ns: 0,
             control,
-            news: None,
+            pending_fault: None,
         }
     }
 
-    /// Pairs and frames without partner so far.
+    /// Pair counters since the start.
     pub fn counts(&self) -> Counts {
         self.pairing.counts()
     }
 
-    /// How often a camera was lost after it had worked.
+    /// How often a camera was lost after it had delivered frames.
     pub fn losses(&self) -> u64 {
         self.links.iter().map(|link| link.connection.losses()).sum()
     }
@@ -117,26 +117,26 @@ impl CameraSource {
         if self.settings.side_by_side { (2 * width, height) } else { (width, height) }
     }
 
-    /// Something is wrong; both cameras may have something to say.
-    fn tell(&mut self, text: String) {
-        match &mut self.news {
-            Some(news) if !news.is_empty() => {
-                news.push_str("; ");
-                news.push_str(&text);
+    /// Queues a fault; both cameras may report one.
+    fn report_fault(&mut self, text: String) {
+        match &mut self.pending_fault {
+            Some(pending_fault) if !pending_fault.is_empty() => {
+                pending_fault.push_str("; ");
+                pending_fault.push_str(&text);
             }
-            news => *news = Some(text),
+            pending_fault => *pending_fault = Some(text),
         }
     }
 
-    /// A camera failed: it is closed, and opened again in a while.
+    /// A camera failed: closes it and schedules the next attempt.
     fn fail(&mut self, side: usize, reason: &str) {
         let link = &mut self.links[side];
         link.camera = None;
         let wait_ns = link.connection.failed((self.clock)());
         if link.trouble.as_deref() != Some(reason) {
             link.trouble = Some(reason.to_owned());
-            self.tell(format!(
-                "{reason}; opened again in {:.1} s, then ever more rarely",
+            self.report_fault(format!(
+                "{reason}; next attempt in {:.1} s, then at growing intervals",
                 wait_ns as f64 * 1e-9
             ));
         }
@@ -154,7 +154,7 @@ impl CameraSource {
             Ok(mut camera) => {
                 // Images with another exposure are better than none.
                 if let Err(error) = camera.set_exposure(exposure) {
-                    self.tell(error.to_string());
+                    self.report_fault(error.to_string());
                 }
                 let link = &mut self.links[side];
                 link.camera = Some(camera);
@@ -165,15 +165,15 @@ impl CameraSource {
         }
     }
 
-    /// Opens, closes or takes a frame of one camera, whatever is due.
-    fn attend(&mut self, side: usize, patience: Duration) {
+    /// Opens, closes or reads one camera, as its connection state requires.
+    fn service(&mut self, side: usize, patience: Duration) {
         match self.links[side].connection.action((self.clock)()) {
             Action::Wait => {}
             Action::Open => self.open(side),
             Action::Close => {
                 let silent_s = self.settings.connection.silence_ns as f64 * 1e-9;
                 let name = ["left", "right"][side.min(1)];
-                self.fail(side, &format!("the {name} camera has given no frame for {silent_s:.1} s"));
+                self.fail(side, &format!("the {name} camera has delivered no frame for {silent_s:.1} s"));
             }
             Action::Grab => {
                 let link = &mut self.links[side];
@@ -187,13 +187,13 @@ impl CameraSource {
         }
     }
 
-    /// A frame is in the free image of a side.
+    /// A frame was written to the free image of a side.
     fn take(&mut self, side: usize, taken: Taken) {
         let link = &mut self.links[side];
         link.connection.frame((self.clock)());
         let was_lost = link.trouble.take().is_some();
         if was_lost && self.links.iter().all(|link| link.trouble.is_none()) {
-            self.news = Some(String::new());
+            self.pending_fault = Some(String::new());
         }
         let own = self.links[side].free;
         if self.settings.side_by_side {
@@ -212,8 +212,8 @@ impl CameraSource {
         }
     }
 
-    /// Steers the exposure by the brightness of a pair.
-    fn steer(&mut self, left: &[u8], right: &[u8]) {
+    /// Updates the exposure control with the brightness of a pair.
+    fn control_exposure(&mut self, left: &[u8], right: &[u8]) {
         let Some(control) = &mut self.control else { return };
         let samples = left.iter().chain(right).step_by(BRIGHTNESS_STEP);
         let (sum, count) = samples.fold((0_u64, 0_u64), |(sum, n), &v| (sum + u64::from(v), n + 1));
@@ -225,30 +225,30 @@ impl CameraSource {
             }
         }
         if let Some(text) = refused {
-            self.tell(text);
+            self.report_fault(text);
         }
     }
 }
 
 impl LiveSource for CameraSource {
     fn wait(&mut self, patience: Duration) -> Readiness {
-        // A pair that nobody wanted makes room for the next.
+        // An unread pair is replaced by the next.
         self.ready = None;
-        // First the side whose partner waits already.
+        // Serves the side first whose partner is already held.
         let first = usize::from(self.links.len() > 1 && self.pairing.holds(0));
-        self.attend(first, patience);
+        self.service(first, patience);
         if self.links.len() > 1 && self.ready.is_none() {
-            // When the first is lost, this one is what there is to wait for.
+            // When the first is lost, waits on this one.
             let is_open = self.links[first].connection.is_open();
-            self.attend(1 - first, if is_open { Duration::from_millis(1) } else { patience });
+            self.service(1 - first, if is_open { Duration::from_millis(1) } else { patience });
         }
         if self.links.iter().all(|link| !link.connection.is_open()) {
-            // Nothing to wait for: at least not in a loop that never sleeps.
+            // No camera is open: sleep, so that the caller's loop does not spin.
             std::thread::sleep(patience);
         }
-        match (self.ready, self.news.take()) {
-            (_, Some(news)) if news.is_empty() => Readiness::Recovered,
-            (_, Some(news)) => Readiness::Trouble(news),
+        match (self.ready, self.pending_fault.take()) {
+            (_, Some(pending_fault)) if pending_fault.is_empty() => Readiness::Recovered,
+            (_, Some(pending_fault)) => Readiness::Trouble(pending_fault),
             (Some(ready), None) => Readiness::Pair { capture_ns: ready.time_ns },
             (None, None) => Readiness::Nothing,
         }
@@ -280,7 +280,7 @@ impl PairSource for CameraSource {
         Some(self)
     }
 
-    /// The pair that [`LiveSource::wait`] has found; the index does not matter.
+    /// The pair that [`LiveSource::wait`] has found; `index` is ignored.
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
         let Some(ready) = self.ready.take() else { return Err(SourceError::End { index, count: index }) };
         let (width, height) = self.settings.size;
@@ -299,7 +299,7 @@ impl PairSource for CameraSource {
             right.copy_from_slice(&self.links[1].images[ready.images[1]]);
         }
         self.last_ns = self.last_ns.max(ready.time_ns);
-        self.steer(left, right);
+        self.control_exposure(left, right);
         Ok(())
     }
 }
@@ -319,16 +319,16 @@ mod tests {
             skew_ns: 2 * MS,
             connection: ConnectionParameters {
                 silence_ns: 200 * MS,
-                retry_first_ns: 100 * MS,
-                retry_longest_ns: 400 * MS,
+                retry_initial_ns: 100 * MS,
+                retry_max_ns: 400 * MS,
             },
             exposure: ExposureMode::Once(Exposure::Automatic),
         }
     }
 
-    /// Runs a script to its end: the grey levels of the pairs that came, and what was told.
+    /// Runs a script to its end. Returns the grey levels of the pairs and the reported faults.
     fn play(source: &mut CameraSource, rig: &FakeRig) -> (Vec<(u8, u8)>, Vec<String>) {
-        let (mut pairs, mut told) = (Vec::new(), Vec::new());
+        let (mut pairs, mut reported) = (Vec::new(), Vec::new());
         let (mut left, mut right) = (vec![0; 12], vec![0; 12]);
         while !rig.is_over() {
             match source.wait(Duration::from_millis(5)) {
@@ -336,12 +336,12 @@ mod tests {
                     source.read(pairs.len() as u64, &mut left, &mut right).unwrap();
                     pairs.push((left[11], right[11]));
                 }
-                Readiness::Trouble(text) => told.push(text),
-                Readiness::Recovered => told.push("recovered".into()),
+                Readiness::Trouble(text) => reported.push(text),
+                Readiness::Recovered => reported.push("recovered".into()),
                 Readiness::Nothing => {}
             }
         }
-        (pairs, told)
+        (pairs, reported)
     }
 
     #[test]
@@ -351,11 +351,11 @@ mod tests {
         };
         let rig = FakeRig::new([frames(0).collect(), frames(MS).collect()]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
-        let (pairs, told) = play(&mut source, &rig);
+        let (pairs, reported) = play(&mut source, &rig);
         assert!(pairs.iter().all(|(l, r)| l == r), "{pairs:?}");
-        assert!(pairs.len() >= 38 && told.is_empty(), "{} pairs, {told:?}", pairs.len());
+        assert!(pairs.len() >= 38 && reported.is_empty(), "{} pairs, {reported:?}", pairs.len());
         assert_eq!(source.counts().worst_skew_ns, MS);
-        assert_eq!(source.time_ns(0), 39 * 33 * MS + MS, "time runs by the exposures");
+        assert_eq!(source.time_ns(0), 39 * 33 * MS + MS, "source time follows the exposures");
     }
 
     #[test]
@@ -380,17 +380,17 @@ mod tests {
         let frames = |range: std::ops::Range<u64>| {
             range.map(|n| Event::Frame { at_ns: n * 33 * MS, level: n as u8 }).collect::<Vec<_>>()
         };
-        // The right camera is unplugged after frame 20; opening fails twice; from frame 60 on it is back.
+        // The right camera is unplugged after frame 20; opening fails twice; it is back from frame 60 on.
         let mut right = frames(1..21);
         right.extend([Event::Unplug { at_ns: 20 * 33 * MS + MS }, Event::Plug { at_ns: 50 * 33 * MS }]);
         right.extend(frames(51..90));
         let rig = FakeRig::new([frames(1..90), right]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
-        let (pairs, told) = play(&mut source, &rig);
+        let (pairs, reported) = play(&mut source, &rig);
         assert!(pairs.iter().all(|(l, r)| l == r));
         assert!(pairs.iter().any(|p| p.0 == 19) && pairs.iter().any(|p| p.0 == 85), "{pairs:?}");
-        assert!(told[0].contains("fake right: unplugged"), "{told:?}");
-        assert_eq!(told.last().map(String::as_str), Some("recovered"), "{told:?}");
+        assert!(reported[0].contains("fake right: unplugged"), "{reported:?}");
+        assert_eq!(reported.last().map(String::as_str), Some("recovered"), "{reported:?}");
         assert_eq!(source.losses(), 1);
     }
 
@@ -399,8 +399,13 @@ mod tests {
         let rig = FakeRig::new([vec![Event::Unplug { at_ns: MS }], vec![Event::Unplug { at_ns: MS }]]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
         assert_eq!(source.wait(Duration::from_millis(5)), Readiness::Nothing, "both are opened");
-        let Readiness::Trouble(told) = source.wait(Duration::from_millis(5)) else { panic!("both are gone") };
-        assert!(told.contains("fake left: unplugged") && told.contains("fake right: unplugged"), "{told}");
+        let Readiness::Trouble(reported) = source.wait(Duration::from_millis(5)) else {
+            panic!("both are gone")
+        };
+        assert!(
+            reported.contains("fake left: unplugged") && reported.contains("fake right: unplugged"),
+            "{reported}"
+        );
     }
 
     #[test]
@@ -412,8 +417,8 @@ mod tests {
         left.extend(frames(50..70));
         let rig = FakeRig::new([left, frames(1..70)]);
         let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
-        let (pairs, told) = play(&mut source, &rig);
-        assert!(told[0].contains("left camera has given no frame for 0.2 s"), "{told:?}");
+        let (pairs, reported) = play(&mut source, &rig);
+        assert!(reported[0].contains("left camera has delivered no frame for 0.2 s"), "{reported:?}");
         assert!(pairs.iter().any(|p| p.0 == 66), "{pairs:?}");
         assert!(rig.opened(0) >= 2);
     }
@@ -432,13 +437,13 @@ mod tests {
     fn matched_exposure_sets_both_cameras_alike() {
         let frames = || (1..60_u64).map(|n| Event::Frame { at_ns: n * 33 * MS, level: 20 }).collect();
         let rig = FakeRig::new([frames(), frames()]);
-        let exposure = ExposureMode::Matched(ExposureParameters { longest_us: 10_000, max_gain: 4 });
+        let exposure = ExposureMode::Matched(ExposureParameters { max_exposure_us: 10_000, max_gain: 4 });
         let settings = Settings { exposure, ..settings(false) };
         let mut source = CameraSource::new(rig.opener(), settings, now_ns);
         play(&mut source, &rig);
         let set = rig.exposures();
         assert_eq!(set[0], set[1]);
-        // It stays dark whatever is set: in the end all that is allowed.
+        // The image stays dark whatever is set, so the control ends at its limits.
         assert_eq!(set[0].last(), Some(&Exposure::Fixed { time_us: 10_000, gain: 4 }));
     }
 }

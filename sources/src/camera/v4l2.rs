@@ -1,4 +1,4 @@
-//! Cameras by Video4Linux: USB cameras, and others whose driver gives grey, YUYV or JPEG frames.
+//! Video4Linux cameras: USB cameras and others whose driver delivers grey, YUV or JPEG frames.
 
 use super::pixels::{PixelFormat, to_grey};
 use super::{Camera, CameraError, Exposure, Opener, Taken};
@@ -13,16 +13,16 @@ use moq_v4l::{FourCC, sys};
 use std::io;
 use std::time::Duration;
 
-/// Buffers in the driver: one is being filled, one waits, one is read, one to spare.
+/// Buffers in the driver: one being filled, one waiting, one being read, one spare.
 const BUFFERS: u32 = 4;
 
-/// No driver gives more.
+/// Upper limit of the buffers that a driver grants.
 const MAX_BUFFERS: usize = 32;
 
-/// Readable, as poll(2) has it.
+/// POLLIN of poll(2).
 const READABLE: i16 = 1;
 
-/// Formats in the order in which they are asked for: the least work first.
+/// Formats in order of preference: cheapest conversion first.
 const FORMATS: [(&[u8; 4], PixelFormat); 6] = [
     (b"GREY", PixelFormat::Grey),
     (b"YUYV", PixelFormat::Yuyv),
@@ -35,13 +35,13 @@ const FORMATS: [(&[u8; 4], PixelFormat); 6] = [
 /// Opens V4L2 devices.
 #[derive(Clone, Debug)]
 pub struct V4l2Opener {
-    /// Paths of the devices: left and right, or the one that gives both images.
+    /// Device paths: left and right, or the one that delivers both images side by side.
     pub devices: Vec<String>,
-    /// Frames a second that are asked for.
+    /// Requested frame rate, in Hz.
     pub rate_hz: f64,
-    /// A four-letter name of the format, as in `YUYV`; empty takes the one that makes the least work.
+    /// FourCC of the format, such as `YUYV`; empty selects the cheapest to convert.
     pub format: String,
-    /// The monotonic clock, in nanoseconds: for devices without timestamps of it.
+    /// The monotonic clock, in nanoseconds: for devices that do not stamp frames with it.
     pub clock: fn() -> u64,
 }
 
@@ -49,7 +49,7 @@ pub struct V4l2Opener {
 struct V4l2Camera {
     name: String,
     device: Device,
-    /// Taken out only when it is dropped.
+    /// `None` only while it is being dropped.
     stream: Option<Stream<'static>>,
     format: PixelFormat,
     width: usize,
@@ -70,13 +70,15 @@ impl Opener for V4l2Opener {
         });
         let Some((code, format)) = wanted else {
             if offered.is_empty() {
-                return Err(fail("gives no frames: is it a camera, and its first device?".into()));
+                return Err(fail(
+                    "delivers no frames: is it a capture device, and the first one of the camera?".into(),
+                ));
             }
             let has: Vec<String> = offered.iter().map(|o| o.fourcc.to_string()).collect();
             let known: Vec<String> =
                 FORMATS.iter().map(|(c, _)| String::from_utf8_lossy(*c).into_owned()).collect();
             return Err(fail(format!(
-                "gives {}, none of which is wanted (camera.format \"{}\", of {})",
+                "delivers {}, none of which is supported (camera.format \"{}\", of {})",
                 has.join(", "),
                 self.format,
                 known.join(", ")
@@ -86,17 +88,17 @@ impl Opener for V4l2Opener {
         let given = device.set_format(&asked).map_err(|e| what("set its format", &e))?;
         if (given.width as usize, given.height as usize) != size || given.fourcc != asked.fourcc {
             return Err(fail(format!(
-                "gives {}x{} {}, not {}x{} {}: set camera.width and camera.height to a size that it has \
+                "delivers {}x{} {}, not {}x{} {}: set camera.width and camera.height to a size that it has \
                  (v4l2-ctl --list-formats-ext)",
                 given.width, given.height, given.fourcc, size.0, size.1, asked.fourcc
             )));
         }
-        // A camera that cannot set its rate runs at its own.
+        // A camera without a settable rate runs at its own.
         let rate = moq_v4l::Fraction::new(1000, (self.rate_hz * 1000.0).round().max(1.0) as u32);
         let _ = device.set_params(&Parameters::new(rate));
         let stream = Stream::with_buffers(&device, Type::VideoCapture, BUFFERS);
-        let mut stream = stream.map_err(|e| what("give memory for frames", &e))?;
-        // All buffers but the first, which counts as read: the next frame gives it back.
+        let mut stream = stream.map_err(|e| what("allocate frame buffers", &e))?;
+        // Queues all buffers but the first, which counts as read: the next frame returns it.
         for index in 1..MAX_BUFFERS {
             if CaptureStream::queue(&mut stream, index).is_err() {
                 break;
@@ -132,7 +134,7 @@ impl Camera for V4l2Camera {
     fn grab(&mut self, patience: Duration, grey: &mut [u8]) -> Result<Option<Taken>, CameraError> {
         let milliseconds = i32::try_from(patience.as_millis()).unwrap_or(i32::MAX);
         let Some(stream) = &mut self.stream else { return Ok(None) };
-        // Looked at first: a call that runs into its time-out would give a buffer back twice.
+        // Polls first: a read that times out would return a buffer twice.
         match self.device.handle().poll(READABLE, milliseconds) {
             Ok(0) => return Ok(None),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => return Ok(None),
@@ -150,7 +152,7 @@ impl Camera for V4l2Camera {
             return Ok(None);
         }
         let used = (metadata.bytesused as usize).min(bytes.len());
-        // A device whose frames are stamped with another clock has no common time with the other one.
+        // Frames stamped with another clock cannot be compared with those of the other device.
         let is_monotonic = metadata.flags.bits() & sys::V4L2_BUF_FLAG_TIMESTAMP_MASK
             == sys::V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
         let stamp = metadata.timestamp;
@@ -160,14 +162,14 @@ impl Camera for V4l2Camera {
             (self.clock)()
         };
         let sequence = metadata.sequence;
-        // A frame that arrives damaged, as JPEGs over USB do, is one frame less.
+        // A damaged frame, as occurs with JPEG over USB, is dropped.
         let is_whole = to_grey(self.format, &bytes[..used], self.width, self.stride, grey).is_ok();
         Ok(is_whole.then_some(Taken { time_ns, sequence }))
     }
 
     fn set_exposure(&mut self, exposure: Exposure) -> Result<(), CameraError> {
-        /// V4L2's automatic exposure: 1 is manual, 3 the automatic that leaves the aperture alone, 0 the
-        /// one that does not.
+        /// V4L2_CID_EXPOSURE_AUTO: 1 is manual, 3 is aperture priority (automatic exposure, fixed aperture), 0 is
+        /// fully automatic.
         const MANUAL: i64 = 1;
         let refused = |what: &str, e: io::Error| self.fail(format!("cannot set {what}: {e}"));
         match exposure {
@@ -177,9 +179,9 @@ impl Camera for V4l2Camera {
                 automatic.map(|_| ()).ok_or_else(|| self.fail("has no automatic exposure"))
             }
             Exposure::Fixed { time_us, gain } => {
-                // Cameras without an automatic do not know this control.
+                // Cameras without automatic exposure lack this control.
                 let _ = self.set(sys::V4L2_CID_EXPOSURE_AUTO, MANUAL);
-                // In units of 100 µs where the device has them, in its own (lines) elsewhere.
+                // In units of 100 µs where the device supports them, in its own (lines) elsewhere.
                 let absolute = self.set(sys::V4L2_CID_EXPOSURE_ABSOLUTE, i64::from((time_us / 100).max(1)));
                 if absolute.is_err() {
                     self.set(sys::V4L2_CID_EXPOSURE, time_us.into())
@@ -197,8 +199,8 @@ impl Camera for V4l2Camera {
 
 impl Drop for V4l2Camera {
     fn drop(&mut self) {
-        // The library panics when a stream that is dropped cannot be stopped, as one whose camera was
-        // pulled out may not be. Then its memory is left to the end of the process.
+        // The library panics when the stream being dropped cannot be stopped, as may happen after the camera was
+        // unplugged. In that case its memory is leaked until the process ends.
         if let Some(mut stream) = self.stream.take()
             && stream.stop().is_err()
         {
@@ -223,8 +225,8 @@ mod tests {
             |path: &str| opener(path).open(0, (640, 480)).err().map(|e| e.to_string()).unwrap_or_default();
         let absent = error("/dev/video-that-is-not-there");
         assert!(absent.starts_with("/dev/video-that-is-not-there: cannot be opened"), "{absent}");
-        // A device, but no camera.
+        // A device that is not a camera.
         let null = error("/dev/null");
-        assert!(null.starts_with("/dev/null: gives no frames"), "{null}");
+        assert!(null.starts_with("/dev/null: delivers no frames"), "{null}");
     }
 }

@@ -1,23 +1,23 @@
-//! Calibrations of other programs, in and out: OpenCV's YAML, ROS camera_info, Kalibr's camchain and
-//! KITTI's calib.txt. All are turned into two cameras, in metres, left to right.
+//! Import and export of calibrations: OpenCV YAML, ROS camera_info, Kalibr camchain and KITTI calib.txt. All
+//! are converted to two cameras, in metres, left to right.
 
 use super::yaml::{self, Value};
-use super::{RigFile, rotation, rows, sound, write_whole};
+use super::{RigFile, check_camera, rotation, rows, write_atomically};
 use crate::{SourceError, calibration_file};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// A way to write a calibration.
+/// A calibration format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// This program's own.
+    /// The rig file of this project.
     Toml,
     /// OpenCV FileStorage YAML: M1, D1, M2, D2, R, T, R1, R2, P1, P2, Q, image_size.
     Opencv,
-    /// ROS camera_info, one file a camera: the left one as named, the right one with "right" for
-    /// "left" in its name, or with "_right".
+    /// ROS camera_info, one file per camera: the left one at the given path, the right one with "right"
+    /// instead of "left" in its name, or with "_right" appended.
     Ros,
     /// Kalibr camchain: pinhole and radtan, four coefficients.
     Kalibr,
@@ -25,14 +25,14 @@ pub enum Format {
     Kitti,
 }
 
-/// Reads a calibration from a file (ROS and OpenCV: or two). `size` is needed where the files do not
-/// tell the pictures' size, and `crop` says how they are to be rectified.
+/// Reads a calibration from one file, or from two (ROS and OpenCV). `size` is the image size for formats that
+/// do not contain it; `crop` selects the rectification.
 ///
 /// # Errors
-/// Names the file, the key or line, and what is expected.
+/// Names the file, the key or line, and the expected content.
 pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Result<RigFile, SourceError> {
     let Some(first) = paths.first() else {
-        return Err(SourceError::Calibration { path: PathBuf::new(), reason: "no file was named".into() });
+        return Err(SourceError::Calibration { path: PathBuf::new(), reason: "no file given".into() });
     };
     let fail = |reason: String| SourceError::Calibration { path: first.clone(), reason };
     match first.extension().and_then(|e| e.to_str()) {
@@ -40,7 +40,7 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         Some("txt") => {
             let rig = calibration_file::read(first, false)?;
             let size =
-                size.ok_or_else(|| fail("a calib.txt does not tell the pictures' size: give it".into()))?;
+                size.ok_or_else(|| fail("a calib.txt does not contain the image size: give it".into()))?;
             let camera = Camera::pinhole(rig.focal_px, rig.focal_px, rig.cx_px, rig.cy_px);
             let t = Vector3::new(-rig.baseline_m, 0.0, 0.0);
             let between = Pose { rotation: Rotation3::identity(), translation_m: t };
@@ -64,21 +64,21 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
     } else if key("M1") || key("K1") {
         opencv(&documents, size)
     } else {
-        Err("none of cam0 (Kalibr), camera_matrix (ROS), M1 or K1 (OpenCV) is there".into())
+        Err("found none of cam0 (Kalibr), camera_matrix (ROS), M1 or K1 (OpenCV)".into())
     };
     let (cameras, between, size) = read.map_err(fail)?;
     for (camera, name) in cameras.iter().zip(["the left camera", "the right camera"]) {
-        sound(camera, name).map_err(fail)?;
+        check_camera(camera, name).map_err(fail)?;
     }
     RigFile::from_cameras(cameras, between, size, crop).map_err(fail)
 }
 
 type Cameras = ([Camera; 2], Pose, (usize, usize));
 
-/// Exactly `N` numbers of a key.
+/// Exactly `N` numbers under a key.
 fn numbers<const N: usize>(value: &Value, key: &str) -> Result<[f64; N], String> {
     let found = value.get(key).ok_or_else(|| format!("{key} is missing"))?;
-    let list = found.numbers().ok_or_else(|| format!("{key} holds something that is no number"))?;
+    let list = found.numbers().ok_or_else(|| format!("{key} contains an item that is not a number"))?;
     let count = list.len();
     list.try_into().map_err(|_| format!("{key} has {count} numbers, not {N}"))
 }
@@ -102,12 +102,12 @@ fn pixels(value: f64) -> Result<usize, String> {
     if (1.0..=16_384.0).contains(&value) && value.fract() == 0.0 {
         Ok(value as usize)
     } else {
-        Err(format!("a picture {value} pixels wide or high"))
+        Err(format!("invalid image width or height: {value} px"))
     }
 }
 
 fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, String> {
-    // Intrinsics and extrinsics may come in two files.
+    // Intrinsics and extrinsics may be in two files.
     let holder = |key: &str| documents.iter().find(|d| d.get(key).is_some()).unwrap_or(&documents[0]);
     let name = |a: &'static str, b: &'static str| if holder(a).get(a).is_some() { a } else { b };
     let side = |m: &str, d: &str| -> Result<Camera, String> {
@@ -125,19 +125,19 @@ fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, 
         let [h] = numbers(holder("image_height"), "image_height")?;
         (pixels(w)?, pixels(h)?)
     } else {
-        size.ok_or("neither image_size nor image_width and image_height are there: give the pictures' size")?
+        size.ok_or("found neither image_size nor image_width and image_height: give the image size")?
     };
     let t: [f64; 3] = numbers(holder("T"), "T")?;
     let between = Pose { rotation: turn(&numbers(holder("R"), "R")?, "R")?, translation_m: Vector3::from(t) };
     Ok(([left, right], between, size))
 }
 
-/// A camera, its rectifying rotation, its projection when rectified, and its pictures' size.
+/// Camera, rectifying rotation, projection of the rectified camera, and image size.
 type RosCamera = (Camera, Matrix3<f64>, [f64; 12], (usize, usize));
 
 fn ros(documents: &[Value]) -> Result<Cameras, String> {
     let [left, right] = documents else {
-        return Err("a camera_info file holds one camera: name the left and the right one".into());
+        return Err("a camera_info file holds one camera: give the left and the right one".into());
     };
     let one = |d: &Value| -> Result<RosCamera, String> {
         let model = d.get("distortion_model").and_then(Value::word).unwrap_or("plumb_bob");
@@ -158,9 +158,9 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
     };
     let (l, r) = (one(left)?, one(right)?);
     if l.3 != r.3 {
-        return Err("the cameras have pictures of different sizes".into());
+        return Err("the cameras have different image sizes".into());
     }
-    // Rectified, the right camera stands beside the left one; turned back that is where it is.
+    // In rectified coordinates the right camera lies on the x axis of the left one; rotate that back.
     let rotation = Rotation3::from_matrix_unchecked(r.1.transpose() * l.1);
     let translation_m = r.1.transpose() * Vector3::new(r.2[3] / r.2[0], 0.0, 0.0);
     Ok(([l.0, r.0], Pose { rotation, translation_m }, l.3))
@@ -168,7 +168,7 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
 
 fn kalibr(document: &Value) -> Result<Cameras, String> {
     let one = |key: &str| -> Result<(Camera, (usize, usize)), String> {
-        let c = document.get(key).ok_or_else(|| format!("{key} is missing: a pair of cameras is needed"))?;
+        let c = document.get(key).ok_or_else(|| format!("{key} is missing: two cameras are required"))?;
         for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radtan")] {
             let model = c.get(name).and_then(Value::word).unwrap_or("");
             if model != supported {
@@ -182,7 +182,7 @@ fn kalibr(document: &Value) -> Result<Cameras, String> {
     };
     let (left, right) = (one("cam0")?, one("cam1")?);
     if left.1 != right.1 {
-        return Err("the cameras have pictures of different sizes".into());
+        return Err("the cameras have different image sizes".into());
     }
     let second = document.get("cam1").ok_or("cam1 is missing")?;
     let m: [f64; 16] = numbers(second, "T_cn_cnm1")?;
@@ -191,10 +191,10 @@ fn kalibr(document: &Value) -> Result<Cameras, String> {
     Ok(([left.0, right.0], between, left.1))
 }
 
-/// Writes a calibration; gives the files that were written.
+/// Writes a calibration. Returns the paths of the written files.
 ///
 /// # Errors
-/// When a file cannot be written, or the format cannot hold the lenses.
+/// When a file cannot be written, or the format does not support the lens model.
 pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let fail = |reason: &str| SourceError::Calibration { path: path.to_owned(), reason: reason.into() };
     let beyond = |from: usize| rig.cameras.iter().any(|c| c.distortion[from..].iter().any(|v| *v != 0.0));
@@ -217,16 +217,16 @@ pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>,
                 None => format!("{name}_right"),
             };
             let right = path.with_file_name(other);
-            write_whole(path, &to_ros(rig, 0))?;
-            write_whole(&right, &to_ros(rig, 1))?;
+            write_atomically(path, &to_ros(rig, 0))?;
+            write_atomically(&right, &to_ros(rig, 1))?;
             return Ok(vec![path.to_owned(), right]);
         }
     };
-    write_whole(path, &text)?;
+    write_atomically(path, &text)?;
     Ok(vec![path.to_owned()])
 }
 
-/// A number as it is read back exactly, with a point: to YAML 1.1, which ROS and Kalibr read, 1e-5 is text.
+/// A number that reads back exactly, with a decimal point: YAML 1.1, which ROS and Kalibr read, takes 1e-5 as text.
 fn number(value: f64) -> String {
     let text = format!("{value:?}");
     match text.split_once('e') {
@@ -244,7 +244,7 @@ fn matrix(camera: &Camera) -> [f64; 9] {
     [camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0]
 }
 
-/// The coefficients, five or eight as OpenCV has them.
+/// Distortion coefficients, five or eight in OpenCV's order.
 fn coefficients(camera: &Camera) -> &[f64] {
     let n = if camera.distortion[5..].iter().any(|v| *v != 0.0) { 8 } else { 5 };
     &camera.distortion[..n]
@@ -369,7 +369,7 @@ mod tests {
         let (a, b) = (back.rectification.rig, rig.rectification.rig);
         assert!((a.focal_px - b.focal_px).abs() < 1e-9 && (a.baseline_m - b.baseline_m).abs() < 1e-12);
         assert!(import(&files, None, Crop::Same).unwrap_err().to_string().contains("size"));
-        // A lens that the format has no place for.
+        // A lens model that the format does not support.
         let mut rig = rig;
         rig.cameras[1].distortion[4] = 0.1;
         assert!(write(&rig, Format::Kalibr, &folder.path().join("k.yaml")).is_err());
@@ -392,7 +392,7 @@ mod tests {
             ("M2", "X2", "K2 is missing"),
             ("image_size: [640, 360]\n", "", "size"),
             ("T: !!", "T2: !!", "T is missing"),
-            ("463.104", "x", "no number"),
+            ("463.104", "x", "not a number"),
             ("463.104", "-463.104", "focal"),
             ("data: [", "data: [1, ", "10 numbers"),
         ] {

@@ -1,5 +1,5 @@
-//! The rig file: two calibrated cameras, how they are rectified and what that is worth, with serial
-//! number, date and checksum. And the files in which other programs keep the same.
+//! The rig file: two calibrated cameras, their rectification and calibration quality, with serial number,
+//! date and checksum. Also import and export of the calibration formats of other programs.
 
 mod exchange;
 mod yaml;
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
-/// The layout that this program writes.
+/// Version of the file layout.
 const LAYOUT: u32 = 1;
 const CHECKSUM: &str = "checksum = \"";
 
@@ -23,44 +23,44 @@ const CHECKSUM: &str = "checksum = \"";
 pub struct RigFile {
     /// Name of this pair of cameras.
     pub serial: String,
-    /// When it was calibrated: year-month-day, time in UTC.
+    /// Calibration date: year-month-day, and time in UTC.
     pub date: String,
     /// Left and right camera.
     pub cameras: [Camera; 2],
-    /// From the left camera's coordinates to the right one's.
+    /// Transform from the left to the right camera's coordinates.
     pub between: Pose,
-    /// How both are rectified.
+    /// Rectification of both cameras.
     pub rectification: Rectification,
-    /// What the calibration is worth, when it is known.
+    /// Calibration quality, where known.
     pub quality: Option<Quality>,
 }
 
-/// What a calibration is worth.
+/// Quality of a calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quality {
-    /// good, usable or redo.
+    /// `good`, `usable` or `redo`.
     pub verdict: String,
-    /// Pairs of pictures that were used.
+    /// Pairs of images that were used.
     pub pairs_used: usize,
-    /// Reprojection error, in pixels.
+    /// Root mean square reprojection error, in pixels.
     pub rms_px: f64,
-    /// Mean vertical error of rectified corners.
+    /// Mean vertical error of rectified corners, in pixels.
     pub vertical_mean_px: f64,
-    /// The same on views that took no part.
+    /// The same on views that took no part in the calibration.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vertical_heldout_px: Option<f64>,
-    /// Standard deviation of the baseline.
+    /// Standard deviation of the baseline, in metres.
     pub baseline_sigma_m: f64,
-    /// Standard deviation of the disparity of far things.
+    /// Standard deviation of the disparity of distant objects, in pixels.
     pub disparity_sigma_px: f64,
     /// Standard deviations of fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 of the left camera.
     pub left_sigma: [f64; 12],
-    /// Of the right camera.
+    /// The same of the right camera.
     pub right_sigma: [f64; 12],
 }
 
-/// The file's tables, as they are written. The first four keys alone are a rig, too.
+/// Structure of the file. `focal_px`, `baseline_m`, `cx_px` and `cy_px` have the names of a plain rig TOML.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
@@ -73,7 +73,7 @@ struct Document {
     baseline_m: f64,
     cx_px: f64,
     cy_px: f64,
-    /// x, y, width, height of what both cameras see.
+    /// x, y, width and height of the area valid in both rectified images.
     valid: [usize; 4],
     left: CameraTable,
     right: CameraTable,
@@ -91,14 +91,14 @@ struct CameraTable {
     cy_px: f64,
     /// k1, k2, p1, p2, k3, k4, k5, k6.
     distortion: [f64; 8],
-    /// From the camera's to the rectified coordinates, row after row.
+    /// Rotation from the camera's to the rectified coordinates, row-major.
     rectifying_rotation: [[f64; 3]; 3],
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct BetweenTable {
-    /// From the left to the right camera's coordinates, row after row.
+    /// Rotation from the left to the right camera's coordinates, row-major.
     rotation: [[f64; 3]; 3],
     translation_m: [f64; 3],
 }
@@ -108,17 +108,19 @@ fn rows(r: &Rotation3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [m[(i, 0)], m[(i, 1)], m[(i, 2)]])
 }
 
-/// The rotation that rows describe; the error names them when they do not.
+/// Checks that the rows form a rotation matrix; `what` names it in the error.
 fn rotation(rows: &[[f64; 3]; 3], what: &str) -> Result<Rotation3<f64>, String> {
     let m = Matrix3::from_fn(|i, j| rows[i][j]);
     let off = (m * m.transpose() - Matrix3::identity()).norm();
     if !off.is_finite() || off > 1e-4 || m.determinant() < 0.0 {
-        return Err(format!("{what} is no rotation matrix (its rows are not perpendicular and of length 1)"));
+        return Err(format!(
+            "{what} is not a rotation matrix (its rows are not perpendicular and of length 1)"
+        ));
     }
     Ok(Rotation3::from_matrix_eps(&m, 1e-15, 50, Rotation3::from_matrix_unchecked(m)))
 }
 
-/// FNV-1a, 64 bit: finds slips of the hand and the disk, not forgery.
+/// 64-bit FNV-1a: detects accidental changes, not forgery.
 fn checksum(text: &str) -> String {
     let hash = text
         .bytes()
@@ -127,12 +129,12 @@ fn checksum(text: &str) -> String {
 }
 
 impl RigFile {
-    /// Width and height of the pictures, in pixels.
+    /// Image width and height, in pixels.
     pub fn size(&self) -> (usize, usize) {
         self.rectification.size
     }
 
-    /// A rig of cameras that another program calibrated: rectified here.
+    /// A rig from cameras that another program calibrated; the rectification is computed here.
     ///
     /// # Errors
     /// When the cameras cannot be rectified.
@@ -153,10 +155,10 @@ impl RigFile {
         })
     }
 
-    /// The file's text.
+    /// The TOML text of the file.
     ///
     /// # Errors
-    /// When a number cannot be written.
+    /// When a number cannot be represented.
     pub fn to_toml(&self) -> Result<String, String> {
         let r = &self.rectification;
         let camera = |side: usize| {
@@ -200,10 +202,10 @@ impl RigFile {
         Ok(format!("{text}\n# Of all bytes above this comment and its empty line.\n# {CHECKSUM}{sum}\"\n"))
     }
 
-    /// Reads the file's text.
+    /// Parses the TOML text of a rig file.
     ///
     /// # Errors
-    /// Names the line or key, and what is expected.
+    /// Names the line or key, and the expected content.
     pub fn from_toml(text: &str) -> Result<Self, String> {
         if let Some(at) = text.rfind(CHECKSUM) {
             let stated: String = text[at + CHECKSUM.len()..].chars().take_while(|c| *c != '"').collect();
@@ -238,7 +240,7 @@ impl RigFile {
                 cy_px: t.cy_px,
                 distortion: t.distortion,
             };
-            sound(&c, name)?;
+            check_camera(&c, name)?;
             Ok(c)
         };
         let turns = [
@@ -261,25 +263,25 @@ impl RigFile {
     /// Reads a rig file.
     ///
     /// # Errors
-    /// Names the file, the line or key, and what is expected.
+    /// Names the file, the line or key, and the expected content.
     pub fn read(path: &Path) -> Result<Self, SourceError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
         Self::from_toml(&text).map_err(|reason| SourceError::Calibration { path: path.to_owned(), reason })
     }
 
-    /// Writes the file whole or not at all: what was there stays until the new one is on the disk.
+    /// Writes the file atomically: the previous one stays until the new one is on disk.
     ///
     /// # Errors
     /// When it cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), SourceError> {
         let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
-        write_whole(path, &self.to_toml().map_err(fail)?)
+        write_atomically(path, &self.to_toml().map_err(fail)?)
     }
 }
 
-/// Checks the figures of a camera.
-fn sound(camera: &Camera, name: &str) -> Result<(), String> {
+/// Checks the plausibility of a camera's parameters.
+fn check_camera(camera: &Camera, name: &str) -> Result<(), String> {
     let focal = 1.0..1e6;
     if !focal.contains(&camera.fx_px) || !focal.contains(&camera.fy_px) {
         return Err(format!(
@@ -288,13 +290,13 @@ fn sound(camera: &Camera, name: &str) -> Result<(), String> {
         ));
     }
     if camera.parameters().iter().any(|v| !v.is_finite() || v.abs() > 1e6) {
-        return Err(format!("{name}: a figure is not finite or far too large"));
+        return Err(format!("{name}: a parameter is not finite or far too large"));
     }
     Ok(())
 }
 
-/// Writes a text file whole or not at all.
-fn write_whole(path: &Path, text: &str) -> Result<(), SourceError> {
+/// Writes a text file atomically.
+fn write_atomically(path: &Path, text: &str) -> Result<(), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".part");
@@ -353,8 +355,8 @@ mod tests {
         assert_eq!(back.quality, rig.quality);
         assert_eq!(back.rectification.rig, rig.rectification.rig);
         assert!((back.rectification.matrix(1) - rig.rectification.matrix(1)).norm() < 1e-14);
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a part was left");
-        // A rig for those who only want to know distances, too.
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file is left");
+        // Also readable as a plain rig TOML.
         let plain = crate::calibration_file::read(&path, false).unwrap();
         assert_eq!(plain, rig.rectification.rig);
     }
@@ -374,13 +376,13 @@ mod tests {
             ("baseline_m = 0.09", "baseline_m = -0.09", "swapped"),
             ("width = 640", "width = 64", "does not lie"),
             ("[left]", "[links]", "links"),
-            ("rotation = [[", "rotation = [[9", "no rotation"),
+            ("rotation = [[", "rotation = [[9", "not a rotation"),
         ] {
             let error = RigFile::from_toml(&open.replacen(from, to, 1)).unwrap_err();
             assert!(error.contains(expected), "{from}: {error}");
         }
         for cut in 0..text.len() {
-            // Whatever is missing, nothing panics.
+            // No truncated file causes a panic.
             let _ = RigFile::from_toml(&text[..cut]);
         }
     }
@@ -391,7 +393,7 @@ mod tests {
         let path = folder.path().join("rig.toml");
         example().write(&path).unwrap();
         let before = std::fs::read(&path).unwrap();
-        // The part cannot be made where a folder has its name.
+        // The temporary file cannot be created where a folder has its name.
         std::fs::create_dir(folder.path().join("rig.toml.part")).unwrap();
         assert!(example().write(&path).is_err());
         assert_eq!(std::fs::read(&path).unwrap(), before);

@@ -1,14 +1,14 @@
-//! As much of YAML as calibration files use: nested keys, lists in brackets or with dashes, plain
-//! words and numbers; tags and directives are skipped.
+//! The subset of YAML that calibration files use: nested maps, flow and block lists, plain scalars. Tags and
+//! directives are skipped.
 
-/// A part of a document.
+/// A node of a document.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// A word, number or text.
+    /// A scalar.
     Word(String),
     /// A list.
     List(Vec<Value>),
-    /// Keys with their values, in their order.
+    /// A map in file order.
     Map(Vec<(String, Value)>),
 }
 
@@ -18,10 +18,10 @@ struct Line {
     text: String,
 }
 
-/// Deepest nesting that is read.
-const DEEPEST: usize = 16;
+/// Maximum nesting depth.
+const MAX_DEPTH: usize = 16;
 
-/// Reads a document.
+/// Parses a document.
 ///
 /// # Errors
 /// Names the line.
@@ -33,7 +33,7 @@ pub fn parse(text: &str) -> Result<Value, String> {
         if text.trim().is_empty() || text.starts_with('%') || text.trim() == "---" || text.trim() == "..." {
             continue;
         }
-        // A list in brackets may go on over lines.
+        // A flow list may continue over several lines.
         if open > 0
             && let Some(last) = lines.last_mut()
         {
@@ -42,7 +42,7 @@ pub fn parse(text: &str) -> Result<Value, String> {
         } else {
             let mut indent = text.len() - text.trim_start().len();
             let mut rest = text.trim();
-            // A list that starts in the line of its own dash: a line of its own here.
+            // A nested list that starts on the line of its parent's dash becomes a line of its own.
             while let Some(inner) =
                 rest.strip_prefix("- ").map(str::trim_start).filter(|i| i.starts_with("- "))
             {
@@ -82,15 +82,15 @@ fn without_comment(line: &str) -> &str {
     }
 }
 
-/// Whether a line is an item of a list.
+/// Whether a line is a list item.
 fn is_item(line: &Line) -> bool {
     line.text == "-" || line.text.starts_with("- ")
 }
 
-/// The lines from `at` on that are indented by `indent` or more.
+/// Parses the lines from `at` on that are indented by `indent` or more.
 fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<Value, String> {
     let Some(first) = lines.get(*at) else { return Ok(Value::Map(Vec::new())) };
-    if depth > DEEPEST {
+    if depth > MAX_DEPTH {
         return Err(format!("line {}: nested too deeply", first.number));
     }
     let own = first.indent;
@@ -101,7 +101,7 @@ fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<
     let mut keys = Vec::new();
     while let Some(line) = lines.get(*at).filter(|l| l.indent == own) {
         let dash = is_item(line);
-        // A list may stand as far left as the keys around it.
+        // List items may be indented as little as the surrounding keys.
         if dash && !keys.is_empty() || !dash && !items.is_empty() {
             break;
         }
@@ -121,7 +121,7 @@ fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<
         let rest =
             if rest.starts_with("!!") { rest.split_once(' ').map_or("", |r| r.1.trim()) } else { rest };
         let value = if rest.is_empty() {
-            // A list with dashes may stand as far left as its key.
+            // A block list may be indented as little as its key.
             let dashes = lines.get(*at).is_some_and(|l| l.indent == own && is_item(l));
             block(lines, at, if dashes { own } else { own + 1 }, depth + 1)?
         } else {
@@ -137,7 +137,7 @@ fn unquoted(word: &str) -> &str {
     quoted('"').or_else(|| quoted('\'')).unwrap_or(word)
 }
 
-/// A word, or a list in brackets, on one line.
+/// Parses a scalar or a flow list on one line.
 fn flow(text: &str, number: usize) -> Result<Value, String> {
     let text = text.trim();
     if !text.starts_with('[') {
@@ -166,7 +166,7 @@ fn flow(text: &str, number: usize) -> Result<Value, String> {
             }
             _ => word.push(c),
         }
-        if stack.len() > DEEPEST {
+        if stack.len() > MAX_DEPTH {
             return Err(format!("line {number}: nested too deeply"));
         }
     }
@@ -174,7 +174,7 @@ fn flow(text: &str, number: usize) -> Result<Value, String> {
 }
 
 impl Value {
-    /// The value of a key.
+    /// Value of a key in a map.
     pub fn get(&self, key: &str) -> Option<&Value> {
         match self {
             Self::Map(keys) => keys.iter().find(|(k, _)| k == key).map(|(_, v)| v),
@@ -182,7 +182,7 @@ impl Value {
         }
     }
 
-    /// The word.
+    /// The scalar as text.
     pub fn word(&self) -> Option<&str> {
         match self {
             Self::Word(word) => Some(word),
@@ -190,12 +190,12 @@ impl Value {
         }
     }
 
-    /// The number.
+    /// The scalar as a number.
     pub fn number(&self) -> Option<f64> {
         self.word()?.parse().ok().filter(|v: &f64| v.is_finite())
     }
 
-    /// All numbers, of nested lists one after the other; the data of a matrix.
+    /// All numbers of a nested list in order: the data of a matrix.
     pub fn numbers(&self) -> Option<Vec<f64>> {
         match self {
             Self::Word(_) => Some(vec![self.number()?]),

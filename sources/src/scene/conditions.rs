@@ -1,4 +1,4 @@
-//! What the weather makes of light, ground and sensors.
+//! Light, ground, precipitation, lens and sensor parameters of each weather.
 
 use super::file::Weather;
 use super::lens::{Glare, Lens};
@@ -7,24 +7,24 @@ use super::mesh::unit;
 use super::precipitation::Precipitation;
 use super::sensor::Sensor;
 
-/// A weather, in numbers.
+/// Rendering parameters of a weather.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions {
-    /// Light and air.
+    /// Light and atmosphere.
     pub light: Light,
-    /// How wet the ground is, 0 to 1.
+    /// Wetness of the ground, 0 to 1.
     pub wet: f64,
-    /// Share of the ground under snow.
+    /// Share of the ground under snow, 0 to 1.
     pub snow: f64,
     /// Rain or snow.
-    pub falls: Option<Precipitation>,
-    /// What is on the lenses.
+    pub precipitation: Option<Precipitation>,
+    /// Drops, film, glare and halo of the lenses.
     pub lens: Lens,
     /// Left and right sensor.
     pub sensors: [Sensor; 2],
 }
 
-/// Rain of so many drops, that hide so much.
+/// Rain with `count` drops per image.
 fn rain(count: u32, opacity: f32, grey: f32) -> Option<Precipitation> {
     Some(Precipitation {
         count,
@@ -38,17 +38,17 @@ fn rain(count: u32, opacity: f32, grey: f32) -> Option<Precipitation> {
 }
 
 impl Conditions {
-    /// The weather's numbers.
+    /// Parameters of a weather.
     pub fn new(weather: Weather) -> Self {
         let sensor = |gain, offset, noise, shot_noise| Sensor { gain, offset, noise, shot_noise };
-        // No two cameras are alike: the right one is a little brighter.
+        // Real cameras differ: the right one is a little brighter.
         let pair =
             |noise: f32, shot: f32| [sensor(1.0, 0.0, noise, shot), sensor(1.04, 1.5, noise * 1.1, shot)];
         let fair = Self {
             light: Light::day(),
             wet: 0.0,
             snow: 0.0,
-            falls: None,
+            precipitation: None,
             lens: Lens::default(),
             sensors: pair(0.8, 1.4),
         };
@@ -58,7 +58,7 @@ impl Conditions {
             Weather::LightRain => Self {
                 light: Light { visibility_m: 300.0, ..Light::overcast(0.8) },
                 wet: 0.55,
-                falls: rain(1200, 0.8, 200.0),
+                precipitation: rain(1200, 0.8, 200.0),
                 lens: Lens { drops: 5, ..Lens::default() },
                 sensors: pair(1.4, 2.2),
                 ..fair
@@ -66,7 +66,7 @@ impl Conditions {
             Weather::HeavyRain => Self {
                 light: Light { visibility_m: 90.0, ..Light::overcast(0.75) },
                 wet: 1.0,
-                falls: rain(4500, 1.0, 185.0),
+                precipitation: rain(4500, 1.0, 185.0),
                 lens: Lens { drops: 18, film: 0.12, ..Lens::default() },
                 sensors: pair(2.2, 3.2),
                 ..fair
@@ -91,7 +91,7 @@ impl Conditions {
             Weather::Snow => Self {
                 light: Light { visibility_m: 160.0, air: 200.0, ..Light::overcast(0.95) },
                 snow: 0.92,
-                falls: Some(Precipitation {
+                precipitation: Some(Precipitation {
                     count: 1800,
                     diameter_m: 0.009,
                     fall_m_s: 1.3,
@@ -122,5 +122,5 @@ impl Conditions {
     }
 }
 
-/// Where a low sun stands: right and down per metre ahead.
+/// Direction of a low sun: metres right and down per metre ahead.
 const SUN: (f64, f64) = (0.1, -0.2);

@@ -6,34 +6,34 @@ use crate::{PairSource, SourceError};
 use perception::rig::Rig;
 use std::sync::LazyLock;
 
-/// The scene `drive`, which a test keeps sound.
+/// The scene `drive`; a test checks that it parses.
 static FILE: LazyLock<SceneFile> = LazyLock::new(|| match library::load("drive") {
     Ok(file) => file,
-    Err(error) => panic!("the built-in drive is not sound: {error}"),
+    Err(error) => panic!("the built-in drive is invalid: {error}"),
 });
 
-/// The built-in drive (scene `drive`): a street with houses, parked cars, posts and a small box, and a
-/// car ahead that is caught up with and then pulls away. It repeats every [`Drive::CYCLE_S`] seconds
-/// and never ends; the same seed gives the same pictures.
+/// The built-in drive (scene `drive`): a street with houses, parked cars, posts and a small box, and a lead
+/// car that the vehicle approaches and that then pulls away. It repeats every [`Drive::CYCLE_S`] seconds
+/// without end. Equal seeds give equal images.
 #[derive(Debug)]
 pub struct Drive {
     scene: Scene,
 }
 
 impl Drive {
-    /// Seconds after which the drive repeats.
+    /// Period of the drive, in seconds.
     pub const CYCLE_S: f64 = 12.0;
 
     /// Height of the camera above the road, in metres.
     pub const CAMERA_HEIGHT_M: f64 = 1.25;
 
-    /// The drive as the paper's rig sees it: 640 × 480 px, 120 mm, 879 px of focal length.
+    /// The drive with the paper's rig: 640 × 480 px, baseline 120 mm, focal length 879 px.
     pub fn paper(seed: u64) -> Self {
         let (rig, size, _) = super::file::NamedRig::Paper.values();
         Self::new(seed, rig, size, 12.5)
     }
 
-    /// The drive as seen by another rig, `fps` pairs a second.
+    /// The drive with another rig, at `fps` pairs per second.
     ///
     /// # Panics
     /// When the size is zero or `fps` is not above zero.
@@ -43,7 +43,7 @@ impl Drive {
         Self { scene: Scene::seen_by(file, rig, size, Self::CAMERA_HEIGHT_M) }
     }
 
-    /// The same drive, seen `fps` times a second.
+    /// The same drive at `fps` pairs per second.
     ///
     /// # Panics
     /// When `fps` is not above zero.
@@ -51,18 +51,18 @@ impl Drive {
         Self { scene: self.scene.at_rate(fps) }
     }
 
-    /// Distance of the rear of the car ahead, `t` seconds into the drive.
+    /// Distance of the lead car's rear, `t` seconds into the drive, in metres.
     pub fn lead_distance_m(t: f64) -> f64 {
         let lead = FILE.objects.iter().find_map(|object| object.ahead.as_ref());
         lead.map_or(f64::INFINITY, |path| path.at(t.rem_euclid(Self::CYCLE_S)).0)
     }
 
-    /// Seconds into the drive of pair `index`.
+    /// Time of pair `index`, in seconds from the start.
     pub fn time_s(&self, index: u64) -> f64 {
         self.scene.time_s(index)
     }
 
-    /// Pair `index` with its truth.
+    /// Pair `index` with its ground truth.
     pub fn frame(&mut self, index: u64) -> SceneFrame {
         self.scene.frame(index)
     }
@@ -106,7 +106,7 @@ mod tests {
         a.read(21, &mut left, &mut right).unwrap();
         assert!(a.frame(20).left != left);
         assert!(Drive::paper(2).frame(20).left != a.frame(20).left);
-        // It never ends, and comes round again.
+        // It repeats without end.
         assert_eq!(a.count(), None);
         assert!((a.time_s(157) - 0.56).abs() < 1e-9);
     }
@@ -122,7 +122,7 @@ mod tests {
             let object = truth.objects.iter().find(|o| o.lateral_m.abs() < 1e-9).expect("the car ahead");
             assert!((object.distance_m - lead).abs() < 0.02, "{} {lead}", object.distance_m);
             assert!(object.in_path && object.on_road && object.subject);
-            // The lowest row sees the road.
+            // The lowest row shows the road.
             let road = rig.baseline_m / Drive::CAMERA_HEIGHT_M * (479.0 - rig.cy_px);
             assert!((f64::from(truth.disparity_px[479 * 640 + 320]) - road).abs() < 1e-3);
             assert!(truth.objects.windows(2).all(|w| w[0].distance_m <= w[1].distance_m));

@@ -1,4 +1,4 @@
-//! Scene files: what a TOML file may say, and what it must not.
+//! Format of scene files (TOML) and their validation.
 
 use super::motion::{Path, Waypoints};
 use super::sensor::Sensor;
@@ -8,28 +8,28 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A scene as its file describes it.
+/// Contents of a scene file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// What it shows, in a line.
+    /// One-line description.
     pub title: String,
-    /// Length in seconds.
+    /// Duration in seconds.
     #[serde(deserialize_with = "duration_s")]
     pub seconds: f64,
-    /// Pairs a second.
+    /// Pairs per second.
     #[serde(default = "default_fps", deserialize_with = "rate_hz")]
     pub fps: f64,
-    /// Whether it starts again at its end, and never ends.
+    /// Whether it repeats without end.
     #[serde(default)]
     pub repeats: bool,
     /// Seed of textures, noise, rain and snow.
     #[serde(default)]
     pub seed: u64,
-    /// Weather and light.
+    /// Weather and lighting.
     #[serde(default)]
     pub weather: Weather,
-    /// The cameras.
+    /// The stereo camera.
     #[serde(default)]
     pub camera: CameraFile,
     /// The vehicle's own motion.
@@ -38,37 +38,37 @@ pub struct SceneFile {
     /// The road.
     #[serde(default)]
     pub road: RoadFile,
-    /// Rows of things beside the road.
+    /// Rows of objects beside the road.
     #[serde(default)]
     pub beside: Vec<BesideFile>,
-    /// Single things, still or moving.
+    /// Single objects, static or moving.
     #[serde(default)]
     pub objects: Vec<ObjectFile>,
 }
 
-/// Weather and light, as in the paper's table.
+/// Weather and lighting, as in the paper's table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Weather {
     /// Bright sun from behind.
     #[default]
     Sunny,
-    /// Wet road, thin streaks, few drops on the lenses.
+    /// Wet road, thin streaks, a few drops on the lenses.
     LightRain,
-    /// Streaks, spray, mirrors on the road, many drops on the lenses.
+    /// Streaks, spray, reflections on the road, many drops on the lenses.
     HeavyRain,
-    /// The vehicle's lamps, street lamps, much noise.
+    /// Headlamps, street lamps, strong noise.
     Night,
-    /// Flakes, ground covered.
+    /// Falling flakes, ground covered.
     Snow,
-    /// Low sun ahead: glare, saturation, dark sides.
+    /// Low sun ahead: glare, saturation, dark near sides.
     Backlight,
-    /// No sun, no shadows, dry.
+    /// No direct sun, no shadows, dry.
     Overcast,
 }
 
 impl Weather {
-    /// All of them; the paper's six first, in its order.
+    /// All values; the paper's six first, in its order.
     pub const ALL: [Self; 7] = [
         Self::Sunny,
         Self::LightRain,
@@ -79,7 +79,7 @@ impl Weather {
         Self::Overcast,
     ];
 
-    /// Its name in files and on the command line.
+    /// Name in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sunny => "sunny",
@@ -92,20 +92,20 @@ impl Weather {
         }
     }
 
-    /// The weather of a name.
+    /// The weather with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|weather| weather.name() == name)
     }
 }
 
-/// Rigs that scenes can name.
+/// Predefined rigs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NamedRig {
-    /// The paper's: 640 × 480 px, 120 mm, 879 px of focal length.
+    /// The paper's rig: 640 × 480 px, baseline 120 mm, focal length 879 px.
     #[default]
     Paper,
-    /// KITTI's grey cameras: 1242 × 375 px, 0.54 m, 721 px of focal length.
+    /// KITTI's grey cameras: 1242 × 375 px, baseline 0.54 m, focal length 721 px.
     Kitti,
 }
 
@@ -123,44 +123,44 @@ impl NamedRig {
     }
 }
 
-/// The cameras: a named rig, and what differs from it.
+/// The cameras: a predefined rig and overrides.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFile {
-    /// The rig that the rest is taken from.
+    /// Rig that provides the defaults.
     #[serde(default)]
     pub rig: NamedRig,
     /// Focal length in pixels.
     pub focal_px: Option<f64>,
-    /// Distance of the cameras.
+    /// Baseline, in metres.
     pub baseline_m: Option<f64>,
-    /// Column of the principal point.
+    /// Column of the principal point, in pixels.
     pub cx_px: Option<f64>,
-    /// Row of the principal point.
+    /// Row of the principal point, in pixels.
     pub cy_px: Option<f64>,
-    /// Image width.
+    /// Image width, in pixels.
     pub width_px: Option<u16>,
-    /// Image height.
+    /// Image height, in pixels.
     pub height_px: Option<u16>,
-    /// Height above the road.
+    /// Height above the road, in metres.
     #[serde(default, deserialize_with = "camera_height_m")]
     pub height_m: Option<f64>,
-    /// Nose down, in degrees; a number or a list of `[seconds, degrees]`.
+    /// Pitch, nose down, in degrees; a number or a list of `[seconds, degrees]`.
     pub pitch_deg: Option<Waypoints>,
-    /// Rolled clockwise, in degrees; a number or a list of `[seconds, degrees]`.
+    /// Roll, clockwise, in degrees; a number or a list of `[seconds, degrees]`.
     pub roll_deg: Option<Waypoints>,
-    /// How far the body sways in pitch, in degrees.
+    /// Amplitude of the body's pitch oscillation, in degrees.
     #[serde(default, deserialize_with = "angle_deg")]
     pub sway_pitch_deg: f64,
-    /// How far the body sways in roll, in degrees.
+    /// Amplitude of the body's roll oscillation, in degrees.
     #[serde(default, deserialize_with = "angle_deg")]
     pub sway_roll_deg: f64,
-    /// How far the right camera's nose is turned down against the left one's, as when a mount gives way,
-    /// in degrees; a number or a list of `[seconds, degrees]`. Truth and rig do not know.
+    /// Pitch of the right camera relative to the left one, nose down, as after a mount has slipped, in degrees; a
+    /// number or a list of `[seconds, degrees]`. Ground truth and rig do not include it.
     pub right_pitch_deg: Option<Waypoints>,
-    /// Left sensor, in place of the weather's.
+    /// Left sensor, instead of the weather's.
     pub left: Option<Sensor>,
-    /// Right sensor, in place of the weather's.
+    /// Right sensor, instead of the weather's.
     pub right: Option<Sensor>,
 }
 
@@ -168,11 +168,11 @@ pub struct CameraFile {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EgoFile {
-    /// Speed: a number or a list of `[seconds, m/s]`.
+    /// Speed in m/s: a number or a list of `[seconds, m/s]`.
     pub speed_m_s: Waypoints,
-    /// Place across the road: a number or a list of `[seconds, metres]`.
+    /// Lateral position in metres: a number or a list of `[seconds, metres]`.
     pub lateral_m: Waypoints,
-    /// Where it starts along the road.
+    /// Start position along the road, in metres.
     pub along_m: f64,
 }
 
@@ -182,32 +182,32 @@ impl Default for EgoFile {
     }
 }
 
-/// The road. Its reference line is where lateral is 0.
+/// The road. Lateral 0 is its reference line.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RoadFile {
-    /// Left and right edge of the asphalt.
+    /// Left and right edge of the asphalt, in metres.
     #[serde(deserialize_with = "edges_m")]
     pub edges_m: (f64, f64),
-    /// Height of the kerbs; 0 has none.
+    /// Height of the kerbs, in metres; 0 for none.
     #[serde(deserialize_with = "kerb_m")]
     pub kerb_m: f64,
-    /// Width of the pavement beyond the kerbs.
+    /// Width of the pavement beyond the kerbs, in metres.
     #[serde(deserialize_with = "width_m")]
     pub pavement_m: f64,
-    /// Painted lines that do not end.
+    /// Lateral positions of solid lane markings, in metres.
     pub solid_m: Vec<f64>,
-    /// Dashed lines.
+    /// Lateral positions of dashed lane markings, in metres.
     pub dashed_m: Vec<f64>,
-    /// Strength of the asphalt's texture, 0 to 1.5.
+    /// Contrast of the asphalt's texture, 0 to 1.5.
     #[serde(deserialize_with = "strength")]
     pub texture: f64,
-    /// How wet the ground is, 0 to 1; rain wets it anyway.
+    /// Wetness of the ground, 0 to 1; rain makes it wet in any case.
     #[serde(deserialize_with = "share")]
     pub wet: f64,
     /// Rise in percent; a number or a list of `[along, percent]`.
     pub grade_percent: Waypoints,
-    /// Bend to the right, 1 ÷ radius in km; a number or a list of `[along, 1/km]`.
+    /// Curvature to the right in 1/km; a number or a list of `[along, 1/km]`.
     pub bend_per_km: Waypoints,
 }
 
@@ -227,19 +227,19 @@ impl Default for RoadFile {
     }
 }
 
-/// What may stand in a row beside the road.
+/// Kinds of objects in a row beside the road.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BesideKind {
-    /// Houses, front to front.
+    /// Houses in a closed row.
     Buildings,
     /// Trees.
     Trees,
     /// A green belt.
     Hedge,
-    /// A steel rail on posts.
+    /// A steel guard rail on posts.
     GuardRail,
-    /// A wall of bricks.
+    /// A brick wall.
     Wall,
     /// Posts.
     Poles,
@@ -249,48 +249,48 @@ pub enum BesideKind {
     ParkedCars,
 }
 
-/// A row of things beside the road.
+/// A row of objects beside the road.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BesideFile {
-    /// What stands there.
+    /// Kind of the objects.
     pub kind: BesideKind,
-    /// Its near side (negative is left of the reference line).
+    /// Lateral position of the near side, in metres (negative is left of the reference line).
     #[serde(deserialize_with = "lateral_m")]
     pub lateral_m: f64,
-    /// Where the row starts along the road.
+    /// Start of the row along the road, in metres.
     #[serde(default, deserialize_with = "place_m")]
     pub from_m: f64,
-    /// Where it ends.
+    /// End of the row, in metres.
     #[serde(deserialize_with = "place_m")]
     pub to_m: f64,
-    /// From one to the next; each kind has its own.
+    /// Distance from one object to the next, in metres; the default depends on the kind.
     #[serde(default, deserialize_with = "spacing_m")]
     pub spacing_m: Option<f64>,
-    /// Height, where the kind may differ in it.
+    /// Height in metres, for kinds with a variable height.
     #[serde(default, deserialize_with = "size_m")]
     pub height_m: Option<f64>,
 }
 
-/// Single things.
+/// Kinds of single objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectKind {
-    /// A saloon car.
+    /// A sedan.
     Car,
     /// A delivery van.
     Van,
     /// A city bus.
     Bus,
-    /// Someone on foot.
+    /// A pedestrian.
     Pedestrian,
     /// A traffic cone.
     Cone,
-    /// A box of cardboard that fell off a lorry.
+    /// A cardboard box.
     Debris,
-    /// A post.
+    /// A pole.
     Pole,
-    /// A piece of green belt.
+    /// A piece of hedge.
     Hedge,
     /// A bridge across the road.
     Bridge,
@@ -298,35 +298,35 @@ pub enum ObjectKind {
     Block,
 }
 
-/// A single thing, still or moving. It is placed by `along_m`, by `path` or by `ahead`.
+/// A single object, static or moving. Exactly one of `along_m`, `path` and `ahead` positions it.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectFile {
-    /// What it is.
+    /// Kind of the object.
     pub kind: ObjectKind,
-    /// Its near side along the road.
+    /// Position of its near side along the road, in metres.
     #[serde(default, deserialize_with = "place_option_m")]
     pub along_m: Option<f64>,
-    /// Its middle across the road.
+    /// Lateral position of its centre, in metres.
     #[serde(default, deserialize_with = "lateral_m")]
     pub lateral_m: f64,
-    /// Its speed along the road.
+    /// Speed along the road, in m/s.
     #[serde(default, deserialize_with = "speed_m_s")]
     pub speed_m_s: f64,
-    /// Its speed to the right.
+    /// Speed to the right, in m/s.
     #[serde(default, deserialize_with = "speed_m_s")]
     pub across_m_s: f64,
-    /// Where it is when: `[seconds, along, lateral]`.
+    /// Trajectory: `[seconds, along, lateral]`.
     pub path: Option<Path>,
-    /// The same, along counted from the vehicle: `[seconds, ahead, lateral]`.
+    /// Trajectory relative to the vehicle: `[seconds, ahead, lateral]`.
     pub ahead: Option<Path>,
-    /// Turned to the right; at 0 its rear is seen, at 180 its front.
+    /// Yaw to the right in degrees; at 0 its rear is visible, at 180 its front.
     #[serde(default, deserialize_with = "turn_deg")]
     pub yaw_deg: f64,
-    /// Mean grey of its paint, cloth or leaves.
+    /// Mean grey value of its surface.
     #[serde(default, deserialize_with = "grey")]
     pub grey: Option<f64>,
-    /// Width, height and length; each kind has its own.
+    /// Width, height and length, in metres; the default depends on the kind.
     #[serde(default, deserialize_with = "sizes_m")]
     pub size_m: Option<[f64; 3]>,
 }
@@ -360,7 +360,7 @@ macro_rules! ranged_option {
 
 ranged! {
     duration_s: 0.1..=3600.0, "seconds";
-    rate_hz: 0.1..=200.0, "pairs a second";
+    rate_hz: 0.1..=200.0, "pairs per second";
     angle_deg: -10.0..=10.0, "degrees";
     turn_deg: -360.0..=360.0, "degrees";
     kerb_m: 0.0..=0.5, "metres";
@@ -369,7 +369,7 @@ ranged! {
     share: 0.0..=1.0, "a share";
     lateral_m: -100.0..=100.0, "metres";
     place_m: -1000.0..=20_000.0, "metres";
-    speed_m_s: -70.0..=70.0, "metres a second";
+    speed_m_s: -70.0..=70.0, "metres per second";
 }
 
 ranged_option! {
@@ -399,13 +399,13 @@ fn sizes_m<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[f64; 3]>, D::Error
     Ok(Some(sizes))
 }
 
-/// Why a scene cannot be had. Every text names the file, the line or the value, and the remedy.
+/// Errors of scenes. Every text names the file, the line or the value, and the remedy.
 #[derive(Debug, Error)]
 pub enum SceneError {
-    /// No such scene.
+    /// No scene with this name.
     #[error("{name}: no such scene: give a TOML file, or one of {known}")]
     Unknown {
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// The built-in scenes.
         known: String,
@@ -413,40 +413,40 @@ pub enum SceneError {
     /// The file cannot be read.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// The file is no scene.
+    /// The file is not a valid scene.
     #[error("{file}{}: {reason}", line.map_or(String::new(), |line| format!(":{line}")))]
     File {
         /// The file, or the name of a built-in scene.
         file: String,
-        /// Its line, from 1.
+        /// Line number, from 1.
         line: Option<usize>,
-        /// What is wrong and what to do.
+        /// The fault and the remedy.
         reason: String,
     },
-    /// What follows the question mark.
+    /// Invalid settings after the question mark.
     #[error(
         "{name}: {setting}: give weather=NAME, seed=N or rig=paper|kitti, joined by &; weathers are {weathers}"
     )]
     Setting {
-        /// The whole name.
+        /// The complete name.
         name: String,
-        /// The part that is wrong.
+        /// The invalid setting.
         setting: String,
-        /// Names of the weathers.
+        /// Names of the known weathers.
         weathers: String,
     },
 }
 
 impl SceneFile {
-    /// Parses the text of a scene; `file` is named in errors.
+    /// Parses the text of a scene; `file` is the name for errors.
     ///
     /// # Errors
-    /// With the line, the key or the value, and the remedy.
+    /// Names the line, the key or the value, and the remedy.
     pub fn parse(text: &str, file: &str) -> Result<Self, SceneError> {
         let fault = |line, reason: String| SceneError::File { file: file.to_owned(), line, reason };
         let scene: Self = toml::from_str(text).map_err(|error| {
@@ -456,7 +456,7 @@ impl SceneFile {
             let reason = error.message().trim_end().to_owned();
             fault(line, value.map_or(reason.clone(), |value| format!("{reason} (at `{value}`)")))
         })?;
-        // What no single value can tell; the line is that of the nth [[objects]].
+        // Checks across several values; the reported line is that of the nth header.
         let line_of = |header: &str, n: usize| {
             text.lines().zip(1..).filter(|(line, _)| line.trim() == header).nth(n).map(|(_, line)| line)
         };
@@ -468,7 +468,7 @@ impl SceneFile {
             }
             if object.along_m.is_none() && (object.speed_m_s != 0.0 || object.across_m_s != 0.0) {
                 let reason =
-                    "speed_m_s and across_m_s go with along_m; path and ahead tell the motion".to_owned();
+                    "speed_m_s and across_m_s require along_m; path and ahead define the motion".to_owned();
                 return Err(fault(line_of("[[objects]]", n), reason));
             }
         }
@@ -479,23 +479,23 @@ impl SceneFile {
                 return Err(fault(line_of("[[beside]]", n), reason));
             }
         }
-        if scene.road.grade_percent.greatest() > 30.0 {
+        if scene.road.grade_percent.max_abs() > 30.0 {
             return Err(fault(None, "road.grade_percent: give grades from -30 to 30 percent".into()));
         }
-        if scene.road.bend_per_km.greatest() > 50.0 {
+        if scene.road.bend_per_km.max_abs() > 50.0 {
             return Err(fault(None, "road.bend_per_km: give bends from -50 to 50 (a radius of 20 m)".into()));
         }
         let angles = [&scene.camera.pitch_deg, &scene.camera.roll_deg];
-        if angles.into_iter().flatten().any(|angle| angle.greatest() > 20.0) {
+        if angles.into_iter().flatten().any(|angle| angle.max_abs() > 20.0) {
             return Err(fault(
                 None,
                 "camera.pitch_deg and roll_deg: give angles from -20 to 20 degrees".into(),
             ));
         }
-        if scene.camera.right_pitch_deg.as_ref().is_some_and(|angle| angle.greatest() > 2.0) {
+        if scene.camera.right_pitch_deg.as_ref().is_some_and(|angle| angle.max_abs() > 2.0) {
             return Err(fault(None, "camera.right_pitch_deg: give angles from -2 to 2 degrees".into()));
         }
-        if scene.ego.speed_m_s.greatest() > 70.0 {
+        if scene.ego.speed_m_s.max_abs() > 70.0 {
             return Err(fault(None, "ego.speed_m_s: give speeds from -70 to 70 m/s".into()));
         }
         let (_, size, _) = scene.camera.values().map_err(|error| fault(None, format!("camera: {error}")))?;
@@ -513,7 +513,7 @@ impl CameraFile {
     /// Rig, image size and height above the road.
     ///
     /// # Errors
-    /// When the figures make no rig.
+    /// When the values do not form a valid rig.
     pub fn values(&self) -> Result<(Rig, (usize, usize), f64), RigError> {
         let (named, size, height_m) = self.rig.values();
         let rig = Rig {

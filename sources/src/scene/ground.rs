@@ -1,4 +1,4 @@
-//! The road's course and the ground along it.
+//! Course of the road and the ground surfaces along it.
 
 use super::file::RoadFile;
 use super::material::{Line, Look, Material, Style};
@@ -6,16 +6,16 @@ use super::mesh::{Axis, Face};
 use super::motion::Waypoints;
 use super::truth::{ROAD, VERGE};
 
-/// The course is followed so far; beyond, the road goes straight on, in metres.
+/// Distance up to which the course is integrated, in metres; the road continues straight beyond.
 const FOLLOWED_M: f64 = 240.0;
 
-/// Where the ground ends, in metres.
+/// Distance at which the ground ends, in metres.
 const END_M: f64 = 3000.0;
 
-/// How far the ground reaches to the sides, in metres.
+/// Lateral extent of the ground, in metres.
 const SIDE_M: f64 = 400.0;
 
-/// Where the road runs.
+/// Horizontal and vertical course of the road.
 #[derive(Clone, Debug)]
 pub struct Course {
     grade_percent: Waypoints,
@@ -23,10 +23,10 @@ pub struct Course {
     straight: bool,
 }
 
-/// The road's reference line at one place, in the frame of the road below the vehicle.
+/// A point of the road's reference line, in the road frame below the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// Metres to the right.
+    /// Metres to the right of the vehicle.
     pub x_m: f64,
     /// Metres above the plane on which the vehicle stands.
     pub up_m: f64,
@@ -37,7 +37,7 @@ pub struct Spot {
 }
 
 impl Course {
-    /// The course that a file describes.
+    /// The course described by a file.
     pub fn new(road: &RoadFile) -> Self {
         let (grade_percent, bend_per_km) = (road.grade_percent.clone(), road.bend_per_km.clone());
         let even = |line: &Waypoints| line.is_always(line.value(0.0));
@@ -45,8 +45,8 @@ impl Course {
         Self { grade_percent, bend_per_km, straight }
     }
 
-    /// The reference line `ahead` metres before the vehicle at `along`. The vehicle stands level on
-    /// the road and looks along it there.
+    /// The reference line `ahead_m` metres ahead of a vehicle at `along_m`. The vehicle stands level on the road
+    /// and is aligned with it.
     pub fn spot(&self, along_m: f64, ahead_m: f64) -> Spot {
         if self.straight {
             return Spot { x_m: 0.0, up_m: 0.0, heading: 0.0, slope: 0.0 };
@@ -68,7 +68,7 @@ impl Course {
         }
     }
 
-    /// Where the ground's strips begin and end, nearest first.
+    /// Boundaries of the ground's strips, nearest first.
     fn knots(&self) -> impl Iterator<Item = f64> {
         let (straight, mut at) = (self.straight, -1.0_f64);
         std::iter::from_fn(move || {
@@ -99,14 +99,14 @@ struct Piece {
     owner: u16,
 }
 
-/// The ground along the road: asphalt, kerbs, pavements, grass.
+/// Ground along the road: asphalt, kerbs, pavements, grass.
 #[derive(Clone, Debug)]
 pub struct Ground {
     pieces: Vec<Piece>,
 }
 
 impl Ground {
-    /// The ground that a file describes.
+    /// The ground described by a file.
     pub fn new(road: &RoadFile) -> Self {
         let (left, right) = road.edges_m;
         let (kerb, pavement) = (road.kerb_m, road.pavement_m);
@@ -131,7 +131,7 @@ impl Ground {
         Self { pieces }
     }
 
-    /// Gives each face of the ground before a vehicle at `along`, `lateral`, and whom it belongs to.
+    /// Calls `each` with the ground's faces and their owners, for a vehicle at `along_m`, `lateral_m`.
     pub fn faces(&self, course: &Course, along_m: f64, lateral_m: f64, mut each: impl FnMut(&Face, u16)) {
         let mut before: Option<(f64, Spot)> = None;
         for z in course.knots() {
@@ -162,7 +162,7 @@ impl Ground {
                         if face.normal[1] < 0.0 {
                             face.normal = face.normal.map(|v| -v);
                         }
-                        // From below there is nothing to see.
+                        // Invisible from below.
                         face.closed = true;
                     }
                     each(&face, piece.owner);
@@ -173,7 +173,7 @@ impl Ground {
     }
 }
 
-/// The road's style as a file describes it.
+/// Surface style of the road described by a file.
 pub fn style(road: &RoadFile, wet: f64, snow: f64) -> Style {
     let line = |dashed: bool| move |&lateral: &f64| Line { lateral_m: lateral as f32, dashed };
     Style {

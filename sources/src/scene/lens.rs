@@ -1,37 +1,37 @@
-//! What lenses add: drops on the glass, glare of a low sun, halos of lamps. Each lens has its own.
+//! Lens effects: water drops, glare of a low sun, halos of lamps. Each lens has its own.
 
 use super::texture::{hash, unit};
 use super::view::Camera;
 
-/// Side of the pixels of the small picture that blurs are taken from.
+/// Block size of the downsampled image that blur is computed on, in pixels.
 const COARSE: usize = 8;
 
-/// Frames that a drop stays where it is.
+/// Frames for which a drop stays on the lens.
 const DROP_FRAMES: u64 = 20;
 
-/// A low sun in the picture.
+/// Glare of a low sun in the field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glare {
-    /// Its place: right and down per metre ahead.
+    /// Direction of the sun: metres right and down per metre ahead.
     pub at: (f64, f64),
-    /// Light at its middle, in grey levels.
+    /// Brightness at its centre, in grey levels.
     pub strength: f32,
 }
 
-/// What is on and in the two lenses.
+/// Effects of both lenses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lens {
-    /// Drops on each glass.
+    /// Drops on each lens.
     pub drops: u32,
-    /// Share of the light that a film of water scatters.
+    /// Share of the light scattered by a film of water, 0 to 1.
     pub film: f32,
-    /// A sun that shines into the lenses.
+    /// Glare of the sun.
     pub glare: Option<Glare>,
-    /// Share of what is too bright that becomes a halo.
+    /// Share of the overexposed light that forms halos.
     pub halo: f32,
 }
 
-/// Memory for the small picture.
+/// Buffers of the downsampled image.
 #[derive(Debug, Default)]
 pub struct Coarse {
     pixels: Vec<f32>,
@@ -41,7 +41,7 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// Takes the mean of each block of `light`, after `value`.
+    /// Computes the mean of `value` over each block of `light`.
     fn shrink(&mut self, camera: &Camera, light: &[f32], value: impl Fn(f32) -> f32) {
         let (width, height) = camera.size;
         (self.columns, self.rows) = (width.div_ceil(COARSE), height.div_ceil(COARSE));
@@ -62,7 +62,7 @@ impl Coarse {
         }
     }
 
-    /// Spreads each value over its neighbours.
+    /// Box-blurs the downsampled image.
     fn blur(&mut self) {
         let (columns, rows) = (self.columns, self.rows);
         self.spare.clear();
@@ -83,7 +83,7 @@ impl Coarse {
         std::mem::swap(&mut self.pixels, &mut self.spare);
     }
 
-    /// The value at a place of the whole picture, in its pixels.
+    /// Interpolated value at a position of the full image, in its pixels.
     fn at(&self, x: f32, y: f32) -> f32 {
         let place = |v: f32, most: usize| {
             let v = ((v + 0.5) / COARSE as f32 - 0.5).clamp(0.0, (most - 1) as f32);
@@ -101,7 +101,7 @@ impl Coarse {
 }
 
 impl Lens {
-    /// Puts on one camera's `light` what its lens does to it. `seed` is the lens's own.
+    /// Applies the lens effects to one camera's `light`. `seed` identifies the lens.
     pub fn apply(&self, camera: &Camera, seed: u64, frame: u64, light: &mut [f32], coarse: &mut Coarse) {
         if self.halo > 0.0 {
             self.halo(camera, light, coarse);
@@ -140,7 +140,7 @@ impl Lens {
     fn glare(camera: &Camera, glare: Glare, seed: u64, light: &mut [f32]) {
         let rig = camera.level();
         let (width, height) = camera.size;
-        // Dirt scatters differently on each glass.
+        // Dirt scatters differently on each lens.
         let strength = glare.strength * (0.85 + 0.3 * unit(seed) as f32);
         let (x, y) =
             ((rig.cx_px + glare.at.0 * rig.focal_px) as f32, (rig.cy_px + glare.at.1 * rig.focal_px) as f32);
@@ -151,12 +151,12 @@ impl Lens {
             for (column, v) in light[row * width..(row + 1) * width].iter_mut().enumerate() {
                 let dx = column as f32 - x;
                 let r = (dx * dx + dy * dy) / (scale * scale);
-                // A disc, its aureole, and a veil over everything.
+                // Disc, aureole and veiling glare.
                 let disc = if r < 0.0006 { 1.5 } else { 0.0 };
                 *v += strength * (disc + 0.9 / (1.0 + r / 0.004) + 0.2 / (1.0 + r / 0.12));
             }
         }
-        // Ghosts: the sun mirrored between the lens's glasses, on the line through the middle.
+        // Ghosts: reflections of the sun between lens elements, on the line through the image centre.
         for (k, (share, size, bright)) in
             [(-0.45_f32, 0.022_f32, 0.09_f32), (-0.9, 0.05, 0.05), (0.4, 0.014, 0.1)].iter().enumerate()
         {
@@ -174,14 +174,14 @@ impl Lens {
         }
     }
 
-    /// A drop shows a small, blurred picture of everything, upside down.
+    /// A drop shows a small, blurred, inverted image of the scene.
     fn drop(camera: &Camera, key: u64, frame: u64, light: &mut [f32], coarse: &Coarse) {
         let (width, height) = camera.size;
         let life = frame + (unit(key) * DROP_FRAMES as f64) as u64;
         let own = |n: u64| unit(hash(key ^ (life / DROP_FRAMES) << 20) ^ n) as f32;
         let scale = width as f32 / 640.0;
         let radius = scale * (4.0 + 15.0 * own(0) * own(0));
-        // It slides down a little while it lives.
+        // It slides down slightly during its life.
         let slide = 0.25 * scale * (life % DROP_FRAMES) as f32 * own(3);
         let (cx, cy) = (own(1) * width as f32, own(2) * height as f32 + slide);
         let rows = (cy - radius).max(0.0) as usize..((cy + radius + 1.0).max(0.0) as usize).min(height);
@@ -194,7 +194,7 @@ impl Lens {
                 }
                 let i = y * width + x;
                 let seen = coarse.at(cx - dx * radius * 5.0, cy - dy * radius * 5.0);
-                // Darker at its rim.
+                // Darker at the rim.
                 let seen = seen * (1.05 - 0.5 * off * off);
                 let share = (3.0 * (1.0 - off)).min(0.85);
                 light[i] += (seen - light[i]) * share;

@@ -1,4 +1,4 @@
-//! The scenes that ship, and how a scene is named.
+//! Built-in scenes and scene names.
 
 use super::file::{NamedRig, SceneError, SceneFile, Weather};
 use std::path::Path;
@@ -9,7 +9,7 @@ macro_rules! scenes {
     };
 }
 
-/// The scenes that ship: name and text.
+/// Built-in scenes: name and TOML text.
 pub const SCENES: [(&str, &str); 22] = scenes![
     "drive",
     "street",
@@ -35,15 +35,15 @@ pub const SCENES: [(&str, &str); 22] = scenes![
     "dip-traffic",
 ];
 
-/// A name and what follows its question mark.
+/// Splits a scene name at its question mark.
 fn split(name: &str) -> (&str, &str) {
     name.split_once('?').unwrap_or((name, ""))
 }
 
-/// The file of a scene: `NAME` or a path, then, if wanted, `?weather=night&seed=7&rig=kitti`.
+/// Loads a scene: a built-in `NAME` or a path, optionally followed by `?weather=night&seed=7&rig=kitti`.
 ///
 /// # Errors
-/// When there is no such scene, or it is no sound one.
+/// When there is no such scene, or it is invalid.
 pub fn load(name: &str) -> Result<SceneFile, SceneError> {
     let (place, settings) = split(name);
     let mut scene = match SCENES.iter().find(|(known, _)| *known == place) {

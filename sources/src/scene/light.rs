@@ -1,36 +1,36 @@
-//! What lights the scene, and what the air does to it.
+//! Lighting and atmosphere of a scene.
 
 use super::mesh::{Point, unit};
 
-/// Light of one scene.
+/// Lighting parameters of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
-    /// Light from everywhere; with [`Self::sun`], 1 is full daylight.
+    /// Ambient light; together with [`Self::sun`], 1 is full daylight.
     pub ambient: f32,
-    /// Light of the sun on a face that looks at it.
+    /// Sunlight on a face perpendicular to it.
     pub sun: f32,
-    /// Towards the sun, in the frame of the road, one long.
+    /// Unit vector towards the sun, in the road frame.
     pub towards_sun: Point,
     /// Grey value of the sky at the horizon.
     pub sky: f32,
-    /// How much brighter the sky is above, per unit of slope.
+    /// Increase of the sky's grey value per unit of slope above the horizon.
     pub sky_rise: f32,
-    /// Strength of the clouds.
+    /// Contrast of the clouds.
     pub clouds: f32,
-    /// The vehicle's own lamps, on a face before them.
+    /// Strength of the vehicle's headlamps on a face ahead of them.
     pub headlamps: f32,
     /// Distance at which the air leaves 1/e of the contrast, in metres.
     pub visibility_m: f32,
-    /// Grey value of the air itself.
+    /// Grey value of the airlight.
     pub air: f32,
-    /// Whether lamps are lit.
+    /// Whether street lamps and vehicle lamps are lit.
     pub lamps: bool,
-    /// Light of a low sun ahead that the road throws back, in grey levels.
+    /// Specular reflection of a low sun ahead on the road, in grey levels.
     pub sheen: f32,
 }
 
 impl Light {
-    /// A bright day, the sun behind the left shoulder.
+    /// A bright day with the sun behind the left shoulder.
     pub fn day() -> Self {
         Self {
             ambient: 0.62,
@@ -47,7 +47,7 @@ impl Light {
         }
     }
 
-    /// An overcast day: no shadows to speak of.
+    /// An overcast day without noticeable shadows.
     pub fn overcast(brightness: f32) -> Self {
         Self {
             ambient: 0.85 * brightness,
@@ -61,22 +61,22 @@ impl Light {
         }
     }
 
-    /// Light of the vehicle's lamps where the ray (`dx`, `dy`, 1) meets a face at `z` metres;
-    /// `facing` is 1 where it looks at the camera.
+    /// Headlamp light where the ray (`dx`, `dy`, 1) meets a face at `z` metres; `facing` is 1 where the face
+    /// is perpendicular to the view.
     #[inline]
     pub fn lamps_at(&self, dx: f32, dy: f32, z: f32, facing: f32) -> f32 {
         let side = dx / 0.42;
-        // The beam is cut off a little above the horizon.
+        // The low beam is cut off slightly above the horizon.
         let above = ((-dy - 0.015) / 0.05).clamp(0.0, 1.0);
         let far = z / 20.0;
         self.headlamps * facing.max(0.0).sqrt() * (1.0 - 0.7 * above)
             / ((1.0 + side * side) * (1.0 + side * side) * (1.0 + far * far))
     }
 
-    /// What is left of a grey value seen through `z` metres of air.
+    /// A grey value attenuated by `z` metres of air.
     #[inline]
     pub fn through_air(&self, grey: f32, z: f32) -> f32 {
-        // The exponential, as a power: exact to 1 % where anything is to be seen.
+        // The exponential as a power: accurate to 1 % where anything is visible.
         let share = (1.0 - z / (16.0 * self.visibility_m)).max(0.0);
         let fourth = (share * share) * (share * share);
         let clear = (fourth * fourth) * (fourth * fourth);

@@ -1,100 +1,100 @@
-//! What surfaces look like: grey values under full daylight, filtered to the size of a pixel.
+//! Surface materials: grey values in full daylight, filtered to the size of a pixel.
 
 use super::texture::{Texture, floor};
 
-/// The kinds of surface.
+/// Surface patterns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// Texture alone.
+    /// Texture only.
     Plain,
-    /// Asphalt with the marks of the road's style.
+    /// Asphalt with the lane markings of the road style.
     Road,
     /// Grass, with patches.
     Grass,
-    /// Slabs with joints.
+    /// Paving slabs with joints.
     Paving,
     /// Rows of windows.
     Facade,
-    /// Courses of bricks.
+    /// Brick courses.
     Brick,
-    /// A car's paint: brighter above, with seams.
+    /// Car paint: brighter towards the top, with seams.
     Paint,
-    /// Glass: dark, smooth reflections.
+    /// Glass: dark, with smooth reflections.
     Glass,
-    /// Leaves.
+    /// Foliage.
     Leaves,
 }
 
-/// A surface.
+/// A surface material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Its kind.
+    /// Its pattern.
     pub look: Look,
     /// Mean grey value in full daylight, 0 to 255.
     pub grey: f32,
-    /// How strong its texture is, 0 to about 1.
+    /// Texture contrast, 0 to about 1.
     pub contrast: f32,
     /// Texels per metre.
     pub per_m: f32,
-    /// Which part of the pattern it shows, in metres.
+    /// Offset into the texture, in metres.
     pub offset: f32,
-    /// Light of its own, in grey levels.
+    /// Emitted light, in grey levels.
     pub glow: f32,
 }
 
 impl Material {
-    /// A surface whose finest texture is `texel_m` large.
+    /// A material whose finest texture detail is `texel_m` metres.
     pub const fn new(look: Look, grey: f32, contrast: f32, texel_m: f32) -> Self {
         Self { look, grey, contrast, per_m: 1.0 / texel_m, offset: 0.0, glow: 0.0 }
     }
 
-    /// The same surface in another place of the pattern.
+    /// The same material at another offset of the texture.
     pub fn shifted(self, offset: f32) -> Self {
         Self { offset, ..self }
     }
 
-    /// The same surface with light of its own.
+    /// The same material with emitted light.
     pub fn glowing(self, glow: f32) -> Self {
         Self { glow, ..self }
     }
 }
 
-/// A painted line along the road.
+/// A lane marking along the road.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
     /// Metres right of the road's reference line.
     pub lateral_m: f32,
-    /// Six metres of paint, six without.
+    /// Dashed: six metres of paint, six without.
     pub dashed: bool,
 }
 
-/// What all of the road has in common.
+/// Surface parameters common to the whole road.
 #[derive(Clone, Debug, Default)]
 pub struct Style {
-    /// Painted lines.
+    /// Lane markings.
     pub lines: Vec<Line>,
-    /// Strength of the asphalt's texture; 0 is a road without any.
+    /// Texture contrast of the asphalt; 0 is textureless.
     pub asphalt: f32,
     /// Share of the ground under snow, 0 to 1.
     pub snow: f32,
-    /// How wet the ground is, 0 to 1.
+    /// Wetness of the ground, 0 to 1.
     pub wet: f32,
 }
 
-/// Where a ray meets a surface: texture coordinates and the span of a pixel, in metres.
+/// Intersection of a ray with a surface: texture coordinates and pixel footprint, in metres.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
-    /// Across.
+    /// Coordinate across.
     pub u: f32,
-    /// Up, or along the road.
+    /// Coordinate up, or along the road.
     pub v: f32,
-    /// Span of the pixel in u.
+    /// Pixel footprint in u.
     pub span_u: f32,
-    /// Span of the pixel in v.
+    /// Pixel footprint in v.
     pub span_v: f32,
 }
 
-/// Share of a pixel around `t` that lies in the first `duty` of each period of 1; `span` is the pixel.
+/// Share of a pixel around `t` within the first `duty` of each period of 1; `span` is the pixel footprint.
 #[inline]
 pub fn pulse(t: f32, duty: f32, span: f32) -> f32 {
     let span = span.max(1e-4);
@@ -105,7 +105,7 @@ pub fn pulse(t: f32, duty: f32, span: f32) -> f32 {
     ((sum(t + span * 0.5) - sum(t - span * 0.5)) / span).clamp(0.0, 1.0)
 }
 
-/// Share of a pixel around `t` that lies within `half` of zero.
+/// Share of a pixel around `t` within `half` of zero.
 #[inline]
 fn band(t: f32, half: f32, span: f32) -> f32 {
     let span = span.max(1e-4);
@@ -123,7 +123,7 @@ impl Hit {
         )
     }
 
-    /// [`Self::noise`], or nothing where a pixel is so long that little is left of it.
+    /// [`Self::noise`], or zero where the pixel footprint is so long that little contrast remains.
     #[inline]
     fn fine_noise(&self, texture: &Texture, per_m: f32, offset: f32) -> f32 {
         if self.span_v * per_m > 48.0 { 0.0 } else { self.noise(texture, per_m, offset) }
@@ -158,7 +158,7 @@ impl Material {
                 let (su, sv) = (hit.span_u / 2.6, hit.span_v / 3.1);
                 let window = pulse(u, 0.46, su) * pulse(v, 0.5, sv);
                 let sill = pulse(u + 0.04, 0.54, su) * pulse(v + 0.06, 0.06, sv);
-                // Each window reflects something else.
+                // Each window reflects something different.
                 let own = ((floor(u) * 37 + floor(v) * 101) & 63) as f32 * 0.7 - 22.0 + 0.35 * n;
                 let wall = self.grey + self.contrast * 0.55 * n + 35.0 * sill;
                 wall + window * (58.0 + own - wall)
@@ -197,7 +197,7 @@ impl Material {
         v -= 30.0 * style.asphalt * pulse(hit.v / 17.0, 0.004, hit.span_v / 17.0);
         v *= 1.0 - 0.45 * style.wet;
         if style.snow > 0.0 {
-            // Two tracks in each lane of 3.5 m are driven free, more or less.
+            // Two partly clear wheel tracks in each lane of 3.5 m.
             let track = pulse((hit.u + 1.05) / 1.75, 0.2, hit.span_u / 1.75 + 0.1);
             let cover = style.snow * (1.0 - 0.75 * track * (0.6 + 0.01 * coarse)).clamp(0.0, 1.0);
             v += cover * (198.0 + 0.16 * fine + 0.2 * coarse - v);

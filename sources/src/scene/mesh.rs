@@ -1,12 +1,11 @@
-//! Flat faces with a texture, and the solids that are made of them.
+//! Flat textured faces and meshes of solids.
 
 use super::material::Material;
 
-/// x right, y up, z ahead, in metres. In the frame of the road its origin lies on the road below the
-/// left camera.
+/// x right, y up, z ahead, in metres. The origin of the road frame lies on the road below the left camera.
 pub type Point = [f64; 3];
 
-/// Most corners of a face, after clipping, too.
+/// Maximum number of corners of a face, including after clipping.
 pub const CORNERS: usize = 10;
 
 /// a + b·k.
@@ -14,17 +13,17 @@ pub fn add(a: Point, b: Point, k: f64) -> Point {
     [a[0] + b[0] * k, a[1] + b[1] * k, a[2] + b[2] * k]
 }
 
-/// The scalar product.
+/// Dot product.
 pub fn dot(a: Point, b: Point) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The vector product.
+/// Cross product.
 pub fn cross(a: Point, b: Point) -> Point {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The same direction, one long; zero stays zero.
+/// The unit vector of this direction; zero stays zero.
 pub fn unit(a: Point) -> Point {
     let length = dot(a, a).sqrt();
     if length > 0.0 { [a[0] / length, a[1] / length, a[2] / length] } else { a }
@@ -33,9 +32,9 @@ pub fn unit(a: Point) -> Point {
 /// A texture coordinate in metres: gradient · point + start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Axis {
-    /// How it grows.
+    /// Gradient of the coordinate.
     pub gradient: Point,
-    /// Its value at the origin.
+    /// Value at the origin.
     pub start: f64,
 }
 
@@ -44,21 +43,21 @@ pub struct Axis {
 pub struct Face {
     corners: [Point; CORNERS],
     count: usize,
-    /// Across, in metres.
+    /// Texture coordinate across, in metres.
     pub u: Axis,
-    /// Up, or along a road, in metres.
+    /// Texture coordinate up, or along a road, in metres.
     pub v: Axis,
-    /// What it looks like.
+    /// Material of the face.
     pub material: Material,
-    /// Points outwards, one long; the back of a closed solid is never seen.
+    /// Outward unit normal; the back of a closed solid is never visible.
     pub normal: Point,
     /// Whether it belongs to a closed solid.
     pub closed: bool,
 }
 
 impl Face {
-    /// A face with 3 to [`CORNERS`] corners in order; u runs level and v upwards, or to the right
-    /// and ahead where it lies flat.
+    /// A face with 3 to [`CORNERS`] corners in order. u is horizontal and v vertical, or right and ahead where
+    /// the face is horizontal.
     pub fn new(corners: &[Point], material: Material) -> Self {
         let mut own = [[0.0; 3]; CORNERS];
         own[..corners.len()].copy_from_slice(corners);
@@ -78,12 +77,12 @@ impl Face {
         &self.corners[..self.count]
     }
 
-    /// The corners, to be moved.
+    /// Its corners, mutable.
     pub fn corners_mut(&mut self) -> &mut [Point] {
         &mut self.corners[..self.count]
     }
 
-    /// The face upside down, mirrored at y = 0.
+    /// The face mirrored at y = 0.
     pub fn mirrored(&self) -> Self {
         let flip = |p: Point| [p[0], -p[1], p[2]];
         let axis = |axis: Axis| Axis { gradient: flip(axis.gradient), ..axis };
@@ -94,7 +93,7 @@ impl Face {
         out
     }
 
-    /// Makes the normal point away from `middle`.
+    /// Orients the normal away from `middle`.
     fn turned_from(mut self, middle: Point) -> Self {
         let centre = self.corners().iter().fold([0.0; 3], |sum, &c| add(sum, c, 1.0 / self.count as f64));
         if dot(self.normal, add(centre, middle, -1.0)) < 0.0 {
@@ -105,7 +104,7 @@ impl Face {
     }
 }
 
-/// The faces of an object, in its own frame: x right, y up, z ahead, near side at z = 0.
+/// The faces of an object in its own frame: x right, y up, z ahead, near side at z = 0.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// The faces.
@@ -113,12 +112,12 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// A closed box; its lower side is left out.
+    /// A closed box without its lower side.
     pub fn block(&mut self, x: (f64, f64), y: (f64, f64), z: (f64, f64), material: Material) {
         self.frustum([x, x], y, [z, z], material);
     }
 
-    /// A box whose upper side may be smaller: `x` and `z` below and above.
+    /// A box with a different upper side: `x` and `z` below and above.
     pub fn frustum(&mut self, x: [(f64, f64); 2], y: (f64, f64), z: [(f64, f64); 2], material: Material) {
         let ring = |k: usize| {
             let (x, z, y) = (x[k], z[k], if k == 0 { y.0 } else { y.1 });
@@ -127,7 +126,7 @@ impl Mesh {
         self.loft(&ring(0), &ring(1), material);
     }
 
-    /// A prism about a level line: `profile` is (z, y), convex, extruded from `x.0` to `x.1`.
+    /// A prism about a horizontal axis: `profile` is (z, y), convex, extruded from `x.0` to `x.1`.
     pub fn extrude(&mut self, profile: &[(f64, f64)], x: (f64, f64), material: Material) {
         let at = |x: f64| profile.iter().map(|&(z, y)| [x, y, z]).collect::<Vec<Point>>();
         let (left, right) = (at(x.0), at(x.1));
@@ -135,7 +134,7 @@ impl Mesh {
         for k in 0..left.len() {
             let n = (k + 1) % left.len();
             let face = Face::new(&[left[k], right[k], right[n], left[n]], material).turned_from(middle);
-            // What looks down is never seen from above the road.
+            // Downward faces are invisible from above the road.
             if face.normal[1] > -0.95 {
                 self.faces.push(face);
             }
@@ -145,7 +144,7 @@ impl Mesh {
         }
     }
 
-    /// The solid between two rings of equally many corners, open below.
+    /// The solid between two rings with equal numbers of corners, open below.
     pub fn loft(&mut self, lower: &[Point], upper: &[Point], material: Material) {
         let middle = centre(&[lower, upper].concat());
         for k in 0..lower.len() {
@@ -161,7 +160,7 @@ impl Mesh {
         self.loft(&ring(x, z, y.0, radius.0), &ring(x, z, y.1, radius.1), material);
     }
 
-    /// A lumpy ball of leaves or the like, each seed another.
+    /// An irregular ball, such as foliage; the shape depends on the seed.
     pub fn ball(&mut self, middle: Point, radius: Point, seed: u64, material: Material) {
         const AROUND: usize = 8;
         const UP: usize = 5;
@@ -179,7 +178,7 @@ impl Mesh {
         };
         for j in 0..UP {
             for i in 0..AROUND {
-                // Triangles: the lumps are not flat.
+                // Triangles, as the bumps are not planar.
                 let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
                 if j > 0 {
                     self.faces.push(Face::new(&[a, b, c], material).turned_from(middle));
@@ -191,7 +190,7 @@ impl Mesh {
         }
     }
 
-    /// A flat piece on a surface that is there already; seen from the front alone.
+    /// A flat decal on an existing surface, visible from the front only.
     pub fn patch(&mut self, corners: &[Point], outwards: Point, material: Material) {
         let mut face = Face::new(corners, material);
         if dot(face.normal, outwards) < 0.0 {
@@ -201,19 +200,19 @@ impl Mesh {
         self.faces.push(face);
     }
 
-    /// An upright patch across the road at `z`, seen from the near side.
+    /// A vertical decal across the road at `z`, visible from the near side.
     pub fn rear_patch(&mut self, x: (f64, f64), y: (f64, f64), z: f64, material: Material) {
         let corners = [[x.0, y.0, z], [x.1, y.0, z], [x.1, y.1, z], [x.0, y.1, z]];
         self.patch(&corners, [0.0, 0.0, -1.0], material);
     }
 
-    /// An upright patch along the road at `x`, seen from the side that `outwards` points to.
+    /// A vertical decal along the road at `x`, visible from the side that `outwards` points to.
     pub fn side_patch(&mut self, x: f64, y: (f64, f64), z: (f64, f64), outwards: f64, material: Material) {
         let corners = [[x, y.0, z.0], [x, y.0, z.1], [x, y.1, z.1], [x, y.1, z.0]];
         self.patch(&corners, [outwards, 0.0, 0.0], material);
     }
 
-    /// The box around all corners: (least, greatest).
+    /// Axis-aligned bounding box: (minimum, maximum).
     pub fn bounds(&self) -> (Point, Point) {
         let mut least = [f64::MAX; 3];
         let mut greatest = [f64::MIN; 3];
@@ -239,35 +238,35 @@ fn centre(points: &[Point]) -> Point {
     points.iter().fold([0.0; 3], |sum, &p| add(sum, p, 1.0 / points.len() as f64))
 }
 
-/// Where an object stands: turned about the vertical, tilted as the road is, then moved.
+/// Pose of an object: yaw about the vertical, tilt with the road, translation.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
-    /// Where its origin comes to lie, in the frame of the road.
+    /// Position of its origin in the road frame.
     pub at: Point,
-    /// Where its own axes point.
+    /// Directions of its axes.
     pub axes: [Point; 3],
 }
 
 impl Placement {
-    /// An object at `at`, turned to the right by `yaw`, its axis ahead rising by `slope` (rise ÷ run).
+    /// An object at `at`, turned to the right by `yaw_rad`, on a road with this slope (rise ÷ run).
     pub fn new(at: Point, yaw_rad: f64, slope: f64) -> Self {
         let (s, c) = yaw_rad.sin_cos();
-        // Ahead lies on the road, up is square to it.
+        // The forward axis lies on the road, the up axis is perpendicular to it.
         let (up, ahead) = (unit([0.0, 1.0, -slope]), unit([s, c * slope, c]));
         Self { at, axes: [cross(up, ahead), up, ahead] }
     }
 
-    /// A direction of the object, in the frame of the road.
+    /// Transforms a direction from the object to the road frame.
     pub fn turn(&self, p: Point) -> Point {
         add(add(add([0.0; 3], self.axes[0], p[0]), self.axes[1], p[1]), self.axes[2], p[2])
     }
 
-    /// A point of the object, in the frame of the road.
+    /// Transforms a point from the object to the road frame.
     pub fn place(&self, p: Point) -> Point {
         add(self.turn(p), self.at, 1.0)
     }
 
-    /// A face of the object, in the frame of the road.
+    /// Transforms a face from the object to the road frame.
     pub fn face(&self, face: &Face) -> Face {
         let axis = |axis: Axis| {
             let gradient = self.turn(axis.gradient);

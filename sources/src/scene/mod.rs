@@ -1,12 +1,12 @@
-//! Synthetic scenes with exact truth: a test road for the whole system, the demo and the tests.
+//! Synthetic scenes with exact ground truth, for the demo, evaluations and tests.
 //!
-//! A scene is a small TOML file ([`file::SceneFile`]); those that ship are in [`library`]. Both images
-//! are drawn from the same textured surfaces through their own camera. A pixel is sampled in four
-//! places and textures are filtered to its size, so that the two images agree to a fraction of a pixel.
+//! A scene is a small TOML file ([`file::SceneFile`]); the built-in ones are in [`library`]. Both images are
+//! rendered from the same textured surfaces, each through its own camera. Each pixel has four samples and
+//! textures are filtered to its footprint, so that the two images agree to a fraction of a pixel.
 //!
-//! The world is laid along the road's reference line: an object has a place along it and one across.
-//! In the frame of the vehicle the line is a curve of (x, up) over z, found by summing up grade and
-//! bend twice from where the vehicle stands ([`ground::Course`]).
+//! Objects have a position along the road's reference line and one across. In the vehicle frame the line is a
+//! curve of (x, up) over z: the double integral of grade and curvature from the vehicle on
+//! ([`ground::Course`]).
 
 pub mod conditions;
 mod drive;
@@ -42,14 +42,14 @@ use texture::{Texture, hash};
 use view::{Camera, MIDDLE, SAMPLES, View};
 use world::World;
 
-/// One pair with its truth.
+/// A pair with its ground truth.
 #[derive(Clone, Debug)]
 pub struct SceneFrame {
-    /// The left image.
+    /// Left image, row-major.
     pub left: Vec<u8>,
-    /// The right image.
+    /// Right image, row-major.
     pub right: Vec<u8>,
-    /// What is true of it.
+    /// Ground truth of the left image.
     pub truth: SceneTruth,
 }
 
@@ -68,26 +68,26 @@ pub struct Scene {
     depth: [Vec<f32>; 4],
     seen: [Vec<u32>; 4],
     light: Vec<f32>,
-    /// 1/z of each pixel, while something falls.
+    /// 1/z of each pixel, while precipitation falls.
     near: Vec<f32>,
     coarse: Coarse,
     period_ns: u64,
 }
 
 impl Scene {
-    /// The scene of a name or path, with settings: `street`, `street?weather=night&seed=7`,
+    /// Opens a scene by name or path, with settings: `street`, `street?weather=night&seed=7`,
     /// `my/scene.toml`.
     ///
     /// # Errors
-    /// When there is no such scene, or it is no sound one.
+    /// When there is no such scene, or it is invalid.
     pub fn open(name: &str) -> Result<Self, SceneError> {
         Self::new(library::load(name)?)
     }
 
-    /// The scene of a file.
+    /// The scene described by a file.
     ///
     /// # Errors
-    /// When its cameras make no rig.
+    /// When its cameras do not form a valid rig.
     pub fn new(file: SceneFile) -> Result<Self, SceneError> {
         let (rig, size, height_m) = file.camera.values().map_err(|error| SceneError::File {
             file: file.title.clone(),
@@ -97,7 +97,7 @@ impl Scene {
         Ok(Self::seen_by(file, rig, size, height_m))
     }
 
-    /// The scene of a file as other cameras see it.
+    /// The scene described by a file, with another rig.
     fn seen_by(file: SceneFile, rig: Rig, size: (usize, usize), height_m: f64) -> Self {
         let period_ns = (1e9 / file.fps) as u64;
         let world = World::new(file, rig, size, height_m);
@@ -123,7 +123,7 @@ impl Scene {
         }
     }
 
-    /// The same scene, seen `fps` times a second.
+    /// The same scene at `fps` pairs per second.
     ///
     /// # Panics
     /// When `fps` is not above zero.
@@ -132,12 +132,12 @@ impl Scene {
         Self { period_ns: (1e9 / fps) as u64, ..self }
     }
 
-    /// What it shows, in a line.
+    /// One-line description of the scene.
     pub fn title(&self) -> &str {
         &self.world.file.title
     }
 
-    /// Seconds into the scene of pair `index`.
+    /// Time of pair `index`, in seconds from the start.
     pub fn time_s(&self, index: u64) -> f64 {
         let time = index as f64 * self.period_ns as f64 * 1e-9;
         if self.world.file.repeats { time.rem_euclid(self.world.file.seconds) } else { time }
@@ -148,19 +148,19 @@ impl Scene {
         Camera { rig, size: self.world.size, x_m: if right { rig.baseline_m } else { 0.0 }, pitch_rad: 0.0 }
     }
 
-    /// Draws one image of the world as it is placed.
+    /// Renders one image of the current state of the world.
     fn draw(&mut self, index: u64, right: bool, grey: &mut [u8]) {
         let turned = self.world.file.camera.right_pitch_deg.as_ref().filter(|_| right);
-        // The truth stays that of the rectified pair.
+        // The ground truth stays that of the rectified pair.
         let pitch_rad = turned.map_or(0.0, |line| line.value(self.time_s(index)).to_radians());
         let camera = Camera { pitch_rad, ..self.camera(right) };
         let (width, height) = camera.size;
         let world = &self.world;
-        self.view.look(&camera, &world.surfaces);
-        self.shades.look(&camera, &world.shades);
+        self.view.project(&camera, &world.surfaces);
+        self.shades.project(&camera, &world.shades);
         let wet = world.is_wet();
         if wet {
-            self.mirror.look(&camera, &world.mirrors);
+            self.mirror.project(&camera, &world.mirrors);
         }
         for y in 0..height {
             self.view.row(&camera, y, &SAMPLES, &mut self.depth, &mut self.seen);
@@ -186,12 +186,12 @@ impl Scene {
         }
         let conditions = &world.conditions;
         let scene_seed = hash(world.file.seed ^ 0x5eed);
-        if let Some(falls) = conditions.falls {
-            // The same drops for both cameras.
+        if let Some(falls) = conditions.precipitation {
+            // Both cameras see the same drops.
             let speed = world.file.ego.speed_m_s.value(self.time_s(index));
             falls.draw(&camera, hash(scene_seed ^ index << 8), speed, &mut self.light, &self.near);
         }
-        // A lens of its own for each.
+        // Each camera has a lens of its own.
         let lens_seed = hash(scene_seed ^ 0x1e45 ^ u64::from(right));
         conditions.lens.apply(&camera, lens_seed, index, &mut self.light, &mut self.coarse);
         let seed = hash(world.file.seed ^ index << 1 ^ u64::from(right));
@@ -199,7 +199,7 @@ impl Scene {
         sensor.expose(&self.normal, seed, &self.light, grey);
     }
 
-    /// Pair `index` with its truth.
+    /// Pair `index` with its ground truth.
     pub fn frame(&mut self, index: u64) -> SceneFrame {
         let pixels = self.world.size.0 * self.world.size.1;
         let (mut left, mut right) = (vec![0; pixels], vec![0; pixels]);
@@ -213,7 +213,7 @@ impl Scene {
         self.draw(index, true, right);
     }
 
-    /// What is true of pair `index`, without drawing it.
+    /// Ground truth of pair `index`, without rendering it.
     pub fn truth(&mut self, index: u64) -> SceneTruth {
         self.world.place(self.time_s(index));
         self.survey(index)
@@ -252,8 +252,8 @@ mod tests {
     use super::*;
     use truth::{FIRST_OBJECT, ROAD};
 
-    /// Mean grey error, and share of errors above 12 levels, of the right image brought to the left
-    /// by the true disparity, over pixels that both cameras see.
+    /// Mean grey error, and share of errors above 12 levels, of the right image warped to the left one by the
+    /// true disparity, over pixels visible in both images.
     fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
         let truth = &frame.truth;
         let (mut sum, mut large, mut count) = (0.0, 0, 0);
@@ -264,7 +264,7 @@ mod tests {
                 if !truth.in_both[i] || at < 1.0 || at + 3.0 > truth.width as f64 {
                     continue;
                 }
-                // A cubic through four pixels: straight lines would blur what is sharp.
+                // Cubic interpolation: linear interpolation would blur sharp detail.
                 let (k, t) = (at.floor() as usize, at - at.floor());
                 let value = |n: usize| f64::from(frame.right[y * truth.width + k + n - 1]);
                 let (a, b, c, d) = (value(0), value(1), value(2), value(3));
@@ -292,7 +292,7 @@ mod tests {
             assert!(count > 200_000, "{name}: {count}");
             assert!(mean < 1.2, "{name}: {mean}");
             assert!(large < 0.015, "{name}: {large}");
-            // The comparison can fail: half a pixel off is much worse.
+            // The comparison is sensitive: half a pixel off is much worse.
             let mut wrong = frame.clone();
             wrong.truth.disparity_px.iter_mut().for_each(|d| *d += 0.5);
             assert!(warp_error(&wrong, 1.0, 0.0).0 > 1.6 * mean, "{name}");
@@ -311,7 +311,7 @@ mod tests {
         assert!(first.left == moved.left && first.right == moved.right && first.truth == moved.truth);
         let (still, turned) = (still.frame(60), turned.frame(60));
         assert!(still.left == turned.left && still.truth == turned.truth);
-        // 879 px · tan 0.2° = 3.07 px: the nose goes down, the picture up.
+        // 879 px · tan 0.2° = 3.07 px: pitching down moves the image up.
         let difference = |rows: usize| {
             let (mut sum, mut count) = (0.0, 0);
             for y in 120..320 {
@@ -387,7 +387,7 @@ mod tests {
                 frame.left == again.left && frame.right == again.right && frame.truth == again.truth,
                 "{name}"
             );
-            assert!(first.left != frame.left, "{name} stands still");
+            assert!(first.left != frame.left, "{name} is static");
             let mean = frame.left.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.left.len() as f64;
             assert!((15.0..235.0).contains(&mean), "{name}: mean grey {mean}");
             let subjects = frame.truth.objects.iter().filter(|o| o.subject);
@@ -412,7 +412,7 @@ mod tests {
                 a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64
             };
             assert!(off(&frame.left, &sunny.left) > 8.0, "{weather}");
-            // Harder than the sun, but still the same street in both cameras.
+            // Larger errors than in sunlight, but still the same street in both images.
             let (mean, large, _) = warp_error(&frame, 1.04, 1.5);
             println!("{weather}: {mean:.2} levels, {:.1} % above 12", 100.0 * large);
             assert!(mean > warp_error(&sunny, 1.04, 1.5).0 && mean < 9.0, "{weather}: {mean}");
@@ -430,8 +430,8 @@ mod tests {
             scene.world.conditions.sensors = [quiet; 2];
             scene.frame(40)
         });
-        // The plate's mirror picture, below the car: what the wet road adds there must match at the
-        // car's disparity, and not at the road's.
+        // The reflection of the number plate below the car: what the wet road adds there must match at the car's
+        // disparity, not at the road's.
         let rig = file::NamedRig::Paper.values().0;
         let truth = &frames[1].truth;
         let car = truth.objects.iter().find(|o| o.subject).unwrap();

@@ -1,51 +1,51 @@
-//! Values that change along a road or in time, as straight lines between given places.
+//! Piecewise linear functions of position or time.
 
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 
-/// Values at rising places; constant before the first and after the last. In a file a single number,
-/// or a list of `[place, value]`.
+/// Values at increasing positions; constant before the first and after the last. In a file a single number,
+/// or a list of `[position, value]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Waypoints {
     points: Vec<(f64, f64)>,
 }
 
 impl Waypoints {
-    /// The same value everywhere.
+    /// A constant function.
     pub fn constant(value: f64) -> Self {
         Self { points: vec![(0.0, value)] }
     }
 
-    /// Values at places; `None` when there are none, places do not rise or something is not finite.
+    /// `None` when there are no points, positions do not increase or a value is not finite.
     pub fn new(points: Vec<(f64, f64)>) -> Option<Self> {
-        let sound = !points.is_empty()
+        let is_valid = !points.is_empty()
             && points.iter().all(|p| p.0.abs() < 1e6 && p.1.abs() < 1e6)
             && points.windows(2).all(|w| w[0].0 < w[1].0);
-        sound.then_some(Self { points })
+        is_valid.then_some(Self { points })
     }
 
-    /// Whether it is `value` everywhere.
+    /// Whether it is constantly `value`.
     pub fn is_always(&self, value: f64) -> bool {
         self.points.iter().all(|p| p.1 == value)
     }
 
-    /// The value at a place.
+    /// Value at a position.
     pub fn value(&self, at: f64) -> f64 {
         self.taylor(at)[0]
     }
 
-    /// The sum of the values from the first place on: the area below the line.
+    /// Integral from the first position on.
     pub fn integral(&self, at: f64) -> f64 {
         self.taylor(at)[1]
     }
 
-    /// The sum of that sum.
+    /// Double integral from the first position on.
     pub fn double_integral(&self, at: f64) -> f64 {
         self.taylor(at)[2]
     }
 
-    /// Greatest size of any value.
-    pub fn greatest(&self) -> f64 {
+    /// Largest absolute value.
+    pub fn max_abs(&self) -> f64 {
         self.points.iter().fold(0.0, |most, p| most.max(p.1.abs()))
     }
 
@@ -79,7 +79,7 @@ impl<'de> Deserialize<'de> for Waypoints {
         impl<'de> Visitor<'de> for Either {
             type Value = Waypoints;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a number, or a list of [place, value] with rising places")
+                f.write_str("a number, or a list of [place, value] with increasing places")
             }
             fn visit_f64<E: Error>(self, v: f64) -> Result<Waypoints, E> {
                 Waypoints::new(vec![(0.0, v)])
@@ -94,7 +94,7 @@ impl<'de> Deserialize<'de> for Waypoints {
                     points.push((place, value));
                 }
                 Waypoints::new(points).ok_or_else(|| {
-                    A::Error::custom("give a list of [place, value] with rising places, all below 1e6")
+                    A::Error::custom("give a list of [place, value] with increasing places, all below 1e6")
                 })
             }
         }
@@ -102,7 +102,7 @@ impl<'de> Deserialize<'de> for Waypoints {
     }
 }
 
-/// Places on a plane at rising times, straight in between: `[seconds, along, lateral]`.
+/// A planar trajectory, linear between increasing times: `[seconds, along, lateral]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {
     along: Waypoints,
@@ -110,12 +110,12 @@ pub struct Path {
 }
 
 impl Path {
-    /// Where it is at a time: along, lateral.
+    /// Position at a time: along, lateral.
     pub fn at(&self, time_s: f64) -> (f64, f64) {
         (self.along.value(time_s), self.lateral.value(time_s))
     }
 
-    /// Someone who moves evenly from a place.
+    /// Uniform motion from a position.
     pub fn even(along: f64, lateral: f64, speed_m_s: f64, across_m_s: f64, seconds: f64) -> Self {
         let line = |from: f64, speed: f64| Waypoints {
             points: vec![(0.0, from), (seconds.max(1.0), from + speed * seconds.max(1.0))],
@@ -131,7 +131,9 @@ impl<'de> Deserialize<'de> for Path {
         let lateral = Waypoints::new(points.iter().map(|p| (p.0, p.2)).collect());
         match (along, lateral) {
             (Some(along), Some(lateral)) => Ok(Self { along, lateral }),
-            _ => Err(D::Error::custom("give a list of [seconds, along_m, lateral_m] with rising seconds")),
+            _ => {
+                Err(D::Error::custom("give a list of [seconds, along_m, lateral_m] with increasing seconds"))
+            }
         }
     }
 }
@@ -156,7 +158,7 @@ mod tests {
                 assert!((line.double_integral(at) - twice).abs() < 1e-3, "{at}");
             }
         }
-        // Before the first place the value goes on.
+        // Before the first position the value continues.
         assert_eq!(line.integral(-1.0), -4.0);
         assert_eq!(line.double_integral(-1.0), 4.0);
     }

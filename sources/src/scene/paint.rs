@@ -1,4 +1,4 @@
-//! From what each sample sees to grey values.
+//! Shading: from the surfaces that samples see to grey values.
 
 use super::light::Light;
 use super::material::{Hit, Look, Style};
@@ -6,37 +6,37 @@ use super::texture::Texture;
 use super::view::{Camera, Patch, SAMPLES, Surface, View};
 use perception::rig::Rig;
 
-/// What colours the pixels of a scene.
+/// Computes the grey values of a scene's pixels.
 #[derive(Debug)]
 pub struct Painter {
-    /// The pattern of all surfaces.
+    /// The texture of all surfaces.
     pub texture: Texture,
-    /// The road's style.
+    /// Surface style of the road.
     pub style: Style,
-    /// The light.
+    /// Lighting.
     pub light: Light,
 }
 
-/// Shadows and pools of light on the ground, along one row: shares of the sun taken away, light added.
+/// Shadows and lamp light on the ground along one row.
 #[derive(Debug, Default)]
 pub struct Shade {
-    /// 0 = sunlit, 1 = shadow.
+    /// 0 = sunlit, 1 = in full shadow.
     pub shadow: Vec<f32>,
-    /// Light added.
+    /// Added lamp light.
     pub pool: Vec<f32>,
 }
 
-/// Least height of a penumbra in metres of ground.
+/// Minimum width of a penumbra on the ground, in metres.
 const PENUMBRA_M: f64 = 0.06;
 
 impl Shade {
-    /// Room for rows of `width` pixels.
+    /// Buffers for rows of `width` pixels.
     pub fn new(width: usize) -> Self {
         Self { shadow: vec![0.0; width], pool: vec![0.0; width] }
     }
 
-    /// Finds the shadows and pools of row `y`, where `depth` (1/z) tells that nothing stands before
-    /// them. A shade's strength is its material's contrast, a pool's light its glow.
+    /// Computes the shadows and lamp light of row `y`, where `depth` (1/z) shows that nothing occludes the
+    /// ground. The contrast of a shade's material is the shadow's strength, its glow the lamp's light.
     pub fn row(&mut self, camera: &Camera, shades: &mut View, surfaces: &[Surface], y: usize, depth: &[f32]) {
         self.shadow.fill(0.0);
         self.pool.fill(0.0);
@@ -53,7 +53,7 @@ impl Shade {
             let last = (to + soft).ceil().clamp(0.0, width as f64) as usize;
             for x in first..last {
                 let at = x as f64;
-                // Behind a crest it is another ground that is dark.
+                // Behind a crest other ground is shaded.
                 let here = patch.inverse_z((at - rig.cx_px) / rig.focal_px, dy);
                 if f64::from(depth[x]) > 1.15 * here {
                     continue;
@@ -70,35 +70,35 @@ impl Shade {
     }
 }
 
-/// One camera's row as it is painted.
+/// One row of one camera's image.
 pub struct Row<'a> {
     /// The camera.
     pub camera: &'a Camera,
-    /// Its patches.
+    /// The camera's patches.
     pub view: &'a View,
-    /// The surfaces that they show.
+    /// The surfaces of the patches.
     pub surfaces: &'a [Surface],
-    /// Shadows and pools.
+    /// Shadows and lamp light.
     pub shade: &'a Shade,
-    /// What a wet road mirrors.
+    /// Reflections on a wet road.
     pub mirror: Option<Mirror<'a>>,
-    /// The row.
+    /// Index of the row.
     pub y: usize,
 }
 
-/// The upside-down world that a wet road shows, in one row.
+/// The mirrored world that a wet road reflects, in one row.
 #[derive(Clone, Copy)]
 pub struct Mirror<'a> {
-    /// Its patches.
+    /// Patches of the mirrored world.
     pub view: &'a View,
-    /// The surfaces that they show.
+    /// The surfaces of the patches.
     pub surfaces: &'a [Surface],
-    /// What each pixel would see of them, at its middle.
+    /// Patch number that each pixel would see at its centre.
     pub seen: &'a [u32],
 }
 
 impl Painter {
-    /// Paints a row from what its samples see.
+    /// Shades a row from the patches that its samples see.
     pub fn row(&self, row: &Row<'_>, seen: &[Vec<u32>], grey: &mut [f32]) {
         let [a, b, c, d] = [&seen[0], &seen[1], &seen[2], &seen[3]];
         let mut x = 0;
@@ -135,7 +135,7 @@ impl Painter {
             if numbers[..k].contains(&number) {
                 continue;
             }
-            // The middle of its samples lies on it: it is convex.
+            // The mean position of a patch's samples lies on it, as it is convex.
             let (mut n, mut right, mut down) = (0.0, 0.0, 0.0);
             for (&other, (r, d)) in numbers.iter().zip(SAMPLES) {
                 if other == number {
@@ -154,7 +154,7 @@ impl Painter {
         grey
     }
 
-    /// The sky, infinitely far: the same for both cameras.
+    /// The sky, at infinity: equal in both images.
     #[inline]
     fn sky(&self, rig: &Rig, px: f32, py: f32) -> f32 {
         let light = &self.light;
@@ -164,7 +164,7 @@ impl Painter {
         light.sky - light.sky_rise * dy + light.clouds * cloud * (light.sky / 205.0)
     }
 
-    /// [`Self::point`] where speed matters less than size.
+    /// [`Self::point`], not inlined: for rare cases where code size matters more than speed.
     #[inline(never)]
     fn lone_point(&self, row: &Row<'_>, patch: &Patch, surface: &Surface, x: usize, px: f32, py: f32) -> f32 {
         self.point(row, patch, surface, x, px, py)
@@ -210,8 +210,8 @@ impl Painter {
         light.through_air(grey, z)
     }
 
-    /// The ground's grey with what it throws back of sky, lamps and objects; `steep` is the sine of
-    /// the angle at which it is seen, about.
+    /// Grey value of the ground with its reflections of sky, lamps and objects; `steep` is approximately the sine
+    /// of the viewing angle.
     #[inline(never)]
     fn thrown_back(
         &self,
@@ -224,7 +224,7 @@ impl Painter {
         let light = &self.light;
         let flat = (1.0 - steep).clamp(0.0, 1.0);
         let flat = flat * flat * flat * flat;
-        // Puddles and rough places: the asphalt's own pattern.
+        // Puddles and rough patches follow the asphalt's texture.
         let patchy = grey - 50.0;
         let mut grey = grey;
         if light.sheen > 0.0 {

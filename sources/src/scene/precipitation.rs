@@ -1,39 +1,47 @@
-//! Rain and snow in the air: drops and flakes in three dimensions, seen by both cameras where they are.
+//! Rain and snow: drops and flakes at positions in space that both cameras see.
 
 use super::texture::{hash, unit};
 use super::view::Camera;
 
-/// Nearest and farthest drop, in metres.
+/// Distance range of drops, in metres.
 const RANGE_M: (f64, f64) = (0.7, 14.0);
 
-/// What falls.
+/// Parameters of rain or snow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Precipitation {
-    /// How many drops or flakes are in the picture.
+    /// Number of drops or flakes in the image.
     pub count: u32,
     /// Diameter in metres.
     pub diameter_m: f64,
-    /// Speed of falling, in m/s.
+    /// Falling speed, in m/s.
     pub fall_m_s: f64,
     /// Wind to the right, in m/s.
     pub wind_m_s: f64,
-    /// Exposure time in seconds: what makes streaks.
+    /// Exposure time in seconds, which determines the length of streaks.
     pub exposure_s: f64,
     /// Grey value of a drop or flake.
     pub grey: f32,
-    /// How much of what is behind it a streak hides.
+    /// Opacity of a streak, 0 to 1.
     pub opacity: f32,
 }
 
+/// The motion-blurred image of one drop or flake: its ends and width in pixels, and 1/z where it starts.
+struct Streak {
+    from: (f64, f64),
+    to: (f64, f64),
+    thick: f32,
+    inverse_z: f32,
+}
+
 impl Precipitation {
-    /// Draws what falls into one camera's `light`; `depth` is 1/z of each pixel. Both cameras give the
-    /// same `seed`, and so the same drops; `speed_m_s` is the vehicle's.
+    /// Draws the precipitation into one camera's `light`; `depth` is 1/z of each pixel. The same `seed` gives
+    /// both cameras the same drops; `speed_m_s` is the vehicle's speed.
     pub fn draw(&self, camera: &Camera, seed: u64, speed_m_s: f64, light: &mut [f32], depth: &[f32]) {
         let rig = camera.rig;
         let (width, height) = (camera.size.0 as f64, camera.size.1 as f64);
         for k in 0..u64::from(self.count) {
             let own = |n: u64| unit(hash(seed ^ k << 8) ^ n);
-            // Evenly in space: seldom near. Places are counted in the left image and a margin.
+            // Uniform in space, so few are near. Positions cover the left image and a margin.
             let (near, far) = (RANGE_M.0.powi(3), RANGE_M.1.powi(3));
             let z = (near + (far - near) * own(0)).cbrt();
             let x = (own(1) * (width * 1.2) - 0.1 * width - rig.cx_px) * z / rig.focal_px;
@@ -53,29 +61,18 @@ impl Precipitation {
                 )
             };
             let thick = size * rig.focal_px / z;
-            self.streak(
-                camera,
-                project([x, y, z]),
-                project(end),
-                thick as f32,
-                (1.0 / z) as f32,
-                light,
-                depth,
-            );
+            let streak = Streak {
+                from: project([x, y, z]),
+                to: project(end),
+                thick: thick as f32,
+                inverse_z: (1.0 / z) as f32,
+            };
+            self.draw_streak(camera, &streak, light, depth);
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "a line, its look, and the image")]
-    fn streak(
-        &self,
-        camera: &Camera,
-        from: (f64, f64),
-        to: (f64, f64),
-        thick: f32,
-        near: f32,
-        light: &mut [f32],
-        depth: &[f32],
-    ) {
+    fn draw_streak(&self, camera: &Camera, streak: &Streak, light: &mut [f32], depth: &[f32]) {
+        let &Streak { from, to, thick, inverse_z } = streak;
         let (width, height) = camera.size;
         let (dx, dy) = ((to.0 - from.0) as f32, (to.1 - from.1) as f32);
         let length = (dx * dx + dy * dy).sqrt();
@@ -85,13 +82,13 @@ impl Precipitation {
             let first = (a.min(b) - reach).floor().clamp(0.0, most as f64) as usize;
             first..(a.max(b) + reach).ceil().clamp(0.0, most as f64) as usize
         };
-        // Thinner than a pixel it hides less of it; longer than thick it is there for a part of the time.
+        // Streaks thinner than a pixel cover part of it; long ones cover each pixel for part of the exposure.
         let opacity = self.opacity * thick.min(1.0) * (2.0 * thick / (thick + length)).clamp(0.25, 1.0);
         let soft = radius.max(0.5);
         for y in side(from.1, to.1, height) {
             for x in side(from.0, to.0, width) {
                 let i = y * width + x;
-                if depth[i] > near {
+                if depth[i] > inverse_z {
                     continue;
                 }
                 let (px, py) = ((x as f64 - from.0) as f32, (y as f64 - from.1) as f32);
@@ -142,7 +139,7 @@ mod tests {
             let disparity = left - right;
             // 0.7 to 14 m.
             assert!((48.0 / 14.1..48.0 / 0.69).contains(&disparity), "{disparity}");
-            // Something before it hides it.
+            // Something nearer occludes it.
             assert_eq!(centre(0.0, seed, 10.0).1, 0.0);
             compared += 1;
         }

@@ -1,10 +1,10 @@
-//! Shapes of everything but vehicles: near side at z = 0, foot at y = 0.
+//! Meshes of everything but vehicles: near side at z = 0, foot at y = 0.
 
 use super::material::{Look, Material};
 use super::mesh::{Mesh, ring};
 use super::texture::unit;
 
-/// Someone on foot, seen from behind, `size` (width, height, depth).
+/// A pedestrian seen from behind, `size` (width, height, depth).
 pub fn pedestrian(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let mut mesh = Mesh::default();
     let coat = Material::new(Look::Plain, grey, 0.55, 0.018).shifted(seed);
@@ -12,7 +12,7 @@ pub fn pedestrian(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let skin = Material::new(Look::Plain, 150.0, 0.35, 0.015).shifted(seed);
     let (w, h, d) = (size[0] / 0.55, size[1] / 1.75, size[2] / 0.4);
     let z = |z: f64| 0.2 * d + z * d;
-    // One leg before the other.
+    // One leg in front of the other.
     for (side, step) in [(-1.0, -0.1), (1.0, 0.1)] {
         let x = side * 0.1 * w;
         let foot = (z(step - 0.08), z(step + 0.1));
@@ -48,7 +48,7 @@ pub fn pedestrian(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     mesh
 }
 
-/// A traffic cone with two white rings, `size` (width of its foot, height).
+/// A traffic cone with two white bands, `size` (width of its base, height).
 pub fn cone(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let mut mesh = Mesh::default();
     let (w, h) = (size[0], size[1]);
@@ -72,7 +72,7 @@ pub fn cone(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     mesh
 }
 
-/// A box of cardboard, `size` (width, height, depth).
+/// A cardboard box, `size` (width, height, depth).
 pub fn debris(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let mut mesh = Mesh::default();
     let [w, h, d] = size;
@@ -82,7 +82,7 @@ pub fn debris(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
         (0.0, d),
         Material::new(Look::Plain, grey, 0.8, 0.01).shifted(seed),
     );
-    // Its tape.
+    // Packing tape.
     let tape = Material::new(Look::Plain, grey * 0.6, 0.3, 0.01);
     mesh.rear_patch((-w * 0.06, w * 0.06), (0.0, h), -0.001, tape);
     mesh
@@ -101,7 +101,7 @@ pub fn block(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     mesh
 }
 
-/// A post, `size` (diameter, height).
+/// A pole, `size` (diameter, height).
 pub fn pole(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let mut mesh = Mesh::default();
     let r = size[0] / 2.0;
@@ -116,7 +116,7 @@ pub fn pole(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     mesh
 }
 
-/// A street lamp whose arm reaches to the side of `towards` (−1 or 1).
+/// A street lamp whose arm extends to the side of `towards` (−1 or 1).
 pub fn lamp(height_m: f64, towards: f64) -> Mesh {
     let mut mesh = Mesh::default();
     let metal = Material::new(Look::Plain, 95.0, 0.4, 0.03);
@@ -127,7 +127,7 @@ pub fn lamp(height_m: f64, towards: f64) -> Mesh {
     let head = (reach - 0.3, reach + 0.3);
     let lit = Material::new(Look::Plain, 225.0, 0.1, 0.03).glowing(900.0);
     mesh.block(head, (height_m - 0.06, height_m + 0.06), (0.0, 0.2), lit);
-    // Seen from below.
+    // The luminaire, seen from below.
     let (y, z) = (height_m - 0.061, (0.0, 0.2));
     mesh.patch(
         &[[head.0, y, z.0], [head.1, y, z.0], [head.1, y, z.1], [head.0, y, z.1]],
@@ -137,11 +137,11 @@ pub fn lamp(height_m: f64, towards: f64) -> Mesh {
     mesh
 }
 
-/// A piece of green belt: clipped, but not quite straight. `size` (width, height, length).
+/// A piece of hedge, clipped unevenly. `size` (width, height, length).
 pub fn hedge(size: [f64; 3], grey: f32, seed: u64) -> Mesh {
     let mut mesh = Mesh::default();
     let [w, h, d] = size;
-    // Along its longer side it is many bushes.
+    // Composed of many bushes along its longer side.
     let across = w > d;
     let (long, step) = (w.max(d), 0.45);
     let bushes = (long / step).ceil().max(1.0) as u64;
@@ -165,7 +165,7 @@ pub fn hedge(size: [f64; 3], grey: f32, seed: u64) -> Mesh {
     mesh
 }
 
-/// A tree; each seed another.
+/// A tree; the shape depends on the seed.
 pub fn tree(height_m: f64, seed: u64) -> Mesh {
     let mut mesh = Mesh::default();
     let h = height_m;
@@ -199,7 +199,7 @@ pub fn building(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     mesh
 }
 
-/// A piece of guard rail, seen from the side that `outwards` points to: (length, height).
+/// A piece of guard rail, visible from the side that `outwards` points to: (length, height).
 pub fn guard_rail(length_m: f64, height_m: f64, outwards: f64) -> Mesh {
     let mut mesh = Mesh::default();
     let metal = Material::new(Look::Plain, 150.0, 0.32, 0.025);
@@ -213,7 +213,7 @@ pub fn guard_rail(length_m: f64, height_m: f64, outwards: f64) -> Mesh {
             [pair[1].0, y(1), length_m],
             [pair[1].0, y(1), 0.0],
         ];
-        // Seen from both sides.
+        // Visible from both sides.
         let mut face = super::mesh::Face::new(&corners, metal);
         if face.normal[0] * outwards < 0.0 {
             face.normal = face.normal.map(|v| -v);
@@ -239,7 +239,7 @@ pub fn wall(length_m: f64, height_m: f64, seed: f32) -> Mesh {
     mesh
 }
 
-/// A bridge across the road, `size` (span, height of its lower side, length along the road).
+/// A bridge across the road, `size` (span, clearance, length along the road).
 pub fn bridge(size: [f64; 3], grey: f32) -> Mesh {
     let mut mesh = Mesh::default();
     let [w, h, d] = size;
@@ -251,7 +251,7 @@ pub fn bridge(size: [f64; 3], grey: f32) -> Mesh {
         [0.0, -1.0, 0.0],
         Material::new(Look::Plain, grey * 0.45, 0.5, 0.04),
     );
-    // A rail above, abutments beside the road.
+    // A railing on top, abutments beside the road.
     mesh.block(
         (-half - 12.0, half + 12.0),
         (h + 1.3, h + 2.2),

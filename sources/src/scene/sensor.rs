@@ -1,19 +1,19 @@
-//! From light to the bytes of one camera.
+//! Sensor model: from light to the bytes of one camera.
 
 use super::texture::hash;
 use serde::Deserialize;
 
-/// What a camera makes of the light; each of the pair has its own.
+/// Sensor parameters; each camera of the pair has its own.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sensor {
     /// Factor on all grey values.
     pub gain: f32,
-    /// Grey levels added.
+    /// Black level, in grey levels.
     pub offset: f32,
-    /// Standard deviation of the noise in the dark, in grey levels.
+    /// Standard deviation of the dark noise, in grey levels.
     pub noise: f32,
-    /// Noise that grows with the light: standard deviation at grey value 255.
+    /// Shot noise: standard deviation at grey value 255.
     pub shot_noise: f32,
 }
 
@@ -23,10 +23,10 @@ impl Default for Sensor {
     }
 }
 
-/// Steps of the normal distribution's quantiles.
+/// Number of quantiles of the normal distribution.
 const STEPS: usize = 256;
 
-/// The normal distribution, for 256 equally likely cases.
+/// Quantiles of the normal distribution at 256 equally likely steps.
 #[derive(Debug)]
 pub struct Normal {
     quantiles: [f32; STEPS],
@@ -37,7 +37,7 @@ impl Default for Normal {
         let mut quantiles = [0.0; STEPS];
         for (k, quantile) in quantiles.iter_mut().enumerate() {
             let wanted = (k as f64 + 0.5) / STEPS as f64;
-            // Bisection of the distribution, which is a sum of its density.
+            // Bisection on the distribution function, which is summed from its density.
             let below = |x: f64| {
                 let steps = 400;
                 let width = (x + 8.0) / f64::from(steps);
@@ -56,8 +56,8 @@ impl Default for Normal {
 }
 
 impl Sensor {
-    /// Turns light into grey values. The noise is that of `seed`, which differs from camera to camera
-    /// and from frame to frame.
+    /// Converts light to grey values. `seed` selects the noise; it differs between cameras and between
+    /// frames.
     pub fn expose(&self, normal: &Normal, seed: u64, light: &[f32], grey: &mut [u8]) {
         let shot = self.shot_noise * self.shot_noise / 255.0;
         let dark = self.noise * self.noise;
@@ -88,7 +88,7 @@ mod tests {
         let mean = a.iter().map(|&v| f64::from(v)).sum::<f64>() / a.len() as f64;
         let variance = a.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / a.len() as f64;
         assert!((mean - 94.0).abs() < 0.1, "{mean}");
-        // Rounding adds a twelfth.
+        // Rounding adds 1/12.
         let expected = 9.0 + 36.0 * 94.0 / 255.0 + 1.0 / 12.0;
         assert!((variance / expected - 1.0).abs() < 0.05, "{variance} {expected}");
         sensor.expose(&normal, 1, &light, &mut b);

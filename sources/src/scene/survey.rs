@@ -1,12 +1,12 @@
-//! Finds what is true of a placed world.
+//! Computes the ground truth of a frame from the world's geometry.
 
 use super::Scene;
 use super::truth::{FIRST_OBJECT, ObjectTruth, ROAD, RoadTruth, SceneTruth};
 use super::view::{Camera, MIDDLE, Surface, View};
-use super::world::HALF_PATH_M;
+use super::world::{HALF_PATH_M, Present};
 use perception::region::PixelBox;
 
-/// What pixels see at their middle: 1/z and the patch's number from 1.
+/// Depth buffer at the pixel centres: 1/z and the patch number from 1.
 struct Map {
     view: View,
     inverse_z: Vec<f32>,
@@ -17,7 +17,7 @@ impl Map {
     fn new(camera: &Camera, surfaces: &[Surface]) -> Self {
         let (width, height) = camera.size;
         let mut view = View::default();
-        view.look(camera, surfaces);
+        view.project(camera, surfaces);
         let (mut depth, mut seen) = ([vec![0.0; width]], [vec![0; width]]);
         let (mut inverse_z, mut number) = (Vec::new(), Vec::new());
         for y in 0..height {
@@ -29,9 +29,9 @@ impl Map {
     }
 }
 
-/// What is gathered of an object.
+/// Statistics of the pixels of one object.
 #[derive(Clone, Copy)]
-struct Gathered {
+struct PixelStats {
     pixels: u32,
     both: u32,
     nearest: f32,
@@ -39,93 +39,27 @@ struct Gathered {
     y: (u32, u32),
 }
 
+/// Ground truth of each pixel, row by row, and the pixel statistics of each instance.
+struct PixelTruth {
+    disparity_px: Vec<f32>,
+    in_both: Vec<bool>,
+    owner: Vec<u16>,
+    stats: Vec<PixelStats>,
+}
+
 impl Scene {
-    /// What is true of the world as it is placed.
+    /// The ground truth of the current state of the world.
     pub(super) fn survey(&self, index: u64) -> SceneTruth {
         let world = &self.world;
         let time_s = self.time_s(index);
-        let (left_camera, right_camera) = (self.camera(false), self.camera(true));
-        let rig = world.rig;
+        let left_camera = self.camera(false);
         let (width, height) = world.size;
-        let left = Map::new(&left_camera, &world.surfaces);
-        let right = Map::new(&right_camera, &world.surfaces);
-        // The patch of each surface in the right image, to compare like with like.
-        let mut right_patch = vec![u16::MAX; world.surfaces.len()];
-        for (patch, k) in right.view.patches.iter().zip(0..) {
-            right_patch[patch.surface as usize] = k;
-        }
-        let scale = (rig.focal_px * rig.baseline_m) as f32;
-        let mut disparity_px = vec![0.0; width * height];
-        let mut in_both = vec![false; width * height];
-        let mut owner = vec![0; width * height];
-        let none = Gathered { pixels: 0, both: 0, nearest: 0.0, x: (u32::MAX, 0), y: (u32::MAX, 0) };
-        let mut gathered = vec![none; world.instances().len()];
-        for i in 0..width * height {
-            let (x, y) = (i % width, i / width);
-            if left.number[i] == 0 {
-                // The sky is everywhere, unless something stands before it.
-                in_both[i] = right.number[i] == 0;
-                continue;
-            }
-            let patch = &left.view.patches[left.number[i] as usize - 1];
-            disparity_px[i] = left.inverse_z[i] * scale;
-            owner[i] = world.surfaces[patch.surface as usize].owner;
-            // The pixel of the right image that sees the point, or something before it.
-            let column = x as f64 - f64::from(disparity_px[i]);
-            let nearest = column.round();
-            let twin = right_patch[patch.surface as usize];
-            if nearest >= 0.0 && column <= (width - 1) as f64 && twin != u16::MAX {
-                let k = y * width + nearest as usize;
-                let twin = &right.view.patches[usize::from(twin)];
-                let (dx, dy) = ((nearest - rig.cx_px) / rig.focal_px, (y as f64 - rig.cy_px) / rig.focal_px);
-                let own = twin.inverse_z(dx, dy);
-                in_both[i] = f64::from(right.inverse_z[k]) <= own * 1.001 + 1e-5;
-            }
-            if owner[i] >= FIRST_OBJECT {
-                let g = &mut gathered[usize::from(owner[i] - FIRST_OBJECT)];
-                g.pixels += 1;
-                g.both += u32::from(in_both[i]);
-                g.nearest = g.nearest.max(left.inverse_z[i]);
-                g.x = (g.x.0.min(x as u32), g.x.1.max(x as u32));
-                g.y = (g.y.0.min(y as u32), g.y.1.max(y as u32));
-            }
-        }
-        let (from, to) = world.file.road.edges_m;
+        let PixelTruth { disparity_px, in_both, owner, stats } = self.pixel_truth(&left_camera);
         let mut objects: Vec<ObjectTruth> = world
             .present
             .iter()
-            .filter(|present| gathered[present.instance].pixels > 0)
-            .map(|present| {
-                let g = gathered[present.instance];
-                let instance = &world.instances()[present.instance];
-                let id = FIRST_OBJECT + present.instance as u16;
-                let half = present.size_m[0] / 2.0;
-                let whole = if instance.subject { self.silhouette(&left_camera, id) } else { g.pixels };
-                let step = 0.01;
-                let ahead = |t: f64| world.ahead_m(instance, t);
-                let across = present.across_m;
-                ObjectTruth {
-                    id,
-                    class: instance.class,
-                    subject: instance.subject,
-                    distance_m: 1.0 / f64::from(g.nearest),
-                    lateral_m: present.lateral_m,
-                    width_m: present.size_m[0],
-                    height_m: present.size_m[1],
-                    closing_m_s: (ahead(time_s - step) - ahead(time_s + step)) / (2.0 * step),
-                    bounds: PixelBox {
-                        x: g.x.0,
-                        y: g.y.0,
-                        width: g.x.1 - g.x.0 + 1,
-                        height: g.y.1 - g.y.0 + 1,
-                    },
-                    pixels: g.pixels,
-                    visible: f64::from(g.pixels) / f64::from(whole.max(g.pixels)),
-                    seen_by_both: f64::from(g.both) / f64::from(g.pixels),
-                    in_path: present.from_path_m.abs() - half < HALF_PATH_M,
-                    on_road: across + half > from && across - half < to,
-                }
-            })
+            .filter(|present| stats[present.instance].pixels > 0)
+            .map(|present| self.object_truth(present, stats[present.instance], &left_camera, time_s))
             .collect();
         objects.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.id.cmp(&b.id)));
         SceneTruth {
@@ -141,7 +75,96 @@ impl Scene {
         }
     }
 
-    /// Pixels of an object if nothing stood before it.
+    fn pixel_truth(&self, left_camera: &Camera) -> PixelTruth {
+        let world = &self.world;
+        let rig = world.rig;
+        let (width, height) = world.size;
+        let left = Map::new(left_camera, &world.surfaces);
+        let right = Map::new(&self.camera(true), &world.surfaces);
+        // The patch of each surface in the right image.
+        let mut right_patch = vec![u16::MAX; world.surfaces.len()];
+        for (patch, k) in right.view.patches.iter().zip(0..) {
+            right_patch[patch.surface as usize] = k;
+        }
+        let scale = (rig.focal_px * rig.baseline_m) as f32;
+        let mut disparity_px = vec![0.0; width * height];
+        let mut in_both = vec![false; width * height];
+        let mut owner = vec![0; width * height];
+        let none = PixelStats { pixels: 0, both: 0, nearest: 0.0, x: (u32::MAX, 0), y: (u32::MAX, 0) };
+        let mut stats = vec![none; world.instances().len()];
+        for i in 0..width * height {
+            let (x, y) = (i % width, i / width);
+            if left.number[i] == 0 {
+                // Sky: at infinity, so at the same pixel of the right image unless something occludes it there.
+                in_both[i] = right.number[i] == 0;
+                continue;
+            }
+            let patch = &left.view.patches[left.number[i] as usize - 1];
+            disparity_px[i] = left.inverse_z[i] * scale;
+            owner[i] = world.surfaces[patch.surface as usize].owner;
+            // The right pixel onto which the point projects: visible there unless something nearer occludes it.
+            let column = x as f64 - f64::from(disparity_px[i]);
+            let nearest = column.round();
+            let right_index = right_patch[patch.surface as usize];
+            if nearest >= 0.0 && column <= (width - 1) as f64 && right_index != u16::MAX {
+                let k = y * width + nearest as usize;
+                let same_surface = &right.view.patches[usize::from(right_index)];
+                let (dx, dy) = ((nearest - rig.cx_px) / rig.focal_px, (y as f64 - rig.cy_px) / rig.focal_px);
+                let own = same_surface.inverse_z(dx, dy);
+                in_both[i] = f64::from(right.inverse_z[k]) <= own * 1.001 + 1e-5;
+            }
+            if owner[i] >= FIRST_OBJECT {
+                let s = &mut stats[usize::from(owner[i] - FIRST_OBJECT)];
+                s.pixels += 1;
+                s.both += u32::from(in_both[i]);
+                s.nearest = s.nearest.max(left.inverse_z[i]);
+                s.x = (s.x.0.min(x as u32), s.x.1.max(x as u32));
+                s.y = (s.y.0.min(y as u32), s.y.1.max(y as u32));
+            }
+        }
+        PixelTruth { disparity_px, in_both, owner, stats }
+    }
+
+    fn object_truth(
+        &self,
+        present: &Present,
+        stats: PixelStats,
+        left_camera: &Camera,
+        time_s: f64,
+    ) -> ObjectTruth {
+        let world = &self.world;
+        let (from, to) = world.file.road.edges_m;
+        let instance = &world.instances()[present.instance];
+        let id = FIRST_OBJECT + present.instance as u16;
+        let half = present.size_m[0] / 2.0;
+        let whole = if instance.subject { self.silhouette(left_camera, id) } else { stats.pixels };
+        let step = 0.01;
+        let ahead = |t: f64| world.ahead_m(instance, t);
+        let across = present.across_m;
+        ObjectTruth {
+            id,
+            class: instance.class,
+            subject: instance.subject,
+            distance_m: 1.0 / f64::from(stats.nearest),
+            lateral_m: present.lateral_m,
+            width_m: present.size_m[0],
+            height_m: present.size_m[1],
+            closing_m_s: (ahead(time_s - step) - ahead(time_s + step)) / (2.0 * step),
+            bounds: PixelBox {
+                x: stats.x.0,
+                y: stats.y.0,
+                width: stats.x.1 - stats.x.0 + 1,
+                height: stats.y.1 - stats.y.0 + 1,
+            },
+            pixels: stats.pixels,
+            visible: f64::from(stats.pixels) / f64::from(whole.max(stats.pixels)),
+            seen_by_both: f64::from(stats.both) / f64::from(stats.pixels),
+            in_path: present.from_path_m.abs() - half < HALF_PATH_M,
+            on_road: across + half > from && across - half < to,
+        }
+    }
+
+    /// Pixels that an object would have without occlusion.
     fn silhouette(&self, camera: &Camera, id: u16) -> u32 {
         let own: Vec<Surface> = self.world.surfaces.iter().filter(|s| s.owner == id).copied().collect();
         Map::new(camera, &own).number.iter().filter(|&&number| number > 0).count() as u32

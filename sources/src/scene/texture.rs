@@ -1,39 +1,39 @@
-//! Random texture, filtered beforehand, so that both cameras see the same picture of a surface.
+//! Random texture with precomputed filtering (a ripmap), so that both cameras sample consistent values.
 
-/// Side of the finest level, in texels; the pattern repeats.
+/// Side of the finest level, in texels; the texture repeats.
 const SIDE: usize = 256;
 
 /// Levels along each axis: 256 texels down to one.
 const LEVELS: usize = 9;
 
-/// Texels that one pixel spans when the level is chosen for it: more than one, so that the two
-/// cameras, whose pixels fall differently, still agree.
+/// Texels per pixel footprint when a level is chosen: more than one, so that the two cameras agree although
+/// their pixels sample different positions.
 const PER_PIXEL: f32 = 1.3;
 
-/// A repeating grey pattern at resolutions that fall along each axis by itself: a pixel of the road
-/// is much longer than wide.
+/// A repeating grey texture, downsampled along each axis independently: a pixel's footprint on the road is
+/// much longer than wide.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Level (i, j) has SIDE >> i columns and SIDE >> j rows. A texel comes with the three that follow
-    /// it to the right and below: one load each.
+    /// Level (i, j) has SIDE >> i columns and SIDE >> j rows. A texel is stored with its right, lower and lower
+    /// right neighbour: one load each.
     levels: Vec<Vec<[u8; 4]>>,
 }
 
-/// A hash that looks random: the same everywhere, for ever.
+/// A pseudo-random hash, the same on every machine.
 pub fn hash(mut v: u64) -> u64 {
     v = (v ^ (v >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     v = (v ^ (v >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     v ^ (v >> 31)
 }
 
-/// A number from 0 to 1 (exclusive) for a key.
+/// A number in [0, 1) for a key.
 pub fn unit(key: u64) -> f64 {
     (hash(key.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(0x2545_f491_4f6c_dd1d)) >> 11) as f64
         / (1_u64 << 53) as f64
 }
 
 impl Texture {
-    /// A pattern of its own for each seed: noise of all sizes, mean 128.
+    /// The texture of a seed: noise at all scales, mean 128.
     pub fn new(seed: u64) -> Self {
         let mut finest = vec![0.0_f32; SIDE * SIDE];
         for octave in 0..5 {
@@ -89,12 +89,12 @@ impl Texture {
         Self { levels: levels.iter().enumerate().map(with_neighbours).collect() }
     }
 
-    /// Grey value less the mean, about −128 to 127, at (`u`, `v`) in texels of the finest level, for
-    /// a pixel that spans `span_u` × `span_v` texels.
+    /// Grey value minus the mean, about −128 to 127, at (`u`, `v`) in texels of the finest level, for a pixel
+    /// footprint of `span_u` × `span_v` texels.
     #[inline(always)]
     pub fn sample(&self, u: f32, v: f32, span_u: f32, span_v: f32) -> f32 {
-        // Across, the nearest level will do: what changes there changes at one distance, and so at the
-        // same place in both images. Along, where spans grow with the square of the distance, two mix.
+        // Across, the nearest level suffices: it changes at one distance, and so at the same place in both
+        // images. Along, where footprints grow with the square of the distance, two levels are blended.
         let i = nearest_level(span_u);
         let (j, share_j) = level(span_v);
         let fine = self.bilinear(i, j, u, v);
@@ -105,7 +105,7 @@ impl Texture {
     fn bilinear(&self, i: usize, j: usize, u: f32, v: f32) -> f32 {
         let texels = &self.levels[i * LEVELS + j];
         let (columns, rows) = (SIDE >> i, SIDE >> j);
-        // Places in 1/256 texel; below zero they are cut to the next above, which nobody sees.
+        // Positions in 1/256 texel; truncation of negative values is not noticeable.
         let (x, y) = ((u * SCALES[i] - 128.0) as i32, (v * SCALES[j] - 128.0) as i32);
         let (a, b) = (x & 255, y & 255);
         let k = ((y >> 8) as usize & (rows - 1)) * columns + ((x >> 8) as usize & (columns - 1));
@@ -126,7 +126,7 @@ const SCALES: [f32; LEVELS] = {
     scales
 };
 
-/// The next whole number below; without a call into the mathematical library.
+/// Floor without a call into the math library.
 #[inline]
 pub fn floor(v: f32) -> i32 {
     let whole = v as i32;
@@ -137,21 +137,21 @@ fn mean(a: u8, b: u8) -> u8 {
     (u16::from(a) + u16::from(b)).div_ceil(2) as u8
 }
 
-/// The level for a pixel that spans so many texels, and the share of the next coarser one. Half of
-/// all spans need one level alone.
+/// The level for a footprint in texels, and the weight of the next coarser one. Half of all footprints need
+/// one level only.
 #[inline]
 fn level(span: f32) -> (usize, f32) {
     let bits = (span * PER_PIXEL).clamp(1.0, 255.0).to_bits();
-    // Exponent and, as a straight line between powers of two, the rest of the logarithm.
+    // Logarithm: exponent, and a linear approximation between powers of two.
     let (exponent, rest) = ((bits >> 23) as usize - 127, (bits & 0x7f_ffff) as f32 / 8_388_608.0);
     let share = (2.0 * rest - 0.5).clamp(0.0, 1.0);
     if share == 1.0 { (exponent + 1, 0.0) } else { (exponent, share) }
 }
 
-/// The level that suits a span best.
+/// The level nearest to a footprint.
 #[inline]
 fn nearest_level(span: f32) -> usize {
-    // Half is added to the logarithm, then its whole part taken.
+    // Adds one half to the logarithm and takes its integer part.
     (((span * PER_PIXEL).clamp(1.0, 255.0).to_bits() + 0x40_0000) >> 23) as usize - 127
 }
 

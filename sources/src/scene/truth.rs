@@ -1,27 +1,24 @@
-//! What is exactly true of a frame.
+//! Ground truth of a frame.
 
 use perception::region::PixelBox;
 
-/// Owner of a pixel that sees the sky.
-pub const SKY: u16 = 0;
-
-/// Owner of a pixel that sees the road's asphalt.
+/// Owner of a pixel on the road's asphalt.
 pub const ROAD: u16 = 1;
 
-/// Owner of a pixel that sees the ground beside it: kerb, pavement, grass.
+/// Owner of a pixel on the ground beside it: kerb, pavement, grass.
 pub const VERGE: u16 = 2;
 
-/// Objects have this owner and the following.
+/// First owner number of an object.
 pub const FIRST_OBJECT: u16 = 3;
 
-/// What an object is.
+/// Class of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ObjectClass {
     /// A car or a van.
     Car,
     /// A bus.
     Bus,
-    /// Someone on foot.
+    /// A pedestrian.
     Pedestrian,
     /// A traffic cone.
     Cone,
@@ -29,7 +26,7 @@ pub enum ObjectClass {
     Debris,
     /// A post or a street lamp.
     Pole,
-    /// A piece of green belt.
+    /// A piece of hedge.
     Hedge,
     /// A piece of guard rail.
     GuardRail,
@@ -46,7 +43,7 @@ pub enum ObjectClass {
 }
 
 impl ObjectClass {
-    /// Its name.
+    /// Name of the class.
     pub fn name(self) -> &'static str {
         match self {
             Self::Car => "car",
@@ -66,47 +63,47 @@ impl ObjectClass {
     }
 }
 
-/// An object as it is in one frame.
+/// Ground truth of an object in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObjectTruth {
-    /// Its number in [`SceneTruth::owner`]; the same in all frames.
+    /// Its number in [`SceneTruth::owner`], the same in all frames.
     pub id: u16,
-    /// What it is.
+    /// Class.
     pub class: ObjectClass,
-    /// Whether the scene names it as an object, and not as one of a row beside the road.
+    /// Whether the scene lists it as an object rather than as part of a row beside the road.
     pub subject: bool,
-    /// Distance along the camera's axis of its nearest visible point, in metres.
+    /// Distance of its nearest visible point along the camera's axis, in metres.
     pub distance_m: f64,
-    /// Middle of its box, metres right of the left camera.
+    /// Centre of its box, in metres right of the left camera.
     pub lateral_m: f64,
     /// Width of its box across the road, in metres.
     pub width_m: f64,
     /// Height, in metres.
     pub height_m: f64,
-    /// Speed at which its distance falls, in m/s.
+    /// Closing speed, in m/s.
     pub closing_m_s: f64,
-    /// Box of its visible pixels in the left image.
+    /// Bounding box of its visible pixels in the left image.
     pub bounds: PixelBox,
-    /// Its visible pixels.
+    /// Number of visible pixels.
     pub pixels: u32,
-    /// Visible pixels ÷ those that it would have if nothing stood before it; 1 for what is no subject.
+    /// Visible pixels ÷ pixels without occlusion; 1 for objects that are not subjects.
     pub visible: f64,
-    /// Share of its visible pixels that the right camera sees, too.
+    /// Share of its visible pixels that are visible in the right image too.
     pub seen_by_both: f64,
-    /// Whether any part of it stands in the vehicle's path, 2.4 m wide, along the road.
+    /// Whether any part of it is in the vehicle's path along the road, 2.4 m wide.
     pub in_path: bool,
     /// Whether any part of it stands on the asphalt.
     pub on_road: bool,
 }
 
-/// The road of one frame.
+/// Ground truth of the road in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RoadTruth {
-    /// Disparity of the asphalt in each row at the principal column, as if nothing stood on it, in
-    /// px; 0 in rows where it is not seen there.
+    /// Disparity of the unoccluded asphalt in each row at the principal column, in px; 0 in rows without
+    /// asphalt there.
     pub rows_px: Vec<f32>,
-    /// (metres ahead, metres above the plane on which the vehicle stands) of the vehicle's path,
-    /// from 0 to 120 m, every half metre.
+    /// (metres ahead, metres above the plane on which the vehicle stands) of the vehicle's path, from 0 to 120 m
+    /// in steps of 0.5 m.
     pub profile_m: Vec<(f64, f64)>,
 }
 
@@ -121,22 +118,22 @@ impl RoadTruth {
     }
 }
 
-/// All that is true of a frame. Maps have a value per pixel of the left image.
+/// Ground truth of a frame. Maps have one value per pixel of the left image, row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneTruth {
-    /// Seconds from the start.
+    /// Time in seconds from the start.
     pub time_s: f64,
-    /// The vehicle's own speed.
+    /// The vehicle's own speed, in m/s.
     pub ego_speed_m_s: f64,
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// Exact disparity at the pixel's middle, in px; 0 at infinity.
+    /// Exact disparity at the pixel centre, in px; 0 at infinity.
     pub disparity_px: Vec<f32>,
     /// Whether the right camera sees the same point.
     pub in_both: Vec<bool>,
-    /// [`SKY`], [`ROAD`], [`VERGE`], or an object.
+    /// 0 for the sky, [`ROAD`], [`VERGE`], or an object from [`FIRST_OBJECT`] on.
     pub owner: Vec<u16>,
     /// Objects with at least one visible pixel, nearest first.
     pub objects: Vec<ObjectTruth>,

@@ -1,4 +1,4 @@
-//! Shapes of vehicles: near side (their rear) at z = 0, on their wheels at y = 0.
+//! Meshes of vehicles: near side (their rear) at z = 0, wheels on y = 0.
 
 use super::material::{Look, Material};
 use super::mesh::{Mesh, Point};
@@ -11,44 +11,44 @@ const PLATE: Material = Material::new(Look::Plain, 190.0, 0.9, 0.012);
 const RED_LAMP: Material = Material::new(Look::Plain, 84.0, 0.3, 0.015);
 const CLEAR_LAMP: Material = Material::new(Look::Plain, 205.0, 0.5, 0.015);
 
-/// Glow of lit tail lamps, in grey levels.
+/// Emission of lit tail lamps, in grey levels.
 const TAIL_GLOW: f32 = 190.0;
 
-/// Glow of lit headlamps.
+/// Emission of lit headlamps, in grey levels.
 const HEAD_GLOW: f32 = 420.0;
 
 fn paint(grey: f32, seed: f32) -> Material {
     Material::new(Look::Paint, grey, 0.32, 0.022).shifted(seed)
 }
 
-/// An eight-sided wheel that looks to the side `outwards`.
+/// An eight-sided wheel that faces the side `outwards`.
 fn wheel(mesh: &mut Mesh, x: f64, z: f64, radius: f64, outwards: f64) {
     let disc = |radius: f64, x: f64| -> [Point; 8] {
         std::array::from_fn(|k| {
             let turn = std::f64::consts::TAU * (k as f64 + 0.5) / 8.0;
-            // An octagon of the circle's area that stands on the ground.
+            // An octagon with the circle's area that touches the ground.
             [x, 0.97 * radius + 1.03 * radius * turn.cos(), z + 1.03 * radius * turn.sin()]
         })
     };
     let side = [outwards, 0.0, 0.0];
     mesh.patch(&disc(radius, x), side, TYRE);
     mesh.patch(&disc(radius * 0.62, x + 0.012 * outwards), side, HUB);
-    // The tread, seen from behind and in front.
+    // The tread, visible from behind and in front.
     let (a, b) = (x, x - 0.2 * outwards);
-    for (z, looks) in [(z - radius * 0.92, -1.0), (z + radius * 0.92, 1.0)] {
+    for (z, outwards_z) in [(z - radius * 0.92, -1.0), (z + radius * 0.92, 1.0)] {
         let corners = [[a, 0.0, z], [b, 0.0, z], [b, 1.5 * radius, z], [a, 1.5 * radius, z]];
-        mesh.patch(&corners, [0.0, 0.0, looks], TYRE);
+        mesh.patch(&corners, [0.0, 0.0, outwards_z], TYRE);
     }
 }
 
-/// A saloon car, scaled to `size` (width, height, length).
+/// A sedan, scaled to `size` (width, height, length).
 pub fn car(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let mut mesh = Mesh::default();
     let body = paint(grey, seed);
     let (w, h, l) = (size[0] / 2.0, size[1] / 1.45, size[2] / 4.4);
     let z = |z: f64| 0.01 + (size[2] - 0.02) * z / 4.4;
     let y = |y: f64| y * h;
-    // The body below the windows; its rear is upright between bumper and lid.
+    // The body below the windows; its rear is vertical between bumper and boot lid.
     let profile = [
         (0.04, 0.24),
         (0.0, 0.36),
@@ -60,14 +60,14 @@ pub fn car(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
         (4.34, 0.22),
     ];
     mesh.extrude(&profile.map(|(a, b)| (z(a), y(b))), (-w, w), body);
-    // The cabin: narrower above.
+    // The cabin, narrower at the top.
     let (wb, wt) = (w * 0.9, w * 0.72);
     let lower =
         [[-wb, y(0.95), z(0.35)], [wb, y(0.95), z(0.35)], [wb, y(0.95), z(3.3)], [-wb, y(0.95), z(3.3)]];
     let upper =
         [[-wt, y(1.45), z(0.95)], [wt, y(1.45), z(0.95)], [wt, y(1.45), z(2.45)], [-wt, y(1.45), z(2.45)]];
     mesh.loft(&lower, &upper, body);
-    // Glass lies a little above the cabin's faces.
+    // Glass lies slightly outside the cabin's faces.
     let mix = |a: Point, b: Point, k: f64| std::array::from_fn(|i| a[i] + (b[i] - a[i]) * k);
     let glass = |mesh: &mut Mesh, a: [Point; 4], out: Point, left: f64, right: f64| {
         // Corners: lower left, lower right, upper right, upper left.
@@ -91,14 +91,14 @@ pub fn car(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
         glass(&mut mesh, a, [out, 0.003, 0.0], 0.14, 0.44);
         glass(&mut mesh, a, [out, 0.003, 0.0], 0.49, 0.86);
     }
-    // The rear: lamps, plate, bumper, the lid's shadow.
+    // The rear: lamps, number plate, bumper, shadow of the boot lid.
     for side in [-1.0, 1.0] {
         let (a, b) = (side * w * 0.98, side * w * 0.66);
         let x = if a < b { (a, b) } else { (b, a) };
         mesh.rear_patch(x, (y(0.66), y(0.84)), 0.001, RED_LAMP.glowing(TAIL_GLOW));
         wheel(&mut mesh, side * (w + 0.012), z(0.82), 0.31 * h, side);
         wheel(&mut mesh, side * (w + 0.012), z(3.55), 0.31 * h, side);
-        // The front's lamps.
+        // The headlamps.
         let corners = [
             [x.0, y(0.58), z(4.4) + 0.004],
             [x.1, y(0.58), z(4.4) + 0.004],
@@ -109,7 +109,7 @@ pub fn car(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     }
     mesh.rear_patch((-w * 0.98, w * 0.98), (y(0.37), y(0.5)), 0.002, BUMPER);
     mesh.rear_patch((-0.26, 0.26), (y(0.56), y(0.68)), 0.0, PLATE.shifted(seed));
-    // Below the car it is dark.
+    // Dark underbody.
     mesh.rear_patch((-w * 0.7, w * 0.7), (0.12 * l.min(1.0), y(0.3)), 0.3, TYRE);
     mesh
 }
@@ -157,7 +157,7 @@ pub fn bus(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     let (w, h, l) = (size[0] / 2.0, size[1] / 3.0, size[2]);
     let y = |y: f64| y * h;
     mesh.block((-w, w), (y(0.3), y(3.0)), (0.02, l), body);
-    // A stripe all around, windows above it, wheels below.
+    // A stripe along the sides, windows above it, wheels below.
     for side in [-1.0, 1.0] {
         mesh.side_patch(side * (w + 0.003), (y(0.32), y(0.62)), (0.05, l - 0.05), side, dark);
         mesh.side_patch(side * (w + 0.003), (y(1.18), y(1.32)), (0.05, l - 0.05), side, dark);
@@ -174,7 +174,7 @@ pub fn bus(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
                 pane,
             );
         }
-        // Route boards and lettering.
+        // Destination displays and lettering.
         mesh.side_patch(
             side * (w + 0.006),
             (y(2.58), y(2.85)),

@@ -1,23 +1,23 @@
-//! Surfaces before a camera, and which of them each sample of a row of pixels sees.
+//! Projection of surfaces into a camera, and visibility of each sample of a pixel row.
 
 use super::light::Light;
 use super::material::Material;
 use super::mesh::{Axis, CORNERS, Face, Point, add, dot};
 use perception::rig::Rig;
 
-/// Nothing nearer is drawn, in metres.
-const NEAREST_M: f64 = 0.3;
+/// Near clipping distance, in metres.
+const NEAR_CLIP_M: f64 = 0.3;
 
-/// Where the left camera is and looks.
+/// Pose of the left camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Pose {
     height_m: f64,
-    /// Camera axes (right, down, ahead) in the frame of the road.
+    /// Camera axes (right, down, ahead) in the road frame.
     axes: [Point; 3],
 }
 
 impl Pose {
-    /// A camera above the road, its nose down by `pitch`, rolled clockwise by `roll`.
+    /// A camera above the road, pitched down by `pitch_rad`, rolled clockwise by `roll_rad`.
     pub fn new(height_m: f64, pitch_rad: f64, roll_rad: f64) -> Self {
         let ((sp, cp), (sr, cr)) = (pitch_rad.sin_cos(), roll_rad.sin_cos());
         let (right, down, ahead) = ([1.0, 0.0, 0.0], [0.0, -cp, -sp], [0.0, -sp, cp]);
@@ -25,12 +25,12 @@ impl Pose {
         Self { height_m, axes: [mix(right, cr, down, sr), mix(right, -sr, down, cr), ahead] }
     }
 
-    /// A direction of the road's frame in the camera's: x right, y down, z along its axis.
+    /// Transforms a direction from the road to the camera frame: x right, y down, z along the optical axis.
     pub fn turn(&self, p: Point) -> Point {
         [dot(self.axes[0], p), dot(self.axes[1], p), dot(self.axes[2], p)]
     }
 
-    /// A point of the road's frame in the camera's.
+    /// Transforms a point from the road to the camera frame.
     pub fn see(&self, p: Point) -> Point {
         self.turn([p[0], p[1] - self.height_m, p[2]])
     }
@@ -40,7 +40,7 @@ impl Pose {
     }
 }
 
-/// A face before the left camera, in its frame, clipped.
+/// A face in the left camera's frame, clipped.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
     corners: [Point; CORNERS],
@@ -50,21 +50,21 @@ pub struct Surface {
     distance: f64,
     u: Axis,
     v: Axis,
-    /// What it looks like.
+    /// Material of the face.
     pub material: Material,
-    /// Share of the sun's light that it gets.
+    /// Share of the sunlight that it receives.
     pub sunlit: f32,
-    /// Whom it belongs to, as in [`super::truth::SceneTruth::owner`].
+    /// Owner, as in [`super::truth::SceneTruth::owner`].
     pub owner: u16,
 }
 
 impl Surface {
-    /// A face of the road's frame; `None` when neither camera can see it.
+    /// A face of the road frame; `None` when neither camera can see it.
     pub fn new(face: &Face, owner: u16, pose: &Pose, rig: &Rig, light: &Light) -> Option<Self> {
         let normal = pose.turn(face.normal);
         let first = pose.see(face.corners()[0]);
         let distance = dot(normal, first);
-        // The back of a solid, for both cameras.
+        // Back-face culling, for both cameras.
         if face.closed && distance >= 0.0 && distance - normal[0] * rig.baseline_m >= 0.0 {
             return None;
         }
@@ -73,7 +73,7 @@ impl Surface {
             return None;
         }
         let facing = dot(face.normal, light.towards_sun);
-        // What is not closed is lit from both sides.
+        // Open faces are lit from both sides.
         let facing = if face.closed { facing.max(0.0) } else { facing.abs() };
         Some(Self {
             corners,
@@ -89,7 +89,7 @@ impl Surface {
     }
 }
 
-/// The part of a polygon that lies before the camera.
+/// Clips a polygon at the near plane.
 fn clip(corners: impl Iterator<Item = Point> + Clone) -> ([Point; CORNERS], usize) {
     let (mut out, mut count) = ([[0.0; 3]; CORNERS], 0);
     let mut push = |p: Point| {
@@ -101,12 +101,12 @@ fn clip(corners: impl Iterator<Item = Point> + Clone) -> ([Point; CORNERS], usiz
     let mut before = corners.clone().last();
     for now in corners {
         if let Some(before) = before
-            && (before[2] >= NEAREST_M) != (now[2] >= NEAREST_M)
+            && (before[2] >= NEAR_CLIP_M) != (now[2] >= NEAR_CLIP_M)
         {
-            let share = (NEAREST_M - before[2]) / (now[2] - before[2]);
+            let share = (NEAR_CLIP_M - before[2]) / (now[2] - before[2]);
             push(add(before, add(now, before, -1.0), share));
         }
-        if now[2] >= NEAREST_M {
+        if now[2] >= NEAR_CLIP_M {
             push(now);
         }
         before = Some(now);
@@ -114,24 +114,24 @@ fn clip(corners: impl Iterator<Item = Point> + Clone) -> ([Point; CORNERS], usiz
     (out, count)
 }
 
-/// An edge in the image.
+/// An edge of a polygon in the image.
 #[derive(Clone, Copy, Debug, Default)]
 struct Edge {
     top: f32,
     bottom: f32,
-    /// Column at row 0 and what a row adds.
+    /// Column at row 0, and its change per row.
     start: f64,
     slope: f64,
 }
 
-/// A surface in the image of one camera.
+/// A surface projected into one camera's image.
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
     edges: [Edge; CORNERS],
     count: usize,
     first_row: i32,
     last_row: i32,
-    /// 1/z = inverse · (dx, dy, 1) where (dx, dy, 1) is the ray.
+    /// 1/z = inverse · (dx, dy, 1) for the ray (dx, dy, 1).
     inverse: [f64; 3],
     /// u = u · ray · z + u_start, in metres.
     pub u: [f32; 3],
@@ -141,9 +141,9 @@ pub struct Patch {
     pub v: [f32; 3],
     /// See [`Self::v`].
     pub v_start: f32,
-    /// Distance of its plane from the camera.
+    /// Distance of its plane from the camera, in metres.
     pub plane_m: f32,
-    /// The surface that it shows.
+    /// Index of the surface.
     pub surface: u32,
 }
 
@@ -154,12 +154,12 @@ impl Patch {
         self.inverse[0] * dx + self.inverse[1] * dy + self.inverse[2]
     }
 
-    /// 1/z as (change per unit of dx, per unit of dy, at the axis).
+    /// Coefficients of 1/z: per unit of dx, per unit of dy, and the value on the axis.
     pub fn inverse(&self) -> [f64; 3] {
         self.inverse
     }
 
-    /// Columns from … to (exclusive, unrounded) that it covers at row `y`.
+    /// Range of columns (exclusive end, unrounded) covered at row `y`.
     #[inline]
     fn span(&self, y: f32) -> Option<(f64, f64)> {
         let (mut left, mut right) = (f64::MAX, f64::MIN);
@@ -177,31 +177,31 @@ impl Patch {
 /// One of the two cameras.
 #[derive(Clone, Copy, Debug)]
 pub struct Camera {
-    /// The rig.
+    /// Intrinsics and baseline.
     pub rig: Rig,
     /// Image size in pixels.
     pub size: (usize, usize),
     /// Metres right of the left camera.
     pub x_m: f64,
-    /// How far its nose is turned down against the left camera: 0 in a rectified pair.
+    /// Pitch, nose down, relative to the left camera; 0 in a rectified pair.
     pub pitch_rad: f64,
 }
 
 impl Camera {
-    /// A direction, or a place, of the left camera's frame as this one sees it, but for `x_m`: both stand
-    /// on the axis about which it is turned.
+    /// Rotates a direction or position from the left camera's frame into this one's; `x_m` is not applied. Both
+    /// cameras lie on the rotation axis.
     pub fn turn(&self, p: Point) -> Point {
         let (sin, cos) = self.pitch_rad.sin_cos();
         [p[0], cos * p[1] - sin * p[2], sin * p[1] + cos * p[2]]
     }
 
-    /// The rig of a camera that is not turned and sees what is far away near the middle column as this
-    /// one does.
+    /// Intrinsics of an unrotated camera that images distant points near the middle column where this one
+    /// does.
     pub fn level(&self) -> Rig {
         Rig { cy_px: self.rig.cy_px - self.rig.focal_px * self.pitch_rad.tan(), ..self.rig }
     }
 
-    /// The patch of a surface; `None` when it lies outside the image.
+    /// Projects a surface; `None` when it lies outside the image.
     fn patch(&self, surface: &Surface, index: u32) -> Option<Patch> {
         if self.pitch_rad == 0.0 {
             return self.patch_of(surface, index);
@@ -219,11 +219,11 @@ impl Camera {
         if count < 3 { None } else { self.patch_of(&turned, index) }
     }
 
-    /// The patch of a surface in this camera's own directions.
+    /// Projects a surface given in this camera's own orientation.
     fn patch_of(&self, surface: &Surface, index: u32) -> Option<Patch> {
         let Rig { focal_px, cx_px, cy_px, .. } = self.rig;
         let shift = surface.distance - surface.normal[0] * self.x_m;
-        // Seen edge-on there is nothing to see.
+        // Edge-on surfaces are invisible.
         if shift.abs() < 1e-9 {
             return None;
         }
@@ -272,16 +272,16 @@ impl Camera {
     }
 }
 
-/// Where in a pixel it is sampled: four places, no two in one column or row.
+/// Sample positions within a pixel: four, no two in one column or row.
 pub const SAMPLES: [(f32, f32); 4] = [(-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125)];
 
-/// A pixel's middle alone.
+/// The pixel centre only.
 pub const MIDDLE: [(f32, f32); 1] = [(0.0, 0.0)];
 
 /// All patches of one camera's image, and the rows that they cover.
 #[derive(Debug, Default)]
 pub struct View {
-    /// The patches; the numbers of samples count them from 1.
+    /// The patches; sample numbers refer to them, starting at 1.
     pub patches: Vec<Patch>,
     order: Vec<u16>,
     next: usize,
@@ -289,10 +289,10 @@ pub struct View {
 }
 
 impl View {
-    /// Takes up the surfaces as `camera` sees them.
-    pub fn look(&mut self, camera: &Camera, surfaces: &[Surface]) {
+    /// Projects the surfaces into `camera`.
+    pub fn project(&mut self, camera: &Camera, surfaces: &[Surface]) {
         self.patches.clear();
-        // Patches count in 16 bits; no scene comes near.
+        // Patch indices have 16 bits, far more than any scene needs.
         let patches = surfaces.iter().zip(0..).filter_map(|(surface, index)| camera.patch(surface, index));
         self.patches.extend(patches.take(usize::from(u16::MAX) - 1));
         self.order.clear();
@@ -302,14 +302,14 @@ impl View {
         self.restart();
     }
 
-    /// Goes back to the first row.
+    /// Returns to the first row.
     pub fn restart(&mut self) {
         self.next = 0;
         self.active.clear();
     }
 
-    /// Finds what each sample of row `y` sees; rows come in order. Per sample, `z` gets 1/z (0 for
-    /// nothing) and `seen` the patch's number from 1, one row of pixels each.
+    /// Determines which patch each sample of row `y` sees; rows must be visited in order. Writes one row per
+    /// sample: 1/z to `z` (0 for nothing), and the patch number from 1 to `seen`.
     pub fn row(
         &mut self,
         camera: &Camera,
@@ -336,7 +336,7 @@ impl View {
             for &k in &self.active {
                 let patch = &self.patches[usize::from(k)];
                 let Some((from, to)) = patch.span(row) else { continue };
-                // Rounded up, without a call into the mathematical library.
+                // Ceiling without a call into the math library.
                 let column = |x: f64| {
                     let x = (x - f64::from(right)).clamp(0.0, camera.size.0 as f64);
                     let whole = x as usize;
@@ -349,7 +349,7 @@ impl View {
                 let step = (patch.inverse[0] / focal_px) as f32;
                 let start = (patch.inverse_z(dx, dy) + patch.inverse[0] * from as f64 / focal_px) as f32;
                 let number = u32::from(k) + 1;
-                // Without branches, so that several pixels go at once.
+                // Branch-free, so that the compiler vectorises it.
                 let (z, seen) = (&mut z[from..to], &mut seen[from..to]);
                 for (i, (z, seen)) in z.iter_mut().zip(seen).enumerate() {
                     let value = start + step * i as i32 as f32;
@@ -363,8 +363,8 @@ impl View {
 }
 
 impl View {
-    /// Columns that each patch covers at row `y`, after [`Self::row`] was called for it or in place
-    /// of it.
+    /// Columns that each patch covers at row `y`, after [`Self::row`] was called for this row, or instead of
+    /// calling it.
     pub fn spans(&mut self, y: usize, mut each: impl FnMut(&Patch, f64, f64)) {
         while let Some(&k) = self.order.get(self.next)
             && self.patches[usize::from(k)].first_row <= y as i32

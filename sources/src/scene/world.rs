@@ -1,4 +1,4 @@
-//! Everything in a scene, and where it is at a time.
+//! All objects of a scene, and their positions at a time.
 
 use super::conditions::Conditions;
 use super::file::{BesideFile, BesideKind, ObjectFile, ObjectKind, SceneFile};
@@ -13,64 +13,64 @@ use super::view::{Pose, Surface};
 use super::{props, vehicles};
 use perception::rig::Rig;
 
-/// Objects farther away are not drawn, in metres.
-const FARTHEST_M: f64 = 220.0;
+/// Maximum distance of drawn objects, in metres.
+const MAX_DRAWN_M: f64 = 220.0;
 
-/// Objects farther away are not mirrored, in metres.
-const MIRRORED_M: f64 = 90.0;
+/// Maximum distance of reflected objects, in metres.
+const MAX_MIRRORED_M: f64 = 90.0;
 
-/// Half of the width of the vehicle's path, in metres.
+/// Half the width of the vehicle's path, in metres.
 pub const HALF_PATH_M: f64 = 1.2;
 
 #[derive(Clone, Debug)]
 enum Place {
-    /// Along the road.
+    /// Relative to the road.
     Along(Path),
-    /// Ahead of the vehicle.
+    /// Relative to the vehicle.
     Ahead(Path),
 }
 
-/// One object of the scene.
+/// An object of the scene.
 #[derive(Clone, Debug)]
 pub struct Instance {
-    /// What it is.
+    /// Class.
     pub class: ObjectClass,
-    /// Whether the file names it under `objects`.
+    /// Whether the file lists it under `objects`.
     pub subject: bool,
     mesh: usize,
     place: Place,
     shadow: Option<(Point, Point)>,
-    /// Where its lamp lights the ground.
+    /// Lateral position of the light below its lamp, in metres.
     pool_x_m: Option<f64>,
 }
 
-/// An object where it is now.
+/// An object at its current position.
 #[derive(Clone, Copy, Debug)]
 pub struct Present {
-    /// Which one.
+    /// Index of the instance.
     pub instance: usize,
     /// Near side, metres ahead of the camera.
     pub ahead_m: f64,
-    /// Middle, metres right of the vehicle's line along the road.
+    /// Centre, metres right of the vehicle's path along the road.
     pub from_path_m: f64,
-    /// Middle across the road.
+    /// Centre, lateral position on the road in metres.
     pub across_m: f64,
-    /// Middle, metres right of the camera.
+    /// Centre, metres right of the camera.
     pub lateral_m: f64,
-    /// Size: across, up, along.
+    /// Size in metres: across, up, along.
     pub size_m: Point,
 }
 
-/// A scene's things and their motion.
+/// The objects of a scene and their motion.
 #[derive(Debug)]
 pub struct World {
     /// The file.
     pub file: SceneFile,
-    /// Its weather.
+    /// Rendering parameters of its weather.
     pub conditions: Conditions,
-    /// The rig.
+    /// Rig of the cameras.
     pub rig: Rig,
-    /// Image size.
+    /// Image size in pixels.
     pub size: (usize, usize),
     height_m: f64,
     course: Course,
@@ -78,20 +78,20 @@ pub struct World {
     meshes: Vec<Mesh>,
     boxes: Vec<(Point, Point)>,
     instances: Vec<Instance>,
-    /// Surfaces of the frame at hand; the ground's come first.
+    /// Surfaces of the current frame; those of the ground come first.
     pub surfaces: Vec<Surface>,
-    /// How many of them are the ground's.
+    /// Number of ground surfaces.
     pub ground_surfaces: usize,
-    /// Shadows and pools of light on the ground.
+    /// Shadows and lamp light on the ground.
     pub shades: Vec<Surface>,
-    /// The objects upside down, as a wet road mirrors them; none on a dry one.
+    /// The mirrored objects that a wet road reflects; empty on a dry one.
     pub mirrors: Vec<Surface>,
-    /// Objects that may be in the picture.
+    /// Objects that may be in the image.
     pub present: Vec<Present>,
 }
 
 impl World {
-    /// Builds the world of a file for a rig.
+    /// Builds the world described by a file, for a rig.
     pub fn new(file: SceneFile, rig: Rig, size: (usize, usize), height_m: f64) -> Self {
         let mut conditions = Conditions::new(file.weather);
         for (own, given) in conditions.sensors.iter_mut().zip([file.camera.left, file.camera.right]) {
@@ -122,17 +122,17 @@ impl World {
             let object = world.file.objects[n].clone();
             world.add_object(n as u64, &object);
         }
-        // Owners count in 16 bits.
+        // Owner numbers have 16 bits.
         world.instances.truncate(usize::from(u16::MAX - FIRST_OBJECT));
         world
     }
 
-    /// The objects.
+    /// All objects.
     pub fn instances(&self) -> &[Instance] {
         &self.instances
     }
 
-    /// The box of an object in its own frame.
+    /// Adds an object with its mesh.
     fn add(
         &mut self,
         class: ObjectClass,
@@ -141,7 +141,7 @@ impl World {
         place: Place,
         subject: bool,
     ) -> &mut Instance {
-        // Turned once and for all; then its near side and its middle become the origin.
+        // Applies the yaw once; then near side and centre become the origin.
         let turned = Placement::new([0.0; 3], yaw_deg.to_radians(), 0.0);
         let mesh = Mesh { faces: mesh.faces.iter().map(|face| turned.face(face)).collect() };
         let (least, greatest) = mesh.bounds();
@@ -151,7 +151,7 @@ impl World {
         let bounds = mesh.bounds();
         let shadow = match class {
             ObjectClass::Building => None,
-            // Only the deck's shadow falls on the road.
+            // Only the deck casts a shadow on the road.
             ObjectClass::Bridge => Some(([bounds.0[0], bounds.1[1] - 2.0, bounds.0[2]], bounds.1)),
             ObjectClass::Tree => {
                 let inner = |a: f64, b: f64| a + 0.2 * (b - a);
@@ -178,7 +178,7 @@ impl World {
 
     fn add_row(&mut self, n: u64, row: &BesideFile) {
         let seconds = self.file.seconds;
-        // In a scene that repeats, what stands a round further on looks the same.
+        // In a repeating scene, objects one period further on have the same appearance.
         let round_m = self.file.ego.speed_m_s.integral(seconds);
         let side = if row.lateral_m < 0.0 { -1.0 } else { 1.0 };
         let spacing = row.spacing_m.unwrap_or(match row.kind {
@@ -282,13 +282,13 @@ impl World {
         self.add(class, mesh, object.yaw_deg, place, true);
     }
 
-    /// The vehicle's place along the road at a time.
+    /// Position of the vehicle along the road at a time, in metres.
     pub fn ego_along_m(&self, time_s: f64) -> f64 {
         let ego = &self.file.ego;
         ego.along_m + ego.speed_m_s.integral(time_s) - ego.speed_m_s.integral(0.0)
     }
 
-    /// Metres from the vehicle to an object's near side, along the road.
+    /// Distance from the vehicle to an object's near side along the road, in metres.
     pub fn ahead_m(&self, instance: &Instance, time_s: f64) -> f64 {
         match &instance.place {
             Place::Along(path) => path.at(time_s).0 - self.ego_along_m(time_s),
@@ -296,12 +296,12 @@ impl World {
         }
     }
 
-    /// The road's reference line before the vehicle.
+    /// The road's reference line ahead of the vehicle.
     pub fn spot(&self, time_s: f64, ahead_m: f64) -> Spot {
         self.course.spot(self.ego_along_m(time_s), ahead_m)
     }
 
-    /// Places everything at a time.
+    /// Positions all objects at a time.
     pub fn place(&mut self, time_s: f64) {
         let light = self.conditions.light;
         let along = self.ego_along_m(time_s);
@@ -328,7 +328,7 @@ impl World {
                 Place::Ahead(path) => path.at(time_s),
             };
             let (least, greatest) = self.boxes[instance.mesh];
-            if ahead > FARTHEST_M || ahead + greatest[2] < -6.0 {
+            if ahead > MAX_DRAWN_M || ahead + greatest[2] < -6.0 {
                 continue;
             }
             let spot = self.course.spot(along, ahead);
@@ -337,7 +337,7 @@ impl World {
             let owner = FIRST_OBJECT + k as u16;
             for face in &self.meshes[instance.mesh].faces {
                 self.surfaces.extend(Surface::new(&placement.face(face), owner, &pose, &rig, &light));
-                if wet && ahead < MIRRORED_M {
+                if wet && ahead < MAX_MIRRORED_M {
                     let mirrored = placement.face(&face.mirrored());
                     self.mirrors.extend(Surface::new(&mirrored, owner, &pose, &rig, &light));
                 }
@@ -359,7 +359,7 @@ impl World {
         }
     }
 
-    /// Whether the road mirrors what stands on it.
+    /// Whether the road reflects objects.
     pub fn is_wet(&self) -> bool {
         self.conditions.wet.max(self.file.road.wet) > 0.3
     }
@@ -378,7 +378,7 @@ impl World {
     }
 }
 
-/// What a box keeps from the sun, on the ground: the hull of its corners' shadows.
+/// Shadow of a box on the ground: the convex hull of its corners' shadows.
 fn shadow(
     (least, greatest): (Point, Point),
     placement: &Placement,
@@ -388,7 +388,7 @@ fn shadow(
     class: ObjectClass,
 ) -> Option<Surface> {
     let sunny = light.sun > 0.4 && light.towards_sun[1] > 0.1;
-    // Without sun only what is close to the ground darkens it.
+    // Without sun only the ground directly below is darkened (ambient occlusion).
     let lean = if sunny { 1.0 } else { 0.0 };
     let strength = match (sunny, class) {
         (_, ObjectClass::Bridge) => 1.0,
@@ -400,7 +400,7 @@ fn shadow(
     for (k, point) in points.iter_mut().enumerate() {
         let pick = |bit: usize, axis: usize| if k >> bit & 1 == 0 { least[axis] } else { greatest[axis] };
         let foot = placement.place([pick(0, 0), 0.0, pick(2, 2)]);
-        // No shadow is longer than this: low suns would cover everything.
+        // Limits the length of shadows: at a low sun they would cover everything.
         let up = pick(1, 1) * lean / towards[1].max(0.25);
         *point = [foot[0] - towards[0] * up, foot[2] - towards[2] * up];
     }
@@ -431,7 +431,7 @@ fn flat(corners: &[Point], material: Material, pose: &Pose, rig: &Rig, light: &L
     Surface::new(&Face::new(corners, material), 0, pose, rig, light)
 }
 
-/// The convex hull of points (x, z), counter-clockwise; gives how many corners it has.
+/// Convex hull of points (x, z), counter-clockwise. Returns its number of corners.
 fn hull(points: &mut [[f64; 2]; 8], corners: &mut [Point; 8]) -> usize {
     points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let turn =
@@ -454,7 +454,7 @@ fn hull(points: &mut [[f64; 2]; 8], corners: &mut [Point; 8]) -> usize {
         stack[count] = point;
         count += 1;
     }
-    // The last is the first again.
+    // The last point repeats the first.
     let count = count.saturating_sub(1).min(8);
     for (corner, point) in corners.iter_mut().zip(&stack[..count]) {
         *corner = [point[0], 0.0, point[1]];

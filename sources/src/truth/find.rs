@@ -1,17 +1,12 @@
-//! Finds the pairs of a data set by its layout.
+//! Finds the pairs of a data set by its folder layout.
 
-use super::{TruthError, TruthFiles, TruthPair};
+use super::error::TruthError;
+use super::pair::{TruthFiles, TruthPair};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The layouts that [`find`] knows, for people.
-pub const LAYOUTS: &str = "folders image_2 and image_3, or image_0 and image_1, with disp_occ_0, disp_noc_0, \
-    disp_occ or disp_noc (KITTI 2015, 2012); folders left, right, gt_depth_map and calib (KITTI depth); or a \
-    folder per scene with im0.png, im1.png and disp0GT.pfm or disp0.pfm, im2, im6 and disp2 (.ppm and .pgm, or \
-    .png), view1.png, view5.png and disp1.png, or left.png, right.png and groundtruth.png or gt.png (Middlebury)";
-
-/// A scene with a folder of its own.
+/// File names of a scene folder.
 struct SceneLayout {
     left: &'static str,
     right: &'static str,
@@ -30,7 +25,7 @@ impl SceneLayout {
     }
 }
 
-/// In the order of preference.
+/// In order of preference.
 const SCENES: [SceneLayout; 7] = [
     SceneLayout::new(["im0.png", "im1.png", "disp0GT.pfm"], None, Some(1.0)),
     SceneLayout::new(["im0.png", "im1.png", "disp0.pfm"], None, Some(1.0)),
@@ -41,11 +36,11 @@ const SCENES: [SceneLayout; 7] = [
     SceneLayout::new(["left.png", "right.png", "gt.png"], None, Some(256.0)),
 ];
 
-/// Finds every pair with truth in a folder and those below, in the order of their paths. A pair
-/// is named by the folders that lead to it, and by its file where a folder holds several.
+/// Finds all pairs with ground truth in a folder and its subfolders, in order of their paths. A pair is named
+/// after the folders that lead to it, and after its file where a folder contains several.
 ///
 /// # Errors
-/// When a folder cannot be listed, none has a pair, or two pairs have one name.
+/// When a folder cannot be listed, there is no pair, or two pairs have the same name.
 pub fn find(root: &Path) -> Result<Vec<TruthPair>, TruthError> {
     let mut below = Vec::new();
     folders(root, &mut below)?;
@@ -74,8 +69,7 @@ pub fn find(root: &Path) -> Result<Vec<TruthPair>, TruthError> {
     Ok(found)
 }
 
-/// All folders below one. Links to folders are among them, but not what lies behind them: a link
-/// may lead back.
+/// All subfolders. Symbolic links to folders are included but not followed, as a link may lead to a parent.
 fn folders(root: &Path, found: &mut Vec<PathBuf>) -> Result<(), TruthError> {
     let mut open = vec![root.to_owned()];
     while let Some(folder) = open.pop() {
@@ -98,7 +92,7 @@ fn there(folder: &Path, name: &str) -> Option<PathBuf> {
     Some(folder.join(name)).filter(|path| path.exists())
 }
 
-/// PNG files of a folder by name.
+/// PNG files of a folder, sorted by name.
 pub(super) fn pictures(folder: &Path) -> Result<Vec<PathBuf>, TruthError> {
     let io = |source| TruthError::Io { path: folder.to_owned(), source };
     let mut found = Vec::new();
@@ -151,7 +145,7 @@ fn disparity_maps(folder: &Path, name: &str, found: &mut Vec<TruthPair>) -> Resu
     Ok(())
 }
 
-/// KITTI's images with completed depth.
+/// KITTI's depth completion set.
 fn depth_maps(folder: &Path, name: &str, found: &mut Vec<TruthPair>) -> Result<(), TruthError> {
     let [left, right, depth, calibration] =
         ["left", "right", "gt_depth_map", "calib"].map(|name| folder.join(name));
@@ -168,7 +162,7 @@ fn depth_maps(folder: &Path, name: &str, found: &mut Vec<TruthPair>) -> Result<(
 fn scene(folder: &Path, name: String) -> Option<TruthPair> {
     let layout =
         SCENES.iter().find(|s| [s.left, s.right, s.map].iter().all(|file| there(folder, file).is_some()))?;
-    // The folder itself was given: it is called by its own name.
+    // A scene folder given directly: use the name of the folder.
     let own = || folder.canonicalize().ok()?.file_name().map(|n| n.to_string_lossy().into_owned());
     Some(TruthPair {
         name: if name.is_empty() { own().unwrap_or_else(|| "scene".into()) } else { name },
@@ -225,7 +219,7 @@ mod tests {
         let only_all = TruthFiles::Kitti { all: Some(at("a/disp_occ/3.png")), noc: None };
         assert_eq!(pairs[1].files, only_all);
         assert_eq!(pairs[3].files, TruthFiles::Kitti { all: None, noc: Some(at("b/disp_noc_0/2.png")) });
-        // The folder itself adds nothing to the name.
+        // The given folder is not part of the name.
         let inner = find(&at("b")).unwrap();
         assert_eq!(inner[0].name, "1");
     }
@@ -263,9 +257,9 @@ mod tests {
         }
         assert!(matches!(&pairs[2].files, TruthFiles::Scene { right_map: None, scale: None, .. }));
         assert!(matches!(&pairs[3].files, TruthFiles::Scene { right_map: Some(_), .. }));
-        // A scene that was named itself.
+        // A scene folder given directly.
         assert_eq!(find(&root.path().join("m/cones")).unwrap()[0].name, "cones");
-        // A link that leads back is no trap.
+        // A link to a parent does not recurse.
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(root.path(), root.path().join("k/back")).unwrap();

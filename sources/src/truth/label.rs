@@ -1,6 +1,6 @@
-//! Labels of KITTI's object benchmark: what is in a picture, its box and where it stands.
+//! Labels of the KITTI object benchmark: class, image box and position.
 
-use super::TruthError;
+use super::error::TruthError;
 use std::path::Path;
 
 /// One labelled object.
@@ -8,9 +8,9 @@ use std::path::Path;
 pub struct Label {
     /// `Car`, `Van`, `Truck`, `Pedestrian`, `Cyclist`, …
     pub class: String,
-    /// Share of it that lies outside the picture, 0 to 1.
+    /// Share of the object outside the image, 0 to 1.
     pub truncated: f64,
-    /// 0 fully visible, 1 partly hidden, 2 largely hidden, 3 unknown.
+    /// 0 fully visible, 1 partly occluded, 2 largely occluded, 3 unknown.
     pub occluded: u8,
     /// Left, top, right and bottom of its box, in px.
     pub bounds_px: [f64; 4],
@@ -18,14 +18,14 @@ pub struct Label {
     pub width_m: f64,
     /// Length in metres.
     pub length_m: f64,
-    /// Distance of its middle along the camera's axis, in metres.
+    /// Distance of its centre along the camera's axis, in metres.
     pub distance_m: f64,
 }
 
-/// Reads a label file; `DontCare` lines, which name no object, are left out.
+/// Reads a label file; `DontCare` lines, which label no object, are skipped.
 ///
 /// # Errors
-/// Names the file, the line and what is expected.
+/// Names the file, the line and the expected content.
 pub fn read(path: &Path) -> Result<Vec<Label>, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
     let text = std::fs::read_to_string(path).map_err(io)?;
@@ -44,14 +44,14 @@ pub fn read(path: &Path) -> Result<Vec<Label>, TruthError> {
 fn label(line: &str) -> Result<Label, String> {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     let [class, numbers @ ..] = &words[..] else { return Err("empty".into()) };
-    // A sixteenth word is the score of a result.
+    // A sixteenth field is the score of a detector's result.
     if ![14, 15].contains(&numbers.len()) {
-        return Err(format!("{} words: KITTI's labels have 15", words.len()));
+        return Err(format!("{} fields: KITTI's labels have 15", words.len()));
     }
     let numbers: Vec<f64> = numbers
         .iter()
         .map(|word| {
-            word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or(format!("\"{word}\" is no number"))
+            word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or(format!("\"{word}\" is not a number"))
         })
         .collect::<Result<_, _>>()?;
     Ok(Label {
@@ -98,9 +98,9 @@ mod tests {
     #[test]
     fn faults_name_the_line() {
         for (text, expected) in [
-            (CAR.replace("6.59", "near"), "000007.txt: line 1: \"near\" is no number"),
-            (CAR.replace("6.59", "inf"), "\"inf\" is no number"),
-            (format!("{CAR}\nCar 1 2"), "line 2: 3 words: KITTI's labels have 15"),
+            (CAR.replace("6.59", "near"), "000007.txt: line 1: \"near\" is not a number"),
+            (CAR.replace("6.59", "inf"), "\"inf\" is not a number"),
+            (format!("{CAR}\nCar 1 2"), "line 2: 3 fields: KITTI's labels have 15"),
         ] {
             let error = read_text(&text).unwrap_err();
             assert!(error.contains(expected), "{error}");

@@ -1,31 +1,32 @@
-//! Pictures with LiDAR depth: stereo pairs, or left pictures alone, some with labels.
+//! Images with LiDAR depth: stereo pairs, or left images only, some with labels.
 
+use super::error::TruthError;
+use super::find;
 use super::map_file::{self, DisparityMap};
-use super::{TruthError, find};
 use std::path::{Path, PathBuf};
 
-/// The layout that [`frames`] knows, for people.
+/// The layout that [`frames`] reads, for messages.
 pub const LAYOUT: &str = "folders left, calib and gt_depth_map or gt_depth, and right or labels or both, with files of equal names";
 
-/// One picture with its depth; files are read when they are asked for.
+/// An image with LiDAR depth; files are read on demand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LidarFrame {
-    /// Name within its set.
+    /// Name within the data set.
     pub name: String,
     /// Left image.
     pub left: PathBuf,
-    /// Right image, where the set has one.
+    /// Right image, where there is one.
     pub right: Option<PathBuf>,
-    /// Distances, 16-bit PNG, metres × 256, 0 = unknown.
+    /// Depth map: 16-bit PNG, metres × 256, 0 = unknown.
     pub depth: PathBuf,
     /// KITTI calibration.
     pub calibration: PathBuf,
-    /// Labels, where the set has them.
+    /// Labels, where there are any.
     pub labels: Option<PathBuf>,
 }
 
 impl LidarFrame {
-    /// The distances in metres, −1 = unknown.
+    /// Depth in metres, −1 = unknown.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -34,10 +35,10 @@ impl LidarFrame {
     }
 }
 
-/// The pictures of a folder, in the order of their names.
+/// The images of a folder, sorted by name.
 ///
 /// # Errors
-/// When the folder has another layout, or a picture lacks a file that others have.
+/// When the folder has another layout, or an image lacks one of the files.
 pub fn frames(root: &Path) -> Result<Vec<LidarFrame>, TruthError> {
     let folder = |names: &[&str]| names.iter().map(|name| root.join(name)).find(|path| path.is_dir());
     let none = || TruthError::Map {
@@ -54,7 +55,7 @@ pub fn frames(root: &Path) -> Result<Vec<LidarFrame>, TruthError> {
         return Err(none());
     }
     let there = |path: PathBuf| {
-        let reason = || "is missing, its depth map is there: add it, or remove the depth map".to_owned();
+        let reason = || "is missing, but its depth map exists: add it, or remove the depth map".to_owned();
         if path.is_file() { Ok(path) } else { Err(TruthError::Map { reason: reason(), path }) }
     };
     let mut found = Vec::new();

@@ -1,11 +1,12 @@
-//! Disparity maps in files: PNG and PGM with a scale, PFM.
+//! Disparity map files: PNG and PGM with a scale, PFM.
 
-use super::{TruthError, pfm};
+use super::error::TruthError;
+use super::pfm;
 use crate::{SourceError, folder};
 use image::{DynamicImage, ImageReader};
 use std::path::Path;
 
-/// A map of `width` × `height` values, row after row; −1 = unknown.
+/// A map of `width` × `height` values, row-major; −1 = unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisparityMap {
     /// Values, above 0 or −1.
@@ -17,7 +18,7 @@ pub struct DisparityMap {
 }
 
 impl DisparityMap {
-    /// Where a value is known.
+    /// Mask of the known values.
     pub fn known(&self) -> Vec<bool> {
         self.px.iter().map(|&d| d > 0.0).collect()
     }
@@ -30,11 +31,11 @@ fn decode(path: &Path) -> Result<DynamicImage, TruthError> {
         .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() }.into())
 }
 
-/// Reads a map whose values are `scale` steps a pixel (a PFM holds pixels). Values that are not
-/// finite or not above zero are unknown.
+/// Reads a map whose stored values are pixels × `scale` (a PFM contains pixels). Values that are not finite or
+/// not positive are unknown.
 ///
 /// # Errors
-/// When the file cannot be read, or is a colour picture.
+/// When the file cannot be read, or is a colour image.
 pub fn read(path: &Path, scale: f64) -> Result<DisparityMap, TruthError> {
     if path.extension().is_some_and(|e| e == "pfm") {
         let pfm = pfm::read(path)?;
@@ -47,7 +48,7 @@ pub fn read(path: &Path, scale: f64) -> Result<DisparityMap, TruthError> {
     let px = match &image {
         DynamicImage::ImageLuma8(map) => map.as_raw().iter().map(|&v| steps(v.into())).collect(),
         DynamicImage::ImageLuma16(map) => map.as_raw().iter().map(|&v| steps(v)).collect(),
-        // A palette of greys decodes to three equal channels.
+        // A grey palette decodes to three equal channels.
         DynamicImage::ImageRgb8(map) if map.pixels().all(|p| p[0] == p[1] && p[1] == p[2]) => {
             map.pixels().map(|p| steps(p[0].into())).collect()
         }
@@ -59,11 +60,11 @@ pub fn read(path: &Path, scale: f64) -> Result<DisparityMap, TruthError> {
     Ok(DisparityMap { px, width, height })
 }
 
-/// Reads an estimate as `lookout disparity` and KITTI write it: 16-bit PNG, disparity × 256,
-/// 0 = unknown. Gives the values as they are, width and height.
+/// Reads an estimate in the format of `lookout disparity` and KITTI: 16-bit PNG, disparity × 256, 0 = unknown.
+/// Returns the stored values, width and height.
 ///
 /// # Errors
-/// When the file cannot be read, or is not of 16 bits.
+/// When the file cannot be read, or does not have 16 bits.
 pub fn read_estimate(path: &Path) -> Result<(Vec<u16>, usize, usize), TruthError> {
     match decode(path)? {
         DynamicImage::ImageLuma16(map) => {

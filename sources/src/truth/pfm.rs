@@ -1,15 +1,15 @@
-//! Middlebury's PFM: one float per pixel, rows from the bottom up.
+//! PFM files as in Middlebury: one float per pixel, rows from the bottom up.
 
-use super::TruthError;
+use super::error::TruthError;
 use std::path::Path;
 
-/// More bytes than any map has; a file beyond is a mistake, not a map.
+/// Upper limit of the file size: no map is larger.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// A PFM as it is in its file, rows turned to run from the top down.
+/// Contents of a PFM, with rows from the top down.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pfm {
-    /// Values, row after row; not finite where the file says so.
+    /// Values, row-major; not finite where unknown.
     pub values: Vec<f32>,
     /// Width in pixels.
     pub width: usize,
@@ -17,11 +17,11 @@ pub struct Pfm {
     pub height: usize,
 }
 
-/// Reads a one-channel PFM. The magnitude of the scale in its header is ignored, as Middlebury
-/// means it: only its sign counts (below zero: little-endian).
+/// Reads a one-channel PFM. Of the scale in its header only the sign is used (negative: little-endian), as
+/// Middlebury specifies.
 ///
 /// # Errors
-/// Names the file, what is wrong with it and the remedy.
+/// Names the file, the fault and the remedy.
 pub fn read(path: &Path) -> Result<Pfm, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
     let map = |reason| TruthError::Map { path: path.to_owned(), reason };
@@ -32,11 +32,11 @@ pub fn read(path: &Path) -> Result<Pfm, TruthError> {
     parse(&std::fs::read(path).map_err(io)?).map_err(map)
 }
 
-/// Takes the next word of the header and the one white space (or CR LF) that ends it.
+/// Takes the next token of the header, and the one white space (or CR LF) that ends it.
 fn word<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
     let start = rest.iter().position(|b| !b.is_ascii_whitespace())?;
     let text = &rest[start..];
-    // No word of a header is long: a binary file without white space is none.
+    // Header tokens are short: a binary file without white space has none.
     let end = text.iter().take(40).position(u8::is_ascii_whitespace)?;
     let line_end = if text[end..].starts_with(b"\r\n") { 2 } else { 1 };
     *rest = &text[end + line_end..];
@@ -126,7 +126,7 @@ mod tests {
                 .unwrap_err();
             assert!(error.contains(expected), "{header:?}: {error}");
         }
-        // Bytes of any kind are an error or a map, never a panic.
+        // Truncated input is an error, never a panic.
         for cut in 0..40 {
             let whole = file("Pf\n3 2\n-1.0\n", &[0.0; 6], true);
             assert_eq!(parse(&whole[..cut.min(whole.len())]).is_ok(), cut >= whole.len(), "{cut}");

@@ -1,9 +1,9 @@
-//! Which pairs of a running source are worth keeping for a calibration, and what is still missing.
+//! Selection of calibration pairs from a running source, and feedback on what is still missing.
 //!
-//! A pair is kept when the board is at rest in both pictures and stands as it has not stood before: in
-//! place, size or slant. After each kept pair all of them are solved and judged: what the verdict finds
-//! wanting is what is missing. Once there are enough, those whose board moved between the exposures are
-//! dropped, so that their places can be taken again.
+//! A pair is kept when the board is at rest in both images and its position, size or slant differs from all
+//! kept pairs. After each kept pair the calibration is solved and graded; the reasons of the verdict say what
+//! is missing. Once there are enough pairs, those whose board moved between the two exposures are dropped, so
+//! that the same positions can be captured again.
 
 use super::features;
 use nalgebra::Vector2;
@@ -12,40 +12,40 @@ use perception::calibration::stereo::ViewReport;
 use perception::calibration::{Board, Crop, Grade, Lens, Pair, Verdict, calibrate, judge};
 use perception::image::GreyView;
 
-/// Fewer pairs never make an end: all that is judged needs some to be judged by.
+/// Minimum number of pairs for a complete session: the verdict needs enough data.
 pub const MIN_PAIRS: usize = 12;
 
-/// More are not taken.
+/// Maximum number of pairs.
 pub const MAX_PAIRS: usize = 40;
 
-/// A board whose corners move by less between two pictures, root mean square in pixels, is at rest.
+/// A board whose corners move by less between two images, root mean square in pixels, is at rest.
 const REST_PX: f64 = 0.7;
 
-/// Difference of place, size and slants (see `features`) from every kept pair that makes a new view.
+/// Distance of position, size and slants (see `features`) from every kept pair that makes a view new.
 const NOVEL: f64 = 0.16;
 
-/// With fewer pairs there is no solution to speak of.
+/// With fewer pairs the calibration is not solved.
 const MIN_SOLVED: usize = 4;
 
-/// What became of a pair.
+/// Result of offering a pair.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// The board is not in both pictures.
+    /// The board is not visible in both images.
     NoBoard,
-    /// It moves.
+    /// The board is moving.
     Moving,
-    /// It stands about as it did before.
+    /// The view is similar to a kept one.
     Known,
-    /// It was kept.
+    /// The pair was kept.
     Kept {
-        /// What all kept pairs come to; none while they are too few.
+        /// Verdict on all kept pairs; `None` while there are too few.
         verdict: Option<Verdict>,
-        /// Numbers of pairs that are dropped, as their boards moved between the exposures.
+        /// Numbers of dropped pairs, whose boards moved between the two exposures.
         dropped: Vec<usize>,
     },
 }
 
-/// The pairs that were kept, as far as they matter for choosing others.
+/// A live calibration session with the kept pairs.
 pub struct Session {
     board: Board,
     lens: Lens,
@@ -53,7 +53,7 @@ pub struct Session {
     size: (usize, usize),
     needs_rest: bool,
     kept: Vec<Pair>,
-    /// Their numbers: those of dropped pairs are not used again.
+    /// Numbers of the kept pairs; numbers of dropped pairs are not reused.
     numbers: Vec<usize>,
     taken: usize,
     features: Vec<[f64; 5]>,
@@ -62,8 +62,8 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session for pictures of `size`. With `needs_rest` the board must be where it was in the pair
-    /// before: cameras need not expose together then.
+    /// A session for images of `size`. With `needs_rest` the board must not have moved since the previous pair,
+    /// so that the cameras need not be synchronised.
     pub fn new(board: Board, lens: Lens, crop: Crop, size: (usize, usize), needs_rest: bool) -> Self {
         Self {
             board,
@@ -80,23 +80,23 @@ impl Session {
         }
     }
 
-    /// Pairs that are kept.
+    /// Number of kept pairs.
     pub fn kept(&self) -> usize {
         self.kept.len()
     }
 
-    /// Pairs that were ever kept, which is the number of the last one.
+    /// Number of pairs ever kept, which is the number of the last one.
     pub fn taken(&self) -> usize {
         self.taken
     }
 
-    /// Whether no more pairs are needed: they are good, or as many as are taken.
+    /// Whether no more pairs are needed: the grade is good, or the maximum number is reached.
     pub fn is_complete(&self) -> bool {
         let is_good = self.verdict.as_ref().is_some_and(|v| v.grade == Grade::Good);
         (is_good && self.kept.len() >= MIN_PAIRS) || self.taken >= MAX_PAIRS
     }
 
-    /// Looks at the next pair.
+    /// Processes the next pair.
     pub fn offer(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Step {
         let found = finder::find(left, &self.board).and_then(|l| Ok([l, finder::find(right, &self.board)?]));
         let Ok([left, right]) = found else {
@@ -124,7 +124,7 @@ impl Session {
         let mut dropped = Vec::new();
         if self.kept.len() >= MIN_SOLVED {
             let mut moved = self.judge();
-            // One by one: a pair that is off makes others look so. Judged by few, none is dropped.
+            // One at a time, as an outlier affects the residuals of the others; none while there are few pairs.
             while let (Some(worst), MIN_PAIRS..) = (moved, self.kept.len()) {
                 dropped.push(self.numbers.remove(worst));
                 self.kept.remove(worst);
@@ -135,7 +135,7 @@ impl Session {
         Step::Kept { verdict: self.verdict.clone(), dropped }
     }
 
-    /// Judges the kept pairs; gives the one whose board moved most between the exposures, if any did.
+    /// Grades the kept pairs. Returns the one whose board moved most between the two exposures, if any.
     fn judge(&mut self) -> Option<usize> {
         let names: Vec<String> = self.numbers.iter().map(|n| format!("pair {n}")).collect();
         match calibrate(&self.board, self.size, &self.kept, self.lens, self.crop) {
@@ -153,7 +153,7 @@ impl Session {
     }
 }
 
-/// Whether corners have stayed where they were, in both pictures.
+/// Whether the corners are unchanged in both images.
 fn rests(before: &[Vec<Vector2<f64>>; 2], now: &[Vec<Vector2<f64>>; 2]) -> bool {
     before.iter().zip(now).all(|(a, b)| {
         let sum: f64 = a.iter().zip(b).map(|(p, q)| (p - q).norm_squared()).sum();
@@ -167,14 +167,14 @@ mod tests {
     use nalgebra::{Rotation3, Vector3};
     use perception::calibration::{Camera, Pose};
     use perception::image::GreyImage;
-    use sources::chessboard::{Conditions, Studio, poses};
+    use sources::chessboard::{BoardRenderer, Conditions, poses};
 
     const SIZE: (usize, usize) = (320, 240);
 
     fn views(count: usize) -> Vec<[GreyImage; 2]> {
         let camera = Camera::pinhole(270.0, 270.0, 160.0, 120.0);
         let board = Board::new(9, 6, 0.025).unwrap();
-        let studio = Studio::new(&camera, SIZE, board);
+        let studio = BoardRenderer::new(&camera, SIZE, board);
         let between = Pose {
             rotation: Rotation3::new(Vector3::new(0.004, 0.008, -0.003)),
             translation_m: Vector3::new(-0.1, 0.0, 0.0),
@@ -199,7 +199,7 @@ mod tests {
             if session.is_complete() {
                 break;
             }
-            // It comes, is at rest, and stays for a while.
+            // The board arrives, rests, and stays for a while.
             assert_eq!(session.offer(left.view(), right.view()), Step::Moving);
             if let Step::Kept { verdict, .. } = session.offer(left.view(), right.view()) {
                 missing.push(
@@ -235,7 +235,7 @@ mod tests {
         let views = views(16);
         let mut moved = None;
         for (i, [left, right]) in views.iter().enumerate() {
-            // The right picture of one is a pixel lower.
+            // The right image of one pair is a pixel lower.
             let mut lower = right.clone();
             if i == 5 {
                 lower.as_mut_slice()[SIZE.0..].copy_from_slice(&right.as_slice()[..SIZE.0 * (SIZE.1 - 1)]);

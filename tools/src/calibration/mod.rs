@@ -1,4 +1,4 @@
-//! From a folder of chessboard pictures to a pair of calibrated cameras and a verdict.
+//! Calibrates a stereo pair from a folder of chessboard images and grades the result.
 
 pub mod live;
 mod pictures;
@@ -21,49 +21,49 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Views beyond this many are thinned out: those that differ most stay.
+/// Maximum number of views; of more, the most different ones are kept.
 const MAX_VIEWS: usize = 60;
 
-/// What is calibrated, and how.
+/// Input and options of a calibration.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
-    /// Folder of the pictures.
+    /// Folder with the images.
     pub folder: &'a Path,
     /// The board.
     pub board: Board,
-    /// Which coefficients of the lenses are estimated.
+    /// Estimated distortion coefficients.
     pub lens: Lens,
-    /// How the pair is rectified.
+    /// Rectification of the pair.
     pub crop: Crop,
-    /// Whether the figures of all views are wanted, too: nothing left out.
+    /// Whether to calibrate from all views as well, including outliers.
     pub cross_validate: bool,
 }
 
-/// What came of it.
+/// Result of a calibration.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The verdict.
+    /// Grade with reasons.
     pub verdict: Verdict,
-    /// The cameras, if there was a solution.
+    /// The calibrated cameras, if there was a solution.
     pub calibration: Option<StereoCalibration>,
-    /// The pairs whose boards were used or left out, in the order of the calibration's views.
+    /// Pairs in which both images show the board, used or excluded, in the order of the calibration's views.
     pub views: Vec<PicturePair>,
     /// Their corners.
     pub corners: Vec<Pair>,
-    /// Pairs of pictures in the folder.
+    /// Number of image pairs in the folder.
     pub pairs: usize,
-    /// Pictures without the board: the file, and why.
+    /// Images in which the board was not detected: file and reason.
     pub without: Vec<(PathBuf, NoBoard)>,
-    /// Processor time that the search for the board took in each picture, in ms.
+    /// Processor time of the board detection per image, in ms.
     pub picture_ms: Vec<f64>,
-    /// The cameras from all views, those that contradict the others too, when that was asked for.
+    /// The calibration from all views, including outliers, where requested.
     pub of_all: Option<StereoCalibration>,
 }
 
-/// The board in a picture, the picture's size, and the processor time that the search took, in ms.
-type Look = Result<((usize, usize), Result<Sighting, NoBoard>, f64), String>;
+/// Image size, detected board and processor time of the detection in ms.
+type Search = Result<((usize, usize), Result<Sighting, NoBoard>, f64), String>;
 
-/// [`finder::find`], and the processor time of this thread that it took, in ms.
+/// [`finder::find`], and its processor time on this thread in ms.
 pub fn timed(view: GreyView<'_>, board: &Board) -> (Result<Sighting, NoBoard>, f64) {
     let now = || {
         let t = clock_gettime(ClockId::ThreadCPUTime);
@@ -74,11 +74,11 @@ pub fn timed(view: GreyView<'_>, board: &Board) -> (Result<Sighting, NoBoard>, f
     (found, now() - start)
 }
 
-/// Looks for the board in all pictures, on as many threads as there are processors.
-fn look(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Look> {
+/// Detects the board in all images, with one thread per processor.
+fn search(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Search> {
     let next = AtomicUsize::new(0);
     let done = AtomicUsize::new(0);
-    let results: Mutex<Vec<Option<Look>>> = Mutex::new(vec![None; paths.len()]);
+    let results: Mutex<Vec<Option<Search>>> = Mutex::new(vec![None; paths.len()]);
     let work = || {
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
@@ -103,11 +103,11 @@ fn look(paths: &[&Path], board: &Board, progress: &(dyn Fn(usize, usize) + Sync)
         work();
     });
     let results = results.into_inner().unwrap_or_default();
-    results.into_iter().map(|r| r.unwrap_or_else(|| Err("not looked at".into()))).collect()
+    results.into_iter().map(|r| r.unwrap_or_else(|| Err("not searched".into()))).collect()
 }
 
-/// Calibrates from a folder. Whatever is wrong with the pictures becomes a verdict; `progress` hears
-/// how many of how many pictures are done.
+/// Calibrates from a folder. Faults of the images become part of the verdict. `progress` is called with the
+/// numbers of processed and of all images.
 pub fn run(request: &Request<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Outcome {
     let mut outcome = Outcome {
         verdict: Verdict::redo(""),
@@ -131,21 +131,53 @@ fn attempt(
     let pictures = Pictures::find(request.folder).map_err(|e| e.to_string())?;
     outcome.pairs = pictures.pairs.len();
     let board = &request.board;
+    let (size, other_boards) = collect_views(&pictures, board, progress, outcome)?;
+    let Some(size) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
+    thin_out(outcome, size);
+    let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
+    let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
+    let mut verdict = match &result {
+        Ok(calibration) => judge(calibration, &names),
+        Err(error) => Verdict::redo(error.to_string()),
+    };
+    judge_missing_boards(&mut verdict, outcome, board, &other_boards);
+    if let Some(path) = pictures.single.first() {
+        let text = format!("{} images have no partner, such as {}", pictures.single.len(), path.display());
+        verdict.reasons.push(Reason { grade: Grade::Good, text });
+    }
+    outcome.calibration = result.ok();
+    if request.cross_validate {
+        outcome.of_all = calibrate_all(board, size, &outcome.corners, request.lens, request.crop).ok();
+    }
+    Ok(verdict)
+}
+
+/// Size of an image or a board, in pixels or corners: columns, rows.
+type Size = (usize, usize);
+
+/// Searches all images and collects the pairs in which both show the board. Returns the common size of the
+/// images, and how often a board of another size was detected.
+fn collect_views(
+    pictures: &Pictures,
+    board: &Board,
+    progress: &(dyn Fn(usize, usize) + Sync),
+    outcome: &mut Outcome,
+) -> Result<(Option<Size>, BTreeMap<Size, usize>), String> {
     let paths: Vec<&Path> =
         pictures.pairs.iter().flat_map(|p| [p.left.as_path(), p.right.as_path()]).collect();
-    let looks = look(&paths, board, progress);
-    let mut size: Option<((usize, usize), &Path)> = None;
-    let mut sizes_seen: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    for ((pair, path), sides) in pictures.pairs.iter().zip(paths.chunks(2)).zip(looks.chunks(2)) {
+    let searches = search(&paths, board, progress);
+    let mut size: Option<(Size, &Path)> = None;
+    let mut other_boards = BTreeMap::new();
+    for ((pair, path), sides) in pictures.pairs.iter().zip(paths.chunks(2)).zip(searches.chunks(2)) {
         let mut found = Vec::new();
-        for (path, look) in path.iter().zip(sides) {
-            let (own, sighting, ms) = look.as_ref().map_err(Clone::clone)?;
+        for (path, search) in path.iter().zip(sides) {
+            let (own, sighting, ms) = search.as_ref().map_err(Clone::clone)?;
             outcome.picture_ms.push(*ms);
             match size {
                 None => size = Some((*own, path)),
                 Some((first, first_path)) if first != *own => {
                     return Err(format!(
-                        "{} has {}x{} pixels, but {} has {}x{}: all pictures need one size, that of the running cameras",
+                        "{} has {}x{} pixels, but {} has {}x{}: all images must have one size, that of the running cameras",
                         path.display(),
                         own.0,
                         own.1,
@@ -160,7 +192,7 @@ fn attempt(
                 Ok(sighting) => found.push(sighting.corners.clone()),
                 Err(why) => {
                     if let NoBoard::Other { columns, rows } = why {
-                        *sizes_seen.entry((*columns, *rows)).or_default() += 1;
+                        *other_boards.entry((*columns, *rows)).or_default() += 1;
                     }
                     outcome.without.push((path.to_path_buf(), *why));
                 }
@@ -171,23 +203,25 @@ fn attempt(
             outcome.views.push(pair.clone());
         }
     }
-    let Some((size, _)) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
-    thin_out(outcome, size);
-    let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
-    let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
-    let mut verdict = match &result {
-        Ok(calibration) => judge(calibration, &names),
-        Err(error) => Verdict::redo(error.to_string()),
-    };
-    // A lattice that is seen in most pictures is the board.
-    let most = sizes_seen.iter().max_by_key(|(_, count)| **count);
+    Ok((size.map(|(size, _)| size), other_boards))
+}
+
+/// Adds to the verdict why images have no board.
+fn judge_missing_boards(
+    verdict: &mut Verdict,
+    outcome: &Outcome,
+    board: &Board,
+    other_boards: &BTreeMap<Size, usize>,
+) {
+    // A size that was detected in most of these images is that of the board.
+    let most = other_boards.iter().max_by_key(|(_, count)| **count);
     if let Some(((columns, rows), count)) = most
         && 2 * count > outcome.without.len()
         && outcome.without.len() > outcome.views.len()
         && *count >= 3
     {
         let text = format!(
-            "{count} pictures show {columns}x{rows} corners, not {}x{}: count the inner corners again \
+            "{count} images show {columns}x{rows} corners, not {}x{}: count the inner corners again \
              (--board {columns}x{rows}?), and keep the whole board in sight",
             board.columns(),
             board.rows()
@@ -195,31 +229,19 @@ fn attempt(
         verdict.reasons.insert(0, Reason { grade: Grade::Redo, text });
         verdict.grade = Grade::Redo;
     } else if !outcome.without.is_empty() {
-        // A part of a board says more than none.
+        // A partly detected board is the more helpful example.
         let part = outcome.without.iter().find(|w| matches!(w.1, NoBoard::Other { .. }));
         let (path, why) = part.unwrap_or(&outcome.without[0]);
         let count = outcome.without.len();
-        let grade = if count > paths.len() / 2 { Grade::Usable } else { Grade::Good };
-        let text = format!(
-            "the board was not found in {count} of {} pictures; {}: {why}",
-            paths.len(),
-            path.display()
-        );
+        let total = 2 * outcome.pairs;
+        let grade = if count > total / 2 { Grade::Usable } else { Grade::Good };
+        let text = format!("the board was not found in {count} of {total} images; {}: {why}", path.display());
         verdict.reasons.push(Reason { grade, text });
         verdict.grade = verdict.grade.max(grade);
     }
-    if let Some(path) = pictures.single.first() {
-        let text = format!("{} pictures have no partner, such as {}", pictures.single.len(), path.display());
-        verdict.reasons.push(Reason { grade: Grade::Good, text });
-    }
-    outcome.calibration = result.ok();
-    if request.cross_validate {
-        outcome.of_all = calibrate_all(board, size, &outcome.corners, request.lens, request.crop).ok();
-    }
-    Ok(verdict)
 }
 
-/// Keeps the views that differ most in place, size and slant, when there are many.
+/// Keeps the views that differ most in position, size and slant, when there are too many.
 fn thin_out(outcome: &mut Outcome, size: (usize, usize)) {
     if outcome.views.len() <= MAX_VIEWS {
         return;
@@ -240,12 +262,12 @@ fn thin_out(outcome: &mut Outcome, size: (usize, usize)) {
     outcome.corners = kept.iter().map(|&i| outcome.corners[i].clone()).collect();
 }
 
-/// Place, size and slants of a board in a picture, each about 0 to 1.
+/// Position, size and slants of a board in an image, each about 0 to 1.
 fn features(corners: &[Vector2<f64>], (width, height): (usize, usize)) -> [f64; 5] {
     let n = corners.len().max(1) as f64;
     let mean = corners.iter().sum::<Vector2<f64>>() / n;
     let spread = (corners.iter().map(|c| (c - mean).norm_squared()).sum::<f64>() / n).sqrt();
-    // How the board widens to one side: third moments over the spread.
+    // Perspective convergence: third moments relative to the spread.
     let skew = |axis: usize| {
         corners.iter().map(|c| (c[axis] - mean[axis]).powi(3)).sum::<f64>() / n / spread.powi(3).max(1e-9)
     };
@@ -253,7 +275,7 @@ fn features(corners: &[Vector2<f64>], (width, height): (usize, usize)) -> [f64; 
 }
 
 impl Outcome {
-    /// The rig file of the outcome; none without a solution.
+    /// The rig file of the result; `None` without a solution.
     pub fn rig(&self, serial: &str, date: &str) -> Option<RigFile> {
         let c = self.calibration.as_ref()?;
         Some(RigFile {
@@ -276,7 +298,7 @@ impl Outcome {
         })
     }
 
-    /// Views that took part.
+    /// Number of views used in the solution.
     pub fn pairs_used(&self) -> usize {
         self.calibration.as_ref().map_or(0, |c| c.views.iter().filter(|v| v.fault.is_none()).count())
     }

@@ -1,4 +1,4 @@
-//! Pairs of pictures in a folder: two folders, or files that start with "left" and "right".
+//! Image pairs of a folder: two subfolders, or files whose names contain "left" and "right".
 
 use sources::SourceError;
 use sources::folder::LAYOUTS;
@@ -8,15 +8,15 @@ use thiserror::Error;
 
 const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
 
-/// Why a folder gives no pairs.
+/// Why a folder has no pairs.
 #[derive(Debug, Error)]
 pub enum PicturesError {
     /// The folder cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// None of the known layouts.
+    /// The folder has none of the known layouts.
     #[error(
-        "{}: no pictures of a pair of cameras: put them into two folders, left and right, with the same names \
+        "{}: no images of a stereo pair: put them into two folders, left and right, with the same names \
          in both, or name them left1.png, right1.png, …",
         path.display()
     )]
@@ -24,40 +24,39 @@ pub enum PicturesError {
         /// The folder.
         path: PathBuf,
     },
-    /// Pictures of one camera alone.
-    #[error("{}: {count} pictures of the {side} camera, none of the other", path.display())]
+    /// Images of one camera only.
+    #[error("{}: {count} images of the {side} camera, none of the other", path.display())]
     OneSide {
         /// The folder.
         path: PathBuf,
-        /// Pictures that are there.
+        /// Number of images.
         count: usize,
-        /// left or right.
+        /// `left` or `right`.
         side: &'static str,
     },
 }
 
-/// Two pictures that were taken together.
+/// An image pair.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PicturePair {
-    /// The left one's name without ending.
+    /// Name of the left image without extension.
     pub name: String,
-    /// The left picture.
+    /// The left image.
     pub left: PathBuf,
-    /// The right picture.
+    /// The right image.
     pub right: PathBuf,
 }
 
-/// The pairs of a folder, in the order of their names with numbers by value, and the pictures whose
-/// partner is missing.
+/// The pairs of a folder in natural order of their names, and the images without a partner.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pictures {
     /// Pairs.
     pub pairs: Vec<PicturePair>,
-    /// Pictures without a partner.
+    /// Images without a partner.
     pub single: Vec<PathBuf>,
 }
 
-/// Images of a folder.
+/// Image files of a folder.
 fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let io = |source| SourceError::Io { path: folder.to_owned(), source };
     let mut found = Vec::new();
@@ -71,7 +70,7 @@ fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
     Ok(found)
 }
 
-/// Compares names with the numbers in them by value: left2 comes before left10.
+/// Natural order: numbers within names compare by value, so left2 precedes left10.
 pub fn natural(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {
@@ -103,7 +102,7 @@ impl Pictures {
     /// Finds the pairs of a folder.
     ///
     /// # Errors
-    /// When it cannot be read, or holds no pictures of two cameras.
+    /// When the folder cannot be read, or has no images of two cameras.
     pub fn find(folder: &Path) -> Result<Self, PicturesError> {
         let here = images(folder)?;
         let sides = LAYOUTS.iter().map(|(l, r)| (folder.join(l), folder.join(r)));
@@ -159,7 +158,7 @@ impl Pictures {
     }
 }
 
-/// The side that a name tells ('l', 'r' or ' ') and what is left of it.
+/// The side in a name ('l', 'r' or ' ') and the rest of the name.
 fn key(stem: &str) -> (char, String) {
     let lower = stem.to_ascii_lowercase();
     for (word, side) in [("left", 'l'), ("right", 'r')] {
@@ -200,7 +199,7 @@ mod tests {
     fn one_camera_and_none_are_said() {
         let one = folder(&["left1.png", "left2.png"]);
         let error = Pictures::find(one.path()).unwrap_err().to_string();
-        assert!(error.contains("2 pictures of the left camera, none of the other"), "{error}");
+        assert!(error.contains("2 images of the left camera, none of the other"), "{error}");
         assert!(matches!(Pictures::find(folder(&["a.png"]).path()), Err(PicturesError::None { .. })));
         assert!(Pictures::find(Path::new("/no/such")).unwrap_err().to_string().contains("/no/such"));
     }

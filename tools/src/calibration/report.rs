@@ -1,4 +1,4 @@
-//! Pictures that prove a calibration, on one page.
+//! Calibration report: an HTML page with diagnostic plots.
 
 use super::Outcome;
 use crate::reporting::picture::{Colour, Picture, PictureError};
@@ -19,29 +19,29 @@ const INK: Colour = [240, 240, 240];
 const LEFT: Colour = [80, 160, 255];
 const RIGHT: Colour = [255, 120, 60];
 
-/// A report cannot be written.
+/// Errors when writing a report.
 #[derive(Debug, Error)]
 pub enum ReportError {
-    /// The folder or the page.
+    /// The folder or the page cannot be written.
     #[error("{}: {source}: give a folder that can be written with --report", path.display())]
     Io {
-        /// What was written.
+        /// Path that was written.
         path: PathBuf,
-        /// Why it failed.
+        /// Cause.
         source: std::io::Error,
     },
-    /// A picture of the report.
+    /// A plot cannot be written.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// A picture of the board.
+    /// An image cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
 }
 
-/// Writes `index.html` and its pictures into a folder.
+/// Writes `index.html` and its plots to a folder.
 ///
 /// # Errors
-/// When something cannot be written or read.
+/// When a file cannot be written or read.
 pub fn write(folder: &Path, outcome: &Outcome) -> Result<(), ReportError> {
     let io = |path: &Path| {
         let path = path.to_owned();
@@ -58,30 +58,30 @@ pub fn write(folder: &Path, outcome: &Outcome) -> Result<(), ReportError> {
             };
         save(
             "rectified.png",
-            "A pair after rectification: what belongs together lies on one line",
+            "A pair after rectification: corresponding points lie on the same row",
             pair(outcome, c)?,
         )?;
         save(
             "epipolar.png",
-            "How far rows of the same corner differ, before and after",
+            "Row difference of corresponding corners, before and after rectification",
             epipolar(outcome, c),
         )?;
         save(
             "residuals.png",
-            "Seen less expected, left (blue) and right (orange); the outer circle is 1 px",
+            "Reprojection residuals, left (blue) and right (orange); the outer circle is 1 px",
             residuals(c),
         )?;
         save("views.png", "Reprojection error of each view", views(c))?;
-        save("coverage.png", "Where corners were seen, left and right picture", coverage(outcome, c))?;
+        save("coverage.png", "Coverage of the images by corners, left and right", coverage(outcome, c))?;
     }
     let path = folder.join("index.html");
     std::fs::write(&path, page(outcome, &figures)).map_err(io(&path))
 }
 
-/// A used view, rectified, with lines across both pictures.
+/// A used view, rectified, with horizontal lines across both images.
 fn pair(outcome: &Outcome, c: &StereoCalibration) -> Result<Picture, ReportError> {
     let used = c.views.iter().zip(&outcome.views).filter(|(v, _)| v.fault.is_none());
-    // The view of median error is the most honest one.
+    // The view of median error is the most representative one.
     let mut errors: Vec<_> = used.map(|(v, p)| (v.rms_px[0] + v.rms_px[1], p)).collect();
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (width, height) = c.rectification.size;
@@ -108,14 +108,14 @@ fn pair(outcome: &Outcome, c: &StereoCalibration) -> Result<Picture, ReportError
     Ok(picture)
 }
 
-/// Histograms of the differences of rows.
+/// Histograms of the row differences.
 fn epipolar(outcome: &Outcome, c: &StereoCalibration) -> Picture {
     let used = || c.views.iter().zip(&outcome.corners).filter(|(v, _)| v.fault.is_none());
     let after: Vec<f64> = used().flat_map(|(v, _)| v.vertical_px.iter().copied()).collect();
     let before: Vec<f64> =
         used().flat_map(|(_, p)| p.left.iter().zip(&p.right).map(|(l, r)| l.y - r.y)).collect();
     let mean = |v: &[f64]| v.iter().map(|x| x.abs()).sum::<f64>() / v.len().max(1) as f64;
-    // Before, rows differ by far more than fits: the outermost bars hold the rest.
+    // Before rectification rows differ by more than the range: the outermost bins hold the rest.
     let histogram = |values: &[f64]| {
         let mut counts = [0.0; 41];
         for v in values.iter().filter(|v| v.is_finite()) {
@@ -131,7 +131,7 @@ fn epipolar(outcome: &Outcome, c: &StereoCalibration) -> Picture {
     bars("Epipolar error", "row left - row right in px", "% of the corners", &series)
 }
 
-/// Residuals around zero.
+/// Scatter plot of the residuals.
 fn residuals(c: &StereoCalibration) -> Picture {
     const SIZE: i32 = 520;
     let mut picture = Picture::new(SIZE as usize, SIZE as usize, GROUND);
@@ -169,7 +169,7 @@ fn views(c: &StereoCalibration) -> Picture {
     bars("Reprojection error", "view", "px", &[series(0, "left"), series(1, "right")])
 }
 
-/// Where corners were seen.
+/// Heat map of the corner positions.
 fn coverage(outcome: &Outcome, c: &StereoCalibration) -> Picture {
     let (width, height) = c.rectification.size;
     let mut picture = Picture::new(2 * width + 4, height, GROUND);
@@ -218,7 +218,7 @@ fn page(outcome: &Outcome, figures: &[(&str, &str)]) -> String {
     }
     if let Some(c) = &outcome.calibration {
         html.push_str(
-            "<h2>Views</h2>\n<table><tr><th>view<th>left px<th>right px<th>off across px<th>off down px<th>tilt °<th>distance m<th></tr>\n",
+            "<h2>Views</h2>\n<table><tr><th>view<th>left px<th>right px<th>offset x px<th>offset y px<th>tilt °<th>distance m<th></tr>\n",
         );
         for (view, files) in c.views.iter().zip(&outcome.views) {
             let _ = writeln!(
@@ -232,7 +232,7 @@ fn page(outcome: &Outcome, figures: &[(&str, &str)]) -> String {
                 view.tilt_rad.to_degrees(),
                 view.distance_m,
                 match (view.fault.is_some(), view.moved) {
-                    (true, _) => "left out",
+                    (true, _) => "excluded",
                     (false, true) => "moved",
                     (false, false) => "",
                 }
@@ -249,7 +249,7 @@ fn numbers(html: &mut String, outcome: &Outcome, c: &StereoCalibration) {
     let rig = &c.rectification.rig;
     let _ = writeln!(
         html,
-        "<p>{} of {} pairs used; reprojection error {:.3} px; rows differ by {:.3} px (views that took no part: {held} px).</p>\n\
+        "<p>{} of {} pairs used; reprojection error {:.3} px; mean row difference {:.3} px (held-out views: {held} px).</p>\n\
          <p>Baseline {:.2} ± {:.2} mm. Rectified: focal length {:.2} px, distance in m = {:.4} / disparity in px.</p>",
         outcome.pairs_used(),
         outcome.pairs,
@@ -274,7 +274,7 @@ fn numbers(html: &mut String, outcome: &Outcome, c: &StereoCalibration) {
     html.push_str("</table>\n");
 }
 
-/// A pair of pictures before and after rectification, side by side, with lines across.
+/// An image pair before and after rectification, side by side, with horizontal lines across.
 pub fn before_and_after(rig: &RigFile, before: [GreyView<'_>; 2], after: [GreyView<'_>; 2]) -> Picture {
     let (width, height) = rig.size();
     let mut picture = Picture::new(2 * width + 4, 2 * height + 4, GROUND);

@@ -1,103 +1,104 @@
-//! Approach tests, as in the paper's system test, and silent scenes.
+//! Approach tests as in the paper's system test, and silent scenes, in which no alarm is allowed.
 
-use super::scene_match::Found;
+use super::scene_match::Detection;
 use super::weather::BAR_SIGMAS;
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::tidy;
 use serde::Serialize;
 use std::fmt;
 
-/// What one frame of an approach tells.
+/// One frame of an approach.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ApproachFrame {
-    /// True distance of the object; `None` when it is not in the picture.
+    /// True distance of the object; `None` when it is not in the image.
     pub truth_m: Option<f64>,
-    /// What found it.
-    pub found: Option<Found>,
-    /// True time to collision; `None` when it does not come nearer.
+    /// The matching region.
+    pub found: Option<Detection>,
+    /// True time to collision; `None` when the object does not approach.
     pub ttc_truth_s: Option<f64>,
-    /// Time to collision of the track that is it, and its standard deviation, in seconds.
+    /// Time to collision of the matching track and its standard deviation, in seconds.
     pub ttc_s: Option<(f64, f64)>,
-    /// Whether the alarm said at least: warning.
+    /// Whether the level was warning or alarm.
     pub warning: bool,
-    /// Whether the alarm was on.
+    /// Whether the level was alarm.
     pub alarm: bool,
 }
 
-/// From this time to collision on its error counts, in seconds.
+/// Errors of the time to collision count from this value down, in seconds.
 pub const TTC_FROM_S: f64 = 2.5;
 
-/// One approach.
+/// Result of one approach.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Approach {
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// What it shows.
+    /// Description of the scene.
     pub title: String,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Where the object is at the start, in metres.
+    /// Distance of the object at the start, in metres.
     pub start_m: f64,
-    /// Where it was found first.
+    /// Distance at the first detection, in metres.
     pub first_found_m: Option<f64>,
-    /// Frames after that in which it was not found.
+    /// Frames without detection after the first one.
     pub missed_after: usize,
-    /// The preset distance of the alarm.
+    /// Preset distance of the alarm, in metres.
     pub preset_m: f64,
-    /// Where the object was when the alarm came.
+    /// Distance at the alarm, in metres.
     pub alarm_m: Option<f64>,
-    /// Frames from the first in which the object was nearer than preset to the alarm; below zero is
-    /// too early.
+    /// Frames from the first in which the object was nearer than preset to the alarm; negative is too
+    /// early.
     pub alarm_late_frames: Option<i64>,
-    /// Times that the alarm went off again while the object was nearer than preset.
+    /// Number of times that the alarm was cleared while the object was nearer than preset.
     pub alarm_flickers: usize,
-    /// Median size of the distance error, in percent.
+    /// Median absolute distance error, in percent.
     pub distance_median_percent: Option<f64>,
-    /// Share of truths within the stated error bar.
+    /// Share of true distances within the stated error bar.
     pub covered: Option<f64>,
-    /// True time to collision when the first warning or alarm came.
+    /// True time to collision at the first warning or alarm.
     pub warning_ttc_s: Option<f64>,
-    /// True time to collision when the alarm came.
+    /// True time to collision at the alarm.
     pub alarm_ttc_s: Option<f64>,
-    /// Median size of the error of the time to collision from 2.5 s down, in percent.
+    /// Median absolute error of the time to collision from 2.5 s down, in percent.
     pub ttc_median_percent: Option<f64>,
-    /// Its largest.
+    /// Largest of these errors, in percent.
     pub ttc_worst_percent: Option<f64>,
-    /// Share of the true times within the stated error bar.
+    /// Share of true times within the stated error bar.
     pub ttc_covered: Option<f64>,
-    /// Frames from 2.5 s down in which no time to collision was given.
+    /// Frames from 2.5 s down without a time to collision.
     pub ttc_missed: usize,
 }
 
-/// One silent scene.
+/// Result of one silent scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Silent {
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// What it shows.
+    /// Description of the scene.
     pub title: String,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Frames with an alarm.
+    /// Frames at level alarm.
     pub alarm_frames: usize,
-    /// Times that an alarm came.
+    /// Number of alarms.
     pub alarms: usize,
-    /// Frames with a warning.
+    /// Frames at level warning.
     pub warning_frames: usize,
     /// Frames in which the alarm was off.
     pub off_frames: usize,
-    /// Frames in which no road was seen: the alarm is off then, and silence proves nothing.
+    /// Frames without a road estimate: the alarm is off then, so its silence proves nothing.
     pub blind_frames: usize,
-    /// Unexplained regions on the asphalt, each frame counted.
+    /// False positives on the road, summed over frames.
     pub false_regions: usize,
-    /// Unexplained regions elsewhere.
-    pub stray_regions: usize,
+    /// Off-road false positives, summed over frames.
+    #[serde(rename = "stray_regions")]
+    pub off_road_regions: usize,
 }
 
-/// The whole evaluation.
+/// Report of the distance evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct DistanceReport {
-    /// The matcher.
+    /// Name of the matcher.
     pub method: String,
     /// Approaches.
     pub approaches: Vec<Approach>,
@@ -105,13 +106,12 @@ pub struct DistanceReport {
     pub silent: Vec<Silent>,
 }
 
-/// Distances that a filmstrip shows, in metres.
+/// Distances shown in a filmstrip, in metres.
 const SHOWN_M: [f64; 5] = [30.0, 20.0, 10.0, 5.0, 3.0];
-/// A frame shows a distance when it is no farther off, in metres.
+/// Largest difference between a frame's distance and the distance it represents, in metres.
 const NEAR_M: f64 = 0.5;
 
-/// Frames of an approach that its filmstrip shows: those nearest to fixed distances, the first find
-/// and the alarm.
+/// Frames shown in a filmstrip: those nearest to the fixed distances, the first detection and the alarm.
 pub fn shown_frames(frames: &[ApproachFrame]) -> Vec<usize> {
     let nearest = |wanted: f64| {
         let off = frames.iter().enumerate().filter_map(|(k, f)| Some((k, (f.truth_m? - wanted).abs())));
@@ -129,27 +129,30 @@ pub fn shown_frames(frames: &[ApproachFrame]) -> Vec<usize> {
 }
 
 impl Approach {
-    /// What the frames of an approach show.
+    /// Evaluates the frames of an approach.
     pub fn new(scene: &str, title: &str, preset_m: f64, frames: &[ApproachFrame]) -> Self {
         let truth = |k: usize| frames[k].truth_m.map(tidy);
         let first = frames.iter().position(|f| f.found.is_some());
         let alarm = frames.iter().position(|f| f.alarm);
-        let due = frames.iter().position(|f| f.truth_m.is_some_and(|m| m < preset_m));
+        let below_preset = frames.iter().position(|f| f.truth_m.is_some_and(|m| m < preset_m));
         let missed =
             |k: usize| frames[k..].iter().filter(|f| f.truth_m.is_some() && f.found.is_none()).count();
         let flickers = frames
             .windows(2)
             .filter(|w| w[0].alarm && !w[1].alarm && w[1].truth_m.is_some_and(|m| m < preset_m));
-        let pairs: Vec<(f64, Found)> = frames.iter().filter_map(|f| Some((f.truth_m?, f.found?))).collect();
+        let pairs: Vec<(f64, Detection)> =
+            frames.iter().filter_map(|f| Some((f.truth_m?, f.found?))).collect();
         let mut errors: Vec<f64> = pairs.iter().map(|(m, f)| 100.0 * (f.distance_m - m).abs() / m).collect();
         errors.sort_unstable_by(f64::total_cmp);
         let warning = frames.iter().position(|f| f.warning);
-        let due_ttc: Vec<(f64, Option<(f64, f64)>)> = frames
+        let ttc_pairs: Vec<(f64, Option<(f64, f64)>)> = frames
             .iter()
             .filter_map(|f| Some((f.ttc_truth_s.filter(|t| *t <= TTC_FROM_S)?, f.ttc_s)))
             .collect();
-        let times: Vec<(f64, f64, f64)> =
-            due_ttc.iter().filter_map(|&(truth, given)| given.map(|(s, sigma)| (truth, s, sigma))).collect();
+        let times: Vec<(f64, f64, f64)> = ttc_pairs
+            .iter()
+            .filter_map(|&(truth, given)| given.map(|(s, sigma)| (truth, s, sigma)))
+            .collect();
         let mut ttc_errors: Vec<f64> =
             times.iter().map(|(truth, s, _)| 100.0 * (s - truth).abs() / truth.max(1e-3)).collect();
         ttc_errors.sort_unstable_by(f64::total_cmp);
@@ -167,7 +170,9 @@ impl Approach {
             missed_after: first.map_or(0, missed),
             preset_m,
             alarm_m: alarm.and_then(truth),
-            alarm_late_frames: alarm.zip(due).map(|(alarm, due)| alarm as i64 - due as i64),
+            alarm_late_frames: alarm
+                .zip(below_preset)
+                .map(|(alarm, below_preset)| alarm as i64 - below_preset as i64),
             alarm_flickers: flickers.count(),
             distance_median_percent: errors.get(errors.len() / 2).copied().map(tidy),
             covered: (!pairs.is_empty()).then(|| tidy(covered as f64 / pairs.len() as f64)),
@@ -176,31 +181,33 @@ impl Approach {
             ttc_median_percent: ttc_errors.get(ttc_errors.len() / 2).copied().map(tidy),
             ttc_worst_percent: ttc_errors.last().copied().map(tidy),
             ttc_covered: (!times.is_empty()).then(|| tidy(ttc_covered as f64 / times.len() as f64)),
-            ttc_missed: due_ttc.len() - times.len(),
+            ttc_missed: ttc_pairs.len() - times.len(),
         }
     }
 }
 
-impl fmt::Display for DistanceReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let cell = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.2}"));
-        if !self.approaches.is_empty() {
-            writeln!(
-                f,
-                "{:<14}{:>8}{:>9}{:>13}{:>9}{:>10}{:>9}{:>8}{:>9}{:>9}{:>9}",
-                "approach",
-                "frames",
-                "start m",
-                "first found",
-                "missed",
-                "preset m",
-                "alarm m",
-                "late",
-                "flicker",
-                "error %",
-                "covered"
-            )?;
-        }
+/// A table cell with two decimals; a dash for `None`.
+fn cell(value: Option<f64>) -> String {
+    value.map_or("-".into(), |v| format!("{v:.2}"))
+}
+
+impl DistanceReport {
+    fn write_approaches(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<14}{:>8}{:>9}{:>13}{:>9}{:>10}{:>9}{:>8}{:>9}{:>9}{:>9}",
+            "approach",
+            "frames",
+            "start m",
+            "first found",
+            "missed",
+            "preset m",
+            "alarm m",
+            "late",
+            "flicker",
+            "error %",
+            "covered"
+        )?;
         for row in &self.approaches {
             let late = row.alarm_late_frames.map_or("-".into(), |late| format!("{late:+}"));
             writeln!(
@@ -219,13 +226,15 @@ impl fmt::Display for DistanceReport {
                 cell(row.covered)
             )?;
         }
-        if !self.approaches.is_empty() {
-            writeln!(
-                f,
-                "\n{:<14}{:>12}{:>10}{:>10}{:>10}{:>9}{:>8}",
-                "approach", "warning TTC", "alarm TTC", "TTC err %", "worst %", "covered", "missed"
-            )?;
-        }
+        Ok(())
+    }
+
+    fn write_times_to_collision(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\n{:<14}{:>12}{:>10}{:>10}{:>10}{:>9}{:>8}",
+            "approach", "warning TTC", "alarm TTC", "TTC err %", "worst %", "covered", "missed"
+        )?;
         for row in &self.approaches {
             writeln!(
                 f,
@@ -239,28 +248,27 @@ impl fmt::Display for DistanceReport {
                 row.ttc_missed
             )?;
         }
-        if !self.approaches.is_empty() && !self.silent.is_empty() {
-            writeln!(f)?;
-        }
-        if !self.silent.is_empty() {
-            writeln!(
-                f,
-                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>7}",
-                "silent",
-                "frames",
-                "alarms",
-                "alarm frames",
-                "warnings",
-                "off",
-                "blind frames",
-                "false regions",
-                "stray"
-            )?;
-        }
+        Ok(())
+    }
+
+    fn write_silent(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>18}",
+            "silent",
+            "frames",
+            "alarms",
+            "alarm frames",
+            "warnings",
+            "off",
+            "blind frames",
+            "false regions",
+            "off-road regions"
+        )?;
         for row in &self.silent {
             writeln!(
                 f,
-                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>7}",
+                "{:<14}{:>8}{:>8}{:>14}{:>10}{:>6}{:>14}{:>15}{:>18}",
                 row.scene,
                 row.frames,
                 row.alarms,
@@ -269,8 +277,25 @@ impl fmt::Display for DistanceReport {
                 row.off_frames,
                 row.blind_frames,
                 row.false_regions,
-                row.stray_regions
+                row.off_road_regions
             )?;
+        }
+        Ok(())
+    }
+}
+
+/// Tables of the approaches, of their times to collision, and of the silent scenes.
+impl fmt::Display for DistanceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.approaches.is_empty() {
+            self.write_approaches(f)?;
+            self.write_times_to_collision(f)?;
+            if !self.silent.is_empty() {
+                writeln!(f)?;
+            }
+        }
+        if !self.silent.is_empty() {
+            self.write_silent(f)?;
         }
         write!(f, "\nmethod: {}", self.method)
     }
@@ -280,21 +305,21 @@ const GROUND: Colour = [24, 24, 24];
 const INK: Colour = [240, 240, 240];
 const BOX: Colour = [255, 220, 60];
 
-/// One picture of a filmstrip.
+/// One image of a filmstrip.
 #[derive(Clone, Debug)]
 pub struct Shot {
-    /// The picture; it is shown half as large.
+    /// The image, shown at half size.
     pub picture: Picture,
-    /// What found the object, drawn into it.
-    pub found: Option<Found>,
-    /// A line below it.
+    /// The matching region, drawn into the image.
+    pub found: Option<Detection>,
+    /// Caption below the image.
     pub caption: String,
 }
 
-/// Pictures of one approach side by side; at most this many in a row.
+/// Maximum number of images per row.
 const ROW: usize = 4;
 
-/// Pictures of one approach, half as large, the object's box and distance in each and a line below it.
+/// Images of one approach at half size, each with the object's box and distance and a caption.
 pub fn filmstrip(title: &str, shots: &[Shot]) -> Option<Picture> {
     const GAP: usize = 6;
     const LINE: usize = 18;
@@ -318,12 +343,12 @@ pub fn filmstrip(title: &str, shots: &[Shot]) -> Option<Picture> {
                 strip.tint(left + x, top + y, sum.map(|v| (v / 4) as u8), 256);
             }
         }
-        if let Some(Found { bounds, distance_m, sigma_m }) = shot.found {
+        if let Some(Detection { bounds, distance_m, sigma_m }) = shot.found {
             let (x, y) = (left as u32 + bounds.x / 2, top as u32 + bounds.y / 2);
             strip.frame([x, y, bounds.width / 2, bounds.height / 2], BOX, 1);
             let label = format!("{distance_m:.1}±{sigma_m:.1}m");
             let above = (y as i32 - 14).max(top as i32);
-            // A wide box may begin at the right, a label must not end there.
+            // A label near the right border is moved left so that it fits.
             let room = (left + width) as i32 - 7 * label.chars().count() as i32 - 8;
             strip.text(&label, (x as i32).min(room), above, BOX);
         }
@@ -341,12 +366,12 @@ mod tests {
         (0..28)
             .map(|k| {
                 let truth = 30.0 - f64::from(k);
-                let found = (k >= 2 && k != 9).then(|| Found {
+                let found = (k >= 2 && k != 9).then(|| Detection {
                     bounds: PixelBox::default(),
                     distance_m: truth * 1.01,
                     sigma_m: 0.004 * truth,
                 });
-                // 2.5 s are left at 25 m; the filter says 4 % too much, with a deviation of 1 %.
+                // 2.5 s are left at 25 m; the estimate is 4 % too high, with a standard deviation of 1 %.
                 let ttc = truth / 10.0;
                 ApproachFrame {
                     truth_m: Some(truth),
@@ -364,15 +389,15 @@ mod tests {
     fn an_approach_tells_first_find_alarm_and_steadiness() {
         let approach = Approach::new("bus", "A bus", 10.0, &frames());
         assert_eq!((approach.start_m, approach.first_found_m, approach.missed_after), (30.0, Some(28.0), 1));
-        // Below 10 m it is from frame 21 on; the alarm came at frame 22.
+        // Below 10 m from frame 21 on; the alarm was raised at frame 22.
         assert_eq!((approach.alarm_m, approach.alarm_late_frames), (Some(8.0), Some(1)));
         assert_eq!((approach.alarm_flickers, approach.distance_median_percent), (1, Some(1.0)));
-        // The bar is 0.8 % to either side.
+        // The error bar is 0.8 % to either side.
         assert_eq!(approach.covered, Some(0.0));
         assert_eq!((approach.warning_ttc_s, approach.alarm_ttc_s), (Some(2.3), Some(0.8)));
         assert_eq!((approach.ttc_median_percent, approach.ttc_worst_percent), (Some(4.0), Some(4.0)));
         assert_eq!((approach.ttc_covered, approach.ttc_missed), (Some(0.0), 1));
-        // 30, 20, 10, 5 and 3 m, the first find and the alarm.
+        // 30, 20, 10, 5 and 3 m, the first detection and the alarm.
         assert_eq!(shown_frames(&frames()), [0, 2, 10, 20, 22, 25, 27]);
         let text = DistanceReport { approaches: vec![approach], ..DistanceReport::default() }.to_string();
         assert!(text.contains("28.00") && text.contains("+1"), "{text}");
@@ -386,11 +411,11 @@ mod tests {
         assert_eq!(shown_frames(&frames), [0]);
         assert!(filmstrip("x", &[]).is_none());
         let bounds = PixelBox { x: 8, y: 4, width: 20, height: 10 };
-        let found = Some(Found { bounds, distance_m: 9.1, sigma_m: 0.1 });
+        let found = Some(Detection { bounds, distance_m: 9.1, sigma_m: 0.1 });
         let shot = |found| Shot { picture: Picture::new(40, 20, [200, 0, 0]), found, caption: "9 m".into() };
         let strip = filmstrip("x", &[shot(None)]).unwrap();
         assert_eq!((strip.width(), strip.height(), strip.at(16, 30)), (32, 58, [200, 0, 0]));
-        // Five pictures take two rows; the second one's box is drawn where it is, half as large.
+        // Five images take two rows; the box of the second is drawn at half size.
         let strip = filmstrip("x", &[shot(None), shot(found), shot(None), shot(None), shot(None)]).unwrap();
         assert_eq!((strip.width(), strip.height()), (4 * 26 + 6, 92));
         assert_eq!(strip.at(32 + 4 + 9, 24 + 2 + 4), BOX);

@@ -1,4 +1,4 @@
-//! Two runs of the same frames, side by side: which frames differ, and by how much.
+//! Frame-by-frame comparison of two runs: which frames differ, and by how much.
 
 use crate::reporting::record::{FrameRecord, ObstacleLine};
 use serde::Serialize;
@@ -9,34 +9,34 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Boxes that overlap less (intersection over union) are different obstacles.
+/// Boxes with a smaller overlap (intersection over union) are different obstacles.
 const MIN_OVERLAP: f64 = 0.3;
 
 /// Why a run cannot be read.
 #[derive(Debug, Error)]
 pub enum CompareError {
-    /// A file.
+    /// A file cannot be read.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// A line that is no frame.
+    /// A line or message is not a frame.
     #[error("{}: {place}: {reason}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The line, or the message.
+        /// Line or message.
         place: String,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
-    /// A recording.
+    /// An invalid recording.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// The recording's pairs.
+    /// The pairs of a recording cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
     /// No frames.
@@ -45,26 +45,25 @@ pub enum CompareError {
         path.display()
     )]
     Empty {
-        /// The folder or file.
+        /// Folder or file.
         path: PathBuf,
     },
 }
 
-/// Frames of a run, by number.
+/// Frames of a run by sequence number.
 pub type Frames = BTreeMap<u64, FrameRecord>;
 
-/// Differences up to these count as none.
+/// Differences up to these values are ignored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tolerance {
-    /// Of distances, in metres.
+    /// For distances, in metres.
     pub distance_m: f64,
-    /// Of the sides of boxes, in pixels.
+    /// For the sides of boxes, in pixels.
     pub box_px: u32,
 }
 
-/// Reads the frames of a run: a folder of `replay --out`, a `.jsonl` file, or a recording. With
-/// `by_pair` the frames of a recording are numbered by the pairs that are in it, as a replay of it
-/// numbers them.
+/// Reads the frames of a run: a folder of `replay --out`, a `.jsonl` file, or a recording. With `by_pair` the
+/// frames of a recording are numbered by the pairs in it, as a replay numbers them.
 ///
 /// # Errors
 /// Names the file and the line.
@@ -73,7 +72,7 @@ pub fn read(path: &Path, by_pair: bool) -> Result<Frames, CompareError> {
     if frames.is_empty() { Err(CompareError::Empty { path: path.to_owned() }) } else { Ok(frames) }
 }
 
-/// Whether a path names a recording.
+/// Whether a path is a recording.
 pub fn is_recording(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == sources::recording::ENDING)
 }
@@ -106,7 +105,7 @@ fn recorded(path: &Path, by_pair: bool) -> Result<Frames, CompareError> {
                 reason: e.to_string(),
             })?;
         if by_pair {
-            // A frame whose pair was lost is in no replay.
+            // A frame whose pair was not recorded appears in no replay.
             let Ok(number) = times.binary_search(&message.time_ns) else { continue };
             record.sequence = number as u64;
         }
@@ -115,49 +114,49 @@ fn recorded(path: &Path, by_pair: bool) -> Result<Frames, CompareError> {
     Ok(frames)
 }
 
-/// How one frame differs.
+/// Differences of one frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FrameDifference {
-    /// Its number.
+    /// Sequence number.
     pub sequence: u64,
-    /// Obstacles of the first run without a partner, by track.
+    /// Tracks of unmatched obstacles of the first run.
     pub only_in_a: Vec<u32>,
-    /// Obstacles of the second run without a partner, by track.
+    /// Tracks of unmatched obstacles of the second run.
     pub only_in_b: Vec<u32>,
-    /// Greatest difference of a distance.
+    /// Largest difference of a distance, in metres.
     pub distance_m: f64,
-    /// Greatest difference of a side of a box.
+    /// Largest difference of a side of a box, in pixels.
     pub box_px: u32,
-    /// Obstacles that have another track, class or state.
+    /// Obstacles with another track, class or state.
     pub identities: u32,
-    /// The alarm, where it differs: in the first and in the second run.
+    /// Alarm levels of both runs, where they differ.
     pub alarm: Option<[String; 2]>,
     /// Whether the nearest distance or the road differs.
     pub road_or_nearest: bool,
 }
 
-/// How two runs differ.
+/// Differences of two runs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Frames that both have.
+    /// Frames in both runs.
     pub frames: usize,
-    /// Of these, how many differ.
+    /// Number of these that differ.
     pub differing: usize,
-    /// Frames of the first run alone.
+    /// Frames in the first run only.
     pub only_in_a: Vec<u64>,
-    /// Frames of the second run alone.
+    /// Frames in the second run only.
     pub only_in_b: Vec<u64>,
     /// Frames whose alarm differs.
     pub alarms: usize,
-    /// Obstacles without a partner, of both runs.
+    /// Unmatched obstacles of both runs.
     pub unmatched: usize,
-    /// Obstacles that have another track, class or state.
+    /// Obstacles with another track, class or state.
     pub identities: usize,
-    /// Greatest difference of a distance.
+    /// Largest difference of a distance, in metres.
     pub distance_m_max: f64,
-    /// Mean difference of distances, over all obstacles that were compared.
+    /// Mean difference of distances over all matched obstacles, in metres.
     pub distance_m_mean: f64,
-    /// Greatest difference of a side of a box.
+    /// Largest difference of a side of a box, in pixels.
     pub box_px_max: u32,
     /// The frames that differ.
     pub differences: Vec<FrameDifference>,
@@ -203,7 +202,7 @@ pub fn compare(a: &Frames, b: &Frames, tolerance: Tolerance) -> Comparison {
             (Some(x), Some(y)) => (x - y).abs() > tolerance.distance_m,
             (x, y) => x.is_some() != y.is_some(),
         };
-        // With a tolerance only what is acted upon counts.
+        // With a tolerance, only quantities that affect the vehicle count.
         let is_exact = tolerance == Tolerance::default();
         d.road_or_nearest = nearest || (is_exact && first.road != second.road);
         result.distance_m_max = result.distance_m_max.max(d.distance_m);
@@ -228,14 +227,14 @@ pub fn compare(a: &Frames, b: &Frames, tolerance: Tolerance) -> Comparison {
     result
 }
 
-/// Greatest difference of the four sides.
+/// Largest difference of the four sides.
 fn box_apart(a: &ObstacleLine, b: &ObstacleLine) -> u32 {
     let sides = |o: &ObstacleLine| [o.x_px, o.y_px, o.x_px + o.width_px, o.y_px + o.height_px];
     sides(a).iter().zip(sides(b)).map(|(x, y)| x.abs_diff(y)).max().unwrap_or(0)
 }
 
 fn overlap(a: &ObstacleLine, b: &ObstacleLine) -> f64 {
-    // What is at the rim of the image may have no area left.
+    // A box at the image border may have no area.
     if box_apart(a, b) == 0 {
         return 1.0;
     }
@@ -249,7 +248,7 @@ fn overlap(a: &ObstacleLine, b: &ObstacleLine) -> f64 {
     both / (area(a) + area(b) - both).max(1.0)
 }
 
-/// Pairs of the same obstacle, those that overlap most first; among equals those of the same track.
+/// Matches obstacles of both runs by decreasing overlap; ties prefer equal tracks.
 fn match_up<'a>(a: &'a [ObstacleLine], b: &'a [ObstacleLine]) -> Vec<(&'a ObstacleLine, &'a ObstacleLine)> {
     let mut candidates: Vec<(f64, bool, usize, usize)> = Vec::new();
     for (i, x) in a.iter().enumerate() {
@@ -299,7 +298,7 @@ impl fmt::Display for FrameDifference {
             parts.push("road or nearest distance".into());
         }
         if parts.is_empty() {
-            parts.push("other figures of obstacles".into());
+            parts.push("other obstacle values".into());
         }
         write!(f, " {}", parts.join("; "))
     }
@@ -310,7 +309,7 @@ impl fmt::Display for Comparison {
         write!(
             f,
             "{} frames in both, {} differ; {} only in the first, {} only in the second\n\
-             alarms differ in {} frames; {} obstacles without a partner, {} with another track, class or state\n\
+             alarms differ in {} frames; {} unmatched obstacles, {} with another track, class or state\n\
              distances differ by {:.3} m at most, {:.4} m on average; boxes by {} px at most",
             self.frames,
             self.differing,
@@ -376,7 +375,7 @@ mod tests {
         assert!(c.differences[1].to_string().contains("alarm clear / alarm"), "{}", c.differences[1]);
         let tolerant = compare(&a, &b, Tolerance { distance_m: 0.5, box_px: 3 });
         assert_eq!(tolerant.differing, 1);
-        assert!(!tolerant.is_same(), "frames that one run alone has always differ");
+        assert!(!tolerant.is_same(), "frames in only one run always differ");
     }
 
     #[test]

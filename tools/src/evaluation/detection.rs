@@ -1,4 +1,4 @@
-//! A cascade judged on patches: each is brought to the size of the window and classified.
+//! Evaluates a cascade on patches, each resized to the window and classified.
 
 use crate::training::augment::{Part, Sampling, window};
 use crate::training::bags;
@@ -9,71 +9,71 @@ use crate::training::{FeatureKind, TrainError};
 use perception::recognition::cascade::Cascade;
 use serde::Serialize;
 
-/// One patch's way through a cascade.
+/// Result of a cascade on one patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// Least of the stages' sums over their thresholds: the patch is a hit when this is not below
-    /// 0, and would be when all thresholds were higher by as much.
+    /// Minimum over the stages of sum minus threshold. The patch is accepted when this is not negative; raising
+    /// all thresholds by this amount keeps it accepted.
     pub margin: f64,
-    /// Stages passed before the first that refused it.
+    /// Number of stages passed before the first rejection.
     pub stages: usize,
 }
 
 impl Verdict {
-    /// Whether it passes all stages, with all thresholds higher by `moved`.
+    /// Whether it passes all stages with all thresholds raised by `moved`.
     pub fn hit(&self, moved: f64) -> bool {
         self.margin >= moved - 1e-5
     }
 }
 
-/// A point of the ROC: all thresholds higher by `moved`.
+/// A point of the ROC, with all thresholds raised by `moved`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RocPoint {
-    /// Added to each stage's threshold.
+    /// Offset added to each stage's threshold.
     pub moved: f64,
-    /// Share of the objects found.
+    /// Share of the positives accepted.
     pub hit_rate: f64,
-    /// Share of the rest taken for objects.
+    /// Share of the negatives accepted.
     pub false_alarm_rate: f64,
 }
 
-/// Figures of a cascade on patches.
+/// Detection statistics of a cascade on patches.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DetectionReport {
-    /// Patches with an object.
+    /// Number of positives (patches with an object).
     pub positives: usize,
-    /// Patches without.
+    /// Number of negatives (patches without).
     pub negatives: usize,
-    /// Objects found.
+    /// Accepted positives.
     pub hits: usize,
-    /// Others taken for objects.
+    /// Accepted negatives.
     pub false_alarms: usize,
-    /// Share of the objects found.
+    /// Share of the positives accepted.
     pub hit_rate: f64,
-    /// Share of the rest taken for objects.
+    /// Share of the negatives accepted.
     pub false_alarm_rate: f64,
-    /// Mean of the shares of objects and of the rest that are judged right.
+    /// Mean of the correctly classified shares of positives and negatives.
     pub balanced_accuracy: f64,
-    /// The largest hit rate at a false-alarm rate of at most 1 % and 2 %, all thresholds moved together.
+    /// Largest hit rate at a false-alarm rate of at most 1 %, with all thresholds shifted together.
     pub hit_rate_at_1_percent: f64,
     /// The same at 2 %.
     pub hit_rate_at_2_percent: f64,
-    /// Area under the ROC.
+    /// Area under the ROC curve.
     pub area: f64,
-    /// The figures with only the first stages, one after the other.
+    /// Rates after the first stage, the first two stages, and so on.
     pub stages: Vec<RocPoint>,
-    /// From the strictest to the most lenient, thinned out.
+    /// ROC from the strictest to the most lenient threshold, thinned out.
     pub roc: Vec<RocPoint>,
 }
 
-/// Points of the ROC that are kept.
+/// Number of ROC points kept.
 const POINTS: usize = 200;
 
-/// The verdict on a window that was brought to the cascade's size.
+/// Classifies a window of the cascade's size.
 pub fn judge(cascade: &Cascade, pixels: &[u8]) -> Verdict {
     let kind = FeatureKind::of(&cascade.features);
     let sample = Sums::of(pixels, (cascade.width, cascade.height), kind);
-    if !sample.sound {
+    if !sample.is_valid {
         return Verdict { margin: f64::NEG_INFINITY, stages: 0 };
     }
     let mut verdict = Verdict { margin: f64::INFINITY, stages: 0 };
@@ -87,7 +87,7 @@ pub fn judge(cascade: &Cascade, pixels: &[u8]) -> Verdict {
     verdict
 }
 
-/// The verdicts on pictures, each resized by area to the cascade's window.
+/// Classifies images, each resized by area averaging to the cascade's window.
 pub fn judge_all(cascade: &Cascade, pictures: &[SourcePicture], threads: usize) -> Vec<Verdict> {
     let size = (usize::from(cascade.width), usize::from(cascade.height));
     threads::map(threads, pictures.len(), |i| {
@@ -102,10 +102,10 @@ fn share(verdicts: &[Verdict], passes: impl Fn(&Verdict) -> bool) -> f64 {
     verdicts.iter().filter(|v| passes(v)).count() as f64 / verdicts.len().max(1) as f64
 }
 
-/// Figures of verdicts on patches with and without an object; `stages` is how many the cascade has.
+/// Statistics of the results on positives and negatives; `stages` is the number of stages of the cascade.
 ///
 /// # Errors
-/// When there are none of either.
+/// When there are no positives or no negatives.
 pub fn report(
     positives: &[Verdict],
     negatives: &[Verdict],
@@ -174,9 +174,9 @@ mod tests {
         assert_eq!((report.hits, report.false_alarms), (3, 1));
         assert_eq!((report.hit_rate, report.false_alarm_rate), (0.75, 0.2));
         assert!((report.balanced_accuracy - 0.775).abs() < 1e-12);
-        // Without a false alarm two of four are found.
+        // Two of four objects are detected without a false alarm.
         assert_eq!(report.hit_rate_at_2_percent, 0.5);
-        // Pairs in the right order: 5 + 5 + 4 + 4 of 20.
+        // Correctly ordered pairs: 5 + 5 + 4 + 4 of 20.
         assert!((report.area - 0.9).abs() < 1e-12, "{}", report.area);
         assert_eq!(report.stages[0].false_alarm_rate, 1.0);
         assert!(super::report(&positives, &[], 2).is_err());

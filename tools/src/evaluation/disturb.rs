@@ -1,49 +1,49 @@
-//! What a real rig does to one of its images: each disturbance is applied to the right one alone.
+//! Image disturbances of a real rig, applied to the right image only, to test the robustness of a matcher.
 
 use std::str::FromStr;
 
-/// A change of an 8-bit grey image.
+/// A disturbance of an 8-bit grey image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
-    /// Another exposure: every value × `factor`.
+    /// Different exposure: every value × `factor`.
     Gain {
-        /// Above 0.
+        /// Positive.
         factor: f64,
     },
-    /// Another response: 255 × (value ÷ 255)^`exponent`.
+    /// Different response curve: 255 × (value ÷ 255)^`exponent`.
     Gamma {
-        /// Above 0; below 1 brightens.
+        /// Positive; below 1 brightens.
         exponent: f64,
     },
-    /// Gaussian noise, the same at every call.
+    /// Gaussian noise, reproducible.
     Noise {
         /// Standard deviation in grey levels.
         sigma: f64,
-        /// Which noise.
+        /// Seed of the noise.
         seed: u64,
     },
-    /// A lens out of focus: a Gaussian.
+    /// Defocus: a Gaussian blur.
     Blur {
         /// Standard deviation in px.
         sigma_px: f64,
     },
-    /// A rig out of adjustment: the content moves up by part of a row, linearly interpolated.
+    /// Misalignment: the content moves up by part of a row, linearly interpolated.
     Vertical {
         /// 0 to 1 px.
         shift_px: f64,
     },
 }
 
-/// Grey levels are whole.
+/// Rounds to a grey level.
 fn level(value: f64) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
 impl Disturbance {
-    /// The names that can be parsed.
+    /// The names accepted by the parser.
     pub const NAMES: [&str; 5] = ["gain", "gamma", "noise", "blur", "vertical"];
 
-    /// Its name.
+    /// Name of the disturbance.
     pub fn name(self) -> &'static str {
         match self {
             Self::Gain { .. } => "gain",
@@ -54,10 +54,10 @@ impl Disturbance {
         }
     }
 
-    /// The image after the disturbance: `width` × `height` values, row after row.
+    /// The disturbed image: `width` × `height` values, row-major.
     ///
     /// # Panics
-    /// When the image is empty or of another size.
+    /// When the image is empty or has another size.
     pub fn apply(self, image: &[u8], width: usize, height: usize) -> Vec<u8> {
         assert!(width > 0 && image.len() == width * height && height > 0);
         match self {
@@ -73,7 +73,7 @@ impl Disturbance {
             Self::Blur { sigma_px } => blur(image, width, height, sigma_px),
             Self::Vertical { shift_px } => (0..image.len())
                 .map(|i| {
-                    // The last row goes on below the image.
+                    // The last row is replicated below the image.
                     let below = if i + width < image.len() { i + width } else { i };
                     level(f64::from(image[i]) * (1.0 - shift_px) + f64::from(image[below]) * shift_px)
                 })
@@ -82,8 +82,8 @@ impl Disturbance {
     }
 }
 
-/// By name, at a strength that a good matcher should bear: gain 0.7, gamma 0.6, noise of 5 grey
-/// levels, blur of 1 px, half a row.
+/// Parses a name. Strengths are those that a robust matcher should tolerate: gain 0.7, gamma 0.6, noise of
+/// 5 grey levels, blur of 1 px, half a row.
 impl FromStr for Disturbance {
     type Err = String;
 
@@ -99,18 +99,18 @@ impl FromStr for Disturbance {
     }
 }
 
-/// A standard normal value, the same for the same seed and index (Box and Muller).
+/// A standard normal value, determined by seed and index (Box and Muller).
 fn normal(seed: u64, index: u64) -> f64 {
     let uniform = |k: u64| {
         let key = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(2 * index + k + 1);
         let bits = sources::scene::texture::hash(key.wrapping_mul(0x9e37_79b9_7f4a_7c15)) >> 11;
-        // Above 0, so that it has a logarithm, and at most 1.
+        // In (0, 1], so that the logarithm is finite.
         (bits as f64 + 1.0) / (1_u64 << 53) as f64
     };
     (-2.0 * uniform(0).ln()).sqrt() * (std::f64::consts::TAU * uniform(1)).cos()
 }
 
-/// A separable Gaussian of three standard deviations; the border goes on.
+/// A separable Gaussian truncated at three standard deviations, with replicated borders.
 fn blur(image: &[u8], width: usize, height: usize, sigma_px: f64) -> Vec<u8> {
     let radius = (3.0 * sigma_px).ceil() as i64;
     let weight = |k: i64| (-0.5 * (k as f64 / sigma_px).powi(2)).exp();
@@ -156,7 +156,7 @@ mod tests {
         let mut spot = vec![0; 11 * 11];
         spot[5 * 11 + 5] = 255;
         let blurred = apply("blur", &spot, 11);
-        // The middle of a Gaussian of 1 px: 0.3991² of it; one off: × exp(−1/2).
+        // The centre of a Gaussian of 1 px has 0.3991² of the total; one pixel off: × exp(−1/2).
         assert_eq!((blurred[5 * 11 + 5], blurred[5 * 11 + 6], blurred[4 * 11 + 5]), (41, 25, 25));
         assert_eq!(apply("blur", &[77; 30], 6), [77; 30]);
     }
@@ -172,7 +172,7 @@ mod tests {
         assert!(mean.abs() < 0.1 && (variance.sqrt() - 5.0).abs() < 0.1, "{mean} {variance}");
         let near = values.iter().filter(|v| v.abs() < 5.5).count() as f64 / values.len() as f64;
         assert!((near - 0.729).abs() < 0.02, "{near}");
-        // Neighbours do not know of each other.
+        // Neighbouring values are uncorrelated.
         let product = values.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / values.len() as f64;
         assert!(product.abs() < 0.4, "{product}");
     }

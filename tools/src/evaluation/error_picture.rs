@@ -1,9 +1,9 @@
-//! Errors as colour, in the manner of the KITTI 2015 devkit.
+//! Error images in the colours of the KITTI 2015 devkit.
 
 use crate::reporting::picture::{Colour, Picture};
 
-/// Colours of errors up to 1/16, 1/8, 1/4, 1/2, 1, 2, 4, 8, 16 times what counts as wrong, and
-/// beyond: the devkit's.
+/// Colours of errors up to 1/16, 1/8, 1/4, 1/2, 1, 2, 4, 8, 16 times the outlier threshold, and beyond, as in
+/// the devkit.
 const COLOURS: [Colour; 10] = [
     [49, 54, 149],
     [69, 117, 180],
@@ -17,16 +17,16 @@ const COLOURS: [Colour; 10] = [
     [165, 0, 38],
 ];
 
-/// What a picture of errors is drawn from: one value per pixel each, disparities in px.
+/// Input of an error image: one value per pixel each, disparities in px.
 #[derive(Clone, Copy, Debug)]
 pub struct ErrorInput<'a> {
     /// Left image.
     pub left: &'a [u8],
-    /// Truth; not above zero where it is unknown.
+    /// Ground truth; not positive where unknown.
     pub truth: &'a [f32],
-    /// The non-occluded pixels; errors elsewhere are drawn at half brightness.
+    /// Mask of the non-occluded pixels; errors elsewhere are drawn at half brightness.
     pub visible: &'a [bool],
-    /// The estimate without holes, as it is scored.
+    /// The evaluated estimate, without holes.
     pub filled: &'a [f32],
     /// Width in pixels.
     pub width: usize,
@@ -34,8 +34,8 @@ pub struct ErrorInput<'a> {
     pub height: usize,
 }
 
-/// The colour of an error: the lesser of error ÷ 3 px and error ÷ 5 % of the truth, on a
-/// logarithmic scale. Blue is right, from light yellow to red is wrong by KITTI 2015's rule.
+/// Colour of an error: the smaller of error ÷ 3 px and error ÷ 5 % of the true disparity, on a logarithmic
+/// scale. Blue tones are inliers; light yellow to red are outliers by the rule of KITTI 2015.
 pub fn colour(error_px: f32, truth_px: f32) -> Colour {
     let share = (error_px / 3.0).min(error_px / (0.05 * truth_px));
     let mut limit = 1.0 / 16.0;
@@ -48,8 +48,8 @@ pub fn colour(error_px: f32, truth_px: f32) -> Colour {
     COLOURS[COLOURS.len() - 1]
 }
 
-/// Draws errors over the darkened left image. Each pixel with truth is drawn 3 × 3 px large, so
-/// that a sparse truth can be seen; where they overlap, a pixel's own error wins.
+/// Draws errors over the darkened left image. Each pixel with ground truth is drawn 3 × 3 px large to make
+/// sparse ground truth visible; a pixel's own error takes precedence where they overlap.
 pub fn draw(input: ErrorInput<'_>) -> Picture {
     let ErrorInput { left, truth, visible, filled, width, height } = input;
     let mut colours: Vec<Colour> = left.iter().map(|v| [v / 3; 3]).collect();

@@ -1,4 +1,4 @@
-//! What an evaluation leaves in a folder, and how the next one cleans up after it.
+//! Output folders of evaluations, and removal of earlier output.
 
 use crate::reporting::output::OutputError;
 use crate::reporting::picture::{PictureError, save_disparity, save_grey};
@@ -7,22 +7,21 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// Names the pictures that an evaluation wrote, a line each.
+/// Lists the images written by an evaluation, one per line.
 const LIST: &str = "files.txt";
 
-/// The tables, for machines.
+/// The machine-readable report.
 const REPORT: &str = "evaluation.json";
 
 fn io_error(path: &Path) -> impl Fn(io::Error) -> OutputError + '_ {
     |source| OutputError::Io { path: path.to_owned(), source }
 }
 
-/// Makes the folder and the folders of `pictures` (paths below it), and removes what an earlier
-/// evaluation left there, which would be mistaken for this one's: the pictures in its list and its
-/// report, nothing else.
+/// Creates the folder and the folders of `pictures` (paths below it), and removes the output of an earlier
+/// evaluation: the images in its list and its report, nothing else.
 ///
 /// # Errors
-/// When that cannot be done.
+/// When a folder cannot be created or a file cannot be removed.
 pub fn prepare(folder: &Path, pictures: &[PathBuf]) -> Result<(), OutputError> {
     fs::create_dir_all(folder).map_err(io_error(folder))?;
     let list = folder.join(LIST);
@@ -37,7 +36,7 @@ pub fn prepare(folder: &Path, pictures: &[PathBuf]) -> Result<(), OutputError> {
         let path = folder.join(name);
         if path.is_file() {
             fs::remove_file(&path).map_err(io_error(&path))?;
-            // An empty folder of truth would say that a set has such truth. Others stay.
+            // An empty ground truth folder would imply that the set has such ground truth. Other folders stay.
             if let Some(parent) = path.parent().filter(|parent| *parent != folder) {
                 let _ = fs::remove_dir(parent);
             }
@@ -51,7 +50,7 @@ pub fn prepare(folder: &Path, pictures: &[PathBuf]) -> Result<(), OutputError> {
     fs::write(&list, lines).map_err(io_error(&list))
 }
 
-/// Writes the report into a folder that [`prepare`] has made.
+/// Writes the report to a folder created by [`prepare`].
 ///
 /// # Errors
 /// When it cannot be written.
@@ -62,18 +61,18 @@ pub fn write_report(folder: &Path, report: &impl Serialize) -> Result<(), Output
     fs::write(&path, text).map_err(io_error(&path))
 }
 
-/// A pair with its truth, to be saved in KITTI 2015's layout: one value per pixel each.
+/// A pair with ground truth to save in KITTI 2015's layout: one value per pixel each.
 #[derive(Clone, Copy, Debug)]
 pub struct KittiPair<'a> {
     /// Left image.
     pub left: &'a [u8],
     /// Right image.
     pub right: &'a [u8],
-    /// Truth in px, not above zero where it is unknown.
+    /// Ground truth in px, not positive where unknown.
     pub truth: &'a [f32],
-    /// Pixels with truth, where the set has a region of all.
+    /// Mask of all pixels with ground truth, where the set has this region.
     pub all: Option<&'a [bool]>,
-    /// Non-occluded pixels, where the set tells them.
+    /// Mask of the non-occluded pixels, where the set has this region.
     pub noc: Option<&'a [bool]>,
     /// Width in pixels.
     pub width: usize,
@@ -81,13 +80,12 @@ pub struct KittiPair<'a> {
     pub height: usize,
 }
 
-/// Folders of KITTI 2015's layout: the two images, the truth of all and of the non-occluded
-/// pixels.
+/// Folders of KITTI 2015's layout: both images, ground truth of all pixels and of the non-occluded ones.
 pub const KITTI_FOLDERS: [&str; 4] = ["image_2", "image_3", "disp_occ_0", "disp_noc_0"];
 
 impl KittiPair<'_> {
-    /// Writes the images and one map for each region into `folder`, which [`prepare`] has made.
-    /// Maps are rounded to 1/256 px; what 16 bits do not hold becomes unknown.
+    /// Writes the images and one map per region to `folder`, which [`prepare`] has created. Maps are rounded to
+    /// 1/256 px; values out of the 16-bit range become unknown.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -107,7 +105,7 @@ impl KittiPair<'_> {
     }
 }
 
-/// A disparity in 1/256 px; 0 where it is unknown or does not fit.
+/// A disparity in 1/256 px; 0 where it is unknown or out of range.
 fn steps(px: f32) -> u16 {
     let steps = (px * 256.0).round();
     if px > 0.0 && steps <= 65_535.0 { steps.max(1.0) as u16 } else { 0 }
@@ -129,7 +127,7 @@ mod tests {
         }
         fs::write(root.path().join("a/kept.png"), "x").unwrap();
         write_report(&out, &StereoReport::default()).unwrap();
-        // A list that was tampered with reaches nothing outside, and no other files.
+        // A manipulated list cannot remove files outside the folder, nor unlisted ones.
         let list = fs::read_to_string(out.join(LIST)).unwrap();
         assert_eq!(list, "set/errors/1.png\n");
         let outside = root.path().join("a/kept.png");

@@ -1,15 +1,14 @@
-//! Fills the holes of a disparity map.
+//! Hole filling for disparity maps.
 
-/// Fills every unknown pixel (below zero) with the smaller, so farther, of the nearest known values
-/// left and right of it in its row; beyond the last known value on a side the other one counts.
-/// Rows without any known value are filled from above and below in the same way. A map without
-/// any known value becomes zero.
+/// Fills every unknown pixel (negative) with the smaller, i.e. farther, of the nearest known values to its left
+/// and right in the row, or with the only one. Rows without any known value are filled in the same way from
+/// above and below. A map without any known value becomes zero.
 ///
-/// This is `interpolateBackground` of the KITTI stereo devkit, which scores only dense maps; the
-/// devkit does the second step at the top and the bottom of the image only, where it matters.
+/// This is `interpolateBackground` of the KITTI stereo devkit, which evaluates only dense maps. The devkit
+/// applies the second step only at the top and bottom of the image, the only place where it has an effect.
 ///
 /// # Panics
-/// When `disparity_px` is not `width` × `height` values.
+/// When `disparity_px` does not have `width` × `height` values.
 pub fn interpolate_background(disparity_px: &mut [f32], width: usize, height: usize) {
     assert_eq!(disparity_px.len(), width * height);
     for y in 0..height {
@@ -21,11 +20,11 @@ pub fn interpolate_background(disparity_px: &mut [f32], width: usize, height: us
     disparity_px.iter_mut().filter(|d| **d < 0.0).for_each(|d| *d = 0.0);
 }
 
-/// Fills the holes of the line `start`, `start + step`, … of `count` values.
+/// Fills the holes of the line `start`, `start + step`, … with `count` values.
 fn fill_line(map: &mut [f32], start: usize, step: usize, count: usize) {
     let at = |i: usize| start + i * step;
     let mut before = None;
-    let mut hole = 0; // where the current hole began
+    let mut hole = 0; // start of the current hole
     for i in 0..=count {
         let here = (i < count).then(|| map[at(i)]);
         match here {
@@ -48,7 +47,7 @@ fn fill_line(map: &mut [f32], start: usize, step: usize, count: usize) {
 mod tests {
     use super::*;
 
-    /// The definition, pixel by pixel.
+    /// Reference implementation: the definition applied pixel by pixel.
     fn brute_force(map: &[f32], width: usize, height: usize) -> Vec<f32> {
         let nearest =
             |map: &[f32], places: &mut dyn Iterator<Item = usize>| places.map(|i| map[i]).find(|d| *d >= 0.0);

@@ -1,12 +1,12 @@
-//! Regions of real pictures against LiDAR depth and labels.
+//! Evaluation of regions on real images against LiDAR depth and KITTI labels.
 //!
-//! **Due** are labelled cars (KITTI's classes Car and Van) whose middle is at most 40 m away, of which at
-//! most half is cut off by the picture's border and which are at most partly hidden (KITTI's level 1).
-//! One is **covered** by a region whose box overlaps its own by 0.4 (shared ÷ joint).
+//! **Evaluable** are labelled cars (KITTI's classes Car and Van) whose centre is at most 40 m away, of which at
+//! most half is truncated by the image border and which are at most partly occluded (KITTI's level 1). A car is
+//! **covered** by a region whose box overlaps its own by 0.4 (intersection over union).
 //!
-//! The **LiDAR distance** of a car is that of its near side, as a region's is: a tenth of the depths within
-//! its box, and within its length of its labelled place, are nearer. That of a region without a label is found in
-//! the same way among the depths around the fullest one of its box.
+//! The **LiDAR distance** of a car refers to its near side, as that of a region does: the first decile of the
+//! depths within its box and within its length of the labelled position. That of a region without a label is
+//! computed in the same way from the depths around the most frequent depth of its box.
 
 use super::quantile;
 use super::weather::cell;
@@ -17,46 +17,46 @@ use sources::truth::label::Label;
 use sources::truth::map_file::DisparityMap;
 use std::fmt;
 
-/// Farthest car, and farthest region, that is judged, in metres.
-pub const FARTHEST_M: f64 = 40.0;
+/// Maximum distance of evaluated cars and regions, in metres.
+pub const MAX_DISTANCE_M: f64 = 40.0;
 
-/// Overlap of boxes from which on a region covers a car.
-pub const OVERLAP: f64 = 0.4;
+/// Minimum overlap of a region that covers a car.
+pub const MIN_OVERLAP: f64 = 0.4;
 
-/// The greatest share of a car that the picture's border may cut off.
-const CUT: f64 = 0.5;
+/// Maximum truncation of a car by the image border.
+const MAX_TRUNCATION: f64 = 0.5;
 
-/// A distance is told by at least so many depths.
+/// Minimum number of depth values for a LiDAR distance.
 const MIN_DEPTHS: usize = 30;
 
-/// Share of the depths that are nearer than the near side.
-const NEARER: f64 = 0.1;
+/// Quantile of the depths that defines the near side.
+const NEAR_QUANTILE: f64 = 0.1;
 
-/// Where the disparity of a picture comes from.
+/// Origin of an image's disparity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Disparity {
-    /// The pair was matched.
+    /// Stereo matching.
     Matched,
-    /// There is no right picture: made from the depth map.
+    /// No right image: converted from the depth map.
     DepthMap,
 }
 
-/// Why a labelled object is not due.
+/// Result for a labelled object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Covered by a region.
     Covered,
-    /// Due, and not covered.
+    /// Evaluable, but not covered.
     Missed,
-    /// No car: not judged.
+    /// Not evaluable: not a car.
     OtherClass,
-    /// Too far away: not judged.
+    /// Not evaluable: too far away.
     Far,
-    /// Cut off by the border: not judged.
+    /// Not evaluable: truncated by the image border.
     Cut,
-    /// Hidden: not judged.
+    /// Not evaluable: occluded.
     Hidden,
 }
 
@@ -73,77 +73,78 @@ impl Verdict {
     }
 }
 
-/// A labelled object, and the region that overlaps it most.
+/// A labelled object with the region that overlaps it most.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelRow {
-    /// Its picture.
+    /// Name of the image.
     pub picture: String,
     /// Its class.
     pub class: String,
-    /// Distance of its middle by its label, in metres.
+    /// Distance of its centre according to the label, in metres.
     pub label_m: f64,
     /// LiDAR distance of its near side, in metres.
     pub lidar_m: Option<f64>,
-    /// The region's box against its own, 0 to 1.
+    /// Overlap of the region's box with its own, 0 to 1.
     pub overlap: f64,
     /// The region's distance, in metres.
     pub region_m: Option<f64>,
-    /// That against the LiDAR distance, in percent; above zero is too far.
+    /// Error relative to the LiDAR distance, in percent; positive is too far.
     pub error_percent: Option<f64>,
-    /// What became of it.
+    /// Result.
     pub verdict: Verdict,
 }
 
-/// One picture.
+/// Result of one image.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PictureRow {
-    /// Its name.
+    /// Name of the image.
     pub picture: String,
-    /// Where its disparity comes from.
+    /// Origin of the disparity.
     pub disparity: Disparity,
-    /// Height of the camera above the road; `null` when no road was seen.
+    /// Height of the camera above the road, in metres; `null` without a road estimate.
     pub camera_height_m: Option<f64>,
-    /// Regions within 40 m.
+    /// Number of regions within 40 m.
     pub regions: usize,
-    /// Errors of their distances against LiDAR in percent, where it tells one.
+    /// Distance errors of these regions against LiDAR, in percent, where LiDAR has a distance.
     pub errors_percent: Vec<f64>,
 }
 
-/// Errors of distances.
+/// Statistics of distance errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// How many.
+    /// Number of distances.
     pub count: usize,
-    /// Median of their size, in percent.
+    /// Median absolute error, in percent.
     pub median_percent: Option<f64>,
-    /// Nine of ten are smaller, in percent.
+    /// 90th percentile of the absolute error, in percent.
     pub p90_percent: Option<f64>,
-    /// Median with its sign, in percent: above zero is too far.
+    /// Median signed error, in percent; positive is too far.
     pub bias_percent: Option<f64>,
 }
 
-/// The whole evaluation.
+/// Report of the LiDAR evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LidarReport {
-    /// The matcher.
+    /// Name of the matcher.
     pub method: String,
-    /// Times that each picture was looked at in a row; 1: alone, without `regions.confirm`.
+    /// Number of times each image was processed in a row; 1: single images, without `regions.confirm`.
     pub repeats: u64,
-    /// Pictures.
+    /// Images.
     pub pictures: Vec<PictureRow>,
-    /// Labelled objects.
+    /// ClassifiedTrack objects.
     pub labels: Vec<LabelRow>,
-    /// Cars that were due.
-    pub due: usize,
-    /// Those that were covered.
+    /// Number of evaluable cars.
+    #[serde(rename = "due")]
+    pub evaluable: usize,
+    /// Number of covered cars.
     pub covered: usize,
-    /// covered ÷ due.
+    /// `covered` ÷ `evaluable`.
     pub share: Option<f64>,
     /// Distance errors of the covered cars.
     pub cars: Errors,
     /// Distance errors of all regions of matched pairs.
     pub matched: Errors,
-    /// Distance errors of all regions of pictures with a depth map alone.
+    /// Distance errors of all regions of images with a depth map only.
     pub depth_map: Errors,
 }
 
@@ -160,7 +161,7 @@ impl Errors {
     }
 }
 
-/// The known depths of a box that lie between two distances.
+/// The known depths of a box between two distances.
 fn depths(map: &DisparityMap, bounds: &PixelBox, (from_m, to_m): (f64, f64)) -> Vec<f64> {
     let columns = (bounds.x as usize).min(map.width)..((bounds.x + bounds.width) as usize).min(map.width);
     let rows = (bounds.y as usize).min(map.height)..((bounds.y + bounds.height) as usize).min(map.height);
@@ -171,29 +172,29 @@ fn depths(map: &DisparityMap, bounds: &PixelBox, (from_m, to_m): (f64, f64)) -> 
 }
 
 fn near_side_m(mut depths: Vec<f64>) -> Option<f64> {
-    if depths.len() < MIN_DEPTHS { None } else { quantile(&mut depths, NEARER) }
+    if depths.len() < MIN_DEPTHS { None } else { quantile(&mut depths, NEAR_QUANTILE) }
 }
 
-/// The box of a label, in whole pixels of a picture.
+/// The box of a label in whole pixels.
 pub fn label_box(label: &Label, width: usize, height: usize) -> PixelBox {
     let [left, top, right, bottom] = label.bounds_px;
     let edge = |v: f64, most: usize| v.round().clamp(0.0, most as f64) as u32;
     let (x, y) = (edge(left, width), edge(top, height));
-    // KITTI's right and bottom edges are pixels of the box.
+    // KITTI's right and bottom edges are inclusive.
     let (right, bottom) = (edge(right + 1.0, width), edge(bottom + 1.0, height));
     PixelBox { x, y, width: right.saturating_sub(x), height: bottom.saturating_sub(y) }
 }
 
-/// LiDAR distance of a labelled object's near side.
+/// LiDAR distance of a labelled object's near side, in metres.
 pub fn label_distance_m(depth_m: &DisparityMap, label: &Label) -> Option<f64> {
     let reach = 0.5 * label.length_m.hypot(label.width_m) + 0.3;
     let bounds = label_box(label, depth_m.width, depth_m.height);
     near_side_m(depths(depth_m, &bounds, (label.distance_m - reach, label.distance_m + reach)))
 }
 
-/// LiDAR distance of the near side of what fills most of a box.
+/// LiDAR distance of the near side of the dominant surface in a box, in metres.
 pub fn region_distance_m(depth_m: &DisparityMap, bounds: &PixelBox) -> Option<f64> {
-    // Steps of 4 % of the distance.
+    // Bins of 4 % of the distance.
     const PER_STEP: f64 = 25.0;
     let all = depths(depth_m, bounds, (0.0, f64::INFINITY));
     let step = |z: f64| (z.max(1.0).ln() * PER_STEP) as usize;
@@ -210,7 +211,7 @@ fn error_percent(found_m: f64, true_m: f64) -> f64 {
     tidy(100.0 * (found_m - true_m) / true_m)
 }
 
-/// A labelled object among the regions of its picture.
+/// Evaluates a labelled object against the regions of its image.
 pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Region]) -> LabelRow {
     let bounds = label_box(label, depth_m.width, depth_m.height);
     let overlap = |region: &&Region| region.bounds.overlap(&bounds);
@@ -220,10 +221,10 @@ pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Re
     let region_m = best.map(|region| region.distance_m);
     let verdict = match label {
         Label { class, .. } if !["Car", "Van"].contains(&&class[..]) => Verdict::OtherClass,
-        Label { distance_m, .. } if *distance_m > FARTHEST_M => Verdict::Far,
-        Label { truncated, .. } if *truncated > CUT => Verdict::Cut,
+        Label { distance_m, .. } if *distance_m > MAX_DISTANCE_M => Verdict::Far,
+        Label { truncated, .. } if *truncated > MAX_TRUNCATION => Verdict::Cut,
         Label { occluded, .. } if *occluded > 1 => Verdict::Hidden,
-        _ if shared >= OVERLAP => Verdict::Covered,
+        _ if shared >= MIN_OVERLAP => Verdict::Covered,
         _ => Verdict::Missed,
     };
     LabelRow {
@@ -239,7 +240,7 @@ pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Re
 }
 
 impl PictureRow {
-    /// What was found in a picture.
+    /// Evaluates the regions of an image.
     pub fn new(
         picture: &str,
         disparity: Disparity,
@@ -247,7 +248,7 @@ impl PictureRow {
         depth_m: &DisparityMap,
         regions: &[Region],
     ) -> Self {
-        let judged = || regions.iter().filter(|region| region.distance_m <= FARTHEST_M);
+        let judged = || regions.iter().filter(|region| region.distance_m <= MAX_DISTANCE_M);
         let error = |region: &Region| {
             Some(error_percent(region.distance_m, region_distance_m(depth_m, &region.bounds)?))
         };
@@ -262,11 +263,11 @@ impl PictureRow {
 }
 
 impl LidarReport {
-    /// The report of all pictures.
+    /// Summarises all images.
     pub fn new(method: &str, repeats: u64, pictures: Vec<PictureRow>, labels: Vec<LabelRow>) -> Self {
         let count = |verdict: Verdict| labels.iter().filter(|row| row.verdict == verdict).count();
         let covered = count(Verdict::Covered);
-        let due = covered + count(Verdict::Missed);
+        let evaluable = covered + count(Verdict::Missed);
         let cars = labels.iter().filter(|row| row.verdict == Verdict::Covered);
         let of = |disparity: Disparity| {
             let rows = pictures.iter().filter(move |row| row.disparity == disparity);
@@ -275,9 +276,9 @@ impl LidarReport {
         Self {
             method: method.to_owned(),
             repeats,
-            due,
+            evaluable,
             covered,
-            share: tidy_finite(covered as f64 / due as f64),
+            share: tidy_finite(covered as f64 / evaluable as f64),
             cars: Errors::new(cars.filter_map(|row| row.error_percent)),
             matched: of(Disparity::Matched),
             depth_map: of(Disparity::DepthMap),
@@ -292,7 +293,7 @@ impl fmt::Display for Errors {
         let sign = self.bias_percent.map_or("-".into(), |v| format!("{v:+.2}"));
         write!(
             f,
-            "{} distances, error {} % median, {} % at nine of ten, {sign} % with its sign",
+            "{} distances, absolute error {} % median, {} % 90th percentile; {sign} % median signed error",
             self.count,
             cell(self.median_percent, 2),
             cell(self.p90_percent, 2)
@@ -307,7 +308,7 @@ impl fmt::Display for LidarReport {
         writeln!(
             f,
             "{:<width$}{:>11}{:>10}{:>9}{:>10}{:>10}",
-            "picture", "disparity", "camera m", "regions", "error %", "90 % of"
+            "picture", "disparity", "camera m", "regions", "error %", "p90 %"
         )?;
         for row in &self.pictures {
             let errors = Errors::new(row.errors_percent.iter().copied());
@@ -344,12 +345,12 @@ impl fmt::Display for LidarReport {
             )?;
         }
         writeln!(f)?;
-        if self.due > 0 {
+        if self.evaluable > 0 {
             writeln!(
                 f,
-                "cars within {FARTHEST_M} m in view: {} of {} covered ({}); {}",
+                "cars within {MAX_DISTANCE_M} m in view: {} of {} covered ({}); {}",
                 self.covered,
-                self.due,
+                self.evaluable,
                 cell(self.share, 3),
                 self.cars
             )?;
@@ -363,12 +364,12 @@ impl fmt::Display for LidarReport {
         if self.pictures.iter().any(|row| row.disparity == Disparity::DepthMap) {
             writeln!(
                 f,
-                "depth map: no right picture, so the disparity is made from the LiDAR depth; the matcher takes no part"
+                "depth map: no right image, so the disparity is converted from the LiDAR depth; the matcher is not used"
             )?;
         }
         let history = match self.repeats {
-            1 => "each picture alone, regions.confirm off".to_owned(),
-            n => format!("each picture {n} times in a row, regions.confirm as configured"),
+            1 => "single images, regions.confirm off".to_owned(),
+            n => format!("each image {n} times in a row, regions.confirm as configured"),
         };
         write!(f, "{history}; method: {}", self.method)
     }
@@ -425,7 +426,7 @@ mod tests {
         let depth = depth();
         assert_eq!(label_box(&label(), 100, 80), PixelBox { x: 40, y: 30, width: 40, height: 30 });
         assert_eq!(label_distance_m(&depth, &label()), Some(10.0));
-        // Half of the box shows the wall: its label tells which half is the car.
+        // Half of the box shows the wall: the label determines which half is the car.
         let tall = Label { bounds_px: [40.0, 0.0, 79.0, 59.0], ..label() };
         assert_eq!(label_distance_m(&depth, &tall), Some(10.0));
         assert_eq!(label_distance_m(&depth, &Label { distance_m: 20.0, ..label() }), None);
@@ -458,13 +459,13 @@ mod tests {
         assert_eq!(pictures[0].errors_percent, [5.0]);
         let missed = judge("1", &label(), &depth, &regions[1..]);
         let report = LidarReport::new("fast", 1, pictures, vec![row, missed]);
-        assert_eq!((report.due, report.covered, report.share), (2, 1, Some(0.5)));
+        assert_eq!((report.evaluable, report.covered, report.share), (2, 1, Some(0.5)));
         assert_eq!(
             (report.cars.median_percent, report.matched.count, report.depth_map.count),
             (Some(5.0), 0, 1)
         );
         let text = report.to_string();
         assert!(text.contains("1 of 2 covered (0.500)") && text.contains("no road"), "{text}");
-        assert!(text.contains("the matcher takes no part") && text.contains("regions.confirm off"), "{text}");
+        assert!(text.contains("the matcher is not used") && text.contains("regions.confirm off"), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! The result of an evaluation: as a table for people, as a document for machines.
+//! Result of a stereo evaluation, as text table and JSON document.
 
 use super::roc::Roc;
 use super::score::{COLUMNS, Scores, mean};
@@ -16,40 +16,40 @@ pub struct Row {
     pub name: String,
     /// `all` or `noc`.
     pub region: &'static str,
-    /// The scores, under their names.
+    /// Scores, flattened under their names.
     #[serde(flatten)]
     pub scores: Scores,
-    /// Processor time of the matcher, median of its runs; `None` when maps were given.
+    /// Processor time of the matcher, median of its runs, in ms; `None` for given maps.
     pub cpu_ms: Option<f64>,
 }
 
-/// Mean over the images of a set that have a region.
+/// Mean over the images of a set with ground truth in a region.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Mean {
-    /// Images.
+    /// Number of images.
     pub images: usize,
-    /// Mean of each score, images without it left out.
+    /// Mean of each score over the images that have it.
     #[serde(flatten)]
     pub scores: Scores,
-    /// Mean of the times.
+    /// Mean processor time in ms.
     pub cpu_ms: Option<f64>,
 }
 
 /// One data set.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SetReport {
-    /// Name of the folder that was given.
+    /// Name of the given folder.
     pub set: String,
-    /// Pairs without a map, which were left out.
+    /// Number of skipped pairs, which have no map.
     pub left_out: usize,
-    /// By region, then in the order of the pairs.
+    /// Sorted by region, then by pair.
     pub rows: Vec<Row>,
     /// By region.
     pub mean: BTreeMap<&'static str, Mean>,
 }
 
 impl SetReport {
-    /// Sorts the rows by region and adds the means.
+    /// Sorts the rows by region and computes the means.
     pub fn new(set: String, mut rows: Vec<Row>, left_out: usize) -> Self {
         let order = [Region::All.name(), Region::Noc.name()];
         rows.sort_by_key(|row| order.iter().position(|name| *name == row.region));
@@ -69,31 +69,31 @@ impl SetReport {
     }
 }
 
-/// A whole evaluation.
+/// A whole stereo evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StereoReport {
-    /// The matcher, or `maps`.
+    /// Name of the matcher, or `maps`.
     pub method: String,
-    /// Disparities searched; `None` when maps were given.
+    /// Disparity search range; `None` for given maps.
     pub disparities: Option<usize>,
-    /// Which pairs of each set: `all`, `odd` or `even`.
+    /// Selection of pairs: `all`, `odd` or `even`.
     pub pairs: String,
-    /// What was done to the right images.
+    /// Disturbance of the right images.
     pub disturb: Option<&'static str>,
-    /// Runs of each pair.
+    /// Runs per pair.
     pub repeat: u32,
-    /// Memory of the largest matcher; `None` when maps were given.
+    /// Workspace of the largest matcher, in bytes; `None` for given maps.
     pub workspace_bytes: Option<usize>,
-    /// The sets.
+    /// Data sets.
     pub sets: Vec<SetReport>,
-    /// Errors by confidence over the pixels of all sets (`noc` where a set has it, else `all`);
-    /// `None` when maps were given.
+    /// Confidence ranking over the pixels of all sets (`noc` where a set has it, else `all`); `None` for given
+    /// maps.
     pub roc: Option<Roc>,
-    /// Fractions of the disparities, over the same pixels of the images whose truth has any.
+    /// Pixel-locking bias over the same pixels of the images with sub-pixel ground truth.
     pub subpixel: Option<Subpixel>,
 }
 
-/// A number of a table; a dash where there is none.
+/// A table cell; a dash for a missing value.
 fn cell(value: Option<f64>, decimals: usize) -> String {
     value.filter(|v| v.is_finite()).map_or("-".into(), |v| format!("{v:.decimals$}"))
 }
@@ -113,7 +113,7 @@ fn line(
     writeln!(f, "{:>8}", cell(cpu_ms, 1))
 }
 
-/// The tables, then what they do not show.
+/// The tables, then the diagnostics.
 impl fmt::Display for StereoReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = self.sets.iter().flat_map(|set| &set.rows).map(|row| row.name.chars().count());
@@ -133,13 +133,16 @@ impl fmt::Display for StereoReport {
                 line(f, &name, width, region, &mean.scores, mean.cpu_ms)?;
             }
             if set.left_out > 0 {
-                writeln!(f, "{} pairs have no map and were left out", set.left_out)?;
+                writeln!(f, "{} pairs have no map and were skipped", set.left_out)?;
             }
             writeln!(f)?;
         }
         match &self.subpixel {
             Some(subpixel) => writeln!(f, "{subpixel}")?,
-            None => writeln!(f, "sub-pixel: not told: no estimate within 1 px of a truth with fractions")?,
+            None => writeln!(
+                f,
+                "sub-pixel: pixel-locking bias not available: no estimate within 1 px of ground truth with sub-pixel values"
+            )?,
         }
         if let Some(roc) = &self.roc {
             writeln!(f, "{roc}")?;

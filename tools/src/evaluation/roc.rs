@@ -1,6 +1,6 @@
-//! Errors by confidence: what is left of them when the least certain estimates are dropped
-//! (sparsification; Hu and Mordohai, "A Quantitative Evaluation of Confidence Measures for Stereo
-//! Vision", 2012).
+//! Confidence ranking: the error rate of the remaining estimates as the least confident ones are removed
+//! (sparsification; Hu and Mordohai, "A Quantitative Evaluation of Confidence Measures for Stereo Vision",
+//! 2012).
 
 use super::percent;
 use crate::reporting::picture::Picture;
@@ -12,7 +12,7 @@ use std::fmt;
 /// Densities of the curve: 5 %, 10 %, …, 100 %.
 const STEPS: u64 = 20;
 
-/// Counts estimates and wrong ones (more than 3 px off) by confidence.
+/// Counts estimates and outliers (errors above 3 px) by confidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sparsification {
     count: [u64; 256],
@@ -25,28 +25,28 @@ impl Default for Sparsification {
     }
 }
 
-/// The curve and its areas, all in percent.
+/// The ROC curve and its areas, all in percent.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Roc {
-    /// Estimates that were counted.
+    /// Number of estimates counted.
     pub pixels: u64,
-    /// Share of the estimates that are kept, the most confident first.
+    /// Share of the estimates that are kept, by decreasing confidence.
     pub density_percent: Vec<f64>,
-    /// Kept estimates that are more than 3 px off.
+    /// Outliers (errors above 3 px) among the kept estimates.
     pub bad3_percent: Vec<f64>,
-    /// The same if confidence told right from wrong without fault.
+    /// The same for an optimal ranking.
     pub best_percent: Vec<f64>,
-    /// Area under the curve: its mean over densities, by trapezoids; below 5 % it goes on level.
+    /// Area under the curve: mean over densities by the trapezoidal rule, constant below 5 %.
     pub area_percent: f64,
-    /// Area of the best possible curve.
+    /// Area under the optimal curve.
     pub best_area_percent: f64,
-    /// Area of a confidence that tells nothing: the share of wrong estimates.
+    /// Area for an uninformative confidence: the share of outliers.
     pub random_area_percent: f64,
 }
 
 impl Sparsification {
-    /// Counts the pixels of `mask` that have an estimate. All slices hold one value per pixel,
-    /// disparities in px, `estimate` below zero where it is unknown.
+    /// Counts the pixels of `mask` that have an estimate. All slices have one value per pixel, disparities in px,
+    /// `estimate` negative where unknown.
     pub fn add(&mut self, truth: &[f32], mask: &[bool], estimate: &[f32], confidence: &[u8]) {
         for (((&g, &d), &c), _) in truth.iter().zip(estimate).zip(confidence).zip(mask).filter(|(_, m)| **m) {
             if d >= 0.0 {
@@ -56,7 +56,7 @@ impl Sparsification {
         }
     }
 
-    /// Wrong ones among the `kept` most confident; those of one confidence are taken evenly.
+    /// Outliers among the `kept` most confident estimates; ties are distributed evenly.
     fn wrong_of(&self, kept: f64) -> f64 {
         let (mut left, mut wrong) = (kept, 0.0);
         for (&n, &w) in self.count.iter().zip(&self.wrong).rev() {
@@ -94,7 +94,7 @@ impl Sparsification {
     }
 }
 
-/// Area under a curve of evenly spaced values over a range of 1, its start going on level to 0.
+/// Area under a curve of equidistant values over the range [0, 1], constant before the first value.
 fn area(values: &[f64]) -> f64 {
     let first = values.first().copied().unwrap_or(f64::NAN);
     let sum: f64 = values.windows(2).map(|pair| (pair[0] + pair[1]) / 2.0).sum();
@@ -102,7 +102,7 @@ fn area(values: &[f64]) -> f64 {
 }
 
 impl Roc {
-    /// The curves.
+    /// Plots the curves.
     pub fn plot(&self) -> Picture {
         let series = |name: &str, values: &[f64]| Series {
             name: name.into(),
@@ -111,19 +111,19 @@ impl Roc {
         let random = vec![self.random_area_percent; self.density_percent.len()];
         let series = [
             series("by confidence", &self.bad3_percent),
-            series("best possible", &self.best_percent),
-            series("at random", &random),
+            series("optimal ranking", &self.best_percent),
+            series("random ranking", &random),
         ];
         plot::lines("Estimates kept that are more than 3 px off", "% kept", "%", &series)
     }
 }
 
-/// One line.
+/// A one-line summary.
 impl fmt::Display for Roc {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "confidence: area of bad3 over the share kept {:.2} % (best possible {:.2} %, at random {:.2} %; {} pixels)",
+            "confidence ranking: area under the bad3 ROC {:.2} % (optimal {:.2} %, random {:.2} %; {} pixels)",
             self.area_percent, self.best_area_percent, self.random_area_percent, self.pixels
         )
     }
@@ -139,7 +139,7 @@ mod tests {
             let mut random = fastrand::Rng::with_seed(seed);
             let n = 400;
             let truth = vec![10.0_f32; n];
-            // Every confidence once or not at all: no ties to break.
+            // Each confidence at most once: no ties.
             let mut order: Vec<u8> = (0..=255).collect();
             random.shuffle(&mut order);
             let confidence: Vec<u8> = (0..n).map(|i| order[i.min(255)]).collect();
@@ -180,7 +180,7 @@ mod tests {
         assert!((best.area_percent - expected).abs() < 1e-3, "{best:?}");
         let level = curve(&[7; 1000]);
         assert!((level.area_percent - 10.0).abs() < 1e-9);
-        assert!(level.to_string().contains("area of bad3"));
+        assert!(level.to_string().contains("area under the bad3 ROC"));
         assert!(level.plot().width() > 100);
     }
 }

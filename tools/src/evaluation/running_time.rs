@@ -1,4 +1,4 @@
-//! Running time of recognition, beside the paper's table: the whole picture searched, or regions alone.
+//! Running time of recognition compared with the paper: whole image against regions only.
 
 use super::quantile;
 use crate::reporting::record::{tidy, tidy_finite};
@@ -6,57 +6,57 @@ use perception::recognition::cascade::Features;
 use serde::Serialize;
 use std::fmt;
 
-/// The paper's times (its table "running time"), in milliseconds: AdaBoost over the whole picture, and its
-/// method in regions with LBP and with Haar features.
+/// The paper's times (its table "running time"), in milliseconds: AdaBoost on the whole image, and its method on
+/// regions with LBP and with Haar features.
 pub const PAPER_SLIDING_MS: f64 = 35.0;
 const PAPER_LBP_MS: f64 = 18.2;
 const PAPER_HAAR_MS: f64 = 18.3;
 
-/// Milliseconds of processor time of one picture.
+/// Processor time of one image, in milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PictureTimes {
-    /// Every window of the paper's sizes in the whole picture.
+    /// Sliding window over the whole image, with the paper's window sizes.
     pub sliding_ms: f64,
     /// The same in the crops of the regions.
     pub regions_ms: f64,
-    /// There, too, but only the two sizes that a region's distance makes likely.
+    /// In the crops, with only the two window sizes expected at the region's distance.
     pub expected_ms: f64,
 }
 
 /// A row of the table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunningTime {
-    /// The cascade.
+    /// File name of the cascade.
     pub cascade: String,
     /// `lbp` or `haar`.
     pub features: &'static str,
-    /// Median of the pictures' times for the whole picture, in ms.
+    /// Median time for the whole image, in ms.
     pub sliding_ms: Option<f64>,
-    /// For the regions, all sizes.
+    /// Median time for the regions with all window sizes, in ms.
     pub regions_ms: Option<f64>,
-    /// For the regions, expected sizes.
+    /// Median time for the regions with the expected window sizes, in ms.
     pub expected_ms: Option<f64>,
-    /// Median of the pictures' ratios, regions ÷ whole picture.
+    /// Median over the images of regions ÷ whole image.
     pub regions_ratio: Option<f64>,
-    /// The paper's time in regions with such features, in ms.
+    /// The paper's time on regions with such features, in ms.
     pub paper_regions_ms: f64,
 }
 
-/// The table.
+/// Running times of several cascades.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunningTimes {
-    /// Pictures.
+    /// Number of images.
     pub pictures: usize,
-    /// Mean number of regions in a picture.
+    /// Mean number of regions per image.
     pub regions: f64,
-    /// The paper's time for the whole picture, in ms.
+    /// The paper's time for the whole image, in ms.
     pub paper_sliding_ms: f64,
-    /// A row for each cascade.
+    /// One row per cascade.
     pub rows: Vec<RunningTime>,
 }
 
 impl RunningTime {
-    /// The row of a cascade, of its times for each picture.
+    /// Summarises the times of a cascade.
     pub fn new(cascade: &str, features: &Features, times: &[PictureTimes]) -> Self {
         let is_lbp = matches!(features, Features::Lbp(_));
         let of = |pick: fn(&PictureTimes) -> f64| {
@@ -76,7 +76,7 @@ impl RunningTime {
 }
 
 impl RunningTimes {
-    /// The table of some cascades.
+    /// The table of several cascades.
     pub fn new(pictures: usize, regions: usize, rows: Vec<RunningTime>) -> Self {
         let regions = tidy(regions as f64 / pictures.max(1) as f64);
         Self { pictures, regions, paper_sliding_ms: PAPER_SLIDING_MS, rows }
@@ -115,7 +115,7 @@ impl fmt::Display for RunningTimes {
         }
         write!(
             f,
-            "\n{} pictures, {:.1} regions each; medians, processor time of one thread; the paper's times are its board's",
+            "\n{} images, {:.1} regions each; medians, processor time of one thread; the paper's times were measured on its board",
             self.pictures, self.regions
         )
     }

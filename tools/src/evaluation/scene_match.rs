@@ -1,82 +1,92 @@
-//! What a frame's regions have to do with what is true of it.
+//! Matching of detected regions with the ground truth of a synthetic scene.
 //!
-//! **Due** are the objects that a scene names (not the rows beside the road), but bridges, whose
+//! **Evaluable** are the objects that a scene lists (not the rows beside the road), except bridges, whose
 //! nearest visible point is 3 to 40 m away (debris: 20 m), of which at least 40 pixels (debris: 12) are
-//! visible, of which at least half can be seen in both images, and which the picture's left and right border
-//! do not cut.
+//! visible, of which at least half is visible in both images, and which the left and right image borders do
+//! not truncate.
 //!
-//! A due object is **found** by a region whose distance is within 1 m or 15 % of the truth (whichever
-//! is more) and whose box overlaps the box of the object's visible pixels by 0.25 (shared ÷ joint), or
-//! holds at least half of it without being more than six times as large; if the object touches another one
-//! within that distance of it, which no stereo camera tells apart, also without being more than one and a
-//! half times as large as the box of both.
+//! An evaluable object is a **true positive** if there is a region whose distance is within 1 m or 15 % of the
+//! true one (whichever is more) and whose box overlaps the box of the object's visible pixels by 0.25
+//! (intersection over union), or contains at least half of it and is at most six times as large. If the object
+//! touches another one at a distance within the same tolerance, which a stereo camera cannot separate, the
+//! region may also be up to 1.5 times as large as the box of both.
 //!
-//! A region is **explained** when it finds a due object, or when at least a tenth of its box's pixels see
-//! something that stands there, object or row beside the road, at the region's distance within 1.5 m or 20 %.
-//! One that is not, within 40 m, is **false** where its foot is on the asphalt, and **stray** elsewhere.
+//! A region is **matched** when it matches an evaluable object, or when at least a tenth of its box's pixels show
+//! an object, including the rows beside the road, whose distance is within 1.5 m or 20 % of the region's. An
+//! unmatched region within 40 m is a **false positive** where its foot is on the asphalt, and an **off-road false
+//! positive** elsewhere.
 
 use perception::region::PixelBox;
 use sources::scene::truth::{FIRST_OBJECT, ROAD};
 use sources::scene::{ObjectClass, ObjectTruth, SceneTruth};
 
-/// Nearest and farthest object that is due, in metres.
-pub const DUE_M: (f64, f64) = (3.0, 40.0);
+/// Distance range of evaluable objects, in metres.
+pub const EVALUABLE_M: (f64, f64) = (3.0, 40.0);
 
-/// What lies so many columns or rows apart touches.
+/// Objects at most this many columns or rows apart touch each other.
 const TOUCHING_PX: u32 = 4;
 
-/// What a detector found.
+/// A detected region or track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
-    /// Where, in the left image.
+pub struct Detection {
+    /// Bounding box in the left image.
     pub bounds: PixelBox,
-    /// How far, in metres.
+    /// Distance in metres.
     pub distance_m: f64,
-    /// One standard deviation of that.
+    /// Standard deviation of the distance, in metres.
     pub sigma_m: f64,
 }
 
-/// A due object, and the region that found it.
+/// An evaluable object with the region that matches it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Due {
+pub struct Evaluable {
     /// The object.
     pub object: ObjectTruth,
-    /// The region that overlaps it most, among those that found it.
-    pub found: Option<Found>,
+    /// The region that overlaps it most, among those that match.
+    pub detection: Option<Detection>,
 }
 
-/// What was made of a frame.
+/// Numbers of unmatched regions of a frame within 40 m.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FalsePositives {
+    /// Those that stand on the asphalt.
+    pub on_road: usize,
+    /// The others.
+    pub off_road: usize,
+}
+
+/// Result of matching one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameMatch {
-    /// The due objects.
-    pub due: Vec<Due>,
-    /// For each region whether the truth explains it.
-    pub explained: Vec<bool>,
-    /// Unexplained regions on the asphalt, and elsewhere.
-    pub unexplained: (usize, usize),
+    /// The evaluable objects.
+    pub evaluable: Vec<Evaluable>,
+    /// For each region, whether it is matched.
+    pub matched: Vec<bool>,
+    /// Unmatched regions.
+    pub false_positives: FalsePositives,
 }
 
-/// Whether an object has to be found.
-pub fn is_due(object: &ObjectTruth, width: usize) -> bool {
+/// Whether an object is evaluable, in an image of `width` pixels.
+pub fn is_evaluable(object: &ObjectTruth, width: usize) -> bool {
     let small = object.class == ObjectClass::Debris;
-    let (farthest, pixels) = if small { (20.0, 12) } else { (DUE_M.1, 40) };
+    let (farthest, pixels) = if small { (20.0, 12) } else { (EVALUABLE_M.1, 40) };
     let cut = object.bounds.x == 0 || object.bounds.x + object.bounds.width >= width as u32;
     object.subject
         && object.class != ObjectClass::Bridge
-        && (DUE_M.0..=farthest).contains(&object.distance_m)
+        && (EVALUABLE_M.0..=farthest).contains(&object.distance_m)
         && object.visible >= 0.5
         && object.pixels >= pixels
         && object.visible * object.seen_by_both >= 0.5
         && !cut
 }
 
-/// Whether a region's place and distance are those of an object.
-pub fn is_found(object: &ObjectTruth, found: &Found) -> bool {
-    is_found_beside(object, &[], found)
+/// Whether a region matches an object in position and distance.
+pub fn is_match(object: &ObjectTruth, found: &Detection) -> bool {
+    is_match_among(object, &[], found)
 }
 
-/// The same among all objects of a frame.
-fn is_found_beside(object: &ObjectTruth, all: &[ObjectTruth], found: &Found) -> bool {
+/// The same, given all objects of the frame.
+fn is_match_among(object: &ObjectTruth, all: &[ObjectTruth], found: &Detection) -> bool {
     let tolerance = tolerance_m(object);
     let (a, b) = (&found.bounds, &object.bounds);
     let shared = shared_area(a, b);
@@ -95,7 +105,7 @@ fn tolerance_m(object: &ObjectTruth) -> f64 {
     (0.15 * object.distance_m).max(1.0)
 }
 
-/// Whether two objects touch in the image, and in depth as far as a disparity tells.
+/// Whether two objects touch in the image and cannot be separated by disparity.
 fn is_one_with(object: &ObjectTruth, other: &ObjectTruth) -> bool {
     let (a, b) = (&object.bounds, &other.bounds);
     let near = |a: u32, al: u32, b: u32, bl: u32| a <= b + bl + TOUCHING_PX && b <= a + al + TOUCHING_PX;
@@ -117,32 +127,32 @@ fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
     span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
 }
 
-/// Compares what was found in a frame with its truth. `focal_baseline` is the rig's focal length in
-/// px times its baseline in metres.
-pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Found]) -> FrameMatch {
-    let due = truth.objects.iter().filter(|object| is_due(object, truth.width)).map(|&object| {
-        let by = found.iter().filter(|found| is_found_beside(&object, &truth.objects, found));
+/// Matches the regions of a frame with its ground truth. `focal_baseline` is focal length × baseline, in
+/// px · m.
+pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Detection]) -> FrameMatch {
+    let evaluable = truth.objects.iter().filter(|object| is_evaluable(object, truth.width)).map(|&object| {
+        let by = found.iter().filter(|found| is_match_among(&object, &truth.objects, found));
         let best =
             by.max_by(|a, b| a.bounds.overlap(&object.bounds).total_cmp(&b.bounds.overlap(&object.bounds)));
-        Due { object, found: best.copied() }
+        Evaluable { object, detection: best.copied() }
     });
-    let mut result = FrameMatch { due: due.collect(), ..FrameMatch::default() };
+    let mut result = FrameMatch { evaluable: evaluable.collect(), ..FrameMatch::default() };
     for region in found {
-        let finds = |due: &Due| is_found_beside(&due.object, &truth.objects, region);
-        let explained = explains(truth, focal_baseline, region) || result.due.iter().any(finds);
-        result.explained.push(explained);
-        if !explained && region.distance_m <= DUE_M.1 {
+        let finds = |evaluable: &Evaluable| is_match_among(&evaluable.object, &truth.objects, region);
+        let is_matched = shows_object(truth, focal_baseline, region) || result.evaluable.iter().any(finds);
+        result.matched.push(is_matched);
+        if !is_matched && region.distance_m <= EVALUABLE_M.1 {
             if stands_on_road(truth, region) {
-                result.unexplained.0 += 1;
+                result.false_positives.on_road += 1;
             } else {
-                result.unexplained.1 += 1;
+                result.false_positives.off_road += 1;
             }
         }
     }
     result
 }
 
-fn explains(truth: &SceneTruth, focal_baseline: f64, region: &Found) -> bool {
+fn shows_object(truth: &SceneTruth, focal_baseline: f64, region: &Detection) -> bool {
     let tolerance = (0.2 * region.distance_m).max(1.5);
     let near = region.distance_m - tolerance;
     let most = if near > 0.0 { (focal_baseline / near) as f32 } else { f32::INFINITY };
@@ -160,7 +170,7 @@ fn explains(truth: &SceneTruth, focal_baseline: f64, region: &Found) -> bool {
 }
 
 /// Whether the lowest tenth of a box shows asphalt.
-fn stands_on_road(truth: &SceneTruth, region: &Found) -> bool {
+fn stands_on_road(truth: &SceneTruth, region: &Detection) -> bool {
     let b = &region.bounds;
     let foot = PixelBox { y: b.y + b.height - b.height.div_ceil(10), height: b.height.div_ceil(10), ..*b };
     let (mut road, mut all) = (0_u32, 0_u32);
@@ -181,9 +191,9 @@ fn columns(b: &PixelBox, width: usize) -> std::ops::Range<usize> {
     (b.x as usize).min(width)..((b.x + b.width) as usize).min(width)
 }
 
-/// Height errors of a road model: for each row that both know, how far above the true surface the
-/// model's lies where it says that the road is, in metres. `profile_px` is the model's disparity of
-/// each row (0 = none), `rows_px` the true one's; only what is nearer than `farthest_m` counts.
+/// Height errors of a road model: for each row known to both, the height of the model's road above the true
+/// surface, in metres. `profile_px` is the disparity of the model per row (0 = none), `rows_px` the true one.
+/// Only rows nearer than `farthest_m` count.
 pub fn road_errors(
     profile_px: &[f32],
     rows_px: &[f32],
@@ -196,7 +206,7 @@ pub fn road_errors(
         if f64::from(model) * farthest_m < focal_baseline {
             continue;
         }
-        // The row in which the road truly has this disparity; rows grow nearer downwards.
+        // The row in which the true road has this disparity; disparity increases downwards.
         let below = rows_px.iter().position(|&d| d >= model && d > 0.0);
         let Some(k) = below.filter(|&k| k > 0 && rows_px[k - 1] > 0.0) else { continue };
         let (a, b) = (rows_px[k - 1], rows_px[k]);
@@ -242,18 +252,18 @@ mod tests {
         truth
     }
 
-    fn found(x: u32, y: u32, width: u32, height: u32, distance_m: f64) -> Found {
-        Found { bounds: PixelBox { x, y, width, height }, distance_m, sigma_m: 0.2 }
+    fn found(x: u32, y: u32, width: u32, height: u32, distance_m: f64) -> Detection {
+        Detection { bounds: PixelBox { x, y, width, height }, distance_m, sigma_m: 0.2 }
     }
 
     #[test]
     fn place_and_distance_must_both_fit() {
         let object = truth().objects[0];
-        assert!(is_found(&object, &found(42, 32, 20, 20, 10.9)));
-        assert!(!is_found(&object, &found(42, 32, 20, 20, 11.6)), "too far");
-        assert!(!is_found(&object, &found(58, 32, 20, 20, 10.0)), "beside it");
-        assert!(is_found(&object, &found(30, 20, 40, 40, 10.0)), "larger, and around it");
-        assert!(!is_found(&object, &found(0, 0, 100, 80, 10.0)), "everything is no answer");
+        assert!(is_match(&object, &found(42, 32, 20, 20, 10.9)));
+        assert!(!is_match(&object, &found(42, 32, 20, 20, 11.6)), "too far");
+        assert!(!is_match(&object, &found(58, 32, 20, 20, 10.0)), "beside it");
+        assert!(is_match(&object, &found(30, 20, 40, 40, 10.0)), "larger, and around it");
+        assert!(!is_match(&object, &found(0, 0, 100, 80, 10.0)), "a box of the whole image matches nothing");
     }
 
     #[test]
@@ -264,10 +274,10 @@ mod tests {
             ObjectTruth { id: FIRST_OBJECT + 1, bounds, pixels: 50, distance_m: 10.5, ..truth.objects[0] };
         truth.objects.push(block);
         let both = found(41, 30, 24, 20, 10.2);
-        let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).due[1].found;
+        let blocks = |truth: &SceneTruth, region| match_frame(truth, SCALE, &[region]).evaluable[1].detection;
         assert_eq!(blocks(&truth, both), Some(both));
-        assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must hold it");
-        assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not hold everything");
+        assert_eq!(blocks(&truth, found(41, 30, 20, 20, 10.2)), None, "it must contain the object");
+        assert_eq!(blocks(&truth, found(10, 10, 80, 60, 10.2)), None, "it must not be too large");
         truth.objects[1].distance_m = 12.0;
         assert_eq!(blocks(&truth, found(41, 30, 24, 20, 11.0)), None, "another distance");
         truth.objects[1] = ObjectTruth { bounds: PixelBox { x: 66, ..bounds }, ..block };
@@ -290,18 +300,18 @@ mod tests {
             found(70, 40, 10, 10, 55.0),
         ];
         let result = match_frame(&truth, SCALE, &regions);
-        assert_eq!(result.explained, [true, false, false, false, false]);
-        // The second stands before the car's foot; the fourth beside the road; the last is too far.
-        assert_eq!(result.unexplained, (1, 2));
-        assert_eq!(result.due.len(), 1);
-        assert_eq!(result.due[0].found, Some(regions[0]));
-        assert_eq!(match_frame(&truth, SCALE, &[]).due[0].found, None);
+        assert_eq!(result.matched, [true, false, false, false, false]);
+        // The second is in front of the car's foot; the fourth is beside the road; the last is too far.
+        assert_eq!(result.false_positives, FalsePositives { on_road: 1, off_road: 2 });
+        assert_eq!(result.evaluable.len(), 1);
+        assert_eq!(result.evaluable[0].detection, Some(regions[0]));
+        assert_eq!(match_frame(&truth, SCALE, &[]).evaluable[0].detection, None);
     }
 
     #[test]
     fn what_finds_something_is_not_false() {
         let mut truth = truth();
-        // A post whose box is mostly road.
+        // A pole whose box is mostly road.
         truth.objects[0].bounds = PixelBox { x: 50, y: 20, width: 8, height: 30 };
         truth.owner.fill(ROAD);
         for y in 20..50 {
@@ -309,24 +319,27 @@ mod tests {
         }
         let wide = found(40, 20, 20, 30, 10.0);
         let result = match_frame(&truth, SCALE, &[wide]);
-        assert_eq!((result.due[0].found, result.unexplained), (Some(wide), (0, 0)));
-        assert_eq!(match_frame(&truth, SCALE, &[found(20, 20, 20, 30, 10.0)]).unexplained, (1, 0));
+        assert_eq!(
+            (result.evaluable[0].detection, result.false_positives),
+            (Some(wide), FalsePositives::default())
+        );
+        assert_eq!(match_frame(&truth, SCALE, &[found(20, 20, 20, 30, 10.0)]).false_positives.on_road, 1);
     }
 
     #[test]
-    fn hidden_and_cut_objects_are_not_due() {
+    fn hidden_and_cut_objects_are_not_evaluable() {
         let object = truth().objects[0];
-        assert!(is_due(&object, 100));
-        assert!(!is_due(&ObjectTruth { visible: 0.4, ..object }, 100));
+        assert!(is_evaluable(&object, 100));
+        assert!(!is_evaluable(&ObjectTruth { visible: 0.4, ..object }, 100));
         assert!(
-            !is_due(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
-            "half of it, by both"
+            !is_evaluable(&ObjectTruth { visible: 0.7, seen_by_both: 0.7, ..object }, 100),
+            "less than half visible in both"
         );
-        assert!(is_due(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
-        assert!(!is_due(&ObjectTruth { distance_m: 41.0, ..object }, 100));
-        assert!(!is_due(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
-        assert!(!is_due(&ObjectTruth { subject: false, ..object }, 100));
-        assert!(!is_due(&object, 60), "cut by the border");
+        assert!(is_evaluable(&ObjectTruth { visible: 0.8, seen_by_both: 0.7, ..object }, 100));
+        assert!(!is_evaluable(&ObjectTruth { distance_m: 41.0, ..object }, 100));
+        assert!(!is_evaluable(&ObjectTruth { distance_m: 21.0, class: ObjectClass::Debris, ..object }, 100));
+        assert!(!is_evaluable(&ObjectTruth { subject: false, ..object }, 100));
+        assert!(!is_evaluable(&object, 60), "truncated by the border");
     }
 
     #[test]
@@ -339,7 +352,7 @@ mod tests {
         assert!(errors.len() > 300 && errors.iter().all(|e| e.abs() < 1e-5));
         errors.clear();
         road_errors(&raised, &rows, 0.12, 105.0, 40.0, &mut errors);
-        // The model's camera is 1.2 ÷ 1.05 m high: its road lies 5.7 cm above the true one.
+        // The model's camera is 1.2 ÷ 1.05 m high: its road is 5.7 cm above the true one.
         assert!(errors.iter().all(|e| (e - 0.0571).abs() < 1e-3), "{errors:?}");
     }
 }

@@ -1,15 +1,14 @@
-//! The scores of one map, and their mean over maps.
+//! Scores of one disparity map, and their mean over maps.
 
 use super::percent;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-/// Names of the scores, in the order of tables.
+/// Names of the scores, in table order.
 pub const COLUMNS: [&str; 8] = ["dens", "bad1", "bad2", "bad3", "D1", "epe", "hole3", "val3"];
 
-/// Scores over the pixels of one region. All but `epe` are percent of those pixels, and all of
-/// the errors but `hole3` and `val3` are those of the map whose holes are filled
-/// ([`super::fill::interpolate_background`]), as KITTI reports them. Not a number where no pixel
-/// counts.
+/// Scores over the pixels of one region. All but `epe` are in percent of those pixels. The error scores, except
+/// `hole3` and `val3`, refer to the map with filled holes ([`super::fill::interpolate_background`]), as in
+/// KITTI. NaN where no pixel counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scores {
     /// Pixels with an estimate before filling.
@@ -18,13 +17,13 @@ pub struct Scores {
     pub bad1: f64,
     /// Errors above 2 px.
     pub bad2: f64,
-    /// Errors above 3 px: KITTI 2012's main figure.
+    /// Errors above 3 px: KITTI 2012's main metric.
     pub bad3: f64,
-    /// Errors above 3 px and 5 % of the truth: KITTI 2015's main figure.
+    /// Errors above 3 px and 5 % of the true disparity: KITTI 2015's main metric.
     pub d1: f64,
-    /// Mean error in px.
+    /// Mean absolute error in px.
     pub epe: f64,
-    /// Holes and errors above 3 px, nothing filled.
+    /// Holes and errors above 3 px, without filling.
     pub hole3: f64,
     /// Errors above 3 px, in percent of the pixels with an estimate.
     pub val3: f64,
@@ -42,7 +41,7 @@ impl Scores {
     }
 }
 
-/// Under the names of [`COLUMNS`], four decimals; `null` where it is not a number.
+/// Serialised under the names of [`COLUMNS`] with four decimals; `null` for NaN.
 impl Serialize for Scores {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(Some(COLUMNS.len()))?;
@@ -53,9 +52,8 @@ impl Serialize for Scores {
     }
 }
 
-/// Scores an estimate over the pixels of `mask`. All slices hold one value per pixel, disparities
-/// in px: `truth` above zero inside the mask, `estimate` below zero where it is unknown, `filled`
-/// the same map without holes.
+/// Scores an estimate over the pixels of `mask`. All slices have one value per pixel, disparities in px: `truth`
+/// positive inside the mask, `estimate` negative where unknown, `filled` the same map without holes.
 ///
 /// # Panics
 /// When the slices have different lengths.
@@ -89,7 +87,7 @@ pub fn score(truth: &[f32], mask: &[bool], estimate: &[f32], filled: &[f32]) -> 
     }
 }
 
-/// The mean of each score over maps, those left out that have none.
+/// Mean of each score over the maps that have it.
 pub fn mean<'a>(scores: impl IntoIterator<Item = &'a Scores>) -> Scores {
     let (mut sums, mut counts) = ([0.0; 8], [0_u32; 8]);
     for score in scores {
@@ -108,8 +106,8 @@ mod tests {
 
     #[test]
     fn a_row_is_scored_as_worked_out_by_hand() {
-        // Unknown truth, exact, 1.5 off, a hole that its neighbours fill with 10.5 (0.5 off), 4 off
-        // at 100 px (within 5 %), 4 off at 40 px, a hole filled with 44 (24 off), 3 off.
+        // Unknown ground truth, exact, 1.5 off, a hole that its neighbours fill with 10.5 (0.5 off), 4 off at 100 px
+        // (within 5 %), 4 off at 40 px, a hole filled with 44 (24 off), 3 off.
         let truth = [-1.0, 10.0, 12.0, 10.0, 100.0, 40.0, 20.0, 47.0];
         let estimate = [7.0, 10.0, 10.5, -1.0, 104.0, 44.0, -1.0, 44.0];
         let mask = truth.map(|d| d > 0.0);

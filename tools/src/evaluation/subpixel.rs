@@ -1,5 +1,4 @@
-//! Where estimates lie between whole pixels: a matcher that prefers whole ones ("pixel locking")
-//! or halves shows itself in depth maps as steps.
+//! Pixel-locking bias: preference of a matcher for whole or half pixels, which appears as steps in depth maps.
 
 use super::percent;
 use crate::reporting::picture::Picture;
@@ -8,13 +7,13 @@ use crate::reporting::record::tidy;
 use serde::Serialize;
 use std::fmt;
 
-/// Bins of one pixel. Bin 0 is centred on the whole pixel: −1/32 to +1/32 px.
+/// Bins per pixel. Bin 0 is centred on the whole pixel: −1/32 to +1/32 px.
 pub const BINS: usize = 16;
 
-/// Within this of a whole pixel, or of a half, a disparity counts as near it.
+/// Disparities within this distance of a whole or half pixel count as near it.
 const NEAR_PX: f32 = 1.0 / 16.0;
 
-/// Fractions of disparities.
+/// Histogram of the fractional parts of disparities.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Fractions {
     bins: [u64; BINS],
@@ -37,15 +36,15 @@ impl Fractions {
         self.near_half += other.near_half;
     }
 
-    /// Whether steps of 1/8 px or finer are there.
+    /// Whether steps of 1/8 px or finer occur.
     fn is_fine(&self) -> bool {
         self.bins.iter().filter(|&&n| n > 0).count() >= BINS / 2
     }
 }
 
-/// Counts the fractions of estimates that are at most 1 px off, and of their truth, image by
-/// image. Images whose truth comes in steps of more than 1/8 px (8-bit maps) are left out: it
-/// has no fractions to compare with.
+/// Counts the fractional parts of estimates with errors of at most 1 px, and of their ground truth, image by
+/// image. Images whose ground truth has steps above 1/8 px (8-bit maps) are skipped: it has no fractional
+/// parts to compare with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubpixelHistogram {
     images: u64,
@@ -55,37 +54,37 @@ pub struct SubpixelHistogram {
     truth: Fractions,
 }
 
-/// The shares of the fractions.
+/// Distribution of the fractional parts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Subpixel {
-    /// Images that were counted.
+    /// Number of images counted.
     pub images: u64,
-    /// Images whose truth is too coarse for it.
+    /// Number of skipped images, whose ground truth is too coarse.
     pub images_left_out: u64,
-    /// Pixels that were counted.
+    /// Number of pixels counted.
     pub pixels: u64,
-    /// Share of the estimates near a whole pixel ÷ that of the truth: 1 without pixel locking.
-    /// `None` where no truth lies near one.
+    /// Share of the estimates near a whole pixel ÷ that of the ground truth: 1 without pixel locking. `None` when no
+    /// ground truth is near a whole pixel.
     pub locking_index: Option<f64>,
     /// The same for half pixels (1/2, 3/2, …).
     pub half_locking_index: Option<f64>,
     /// Estimates within 1/16 px of a whole pixel, in percent.
     pub estimate_near_percent: f64,
-    /// Truth within 1/16 px of a whole pixel, in percent.
+    /// Ground truth within 1/16 px of a whole pixel, in percent.
     pub truth_near_percent: f64,
     /// Estimates within 1/16 px of a half, in percent.
     pub estimate_near_half_percent: f64,
-    /// Truth within 1/16 px of a half, in percent.
+    /// Ground truth within 1/16 px of a half, in percent.
     pub truth_near_half_percent: f64,
     /// Estimates in each of [`BINS`] bins, in percent; the first is centred on the whole pixel.
     pub estimate_percent: Vec<f64>,
-    /// The truth of the same pixels.
+    /// The same for the ground truth of these pixels.
     pub truth_percent: Vec<f64>,
 }
 
 impl SubpixelHistogram {
-    /// Counts the pixels of `mask` of one image. All slices hold one value per pixel, disparities in px, below
-    /// zero where they are unknown.
+    /// Counts the pixels of `mask` of one image. All slices have one value per pixel, disparities in px, negative
+    /// where unknown.
     pub fn add(&mut self, truth: &[f32], mask: &[bool], estimate: &[f32]) {
         let mut image = Self::default();
         for ((&g, &d), _) in truth.iter().zip(estimate).zip(mask).filter(|(_, m)| **m) {
@@ -105,7 +104,7 @@ impl SubpixelHistogram {
         self.truth.merge(&image.truth);
     }
 
-    /// The shares; `None` when nothing was counted.
+    /// The distribution; `None` when nothing was counted.
     pub fn shares(&self) -> Option<Subpixel> {
         let share = |n: u64| tidy(percent(n, self.pixels));
         let index = |estimate: u64, truth: u64| (truth > 0).then(|| tidy(estimate as f64 / truth as f64));
@@ -126,7 +125,7 @@ impl SubpixelHistogram {
 }
 
 impl Subpixel {
-    /// The histogram as bars, the whole pixel in the middle.
+    /// Plots the histogram with the whole pixel in the middle.
     pub fn plot(&self) -> Picture {
         let middle_first = |values: &[f64]| -> Vec<(f64, f64)> {
             let half = values.len() as i32 / 2;
@@ -139,7 +138,7 @@ impl Subpixel {
     }
 }
 
-/// One line with a verdict.
+/// A one-line summary with a verdict.
 impl fmt::Display for Subpixel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let whole = self.locking_index.unwrap_or(f64::NAN);
@@ -154,7 +153,7 @@ impl fmt::Display for Subpixel {
         write!(
             f,
             "sub-pixel: {verdict} locking, index {whole:.2} ({:.1} % of the estimates within 1/16 px of a whole pixel, \
-             {:.1} % of the truth), of halves {half:.2} ({:.1} %, {:.1} %); {} pixels",
+             {:.1} % of the ground truth), half-pixel index {half:.2} ({:.1} %, {:.1} %); {} pixels",
             self.estimate_near_percent,
             self.truth_near_percent,
             self.estimate_near_half_percent,
@@ -162,7 +161,11 @@ impl fmt::Display for Subpixel {
             self.pixels
         )?;
         if self.images_left_out > 0 {
-            write!(f, "; {} images left out, their truth has no fractions", self.images_left_out)?;
+            write!(
+                f,
+                "; {} images skipped, their ground truth has no sub-pixel values",
+                self.images_left_out
+            )?;
         }
         Ok(())
     }
@@ -211,13 +214,13 @@ mod tests {
 
         let mut fair = SubpixelHistogram::default();
         fair.add(&truth, &mask, &truth);
-        // Far off, unknown or outside the mask: none of them counts.
+        // Large errors, unknown or masked pixels do not count.
         let off: Vec<f32> = truth.iter().map(|d| d + 1.1).collect();
         let mut others = fair;
         others.add(&truth, &mask, &off);
         others.add(&truth, &mask, &vec![-1.0; truth.len()]);
         others.add(&truth, &vec![false; truth.len()], &truth);
-        // Neither does truth in steps of 1/4 px.
+        // Neither does ground truth in steps of 1/4 px.
         let coarse: Vec<f32> = truth.iter().map(|d| (d * 4.0).round() / 4.0).collect();
         others.add(&coarse, &mask, &truth);
         let shares = others.shares().unwrap();

@@ -1,7 +1,7 @@
-//! Detection, distance and road by weather, beside the paper's table.
+//! Detection, distance, class and road errors by weather, compared with the paper's table.
 
 use super::quantile;
-use super::scene_match::{Found, FrameMatch, is_found, road_errors};
+use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
 use crate::reporting::record::{tidy, tidy_finite};
 use serde::Serialize;
 use sources::scene::{ObjectClass, RoadTruth};
@@ -18,40 +18,42 @@ pub const PAPER: [(&str, f64); 6] = [
     ("backlight", 0.763),
 ];
 
-/// Ranges of distance, in metres: from, to.
+/// Distance ranges in metres: from, to.
 pub const RANGES_M: [(f64, f64); 5] = [(3.0, 7.5), (7.5, 12.5), (12.5, 20.0), (20.0, 27.5), (27.5, 40.0)];
 
 /// The stated error bar is this many standard deviations to either side.
 pub const BAR_SIGMAS: f64 = 2.0;
 
-/// Road rows beyond this are not compared, in metres.
+/// Maximum distance of compared road rows, in metres.
 pub const ROAD_M: f64 = 40.0;
 
 /// Distance errors of one range.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RangeErrors {
-    /// From, in metres.
+    /// Start of the range, in metres.
     pub from_m: f64,
-    /// To, in metres.
+    /// End of the range, in metres.
     pub to_m: f64,
-    /// Objects that were due.
-    pub due: usize,
-    /// Those that were found.
+    /// Evaluable objects.
+    #[serde(rename = "due")]
+    pub evaluable: usize,
+    /// Those with a matching region.
     pub found: usize,
-    /// Median of the error's size, in percent of the distance.
+    /// Median absolute error, in percent of the distance.
     pub median_percent: Option<f64>,
-    /// Median of the error with its sign, in percent: above zero is too far.
+    /// Median signed error, in percent; positive is too far.
     pub bias_percent: Option<f64>,
-    /// Share of the found whose truth lies within the stated error bar.
+    /// Share of the matched objects whose true distance is within the stated error bar.
     pub covered: Option<f64>,
 }
 
-/// Objects, and those of them that were given the right class.
+/// Classification counts of a group of objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Share {
-    /// Objects due, frame by frame.
-    pub due: usize,
-    /// Those that a track found.
+    /// Evaluable objects, summed over frames.
+    #[serde(rename = "due")]
+    pub evaluable: usize,
+    /// Those with a matching track.
     pub tracked: usize,
     /// Those whose track has the right class.
     pub right: usize,
@@ -59,73 +61,76 @@ pub struct Share {
 
 impl Share {
     fn add(&mut self, tracked: bool, right: bool) {
-        self.due += 1;
+        self.evaluable += 1;
         self.tracked += usize::from(tracked);
         self.right += usize::from(tracked && right);
     }
 
     fn rate(&self) -> Option<f64> {
-        tidy_finite(self.right as f64 / self.due as f64)
+        tidy_finite(self.right as f64 / self.evaluable as f64)
     }
 }
 
-/// A confirmed track, as its class is judged.
+/// A confirmed track with its class.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Labelled {
-    /// Where it is.
-    pub found: Found,
-    /// Whether it is called a vehicle.
+pub struct ClassifiedTrack {
+    /// Position and distance.
+    pub found: Detection,
+    /// Whether its class is vehicle.
     pub is_vehicle: bool,
 }
 
-/// Whether an object is what the recogniser calls a vehicle.
+/// Whether the recogniser is expected to classify an object as a vehicle.
 pub fn is_vehicle(class: ObjectClass) -> bool {
     matches!(class, ObjectClass::Car | ObjectClass::Bus)
 }
 
-/// One weather, or one scene.
+/// Results of one scene in one weather.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WeatherRow {
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// The weather.
+    /// Name of the weather.
     pub weather: String,
-    /// What the road was fitted by, where that is compared.
+    /// Method of the road fit, where several are compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub road: Option<String>,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Seconds of driving.
+    /// Duration in seconds.
     pub seconds: f64,
-    /// Objects due, frame by frame.
-    pub due: usize,
-    /// Those that were found.
-    pub found: usize,
-    /// found ÷ due.
+    /// Evaluable objects, summed over frames.
+    #[serde(rename = "due")]
+    pub evaluable: usize,
+    /// Those with a matching region.
+    #[serde(rename = "found")]
+    pub true_positives: usize,
+    /// `true_positives` ÷ `evaluable`.
     pub detection_rate: Option<f64>,
     /// The paper's accuracy rate for this weather.
     pub paper_rate: Option<f64>,
-    /// Vehicles due, and those of them that a track called a vehicle.
+    /// Evaluable vehicles, and those classified as a vehicle.
     pub vehicles: Share,
-    /// Other objects due, and those of them that a track found and called nothing else than an obstacle.
+    /// Other evaluable objects, and those with a track that is not classified as a vehicle.
     pub others: Share,
-    /// Share of all objects due that were found and given the right class.
+    /// Share of all evaluable objects with a matching track of the right class.
     pub class_rate: Option<f64>,
-    /// The same of those that a track found.
+    /// The same of those with a matching track.
     pub class_rate_of_found: Option<f64>,
-    /// Objects that were due and not found, by class.
+    /// Evaluable objects without a matching region, by class.
     pub missed: BTreeMap<&'static str, usize>,
-    /// Unexplained regions on the asphalt, each frame counted, per minute.
+    /// False positives on the road per minute, summed over frames.
     pub false_per_minute: f64,
-    /// Confirmed tracks that were an unexplained region on the asphalt, per minute.
+    /// Confirmed tracks that were a false positive on the road, per minute.
     pub false_tracks_per_minute: f64,
-    /// Unexplained regions elsewhere, each frame counted, per minute.
-    pub stray_per_minute: f64,
-    /// Frames in which a road was seen.
+    /// Off-road false positives per minute, summed over frames.
+    #[serde(rename = "stray_per_minute")]
+    pub off_road_per_minute: f64,
+    /// Frames with a road estimate.
     pub road_seen: usize,
-    /// Median size of the road's height error, in metres.
+    /// Median absolute height error of the road, in metres.
     pub road_median_m: Option<f64>,
-    /// 95 % of the road's height errors are smaller, in metres.
+    /// 95th percentile of the absolute height error of the road, in metres.
     pub road_p95_m: Option<f64>,
     /// Distance errors by range.
     pub ranges: Vec<RangeErrors>,
@@ -133,21 +138,21 @@ pub struct WeatherRow {
     pub all: RangeErrors,
 }
 
-/// What a frame adds.
+/// Results of one frame.
 pub struct FrameResult<'a> {
-    /// Regions against truth.
+    /// Regions matched with the ground truth.
     pub matched: &'a FrameMatch,
-    /// Confirmed tracks that no truth explains and that stand on the asphalt.
+    /// Numbers of confirmed tracks that are false positives on the road.
     pub false_tracks: &'a [u32],
     /// All confirmed tracks.
-    pub tracks: &'a [Labelled],
-    /// The model's road, when one was seen.
+    pub tracks: &'a [ClassifiedTrack],
+    /// Road profile of the model, where there is one.
     pub profile_px: Option<&'a [f32]>,
-    /// The true road.
+    /// Ground truth of the road.
     pub road: &'a RoadTruth,
 }
 
-/// Gathers the frames of one weather.
+/// Accumulates the frames of one scene and weather.
 #[derive(Debug)]
 pub struct Tally {
     scene: String,
@@ -155,11 +160,11 @@ pub struct Tally {
     rig: perception::rig::Rig,
     period_s: f64,
     frames: usize,
-    unexplained: (usize, usize),
+    false_positives: FalsePositives,
     false_tracks: BTreeSet<u32>,
     road_seen: usize,
     road_errors_m: Vec<f64>,
-    /// Per due object: true distance, and distance and sigma found.
+    /// For each evaluable object: true distance, and measured distance with its standard deviation.
     distances: Vec<(f64, Option<(f64, f64)>)>,
     missed: BTreeMap<&'static str, usize>,
     vehicles: Share,
@@ -167,7 +172,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Nothing yet; frames are `period_s` seconds apart.
+    /// An empty tally; frames are `period_s` seconds apart.
     pub fn new(scene: &str, weather: &str, rig: perception::rig::Rig, period_s: f64) -> Self {
         Self {
             scene: scene.into(),
@@ -175,7 +180,7 @@ impl Tally {
             rig,
             period_s,
             frames: 0,
-            unexplained: (0, 0),
+            false_positives: FalsePositives::default(),
             false_tracks: BTreeSet::new(),
             road_seen: 0,
             road_errors_m: Vec::new(),
@@ -189,18 +194,19 @@ impl Tally {
     /// Adds a frame.
     pub fn add(&mut self, frame: &FrameResult<'_>) {
         self.frames += 1;
-        self.unexplained.0 += frame.matched.unexplained.0;
-        self.unexplained.1 += frame.matched.unexplained.1;
+        self.false_positives.on_road += frame.matched.false_positives.on_road;
+        self.false_positives.off_road += frame.matched.false_positives.off_road;
         self.false_tracks.extend(frame.false_tracks);
-        for due in &frame.matched.due {
-            self.distances.push((due.object.distance_m, due.found.map(|f| (f.distance_m, f.sigma_m))));
-            if due.found.is_none() {
-                *self.missed.entry(due.object.class.name()).or_default() += 1;
+        for evaluable in &frame.matched.evaluable {
+            self.distances
+                .push((evaluable.object.distance_m, evaluable.detection.map(|f| (f.distance_m, f.sigma_m))));
+            if evaluable.detection.is_none() {
+                *self.missed.entry(evaluable.object.class.name()).or_default() += 1;
             }
-            let overlap = |t: &&Labelled| t.found.bounds.overlap(&due.object.bounds);
-            let by = frame.tracks.iter().filter(|t| is_found(&due.object, &t.found));
+            let overlap = |t: &&ClassifiedTrack| t.found.bounds.overlap(&evaluable.object.bounds);
+            let by = frame.tracks.iter().filter(|t| is_match(&evaluable.object, &t.found));
             let track = by.max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
-            let wanted = is_vehicle(due.object.class);
+            let wanted = is_vehicle(evaluable.object.class);
             let share = if wanted { &mut self.vehicles } else { &mut self.others };
             share.add(track.is_some(), track.is_some_and(|t| t.is_vehicle == wanted));
         }
@@ -224,7 +230,7 @@ impl Tally {
         RangeErrors {
             from_m,
             to_m,
-            due: of_range().count(),
+            evaluable: of_range().count(),
             found: found.len(),
             median_percent: quantile(&mut sizes, 0.5).map(tidy),
             bias_percent: quantile(&mut signed, 0.5).map(tidy),
@@ -232,12 +238,12 @@ impl Tally {
         }
     }
 
-    /// The row of the table.
+    /// Computes the row of the table.
     pub fn row(&self) -> WeatherRow {
         let seconds = self.frames as f64 * self.period_s;
         let per_minute = |count: usize| tidy(count as f64 * 60.0 / seconds.max(1e-9));
-        let found = self.distances.iter().filter(|(_, found)| found.is_some()).count();
-        let due = self.distances.len();
+        let true_positives = self.distances.iter().filter(|(_, found)| found.is_some()).count();
+        let evaluable = self.distances.len();
         let mut heights: Vec<f64> = self.road_errors_m.iter().map(|e| e.abs()).collect();
         WeatherRow {
             scene: self.scene.clone(),
@@ -245,21 +251,21 @@ impl Tally {
             road: None,
             frames: self.frames,
             seconds: tidy(seconds),
-            due,
-            found,
-            detection_rate: tidy_finite(found as f64 / due as f64),
+            evaluable,
+            true_positives,
+            detection_rate: tidy_finite(true_positives as f64 / evaluable as f64),
             paper_rate: PAPER.iter().find(|(name, _)| *name == self.weather).map(|(_, rate)| *rate),
             missed: self.missed.clone(),
             vehicles: self.vehicles,
             others: self.others,
-            class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / due as f64),
+            class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / evaluable as f64),
             class_rate_of_found: tidy_finite(
                 (self.vehicles.right + self.others.right) as f64
                     / (self.vehicles.tracked + self.others.tracked) as f64,
             ),
-            false_per_minute: per_minute(self.unexplained.0),
+            false_per_minute: per_minute(self.false_positives.on_road),
             false_tracks_per_minute: per_minute(self.false_tracks.len()),
-            stray_per_minute: per_minute(self.unexplained.1),
+            off_road_per_minute: per_minute(self.false_positives.off_road),
             road_seen: self.road_seen,
             road_median_m: quantile(&mut heights, 0.5).map(tidy),
             road_p95_m: quantile(&mut heights, 0.95).map(tidy),
@@ -269,12 +275,12 @@ impl Tally {
     }
 }
 
-/// The whole evaluation.
+/// Report of the weather evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WeatherReport {
-    /// The matcher.
+    /// Name of the matcher.
     pub method: String,
-    /// A row for each scene and weather.
+    /// One row per scene and weather.
     pub rows: Vec<WeatherRow>,
 }
 
@@ -282,22 +288,27 @@ pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".into(), |v| format!("{v:.decimals$}"))
 }
 
-impl fmt::Display for WeatherReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let road = |row: &WeatherRow| row.road.as_ref().map_or(String::new(), |road| format!(", {road}"));
-        let name = |row: &WeatherRow| format!("{} {}{}", row.scene, row.weather, road(row));
-        let width = self.rows.iter().map(|row| name(row).chars().count()).max().unwrap_or(0).max(12);
+impl WeatherRow {
+    /// Scene, weather and, where road models are compared, the road model.
+    fn name(&self) -> String {
+        let road = self.road.as_ref().map_or(String::new(), |road| format!(", {road}"));
+        format!("{} {}{road}", self.scene, self.weather)
+    }
+}
+
+impl WeatherReport {
+    fn write_detection(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
-            "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10}{:>11}{:>10}{:>10}{:>10}{:>9}",
+            "{:<width$}{:>8}{:>10}{:>10}{:>8}{:>10}{:>11}{:>13}{:>10}{:>10}{:>9}",
             "scene",
             "frames",
-            "due",
+            "evaluable",
             "detected",
             "paper",
             "false/min",
             "tracks/min",
-            "stray/min",
+            "off-road/min",
             "road seen",
             "road cm",
             "95 % cm"
@@ -305,23 +316,28 @@ impl fmt::Display for WeatherReport {
         for row in &self.rows {
             writeln!(
                 f,
-                "{:<width$}{:>8}{:>7}{:>10}{:>8}{:>10.1}{:>11.1}{:>10.1}{:>10}{:>10}{:>9}",
-                name(row),
+                "{:<width$}{:>8}{:>10}{:>10}{:>8}{:>10.1}{:>11.1}{:>13.1}{:>10}{:>10}{:>9}",
+                row.name(),
                 row.frames,
-                row.due,
+                row.evaluable,
                 cell(row.detection_rate, 3),
                 cell(row.paper_rate, 3),
                 row.false_per_minute,
                 row.false_tracks_per_minute,
-                row.stray_per_minute,
+                row.off_road_per_minute,
                 row.road_seen,
                 cell(row.road_median_m.map(|m| 100.0 * m), 1),
                 cell(row.road_p95_m.map(|m| 100.0 * m), 1),
             )?;
         }
+        Ok(())
+    }
+
+    fn write_distances(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
-            "\nDistance: median error in percent, of it too far (+) or near (-), share of truths within the error bar"
+            "\nDistance: median absolute error in percent, median signed error (+ too far, - too near), share of \
+             true distances within the error bar"
         )?;
         write!(f, "{:<width$}", "scene")?;
         for (from, to) in RANGES_M {
@@ -329,7 +345,7 @@ impl fmt::Display for WeatherReport {
         }
         writeln!(f, "{:>22}", "all")?;
         for row in &self.rows {
-            write!(f, "{:<width$}", name(row))?;
+            write!(f, "{:<width$}", row.name())?;
             for range in row.ranges.iter().chain([&row.all]) {
                 let sign = range.bias_percent.map_or("-".into(), |v| format!("{v:+.2}"));
                 let text = format!("{} {sign} {}", cell(range.median_percent, 2), cell(range.covered, 2));
@@ -337,21 +353,37 @@ impl fmt::Display for WeatherReport {
             }
             writeln!(f)?;
         }
+        Ok(())
+    }
+
+    fn write_classes(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
-            "\nClass: share of the objects due that a track found and gave the right class; of those found; of vehicles, of others"
+            "\nClass: share of the evaluable objects with a matching track of the right class; the same of those \
+             with a matching track; of vehicles, of others"
         )?;
         for row in &self.rows {
             writeln!(
                 f,
                 "{:<width$}{:>8}{:>8}{:>16}{:>16}",
-                name(row),
+                row.name(),
                 cell(row.class_rate, 3),
                 cell(row.class_rate_of_found, 3),
-                format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.due),
-                format!("{} of {}", cell(row.others.rate(), 3), row.others.due),
+                format!("{} of {}", cell(row.vehicles.rate(), 3), row.vehicles.evaluable),
+                format!("{} of {}", cell(row.others.rate(), 3), row.others.evaluable),
             )?;
         }
+        Ok(())
+    }
+}
+
+/// Tables of detection, distance and class, then the missed objects by class.
+impl fmt::Display for WeatherReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = self.rows.iter().map(|row| row.name().chars().count()).max().unwrap_or(0).max(12);
+        self.write_detection(f, width)?;
+        self.write_distances(f, width)?;
+        self.write_classes(f, width)?;
         let missed: Vec<String> = self
             .rows
             .iter()
@@ -359,7 +391,7 @@ impl fmt::Display for WeatherReport {
             .map(|row| {
                 let classes: Vec<String> =
                     row.missed.iter().map(|(class, n)| format!("{n} {class}")).collect();
-                format!("{}: {}", name(row), classes.join(", "))
+                format!("{}: {}", row.name(), classes.join(", "))
             })
             .collect();
         if !missed.is_empty() {
@@ -371,13 +403,13 @@ impl fmt::Display for WeatherReport {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene_match::Due;
+    use super::super::scene_match::Evaluable;
     use super::*;
     use perception::region::PixelBox;
     use perception::rig::Rig;
     use sources::scene::ObjectTruth;
 
-    fn due(distance_m: f64, found: Option<(f64, f64)>) -> Due {
+    fn evaluable(distance_m: f64, found: Option<(f64, f64)>) -> Evaluable {
         let bounds = PixelBox { x: 1, y: 1, width: 9, height: 9 };
         let object = ObjectTruth {
             id: 3,
@@ -395,7 +427,10 @@ mod tests {
             in_path: true,
             on_road: true,
         };
-        Due { object, found: found.map(|(distance_m, sigma_m)| Found { bounds, distance_m, sigma_m }) }
+        Evaluable {
+            object,
+            detection: found.map(|(distance_m, sigma_m)| Detection { bounds, distance_m, sigma_m }),
+        }
     }
 
     #[test]
@@ -403,14 +438,18 @@ mod tests {
         let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
         let mut tally = Tally::new("street", "night", rig, 0.08);
         let matched = FrameMatch {
-            due: vec![due(10.0, Some((10.2, 0.11))), due(10.0, Some((9.5, 0.1))), due(30.0, None)],
-            explained: vec![true, true, false],
-            unexplained: (1, 0),
+            evaluable: vec![
+                evaluable(10.0, Some((10.2, 0.11))),
+                evaluable(10.0, Some((9.5, 0.1))),
+                evaluable(30.0, None),
+            ],
+            matched: vec![true, true, false],
+            false_positives: FalsePositives { on_road: 1, off_road: 0 },
         };
         let road = RoadTruth::default();
         for _ in 0..3 {
-            let found = matched.due[0].found.unwrap();
-            let tracks = [Labelled { found, is_vehicle: false }];
+            let found = matched.evaluable[0].detection.unwrap();
+            let tracks = [ClassifiedTrack { found, is_vehicle: false }];
             let frame = FrameResult {
                 matched: &matched,
                 false_tracks: &[7],
@@ -421,17 +460,20 @@ mod tests {
             tally.add(&frame);
         }
         let row = tally.row();
-        assert_eq!((row.frames, row.due, row.found), (3, 9, 6));
+        assert_eq!((row.frames, row.evaluable, row.true_positives), (3, 9, 6));
         assert_eq!(row.detection_rate, Some(0.6667));
         assert_eq!(row.paper_rate, Some(0.806));
-        // One a frame, every 80 ms; one track.
+        // One per frame, every 80 ms; one track.
         assert_eq!((row.false_per_minute, row.false_tracks_per_minute), (750.0, 250.0));
         assert_eq!(row.missed["cone"], 3);
-        // Cones are no vehicles: right when they are called none.
-        assert_eq!((row.others.due, row.others.tracked, row.others.right, row.vehicles.due), (9, 6, 6, 0));
+        // Cones are not vehicles: right when classified as an obstacle.
+        assert_eq!(
+            (row.others.evaluable, row.others.tracked, row.others.right, row.vehicles.evaluable),
+            (9, 6, 6, 0)
+        );
         assert_eq!((row.class_rate, row.class_rate_of_found), (Some(0.6667), Some(1.0)));
         let near = &row.ranges[1];
-        assert_eq!((near.due, near.found, near.covered), (6, 6, Some(0.5)));
+        assert_eq!((near.evaluable, near.found, near.covered), (6, 6, Some(0.5)));
         assert!([Some(2.0), Some(5.0)].contains(&near.median_percent), "{near:?}");
         assert_eq!(row.ranges[4].median_percent, None);
         let text = WeatherReport { method: "fast".into(), rows: vec![row] }.to_string();

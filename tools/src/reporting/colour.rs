@@ -1,8 +1,8 @@
-//! Disparity as colour: blue is far, red is near, black is unknown.
+//! Disparity colour maps: blue is far, red is near, black is unknown.
 
 use crate::reporting::picture::{Colour, Picture};
 
-/// A rainbow of even brightness steps, from dark blue (0) to dark red (1).
+/// A rainbow colour map with even brightness steps, from dark blue (0) to dark red (1).
 pub fn rainbow(share: f32) -> Colour {
     const STOPS: [[f32; 3]; 9] = [
         [48.0, 18.0, 59.0],
@@ -22,8 +22,8 @@ pub fn rainbow(share: f32) -> Colour {
     std::array::from_fn(|c| (STOPS[i][c] * (1.0 - part) + STOPS[i + 1][c] * part).round() as u8)
 }
 
-/// A disparity map (1/256 px, 0 = unknown) in colour. `max_px` is red; the scale is that of
-/// the square root, which spreads far distances.
+/// A disparity map (1/256 px, 0 = unknown) in colour. `max_px` is red; the square-root scale spreads far
+/// distances.
 pub fn disparity(disparity: &[u16], width: usize, height: usize, max_px: f32) -> Picture {
     let colours = disparity.iter().map(|&d| match d {
         0 => [0, 0, 0],

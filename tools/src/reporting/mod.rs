@@ -1,4 +1,4 @@
-//! What people look at: pictures, plots, overlays, records of frames and summaries of runs.
+//! Output formats: images, plots, overlays, frame records and run summaries.
 
 pub mod colour;
 pub mod output;

@@ -1,4 +1,4 @@
-//! Results of a run as files: overlays, disparity maps, `obstacles.jsonl` and `summary.json`.
+//! Output files of a run: overlays, disparity maps, `obstacles.jsonl` and `summary.json`.
 
 use crate::reporting::overlay::{self, OverlayInput};
 use crate::reporting::picture::{PictureError, save_disparity};
@@ -9,29 +9,29 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A line per frame.
+/// One line per frame.
 const LINES: &str = "obstacles.jsonl";
 
-/// The figures of the run.
+/// Summary of the run.
 const SUMMARY: &str = "summary.json";
 
-/// Results cannot be written.
+/// Errors when writing results.
 #[derive(Debug, Error)]
 pub enum OutputError {
-    /// A folder or file.
+    /// A folder or file cannot be written.
     #[error("{}: {source}: give a folder that can be written with --out", path.display())]
     Io {
-        /// What was written.
+        /// Path that was written.
         path: PathBuf,
-        /// Why it failed.
+        /// Cause.
         source: io::Error,
     },
-    /// A picture.
+    /// An image cannot be written.
     #[error(transparent)]
     Picture(#[from] PictureError),
 }
 
-/// Writes frames into a folder, in the order in which they come.
+/// Writes frames to a folder in order of arrival.
 #[derive(Debug)]
 pub struct FrameWriter {
     folder: PathBuf,
@@ -40,11 +40,11 @@ pub struct FrameWriter {
     last: Option<u64>,
 }
 
-/// Makes the folder and its parts, and removes the results of an earlier run, which would be
-/// mistaken for this one's: pictures named by a frame number, lines and summary, nothing else.
+/// Creates the folder and its subfolders, and removes the results of an earlier run: images named by a frame
+/// number, `obstacles.jsonl` and `summary.json`, nothing else.
 ///
 /// # Errors
-/// When that cannot be done.
+/// When a folder cannot be created or a file cannot be removed.
 pub fn prepare(folder: &Path) -> Result<(), OutputError> {
     for name in [LINES, SUMMARY] {
         let path = folder.join(name);
@@ -68,8 +68,7 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
 }
 
 impl FrameWriter {
-    /// Opens the folder, which [`prepare`] has made. A writer that takes over from another adds its
-    /// lines to those that are there.
+    /// Opens a folder created by [`prepare`]. A writer that replaces another one appends to its lines.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -84,13 +83,13 @@ impl FrameWriter {
         Ok(Self { folder: folder.to_owned(), lines, lines_path, last })
     }
 
-    /// Number of the last frame that was written, also by the writer before this one.
+    /// Number of the last written frame, including those of a previous writer.
     pub fn last(&self) -> Option<u64> {
         self.last
     }
 
-    /// Writes the line of a frame; with images also its overlay and its disparity map. The line
-    /// comes last: where it is, the pictures are whole.
+    /// Writes the record of a frame and, given images, its overlay and disparity map. The line is written last: if
+    /// it exists, the images are complete.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -108,14 +107,14 @@ impl FrameWriter {
         let io = |source| OutputError::Io { path: self.lines_path.clone(), source };
         let mut line = serde_json::to_vec(record).map_err(|e| io(e.into()))?;
         line.push(b'\n');
-        // One write per line: a killed writer leaves no half line.
+        // One write per line, so that a killed writer leaves no partial line.
         self.lines.write_all(&line).map_err(io)?;
         self.last = Some(record.sequence);
         Ok(())
     }
 }
 
-/// Number of the frame in the last line of a file; `None` when there is none.
+/// Sequence number in the last line of a file; `None` when there is none.
 fn last_sequence(path: &Path) -> Option<u64> {
     let text = std::fs::read_to_string(path).ok()?;
     let record: FrameRecord = serde_json::from_str(text.lines().last()?).ok()?;
@@ -164,7 +163,7 @@ mod tests {
         assert_eq!(sequences, [7, 8]);
         assert!(out.join("overlay/000007.png").is_file() && out.join("disparity/000007.png").is_file());
         write_summary(&out, &RunSummary::default()).unwrap();
-        // A new run removes the pictures of the old one, and nothing else.
+        // A new run removes the images of the old one and nothing else.
         std::fs::write(out.join("overlay/mine.png"), b"x").unwrap();
         prepare(&out).unwrap();
         assert!(!out.join("overlay/000007.png").exists() && out.join("overlay/mine.png").exists());

@@ -1,4 +1,4 @@
-//! The left image with what was found in it.
+//! The left image with road, obstacles and alarm drawn over it.
 
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
@@ -10,10 +10,10 @@ const GREEN: Colour = [60, 220, 90];
 const WHITE: Colour = [240, 240, 240];
 const YELLOW: Colour = [250, 230, 60];
 
-/// Columns and rows of the road's left and right edges, where they are seen, from near to far.
+/// Columns and rows of the road's left and right edges, where visible, from near to far.
 pub type EdgePoints = [[Option<(i32, i32)>; 2]; SEGMENTS];
 
-/// What an overlay is drawn from: images of one size, row after row.
+/// Input of an overlay: images of one size, row-major.
 #[derive(Clone, Copy, Debug)]
 pub struct OverlayInput<'a> {
     /// Left image.
@@ -22,7 +22,7 @@ pub struct OverlayInput<'a> {
     pub disparity: &'a [u16],
     /// Disparity of the road in each row, in px; 0 above it.
     pub profile_px: &'a [f32],
-    /// Where the road ends to either side.
+    /// Points of the road's edges.
     pub edges: EdgePoints,
     /// Width in pixels.
     pub width: usize,
@@ -30,13 +30,13 @@ pub struct OverlayInput<'a> {
     pub height: usize,
 }
 
-/// Draws the road surface in green and obstacles as [`draw`] does, without any text: for what is shown smaller.
+/// Draws the road surface in green and obstacles as [`draw`] does, without text: for reduced views.
 pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, false)
 }
 
-/// Draws the road surface in green, its edges in yellow, confirmed obstacles in red with class,
-/// distance and its error, others in orange, and the alarm on top.
+/// Draws the road surface in green, its edges in yellow, confirmed obstacles in red with class, distance and its
+/// standard deviation, unconfirmed ones in orange, and the alarm at the top.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, true)
 }
@@ -63,7 +63,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
             }
         }
     }
-    // Far ones first, so that near ones lie on top.
+    // Far ones first, so that near ones are drawn over them.
     let mut order: Vec<&ObstacleLine> = record.obstacles.iter().collect();
     order.sort_by(|a, b| b.distance_m.total_cmp(&a.distance_m));
     for obstacle in order {
@@ -74,7 +74,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
         if obstacle.class != "obstacle" {
             label = format!("{} {label}", obstacle.class);
         }
-        // Only where there is room for it.
+        // Only where there is enough space.
         if with_text && obstacle.width_px >= 24 {
             picture.text(&label, obstacle.x_px as i32, obstacle.y_px as i32 - 13, colour);
         }
@@ -121,7 +121,7 @@ mod tests {
                 nearest_m: Some(6.1),
                 ..AlarmLine::default()
             },
-            // A box that reaches outside must not panic.
+            // A box beyond the image border must not panic.
             obstacles: vec![obstacle(20, true), obstacle(100, false), obstacle(190, true)],
             ..FrameRecord::default()
         };

@@ -1,4 +1,4 @@
-//! A colour picture that can be drawn on and saved.
+//! An RGB image with drawing functions and PNG output.
 
 use embedded_graphics::mono_font::{MonoTextStyle, ascii};
 use embedded_graphics::pixelcolor::Rgb888;
@@ -13,20 +13,20 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A picture cannot be written.
+/// An image cannot be written.
 #[derive(Debug, Error)]
 #[error("{}: cannot be written: {reason}", path.display())]
 pub struct PictureError {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Why.
+    /// Cause.
     pub reason: String,
 }
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
-/// A picture of 24-bit pixels.
+/// An image with 24 bits per pixel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     data: Vec<u8>,
@@ -35,16 +35,16 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture in one colour.
+    /// An image of one colour.
     ///
     /// # Panics
     /// When it is empty.
     pub fn new(width: usize, height: usize, colour: Colour) -> Self {
-        assert!(width > 0 && height > 0, "a picture has at least one pixel");
+        assert!(width > 0 && height > 0, "an image has at least one pixel");
         Self { data: colour.repeat(width * height), width, height }
     }
 
-    /// A picture from one colour per pixel, row after row.
+    /// An image from one colour per pixel, row-major.
     ///
     /// # Panics
     /// When there are not exactly `width` × `height` pixels.
@@ -64,18 +64,18 @@ impl Picture {
         self.height
     }
 
-    /// Red, green and blue of every pixel, row after row.
+    /// Red, green and blue of every pixel, row-major.
     pub fn as_bytes(&self) -> &[u8] {
         &self.data
     }
 
-    /// The colour of a pixel inside the picture.
+    /// Colour of a pixel inside the image.
     pub fn at(&self, x: usize, y: usize) -> Colour {
         let i = 3 * (y * self.width + x);
         [self.data[i], self.data[i + 1], self.data[i + 2]]
     }
 
-    /// Mixes `colour` into a pixel, `share` of 256; outside the picture nothing happens.
+    /// Blends `colour` into a pixel with weight `share` ÷ 256; ignored outside the image.
     pub fn tint(&mut self, x: usize, y: usize, colour: Colour, share: u16) {
         if x >= self.width || y >= self.height {
             return;
@@ -86,7 +86,7 @@ impl Picture {
         }
     }
 
-    /// Draws a frame `thickness` pixels strong, inside the given box.
+    /// Draws a rectangle outline `thickness` pixels wide, inside the given box.
     pub fn frame(&mut self, bounds: [u32; 4], colour: Colour, thickness: u32) {
         let [x, y, width, height] = bounds;
         let style = embedded_graphics::primitives::PrimitiveStyleBuilder::new()
@@ -98,7 +98,7 @@ impl Picture {
         never_fails(Rectangle::new(top_left, Size::new(width, height)).into_styled(style).draw(self));
     }
 
-    /// Fills a box.
+    /// Fills a rectangle.
     pub fn fill(&mut self, bounds: [i32; 4], colour: Colour) {
         let [x, y, width, height] = bounds;
         let size = Size::new(width.max(0) as u32, height.max(0) as u32);
@@ -112,8 +112,8 @@ impl Picture {
         never_fails(Line::new(from.into(), to.into()).into_styled(style).draw(self));
     }
 
-    /// Writes text with its upper left corner at (`x`, `y`), on a dark ground that makes it
-    /// readable anywhere. The font has ASCII only; "±" is written as "+-".
+    /// Draws text with its upper left corner at (`x`, `y`), on a dark background for readability. The font has
+    /// ASCII only; "±" is written as "+-".
     pub fn text(&mut self, text: &str, x: i32, y: i32, colour: Colour) {
         let text = text.replace('±', "+-");
         let font = &ascii::FONT_7X13_BOLD;
@@ -123,7 +123,7 @@ impl Picture {
         never_fails(Text::with_baseline(&text, Point::new(x, y), style, Baseline::Top).draw(self));
     }
 
-    /// Saves the picture as PNG, fast rather than small.
+    /// Saves the image as PNG with fast compression.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -140,7 +140,7 @@ fn save_png(
     colour: ExtendedColorType,
 ) -> Result<(), PictureError> {
     let fail = |reason: String| PictureError { path: path.to_owned(), reason };
-    // Whole or not at all: a process may be killed while it writes.
+    // Written to a temporary file and renamed: the process may be killed while writing.
     let part = path.with_extension("part");
     let file = BufWriter::new(File::create(&part).map_err(|e| fail(e.to_string()))?);
     PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Up)
@@ -149,7 +149,7 @@ fn save_png(
     std::fs::rename(&part, path).map_err(|e| fail(e.to_string()))
 }
 
-/// Saves a disparity map (1/256 px, 0 = unknown) as 16-bit PNG: the format of KITTI.
+/// Saves a disparity map (1/256 px, 0 = unknown) as 16-bit PNG in KITTI's format.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -159,7 +159,7 @@ pub fn save_disparity(
     width: usize,
     height: usize,
 ) -> Result<(), PictureError> {
-    // The encoder takes native byte order.
+    // The encoder expects native byte order.
     let bytes: Vec<u8> = disparity.iter().flat_map(|d| d.to_ne_bytes()).collect();
     save_png(path, &bytes, width, height, ExtendedColorType::L16)
 }

@@ -1,14 +1,14 @@
-//! Plots with axes: lines over frames, bars of a histogram.
+//! Bitmap plots with axes: line plots and bar charts.
 
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::tidy;
 
-/// One line, or one colour of bars, of a plot.
+/// One data series of a plot.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What it shows.
+    /// Label in the legend.
     pub name: String,
-    /// (x, y), x rising.
+    /// (x, y) with increasing x.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -16,7 +16,7 @@ const COLOURS: [Colour; 6] =
     [[80, 160, 255], [255, 120, 60], [90, 210, 110], [220, 110, 240], [240, 240, 240], [250, 220, 80]];
 const MARGIN: i32 = 50;
 
-/// A step of 1, 2 or 5 times a power of ten that divides a range into about five.
+/// A tick step of 1, 2 or 5 times a power of ten that divides a range into about five parts.
 fn step(range: f64) -> f64 {
     let rough = (range / 5.0).max(1e-9);
     let power = 10_f64.powf(rough.log10().floor());
@@ -29,7 +29,7 @@ fn step(range: f64) -> f64 {
     factor * power
 }
 
-/// An empty plot and where its points lie.
+/// An empty plot and its coordinate transform.
 struct Axes {
     picture: Picture,
     left: f64,
@@ -41,7 +41,7 @@ const GRID: Colour = [58, 62, 70];
 const INK: Colour = [190, 195, 205];
 
 impl Axes {
-    /// Axes from `left` to `right` and from 0 to a little above `top`, with their grid.
+    /// Axes from `left` to `right` and from 0 to slightly above `top`, with grid lines.
     fn new(title: &str, (left, right): (f64, f64), top: f64) -> Self {
         let picture = Picture::new(900, 420, [24, 26, 30]);
         let mut axes = Self { picture, left, right, top: top * 1.08 };
@@ -72,7 +72,7 @@ impl Axes {
         (px.round() as i32, py.round() as i32)
     }
 
-    /// Names every series in its colour.
+    /// Adds the legend.
     fn legend(mut self, series: &[Series]) -> Picture {
         let mut x = MARGIN;
         for (line, colour) in series.iter().zip(COLOURS.iter().cycle()) {
@@ -87,7 +87,7 @@ fn finite(series: &[Series]) -> impl Iterator<Item = &(f64, f64)> {
     series.iter().flat_map(|s| &s.points).filter(|(x, y)| x.is_finite() && y.is_finite())
 }
 
-/// Draws lines with axes that start at zero, `unit` on the upright one.
+/// Draws a line plot with axes from zero; `unit` labels the y axis.
 pub fn lines(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
     let right = finite(series).map(|p| p.0).fold(1.0, f64::max);
     let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
@@ -103,8 +103,8 @@ pub fn lines(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Pictur
     axes.legend(series)
 }
 
-/// Draws bars that stand on zero, those of all series side by side around their x; `unit` on the
-/// upright axis. All series have the same evenly spaced x.
+/// Draws a bar chart; the bars of all series are grouped around their x. `unit` labels the y axis. All series
+/// have the same equidistant x.
 pub fn bars(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
     let low = finite(series).map(|p| p.0).fold(f64::INFINITY, f64::min);
     let high = finite(series).map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
@@ -142,7 +142,7 @@ mod tests {
         let picture = lines("test", "frame", "ms", &[Series { name: "a".into(), points }]);
         let coloured = |x: usize| (0..picture.height()).any(|y| picture.at(x, y) == COLOURS[0]);
         assert!(coloured(700) && coloured(800));
-        // Nothing to show is no reason to panic.
+        // Empty data do not panic.
         lines("empty", "frame", "ms", &[]);
     }
     #[test]
@@ -154,7 +154,7 @@ mod tests {
         let picture = bars("test", "px", "%", &[series("a", 10.0), series("b", 5.0)]);
         let count =
             |colour: Colour, y: usize| (0..picture.width()).filter(|&x| picture.at(x, y) == colour).count();
-        // Low down both colours are as broad; high up only the tall ones are there.
+        // Near the bottom both colours have the same width; near the top only the tall bars remain.
         assert!(count(COLOURS[0], 370) > 200 && count(COLOURS[1], 370) > 200);
         assert!(count(COLOURS[0], 120) > 200 && count(COLOURS[1], 120) == 0);
         bars("empty", "px", "%", &[]);

@@ -1,4 +1,4 @@
-//! Clouds of points as PLY files: binary, little-endian, a colour for each point.
+//! Point clouds as PLY files: binary, little-endian, one colour per point.
 
 use crate::reporting::picture::Colour;
 use std::fs::File;
@@ -6,10 +6,10 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Bytes of a point: three f32, three u8.
+/// Bytes per point: three f32, three u8.
 const POINT_BYTES: usize = 15;
 
-/// A cloud cannot be written.
+/// A point cloud cannot be written.
 #[derive(Debug, Error)]
 #[error("{}: cannot be written: {source}", path.display())]
 pub struct PlyError {
@@ -17,8 +17,8 @@ pub struct PlyError {
     source: io::Error,
 }
 
-/// Writes points (x, y, z in metres, and a fourth value) with the colour that `colour` gives each. The file
-/// appears whole or not at all.
+/// Writes points (x, y, z in metres, and a fourth value) with the colour that `colour` returns for each. The
+/// file is written atomically.
 ///
 /// # Errors
 /// When it cannot be written.

@@ -1,15 +1,15 @@
-//! What came out of one frame: a line of `obstacles.jsonl`.
+//! The result of one frame: a line of `obstacles.jsonl`.
 
 use serde::{Deserialize, Serialize};
 
-/// One frame. Units are in the names of the keys.
+/// Record of one frame. Field names contain the units.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameRecord {
-    /// Number of the pair in its source, from 0.
+    /// Index of the pair in its source, from 0.
     pub sequence: u64,
-    /// Time in the scene, in seconds.
+    /// Source time, in seconds.
     pub time_s: f64,
-    /// The road; `null` when none was seen.
+    /// The road; `null` when it was not detected.
     pub road: Option<RoadLine>,
     /// The alarm.
     pub alarm: AlarmLine,
@@ -17,85 +17,85 @@ pub struct FrameRecord {
     pub obstacles: Vec<ObstacleLine>,
 }
 
-/// The road of a frame.
+/// Road estimate of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RoadLine {
-    /// Height of the camera above it.
+    /// Height of the camera above the road.
     pub camera_height_m: f64,
-    /// Row where it reaches infinity.
+    /// Row of the horizon, where the road's disparity is zero.
     pub horizon_px: f64,
-    /// Share of rows in which it is supported, 0 to 1.
+    /// Share of rows that support the estimate, 0 to 1.
     pub confidence: f64,
 }
 
-/// The alarm of a frame.
+/// Alarm state of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AlarmLine {
     /// `off`, `standby`, `warning` or `alarm`.
     pub level: String,
     /// The rule that raised it: `distance`, `time_to_collision` or `deceleration`.
     pub rule: Option<String>,
-    /// The track that caused it.
+    /// The track that triggered the alarm.
     pub track: Option<u32>,
-    /// Whether the level is another than in the frame before.
+    /// Whether the level changed since the previous frame.
     pub changed: bool,
-    /// Nearest obstacle in the path.
+    /// Distance of the nearest obstacle in the path.
     pub nearest_m: Option<f64>,
-    /// The track's time to collision.
+    /// Time to collision of the track.
     pub time_to_collision_s: Option<f64>,
-    /// Braking that would stop the vehicle before it.
+    /// Deceleration needed to stop before it.
     pub required_deceleration_m_s2: Option<f64>,
-    /// Why it is off.
+    /// Why the alarm is off.
     pub reason: Option<String>,
 }
 
-/// One obstacle.
+/// An obstacle.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ObstacleLine {
-    /// Its track.
+    /// Track number.
     pub track: u32,
-    /// What it is; `obstacle` when no class recognised it.
+    /// Class; `obstacle` when no class was recognised.
     pub class: String,
-    /// Score of the class, where one did.
+    /// Score of the class, if recognised.
     pub score: Option<f64>,
-    /// Whether it was seen often enough to count.
+    /// Whether the track is confirmed by enough detections.
     pub confirmed: bool,
-    /// Frames in a row in which it was out of sight; its place is then the one expected.
+    /// Consecutive frames without detection; the position is predicted then.
     pub missed: u32,
     /// Left column.
     pub x_px: u32,
     /// Top row.
     pub y_px: u32,
-    /// Width.
+    /// Width in the image.
     pub width_px: u32,
-    /// Height.
+    /// Height in the image.
     pub height_px: u32,
-    /// Distance.
+    /// Distance of the near side.
     pub distance_m: f64,
-    /// One standard deviation of it.
+    /// Standard deviation of the distance.
     pub distance_sigma_m: f64,
-    /// To the right of the camera's axis.
+    /// Lateral position right of the camera's axis.
     pub lateral_m: f64,
-    /// Width.
+    /// Physical width.
     pub width_m: f64,
-    /// Height.
+    /// Physical height.
     pub height_m: f64,
-    /// Speed to the right; `null` where one frame cannot tell.
+    /// Lateral velocity to the right; `null` where it cannot be estimated from a single frame.
     pub across_m_s: Option<f64>,
-    /// Closing speed; `null` where one frame cannot tell.
+    /// Closing speed; `null` where it cannot be estimated from a single frame.
     pub closing_m_s: Option<f64>,
-    /// One standard deviation of it.
+    /// Standard deviation of the closing speed.
     pub closing_sigma_m_s: Option<f64>,
-    /// Time to collision; `null` when it does not close in.
+    /// Time to collision; `null` when the obstacle does not approach.
     pub time_to_collision_s: Option<f64>,
-    /// One standard deviation of it.
+    /// Standard deviation of the time to collision.
     pub time_to_collision_sigma_s: Option<f64>,
-    /// Whether the vehicle would meet it in its path.
+    /// Whether it is or will be in the vehicle's path.
     pub in_path: bool,
 }
 
 impl AlarmLine {
-    /// The alarm in a few words: the level, and why.
+    /// One-line description of the alarm: the level and the reason.
     pub fn text(&self) -> String {
         let nearest = self.nearest_m.map_or(String::new(), |m| format!(", nearest in path {m:.1} m"));
         match (self.level.as_str(), self.rule.as_deref()) {
@@ -114,13 +114,13 @@ impl AlarmLine {
     }
 }
 
-/// Four decimals are enough for anything measured here, and keep lines readable. What is not
-/// finite has no place in JSON.
+/// Rounds to four decimals, enough for all measured values and readable. Values that are not finite become 0,
+/// as JSON cannot represent them.
 pub fn tidy(value: f64) -> f64 {
     if value.is_finite() { (value * 1e4).round() / 1e4 } else { 0.0 }
 }
 
-/// [`tidy`], with `None` for what is not finite.
+/// [`tidy`], with `None` for values that are not finite.
 pub fn tidy_finite(value: f64) -> Option<f64> {
     value.is_finite().then(|| tidy(value))
 }

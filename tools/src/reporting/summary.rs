@@ -1,10 +1,10 @@
-//! The summary of a run: what `demo` and `replay` print, and `summary.json`.
+//! The summary of a run, as printed by `demo` and `replay`, and as written to `summary.json`.
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Times of one kind, from which percentiles are taken. Memory does not grow with their number.
+/// A histogram of durations with constant memory.
 #[derive(Clone, Debug)]
 pub struct Latency {
     histogram: Histogram<u64>,
@@ -17,26 +17,26 @@ impl Default for Latency {
 }
 
 impl Latency {
-    /// An empty collection, 1 µs to 1 h with three digits.
+    /// An empty histogram from 1 µs to 1 h with three significant digits.
     ///
     /// # Panics
-    /// Never: the bounds are constants that the library accepts.
+    /// Never: the bounds are valid constants.
     pub fn new() -> Self {
-        let histogram = Histogram::new_with_bounds(1, 3_600_000_000, 3).expect("the bounds are sound");
+        let histogram = Histogram::new_with_bounds(1, 3_600_000_000, 3).expect("the bounds are valid");
         Self { histogram }
     }
 
-    /// Adds a time in nanoseconds.
+    /// Adds a duration in nanoseconds.
     pub fn add_ns(&mut self, ns: u64) {
         self.histogram.saturating_record((ns / 1000).max(1));
     }
 
-    /// How many were added.
+    /// Number of durations.
     pub fn count(&self) -> u64 {
         self.histogram.len()
     }
 
-    /// A percentile in milliseconds; 0 when nothing was added.
+    /// A percentile in milliseconds; 0 for an empty histogram.
     pub fn percentile_ms(&self, percentile: f64) -> f64 {
         if self.histogram.is_empty() {
             return 0.0;
@@ -44,7 +44,7 @@ impl Latency {
         self.histogram.value_at_percentile(percentile) as f64 / 1000.0
     }
 
-    /// The usual percentiles.
+    /// Median, 99th percentile and maximum.
     pub fn percentiles(&self) -> Percentiles {
         Percentiles {
             p50_ms: self.percentile_ms(50.0),
@@ -54,79 +54,79 @@ impl Latency {
     }
 }
 
-/// Percentiles of a time.
+/// Percentiles of a duration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
     /// Median.
     pub p50_ms: f64,
     /// 99th percentile.
     pub p99_ms: f64,
-    /// The greatest.
+    /// Maximum.
     #[serde(rename = "greatest_ms")]
     pub max_ms: f64,
 }
 
-/// One process of a run.
+/// Summary of one process.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ProcessSummary {
-    /// Its role.
+    /// Role of the process.
     pub role: String,
-    /// The core that it was pinned to.
+    /// The core it was pinned to.
     pub core: Option<u32>,
-    /// Frames that it finished.
+    /// Processed frames.
     pub frames: u64,
-    /// Frames that newer ones overtook before it took them up.
+    /// Frames that were replaced by newer ones before processing.
     pub skipped: u64,
-    /// Messages that it refused.
+    /// Messages that failed validation.
     pub refused: u64,
-    /// Its own work on a frame.
+    /// Processing time per frame.
     pub work: Percentiles,
-    /// Age of a frame when it took it up.
+    /// Age of a frame at the start of processing.
     pub age: Percentiles,
-    /// Share of one core over the run, in percent.
+    /// CPU usage over the run, in percent of one core.
     pub cpu_percent: f64,
-    /// Greatest resident memory of its own.
+    /// Peak private resident memory.
     pub private_bytes: u64,
-    /// Heap allocations for frames, once the process had all the memory that it needs.
+    /// Heap allocations while processing frames, after the warm-up.
     #[serde(default)]
     pub allocations: u64,
-    /// How often it was restarted.
+    /// Number of restarts.
     pub restarts: u32,
 }
 
-/// A change of what the check of the calibration says.
+/// A change of the calibration monitor's state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationChange {
-    /// The frame that it was found in.
+    /// Sequence number of the frame.
     pub sequence: u64,
     /// `good` or `degraded`.
     pub state: String,
-    /// The same in words, with the figures.
+    /// Description with the measured values.
     pub text: String,
-    /// Largest offset of rows in the picture, in pixels.
+    /// Largest row offset in the image, in pixels.
     pub worst_px: f64,
-    /// By how much the right picture's rows were shifted then, in pixels.
+    /// Row correction applied to the right image at that time, in pixels.
     pub corrected_px: f64,
 }
 
-/// A change of the alarm.
+/// A change of the alarm level.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AlarmChange {
-    /// The frame that it came with.
+    /// Sequence number of the frame.
     pub sequence: u64,
     /// `off`, `standby`, `warning` or `alarm`.
     pub level: String,
-    /// The rule that raised it.
+    /// The rule that raised the alarm.
     pub rule: Option<String>,
-    /// The track that did.
+    /// The track that triggered it.
     pub track: Option<u32>,
-    /// Nearest obstacle in the path.
+    /// Distance of the nearest obstacle in the path.
     pub nearest_m: Option<f64>,
-    /// The track's time to collision.
+    /// Time to collision of the track.
     pub time_to_collision_s: Option<f64>,
-    /// Braking that would stop the vehicle before it.
+    /// Deceleration needed to stop before it.
     pub required_deceleration_m_s2: Option<f64>,
-    /// Why it is off; empty otherwise.
+    /// Why the alarm is off; empty otherwise.
     pub reason: String,
 }
 
@@ -155,41 +155,41 @@ impl fmt::Display for AlarmChange {
     }
 }
 
-/// A run.
+/// Summary of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunSummary {
     /// Seconds from the first result to the last.
     pub seconds: f64,
     /// Seconds from the start to the first result.
     pub first_result_s: f64,
-    /// Pairs that capture published.
+    /// Pairs published by capture.
     pub offered: u64,
-    /// Frames that came out at the end.
+    /// Frames with a final result.
     pub frames: u64,
-    /// Frames that newer ones overtook on the way, all stages together.
+    /// Frames replaced by newer ones on the way, in all stages.
     pub dropped: u64,
-    /// Frames that ended otherwise: with a stage that died, or with the run.
+    /// Frames lost with a stage that died or at the end of the run.
     pub lost: u64,
-    /// Frames a second.
+    /// Results per second.
     pub rate_hz: f64,
-    /// Capture to obstacles.
+    /// Latency from capture to obstacles.
     pub latency: Percentiles,
-    /// Frames that took longer than the deadline, if there is one.
+    /// Frames that exceeded the deadline, if there is one.
     #[serde(default)]
     pub late: u64,
-    /// The processes.
+    /// Processes.
     pub processes: Vec<ProcessSummary>,
-    /// Shared memory of the daemon that was touched, counted once.
+    /// Shared memory pages touched by the daemon, counted once.
     pub shared_bytes: u64,
-    /// Resident pages of the program file, counted once.
+    /// Resident pages of the executable, counted once.
     pub file_bytes: u64,
-    /// How often the alarm was raised.
+    /// Number of alarms.
     pub alarms: u32,
-    /// Restarts of all stages together.
+    /// Restarts of all stages.
     pub restarts: u32,
-    /// When the calibration was found good or degraded; the first hundred times.
+    /// Changes of the calibration monitor's state, up to one hundred.
     pub calibration: Vec<CalibrationChange>,
-    /// When the alarm changed, and why; the first hundred times.
+    /// Changes of the alarm level with reasons, up to one hundred.
     #[serde(default)]
     pub alarm_changes: Vec<AlarmChange>,
 }
@@ -249,7 +249,7 @@ impl fmt::Display for RunSummary {
         write!(
             f,
             "{} of {} pairs in {:.1} s: {:.1} per second, first result after {:.2} s, {} alarms; \
-             times in ms; the last line's memory counts {:.1} MiB of shared memory and {:.1} MiB of the \
+             times in ms; the memory in the last line includes {:.1} MiB of shared memory and {:.1} MiB of the \
              program once",
             self.frames,
             self.offered,
@@ -260,7 +260,7 @@ impl fmt::Display for RunSummary {
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
         )?;
-        // Good all the time is nothing to speak of.
+        // Reported only when the state was ever different from good.
         if self.calibration.iter().any(|change| change.state != "good") {
             for change in &self.calibration {
                 write!(f, "\ncalibration, frame {}: {}", change.sequence, change.text)?;
@@ -288,7 +288,7 @@ mod tests {
         let p = latency.percentiles();
         assert!((p.p50_ms - 50.0).abs() < 0.5 && (p.p99_ms - 99.0).abs() < 0.5, "{p:?}");
         assert!((p.max_ms - 100.0).abs() < 0.5);
-        // Beyond the range it saturates.
+        // Saturates at the upper bound.
         latency.add_ns(u64::MAX);
         assert_eq!(latency.count(), 101);
     }

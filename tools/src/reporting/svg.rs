@@ -1,32 +1,32 @@
-//! Plots as SVG: lines or dots over axes with round numbers.
+//! Vector plots (SVG): lines or dots with axes and round tick values.
 
 use std::fmt::Write;
 
-/// One line, or one colour of dots.
+/// One data series.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What it shows.
+    /// Label in the legend.
     pub name: String,
-    /// (x, y); what is no number is left out.
+    /// (x, y); values that are not finite are skipped.
     pub points: Vec<(f64, f64)>,
-    /// Dots instead of a line.
+    /// Draw dots instead of a line.
     pub dots: bool,
 }
 
 /// A plot.
 #[derive(Clone, Debug, Default)]
 pub struct Plot {
-    /// Above it.
+    /// Title above the plot.
     pub title: String,
-    /// Below it, with unit.
+    /// Label of the x axis, with unit.
     pub x_name: String,
-    /// Beside it, with unit.
+    /// Label of the y axis, with unit.
     pub y_name: String,
-    /// What is shown.
+    /// Data series.
     pub series: Vec<Series>,
-    /// A line across, with its name: a budget.
+    /// A horizontal line with its label, such as a budget.
     pub limit: Option<(String, f64)>,
-    /// Marks of the x axis; empty takes round numbers.
+    /// Ticks of the x axis; round numbers if empty.
     pub x_marks: Vec<(f64, String)>,
 }
 
@@ -38,7 +38,7 @@ const TOP: f64 = 58.0;
 const BOTTOM: f64 = 52.0;
 const COLOURS: [&str; 6] = ["#1f6fc5", "#d1540f", "#1d8a3c", "#9133b5", "#5d6570", "#b08900"];
 
-/// A step of 1, 2 or 5 times a power of ten that divides a range into about five.
+/// A tick step of 1, 2 or 5 times a power of ten that divides a range into about five parts.
 fn step(range: f64) -> f64 {
     let rough = (range / 5.0).max(1e-12);
     let power = 10_f64.powf(rough.log10().floor());
@@ -51,7 +51,7 @@ fn step(range: f64) -> f64 {
     factor * power
 }
 
-/// A number with as many decimals as its step needs.
+/// A number with as many decimals as its tick step needs.
 fn number(value: f64, step: f64) -> String {
     let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{value:.decimals$}")
@@ -61,21 +61,31 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// Maps data values to positions in the drawing.
+struct Axes {
+    left: f64,
+    right: f64,
+    top: f64,
+}
+
+impl Axes {
+    fn x(&self, v: f64) -> f64 {
+        LEFT + (v - self.left) / (self.right - self.left) * (WIDTH - LEFT - RIGHT)
+    }
+
+    fn y(&self, v: f64) -> f64 {
+        HEIGHT - BOTTOM - v / self.top * (HEIGHT - TOP - BOTTOM)
+    }
+}
+
 impl Plot {
-    /// The file's text. The upright axis starts at zero.
+    /// The SVG document. The y axis starts at zero.
     pub fn to_svg(&self) -> String {
         let finite = |s: &Series| -> Vec<(f64, f64)> {
             s.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect()
         };
         let series: Vec<Vec<(f64, f64)>> = self.series.iter().map(finite).collect();
-        let all = || series.iter().flatten();
-        let left = all().map(|p| p.0).fold(f64::INFINITY, f64::min);
-        let right = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
-        let (left, right) = if left < right { (left, right) } else { (0.0, 1.0) };
-        let limit = self.limit.as_ref().map_or(0.0, |(_, y)| *y);
-        let top = all().map(|p| p.1).fold(limit.max(1e-9), f64::max) * 1.08;
-        let x = |v: f64| LEFT + (v - left) / (right - left) * (WIDTH - LEFT - RIGHT);
-        let y = |v: f64| HEIGHT - BOTTOM - v / top * (HEIGHT - TOP - BOTTOM);
+        let axes = self.axes(&series);
         let mut out = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" \
              font-family=\"sans-serif\" font-size=\"12\">\n\
@@ -83,11 +93,30 @@ impl Plot {
              <text x=\"{LEFT}\" y=\"20\" font-size=\"15\">{}</text>\n",
             escape(&self.title)
         );
-        let (floor, ceiling) = (y(0.0), y(top));
-        let y_step = step(top);
-        for i in 0..=(top / y_step) as u32 {
+        self.write_grid(&mut out, &axes);
+        self.write_limit(&mut out, &axes);
+        self.write_series(&mut out, &axes, &series);
+        out.push_str("</svg>\n");
+        out
+    }
+
+    fn axes(&self, series: &[Vec<(f64, f64)>]) -> Axes {
+        let all = || series.iter().flatten();
+        let left = all().map(|p| p.0).fold(f64::INFINITY, f64::min);
+        let right = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+        let (left, right) = if left < right { (left, right) } else { (0.0, 1.0) };
+        let limit = self.limit.as_ref().map_or(0.0, |(_, y)| *y);
+        let top = all().map(|p| p.1).fold(limit.max(1e-9), f64::max) * 1.08;
+        Axes { left, right, top }
+    }
+
+    /// Grid lines with their tick labels, and the names of both axes.
+    fn write_grid(&self, out: &mut String, axes: &Axes) {
+        let (floor, ceiling) = (axes.y(0.0), axes.y(axes.top));
+        let y_step = step(axes.top);
+        for i in 0..=(axes.top / y_step) as u32 {
             let value = f64::from(i) * y_step;
-            let at = y(value);
+            let at = axes.y(value);
             let _ = writeln!(
                 out,
                 "<path d=\"M{LEFT} {at:.1}H{:.1}\" stroke=\"#dddddd\"/><text x=\"{:.1}\" y=\"{:.1}\" \
@@ -100,15 +129,15 @@ impl Plot {
         }
         let mut marks = self.x_marks.clone();
         if marks.is_empty() {
-            let x_step = step(right - left);
-            let (first, last) = ((left / x_step).ceil() as i64, (right / x_step).floor() as i64);
+            let x_step = step(axes.right - axes.left);
+            let (first, last) = ((axes.left / x_step).ceil() as i64, (axes.right / x_step).floor() as i64);
             marks = (first..=last)
                 .map(|i| i as f64 * x_step)
                 .map(|value| (value, number(value, x_step)))
                 .collect();
         }
-        for (value, name) in marks.iter().filter(|(value, _)| (left..=right).contains(value)) {
-            let at = x(*value);
+        for (value, name) in marks.iter().filter(|(value, _)| (axes.left..=axes.right).contains(value)) {
+            let at = axes.x(*value);
             let _ = writeln!(
                 out,
                 "<path d=\"M{at:.1} {floor:.1}V{ceiling:.1}\" stroke=\"#dddddd\"/><text x=\"{at:.1}\" y=\"{:.1}\" \
@@ -127,18 +156,24 @@ impl Plot {
             (floor + ceiling) / 2.0,
             escape(&self.y_name)
         );
-        if let Some((name, value)) = &self.limit {
-            let at = y(*value);
-            let _ = writeln!(
-                out,
-                "<path d=\"M{LEFT} {at:.1}H{:.1}\" stroke=\"#c00000\" stroke-dasharray=\"6 4\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\" fill=\"#c00000\">{}</text>",
-                WIDTH - RIGHT,
-                WIDTH - RIGHT - 4.0,
-                at - 5.0,
-                escape(name)
-            );
-        }
+    }
+
+    fn write_limit(&self, out: &mut String, axes: &Axes) {
+        let Some((name, value)) = &self.limit else { return };
+        let at = axes.y(*value);
+        let _ = writeln!(
+            out,
+            "<path d=\"M{LEFT} {at:.1}H{:.1}\" stroke=\"#c00000\" stroke-dasharray=\"6 4\"/>\
+             <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\" fill=\"#c00000\">{}</text>",
+            WIDTH - RIGHT,
+            WIDTH - RIGHT - 4.0,
+            at - 5.0,
+            escape(name)
+        );
+    }
+
+    /// The data, and the legend below the title.
+    fn write_series(&self, out: &mut String, axes: &Axes, series: &[Vec<(f64, f64)>]) {
         let mut legend = LEFT;
         for ((points, s), colour) in series.iter().zip(&self.series).zip(COLOURS.iter().cycle()) {
             if s.dots {
@@ -146,13 +181,13 @@ impl Plot {
                     let _ = writeln!(
                         out,
                         "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"2\" fill=\"{colour}\"/>",
-                        x(px),
-                        y(py)
+                        axes.x(px),
+                        axes.y(py)
                     );
                 }
             } else if !points.is_empty() {
                 let path: Vec<String> =
-                    points.iter().map(|&(px, py)| format!("{:.1} {:.1}", x(px), y(py))).collect();
+                    points.iter().map(|&(px, py)| format!("{:.1} {:.1}", axes.x(px), axes.y(py))).collect();
                 let _ = writeln!(
                     out,
                     "<path d=\"M{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>",
@@ -166,8 +201,6 @@ impl Plot {
             );
             legend += 7.0 * s.name.chars().count() as f64 + 24.0;
         }
-        out.push_str("</svg>\n");
-        out
     }
 }
 
@@ -196,13 +229,13 @@ mod tests {
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("budget 4 ms"), "{svg}");
         assert_eq!(svg.matches("<circle").count(), 2);
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-        // The limit lies within the picture, above all points.
+        // The limit is inside the drawing, above all points.
         let from = |text: &str| svg[svg.find(text).unwrap()..].to_owned();
         let limit = from("stroke=\"#c00000\"");
         assert!(limit.contains("budget"));
         let document = roxmltree::Document::parse(&svg).unwrap();
         assert_eq!(document.root_element().tag_name().name(), "svg");
-        // Nothing to show is no reason to panic.
+        // Empty data do not panic.
         roxmltree::Document::parse(&Plot::default().to_svg()).unwrap();
     }
 }

@@ -1,11 +1,11 @@
-//! The v-disparity histogram as a picture, with the road's path.
+//! The v-disparity histogram as an image, with the road profile.
 
 use crate::reporting::picture::{Colour, Picture};
 use perception::road::histogram::{BINS_PER_PX, VDisparity};
 use perception::stereo::DisparityView;
 
-/// Draws counts in grey (by their logarithm), the road's profile in red. One column per bin of
-/// 1/4 px, one row per image row.
+/// Draws counts in grey (logarithmic scale) and the road profile in red. One column per bin of 1/4 px, one row
+/// per image row.
 pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
     let (width, height) = (histogram.bins(), histogram.height());
     let pixels = (0..height).flat_map(|y| histogram.row(y).iter().map(|&c| shade(c)));
@@ -22,8 +22,8 @@ pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
     picture
 }
 
-/// Draws how often each disparity (1/256 px, 0 = unknown) occurs in each row of a map: the counts alone, one
-/// column per 1/4 px below `disparities` px.
+/// Draws the v-disparity histogram of a map (1/256 px, 0 = unknown): counts only, one column per 1/4 px below
+/// `disparities` px.
 pub fn of_map(disparity: DisparityView<'_>, disparities: usize) -> Picture {
     let (width, step) = (disparities.max(1) * BINS_PER_PX, 256 / BINS_PER_PX);
     let mut counts = vec![0_u16; width * disparity.height()];

@@ -1,30 +1,30 @@
-//! Budgets, and the judgement of a run by them.
+//! Budgets of a soak run, and the verdict on them.
 
 use serde::Serialize;
 use std::fmt;
 
-/// A slope is judged when its points span this many seconds: extrapolating less to an hour makes a
-/// leak of every page.
+/// Minimum time span for judging a memory slope, in seconds: extrapolated from a shorter one to an hour, every
+/// page would look like a leak.
 pub const SLOPE_SPAN_S: f64 = 240.0;
 
-/// What a run may take; `[soak]` of the configuration.
+/// Resource budgets of a run: `[soak]` of the configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Budgets {
-    /// Resident memory of all processes, shared memory and program counted once.
+    /// Resident memory of all processes, with shared memory and executable counted once.
     pub memory_bytes: f64,
-    /// Its growth.
+    /// Growth of that memory.
     pub slope_bytes_per_hour: f64,
     /// Time from a fault to the next result.
     pub next_result_s: f64,
-    /// Capture to result, median.
+    /// Median latency from capture to result.
     pub latency_p50_ms: f64,
-    /// 99th percentile, less the machine's own stalls.
+    /// 99th percentile of the latency minus the machine's own stalls.
     pub latency_p99_ms: f64,
-    /// 99.9th percentile, less the machine's own stalls.
+    /// 99.9th percentile of the latency minus the machine's own stalls.
     pub latency_p999_ms: f64,
-    /// Processor time of all processes, in percent of all cores.
+    /// CPU usage of all processes, in percent of all cores.
     pub cpu_percent: f64,
-    /// Results per offered pair, at least.
+    /// Minimum of results per offered pair.
     pub processed_percent: f64,
     /// Entries left in shared memory.
     pub leaked_entries: u64,
@@ -32,34 +32,34 @@ pub struct Budgets {
     pub failed_restarts: u64,
 }
 
-/// What was asked of the daemon; it decides which budgets count.
+/// Load of the run, which determines the applicable budgets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// A rate that it is to keep.
+    /// A sustainable rate.
     Steady,
-    /// The same with faults.
+    /// A sustainable rate with fault injection.
     Faults,
-    /// Twice what it sustains.
+    /// Twice the sustainable rate.
     Overload,
 }
 
-/// What was measured.
+/// Measurements of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// What was asked.
+    /// Load of the run.
     pub kind: Kind,
-    /// Results.
+    /// Number of results.
     pub frames: u64,
-    /// Frames whose latency was judged: those that no fault disturbed.
+    /// Number of frames with judged latency: those not affected by a fault.
     pub judged_frames: u64,
     /// See [`Budgets::memory_bytes`].
     pub memory_bytes: f64,
-    /// Growth in bytes an hour, and the seconds that its points span.
+    /// Growth in bytes per hour, and the time span of its points in seconds.
     pub slope: Option<(f64, f64)>,
-    /// Faults that were made.
+    /// Number of injected faults.
     pub faults: u64,
-    /// The longest time to the next result.
+    /// Longest time from a fault to the next result.
     pub next_result_s: f64,
     /// See [`Budgets::failed_restarts`].
     pub failed_restarts: u64,
@@ -75,23 +75,23 @@ pub struct Figures {
     pub cpu_percent: f64,
     /// See [`Budgets::processed_percent`].
     pub processed_percent: f64,
-    /// 99th percentile of the age at which stereo takes a frame up, in milliseconds.
+    /// 99th percentile of the age of frames at the start of stereo, in milliseconds.
     pub age_p99_ms: f64,
-    /// What bounds it under overload: one period, and the median of stereo's work.
+    /// Bound of that age under overload: one period plus the median processing time of stereo.
     pub age_bound_ms: f64,
     /// Growth of the age over the run, in milliseconds.
     pub age_growth_ms: Option<f64>,
 }
 
-/// How a budget was kept.
+/// Verdict on one budget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Kept.
+    /// Within the budget.
     Pass,
-    /// Not kept.
+    /// Exceeded.
     Fail,
-    /// This run says nothing of it.
+    /// Not applicable to this run.
     NotJudged,
 }
 
@@ -105,29 +105,29 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// One budget with what was measured.
+/// A budget with its measurement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// The key of the budget.
     pub name: &'static str,
-    /// What it is.
+    /// Description.
     pub what: &'static str,
-    /// Unit of both figures.
+    /// Unit of limit and measurement.
     pub unit: &'static str,
-    /// The budget.
+    /// Limit.
     pub limit: f64,
-    /// Whether it is the least rather than the most.
+    /// Whether the limit is a minimum rather than a maximum.
     pub at_least: bool,
-    /// What was measured; `None` where there is nothing.
+    /// Measured value; `None` without a measurement.
     pub measured: Option<f64>,
-    /// Kept or not.
+    /// Verdict.
     pub verdict: Verdict,
     /// Why it is not judged.
     pub why: &'static str,
 }
 
 impl Line {
-    /// In one sentence, for the reasons of a verdict.
+    /// One sentence for the reasons of a failed run.
     pub fn reason(&self) -> String {
         let measured = self.measured.unwrap_or(f64::NAN);
         let bound = if self.at_least { "at least" } else { "at most" };
@@ -141,50 +141,35 @@ impl Line {
 const FAULTY: &str = "restarts are part of this run";
 const OVERLOADED: &str = "more is offered than can be done";
 
+/// A line whose budget is an upper limit; `not_judged` says why it does not count.
+fn at_most(
+    (name, what, unit): (&'static str, &'static str, &'static str),
+    limit: f64,
+    measured: f64,
+    not_judged: Option<&'static str>,
+) -> Line {
+    let verdict = match not_judged {
+        Some(_) => Verdict::NotJudged,
+        // NaN compares false and so fails.
+        None if measured <= limit => Verdict::Pass,
+        None => Verdict::Fail,
+    };
+    let why = not_judged.unwrap_or_default();
+    Line { name, what, unit, limit, at_least: false, measured: Some(measured), verdict, why }
+}
+
 /// Judges a run, budget by budget.
 pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
-    let line = |name, what, unit, limit, measured: f64, not_judged: Option<&'static str>| {
-        let verdict = match not_judged {
-            Some(_) => Verdict::NotJudged,
-            // Written so that what is no number fails.
-            None if measured <= limit => Verdict::Pass,
-            None => Verdict::Fail,
-        };
-        let why = not_judged.unwrap_or_default();
-        Line { name, what, unit, limit, at_least: false, measured: Some(measured), verdict, why }
-    };
     let steady_only = match f.kind {
         Kind::Steady => None,
         Kind::Faults => Some(FAULTY),
         Kind::Overload => Some(OVERLOADED),
     };
-    let latency = |frames: u64| match f.kind {
-        Kind::Overload => Some(OVERLOADED),
-        // Without any frame there is no run to excuse.
-        _ if f.frames > 0 && f.judged_frames < frames => {
-            Some("too few undisturbed frames for this percentile")
-        }
-        _ => None,
-    };
     let growth = match f.slope {
         Some((_, span_s)) if span_s >= SLOPE_SPAN_S => None,
         _ => Some("too short a run: its samples must span four minutes"),
     };
-    let memory =
-        line("memory_bytes", "resident memory, all processes", "bytes", b.memory_bytes, f.memory_bytes, None);
-    let slope = Line {
-        measured: f.slope.map(|(slope, _)| slope),
-        ..line(
-            "slope_bytes_per_hour",
-            "growth of private and of reserved shared memory",
-            "bytes/h",
-            b.slope_bytes_per_hour,
-            f.slope.map_or(f64::NAN, |(slope, _)| slope),
-            growth,
-        )
-    };
-    let (waits, none) = (f.next_result_s, (f.faults == 0).then_some("no fault was made"));
-    let failed = f.failed_restarts as f64;
+    let slope = f.slope.map(|(slope, _)| slope);
     let processed = Line {
         at_least: true,
         verdict: match steady_only {
@@ -192,69 +177,110 @@ pub fn judge(f: &Figures, b: &Budgets) -> Vec<Line> {
             None if f.processed_percent >= b.processed_percent => Verdict::Pass,
             None => Verdict::Fail,
         },
-        ..line(
-            "processed_percent",
-            "results per offered pair",
-            "%",
+        ..at_most(
+            ("processed_percent", "results per offered pair", "%"),
             b.processed_percent,
             f.processed_percent,
             steady_only,
         )
     };
-    let (p50, p99, p999) = (f.latency_p50_ms, f.latency_p99_ms, f.latency_p999_ms);
     let mut lines = vec![
-        line("failed_restarts", "restarts that failed", "", b.failed_restarts as f64, failed, None),
-        line(
-            "leaked_entries",
-            "entries left in shared memory",
-            "",
+        at_most(
+            ("failed_restarts", "restarts that failed", ""),
+            b.failed_restarts as f64,
+            f.failed_restarts as f64,
+            None,
+        ),
+        at_most(
+            ("leaked_entries", "entries left in shared memory", ""),
             b.leaked_entries as f64,
             f.leaked_entries as f64,
             None,
         ),
-        line(
-            "next_result_s",
-            "longest time from a fault to the next result",
-            "s",
+        at_most(
+            ("next_result_s", "longest time from a fault to the next result", "s"),
             b.next_result_s,
-            waits,
-            none,
+            f.next_result_s,
+            (f.faults == 0).then_some("no fault was made"),
         ),
-        memory,
-        slope,
-        line("latency_p50_ms", "end to end, median", "ms", b.latency_p50_ms, p50, latency(1)),
-        line("latency_p99_ms", "end to end, 99 %, less stalls", "ms", b.latency_p99_ms, p99, latency(100)),
-        line(
-            "latency_p999_ms",
-            "end to end, 99.9 %, less stalls",
-            "ms",
-            b.latency_p999_ms,
-            p999,
-            latency(1000),
+        at_most(
+            ("memory_bytes", "resident memory, all processes", "bytes"),
+            b.memory_bytes,
+            f.memory_bytes,
+            None,
         ),
-        line("cpu_percent", "processor time, of all cores", "%", b.cpu_percent, f.cpu_percent, steady_only),
-        processed,
+        Line {
+            measured: slope,
+            ..at_most(
+                ("slope_bytes_per_hour", "growth of private and of reserved shared memory", "bytes/h"),
+                b.slope_bytes_per_hour,
+                slope.unwrap_or(f64::NAN),
+                growth,
+            )
+        },
     ];
+    lines.extend(latency_lines(f, b));
+    lines.push(at_most(
+        ("cpu_percent", "processor time, of all cores", "%"),
+        b.cpu_percent,
+        f.cpu_percent,
+        steady_only,
+    ));
+    lines.push(processed);
     if f.kind == Kind::Overload {
-        lines.push(line(
-            "age",
-            "age of frames when stereo takes them up, 99 %: a period and stereo's median work",
-            "ms",
+        lines.extend(age_lines(f));
+    }
+    lines
+}
+
+fn latency_lines(f: &Figures, b: &Budgets) -> [Line; 3] {
+    let not_judged = |frames: u64| match f.kind {
+        Kind::Overload => Some(OVERLOADED),
+        // A run without any result is judged, and fails.
+        _ if f.frames > 0 && f.judged_frames < frames => {
+            Some("too few undisturbed frames for this percentile")
+        }
+        _ => None,
+    };
+    [
+        at_most(
+            ("latency_p50_ms", "end to end, median", "ms"),
+            b.latency_p50_ms,
+            f.latency_p50_ms,
+            not_judged(1),
+        ),
+        at_most(
+            ("latency_p99_ms", "end to end, 99 %, less stalls", "ms"),
+            b.latency_p99_ms,
+            f.latency_p99_ms,
+            not_judged(100),
+        ),
+        at_most(
+            ("latency_p999_ms", "end to end, 99.9 %, less stalls", "ms"),
+            b.latency_p999_ms,
+            f.latency_p999_ms,
+            not_judged(1000),
+        ),
+    ]
+}
+
+/// Under overload the age of frames must stay bounded.
+fn age_lines(f: &Figures) -> [Line; 2] {
+    let short = f.age_growth_ms.is_none().then_some("too short a run");
+    [
+        at_most(
+            ("age", "age of frames when stereo takes them up, 99 %: a period and stereo's median work", "ms"),
             f.age_bound_ms,
             f.age_p99_ms,
             None,
-        ));
-        let short = f.age_growth_ms.is_none().then_some("too short a run");
-        lines.push(line(
-            "age_growth",
-            "growth of that age over the run: half of its bound",
-            "ms",
+        ),
+        at_most(
+            ("age_growth", "growth of that age over the run: half of its bound", "ms"),
             f.age_bound_ms / 2.0,
             f.age_growth_ms.unwrap_or(f64::NAN),
             short,
-        ));
-    }
-    lines
+        ),
+    ]
 }
 
 #[cfg(test)]
@@ -310,7 +336,7 @@ mod tests {
         }
     }
 
-    /// Each budget can fail, by itself, and by a figure that is no number.
+    /// Each budget can fail on its own, and fails on NaN.
     #[test]
     fn every_budget_can_fail() {
         type Change = fn(&mut Figures);

@@ -1,32 +1,31 @@
-//! How long a process was ready to run and did not: the kernel's own account of it, read again and
-//! again.
+//! Scheduling delay of a process: time it was runnable but not running, sampled from the kernel's counters.
 
 use std::collections::VecDeque;
 
-/// Readings that are kept: some seconds of them, more than a frame waits to be judged.
-const KEPT: usize = 2048;
+/// Maximum number of samples: several seconds, longer than a frame waits to be judged.
+const MAX_SAMPLES: usize = 2048;
 
-/// Readings of one stage's process.
+/// Samples of one stage's process.
 #[derive(Clone, Debug, Default)]
 pub struct Delays {
-    /// When, and the total until then.
+    /// Time, and the total delay until then.
     readings: VecDeque<(u64, u64)>,
 }
 
 impl Delays {
-    /// Takes in a reading. A total that falls is that of another process.
+    /// Adds a sample. A decreasing total means a new process.
     pub fn add(&mut self, at_ns: u64, total_ns: u64) {
         if self.readings.back().is_some_and(|&(_, last)| total_ns < last) {
             self.readings.clear();
         }
-        if self.readings.len() >= KEPT {
+        if self.readings.len() >= MAX_SAMPLES {
             self.readings.pop_front();
         }
         self.readings.push_back((at_ns, total_ns));
     }
 
-    /// How long the process waited for its core between two times, at most: from the last reading
-    /// before to the first after. `None` when there are none about them.
+    /// Upper bound of the scheduling delay between two times: from the last sample before to the first after.
+    /// `None` without samples around them.
     pub fn between_ns(&self, from_ns: u64, to_ns: u64) -> Option<u64> {
         let after = self.readings.partition_point(|&(at, _)| at < to_ns);
         let before = self.readings.partition_point(|&(at, _)| at <= from_ns).checked_sub(1)?;
@@ -51,15 +50,15 @@ mod tests {
         assert_eq!(delays.between_ns(22, 28), Some(7));
         assert_eq!(delays.between_ns(15, 45), Some(8));
         assert_eq!(delays.between_ns(31, 39), Some(0));
-        // Beyond what was read nothing is known.
+        // Nothing is known outside the samples.
         assert_eq!((delays.between_ns(5, 20), delays.between_ns(40, 60)), (None, None));
-        // Another process begins anew.
+        // A new process starts from zero.
         delays.add(60, 1);
         assert_eq!(delays.between_ns(10, 60), None);
         for i in 0..10_000 {
             delays.add(100 + i, i);
         }
-        assert_eq!(delays.readings.len(), KEPT);
+        assert_eq!(delays.readings.len(), MAX_SAMPLES);
         assert_eq!(delays.between_ns(10_000, 10_050), Some(50));
     }
 }

@@ -1,4 +1,4 @@
-//! When which fault is made: a pure state machine. Time is passed in.
+//! Schedule of fault injection: a pure state machine; the caller passes the time.
 //!
 //! ```text
 //!        pause over, results flow          signal sent                  next result of the restarted stage
@@ -7,36 +7,36 @@
 //!                                     └──▶ Stalled ──────────┘
 //! ```
 //!
-//! Heat is a stall of the whole daemon by its thermal ladder.
+//! Heat is modelled as a stall of the whole daemon, caused by its thermal ladder.
 
 use super::fault::{Fault, FaultKind, Mix, StageNames};
 use super::recovery::Recoveries;
 
-/// A result must have been captured this long after the signal to show anything: a frame may have
-/// been under way while it was delivered.
+/// A result counts as recovery only if captured this long after the signal: a frame may have been in flight
+/// during its delivery.
 const SIGNAL_NS: u64 = 2_000_000;
 
-/// How faults are made.
+/// Parameters of fault injection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DirectorParameters {
-    /// Which.
+    /// Mix of fault kinds.
     pub mix: Mix,
-    /// The stages.
+    /// Names of the stages.
     pub stages: StageNames,
-    /// Seed of all that is drawn.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Mean pause from a recovery to the next fault, in nanoseconds; drawn evenly from half to one
-    /// and a half of it.
+    /// Mean pause from a recovery to the next fault, in nanoseconds; drawn uniformly from 0.5 to 1.5 times this
+    /// value.
     pub pause_ns: u64,
-    /// When the daemon takes a silent stage for hung.
+    /// Time after which the daemon considers a silent stage hung.
     pub liveness_ns: u64,
-    /// A recovery that takes longer has failed.
+    /// Time limit of a recovery.
     pub patience_ns: u64,
-    /// No more faults after this many SIGKILLs.
+    /// Number of SIGKILLs after which injection ends.
     pub kills: Option<u64>,
 }
 
-/// What is to be sent to a stage.
+/// Action on a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     /// SIGKILL.
@@ -47,18 +47,18 @@ pub enum Signal {
     Stop,
     /// SIGCONT.
     Continue,
-    /// No signal: the board's temperature goes to where the stages must wait.
+    /// No signal: raises the simulated temperature to where the stages must pause.
     Heat,
-    /// And back.
+    /// Lowers the temperature again.
     Cool,
 }
 
-/// A signal to a stage, or what stands for one.
+/// An action on a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Order {
-    /// To which.
+    /// Index of the stage.
     pub stage: usize,
-    /// Which.
+    /// Action.
     pub signal: Signal,
 }
 
@@ -70,31 +70,31 @@ enum State {
     Recovering { fault: Fault, from_ns: u64, since_ns: u64, restarted: bool, failed: bool },
 }
 
-/// Makes faults, one at a time, and waits for the recovery from each.
+/// Injects faults one at a time, and waits for the recovery from each.
 #[derive(Clone, Debug)]
 pub struct Director {
     parameters: DirectorParameters,
     random: fastrand::Rng,
     state: State,
     start_ns: u64,
-    /// Whether the daemon has answered to the heat.
+    /// Whether the daemon has reacted to the heat.
     held_up: bool,
     ends: bool,
-    /// What came of the faults.
+    /// Recovery statistics.
     pub recoveries: Recoveries,
 }
 
-/// A fault that was recovered from.
+/// A fault after its recovery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recovered {
-    /// When it was made.
+    /// Time of the fault.
     pub from_ns: u64,
-    /// When the next result was there.
+    /// Time of the first result after it.
     pub result_ns: u64,
 }
 
 impl Director {
-    /// A director whose first fault comes after a pause.
+    /// A director whose first fault follows after a pause.
     pub fn new(parameters: DirectorParameters, now_ns: u64) -> Self {
         let mut random = fastrand::Rng::with_seed(parameters.seed);
         let next_ns = now_ns + pause(&mut random, parameters.pause_ns);
@@ -109,7 +109,7 @@ impl Director {
         }
     }
 
-    /// What is due; `steady` says that all stages run and results flow.
+    /// The action due now, if any; `steady` means that all stages run and results arrive.
     pub fn tick(&mut self, now_ns: u64, steady: bool) -> Option<Order> {
         match self.state {
             State::Calm { next_ns } if now_ns >= next_ns && steady && !self.is_over() => {
@@ -150,7 +150,7 @@ impl Director {
         }
     }
 
-    /// The first signal of a fault was sent; `sent_ns` is the time after that.
+    /// The first signal of a fault was sent; `sent_ns` is the time after sending.
     pub fn sent(&mut self, sent_ns: u64) {
         if let State::Asked { fault } = self.state {
             self.recoveries.made(&fault);
@@ -170,14 +170,14 @@ impl Director {
         }
     }
 
-    /// It could not be sent: the stage was not there.
+    /// The signal could not be sent, as the stage did not exist.
     pub fn not_sent(&mut self, now_ns: u64) {
         if matches!(self.state, State::Asked { .. }) {
             self.calm(now_ns);
         }
     }
 
-    /// The daemon says that heat has stopped its stages. Heat without such an answer has failed.
+    /// The daemon reports that it paused its stages because of heat. Without this report the fault counts as failed.
     pub fn held_up(&mut self) {
         self.held_up = true;
     }
@@ -191,7 +191,7 @@ impl Director {
         }
     }
 
-    /// A result came out.
+    /// A result arrived.
     pub fn result(&mut self, capture_ns: u64, end_ns: u64) -> Option<Recovered> {
         let State::Recovering { fault, from_ns, since_ns, restarted: true, failed } = self.state else {
             return None;
@@ -212,7 +212,7 @@ impl Director {
         self.state = State::Calm { next_ns };
     }
 
-    /// When the fault was made that is not yet recovered from.
+    /// Time of the fault whose recovery is pending.
     pub fn open_since_ns(&self) -> Option<u64> {
         match self.state {
             State::Stalled { from_ns, .. } | State::Recovering { from_ns, .. } => Some(from_ns),
@@ -220,7 +220,7 @@ impl Director {
         }
     }
 
-    /// Makes no more faults.
+    /// Ends injection.
     pub fn end(&mut self) {
         self.ends = true;
     }
@@ -229,7 +229,7 @@ impl Director {
         self.ends || self.parameters.kills.is_some_and(|kills| self.recoveries.kills() >= kills)
     }
 
-    /// Whether no more faults come and the last one is recovered from, or given up.
+    /// Whether injection has ended and the last fault is recovered from or given up.
     pub fn is_done(&self) -> bool {
         let at_rest = matches!(self.state, State::Calm { .. } | State::Recovering { failed: true, .. });
         self.is_over() && at_rest
@@ -255,7 +255,7 @@ mod tests {
         kills: Some(2),
     };
 
-    /// Ticks until an order comes.
+    /// Ticks until an action is due.
     fn order(director: &mut Director, now: &mut u64) -> Order {
         for _ in 0..1000 {
             *now += 10 * MS;
@@ -263,7 +263,7 @@ mod tests {
                 return order;
             }
         }
-        panic!("no order came");
+        panic!("no action was due");
     }
 
     #[test]
@@ -277,7 +277,7 @@ mod tests {
         director.sent(now);
         let killed = now;
         assert_eq!(director.open_since_ns(), Some(killed));
-        // In flight when it happened, or captured while the signal was on its way.
+        // In flight at the time of the fault, or captured while the signal was being delivered.
         assert_eq!(director.result(killed - MS, killed + 20 * MS), None);
         director.restarted(first.stage);
         assert_eq!(director.result(killed + MS, killed + 30 * MS), None);
@@ -288,7 +288,7 @@ mod tests {
         now = recovered.result_ns;
         let second = order(&mut director, &mut now);
         director.sent(now);
-        // Another stage's restart shows nothing.
+        // The restart of another stage is no recovery.
         director.restarted((second.stage + 1) % 4);
         assert_eq!(director.result(now + 600 * MS, now + 700 * MS), None);
         assert!(!director.is_done());
@@ -313,7 +313,7 @@ mod tests {
         director.restarted(first.stage);
         assert!(director.result(now + 200_000 * MS, now + 200_001 * MS).is_some());
         assert_eq!(director.recoveries.longest_s(), 0.0, "what failed is no recovery");
-        // A stage that is not there is no fault.
+        // A stage that does not exist is not counted as a fault.
         now += 300_000 * MS;
         order(&mut director, &mut now);
         director.not_sent(now);
@@ -330,7 +330,7 @@ mod tests {
             let first = order(&mut director, &mut now);
             director.sent(now);
             if first.signal == Signal::Heat {
-                // The daemon answers to the second alone.
+                // The daemon reacts to the second heat fault only.
                 if heats == 1 {
                     director.held_up();
                 }
@@ -363,7 +363,7 @@ mod tests {
             director.sent(now);
             let from = now;
             if first.signal == Signal::Stop {
-                // A hang never gets this order.
+                // A hang does not get this action.
                 let next = (0..60).find_map(|_| {
                     now += 10 * MS;
                     director.tick(now, false)

@@ -1,29 +1,29 @@
-//! What is done to the daemon while it runs.
+//! Fault injection: the kinds of faults and how they are drawn.
 
 use serde::Serialize;
 use std::fmt;
 
-/// How long the board is hot: the ladder must have answered by then.
+/// Duration of high temperature: the thermal ladder must react within it.
 const HEAT_NS: u64 = 3_000_000_000;
 
-/// Names of the stages that faults are made of, in the order of their numbers here.
+/// Names of the stages, in pipeline order.
 pub type StageNames = &'static [&'static str];
 
-/// A kind of fault.
+/// Kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FaultKind {
-    /// SIGKILL: the stage is gone at once.
+    /// SIGKILL: the stage terminates immediately.
     Kill,
-    /// SIGTERM that the scheduler did not send: the stage ends by itself.
+    /// SIGTERM not sent by the scheduler: the stage exits on its own.
     Exit,
-    /// SIGSTOP for good: the daemon has to notice, kill and restart. Of capture it is a source that
-    /// never comes back.
+    /// Permanent SIGSTOP: the daemon has to detect the hang, kill and restart the stage. For capture it acts like a
+    /// source that never returns.
     Hang,
-    /// SIGSTOP for less than the liveness deadline: the daemon has to sit it out. Of capture it is a
-    /// source that stalls.
+    /// SIGSTOP shorter than the liveness deadline: the daemon has to tolerate it. For capture it acts like a source
+    /// that stalls.
     Stall,
-    /// The board (one made up for the soak) gets so hot that the stages must wait, and cools down again.
+    /// The (simulated) board gets so hot that the stages must pause, and cools down again.
     Heat,
 }
 
@@ -31,12 +31,12 @@ impl FaultKind {
     /// All kinds.
     pub const ALL: [Self; 5] = [Self::Kill, Self::Exit, Self::Hang, Self::Stall, Self::Heat];
 
-    /// Whether the daemon must restart the stage, once.
+    /// Whether the daemon must restart the stage, exactly once.
     pub fn restarts(self) -> bool {
         !matches!(self, Self::Stall | Self::Heat)
     }
 
-    /// The word for it.
+    /// Name of the kind.
     pub fn name(self) -> &'static str {
         match self {
             Self::Kill => "kill",
@@ -48,16 +48,16 @@ impl FaultKind {
     }
 }
 
-/// One fault.
+/// A fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// What is done.
+    /// Kind.
     pub kind: FaultKind,
-    /// To which stage; heat holds up the first, which brings no pairs then.
+    /// Affected stage; for heat the first one, which stops delivering pairs.
     pub stage: usize,
     /// Its name.
     pub stage_name: &'static str,
-    /// How long a stall or the heat lasts.
+    /// Duration of a stall or of heat, in nanoseconds.
     pub stall_ns: u64,
 }
 
@@ -68,7 +68,7 @@ impl fmt::Display for Fault {
 }
 
 impl Fault {
-    /// The name of what the fault is done to.
+    /// Name of the affected component.
     pub fn place(&self) -> &'static str {
         match self.kind {
             FaultKind::Heat => "the board",
@@ -77,18 +77,18 @@ impl Fault {
     }
 }
 
-/// Which faults are drawn.
+/// Distribution of fault kinds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mix {
-    /// SIGKILL alone.
+    /// SIGKILL only.
     Kills,
-    /// Three in seven kills, the rest of all other kinds.
+    /// Three kills in seven faults; the rest of all other kinds.
     All,
 }
 
 impl Mix {
-    /// Draws a fault. Stalls are at most two fifths of the liveness deadline long, so that a daemon
-    /// that keeps its deadline does not take them for hangs.
+    /// Draws a fault. Stalls last at most 2/5 of the liveness deadline, so that a daemon within its deadlines does
+    /// not consider them hangs.
     pub fn draw(self, random: &mut fastrand::Rng, liveness_ns: u64, stages: StageNames) -> Fault {
         let kind = match (self, random.u8(0..7)) {
             (Self::Kills, _) | (Self::All, 0..=2) => FaultKind::Kill,

@@ -1,5 +1,4 @@
-//! Where the time of each frame goes: by stage, end to end, and what of it was the machine's own
-//! stalls.
+//! Latency statistics: by stage, end to end, and corrected for the machine's own stalls.
 
 use super::delays::Delays;
 use super::stalls::Stalls;
@@ -7,44 +6,44 @@ use super::trend::Trend;
 use crate::reporting::summary::Latency;
 use std::collections::VecDeque;
 
-/// A frame is judged this long after it came out: by then the probes have told of stalls in it.
+/// Delay from a result to its evaluation: by then the probes have reported stalls.
 const HOLD_NS: u64 = 500_000_000;
 
-/// Frames that wait to be judged; more than a second of any rate that is judged.
-const HELD: usize = 4096;
+/// Maximum number of frames that wait for evaluation; more than a second at any supported rate.
+const MAX_HELD: usize = 4096;
 
-/// After a recovery frames count as disturbed for this long: a new process finds cold caches.
+/// Time after a recovery during which frames count as disturbed: a new process has cold caches.
 const AFTERMATH_NS: u64 = 500_000_000;
 
-/// The trace of one frame, on the monotonic clock.
+/// Trace of one frame, on the monotonic clock.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Trace {
-    /// Its number.
+    /// Sequence number.
     pub sequence: u64,
-    /// When it was captured.
+    /// Capture time.
     pub capture_ns: u64,
-    /// When each stage took it up, and when its result was there.
+    /// Start and end of processing in each stage.
     pub stamps: Vec<(u64, u64)>,
 }
 
 impl Trace {
-    /// When it came out.
+    /// Time of the final result.
     pub fn end_ns(&self) -> u64 {
         self.stamps.last().map_or(0, |stamp| stamp.1)
     }
 
-    fn is_sound(&self) -> bool {
+    fn is_consistent(&self) -> bool {
         let mut before = self.capture_ns;
         let in_order = self.stamps.iter().skip(1).all(|&(begin, end)| {
-            let sound = before <= begin && begin <= end;
+            let is_consistent = before <= begin && begin <= end;
             before = end;
-            sound
+            is_consistent
         });
         in_order && self.capture_ns > 0
     }
 }
 
-/// A stage on the way of a frame.
+/// A stage on the path of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathStage {
     /// Its name.
@@ -53,17 +52,17 @@ pub struct PathStage {
     pub core: Option<u32>,
 }
 
-/// Times of one stage.
+/// Durations of one stage.
 #[derive(Clone, Debug)]
 pub struct StageTimes {
     /// The stage.
     pub stage: PathStage,
-    /// From taking a frame up to its result.
+    /// Processing time.
     pub work: Latency,
-    /// From the result of the stage before to taking the frame up: hand-over, and waiting for the
-    /// frame before.
+    /// From the result of the previous stage to the start of processing: transfer, and waiting for the previous
+    /// frame.
     pub wait: Latency,
-    /// Both, from which the usual is known.
+    /// Sum of both, for the typical duration.
     both: Latency,
     /// How long its process waited for its core.
     pub delays: Delays,
@@ -81,49 +80,49 @@ impl StageTimes {
     }
 }
 
-/// Times of all frames of a run.
+/// Latency statistics of a run.
 #[derive(Clone, Debug)]
 pub struct Latencies {
     /// By stage, from the source on.
     pub stages: Vec<StageTimes>,
-    /// Capture to result.
+    /// From capture to result.
     pub end_to_end: Latency,
-    /// The same less the machine's stalls.
+    /// The same minus the machine's stalls.
     pub less_stalls: Latency,
-    /// Capture to result of frames that a fault or its aftermath touched; they are in no other
-    /// figure.
+    /// From capture to result for frames affected by a fault or its aftermath; they are excluded from all other
+    /// statistics.
     pub disturbed: Latency,
-    /// Capture to result over time, in milliseconds.
+    /// Latency from capture to result over time, in milliseconds.
     pub trend: Trend,
-    /// The same of the age at which stereo takes frames up.
+    /// The same for the age of frames at the start of stereo.
     pub age_trend: Trend,
-    /// Deviation of the time between two results from the period.
+    /// Deviation of the interval between results from the period.
     pub jitter: Latency,
-    /// The longest time between two results in a row, without faults, in nanoseconds.
+    /// The longest interval between consecutive results without faults, in nanoseconds.
     pub longest_gap_ns: u64,
-    /// Sum, sum of squares (both in seconds) and count of times between results.
+    /// Sum, sum of squares (both in seconds) and number of intervals between results.
     intervals: (f64, f64, u64),
-    /// Frames whose stamps make no sense.
+    /// Frames with inconsistent timestamps.
     pub unsound: u64,
     held: VecDeque<Trace>,
-    /// Faults, each with the end of its aftermath.
+    /// Faults with the end of their aftermath.
     faults: VecDeque<(u64, u64)>,
     last: Option<Trace>,
     start_ns: u64,
     period_ns: u64,
 }
 
-/// How steadily results come.
+/// Regularity of the results.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Steadiness {
-    /// Mean time between results, in milliseconds.
+    /// Mean interval between results, in milliseconds.
     pub mean_ms: f64,
-    /// Its standard deviation as a share of the period.
+    /// Standard deviation of the interval relative to the period.
     pub spread: f64,
 }
 
 impl Latencies {
-    /// Of a run that begins at `start_ns` with a pair every `period_ns`, which passes `stages`.
+    /// Statistics of a run that starts at `start_ns` with a pair every `period_ns`, which passes `stages`.
     pub fn new(start_ns: u64, period_ns: u64, stages: &[PathStage]) -> Self {
         Self {
             stages: stages.iter().copied().map(StageTimes::new).collect(),
@@ -144,13 +143,13 @@ impl Latencies {
         }
     }
 
-    /// Takes in a frame that has come out.
+    /// Adds a frame with a final result.
     pub fn add(&mut self, trace: Trace, stalls: &Stalls) {
-        if !trace.is_sound() {
+        if !trace.is_consistent() {
             self.unsound += 1;
             return;
         }
-        if self.held.len() >= HELD
+        if self.held.len() >= MAX_HELD
             && let Some(oldest) = self.held.pop_front()
         {
             self.judge(&oldest, stalls);
@@ -158,7 +157,7 @@ impl Latencies {
         self.held.push_back(trace);
     }
 
-    /// Frames between these times are disturbed: a fault was made and recovered from.
+    /// Marks frames between these times as disturbed by a fault.
     pub fn disturb(&mut self, from_ns: u64, recovered_ns: u64) {
         if self.faults.len() >= 64 {
             self.faults.pop_front();
@@ -166,8 +165,7 @@ impl Latencies {
         self.faults.push_back((from_ns, recovered_ns.saturating_add(AFTERMATH_NS)));
     }
 
-    /// Judges the frames that were held long enough; `open_fault_ns` is the beginning of a fault that
-    /// is not yet recovered from.
+    /// Evaluates the frames whose delay is over; `open_fault_ns` is the start of a fault whose recovery is pending.
     pub fn settle(&mut self, now_ns: u64, open_fault_ns: Option<u64>, stalls: &Stalls) {
         if let Some(from_ns) = open_fault_ns {
             self.disturb(from_ns, now_ns);
@@ -178,7 +176,7 @@ impl Latencies {
             }
         }
         if open_fault_ns.is_some() {
-            // Its end will be told.
+            // Its end will be reported.
             self.faults.pop_back();
         }
     }
@@ -207,12 +205,12 @@ impl Latencies {
             let (begin, end) = trace.stamps[i];
             stage.wait.add_ns(begin - before);
             stage.work.add_ns(end - begin);
-            // A stall explains at most what is beyond the usual: ordinary work is no stall, even
-            // where the probe had to wait for it.
+            // A stall accounts for at most the excess over the typical duration: normal processing is not a stall,
+            // even if the probe had to wait for it.
             let usual_ns = (stage.both.percentile_ms(50.0) * 1e6) as u64;
             let beyond_ns = (end - before).saturating_sub(usual_ns);
-            // Nor where the stage was not kept from its core: then it was the stage that was slow, and
-            // the probe that had to wait for it.
+            // Nor does it account for more than the scheduling delay of the stage: otherwise the stage was slow,
+            // and the probe waited for it.
             let waited_ns = stage.delays.between_ns(before, end).unwrap_or(u64::MAX);
             stalled_ns += stalls.overlap_ns(stage.stage.core, before, end).min(beyond_ns).min(waited_ns);
             stage.both.add_ns(end - before);
@@ -226,12 +224,12 @@ impl Latencies {
         self.intervals.0 += seconds;
         self.intervals.1 += seconds * seconds;
         self.intervals.2 += 1;
-        // Over a frame that was dropped, the period is twice as long; that is counted as a drop.
+        // An interval across a dropped frame is compared with twice the period; the drop is counted separately.
         let steps = trace.sequence.saturating_sub(last.sequence).max(1);
         self.jitter.add_ns(interval_ns.abs_diff(steps.saturating_mul(self.period_ns)));
     }
 
-    /// How steadily results come.
+    /// Regularity of the results.
     pub fn steadiness(&self) -> Steadiness {
         let (sum, squares, count) = self.intervals;
         if count == 0 {
@@ -242,7 +240,7 @@ impl Latencies {
         Steadiness { mean_ms: mean * 1e3, spread: deviation / (self.period_ns as f64 * 1e-9) }
     }
 
-    /// Forgets all figures but what is held: the warm-up is over.
+    /// Resets all statistics but keeps pending frames: end of the warm-up.
     pub fn forget(&mut self) {
         let stages: Vec<PathStage> = self.stages.iter().map(|times| times.stage).collect();
         let fresh = Self::new(self.start_ns, self.period_ns, &stages);
@@ -250,7 +248,7 @@ impl Latencies {
         self.held = old.held;
         self.faults = old.faults;
         for (stage, old) in self.stages.iter_mut().zip(old.stages) {
-            // The usual is known.
+            // The typical duration remains known.
             stage.both = old.both;
             stage.delays = old.delays;
         }
@@ -314,18 +312,18 @@ mod tests {
     fn a_stall_explains_what_is_beyond_the_usual_and_no_more() {
         let late = |i: u64| if i == 50 { 100 * MS } else { 0 };
         let begin = frame(50, 0).stamps[1].0 + 5 * MS;
-        // On the core of stereo, within its work.
+        // On the core of stereo, during its processing.
         let mut stalls = Stalls::default();
         stalls.add(Some(1), begin, begin + 90 * MS);
         let all = run(100, late, &stalls);
         assert!((all.end_to_end.percentile_ms(100.0) - 132.0).abs() < 1.0);
         assert!((all.less_stalls.percentile_ms(100.0) - 42.0).abs() < 1.0);
-        // On another core: no excuse.
+        // A stall of another core is not subtracted.
         let mut elsewhere = Stalls::default();
         elsewhere.add(Some(0), begin, begin + 90 * MS);
         let all = run(100, late, &elsewhere);
         assert!((all.less_stalls.percentile_ms(100.0) - 132.0).abs() < 1.0);
-        // A probe that waited for the stage's ordinary work explains nothing.
+        // A probe that waited for normal processing of the stage subtracts nothing.
         let mut ordinary = Stalls::default();
         for i in 0..100 {
             let (begin, end) = frame(i, 0).stamps[1];
@@ -365,7 +363,7 @@ mod tests {
             if !(40..60).contains(&i) {
                 all.add(frame(i, 0), &stalls);
             }
-            // The fault is not over when the frames before it are judged.
+            // The recovery is still pending when the frames before it are evaluated.
             let open = (40..60).contains(&i).then_some(fault);
             all.settle(frame(i, 0).end_ns(), open, &stalls);
             if i == 60 {

@@ -1,6 +1,6 @@
-//! Tables as Markdown that can be read as they stand.
+//! Markdown tables with aligned columns.
 
-/// A table with a head; numbers stand right, as all columns but the first do.
+/// A table with a header; all columns but the first are right-aligned.
 pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let width = |i: usize| {
         let cells = rows.iter().filter_map(|row| row.get(i)).map(|cell| cell.chars().count());

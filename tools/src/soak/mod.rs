@@ -1,5 +1,5 @@
-//! What a soak concludes from what it has seen: statistics in bounded memory, faults and recoveries,
-//! budgets, the report. All of it is pure; `lookout soak` feeds it.
+//! Soak tests: statistics in bounded memory, fault injection, recoveries, budgets and the report. All of it is
+//! pure; `lookout soak` provides the measurements.
 
 pub mod budget;
 pub mod delays;

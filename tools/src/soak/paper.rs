@@ -1,18 +1,18 @@
-//! The paper's tables of its section 4.4, beside ours.
+//! The tables of the paper's section 4.4, compared with measurements.
 
 use super::markdown::table;
 use serde::Serialize;
 
-/// The paper's cores: processor time is compared as a share of four.
+/// Number of cores of the paper's board: CPU usage is compared as a share of four.
 pub const CORES: f64 = 4.0;
 
-/// Offered rate, processor time in percent of four cores, memory in MB and processed rate of the
-/// paper's table "The Influence of Frame Rate".
+/// Offered rate, CPU usage in percent of four cores, memory in MB and processed rate, from the paper's table
+/// "The Influence of Frame Rate".
 const RATES: [(f64, f64, f64, f64); 3] =
     [(10.0, 31.25, 54.0, 9.7), (15.0, 42.75, 54.0, 12.9), (20.0, 48.0, 55.0, 13.1)];
 
-/// The paper's clocks and rates, and its times in ms, of "System Performance at Different GPU
-/// Frequencies": calibration, stereo matching, obstacle extraction.
+/// GPU clock, frame rate, and times in ms of calibration, stereo matching and obstacle extraction, from the
+/// paper's table "System Performance at Different GPU Frequencies".
 const CLOCKS: [(&str, f64, [&str; 3]); 5] = [
     ("paper, GPU 324 MHz", 24.0, ["31, 31, 31", "96, 93, 96", "56, 55, 53"]),
     ("paper, GPU 648 MHz", 24.0, ["27, 28, 29", "58, 57, 59", "50, 47, 48"]),
@@ -21,16 +21,16 @@ const CLOCKS: [(&str, f64, [&str; 3]); 5] = [
     ("paper, GPU automatic", 20.0, ["32, 32, 34", "77, 73, 81", "57, 56, 52"]),
 ];
 
-/// Samples of the paper's "Obstacle Extraction Module": processor time and memory, in percent.
+/// Samples of the paper's "Obstacle Extraction Module": CPU usage and memory, in percent.
 const OBSTACLES: [(f64, [(f64, f64); 5]); 2] = [
     (10.0, [(17.73, 0.1), (18.25, 0.1), (16.78, 0.1), (17.65, 0.3), (17.33, 0.01)]),
     (15.0, [(13.30, 0.1), (17.13, 0.2), (18.05, 0.3), (19.55, 0.1), (16.28, 0.01)]),
 ];
 
-/// The rates that the tables need.
+/// Offered rates that the tables need.
 pub const OFFERED_FPS: [f64; 4] = [10.0, 15.0, 20.0, 24.0];
 
-/// Share of the GPU's fastest clock (852 MHz; `None` = automatic) and rate of each run of `CLOCKS`.
+/// Share of the maximum GPU clock (852 MHz; `None` = automatic), and rate, of each run in `CLOCKS`.
 pub const OFFERED_CLOCKS: [(Option<f64>, f64); 5] = [
     (Some(324.0 / 852.0), 24.0),
     (Some(648.0 / 852.0), 24.0),
@@ -39,57 +39,67 @@ pub const OFFERED_CLOCKS: [(Option<f64>, f64); 5] = [
     (None, 20.0),
 ];
 
-/// What one of our runs came to.
+/// Measurements of one run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RateRun {
-    /// Pairs offered a second.
+    /// Offered pairs per second.
     pub fps: f64,
-    /// Results a second.
+    /// Results per second.
     pub processed_fps: f64,
-    /// Cores' worth of processor time of all processes.
+    /// CPU usage of all processes, in cores.
     pub cpu_cores: f64,
-    /// That of the capture stage.
+    /// CPU usage of the capture stage, in cores.
     pub capture_cores: f64,
     /// Resident memory of all processes.
     pub memory_bytes: f64,
-    /// Work of stereo: median in ms.
-    pub stereo_p50_ms: f64,
-    /// Work of the stages after stereo, which are the paper's obstacle detection: sum of their medians in ms.
-    pub obstacles_p50_ms: f64,
-    /// Road and recognition together, in five parts of the run: percent of one core, and of the
-    /// machine's memory.
+    /// Median processing time of each stage on the path of a frame, in ms.
+    pub work_p50_ms: Vec<f64>,
+    /// Road and recognition together, in five parts of the run: percent of one core, and percent of the machine's
+    /// memory.
     pub obstacles: Vec<(f64, f64)>,
 }
 
-/// Where our runs were made.
+impl RateRun {
+    /// Processing time of stereo, the second stage, in ms.
+    fn stereo_p50_ms(&self) -> f64 {
+        self.work_p50_ms.get(1).copied().unwrap_or(f64::NAN)
+    }
+
+    /// Processing time of the stages after stereo, which are the paper's obstacle detection, in ms.
+    fn obstacles_p50_ms(&self) -> f64 {
+        self.work_p50_ms.iter().skip(2).sum()
+    }
+}
+
+/// Environment of the runs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Place {
-    /// What processor.
+    /// Name of the processor.
     pub processor: String,
-    /// How many cores.
+    /// Number of cores.
     pub cores: usize,
-    /// What the pairs are.
+    /// Source of the pairs.
     pub source: String,
-    /// What computes disparities.
+    /// Matcher backend.
     pub backend: String,
-    /// Rectifying one pair, median in ms, measured by itself; `None` where it was not.
+    /// Median time to rectify one pair, in ms, measured separately; `None` if not measured.
     pub rectify_ms: Option<f64>,
 }
 
-/// One of our runs at a clock of the GPU.
+/// Measurements of one run at a GPU clock.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ClockRun {
-    /// What the clock was set to, in MHz; `None` where it was left alone.
+    /// Requested clock in MHz; `None` for automatic.
     pub set_mhz: Option<f64>,
-    /// The least and the greatest that was read back while it ran; `None` where nothing was.
+    /// Minimum and maximum clock read back during the run; `None` if not available.
     pub read_mhz: Option<[f64; 2]>,
-    /// The GPU's own time for a pair, median in ms; `None` where it has no timestamps.
+    /// Median GPU time per pair in ms; `None` without GPU timestamps.
     pub device_p50_ms: Option<f64>,
-    /// What came of it.
+    /// Measurements.
     pub run: RateRun,
 }
 
-/// The paper's rows of GPU clocks: as wide as ours.
+/// The paper's rows of the GPU clock table.
 fn paper_clocks() -> Vec<Vec<String>> {
     let row = |(name, fps, times): &(&str, f64, [&str; 3])| {
         let mut row = vec![(*name).to_owned(), format!("{fps:.0}")];
@@ -99,7 +109,7 @@ fn paper_clocks() -> Vec<Vec<String>> {
     CLOCKS.iter().map(row).collect()
 }
 
-/// The paper's table "System Performance at Different GPU Frequencies" beside ours, as Markdown.
+/// The paper's table "System Performance at Different GPU Frequencies" with our measurements, as Markdown.
 pub fn clock_table(place: &Place, runs: &[ClockRun]) -> String {
     let none = || "-".to_owned();
     let mut rows = paper_clocks();
@@ -119,8 +129,8 @@ pub fn clock_table(place: &Place, runs: &[ClockRun]) -> String {
             format!("here, GPU {clock}{read}"),
             format!("{:.0}", run.run.fps),
             place.rectify_ms.map_or_else(none, |ms| format!("{ms:.2}")),
-            one(run.run.stereo_p50_ms),
-            one(run.run.obstacles_p50_ms),
+            one(run.run.stereo_p50_ms()),
+            one(run.run.obstacles_p50_ms()),
             run.device_p50_ms.map_or_else(none, one),
             one(run.run.processed_fps),
         ]);
@@ -131,13 +141,13 @@ pub fn clock_table(place: &Place, runs: &[ClockRun]) -> String {
         "calibration",
         "stereo matching",
         "obstacle extraction",
-        "of stereo on the GPU",
+        "stereo: GPU time",
         "processed fps",
     ];
     format!(
         "# GPU frequencies\n\nHere: {} ({} cores), {}, {}.\n\n\
          Times in ms; the paper gives three samples, ours are medians. Calibration is rectifying one pair; obstacle \
-         extraction is road and recognition. The clocks are the steps of this GPU that come nearest to the paper's shares \
+         extraction is road and recognition. The clocks are the steps of this GPU nearest to the paper's shares \
          of the fastest.\n\n{}",
         place.processor,
         place.cores,
@@ -151,35 +161,49 @@ fn one(value: f64) -> String {
     format!("{value:.1}")
 }
 
-/// The three tables as Markdown.
-pub fn tables(place: &Place, runs: &[RateRun]) -> String {
-    let run = |fps: f64| runs.iter().find(|r| (r.fps - fps).abs() < 1e-6);
-    let ours = |fps: f64, value: &dyn Fn(&RateRun) -> String| run(fps).map_or_else(|| "-".into(), value);
-    let mut rates: Vec<Vec<String>> = Vec::new();
-    for (fps, cpu, memory, processed) in RATES {
-        rates.push(vec![
+/// The run at an offered rate.
+fn run_at(runs: &[RateRun], fps: f64) -> Option<&RateRun> {
+    runs.iter().find(|r| (r.fps - fps).abs() < 1e-6)
+}
+
+/// A value of the run at an offered rate; a dash where there is none.
+fn ours(runs: &[RateRun], fps: f64, value: &dyn Fn(&RateRun) -> String) -> String {
+    run_at(runs, fps).map_or_else(|| "-".into(), value)
+}
+
+fn rate_rows(runs: &[RateRun]) -> Vec<Vec<String>> {
+    let row = |(fps, cpu, memory, processed): (f64, f64, f64, f64)| {
+        vec![
             format!("{fps:.0}"),
             format!("{cpu:.2}"),
-            ours(fps, &|r| one(r.cpu_cores / CORES * 100.0)),
-            ours(fps, &|r| one((r.cpu_cores - r.capture_cores) / CORES * 100.0)),
+            ours(runs, fps, &|r| one(r.cpu_cores / CORES * 100.0)),
+            ours(runs, fps, &|r| one((r.cpu_cores - r.capture_cores) / CORES * 100.0)),
             one(memory),
-            ours(fps, &|r| one(r.memory_bytes / 1e6)),
+            ours(runs, fps, &|r| one(r.memory_bytes / 1e6)),
             one(processed),
-            ours(fps, &|r| one(r.processed_fps)),
-        ]);
-    }
+            ours(runs, fps, &|r| one(r.processed_fps)),
+        ]
+    };
+    RATES.into_iter().map(row).collect()
+}
+
+fn clock_rows(place: &Place, runs: &[RateRun]) -> Vec<Vec<String>> {
     let mut clocks = paper_clocks();
     for fps in [24.0, 10.0, 20.0] {
         clocks.push(vec![
             format!("here, {}", place.backend),
             format!("{fps:.0}"),
             place.rectify_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.2}")),
-            ours(fps, &|r| one(r.stereo_p50_ms)),
-            ours(fps, &|r| one(r.obstacles_p50_ms)),
+            ours(runs, fps, &|r| one(r.stereo_p50_ms())),
+            ours(runs, fps, &|r| one(r.obstacles_p50_ms())),
         ]);
     }
+    clocks
+}
+
+fn obstacle_rows(runs: &[RateRun]) -> Vec<Vec<String>> {
     let mut obstacles: Vec<Vec<String>> = Vec::new();
-    let part = |fps: f64, i: usize| run(fps).and_then(|r| r.obstacles.get(i).copied());
+    let part = |fps: f64, i: usize| run_at(runs, fps).and_then(|r| r.obstacles.get(i).copied());
     let mut row = |name: String, paper: [(f64, f64); 2], ours: [Option<(f64, f64)>; 2]| {
         let mut cells = vec![name];
         for ((cpu, memory), ours) in paper.into_iter().zip(ours) {
@@ -204,19 +228,24 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
     row(
         "mean".into(),
         OBSTACLES.map(|(_, parts)| mean(&parts)),
-        OBSTACLES.map(|(fps, _)| run(fps).map(|r| mean(&r.obstacles))),
+        OBSTACLES.map(|(fps, _)| run_at(runs, fps).map(|r| mean(&r.obstacles))),
     );
+    obstacles
+}
+
+/// The three tables as Markdown.
+pub fn tables(place: &Place, runs: &[RateRun]) -> String {
     format!(
         "Here: {} ({} cores), {}, {}.\n\n\
          ## Frame rate\n\n\
-         Processor time in percent of four cores, as the paper's board has (here: cores' worth of time ÷ 4); \"less \
-         capture\" leaves out the capture stage, which draws or decodes what a camera would bring. Memory in MB: \
-         private memory of all processes, shared memory and program counted once.\n\n{}\n\
+         CPU usage in percent of the four cores of the paper's board (here: used cores ÷ 4); \"less \
+         capture\" leaves out the capture stage, which renders or decodes what a camera would deliver. Memory in MB: \
+         private memory of all processes, shared memory and executable counted once.\n\n{}\n\
          ## GPU frequency\n\n\
          Times in ms; the paper gives three samples, ours are medians. Calibration is rectifying one pair; obstacle \
          extraction is road and recognition.\n\n{}\n\
          ## Obstacle module\n\n\
-         Road and recognition: processor time in percent of one core, memory (their own) in percent of the machine's, in \
+         Road and recognition: CPU usage in percent of one core, private memory in percent of the machine's, in \
          five parts of the run. The paper prints a mean of 17.85 at 10 fps; its five samples give 17.55, as its text has \
          it.\n\n{}",
         place.processor,
@@ -234,9 +263,12 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
                 "fps, paper",
                 "here"
             ],
-            &rates
+            &rate_rows(runs)
         ),
-        table(&["", "fps", "calibration", "stereo matching", "obstacle extraction"], &clocks),
+        table(
+            &["", "fps", "calibration", "stereo matching", "obstacle extraction"],
+            &clock_rows(place, runs)
+        ),
         table(
             &[
                 "",
@@ -249,7 +281,7 @@ pub fn tables(place: &Place, runs: &[RateRun]) -> String {
                 "memory, paper",
                 "here"
             ],
-            &obstacles
+            &obstacle_rows(runs)
         ),
     )
 }
@@ -268,8 +300,7 @@ mod tests {
                 cpu_cores: fps / 25.0,
                 capture_cores: 0.1,
                 memory_bytes: 51.5e6,
-                stereo_p50_ms: 20.0,
-                obstacles_p50_ms: 7.0,
+                work_p50_ms: vec![3.0, 20.0, 5.0, 2.0],
                 obstacles: vec![(fps, 0.02); 5],
             })
             .collect();
@@ -299,7 +330,7 @@ mod tests {
         assert_eq!(cells(line("| 15 ")), ["15", "42.75", "15.0", "12.5", "54.0", "51.5", "12.9", "14.9"]);
         assert_eq!(cells(line("| here, CPU")), ["here, CPU", "24", "-", "20.0", "7.0"]);
         assert_eq!(cells(line("| mean"))[1..3], ["17.55", "10.00"]);
-        // A run that is missing leaves a gap, and no wrong number.
+        // A missing run leaves a dash.
         let text = tables(&Place::default(), &runs[..1]);
         assert!(
             text.lines().any(|l| cells(l) == ["20", "48.00", "-", "-", "55.0", "-", "13.1", "-"]),

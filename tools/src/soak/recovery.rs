@@ -1,4 +1,4 @@
-//! What came of the faults.
+//! Statistics of recoveries from faults.
 
 use super::fault::{Fault, FaultKind};
 use super::trend::Trend;
@@ -6,10 +6,10 @@ use crate::reporting::summary::Latency;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The longest waits that are told one by one.
-const WORST: usize = 10;
+/// Number of longest recoveries listed individually.
+const MAX_WORST: usize = 10;
 
-/// Faults of one kind to one stage.
+/// Faults of one kind in one stage.
 #[derive(Clone, Debug, Default)]
 struct Entry {
     count: u64,
@@ -17,35 +17,35 @@ struct Entry {
     waits: Latency,
 }
 
-/// One recovery.
+/// A recovery.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recovery {
-    /// What was done.
+    /// Description of the fault.
     pub fault: String,
-    /// When, in seconds from the start of the run.
+    /// Time of the fault, in seconds from the start of the run.
     pub at_s: f64,
-    /// Time to the next result.
+    /// Time to the next result, in seconds.
     pub next_result_s: f64,
 }
 
-/// Faults of one kind to one stage, summed up.
+/// Summary of the faults of one kind in one stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FaultRow {
-    /// What was done.
+    /// Kind of the fault.
     pub kind: FaultKind,
-    /// To which stage.
+    /// Affected stage.
     pub stage: &'static str,
-    /// How often.
+    /// Number of faults.
     pub count: u64,
-    /// How often no result came within the patience of the soak.
+    /// Number of faults without a result within the time limit.
     pub failed: u64,
-    /// Time to the next result: median.
+    /// Median time to the next result.
     pub next_result_s_p50: f64,
-    /// The longest.
+    /// Maximum time to the next result.
     pub next_result_s_max: f64,
 }
 
-/// All recoveries of a run.
+/// Recovery statistics of a run.
 #[derive(Clone, Debug)]
 pub struct Recoveries {
     /// By kind and number of the stage.
@@ -67,43 +67,43 @@ impl Recoveries {
         &mut self.entries.entry((fault.kind, fault.stage)).or_insert_with(entry).1
     }
 
-    /// A fault was made.
+    /// A fault was injected.
     pub fn made(&mut self, fault: &Fault) {
         self.entry(fault).count += 1;
     }
 
-    /// No result came in time.
+    /// No result arrived within the time limit.
     pub fn failed(&mut self, fault: &Fault) {
         self.entry(fault).failed += 1;
     }
 
-    /// Results flow again.
+    /// The first result after the fault arrived.
     pub fn recovered(&mut self, fault: &Fault, at_s: f64, wait_ns: u64) {
         self.entry(fault).waits.add_ns(wait_ns);
         let next_result_s = wait_ns as f64 * 1e-9;
         self.trend.add(at_s, next_result_s);
         self.worst.push(Recovery { fault: fault.to_string(), at_s, next_result_s });
         self.worst.sort_by(|a, b| b.next_result_s.total_cmp(&a.next_result_s));
-        self.worst.truncate(WORST);
+        self.worst.truncate(MAX_WORST);
     }
 
-    /// Faults that were made.
+    /// Number of injected faults.
     pub fn count(&self) -> u64 {
         self.entries.values().map(|(_, e)| e.count).sum()
     }
 
-    /// SIGKILLs that were sent.
+    /// Number of SIGKILLs sent.
     pub fn kills(&self) -> u64 {
         let kills = self.entries.iter().filter(|((kind, _), _)| *kind == FaultKind::Kill);
         kills.map(|(_, (_, e))| e.count).sum()
     }
 
-    /// Faults after which no result came in time.
+    /// Number of faults without a result within the time limit.
     pub fn failures(&self) -> u64 {
         self.entries.values().map(|(_, e)| e.failed).sum()
     }
 
-    /// Restarts that the faults so far call for.
+    /// Number of restarts that the faults require.
     pub fn expected_restarts(&self) -> u64 {
         let restarts = self.entries.iter().filter(|((kind, _), _)| kind.restarts());
         restarts.map(|(_, (_, e))| e.count).sum()
@@ -114,12 +114,12 @@ impl Recoveries {
         self.worst.first().map_or(0.0, |w| w.next_result_s)
     }
 
-    /// The longest waits, longest first.
+    /// The longest recoveries, longest first.
     pub fn worst(&self) -> &[Recovery] {
         &self.worst
     }
 
-    /// The kinds that were made, by stage.
+    /// Summary by kind and stage.
     pub fn rows(&self) -> Vec<FaultRow> {
         let row = |((kind, _), (place, e)): (&(FaultKind, usize), &(&'static str, Entry))| FaultRow {
             kind: *kind,
@@ -154,7 +154,7 @@ mod tests {
         all.failed(&fault(FaultKind::Hang, 3));
         assert_eq!((all.count(), all.kills(), all.failures(), all.expected_restarts()), (32, 30, 1, 31));
         assert_eq!(all.longest_s(), 3.0);
-        assert_eq!(all.worst().len(), WORST);
+        assert_eq!(all.worst().len(), MAX_WORST);
         let rows = all.rows();
         assert_eq!(
             rows.iter().map(|r| (r.kind, r.stage, r.count, r.failed)).collect::<Vec<_>>(),

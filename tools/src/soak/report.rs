@@ -1,4 +1,4 @@
-//! The report of a soak: JSON, Markdown and plots.
+//! Report of a soak run: JSON, Markdown and plots.
 
 use super::budget::{Kind, Line, Verdict};
 use super::latency::{Latencies, StageTimes};
@@ -14,11 +14,11 @@ use std::fmt::Write;
 pub struct Percentiles {
     /// Median.
     pub p50: f64,
-    /// 99th.
+    /// 99th percentile.
     pub p99: f64,
-    /// 99.9th.
+    /// 99.9th percentile.
     pub p999: f64,
-    /// The greatest.
+    /// Maximum.
     pub max: f64,
 }
 
@@ -33,14 +33,14 @@ impl From<&Latency> for Percentiles {
     }
 }
 
-/// One stage.
+/// Durations of one stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StageRow {
-    /// Its role.
+    /// Role of the stage.
     pub role: &'static str,
-    /// From the result of the stage before to taking a frame up.
+    /// From the result of the previous stage to the start of processing.
     pub wait_ms: Percentiles,
-    /// From there to its result.
+    /// Processing time.
     pub work_ms: Percentiles,
 }
 
@@ -56,48 +56,48 @@ impl StageRow {
     }
 }
 
-/// One process, over all that had its role.
+/// Statistics of all processes of one role.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ProcessRow {
-    /// Its role.
+    /// Role of the process.
     pub role: String,
-    /// The core that it was pinned to.
+    /// The core it was pinned to.
     pub core: Option<u32>,
-    /// Its scheduling policy and priority, as `SCHED_OTHER` or `SCHED_FIFO 30`.
+    /// Scheduling policy and priority, such as `SCHED_OTHER` or `SCHED_FIFO 30`.
     pub policy: String,
-    /// Processor time, in percent of one core.
+    /// CPU usage, in percent of one core.
     pub cpu_percent: f64,
-    /// Greatest resident memory of its own.
+    /// Peak private resident memory.
     pub private_bytes: u64,
-    /// Growth of that; `None` where processes were restarted, or the run was short.
+    /// Growth of private memory; `None` after restarts or in a short run.
     pub slope_bytes_per_hour: Option<f64>,
-    /// Frames that it finished.
+    /// Processed frames.
     pub frames: u64,
-    /// Frames that newer ones overtook.
+    /// Frames replaced by newer ones before processing.
     pub skipped: u64,
-    /// Messages that it refused.
+    /// Messages that failed validation.
     pub refused: u64,
-    /// How often it was restarted.
+    /// Number of restarts.
     pub restarts: u32,
 }
 
 /// Stalls of one core.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StallRow {
-    /// The core; `None` is a probe that was not pinned.
+    /// Core number; `None` for a probe that was not pinned.
     pub core: Option<u32>,
     /// Stalls of more than 1 ms.
     pub stalls: u64,
-    /// Their share of the time, in percent.
+    /// Share of time stalled, in percent.
     pub percent: f64,
-    /// The longest.
+    /// The longest stall.
     pub longest_ms: f64,
-    /// 99.9th percentile of the lateness of all wake-ups.
+    /// 99.9th percentile of the wake-up latency.
     pub p999_ms: f64,
 }
 
 impl StallRow {
-    /// Of figures over some seconds.
+    /// Statistics of one core over a duration.
     pub fn new(figures: &CoreFigures, seconds: f64) -> Self {
         Self {
             core: figures.core,
@@ -109,129 +109,128 @@ impl StallRow {
     }
 }
 
-/// A key of the configuration that the soak has set.
+/// A configuration key set by the soak test.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Setting {
-    /// The key.
+    /// Name of the key.
     pub key: &'static str,
     /// Its value in this run.
     pub value: String,
-    /// Why.
+    /// Reason.
     pub why: &'static str,
 }
 
-/// The machine.
+/// Environment of the run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Machine {
-    /// The processor's name.
+    /// Name of the processor.
     pub processor: String,
-    /// Its cores.
+    /// Number of cores.
     pub cores: usize,
-    /// Kernel.
+    /// Kernel version.
     pub kernel: String,
-    /// Processor time that others used meanwhile, in percent of all cores.
+    /// CPU usage of other processes, in percent of all cores.
     pub others_cpu_percent: f64,
-    /// Time that a hypervisor took away, in percent of all cores.
+    /// Steal time of a hypervisor, in percent of all cores.
     pub stolen_percent: f64,
-    /// Load average at the end, over one minute.
+    /// One-minute load average at the end.
     pub load: f64,
-    /// Policy and priority of the probe.
+    /// Scheduling policy and priority of the probe.
     pub probe_policy: String,
 }
 
-/// A whole report. The first keys are those that scripts rely on.
+/// The complete report. The first fields are those that scripts rely on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SoakReport {
-    /// Results.
+    /// Number of results.
     pub frames: u64,
-    /// Frames that newer ones overtook.
+    /// Frames replaced by newer ones.
     pub dropped: u64,
     /// Restarts of all stages.
     pub restarts: u64,
-    /// Restarts that no fault asked for, and faults after which no result came in time.
+    /// Restarts without a fault, and faults without a result within the time limit.
     pub failed_restarts: u64,
-    /// Entries that were left in shared memory and in the instance's folder, and growth on the way.
+    /// Entries left in shared memory and in the instance's folder, and growth during the run.
     pub leaked_shm_entries: u64,
-    /// End to end, of frames that no fault disturbed.
+    /// Latency from capture to result, of frames not affected by a fault.
     pub latency_ms: Percentiles,
-    /// Processor time of all processes, in percent of all cores.
+    /// CPU usage of all processes, in percent of all cores.
     pub cpu_percent: f64,
-    /// Greatest resident memory of all processes, shared memory and program counted once.
+    /// Peak resident memory of all processes, with shared memory and executable counted once.
     pub rss_bytes: u64,
-    /// Growth of private memory and of what is reserved in shared memory; `None` when the run was too
-    /// short to tell.
+    /// Growth of private memory and of reserved shared memory; `None` when the run was too short.
     pub rss_slope_bytes_per_hour: Option<f64>,
-    /// Longest time from a fault to the next result; 0 when there was no fault.
+    /// Longest time from a fault to the next result; 0 without faults.
     pub next_result_s_max: f64,
     /// `pass` or `fail`.
     pub verdict: &'static str,
-    /// Why it failed.
+    /// Reasons of failure.
     pub reasons: Vec<String>,
-    /// What was asked of the daemon.
+    /// Load of the run.
     pub kind: Kind,
-    /// Where the pairs came from.
+    /// Source of the pairs.
     pub source: String,
-    /// Pairs offered a second.
+    /// Offered pairs per second.
     pub fps: f64,
-    /// Minutes from the end of the warm-up to the end.
+    /// Duration without the warm-up, in minutes.
     pub minutes: f64,
-    /// Seconds that were left out at the start.
+    /// Duration of the warm-up, in seconds.
     pub warm_up_s: f64,
-    /// From the start of the daemon to its first result.
+    /// Time from the start of the daemon to its first result.
     pub first_result_s: f64,
-    /// Pairs that capture published.
+    /// Pairs published by capture.
     pub offered: u64,
-    /// Frames that ended otherwise: with a stage that died, or with the run.
+    /// Frames lost with a stage that died or at the end of the run.
     pub lost: u64,
-    /// Results a second.
+    /// Results per second.
     pub rate_hz: f64,
-    /// Faults that were made.
+    /// Number of injected faults.
     pub faults: u64,
-    /// SIGKILLs among them.
+    /// Number of SIGKILLs among them.
     pub kills: u64,
-    /// Seed of the faults.
+    /// Seed of fault injection.
     pub seed: u64,
-    /// 95 % interval of the slope.
+    /// 95 % confidence interval of the slope.
     pub rss_slope_interval_bytes_per_hour: Option<[f64; 2]>,
-    /// Shared memory that was touched, counted once.
+    /// Touched shared memory, counted once.
     pub shared_bytes: u64,
-    /// Shared memory that is reserved: as much can be touched.
+    /// Reserved shared memory: the upper limit of what can be touched.
     pub shared_reserved_bytes: u64,
-    /// Pages of the program, counted once.
+    /// Resident pages of the executable, counted once.
     pub file_bytes: u64,
-    /// Entries in shared memory: before the daemon, while it ran (greatest), after it.
+    /// Entries in shared memory: before the run, maximum during the run, after the run.
     pub shm_entries: [u64; 3],
-    /// Cores' worth of processor time.
+    /// CPU usage of all processes, in cores.
     pub cpu_cores: f64,
-    /// End to end less the machine's own stalls.
+    /// Latency from capture to result, minus the machine's own stalls.
     pub latency_less_stalls_ms: Percentiles,
-    /// Of frames that a fault or its aftermath touched.
+    /// Latency of frames affected by a fault or its aftermath.
     pub latency_disturbed_ms: Percentiles,
-    /// Frames in the latencies, and disturbed ones.
+    /// Number of frames in the latency statistics, and of disturbed frames.
     pub judged_frames: [u64; 2],
-    /// Deviation of the time between results from the period.
+    /// Deviation of the interval between results from the period.
     pub jitter_ms: Percentiles,
-    /// Mean time between results.
+    /// Mean interval between results.
     pub period_mean_ms: f64,
-    /// Its standard deviation as a share of the period.
+    /// Standard deviation of the interval relative to the period.
     pub period_spread: f64,
-    /// The longest time between results, faults apart.
+    /// The longest interval between results, without faults.
     pub longest_gap_ms: f64,
-    /// By stage.
+    /// Durations by stage.
     pub stages: Vec<StageRow>,
-    /// By process.
+    /// Statistics by process.
     pub processes: Vec<ProcessRow>,
-    /// By kind of fault and stage.
+    /// Recoveries by kind of fault and stage.
     pub fault_rows: Vec<FaultRow>,
     /// The longest recoveries.
     pub worst: Vec<Recovery>,
-    /// By core.
+    /// Stalls by core.
     pub stalls: Vec<StallRow>,
     /// Budgets.
     pub budgets: Vec<Line>,
-    /// What the soak has set.
+    /// Configuration keys set by the soak test.
     pub settings: Vec<Setting>,
-    /// Where.
+    /// Environment.
     pub machine: Machine,
 }
 
@@ -243,7 +242,7 @@ fn row<const N: usize>(first: impl Into<String>, rest: [String; N]) -> Vec<Strin
     std::iter::once(first.into()).chain(rest).collect()
 }
 
-/// A figure with as many digits as it deserves.
+/// A number with a suitable number of digits.
 fn figure(value: f64) -> String {
     match value.abs() {
         v if v >= 10_000.0 || v.fract() == 0.0 => format!("{value:.0}"),
@@ -253,7 +252,7 @@ fn figure(value: f64) -> String {
 }
 
 impl SoakReport {
-    /// The table of budgets: what a run comes to.
+    /// The table of budgets.
     pub fn verdict_table(&self) -> String {
         let line = |l: &Line| {
             let limit = format!("{} {} {}", if l.at_least { "≥" } else { "≤" }, figure(l.limit), l.unit);
@@ -264,7 +263,7 @@ impl SoakReport {
         table(&["what", "measured", "budget", "verdict"], &self.budgets.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// The whole report; `plots` are (file, what it shows).
+    /// The complete report as Markdown; `plots` are (file, description).
     pub fn markdown(&self, plots: &[(String, String)]) -> String {
         let mut out = format!("# Soak: {}\n\n", if self.verdict == "pass" { "pass" } else { "FAIL" });
         for reason in &self.reasons {
@@ -274,14 +273,14 @@ impl SoakReport {
         let asked = match self.kind {
             Kind::Steady => "a steady rate",
             Kind::Faults => "a steady rate, with faults",
-            Kind::Overload => "twice what it sustains",
+            Kind::Overload => "twice the sustainable rate",
         };
         let _ = write!(
             out,
-            "\n{:.1} minutes at {} pairs a second ({asked}) of {}, after {:.0} s of warm-up. {} results of {} pairs \
-             ({:.2} a second), {} overtaken by newer ones, {} lost with a stage or with the end. First result {:.2} s \
+            "\n{:.1} minutes at {} pairs per second ({asked}) of {}, after {:.0} s of warm-up. {} results of {} pairs \
+             ({:.2} per second), {} replaced by newer ones, {} lost with a stage or at the end. First result {:.2} s \
              after the start.\n\n\
-             Machine: {}, {} cores, Linux {}. Others used {:.0} % of all cores meanwhile, a hypervisor took {:.1} %; load {:.1} \
+             Machine: {}, {} cores, Linux {}. Other processes used {:.0} % of all cores, steal time {:.1} %; load {:.1} \
              at the end.\n\n## Budgets\n\n{}\n",
             self.minutes,
             figure(self.fps),
@@ -307,7 +306,7 @@ impl SoakReport {
         if !self.settings.is_empty() {
             let rows: Vec<_> =
                 self.settings.iter().map(|s| row(s.key, [s.value.clone(), s.why.to_owned()])).collect();
-            let _ = write!(out, "## Set for this run\n\n{}\n", table(&["key", "value", "why"], &rows));
+            let _ = write!(out, "## Settings of this run\n\n{}\n", table(&["key", "value", "why"], &rows));
         }
         for (file, what) in plots {
             let _ = writeln!(out, "![{what}]({file})\n");
@@ -335,9 +334,9 @@ impl SoakReport {
         add("deviation from the period".into(), &self.jitter_ms);
         let _ = write!(
             out,
-            "## Latency\n\n{}\nOf {} frames; {} around faults are counted apart. End to end is from the whole pair in shared \
-             memory to the obstacles. Results came every {:.2} ms (standard deviation {:.1} % of the period, longest gap {:.0} \
-             ms).\n\n",
+            "## Latency\n\n{}\nOf {} frames; {} around faults are counted separately. End to end is from the complete pair in \
+             shared memory to the obstacles. Mean interval between results {:.2} ms (standard deviation {:.1} % of the \
+             period, longest gap {:.0} ms).\n\n",
             table(&head, &rows),
             self.judged_frames[0],
             self.judged_frames[1],
@@ -363,9 +362,9 @@ impl SoakReport {
             .collect();
         let _ = write!(
             out,
-            "The machine's own stalls: a probe on each core ({}) asked to be woken every 2 ms, and came late by more than \
-             1 ms. Taken off a stage's time is what of it was a stall of its core, at most what is beyond its median, and at most \
-             what the kernel says that it was kept from its core.\n\n{}\n",
+            "The machine's own stalls: a probe on each core ({}) wakes every 2 ms and records wake-ups late by more than \
+             1 ms. From a stage's time the stalls of its core are subtracted, limited to its excess over the median and to \
+             the scheduling delay that the kernel reports for it.\n\n{}\n",
             self.machine.probe_policy,
             table(&["core", "stalls", "% of time", "p99.9 ms", "longest ms"], &rows)
         );
@@ -411,13 +410,13 @@ impl SoakReport {
                 low / 1024.0,
                 high / 1024.0
             ),
-            None => "Too short a run for a slope".into(),
+            None => "Run too short for a slope".into(),
         };
         let _ = write!(
             out,
-            "## Processes\n\n{}\nIn all {:.2} cores' worth of processor time ({:.1} % of {} cores) and {:.2} MB of memory, of \
-             which {:.2} MB (of {:.2} MB reserved) are shared memory and {:.2} MB the program, each counted once. {interval}. Entries in shared memory: \
-             {} before, up to {} while it ran, {} after.\n\n",
+            "## Processes\n\n{}\nTotal: {:.2} cores ({:.1} % of {} cores) and {:.2} MB of memory, \
+             including {:.2} MB (of {:.2} MB reserved) of shared memory and {:.2} MB of the executable, each counted once. \
+             {interval}. Entries in shared memory: {} before, up to {} while it ran, {} after.\n\n",
             table(&head, &rows),
             self.cpu_cores,
             self.cpu_percent,
@@ -460,7 +459,7 @@ impl SoakReport {
         let _ = write!(
             out,
             "## Faults\n\n{} faults, {} of them SIGKILLs, seed {}; {} restarts, {} failed.\n\n{}\nkill is SIGKILL, exit a SIGTERM \
-             that the scheduler did not send, hang a SIGSTOP for good, which the daemon has to notice (liveness deadline and \
+             that the scheduler did not send, hang a permanent SIGSTOP that the daemon has to detect (liveness deadline and \
              restart are in the time), stall a shorter SIGSTOP (timed from its end). The time ends with the first result whose \
              pair was captured after the fault. The longest: {}.\n\n",
             self.faults,
@@ -473,7 +472,7 @@ impl SoakReport {
         );
     }
 
-    /// Whether a budget failed, or something else did.
+    /// Whether the run failed.
     pub fn has_failed(&self) -> bool {
         !self.reasons.is_empty() || self.budgets.iter().any(|l| l.verdict == Verdict::Fail)
     }

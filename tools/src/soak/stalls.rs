@@ -1,22 +1,21 @@
-//! When the machine itself stood still: what a probe at the stages' priority has seen.
+//! Stalls of the machine itself, measured by probes at the stages' priority.
 //!
-//! A probe on each core asks to be woken every 2 ms. A wake-up that comes late by more than
-//! [`MIN_NS`] is a stall of that core from the time it was due until it came: nothing at this
-//! priority ran there on time, whoever was at fault.
+//! A probe on each core wakes every 2 ms. A wake-up late by more than [`MIN_NS`] is a stall of that core from
+//! the due time to the actual wake-up: nothing at this priority ran there on time, whatever the cause.
 
 use crate::reporting::summary::Latency;
 use std::collections::VecDeque;
 
-/// Shorter delays are the scheduler's ordinary business.
+/// Shorter delays are normal for the scheduler.
 pub const MIN_NS: u64 = 1_000_000;
 
-/// Stalls of a core that are kept for frames still to be judged.
-const KEPT: usize = 8192;
+/// Maximum number of stalls per core kept for frames not yet evaluated.
+const MAX_STALLS: usize = 8192;
 
 /// Stalls of one core.
 #[derive(Clone, Debug)]
 struct Core {
-    /// `None` is a probe that was not pinned.
+    /// `None` for a probe that was not pinned.
     core: Option<u32>,
     recent: VecDeque<(u64, u64)>,
     lateness: Latency,
@@ -25,20 +24,20 @@ struct Core {
     longest_ns: u64,
 }
 
-/// Figures of one core.
+/// Statistics of one core.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoreFigures {
-    /// Its number; `None` is a probe that was not pinned.
+    /// Core number; `None` for a probe that was not pinned.
     pub core: Option<u32>,
-    /// Wake-ups.
+    /// Number of wake-ups.
     pub wakes: u64,
-    /// Wake-ups that were late by more than [`MIN_NS`].
+    /// Number of wake-ups late by more than [`MIN_NS`].
     pub stalls: u64,
-    /// Time of all stalls.
+    /// Total duration of the stalls.
     pub total_ns: u64,
-    /// The longest.
+    /// Duration of the longest stall.
     pub longest_ns: u64,
-    /// 99.9th percentile of the lateness of all wake-ups, in milliseconds.
+    /// 99.9th percentile of the wake-up latency, in milliseconds.
     pub p999_ms: f64,
 }
 
@@ -49,7 +48,7 @@ pub struct Stalls {
 }
 
 impl Stalls {
-    /// Takes in a wake-up that was due at one time and came at another, on the monotonic clock.
+    /// Adds a wake-up: its due and its actual time, on the monotonic clock.
     pub fn add(&mut self, core: Option<u32>, due_ns: u64, woke_ns: u64) {
         let late_ns = woke_ns.saturating_sub(due_ns);
         let place = self.cores.iter().position(|c| c.core == core).unwrap_or_else(|| {
@@ -69,14 +68,14 @@ impl Stalls {
             core.stalls += 1;
             core.total_ns += late_ns;
             core.longest_ns = core.longest_ns.max(late_ns);
-            if core.recent.len() >= KEPT {
+            if core.recent.len() >= MAX_STALLS {
                 core.recent.pop_front();
             }
             core.recent.push_back((due_ns, woke_ns));
         }
     }
 
-    /// Forgets stalls that ended before a time; their figures stay.
+    /// Drops stalls that ended before a time; the statistics remain.
     pub fn forget_before(&mut self, ns: u64) {
         for core in &mut self.cores {
             while core.recent.front().is_some_and(|&(_, end)| end < ns) {
@@ -85,15 +84,15 @@ impl Stalls {
         }
     }
 
-    /// How long a core stood still between two times. A core without a probe never did.
+    /// Time a core was stalled between two times; 0 for a core without a probe.
     pub fn overlap_ns(&self, core: Option<u32>, from_ns: u64, to_ns: u64) -> u64 {
         let Some(core) = self.cores.iter().find(|c| c.core == core) else { return 0 };
         let overlap = |&(begin, end): &(u64, u64)| end.min(to_ns).saturating_sub(begin.max(from_ns));
-        // The newest are last, and one core's stalls do not overlap.
+        // The newest stalls are last, and those of one core do not overlap.
         core.recent.iter().rev().take_while(|&&(_, end)| end > from_ns).map(overlap).sum()
     }
 
-    /// Figures by core.
+    /// Statistics by core.
     pub fn figures(&self) -> Vec<CoreFigures> {
         let figures = |c: &Core| CoreFigures {
             core: c.core,
@@ -141,7 +140,7 @@ mod tests {
         for i in 0..100_000 {
             stalls.add(None, i * 10 * MS, i * 10 * MS + 2 * MS);
         }
-        assert_eq!(stalls.cores[0].recent.len(), KEPT);
+        assert_eq!(stalls.cores[0].recent.len(), MAX_STALLS);
         assert_eq!(stalls.figures()[0].stalls, 100_000);
     }
 }

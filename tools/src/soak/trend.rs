@@ -1,9 +1,9 @@
-//! A quantity over a run of any length, in bounded memory, and its slope.
+//! Time series of unbounded duration in bounded memory, and its robust slope.
 
-/// Buckets that are kept; when they are full, neighbours are joined and each spans twice the time.
+/// Maximum number of buckets; when full, neighbours are merged and each spans twice the time.
 const CAPACITY: usize = 720;
 
-/// A span of time.
+/// A time interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Bucket {
     index: u64,
@@ -14,47 +14,47 @@ struct Bucket {
     greatest: f64,
 }
 
-/// One point of a trend.
+/// A point of a time series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     /// Mean time of the samples, in seconds.
     pub at_s: f64,
-    /// Their mean.
+    /// Mean value.
     pub mean: f64,
-    /// The least of them.
+    /// Minimum value.
     pub least: f64,
-    /// The greatest of them.
+    /// Maximum value.
     pub greatest: f64,
 }
 
-/// A quantity over time.
+/// A time series.
 #[derive(Clone, Debug)]
 pub struct Trend {
     buckets: Vec<Bucket>,
     width_s: f64,
 }
 
-/// How fast a quantity changes.
+/// Slope of a time series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slope {
-    /// Change a second: the median of the slopes between all pairs of points (Theil and Sen), which
-    /// single steps and outliers do not move.
+    /// Change per second: the median of the slopes between all pairs of points (Theil–Sen estimator), robust
+    /// against steps and outliers.
     pub per_s: f64,
-    /// Lower end of its 95 % interval (Sen's; neighbours that depend on each other make it narrow).
+    /// Lower end of the 95 % confidence interval (Sen's; too narrow for correlated neighbours).
     pub low_per_s: f64,
-    /// Upper end.
+    /// Upper end of that interval.
     pub high_per_s: f64,
     /// Time between the first and the last point, in seconds.
     pub span_s: f64,
 }
 
 impl Trend {
-    /// An empty trend whose points are at least `width_s` seconds apart.
+    /// An empty series with points at least `width_s` seconds apart.
     pub fn new(width_s: f64) -> Self {
         Self { buckets: Vec::with_capacity(CAPACITY), width_s }
     }
 
-    /// Adds a sample; times must not fall. What is no number is left out.
+    /// Adds a sample; times must not decrease. Values that are not finite are skipped.
     pub fn add(&mut self, at_s: f64, value: f64) {
         if !(value.is_finite() && at_s.is_finite()) {
             return;
@@ -103,7 +103,7 @@ impl Trend {
         self.buckets = joined;
     }
 
-    /// The points, in order.
+    /// The points in order of time.
     pub fn points(&self) -> impl Iterator<Item = Point> {
         self.buckets.iter().map(|b| Point {
             at_s: b.time_sum / f64::from(b.count),
@@ -113,7 +113,7 @@ impl Trend {
         })
     }
 
-    /// The greatest sample from `from_s` on.
+    /// The maximum from `from_s` on.
     pub fn greatest(&self, from_s: f64) -> Option<f64> {
         self.points().filter(|p| p.at_s >= from_s).map(|p| p.greatest).reduce(f64::max)
     }
@@ -127,8 +127,8 @@ impl Trend {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// By how much the floor has risen: the least sample of the last quarter of the time from
-    /// `from_s` on, less that of the first. What comes and goes does not count.
+    /// Rise of the floor: minimum of the last quarter of the time from `from_s` on, minus the minimum of the first
+    /// quarter. Temporary rises do not count.
     pub fn floor_rise(&self, from_s: f64) -> Option<f64> {
         let points: Vec<Point> = self.points().filter(|p| p.at_s >= from_s).collect();
         let quarter = points.len() / 4;
@@ -139,7 +139,7 @@ impl Trend {
         Some(least(&points[points.len() - quarter..])? - least(&points[..quarter])?)
     }
 
-    /// The slope from `from_s` on; `None` with less than eight points.
+    /// The slope from `from_s` on; `None` for fewer than eight points.
     pub fn slope(&self, from_s: f64) -> Option<Slope> {
         let points: Vec<Point> = self.points().filter(|p| p.at_s >= from_s).collect();
         let n = points.len();
@@ -197,7 +197,7 @@ mod tests {
         assert!(slope.low_per_s < 300.0 && slope.high_per_s > 300.0, "{slope:?}");
         assert!((slope.span_s - 539.0).abs() < 1.5);
         assert!(flat.slope(301.0).unwrap().per_s.abs() < 1e-9);
-        // With the step in the middle it is the smaller part of pairs that sees it.
+        // With the step in the middle, only a minority of the pairs spans it.
         assert!(flat.slope(60.0).unwrap().per_s < 300.0);
     }
 

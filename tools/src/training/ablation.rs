@@ -1,54 +1,56 @@
-//! What each measure of the trainer is worth: the recipe as asked for, and once without each of them, judged
-//! by pictures that neither trees nor thresholds were made from.
+//! Ablation study of the trainer: the full recipe, and the recipe without each of its measures, evaluated on
+//! held-out images.
 
 use super::augment::Variation;
+use super::error::TrainError;
+use super::parameters::TrainParameters;
 use super::pictures::{self, SourcePicture};
-use super::{Progress, TrainError, TrainParameters, train};
+use super::trainer::{Progress, train};
 use crate::evaluation::detection::{judge_all, report};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::time::Instant;
 
-/// A line of the table.
+/// A row of the table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AblationRow {
-    /// What is different from the recipe.
+    /// Change to the recipe.
     pub change: &'static str,
-    /// Stages that came out.
+    /// Number of trained stages.
     pub stages: usize,
-    /// Trees in them.
+    /// Number of trees in them.
     pub trees: usize,
-    /// Share of the held-out objects found, as the cascade stands.
+    /// Share of the held-out positives accepted, at the trained thresholds.
     pub hit_rate: f64,
-    /// Share of the held-out rest taken for objects, as it stands.
+    /// Share of the held-out negatives accepted, at the trained thresholds.
     pub false_alarm_rate: f64,
-    /// Mean of the shares judged right.
+    /// Mean of the correctly classified shares.
     pub balanced_accuracy: f64,
-    /// Objects found at 1 % false alarms, all thresholds moved together.
+    /// Hit rate at 1 % false alarms, with all thresholds shifted together.
     pub hit_rate_at_1_percent: f64,
     /// The same at 2 %.
     pub hit_rate_at_2_percent: f64,
-    /// Area under the ROC.
+    /// Area under the ROC curve.
     pub area: f64,
-    /// Seconds that training took.
+    /// Training time in seconds.
     pub seconds: f64,
 }
 
 /// The table.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ablation {
-    /// Held-out objects.
+    /// Number of held-out positives.
     pub positives: usize,
-    /// Held-out pictures without.
+    /// Number of held-out negatives.
     pub negatives: usize,
-    /// The recipe first.
+    /// Rows, the unchanged recipe first.
     pub rows: Vec<AblationRow>,
 }
 
-/// A change of the recipe.
+/// A change to the recipe.
 type Change = (&'static str, fn(&mut TrainParameters));
 
-/// What is left out, one at a time.
+/// The changes, each applied on its own.
 const CHANGES: [Change; 11] = [
     ("as asked for", |_| {}),
     ("nothing varied", |p| {
@@ -66,11 +68,11 @@ const CHANGES: [Change; 11] = [
     ("a quarter of the rest", |p| p.negatives = (p.negatives / 4).max(16)),
 ];
 
-/// Trains one cascade for each change. The last share `held_out` of each folder judges them; of the rest, the
-/// recipe's validation share judges stages as usual.
+/// Trains one cascade per change. The last share `held_out` of each folder is used for evaluation; of the
+/// remainder, the recipe's validation share validates stages as usual.
 ///
 /// # Errors
-/// When the pictures do not suffice.
+/// When there are too few images.
 pub fn ablation(
     p: &TrainParameters,
     objects: Vec<Vec<SourcePicture>>,
@@ -113,7 +115,7 @@ impl Ablation {
     /// The table as text.
     pub fn text(&self) -> String {
         let mut out = format!(
-            "judged by {} objects and {} others that took no part\n\
+            "evaluated on {} held-out objects and {} others\n\
              change                      stages  trees  hits %  false alarms %  balanced %  hits at 1 %  at 2 %    area      s\n",
             self.positives, self.negatives
         );

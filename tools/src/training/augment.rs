@@ -1,9 +1,9 @@
-//! Windows cut from pictures: as they are, and varied in place, size, side, light and sharpness.
+//! Data augmentation: windows cut from images, varied in position, size, orientation, lighting and sharpness.
 
 use fastrand::Rng;
 use perception::image::GreyView;
 
-/// A part of a picture, in its pixels.
+/// A rectangle of an image, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// Left edge.
@@ -17,34 +17,34 @@ pub struct Part {
 }
 
 impl Part {
-    /// The whole picture.
+    /// The whole image.
     pub fn whole(picture: GreyView<'_>) -> Self {
         Self { x: 0.0, y: 0.0, width: picture.width() as f64, height: picture.height() as f64 }
     }
 }
 
-/// How much is varied; all 0 leaves a patch as it is.
+/// Strength of the augmentation; all 0 leaves a patch unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variation {
-    /// Greatest shift, as a share of the window.
+    /// Maximum shift, as a share of the window.
     pub shift: f64,
-    /// Greatest change of size, as a share.
+    /// Maximum change of size, as a share.
     pub scale: f64,
-    /// Mirrors half of the windows.
+    /// Whether to mirror half of the windows.
     pub mirror: bool,
-    /// Greatest change of gamma, and greatest loss of contrast at either end, as a share of half of it.
+    /// Maximum change of gamma, and maximum loss of contrast at either end as a share of half the range.
     pub light: f64,
-    /// Greatest blur, standard deviation in pixels of the window; noise of up to 4 × this grey levels.
+    /// Maximum blur, standard deviation in window pixels; noise up to 4 × this many grey levels.
     pub blur: f64,
 }
 
 impl Variation {
-    /// What the trainer does unless told otherwise.
+    /// Default strength of the trainer.
     pub const USUAL: Self = Self { shift: 0.04, scale: 0.08, mirror: true, light: 0.25, blur: 0.7 };
-    /// Nothing.
+    /// No augmentation.
     pub const NONE: Self = Self { shift: 0.0, scale: 0.0, mirror: false, light: 0.0, blur: 0.0 };
 
-    /// This, so many times as strong; 0 is nothing.
+    /// Scales the strength; 0 is none.
     #[must_use]
     pub fn times(self, times: f64) -> Self {
         Self {
@@ -57,27 +57,27 @@ impl Variation {
     }
 }
 
-/// How a picture is brought to the size of the window.
+/// Resampling of an image to the size of the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sampling {
-    /// Each pixel is the mean of what it covers: how patches are judged.
+    /// Area averaging, as used to evaluate patches.
     Area,
-    /// Each pixel lies between the four nearest ones: how the detector scales pictures.
+    /// Bilinear interpolation, as used by the detector.
     Bilinear,
 }
 
-/// Whole pixels that an interval covers, each with its share of it.
+/// Pixels covered by an interval, each with its covered length.
 fn covered(from: f64, to: f64, limit: usize) -> impl Iterator<Item = (usize, f32)> {
     let last = limit as i64 - 1;
     let (first, end) = (from.floor() as i64, (to.ceil() as i64).max(from.floor() as i64 + 1));
     (first..end).map(move |i| {
         let share = (to.min(i as f64 + 1.0) - from.max(i as f64)).max(0.0);
-        // Beyond the edge the picture goes on as it ends.
+        // The border is replicated.
         (i.clamp(0, last) as usize, share as f32)
     })
 }
 
-/// A part of a picture in the size of the window, `width` × `height` pixels.
+/// A rectangle of an image resampled to the window, `width` × `height` pixels.
 pub fn window(
     picture: GreyView<'_>,
     part: Part,
@@ -87,7 +87,7 @@ pub fn window(
 ) {
     let (dx, dy) = (part.width / width as f64, part.height / height as f64);
     out.clear();
-    // Where the picture is enlarged, areas are smaller than a pixel and would be blocks.
+    // Under magnification areas are smaller than a pixel and would produce blocks.
     if sampling == Sampling::Bilinear || dx <= 1.0 || dy <= 1.0 {
         return bilinear(picture, part, (width, height), out);
     }
@@ -113,7 +113,7 @@ pub fn window(
 }
 
 fn bilinear(picture: GreyView<'_>, part: Part, (width, height): (usize, usize), out: &mut Vec<u8>) {
-    // The pixel at or before a place, the one behind it, and the share of that.
+    // The pixel at or before a position, the next one, and the weight of the latter.
     let place = |from: f64, side: f64, i: usize, count: usize, limit: usize| {
         let at = (from + (i as f64 + 0.5) * side / count as f64 - 0.5).clamp(0.0, limit as f64 - 1.0);
         let first = at as usize;
@@ -139,7 +139,7 @@ fn within(random: &mut Rng, most: f64) -> f64 {
     (random.f64() * 2.0 - 1.0) * most
 }
 
-/// A varied window of a part of a picture. The same random numbers give the same window.
+/// An augmented window of a rectangle. Equal random numbers give equal windows.
 pub fn vary(
     picture: GreyView<'_>,
     part: Part,
@@ -166,8 +166,8 @@ pub fn vary(
     relight(variation, random, width, out);
 }
 
-/// Varies light and sharpness of half of the windows, in place. Windows with and without objects
-/// need it alike, or the trees would tell them apart by it.
+/// Varies lighting and sharpness of half of the windows, in place. Applied equally to positives and negatives;
+/// otherwise the trees would separate them by it.
 pub fn relight(variation: &Variation, random: &mut Rng, width: usize, out: &mut [u8]) {
     if random.bool() {
         return;
@@ -178,21 +178,21 @@ pub fn relight(variation: &Variation, random: &mut Rng, width: usize, out: &mut 
     let noise = random.f64() * variation.blur * 4.0;
     if variation.light > 0.0 || noise > 0.0 {
         let gamma = 1.0 + within(random, variation.light);
-        // Lower contrast anywhere in the range: nothing is cut off at black or white.
+        // Lower contrast at any position in the range, without clipping at black or white.
         let low = random.f64() * variation.light * 127.0;
         let high = 255.0 - random.f64() * variation.light * 127.0;
         let table: Vec<f64> =
             (0..256).map(|v| (f64::from(v) / 255.0).powf(gamma) * (high - low) + low).collect();
         for v in out.iter_mut() {
             let noise = if noise > 0.0 { within(random, noise) } else { 0.0 };
-            // Truncated as it is cast: below 0 becomes 0, above 255 becomes 255.
+            // Saturating cast: below 0 becomes 0, above 255 becomes 255.
             *v = (table[usize::from(*v)] + noise + 0.5) as u8;
         }
     }
 }
 
-/// Takes most of the contrast of a third of the windows: what is left of a dark or empty place is
-/// never an object, and its equal grey levels look like nothing else.
+/// Reduces the contrast of a third of the windows strongly: dark or uniform areas are never objects, and their
+/// equal grey levels occur nowhere else.
 pub fn fade(variation: &Variation, random: &mut Rng, out: &mut [u8]) {
     if variation.light <= 0.0 || random.u8(0..3) > 0 {
         return;
@@ -207,7 +207,7 @@ pub fn fade(variation: &Variation, random: &mut Rng, out: &mut [u8]) {
     }
 }
 
-/// Blurs with weights of a Gaussian over 3 pixels, along rows and columns.
+/// Gaussian blur over 3 pixels, along rows and columns.
 fn blur(pixels: &mut [u8], width: usize, sigma_px: f64) {
     let side = (-0.5 / sigma_px.max(0.1).powi(2)).exp();
     let (middle, side) = (1.0 / (1.0 + 2.0 * side), side / (1.0 + 2.0 * side));
@@ -252,7 +252,7 @@ mod tests {
         let data = [10, 20, 30, 40, 50, 60];
         let picture = GreyView::new(&data, 6, 1, 6).expect("a picture");
         let mut out = Vec::new();
-        // A single row, doubled, so that both sides shrink.
+        // A single row, doubled, so that both dimensions are reduced.
         let doubled: Vec<u8> = data.iter().chain(&data).copied().collect();
         let tall = GreyView::new(&doubled, 6, 2, 6).expect("a picture");
         window(tall, Part::whole(tall), Sampling::Area, (4, 1), &mut out);

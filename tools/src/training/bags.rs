@@ -1,11 +1,11 @@
-//! Several cascades, trained from other random numbers, as one: what one of them mistakes for an object the
-//! others mostly do not, so the sum of their trees is less often wrong than each.
+//! Bagging: joins several cascades trained from different random numbers. Their errors are largely independent,
+//! so the sum of their trees is wrong less often than each.
 
 use super::features::{self, Sums};
 use super::{stage, threads};
 use perception::recognition::cascade::{Branch, Cascade, Node, Stage};
 
-/// The sum of a stage's trees for a sample.
+/// Sum of a stage's trees for a sample.
 pub fn sum(cascade: &Cascade, stage: &Stage, sample: &Sums) -> f64 {
     let mut sum = 0.0;
     for tree in &stage.trees {
@@ -21,21 +21,21 @@ pub fn sum(cascade: &Cascade, stage: &Stage, sample: &Sums) -> f64 {
     sum
 }
 
-/// How far a sample's sum lies above a stage's threshold.
+/// Sum minus threshold of a stage for a sample.
 pub fn margin(cascade: &Cascade, stage: &Stage, sample: &Sums) -> f64 {
     sum(cascade, stage, sample) - f64::from(stage.threshold)
 }
 
-/// The margins of samples in each stage of a cascade.
+/// Margins of samples in each stage of a cascade.
 pub fn margins(cascade: &Cascade, samples: &[Sums], threads: usize) -> Vec<Vec<f64>> {
     threads::map(threads, samples.len(), |i| {
         cascade.stages.iter().map(|stage| margin(cascade, stage, &samples[i])).collect()
     })
 }
 
-/// Joins cascades whose stages each begin with the trees of the one before: the stages of the first, which refuse
-/// most windows soon, then for each other cascade a stage that adds the trees of its last one and lets the share
-/// `hit_rate` of the judging `objects` pass. `None` of none.
+/// Joins cascades with chained stages: the stages of the first, which reject most windows early, then for each
+/// other cascade one stage that adds the trees of its last stage and accepts the share `hit_rate` of the
+/// validation `objects`. `None` for no cascades.
 pub fn join(cascades: Vec<Cascade>, hit_rate: f64, objects: &[Sums]) -> Option<Cascade> {
     let mut cascades = cascades.into_iter();
     let mut joined = cascades.next()?;
@@ -65,11 +65,11 @@ pub fn join(cascades: Vec<Cascade>, hit_rate: f64, objects: &[Sums]) -> Option<C
 
 #[cfg(test)]
 mod tests {
-    use super::super::FeatureKind;
+    use super::super::features::FeatureKind;
     use super::*;
     use perception::recognition::cascade::{Features, LbpFeature, Split};
 
-    /// A cascade of one stage of one stump: `right` for windows whose feature has no bit of the right column.
+    /// A cascade of one stage with one stump: `right` for windows whose feature has no bit of the right column.
     fn cascade(feature: LbpFeature, right: f32) -> Cascade {
         let mut words = [u32::MAX; 8];
         words[0] = 0;

@@ -1,20 +1,53 @@
-//! The features that the trainer chooses from, and their values on all samples as one byte each.
+//! Candidate features, and their values on all samples quantised to one byte.
 
-use super::{FeatureKind, threads};
+use super::threads;
 use fastrand::Rng;
 use perception::recognition::cascade::{Features, HaarFeature, LbpFeature, Split, WeightedRect};
 use perception::recognition::integral::Integral;
+use serde::{Deserialize, Serialize};
 
-/// Samples that are coded at a time.
+/// Number of samples processed together.
 const BLOCK: usize = 32;
 
-/// Values of a Haar feature are told apart by at most this many thresholds.
-const CUTS: usize = 63;
+/// Maximum number of quantisation thresholds of a Haar feature.
+const MAX_CUTS: usize = 63;
 
-/// Values from which the thresholds of a Haar feature are taken.
-const SURVEYED: usize = 512;
+/// Number of values from which the thresholds of a Haar feature are derived.
+const SURVEY_SAMPLES: usize = 512;
 
-/// Every multi-block LBP feature of a window, columns outermost, as OpenCV's trainer counts them.
+/// Feature type of the trees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureKind {
+    /// Multi-block local binary patterns.
+    Lbp,
+    /// Upright Haar features.
+    Haar,
+    /// Upright and tilted Haar features.
+    HaarTilted,
+}
+
+impl FeatureKind {
+    /// The type of a cascade's features.
+    pub fn of(features: &Features) -> Self {
+        match features {
+            Features::Lbp(_) => Self::Lbp,
+            Features::Haar(list) if list.iter().any(|f| f.tilted) => Self::HaarTilted,
+            Features::Haar(_) => Self::Haar,
+        }
+    }
+
+    /// All features of a window.
+    pub fn all(self, width: u16, height: u16) -> Features {
+        match self {
+            Self::Lbp => Features::Lbp(all_lbp(width, height)),
+            Self::Haar => Features::Haar(all_haar(width, height, false)),
+            Self::HaarTilted => Features::Haar(all_haar(width, height, true)),
+        }
+    }
+}
+
+/// All multi-block LBP features of a window, columns outermost, in the order of OpenCV's trainer.
 pub fn all_lbp(width: u16, height: u16) -> Vec<LbpFeature> {
     let mut features = Vec::new();
     for x in 0..width {
@@ -29,8 +62,7 @@ pub fn all_lbp(width: u16, height: u16) -> Vec<LbpFeature> {
     features
 }
 
-/// Every Haar feature of a window: edges, lines, chequers and centre-surround, and tilted edges and
-/// lines.
+/// All Haar features of a window: edges, lines, checkerboards and centre-surround, and tilted edges and lines.
 pub fn all_haar(width: u16, height: u16, tilted: bool) -> Vec<HaarFeature> {
     let mut features = Vec::new();
     let rect = |x, y, width, height, weight| WeightedRect { x, y, width, height, weight };
@@ -78,7 +110,7 @@ pub fn all_haar(width: u16, height: u16, tilted: bool) -> Vec<HaarFeature> {
     features
 }
 
-/// `count` of them, drawn at random, in their order; all when there are no more.
+/// `count` features drawn at random, in their original order; all when there are no more.
 pub fn draw(features: &Features, count: usize, random: &mut Rng) -> Features {
     fn some<T: Copy>(all: &[T], count: usize, random: &mut Rng) -> Vec<T> {
         if count >= all.len() {
@@ -98,7 +130,7 @@ pub fn draw(features: &Features, count: usize, random: &mut Rng) -> Features {
     }
 }
 
-/// The number of a pool's feature in the cascade, which gets it when it has not.
+/// Index of a pool's feature in the cascade, to which it is added if missing.
 pub fn add(features: &mut Features, pool: &Features, index: usize) -> u32 {
     fn place<T: PartialEq + Copy>(list: &mut Vec<T>, item: T) -> u32 {
         let at = list.iter().position(|f| *f == item).unwrap_or_else(|| {
@@ -110,42 +142,42 @@ pub fn add(features: &mut Features, pool: &Features, index: usize) -> u32 {
     match (features, pool) {
         (Features::Lbp(list), Features::Lbp(pool)) => place(list, pool[index]),
         (Features::Haar(list), Features::Haar(pool)) => place(list, pool[index]),
-        // A cascade and its pools are of one kind.
+        // A cascade and its pools have the same type.
         _ => 0,
     }
 }
 
-/// The sums over one sample that features are made of.
+/// Integral images of one sample.
 #[derive(Clone, Debug, Default)]
 pub struct Sums {
     integral: Integral,
     inverse: f32,
-    /// Whether a detector with Haar features can judge it.
-    pub sound: bool,
+    /// Whether a detector with Haar features can evaluate it.
+    pub is_valid: bool,
 }
 
 impl Sums {
-    /// Of a window of so many pixels, for these features.
+    /// Integral images of a window of `size` pixels, as needed for these features.
     pub fn of(window: &[u8], size: (u16, u16), kind: FeatureKind) -> Self {
         let mut sums = Self::default();
         sums.fill(window, size, kind);
         sums
     }
 
-    /// The same in the memory that is there.
+    /// The same, reusing the allocated memory.
     pub fn fill(&mut self, window: &[u8], (width, height): (u16, u16), kind: FeatureKind) {
         self.integral.fill(window, width.into());
-        (self.inverse, self.sound) = (1.0, true);
+        (self.inverse, self.is_valid) = (1.0, true);
         if kind == FeatureKind::HaarTilted {
             self.integral.fill_tilted(window, width.into());
         }
         if kind != FeatureKind::Lbp {
             let contrast = self.integral.contrast(width, height, 0, 0);
-            (self.inverse, self.sound) = (contrast.inverse, contrast.sound);
+            (self.inverse, self.is_valid) = (contrast.inverse, contrast.sound);
         }
     }
 
-    /// Whether a split on feature `feature` sends the sample left.
+    /// Whether a split on feature `feature` sends the sample to the left.
     pub fn goes_left(&self, features: &Features, feature: usize, split: &Split) -> bool {
         match (features, split) {
             (Features::Lbp(features), split) => split.has(features[feature].code(&self.integral, 0, 0)),
@@ -156,19 +188,19 @@ impl Sums {
         }
     }
 
-    /// The sums themselves.
+    /// The integral images.
     pub fn integral(&self) -> &Integral {
         &self.integral
     }
 }
 
-/// Every feature's value on every sample as a byte: the code of an LBP feature, the number of
-/// thresholds that a Haar value reaches.
+/// Values of every feature on every sample, as one byte: the code of an LBP feature, or the number of thresholds
+/// that a Haar value reaches.
 #[derive(Debug)]
 pub struct Codes {
     samples: usize,
     rows: Vec<Vec<u8>>,
-    /// For Haar features: the thresholds, ascending.
+    /// Thresholds of Haar features, ascending.
     cuts: Vec<Vec<f32>>,
 }
 
@@ -190,30 +222,30 @@ impl Codes {
         codes
     }
 
-    /// How many samples.
+    /// Number of samples.
     pub fn samples(&self) -> usize {
         self.samples
     }
 
-    /// How many features.
+    /// Number of features.
     pub fn features(&self) -> usize {
         self.rows.len()
     }
 
-    /// The codes of one feature.
+    /// Codes of one feature.
     pub fn row(&self, feature: usize) -> &[u8] {
         &self.rows[feature]
     }
 
-    /// Whether codes of this feature are in the order of its values.
+    /// Whether the codes are ordered like the values.
     pub fn ordered(&self) -> bool {
         !self.cuts.is_empty()
     }
 
-    /// The split that sends left the codes of which `left` is true; of ordered codes, the lower ones.
+    /// The split that sends the codes marked in `left` to the left; for ordered codes, the lower ones.
     pub fn split(&self, feature: usize, left: &[bool; 256]) -> Split {
         if self.ordered() {
-            // A value below cut k has a code of k or less.
+            // A value below threshold k has a code of at most k.
             let last = left.iter().rposition(|&l| l).unwrap_or(0);
             return Split::Threshold(self.cuts[feature].get(last).copied().unwrap_or(f32::MAX));
         }
@@ -225,7 +257,7 @@ impl Codes {
     }
 }
 
-/// `work` on indices, in runs long enough to be worth a thread.
+/// Runs `work` on indices, in chunks large enough to be worth a thread.
 fn chunked<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     const RUN: usize = 64;
     let runs = threads::map(threads, count.div_ceil(RUN), |run| {
@@ -234,7 +266,7 @@ fn chunked<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sy
     runs.into_iter().flatten().collect()
 }
 
-/// The sums of [`BLOCK`] samples, entry by entry side by side.
+/// Integral images of [`BLOCK`] samples, interleaved.
 struct LaneSums {
     entries: Vec<[i32; BLOCK]>,
     stride: usize,
@@ -286,11 +318,11 @@ fn lbp_row(feature: &LbpFeature, blocks: &[LaneSums], samples: usize) -> Vec<u8>
 fn haar_row(feature: &HaarFeature, samples: &[Sums]) -> (Vec<u8>, Vec<f32>) {
     let values: Vec<f32> = samples.iter().map(|s| feature.value(&s.integral, 0, 0, s.inverse)).collect();
     let mut survey: Vec<f32> =
-        values.iter().step_by(values.len().div_ceil(SURVEYED).max(1)).copied().collect();
+        values.iter().step_by(values.len().div_ceil(SURVEY_SAMPLES).max(1)).copied().collect();
     survey.sort_unstable_by(f32::total_cmp);
     survey.dedup();
-    // Between neighbouring values, at even shares of them.
-    let mut ranks: Vec<usize> = (1..=CUTS).map(|k| (k * survey.len() / (CUTS + 1)).max(1)).collect();
+    // Midway between neighbouring values, at equal quantiles.
+    let mut ranks: Vec<usize> = (1..=MAX_CUTS).map(|k| (k * survey.len() / (MAX_CUTS + 1)).max(1)).collect();
     ranks.dedup();
     let ranks = ranks.into_iter().filter(|&rank| rank < survey.len());
     let cuts: Vec<f32> =
@@ -320,7 +352,7 @@ mod tests {
             let along = |parts: usize| (1..=24 / parts).map(|side| 25 - parts * side).sum::<usize>();
             along(columns) * along(rows)
         };
-        // Edges, lines of three and chequers: the number that Viola and Jones give.
+        // Edges, lines of three and checkerboards: the number given by Viola and Jones.
         let classic = count(2, 1) + count(1, 2) + count(3, 1) + count(1, 3) + count(2, 2);
         assert_eq!(classic, 162_336);
         let upright = all_haar(24, 24, false).len();

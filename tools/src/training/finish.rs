@@ -1,35 +1,34 @@
-//! Where a trained cascade draws the line: its thresholds, moved to the share of objects or of the rest that is
-//! wanted of the whole.
+//! Final adjustment of a cascade's thresholds to a target hit rate or false-alarm rate.
 
 use super::stage::{passes, threshold_for};
 use perception::recognition::cascade::Stage;
 
-/// What is wanted of the whole cascade. The last stage knows most, so its threshold is set to it; then the stages
-/// before refuse hardly any of the judging objects that the last lets pass.
+/// Target of the whole cascade. The last stage is the most accurate, so its threshold is set to the target; the
+/// earlier stages then reject hardly any validation objects that the last one accepts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    /// Thresholds stay as the stages set them.
+    /// Thresholds remain as trained.
     AsTrained,
-    /// The last stage lets this share of the judging objects pass.
+    /// The last stage accepts this share of the validation objects.
     HitRate(f64),
-    /// The last stage lets this share of the judging rest pass.
+    /// The last stage accepts this share of the validation negatives.
     FalseAlarmRate(f64),
 }
 
-/// Judging samples: how far each lies above the threshold of each stage.
+/// Margins of validation samples: sum minus threshold for each stage.
 #[derive(Clone, Debug, Default)]
-pub struct Judged {
-    /// Objects, as they are.
+pub struct ValidationMargins {
+    /// Objects without augmentation.
     pub objects: Vec<Vec<f64>>,
-    /// The rest, as it is.
+    /// Negatives without augmentation.
     pub rest: Vec<Vec<f64>>,
-    /// Objects as they are and varied: the stages before are set by those that the last lets pass.
+    /// Objects with augmentation: those that the last stage accepts determine the earlier stages.
     pub varied: Vec<Vec<f64>>,
 }
 
-/// Moves the thresholds of `stages` to the aim. Of the objects that the last stage lets pass the first may refuse
-/// the share `early`, the later ones less and less, the one before the last none: what is refused early saves most.
-pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &Judged) {
+/// Shifts the thresholds of `stages` to the target. Of the objects that the last stage accepts, the first stage
+/// may reject the share `early`, decreasing to none for the last but one: early rejections save the most time.
+pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &ValidationMargins) {
     let Some((last, before)) = stages.split_last_mut() else { return };
     let of_last = |samples: &[Vec<f64>]| -> Vec<f64> {
         samples.iter().filter_map(|margins| margins.get(before.len()).copied()).collect()
@@ -40,7 +39,7 @@ pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &Judged) {
             let objects = of_last(&judged.objects);
             (!objects.is_empty()).then(|| threshold_for(&objects, share))
         }
-        Aim::FalseAlarmRate(share) => min_refused(of_last(&judged.rest), share),
+        Aim::FalseAlarmRate(share) => rejecting_threshold(of_last(&judged.rest), share),
     };
     let Some(moved) = moved else { return };
     let accepted: Vec<&Vec<f64>> = judged
@@ -59,9 +58,9 @@ pub fn finish(aim: Aim, early: f64, stages: &mut [Stage], judged: &Judged) {
     }
 }
 
-/// The threshold that lets no more than `share` of the sums pass, half way to the last that passes; `None` when
-/// all may.
-fn min_refused(mut sums: Vec<f64>, share: f64) -> Option<f32> {
+/// The threshold that accepts at most `share` of the sums, midway to the last accepted one; `None` when all may be
+/// accepted.
+fn rejecting_threshold(mut sums: Vec<f64>, share: f64) -> Option<f32> {
     sums.sort_unstable_by(|a, b| b.total_cmp(a));
     let passing = (share * sums.len() as f64 + 1e-9) as usize;
     let refused = *sums.get(passing)?;
@@ -77,7 +76,7 @@ mod tests {
         margins.iter().map(|m| m.to_vec()).collect()
     }
 
-    fn thresholds(aim: Aim, early: f64, judged: &Judged) -> [f32; 2] {
+    fn thresholds(aim: Aim, early: f64, judged: &ValidationMargins) -> [f32; 2] {
         let mut stages = [1.0, 2.0].map(|threshold| Stage { threshold, trees: Vec::new() });
         finish(aim, early, &mut stages, judged);
         [stages[0].threshold, stages[1].threshold]
@@ -85,26 +84,26 @@ mod tests {
 
     #[test]
     fn a_hit_rate_is_that_of_the_last_stage_and_those_before_let_its_objects_pass() {
-        let mut judged = Judged {
+        let mut judged = ValidationMargins {
             objects: samples(&[[0.5, 0.25], [-0.5, 0.125], [0.25, 0.375], [0.5, 0.75], [0.5, 1.0]]),
-            ..Judged::default()
+            ..ValidationMargins::default()
         };
         assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &judged), [1.0, 2.25]);
         assert_eq!(thresholds(Aim::AsTrained, 0.0, &judged), [1.0, 2.0]);
         judged.varied = judged.objects.clone();
         assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &judged), [1.25, 2.25]);
-        // The first stage refused this one.
+        // The first stage had rejected this one.
         assert_eq!(thresholds(Aim::HitRate(1.0), 0.0, &judged), [0.5, 2.125]);
-        // It may refuse one of five again.
+        // It may reject one of five again.
         assert_eq!(thresholds(Aim::HitRate(1.0), 0.2, &judged), [1.25, 2.125]);
-        assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &Judged::default()), [1.0, 2.0]);
+        assert_eq!(thresholds(Aim::HitRate(0.8), 0.0, &ValidationMargins::default()), [1.0, 2.0]);
     }
 
     #[test]
     fn a_false_alarm_rate_is_that_of_the_last_stage() {
-        let mut judged = Judged {
+        let mut judged = ValidationMargins {
             rest: samples(&[[0.0, -3.0], [0.0, -2.0], [-9.0, -1.0], [0.0, 0.5], [0.0, 1.0]]),
-            ..Judged::default()
+            ..ValidationMargins::default()
         };
         for (share, expected) in [(0.0, 0), (0.2, 1), (0.4, 2), (0.6, 3), (0.8, 4)] {
             let [first, last] = thresholds(Aim::FalseAlarmRate(share), 0.0, &judged);

@@ -1,42 +1,42 @@
-//! Windows of pictures without objects: any, and those that a cascade takes for objects.
+//! Mining of negative windows: from random candidates, those that a cascade accepts.
 
 use super::augment::{Part, Sampling, Variation, fade, relight, vary, window};
-use super::features::Sums;
+use super::features::{FeatureKind, Sums};
 use super::pictures::SourcePicture;
-use super::{FeatureKind, threads};
+use super::threads;
 use fastrand::Rng;
 use perception::recognition::cascade::Cascade;
 
-/// Candidates that a thread tries at a time.
+/// Number of candidates that a thread tries in one go.
 const RUN: usize = 2048;
 
-/// Candidates tried for each window that is wanted, at most.
-const TRIES: usize = 200;
+/// Maximum number of candidates per requested window.
+const MAX_TRIES_PER_WINDOW: usize = 200;
 
-/// Pictures of up to this many windows a side are patches: each is also tried as a whole.
-const PATCH: usize = 4;
+/// Images up to this many windows wide and high are patches: each is also tried as a whole.
+const MAX_PATCH_WINDOWS: usize = 4;
 
-/// What mining found.
+/// Result of mining.
 #[derive(Debug)]
 pub struct Mined {
-    /// Windows that the cascade takes for objects.
+    /// Windows that the cascade accepts.
     pub windows: Vec<Vec<u8>>,
-    /// Candidates tried.
+    /// Number of candidates tried.
     pub tried: usize,
 }
 
 impl Mined {
-    /// Share of the candidates that the cascade takes for objects.
+    /// Share of the candidates that the cascade accepts.
     pub fn acceptance(&self) -> f64 {
         self.windows.len() as f64 / self.tried.max(1) as f64
     }
 }
 
-/// Draws windows from pictures, the same ones for the same seed.
+/// Draws windows from images, reproducibly for a seed.
 #[derive(Debug)]
 pub struct Miner<'a> {
     pictures: &'a [SourcePicture],
-    /// Running sums of how often each picture is drawn.
+    /// Cumulative weights of the images.
     shares: Vec<f64>,
     window: (usize, usize),
     patches: Vec<usize>,
@@ -45,7 +45,7 @@ pub struct Miner<'a> {
 }
 
 impl<'a> Miner<'a> {
-    /// A miner in these pictures for windows of `window` pixels; smaller pictures are left out.
+    /// A miner for windows of `window` pixels; smaller images are skipped.
     pub fn new(
         pictures: &'a [SourcePicture],
         window: (usize, usize),
@@ -58,9 +58,9 @@ impl<'a> Miner<'a> {
         for (i, picture) in pictures.iter().enumerate() {
             let (w, h) = (picture.grey.width(), picture.grey.height());
             if w >= window.0 && h >= window.1 {
-                // A road picture of many windows is drawn more often than a patch.
+                // A large image is drawn more often than a patch.
                 sum += ((w * h) as f64).sqrt();
-                if w <= PATCH * window.0 && h <= PATCH * window.1 {
+                if w <= MAX_PATCH_WINDOWS * window.0 && h <= MAX_PATCH_WINDOWS * window.1 {
                     patches.push(i);
                 }
             }
@@ -69,18 +69,18 @@ impl<'a> Miner<'a> {
         Self { pictures, shares, window, patches, variation, seed }
     }
 
-    /// Whether no picture is large enough.
+    /// Whether no image is large enough.
     pub fn is_empty(&self) -> bool {
         self.shares.last().is_none_or(|&s| s <= 0.0)
     }
 
-    /// Which pictures are patches, small enough to be tried as a whole.
+    /// Indices of the patches, which are small enough to be tried as a whole.
     pub fn patches(&self) -> &[usize] {
         &self.patches
     }
 
-    /// Candidate `index` of a round: first the patches as they are, then parts at random, a quarter
-    /// of them put together from two: no object plus no object is none.
+    /// Candidate `index` of a round: first the patches as a whole, then random parts, a quarter of them combined from
+    /// two: a combination of two negatives is a negative.
     fn candidate(&self, round: u64, index: usize, out: &mut Vec<u8>) {
         if let Some(&patch) = self.patches.get(index) {
             let view = self.pictures[patch].grey.view();
@@ -103,7 +103,7 @@ impl<'a> Miner<'a> {
         fade(&self.variation, &mut random, out);
     }
 
-    /// A part of a picture at random.
+    /// A random part of a random image.
     fn part(&self, random: &mut Rng, out: &mut Vec<u8>) {
         let (width, height) = self.window;
         let drawn = random.f64() * self.shares.last().copied().unwrap_or(0.0);
@@ -131,17 +131,16 @@ impl<'a> Miner<'a> {
         relight(&self.variation, random, width, out);
     }
 
-    /// The first `count` windows of a round that pass all stages of `cascade`, fewer when they
-    /// become too rare.
+    /// The first `count` windows of a round that pass all stages of `cascade`; fewer when they are too rare.
     pub fn mine(&self, cascade: &Cascade, round: u64, count: usize, threads: usize) -> Mined {
         let kind = FeatureKind::of(&cascade.features);
         let mut mined = Mined { windows: Vec::new(), tried: 0 };
         if self.is_empty() {
             return mined;
         }
-        let most = count * TRIES + self.patches.len();
+        let most = count * MAX_TRIES_PER_WINDOW + self.patches.len();
         while mined.windows.len() < count && mined.tried < most {
-            // As much work for any number of threads, so that all find the same.
+            // The amount of work does not depend on the number of threads, so that the result is the same.
             let runs = threads::map(threads, 8, |run| {
                 let mut found = Vec::new();
                 let (mut out, mut sums) = (Vec::new(), Sums::default());
@@ -149,7 +148,7 @@ impl<'a> Miner<'a> {
                 for index in first..first + RUN {
                     self.candidate(round, index, &mut out);
                     sums.fill(&out, (cascade.width, cascade.height), kind);
-                    if sums.sound
+                    if sums.is_valid
                         && cascade.stages_passed(sums.integral(), 0, 0) == Some(cascade.stages.len())
                     {
                         found.push((index, out.clone()));

@@ -1,22 +1,22 @@
-//! Folders of patches and pictures, read in an order that keeps sequences together.
+//! Folders of training images, read in an order that keeps sequences together.
 
-use super::TrainError;
+use super::error::TrainError;
 use perception::image::GreyImage;
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-/// A picture in memory, and the file that it came from.
+/// An image with its path.
 #[derive(Clone, Debug)]
 pub struct SourcePicture {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Its grey pixels.
+    /// Grey pixels.
     pub grey: GreyImage,
 }
 
 const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "pgm", "ppm", "pnm"];
 
-/// Numbers in names count as numbers, so that frame 9 comes before frame 10.
+/// Natural order: numbers within names compare by value, so frame 9 precedes frame 10.
 fn by_number(a: &str, b: &str) -> Ordering {
     let parts = |text: &str| {
         let mut parts: Vec<(String, u64)> = vec![(String::new(), 0)];
@@ -40,17 +40,19 @@ fn by_number(a: &str, b: &str) -> Ordering {
     parts(a).cmp(&parts(b)).then_with(|| a.cmp(b))
 }
 
-/// The folders at and below `folder` that hold pictures, each with its pictures in the order of
-/// their numbers.
+/// The images of `folder` and of each of its subfolders, one list per folder, in natural order.
 ///
 /// # Errors
-/// When a folder or picture cannot be read, or there is no picture.
+/// When a folder or image cannot be read, or there is no image.
 pub fn read(folder: &Path) -> Result<Vec<Vec<SourcePicture>>, TrainError> {
     let mut sequences = Vec::new();
     read_into(folder, &mut sequences)?;
     if sequences.is_empty() {
         let endings = ENDINGS.join(", ");
-        return Err(TrainError::Data(format!("{}: no pictures ({endings}) here or below", folder.display())));
+        return Err(TrainError::Data(format!(
+            "{}: no images ({endings}) in this folder or its subfolders",
+            folder.display()
+        )));
     }
     Ok(sequences)
 }
@@ -84,16 +86,16 @@ fn read_into(folder: &Path, sequences: &mut Vec<Vec<SourcePicture>>) -> Result<(
     Ok(())
 }
 
-/// Pictures to learn from and pictures to judge by.
+/// Images for training and for validation.
 #[derive(Clone, Debug, Default)]
 pub struct Split {
-    /// The first of each folder.
+    /// The first part of each folder.
     pub training: Vec<SourcePicture>,
-    /// The last of each folder: neighbours in time stay on one side.
+    /// The last part of each folder: consecutive frames stay together.
     pub validation: Vec<SourcePicture>,
 }
 
-/// Cuts each folder's pictures into the first and the last `share` of them.
+/// Splits each folder's images; the last `share` is for validation.
 pub fn split(sequences: Vec<Vec<SourcePicture>>, share: f64) -> Split {
     let mut result = Split::default();
     for mut sequence in sequences {
@@ -105,7 +107,7 @@ pub fn split(sequences: Vec<Vec<SourcePicture>>, share: f64) -> Split {
     result
 }
 
-/// Parts the last `share` of each folder's pictures from the folders.
+/// Removes the last `share` of each folder's images and returns them separately.
 pub fn hold_out(
     mut sequences: Vec<Vec<SourcePicture>>,
     share: f64,
@@ -150,7 +152,7 @@ mod tests {
     fn an_empty_folder_and_a_broken_picture_are_named() {
         let folder = tempfile::tempdir().expect("a folder");
         let error = read(folder.path()).expect_err("empty").to_string();
-        assert!(error.contains("no pictures"), "{error}");
+        assert!(error.contains("no images"), "{error}");
         std::fs::write(folder.path().join("x.png"), "no picture").expect("a file");
         let error = read(folder.path()).expect_err("broken").to_string();
         assert!(error.contains("x.png"), "{error}");

@@ -1,9 +1,10 @@
-//! What a training run shows: its stages as a table and plot, the ROC on pictures that were not
-//! learned from, and the chosen features on the mean object.
+//! Training report: stages as table and plot, ROC on validation images, and the chosen features drawn on the mean
+//! object.
 
 use super::augment::{Part, Sampling, window};
+use super::error::TrainError;
 use super::pictures::SourcePicture;
-use super::{StageFigures, TrainError};
+use super::trainer::StageFigures;
 use crate::evaluation::detection::DetectionReport;
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::plot::{self, Series};
@@ -12,10 +13,10 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Pixels of the drawing for each pixel of the window.
+/// Magnification of the drawing.
 const ZOOM: usize = 6;
 
-/// Features drawn, the first of each of the first stages.
+/// Number of features drawn, taken in turn from the first stages.
 const DRAWN: usize = 24;
 
 const BRIGHT: Colour = [90, 230, 120];
@@ -28,7 +29,7 @@ struct Document<'a> {
     validation: Option<&'a DetectionReport>,
 }
 
-/// The stages as a table.
+/// The stages as a text table.
 pub fn table(stages: &[StageFigures]) -> String {
     let mut out = String::from(
         "stage  trees  hits %  false alarms %  learned: hits %  false alarms %  reached by  negatives\n",
@@ -50,7 +51,7 @@ pub fn table(stages: &[StageFigures]) -> String {
     out
 }
 
-/// The ROC of a report as a plot, both axes in percent.
+/// The ROC as a plot, with both axes in percent.
 pub fn roc_plot(title: &str, report: &DetectionReport) -> Picture {
     let points = |least: f64| {
         let points = report.roc.iter().filter(|p| p.false_alarm_rate <= least);
@@ -62,14 +63,14 @@ pub fn roc_plot(title: &str, report: &DetectionReport) -> Picture {
         "false alarms in %",
         "% hits",
         &[
-            Series { name: "thresholds moved".into(), points: points(1.0) },
+            Series { name: "thresholds shifted".into(), points: points(1.0) },
             Series { name: "stage by stage".into(), points: by_stage },
         ],
     )
 }
 
-/// Writes `training.json`, `stages.txt`, `stages.png`, `features.png` and, with a report on
-/// validation pictures, `roc.png` to a folder.
+/// Writes `training.json`, `stages.txt`, `stages.png`, `features.png` and, given a report on validation images,
+/// `roc.png` to a folder.
 ///
 /// # Errors
 /// When they cannot be written.
@@ -81,7 +82,7 @@ pub fn write(
     objects: &[SourcePicture],
 ) -> Result<(), TrainError> {
     let io = |path: &Path, error: &dyn std::fmt::Display| {
-        TrainError::Data(format!("{}: {error}: give a folder that can be written", path.display()))
+        TrainError::Data(format!("{}: {error}: give a writable folder", path.display()))
     };
     std::fs::create_dir_all(folder).map_err(|e| io(folder, &e))?;
     let path = folder.join("training.json");
@@ -105,13 +106,13 @@ pub fn write(
     )
     .save(&folder.join("stages.png"))?;
     if let Some(report) = validation {
-        roc_plot("ROC on validation pictures", report).save(&folder.join("roc.png"))?;
+        roc_plot("ROC on validation images", report).save(&folder.join("roc.png"))?;
     }
     draw_features(cascade, objects).save(&folder.join("features.png"))?;
     Ok(())
 }
 
-/// The mean of the objects in the size of the window.
+/// The mean of the objects, resized to the window.
 fn mean_patch(objects: &[SourcePicture], size: (usize, usize)) -> Vec<u8> {
     let mut sums = vec![0_u64; size.0 * size.1];
     let mut pixels = Vec::new();
@@ -123,7 +124,7 @@ fn mean_patch(objects: &[SourcePicture], size: (usize, usize)) -> Vec<u8> {
     sums.iter().map(|&sum| (sum / objects.len().max(1) as u64) as u8).collect()
 }
 
-/// The first features of each stage, one after the other, each on the mean object.
+/// The first features of each stage in turn, each drawn on the mean object.
 fn draw_features(cascade: &Cascade, objects: &[SourcePicture]) -> Picture {
     let (width, height) = (usize::from(cascade.width), usize::from(cascade.height));
     let mean = mean_patch(objects, (width, height));

@@ -1,23 +1,23 @@
-//! One stage of a cascade: trees added by Gentle AdaBoost until enough of the rest is refused.
+//! Training of one stage: Gentle AdaBoost adds trees until the false-alarm rate is low enough.
 
 use super::features::{Codes, Sums};
 use super::tree::{self, Child, FittedTree, TreeNode, TreeParameters, Weighted};
 use perception::recognition::cascade::Features;
 
-/// When a stage is done, and how its trees grow.
+/// Stopping criteria of a stage, and parameters of its trees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageParameters {
-    /// Share of the objects that the stage must let pass.
+    /// Share of the objects that the stage must accept.
     pub hit_rate: f64,
-    /// It is done when it lets no more than this share of the rest pass.
+    /// Training stops when at most this share of the negatives is accepted.
     pub false_alarm_rate: f64,
-    /// Or when it has this many trees.
+    /// Maximum number of trees.
     pub max_trees: usize,
-    /// Each tree counts this much.
+    /// Learning rate: weight of each tree.
     pub learning_rate: f64,
-    /// A stage begins with all trees of the one before and adds its own: it knows what that knew.
+    /// Whether a stage starts with all trees of the previous one and adds its own.
     pub chained: bool,
-    /// How trees grow.
+    /// Parameters of the trees.
     pub tree: TreeParameters,
 }
 
@@ -26,39 +26,50 @@ pub struct StageParameters {
 pub struct Samples<'a> {
     /// Objects.
     pub objects: &'a [Sums],
-    /// The rest.
+    /// Negatives.
     pub rest: &'a [Sums],
 }
 
-/// What samples bring along: the sums of the trees that a stage begins with.
+/// Training samples, quantised, with the objects first.
+#[derive(Clone, Copy, Debug)]
+pub struct CodedSamples<'a> {
+    /// Candidate features.
+    pub features: &'a Features,
+    /// Their values.
+    pub codes: &'a Codes,
+    /// Number of objects.
+    pub objects: usize,
+}
+
+/// Initial sums of the samples: those of the trees that a chained stage starts with.
 #[derive(Clone, Debug, Default)]
-pub struct Start {
-    /// Of the samples that are learned from.
+pub struct InitialSums {
+    /// Of the training samples.
     pub learned: Vec<f64>,
-    /// Of the judging objects.
+    /// Of the validation objects.
     pub judged_objects: Vec<f64>,
-    /// Of the judging rest.
+    /// Of the validation negatives.
     pub judged_rest: Vec<f64>,
 }
 
 /// A trained stage.
 #[derive(Clone, Debug)]
 pub struct TrainedStage {
-    /// Trees over the features that were offered.
+    /// Trees over the candidate features.
     pub trees: Vec<Vec<TreeNode>>,
-    /// A sum below this is refused.
+    /// Threshold: smaller sums are rejected.
     pub threshold: f32,
-    /// Shares of the judged objects and of the judged rest that pass.
+    /// Accepted shares of the validation objects and negatives.
     pub judged: (f64, f64),
-    /// The same of the samples that were learned from.
+    /// The same for the training samples.
     pub learned: (f64, f64),
-    /// Sums of the judged objects.
+    /// Sums of the validation objects.
     pub judged_sums: Vec<f64>,
-    /// Sums of the objects that were learned from.
+    /// Sums of the training objects.
     pub learned_sums: Vec<f64>,
 }
 
-/// Value of a tree on a sample.
+/// Evaluates a tree on a sample.
 fn value(tree: &[TreeNode], features: &Features, sample: &Sums) -> f32 {
     let mut at = 0;
     loop {
@@ -71,7 +82,7 @@ fn value(tree: &[TreeNode], features: &Features, sample: &Sums) -> f32 {
     }
 }
 
-/// The largest threshold that lets `share` of the sums pass.
+/// The largest threshold that accepts `share` of the sums.
 pub fn threshold_for(sums: &[f64], share: f64) -> f32 {
     let mut sorted = sums.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -88,24 +99,24 @@ fn share(sums: &[f64], threshold: f32) -> f64 {
     sums.iter().filter(|&&s| passes(s, threshold)).count() as f64 / sums.len().max(1) as f64
 }
 
-/// Trains a stage on `codes` (the objects first, `objects` of them), with its threshold and its end
-/// judged by other samples. `each` is called after each tree with their number and the share of
-/// the judged rest that passes. `None` when no feature tells the samples apart.
+/// Trains a stage on `learned`; its threshold and stopping are decided on the validation samples `judges`. `each`
+/// is called after each tree with the number of trees and the share of accepted validation negatives. `None` when
+/// no feature separates the classes.
 pub fn train(
     parameters: &StageParameters,
-    features: &Features,
-    (codes, objects): (&Codes, usize),
+    learned: CodedSamples<'_>,
     judges: Samples<'_>,
-    begin: Start,
+    begin: InitialSums,
     threads: usize,
     each: &mut dyn FnMut(usize, f64),
 ) -> Option<TrainedStage> {
+    let CodedSamples { features, codes, objects } = learned;
     let count = codes.samples();
     let mut sums = begin.learned;
     let (mut judged_objects, mut judged_rest) = (begin.judged_objects, begin.judged_rest);
     let weight = |i: usize, sum: f64| if i < objects { (-sum).exp() } else { sum.exp() };
     let mut weights: Vec<f64> = sums.iter().enumerate().map(|(i, &sum)| weight(i, sum)).collect();
-    // Both classes weigh the same.
+    // Both classes get the same total weight.
     for class in [0..objects, objects..count] {
         let total: f64 = weights[class.clone()].iter().sum();
         let scale = 0.5 * count as f64 / total.max(f64::MIN_POSITIVE);

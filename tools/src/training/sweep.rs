@@ -1,9 +1,11 @@
-//! The paper's two tables: accuracy and time by stages and depth of trees, and by growth and size of
-//! the search window.
+//! The paper's two tables: accuracy and time by number of stages and tree depth, and by scale factor and window
+//! size.
 
 use super::augment::{Part, Sampling, window};
+use super::error::TrainError;
+use super::parameters::TrainParameters;
 use super::pictures::{SourcePicture, Split};
-use super::{Progress, TrainError, TrainParameters, train};
+use super::trainer::{Progress, train};
 use crate::evaluation::detection::{judge_all, report};
 use perception::image::GreyView;
 use perception::recognition::{Cascade, Detector, Sizes};
@@ -11,68 +13,68 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::time::Instant;
 
-/// Picture on which times are taken.
+/// Size of the image for time measurements.
 const SIZE: (usize, usize) = (640, 480);
 
-/// Depths of the table.
+/// Tree depths of the table.
 const DEPTHS: [u32; 3] = [1, 2, 3];
 
-/// Growths of the table.
+/// Scale factors of the table.
 const GROWTHS: [f64; 5] = [1.1, 1.2, 1.3, 1.4, 1.5];
 
-/// Least and greatest window of the table, in pixels.
+/// Minimum and maximum window of the table, in pixels.
 const WINDOWS: [(u32, u32); 3] = [(24, 90), (30, 90), (40, 120)];
 
-/// A line of the first table.
+/// A row of the first table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StageRow {
-    /// Depth of trees.
+    /// Maximum depth of trees.
     pub max_depth: u32,
-    /// Stages used.
+    /// Number of stages used.
     pub stages: usize,
-    /// Trees in them.
+    /// Number of trees in them.
     pub trees: usize,
-    /// Share of validation objects found.
+    /// Share of the validation objects accepted.
     pub hit_rate: f64,
-    /// Share of the validation rest taken for objects.
+    /// Share of the validation negatives accepted.
     pub false_alarm_rate: f64,
-    /// Mean of the shares judged right.
+    /// Mean of the correctly classified shares.
     pub balanced_accuracy: f64,
-    /// Milliseconds for a picture of 640 × 480 pixels, windows of 30 to 90 px growing by 1.3.
+    /// Time for an image of 640 × 480 pixels in ms, with windows of 30 to 90 px and scale factor 1.3.
     pub ms: f64,
 }
 
-/// A line of the second table.
+/// A row of the second table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WindowRow {
-    /// From one window size to the next.
+    /// Scale factor from one window size to the next.
     pub growth: f64,
-    /// Least window side, in pixels.
+    /// Minimum window side, in pixels.
     #[serde(rename = "least_px")]
     pub min_px: u32,
-    /// Greatest window side, in pixels.
+    /// Maximum window side, in pixels.
     #[serde(rename = "greatest_px")]
     pub max_px: u32,
-    /// Share of validation objects in which any window hits.
+    /// Share of the validation objects with at least one accepted window.
     pub hit_rate: f64,
-    /// Share of the validation rest in which any window hits.
+    /// Share of the validation negatives with at least one accepted window.
     pub false_alarm_rate: f64,
-    /// Mean of the shares judged right.
+    /// Mean of the correctly classified shares.
     pub balanced_accuracy: f64,
-    /// Milliseconds for a picture of 640 × 480 pixels.
+    /// Time for an image of 640 × 480 pixels, in ms.
     pub ms: f64,
 }
 
 /// Both tables.
 #[derive(Clone, Debug, Serialize)]
 pub struct Sweep {
-    /// Stages × depth.
+    /// By number of stages and depth.
     pub stages: Vec<StageRow>,
-    /// Growth × window, with the depth that was asked for and all stages.
+    /// By scale factor and window, with the requested depth and all stages.
     pub windows: Vec<WindowRow>,
 }
 
-/// Validation pictures without objects side by side, as one picture.
+/// Validation negatives tiled to one image.
 fn mosaic(pictures: &[SourcePicture]) -> Vec<u8> {
     const TILE: usize = 80;
     let mut pixels = vec![0; SIZE.0 * SIZE.1];
@@ -88,7 +90,7 @@ fn mosaic(pictures: &[SourcePicture]) -> Vec<u8> {
     pixels
 }
 
-/// Least time of a few runs over a picture, in milliseconds.
+/// Minimum time of several runs over an image, in milliseconds.
 fn time(cascade: &Cascade, pixels: &[u8], sizes: Sizes) -> f64 {
     let Ok(view) = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0) else { return f64::NAN };
     let mut detector = Detector::new(cascade, SIZE.0, SIZE.1);
@@ -101,11 +103,11 @@ fn time(cascade: &Cascade, pixels: &[u8], sizes: Sizes) -> f64 {
     least
 }
 
-/// Trains a cascade for each depth and judges it stage by stage, then scans with the one of the
-/// depth asked for.
+/// Trains a cascade for each depth and evaluates it stage by stage, then scans with the one of the requested
+/// depth.
 ///
 /// # Errors
-/// When the pictures do not suffice.
+/// When there are too few images.
 pub fn sweep(
     p: &TrainParameters,
     objects: &Split,

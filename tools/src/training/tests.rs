@@ -1,11 +1,15 @@
 use super::checkpoint::Checkpoint;
+use super::finish::Aim;
+use super::pictures::{SourcePicture, Split};
+use super::trainer::Progress;
 use super::*;
 use crate::evaluation::detection::{judge_all, report as figures};
+use fastrand::Rng;
 use perception::image::GreyImage;
 use perception::recognition::xml::TrainedWith;
 use std::path::Path;
 
-/// A picture of noise, with a dark roof over a bright window when it holds an object.
+/// An image of noise; with an object, it has a dark roof over a bright window.
 fn picture(seed: u64, side: usize, object: bool) -> SourcePicture {
     let mut random = Rng::with_seed(seed);
     let mut grey = GreyImage::new(side, side);
@@ -55,7 +59,7 @@ fn objects_are_told_apart_and_threads_change_nothing() {
             (trained.expect("a cascade"), events)
         };
         let (one, events) = run(1);
-        assert!(events > one.cascade.stages.len(), "{features:?}: progress is told");
+        assert!(events > one.cascade.stages.len(), "{features:?}: progress is reported");
         let (three, _) = run(3);
         assert_eq!(one.cascade, three.cascade, "{features:?}");
         assert_eq!(one.stages, three.stages, "{features:?}");
@@ -100,7 +104,7 @@ fn a_run_that_was_stopped_goes_on_to_the_same_cascade() {
             train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |_| ()).expect("a cascade");
         assert_eq!(rest_of_it.cascade, whole.cascade, "chained: {chained}, {bags} bags, {stop} stages");
         assert_eq!(rest_of_it.stages, figures[stop..]);
-        // Other options make another cascade.
+        // Other options give another cascade.
         let other = Checkpoint::new(&output, &TrainParameters { seed: 2, ..p }, &objects, &rest);
         let error = other.load().expect_err("another seed").to_string();
         assert!(error.contains("--restart") && error.contains(".part"), "{error}");
@@ -131,7 +135,7 @@ fn bags_are_other_cascades_and_the_last_stage_has_the_trees_of_all() {
     let added = &trees[2][trees[0].len()..];
     assert!(added.iter().any(|tree| !trees[0].contains(tree)), "other random numbers, other trees");
     assert!(three.stages.len() > one.stages.len());
-    // Of the patches that judged.
+    // On the validation patches.
     let alarms = judge_all(&three.cascade, &rest.validation, 1);
     assert!(alarms.iter().filter(|v| v.hit(0.0)).count() <= alarms.len() / 20);
     let unchained =

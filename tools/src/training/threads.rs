@@ -1,4 +1,4 @@
-//! Work that is split over threads; results come in the order of the work, whoever did it.
+//! Parallel map; the results are in order of the work items.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// `work(0)`, `work(1)`, … `work(count − 1)` on `threads` threads.
 ///
 /// # Panics
-/// When the work does.
+/// When `work` panics.
 pub fn map<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     if threads <= 1 || count <= 1 {
         return (0..count).map(work).collect();
@@ -22,7 +22,7 @@ pub fn map<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sy
                         break;
                     }
                     let result = work(i);
-                    // A thread that panicked ends the scope with its panic.
+                    // A panicked thread propagates its panic at the end of the scope.
                     if let Ok(mut done) = done.lock() {
                         done.push((i, result));
                     }

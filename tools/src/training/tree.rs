@@ -1,73 +1,73 @@
-//! One regression tree, fitted to weighted samples by histograms over their codes.
+//! Regression trees fitted to weighted samples by histograms over their codes.
 
 use super::features::Codes;
 use super::threads;
 use perception::recognition::cascade::Split;
 
-/// What keeps a tree from learning its samples by heart.
+/// Regularisation of a tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreeParameters {
-    /// Decisions from the root to a leaf, at most.
+    /// Maximum depth.
     pub max_depth: u32,
-    /// Least share of all weight in a leaf.
+    /// Minimum share of the total weight in a leaf.
     pub min_leaf: f64,
-    /// A leaf's mean is drawn to 0 as by this many samples of mean weight.
+    /// Shrinkage of a leaf's mean towards 0, in samples of mean weight.
     pub leaf_prior: f64,
-    /// A category's mean is drawn to that of its node as by this many samples of mean weight.
+    /// Shrinkage of a category's mean towards that of its node, in samples of mean weight.
     pub category_prior: f64,
 }
 
-/// A decision of a tree. Children are nodes (behind their parent) or leaves.
+/// An inner node. Children are nodes (after their parent) or leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TreeNode {
     /// Index of the feature.
     pub feature: usize,
-    /// How it is decided.
+    /// Split of its values.
     pub split: Split,
-    /// Left and right.
+    /// Left and right child.
     pub children: [Child; 2],
 }
 
-/// Where a decision leads.
+/// A child.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Child {
-    /// To a node.
+    /// Index of an inner node.
     Node(usize),
-    /// To a leaf of this value.
+    /// Value of a leaf.
     Leaf(f32),
 }
 
-/// A fitted tree, and its value on each of the samples.
+/// A fitted tree with its value on each sample.
 #[derive(Clone, Debug)]
 pub struct FittedTree {
-    /// The root first.
+    /// Nodes, the root first.
     pub nodes: Vec<TreeNode>,
-    /// One a sample.
+    /// One per sample.
     pub values: Vec<f32>,
 }
 
-/// Nodes that are split in one pass over the codes.
+/// Number of nodes split in one pass over the codes.
 const SLOTS: usize = 7;
 
-/// Histogram entries of a slot: a half for objects, a half for the rest.
+/// Histogram entries of a node: one half for objects, one for negatives.
 const SLOT: usize = 512;
 
-/// Entries of a histogram: the slots, and one more for samples that are in none.
+/// Entries of a histogram: all slots, and one more for samples in none.
 const ENTRIES: usize = (SLOTS + 1) * SLOT;
 
-/// Categories of about the same mean are moved together: this many steps from −1 to 1.
+/// Categories with similar means are grouped: number of bins from −1 to 1.
 const STEPS: usize = 128;
 
-/// A node that may be split.
+/// A node to be split.
 #[derive(Clone, Copy, Debug)]
 struct Open {
-    /// Weight of its objects and of the rest.
+    /// Weight of its objects and of its negatives.
     weight: [f64; 2],
     /// Parent and side; `None` for the root.
     parent: Option<(usize, usize)>,
 }
 
-/// The best split of a node that a feature offers.
+/// The best split of a node by one feature.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     gain: f64,
@@ -79,9 +79,9 @@ struct Candidate {
 /// Weighted samples; the first `objects` of them are objects.
 #[derive(Clone, Copy, Debug)]
 pub struct Weighted<'a> {
-    /// One a sample.
+    /// One per sample.
     pub weights: &'a [f32],
-    /// How many are objects.
+    /// Number of objects.
     pub objects: usize,
 }
 
@@ -93,8 +93,7 @@ struct Fit<'a> {
     category_prior: f64,
 }
 
-/// Fits a tree to responses of 1 for objects and −1 for the rest; `None` when no feature tells
-/// them apart.
+/// Fits a tree to responses of 1 for objects and −1 for negatives; `None` when no feature separates them.
 pub fn fit(
     codes: &Codes,
     samples: Weighted<'_>,
@@ -106,7 +105,7 @@ pub fn fit(
     let total = [weight_of(0..samples.objects), weight_of(samples.objects..samples.weights.len())];
     let all = total[0] + total[1];
     let squares: f64 = samples.weights.iter().map(|&w| f64::from(w) * f64::from(w)).sum();
-    // As many samples of one weight would tell as much.
+    // Effective sample size of the weights.
     let effective = all * all / squares.max(f64::MIN_POSITIVE);
     let fit = Fit {
         codes,
@@ -116,14 +115,14 @@ pub fn fit(
         category_prior: parameters.category_prior * all / effective,
     };
     let mut nodes: Vec<TreeNode> = Vec::new();
-    // The open node that each sample is in, SLOTS for none.
+    // The slot of the open node of each sample, SLOTS for none.
     let mut slot = vec![0_u8; codes.samples()];
     let mut values = vec![fit.leaf(total); codes.samples()];
     let mut open = vec![Open { weight: total, parent: None }];
     for _ in 0..parameters.max_depth {
         let mut next = Vec::new();
         let mut next_slot = vec![u8::MAX; codes.samples()];
-        // Samples of the slots of this pass only.
+        // Samples in the slots of this pass only.
         for (pass, group) in open.chunks(SLOTS).enumerate() {
             let here = |slot: u8| usize::from(slot).checked_sub(pass * SLOTS).filter(|&s| s < group.len());
             let local: Vec<u16> = slot
@@ -168,12 +167,12 @@ pub fn fit(
 }
 
 impl Fit<'_> {
-    /// The value of a leaf with these weights.
+    /// Value of a leaf with these weights.
     fn leaf(&self, [objects, rest]: [f64; 2]) -> f32 {
         ((objects - rest) / (objects + rest + self.leaf_prior).max(f64::MIN_POSITIVE)) as f32
     }
 
-    /// What a leaf saves of the squared error.
+    /// Reduction of the squared error by a leaf.
     fn worth(&self, [objects, rest]: [f64; 2]) -> f64 {
         let sum = objects - rest;
         sum * sum / (objects + rest + self.leaf_prior).max(f64::MIN_POSITIVE)
@@ -201,7 +200,7 @@ impl Fit<'_> {
             }
             best
         });
-        // The lowest feature wins a tie, whichever thread saw it.
+        // Ties are resolved to the lowest feature, independently of threads.
         let mut best: Vec<Option<Candidate>> = vec![None; open.len()];
         for run in runs {
             for (best, found) in best.iter_mut().zip(run) {
@@ -215,7 +214,7 @@ impl Fit<'_> {
         best
     }
 
-    /// Histograms of two features in one pass: additions to one do not wait for the other's.
+    /// Histograms of two features in one pass, so that their additions are independent.
     fn fill(&self, histograms: &mut [Vec<f32>; 2], features: [usize; 2], local: &[u16], slots: usize) {
         let [a, b] = histograms;
         a[..slots * SLOT].fill(0.0);
@@ -232,14 +231,14 @@ impl Fit<'_> {
         }
     }
 
-    /// The best split of a node by one feature, if it gains more than `min_gain`.
+    /// The best split of a node by one feature, if its gain exceeds `min_gain`.
     fn split(&self, histogram: &[f32], node: &Open, feature: usize, min_gain: f64) -> Option<Candidate> {
         let (objects, rest) = histogram.split_at(256);
         let weight = |code: usize| [f64::from(objects[code]), f64::from(rest[code])];
         let whole = node.weight[0] + node.weight[1];
         let mean = (node.weight[0] - node.weight[1]) / whole.max(f64::MIN_POSITIVE);
         let worth = self.worth(node.weight);
-        // Which step each code belongs to: of ordered codes the code itself, of categories the mean.
+        // Bin of each code: for ordered codes the code itself, for categories by their mean.
         let ordered = self.codes.ordered();
         let mut step_of = [0_u8; 256];
         let mut steps = [[0.0_f64; 2]; STEPS];
@@ -288,7 +287,7 @@ impl Fit<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::FeatureKind::{Haar, Lbp};
+    use super::super::features::FeatureKind::{Haar, Lbp};
     use super::super::features::Sums;
     use super::*;
     use perception::recognition::cascade::{Features, HaarFeature, LbpFeature, WeightedRect};
@@ -333,7 +332,7 @@ mod tests {
             assert_eq!(tree.nodes.len(), 1);
             assert!(tree.values[..20].iter().all(|&v| v > 0.99), "{haar}");
             assert!(tree.values[20..].iter().all(|&v| v < -0.99), "{haar}");
-            // The detector's own decision gives the same leaf.
+            // The detector's decision gives the same leaf.
             let node = &tree.nodes[0];
             for (sample, &value) in samples.iter().zip(&tree.values) {
                 let left = sample.goes_left(&features, node.feature, &node.split);

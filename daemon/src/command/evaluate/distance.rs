@@ -16,7 +16,7 @@ use tools::evaluation::approach::{
     Approach, ApproachFrame, DistanceReport, Shot, Silent, filmstrip, shown_frames,
 };
 use tools::evaluation::files::{prepare, write_report};
-use tools::evaluation::scene_match::{Found, is_found, match_frame};
+use tools::evaluation::scene_match::{Detection, is_match, match_frame};
 use tools::reporting::overlay;
 use tools::reporting::record::ObstacleLine;
 
@@ -143,8 +143,8 @@ fn approach_frames(
             let regions = result.regions.iter().map(|region| found(region, &rig));
             // The nearest of several: what the alarm goes by.
             regions
-                .filter(|found| is_found(object, found))
-                .min_by(|a: &Found, b| a.distance_m.total_cmp(&b.distance_m))
+                .filter(|found| is_match(object, found))
+                .min_by(|a: &Detection, b| a.distance_m.total_cmp(&b.distance_m))
         };
         let level = result.record.alarm.level.as_str();
         let track = object.and_then(|object| tracked(object, &result.record.obstacles));
@@ -166,7 +166,7 @@ fn tracked<'a>(object: &ObjectTruth, obstacles: &'a [ObstacleLine]) -> Option<&'
     let is_it = |o: &&ObstacleLine| {
         let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
         o.confirmed
-            && is_found(object, &Found { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m })
+            && is_match(object, &Detection { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m })
     };
     obstacles.iter().filter(is_it).min_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
 }
@@ -203,7 +203,7 @@ fn silent(name: &str, run: &mut SceneRun, bar: &indicatif::ProgressBar) -> Resul
     let mut before = false;
     for index in 0..run.frames {
         let (truth, result) = run.frame(index)?;
-        let regions: Vec<Found> = result.regions.iter().map(|region| found(region, &rig)).collect();
+        let regions: Vec<Detection> = result.regions.iter().map(|region| found(region, &rig)).collect();
         let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
         let alarm = result.record.alarm.level == "alarm";
         row.frames += 1;
@@ -212,8 +212,8 @@ fn silent(name: &str, run: &mut SceneRun, bar: &indicatif::ProgressBar) -> Resul
         row.warning_frames += usize::from(result.record.alarm.level == "warning");
         row.off_frames += usize::from(result.record.alarm.level == "off");
         row.blind_frames += usize::from(!result.road_seen);
-        row.false_regions += matched.unexplained.0;
-        row.stray_regions += matched.unexplained.1;
+        row.false_regions += matched.false_positives.on_road;
+        row.off_road_regions += matched.false_positives.off_road;
         before = alarm;
         bar.inc(1);
     }

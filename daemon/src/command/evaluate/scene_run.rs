@@ -10,7 +10,7 @@ use sources::scene::{Scene, SceneTruth};
 use sources::{PairSource, SourceError};
 use std::cell::RefCell;
 use std::rc::Rc;
-use tools::evaluation::scene_match::Found;
+use tools::evaluation::scene_match::Detection;
 
 /// The scene that the pipeline draws from and the truth is asked of.
 struct Shared(Rc<RefCell<Scene>>);
@@ -77,9 +77,9 @@ impl SceneRun {
 }
 
 /// A region as it is compared with the truth: box, distance and the distance's standard deviation.
-pub fn found(region: &RegionRecord, rig: &Rig) -> Found {
+pub fn found(region: &RegionRecord, rig: &Rig) -> Detection {
     let [x, y, width, height] = region.bounds;
-    Found {
+    Detection {
         bounds: PixelBox { x, y, width, height },
         distance_m: region.distance_m,
         sigma_m: rig.distance_error_m(region.distance_m, region.disparity_sigma_px),

@@ -15,8 +15,8 @@ use sources::scene::file::Weather;
 use sources::scene::library;
 use std::path::PathBuf;
 use tools::evaluation::files::{prepare, write_report};
-use tools::evaluation::scene_match::{Found, match_frame};
-use tools::evaluation::weather::{FrameResult, Labelled, PAPER, Tally, WeatherReport, WeatherRow};
+use tools::evaluation::scene_match::{Detection, match_frame};
+use tools::evaluation::weather::{ClassifiedTrack, FrameResult, PAPER, Tally, WeatherReport, WeatherRow};
 use tools::reporting::overlay;
 use tools::reporting::picture::Picture;
 use tools::reporting::record::ObstacleLine;
@@ -127,21 +127,23 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
         let mut best: Option<(usize, Picture)> = None;
         for index in 0..frames {
             let (truth, result) = run.frame(index)?;
-            let regions: Vec<Found> = result.regions.iter().map(|region| found(region, &rig)).collect();
+            let regions: Vec<Detection> = result.regions.iter().map(|region| found(region, &rig)).collect();
             let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
-            let tracks: Vec<(&ObstacleLine, Labelled)> = result
+            let tracks: Vec<(&ObstacleLine, ClassifiedTrack)> = result
                 .record
                 .obstacles
                 .iter()
                 .filter(|o| o.confirmed)
                 .map(|o| {
                     let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
-                    let found = Found { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
-                    (o, Labelled { found, is_vehicle: o.class == config.recognition.label })
+                    let found = Detection { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
+                    (o, ClassifiedTrack { found, is_vehicle: o.class == config.recognition.label })
                 })
                 .collect();
-            let is_false = |found: &Found| {
-                match_frame(&truth, rig.focal_px * rig.baseline_m, std::slice::from_ref(found)).unexplained.0
+            let is_false = |found: &Detection| {
+                match_frame(&truth, rig.focal_px * rig.baseline_m, std::slice::from_ref(found))
+                    .false_positives
+                    .on_road
                     > 0
             };
             // What is out of sight is no region.
@@ -150,7 +152,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 .filter(|(o, t)| o.missed == 0 && is_false(&t.found))
                 .map(|(o, _)| o.track)
                 .collect();
-            let labelled: Vec<Labelled> = tracks.iter().map(|(_, t)| *t).collect();
+            let labelled: Vec<ClassifiedTrack> = tracks.iter().map(|(_, t)| *t).collect();
             tally.add(&FrameResult {
                 matched: &matched,
                 false_tracks: &false_tracks,
@@ -158,7 +160,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 profile_px: result.road_seen.then_some(result.images.profile_px),
                 road: &truth.road,
             });
-            let due = matched.due.len();
+            let due = matched.evaluable.len();
             if args.out.is_some() && best.as_ref().is_none_or(|(most, _)| due > *most) {
                 best = Some((due, overlay::draw(result.images, &result.record)));
             }

@@ -1,0 +1,156 @@
+//! The interfaces of all sources, [`PairSource`] and [`LiveSource`], and their errors.
+
+use crate::recording::RecordingError;
+use crate::scene::file::SceneError;
+use perception::rig::Rig;
+use std::path::PathBuf;
+use std::time::Duration;
+use thiserror::Error;
+
+/// A sequence of stereo pairs of one size, read by index, so that a source can be resumed, repeated, and read
+/// twice with the same result.
+pub trait PairSource {
+    /// Width and height of every image, in pixels.
+    fn size(&self) -> (usize, usize);
+
+    /// Rectified intrinsics and baseline, where known; needed to convert disparity to metres.
+    fn rig(&self) -> Option<Rig>;
+
+    /// Number of pairs; `None` for an endless source.
+    fn count(&self) -> Option<u64>;
+
+    /// Nominal time from one pair to the next, in nanoseconds.
+    fn period_ns(&self) -> u64;
+
+    /// Source time of pair `index`, in nanoseconds: `index` periods, unless the source has a timestamp for each
+    /// pair. A live source returns the time of its latest pair on the monotonic clock.
+    fn time_ns(&self, index: u64) -> u64 {
+        index.saturating_mul(self.period_ns())
+    }
+
+    /// The live interface of a source that runs at its own pace, such as cameras; `None` for all others.
+    fn live(&mut self) -> Option<&mut dyn LiveSource> {
+        None
+    }
+
+    /// Reads pair `index` into two images of `width` × `height` bytes, row-major.
+    ///
+    /// # Errors
+    /// When the pair does not exist or cannot be decoded; the error names the file.
+    fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError>;
+}
+
+/// A source that delivers pairs at its own pace. [`PairSource::read`] returns the pair that [`Self::wait`]
+/// has announced.
+pub trait LiveSource {
+    /// Waits for the next pair, at most about `patience`.
+    fn wait(&mut self, patience: Duration) -> Readiness;
+}
+
+/// Result of waiting for a pair.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Readiness {
+    /// A pair is ready.
+    Pair {
+        /// Exposure time on the monotonic clock, in nanoseconds.
+        capture_ns: u64,
+    },
+    /// No pair arrived.
+    Nothing,
+    /// No pair arrived, for this reason. Each fault is reported once; pairs may follow.
+    Trouble(String),
+    /// The reported fault is over.
+    Recovered,
+}
+
+/// Names of the folders with the left and the right images, most specific first.
+pub const LAYOUTS: [(&str, &str); 6] = [
+    ("image_2", "image_3"),
+    ("image_0", "image_1"),
+    ("image_l", "image_r"),
+    ("left", "right"),
+    ("image_02/data", "image_03/data"),
+    ("image_00/data", "image_01/data"),
+];
+
+/// Errors of sources. Every text names the file or folder and the remedy.
+#[derive(Debug, Error)]
+pub enum SourceError {
+    /// The folder is missing or cannot be listed.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Path that was opened.
+        path: PathBuf,
+        /// Cause.
+        source: std::io::Error,
+    },
+    /// The folder has none of the known layouts.
+    #[error(
+        "{}: no stereo pairs here: expected two folders named {}, with images of the same names in both",
+        path.display(),
+        LAYOUTS.map(|(l, r)| format!("{l} and {r}")).join(", or ")
+    )]
+    Layout {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The left folder contains no image.
+    #[error("{}: the folder is empty: put PNG, PGM or PPM images into it", path.display())]
+    Empty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// One image of a pair is missing.
+    #[error("{}: missing, but {} is there: add it, or remove the other", path.display(), other.display())]
+    Unpaired {
+        /// The missing image.
+        path: PathBuf,
+        /// Its existing partner.
+        other: PathBuf,
+    },
+    /// An image differs in size from the first.
+    #[error(
+        "{}: {}x{} pixels, but {} has {}x{}: all images of a source need one size",
+        path.display(), size.0, size.1, first.display(), expected.0, expected.1
+    )]
+    Size {
+        /// The image.
+        path: PathBuf,
+        /// Its size.
+        size: (usize, usize),
+        /// The first image.
+        first: PathBuf,
+        /// The size of the first image.
+        expected: (usize, usize),
+    },
+    /// An image that cannot be decoded.
+    #[error("{}: cannot be decoded: {reason}: replace or remove it", path.display())]
+    Decode {
+        /// The image.
+        path: PathBuf,
+        /// Message of the decoder.
+        reason: String,
+    },
+    /// An invalid calibration file.
+    #[error("{}: {reason}", path.display())]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// Line or key, and the remedy.
+        reason: String,
+    },
+    /// An invalid MCAP recording.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// An invalid scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// An index beyond the last pair.
+    #[error("pair {index} requested, but the source has only {count}")]
+    End {
+        /// The index.
+        index: u64,
+        /// Number of pairs.
+        count: u64,
+    },
+}

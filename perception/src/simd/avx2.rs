@@ -1,6 +1,6 @@
 //! AVX2: one vector is one register of 256 bits.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::x86_64::*;
 
 /// The AVX2 level.

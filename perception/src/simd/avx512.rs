@@ -2,7 +2,7 @@
 //! costs in registers of 512 bits.
 
 use super::avx2::Avx2;
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::x86_64::*;
 
 /// The AVX-512 level.

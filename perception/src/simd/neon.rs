@@ -1,6 +1,6 @@
 //! NEON: one vector is two registers of 128 bits. Every 64-bit ARM has it.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::aarch64::*;
 
 /// The NEON level.

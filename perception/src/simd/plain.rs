@@ -1,6 +1,6 @@
 //! The plain twin of every level: scalar Rust, the definition of the arithmetic.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 
 /// Plain Rust.
 #[derive(Clone, Copy, Debug)]

@@ -5,7 +5,7 @@
 //! it the window of a block spans what the coarser map holds in and around the block, so a block
 //! that two surfaces share searches both, and one on a single surface little.
 
-use super::DisparityView;
+use super::disparity::DisparityView;
 use crate::simd::{LANES, Level, Simd, kernel};
 
 /// Rows and columns of a block.

@@ -10,7 +10,7 @@
 //! Offset means pitch (or one shifted principal point), the gradient along the columns roll, the one
 //! along the rows different focal lengths. The baseline cannot be seen this way, and yaw hardly.
 
-use super::DisparityView;
+use super::disparity::DisparityView;
 use crate::image::GreyView;
 use nalgebra::{Matrix3, Vector3};
 

@@ -5,14 +5,16 @@
 use super::blocks::{BLOCK, Blocks};
 use super::confidence::Trust;
 use super::cost::CostParameters;
+use super::disparity::DisparityView;
 use super::energy::{EnergyRow, Volumes};
 use super::fill::{BridgeParameters, Fill};
+use super::matcher::{MatchError, MatchOutput, Matcher, MatcherError};
 use super::median::Median;
 use super::pyramid::{Coarse, double, half_size, halve};
-use super::scale::{PathParameters, Scale};
+use super::scale::PathParameters;
+use super::solver::Solver;
 use super::speckle::{SpeckleFilter, SpeckleParameters};
 use super::winner::{SubPixel, Winner, WinnerParameters};
-use super::{DisparityView, MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
 use crate::simd::{LANES, Level};
 
@@ -92,7 +94,7 @@ impl Default for MpvParameters {
 /// One scale with what it results in.
 #[derive(Debug)]
 struct Stage {
-    scale: Scale,
+    solver: Solver,
     /// For the upper and the lower part of the image.
     winners: [Winner; 2],
     speckle: SpeckleFilter,
@@ -184,15 +186,19 @@ impl Mpv {
         let finest = sizes.len() - 1;
         let mut stages: Vec<Stage> = Vec::with_capacity(sizes.len());
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
-            let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
+            let mut solver =
+                Solver::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
             let everything = i == 0 || (i == finest && search == Search::Full);
-            let vectors =
-                if everything { scale.blocks.vectors() } else { budget(&scale.blocks, disparities) };
+            let vectors = if everything {
+                solver.scale.blocks.vectors()
+            } else {
+                budget(&solver.scale.blocks, disparities)
+            };
             if let Some(coarser) = stages.last() {
-                scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
+                solver.scale.blocks.reserve(coarser.solver.scale.width(), coarser.solver.scale.height());
             }
             if everything && 2 * vectors * LANES > CACHE_BYTES {
-                scale.spare_caches();
+                solver.spare_caches();
             }
             let kept = if i == finest { 0 } else { w * h };
             let (winner, speckle) = choices(&parameters, i == finest);
@@ -205,7 +211,7 @@ impl Mpv {
                 confidence: vec![0; kept],
                 vectors,
                 widest: widest(finest - i),
-                scale,
+                solver,
             });
         }
         let vectors = stages.iter().map(|s| s.vectors).max().unwrap_or(0);
@@ -258,7 +264,7 @@ impl Mpv {
         for i in (0..self.stages.len() - 1).rev() {
             let (coarse, fine) = self.stages.split_at_mut(i + 1);
             let (coarse, fine) = (&mut coarse[i], &fine[0]);
-            let (w, h) = (fine.scale.width(), fine.scale.height());
+            let (w, h) = (fine.solver.scale.width(), fine.solver.scale.height());
             let (from_left, from_right) = if fine.left.is_empty() {
                 (Some(left), Some(right))
             } else {
@@ -356,20 +362,20 @@ impl Matcher for Mpv {
         for i in 0..=finest {
             let (coarser, rest) = self.stages.split_at_mut(i);
             let stage = &mut rest[0];
-            let (width, height) = (stage.scale.width(), stage.scale.height());
-            let coarse = coarser
-                .last()
-                .and_then(|c| DisparityView::new(&c.disparity, c.scale.width(), c.scale.height()));
+            let (width, height) = (stage.solver.scale.width(), stage.solver.scale.height());
+            let coarse = coarser.last().and_then(|c| {
+                DisparityView::new(&c.disparity, c.solver.scale.width(), c.solver.scale.height())
+            });
             if let Some(coarse) = coarse {
                 let windows = i < finest || self.search == Search::Windows;
-                stage.scale.blocks.plan(
+                stage.solver.scale.blocks.plan(
                     self.level,
                     coarse,
                     self.slopes,
                     windows.then_some((stage.widest, stage.vectors)),
                 );
             }
-            self.nodes += stage.scale.blocks.nodes();
+            self.nodes += stage.solver.scale.blocks.nodes();
             let (l, r, disparity, confidence) = if i == finest {
                 (left, right, &mut *output.disparity, &mut *output.confidence)
             } else {
@@ -380,7 +386,7 @@ impl Matcher for Mpv {
                 }
             };
             let [above, below] = &mut stage.winners;
-            let cut = stage.scale.middle() * width;
+            let cut = stage.solver.scale.middle() * width;
             let (upper_disparity, lower_disparity) = disparity.split_at_mut(cut);
             let (upper_confidence, lower_confidence) = confidence.split_at_mut(cut);
             let upper = |row: EnergyRow<'_>| {
@@ -394,7 +400,7 @@ impl Matcher for Mpv {
             // The coarsest map is always finished.
             let mut unhurried = || true;
             let hurry: &mut dyn FnMut() -> bool = if i == 0 { &mut unhurried } else { &mut *go_on };
-            let done = stage.scale.solve(l, r, &mut self.volumes, hurry, upper, lower);
+            let done = stage.solver.solve(l, r, &mut self.volumes, hurry, upper, lower);
             if !done {
                 let (coarse, times) = (&self.stages[i - 1], (finest + 1 - i) as u32);
                 let map = Coarse { disparity: &coarse.disparity, confidence: &coarse.confidence, times };
@@ -420,7 +426,7 @@ impl Matcher for Mpv {
             .stages
             .iter()
             .map(|s| {
-                s.scale.bytes()
+                s.solver.bytes()
                     + s.winners.iter().map(Winner::bytes).sum::<usize>()
                     + s.speckle.bytes()
                     + s.left.len()

@@ -1,7 +1,7 @@
 //! The format of OpenCV's trainer since 2.x.
 
 use super::super::cascade::{Branch, Cascade, Features, LbpFeature, Node, Split, Stage};
-use super::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
+use super::element::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
 use roxmltree::Node as XmlNode;
 
 pub(super) fn read(cascade: XmlNode<'_, '_>) -> Result<Cascade, CascadeError> {

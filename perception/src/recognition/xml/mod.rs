@@ -5,46 +5,15 @@
 //! window, children behind their parents, leaves and features exist.
 
 mod current;
+mod element;
 mod old;
 mod write;
 
-use super::cascade::{Cascade, HaarFeature, WeightedRect};
+use super::cascade::Cascade;
+pub use element::CascadeError;
+use element::line;
 use roxmltree::{Document, Node as XmlNode};
-use thiserror::Error;
 pub use write::{TrainedWith, write};
-
-/// Why a text is not a cascade that can be used. The line is that of the element at fault.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum CascadeError {
-    /// Not well-formed XML.
-    #[error("not well-formed XML: {0}")]
-    Xml(String),
-    /// An element is missing.
-    #[error("line {line}: <{element}> is missing in <{parent}>; is this an OpenCV cascade?")]
-    Missing {
-        /// Line of the parent.
-        line: u32,
-        /// What is missing.
-        element: &'static str,
-        /// Where it should be.
-        parent: String,
-    },
-    /// A value cannot be used.
-    #[error("line {line}: <{element}> is \"{value}\": {expected}")]
-    Value {
-        /// Line of the element.
-        line: u32,
-        /// Its name.
-        element: String,
-        /// Its text, shortened.
-        value: String,
-        /// What is right.
-        expected: String,
-    },
-}
-
-/// The largest window side that is accepted, in pixels.
-const LARGEST_WINDOW: u16 = 512;
 
 /// Reads a cascade from the text of an XML file, in either format.
 ///
@@ -81,110 +50,6 @@ fn without_comments(text: &str) -> String {
     }
     out.push_str(rest);
     out
-}
-
-/// A window side from its text.
-fn side(element: XmlNode<'_, '_>, value: Option<u16>, least: u16) -> Result<u16, CascadeError> {
-    value.filter(|v| (least..=LARGEST_WINDOW).contains(v)).ok_or_else(|| {
-        value_error(element, format!("a window has {least} to {LARGEST_WINDOW} pixels a side"))
-    })
-}
-
-/// A Haar feature from its `<rects>` and `<tilted>`.
-fn haar_feature(element: XmlNode<'_, '_>, width: u16, height: u16) -> Result<HaarFeature, CascadeError> {
-    let tilted = match element.children().find(|c| c.has_tag_name("tilted")) {
-        Some(tilted) => number::<i64>(tilted)? != 0,
-        None => false,
-    };
-    let list = child(element, "rects")?;
-    let mut rects = [WeightedRect::default(); 3];
-    let mut count = 0;
-    for rect in items(list) {
-        let values = numbers::<f64>(rect)?;
-        let whole =
-            |v: f64| (v.fract() == 0.0 && (0.0..=f64::from(LARGEST_WINDOW)).contains(&v)).then_some(v as u16);
-        let parts = match values[..] {
-            [x, y, w, h, weight] => Some((whole(x), whole(y), whole(w), whole(h), weight as f32)),
-            _ => None,
-        };
-        let Some((Some(x), Some(y), Some(w), Some(h), weight)) = parts else {
-            return Err(value_error(rect, "five numbers: x y width height weight".into()));
-        };
-        if !weight.is_finite() || weight == 0.0 {
-            return Err(value_error(rect, "a weight is a finite number and not 0".into()));
-        }
-        let inside = if tilted {
-            h <= x && x + w <= width && y + w + h <= height
-        } else {
-            x + w <= width && y + h <= height
-        };
-        if !inside || w == 0 || h == 0 {
-            let what = if tilted { "tilted rectangle" } else { "rectangle" };
-            return Err(value_error(rect, format!("a {what} must lie within the {width}x{height} window")));
-        }
-        let Some(place) = rects.get_mut(count) else {
-            return Err(value_error(list, "a Haar feature has one to three rectangles".into()));
-        };
-        *place = WeightedRect { x, y, width: w, height: h, weight };
-        count += 1;
-    }
-    if count == 0 {
-        return Err(value_error(list, "a Haar feature has one to three rectangles".into()));
-    }
-    Ok(HaarFeature { rects, tilted })
-}
-
-/// A single-precision number, by way of double precision as OpenCV reads it.
-fn single(element: XmlNode<'_, '_>) -> Result<f32, CascadeError> {
-    let value = number::<f64>(element)? as f32;
-    if value.is_finite() { Ok(value) } else { Err(value_error(element, "a finite number".into())) }
-}
-
-fn line(element: XmlNode<'_, '_>) -> u32 {
-    element.document().text_pos_at(element.range().start).row
-}
-
-fn child<'a, 'i>(parent: XmlNode<'a, 'i>, name: &'static str) -> Result<XmlNode<'a, 'i>, CascadeError> {
-    parent.children().find(|c| c.has_tag_name(name)).ok_or_else(|| CascadeError::Missing {
-        line: line(parent),
-        element: name,
-        parent: parent.tag_name().name().to_owned(),
-    })
-}
-
-/// The `<_>` elements of a list.
-fn items<'a, 'i>(list: XmlNode<'a, 'i>) -> impl Iterator<Item = XmlNode<'a, 'i>> {
-    list.children().filter(|c| c.has_tag_name("_"))
-}
-
-fn value_error(element: XmlNode<'_, '_>, expected: String) -> CascadeError {
-    let text = element.text().unwrap_or("").trim();
-    let mut value: String = text.chars().take(40).collect();
-    if value.len() < text.len() {
-        value.push('…');
-    }
-    CascadeError::Value {
-        line: line(element),
-        element: element.tag_name().name().to_owned(),
-        value,
-        expected,
-    }
-}
-
-fn numbers<T: std::str::FromStr>(element: XmlNode<'_, '_>) -> Result<Vec<T>, CascadeError> {
-    let text = element.text().unwrap_or("");
-    text.split_ascii_whitespace()
-        .map(|word| {
-            word.parse().map_err(|_| value_error(element, format!("\"{word}\" is not a number that fits")))
-        })
-        .collect()
-}
-
-fn number<T: std::str::FromStr + Copy>(element: XmlNode<'_, '_>) -> Result<T, CascadeError> {
-    match numbers(element)?[..] {
-        [value] => Ok(value),
-        _ => Err(value_error(element, "one number".into())),
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The format of Haar cascades before OpenCV 2.x: trees of named nodes, a feature in each.
 
 use super::super::cascade::{Branch, Cascade, Features, HaarFeature, Node, Split, Stage};
-use super::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
+use super::element::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
 use roxmltree::Node as XmlNode;
 
 pub(super) fn read(cascade: XmlNode<'_, '_>) -> Result<Cascade, CascadeError> {

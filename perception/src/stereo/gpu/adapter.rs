@@ -1,7 +1,7 @@
 //! Which adapters there are, and which one is taken.
 
-use super::super::MatcherError;
 use super::super::device::Loss;
+use super::super::matcher::MatcherError;
 use thiserror::Error;
 
 /// An adapter as it is told to people.

@@ -1,8 +1,8 @@
 //! A device with its queue, and what may go wrong with them.
 
 use super::super::device::Loss;
-use super::GpuOptions;
 use super::adapter::{AdapterDescription, GpuError, choose, instance};
+use super::options::GpuOptions;
 use super::uniforms::Plan;
 use core::time::Duration;
 use std::sync::Arc;

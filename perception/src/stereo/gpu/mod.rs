@@ -9,11 +9,12 @@
 //! read back while the GPU works. [`Matcher::compute`] does both one after the other.
 //!
 //! A device may be lost at any time. That is [`MatchError::Lost`]; the matcher is useless from then on,
-//! and [`super::device::Fallback`] puts another in its place.
+//! and [`super::fallback::Fallback`] puts another in its place.
 
 mod adapter;
 mod engine;
 mod kernels;
+mod options;
 mod program;
 mod slots;
 mod uniforms;
@@ -21,33 +22,17 @@ mod verify;
 
 pub use adapter::{AdapterDescription, GpuError, adapters};
 pub use engine::Gate;
+pub use options::GpuOptions;
 
 use super::device::{DeviceState, Loss, STAGES, StageTime};
 use super::fill::Fill;
-use super::mpv::Mpv;
-use super::{MatchError, MatchOutput, Matcher, MpvParameters, Search};
+use super::matcher::{MatchError, MatchOutput, Matcher};
+use super::mpv::{Mpv, MpvParameters, Search};
 use crate::image::GreyView;
 use core::time::Duration;
 use engine::Engine;
 use program::Program;
 use slots::{SLOTS, Slot};
-
-/// Which adapter is taken, and how long it may take.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GpuOptions {
-    /// Part of the adapter's name, in any case; empty takes the fastest kind there is.
-    pub adapter: String,
-    /// Whether a driver that computes on the CPU will do. One that is named always does.
-    pub software: bool,
-    /// A frame that is not finished in this time means that the device hangs.
-    pub patience: Duration,
-}
-
-impl Default for GpuOptions {
-    fn default() -> Self {
-        Self { adapter: String::new(), software: false, patience: Duration::from_secs(2) }
-    }
-}
 
 /// Checks whether a matcher can be made as far as the adapter and its limits go, without making it.
 ///

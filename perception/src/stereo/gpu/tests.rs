@@ -1,11 +1,11 @@
 //! The GPU against the CPU, on whatever adapter there is: Mesa's lavapipe will do.
 
-use super::super::MatcherError;
 use super::super::blocks::Block;
 use super::super::cost::{CostStrip, STRIP};
-use super::super::device::{Fallback, Replacement};
 use super::super::energy::{EnergyRow, Volumes};
-use super::super::scale::Scale;
+use super::super::fallback::{Fallback, Replacement};
+use super::super::matcher::MatcherError;
+use super::super::solver::Solver;
 use super::super::viterbi::Merge;
 use super::super::winner::SubPixel;
 use super::uniforms::{BlockUniform, Plan};
@@ -106,7 +106,7 @@ struct Bench {
     engine: Engine,
     program: Program,
     plan: Plan,
-    scale: Scale,
+    solver: Solver,
 }
 
 impl Bench {
@@ -118,12 +118,13 @@ impl Bench {
         mut set: impl FnMut(&mut Block),
     ) -> Self {
         let parameters = MpvParameters { scales: 1, ..parameters };
-        let mut scale =
-            Scale::new(parameters.cost, parameters.paths, Level::PLAIN, width, height, disparities, 1);
-        scale.blocks.set_all(&mut set);
+        let mut solver =
+            Solver::new(parameters.cost, parameters.paths, Level::PLAIN, width, height, disparities, 1);
+        solver.scale.blocks.set_all(&mut set);
         let mut plan = uniforms::plan(&parameters, Search::Full, width, height, disparities);
         let mut at = 0;
-        let blocks = (0..scale.blocks.strips()).flat_map(|strip| scale.blocks.strip(strip).to_vec());
+        let blocks =
+            (0..solver.scale.blocks.strips()).flat_map(|strip| solver.scale.blocks.strip(strip).to_vec());
         plan.scales[0].blocks = blocks
             .map(|block| {
                 let block = BlockUniform {
@@ -144,7 +145,7 @@ impl Bench {
             engine.subgroup = 1;
         }
         let program = engine.guarded(|| Program::new(&engine, &plan)).unwrap();
-        Self { engine, program, plan, scale }
+        Self { engine, program, plan, solver }
     }
 
     /// Runs the stages up to `last`.
@@ -188,7 +189,7 @@ impl Bench {
     fn for_nodes(&self, mut check: impl FnMut(usize, usize, usize)) {
         for y in 0..self.program.height {
             for x in 0..self.program.width {
-                let block = self.scale.blocks.strip(y / STRIP)[x / LANES];
+                let block = self.solver.scale.blocks.strip(y / STRIP)[x / LANES];
                 (block.low..block.high).for_each(|d| check(x, y, d));
             }
         }
@@ -270,7 +271,7 @@ fn both_layers_equal_the_plain_twin_bit_for_bit() {
             bench.run(&pair, "diagonal");
             let (merged, jumps) = (bench.program.scratch.merged.clone(), bench.program.scratch.jumps.clone());
             let (merged, jumps) = (read(&mut bench.engine, &merged), read(&mut bench.engine, &jumps));
-            let mut volumes = Volumes::new(bench.scale.blocks.vectors());
+            let mut volumes = Volumes::new(bench.solver.scale.blocks.vectors());
             let mut expected = vec![(0, 0); width * height * disparities];
             let rows = std::sync::Mutex::new(&mut expected);
             let take = |row: EnergyRow<'_>| {
@@ -285,7 +286,7 @@ fn both_layers_equal_the_plain_twin_bit_for_bit() {
                 }
             };
             let (left, right) = (pair.0.view(), pair.1.view());
-            assert!(bench.scale.solve(left, right, &mut volumes, &mut || true, take, take));
+            assert!(bench.solver.solve(left, right, &mut volumes, &mut || true, take, take));
             bench.for_nodes(|x, y, d| {
                 let (h, e) = expected[(y * width + x) * disparities + d];
                 let got = bench.node(&merged, x, y, d);

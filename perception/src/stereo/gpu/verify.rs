@@ -1,7 +1,8 @@
 //! Whether a device computes what the CPU does: asked once, before it is trusted.
 
+use super::super::matcher::{MatchError, MatchOutput, Matcher};
+use super::GpuMpv;
 use super::adapter::GpuError;
-use super::{GpuMpv, MatchError, MatchOutput, Matcher};
 use crate::image::GreyImage;
 use core::time::Duration;
 

@@ -1,12 +1,13 @@
 //! The solver against the definition: every path by brute force, node by node.
 
 use super::super::blocks::Block;
-use super::super::cost::CostParameters;
 use super::super::cost::CostStrip;
+use super::super::scale::EdgeWeight;
 use super::super::viterbi::step_brute_force;
 use super::super::worker::slope_step;
 use super::*;
 use crate::image::GreyImage;
+use crate::simd::LANES;
 
 /// Energies of one pixel's window: (disparity, energy).
 type Nodes = Vec<(usize, u8)>;
@@ -141,11 +142,11 @@ fn final_energies_equal_brute_force_at_every_level() {
         let levels = Level::available().into_iter();
         let ways = [(1, false), (1, true), (2, false), (3, true)];
         for (level, (threads, spare)) in levels.flat_map(|level| ways.map(|way| (level, way))) {
-            let mut scale = Scale::new(cost, parameters, level, width, height, disparities, threads);
+            let mut solver = Solver::new(cost, parameters, level, width, height, disparities, threads);
             if round > 0 {
                 // Windows and slopes of all kinds, the same for all levels.
                 let mut random = fastrand::Rng::with_seed(seed);
-                scale.blocks.set_all(|block: &mut Block| {
+                solver.scale.blocks.set_all(|block: &mut Block| {
                     block.low = random.usize(0..disparities);
                     block.high = random.usize(block.low + 1..=disparities);
                     block.slope_x = random.i32(-128..=128);
@@ -153,9 +154,9 @@ fn final_energies_equal_brute_force_at_every_level() {
                 });
             }
             if spare {
-                scale.spare_caches();
+                solver.spare_caches();
             }
-            let mut volumes = Volumes::new(scale.blocks.vectors());
+            let mut volumes = Volumes::new(solver.scale.blocks.vectors());
             let mut got: Vec<Nodes> = vec![Vec::new(); width * height];
             // Twice, as the first run must leave nothing behind.
             for _ in 0..2 {
@@ -169,9 +170,9 @@ fn final_energies_equal_brute_force_at_every_level() {
                     }
                 };
                 let (l, r) = (left.view(), right.view());
-                let done = scale.solve(l, r, &mut volumes, &mut || true, take, take);
+                let done = solver.solve(l, r, &mut volumes, &mut || true, take, take);
                 assert!(done);
-                let expected = expected.get_or_insert_with(|| brute_force(&scale, &left, &right));
+                let expected = expected.get_or_insert_with(|| brute_force(&solver.scale, &left, &right));
                 for (i, (got, expected)) in got.iter().zip(expected.iter()).enumerate() {
                     assert_eq!(
                         got,

@@ -5,7 +5,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use lookout_perception::image::GreyImage;
 use lookout_perception::simd::{Lanes, Level};
 use lookout_perception::stereo::blocks::Block;
-use lookout_perception::stereo::confidence::Trust;
+use lookout_perception::stereo::confidence::ConfidenceFilter;
 use lookout_perception::stereo::cost::{CostParameters, CostStrip, STRIP};
 use lookout_perception::stereo::energy::EnergyRow;
 use lookout_perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters};
@@ -149,7 +149,7 @@ fn kernels(c: &mut Criterion) {
         let mut median = Median::new(level, 640);
         let mut copy = map.clone();
         group.bench_function("median, 640 x 480 pixels", |b| b.iter(|| median.apply(&mut copy)));
-        let mut mean = Trust::new(level, 640);
+        let mut mean = ConfidenceFilter::new(level, 640);
         let mut doubt = trust.clone();
         group.bench_function("confidence, 640 x 480 pixels", |b| b.iter(|| mean.apply(&mut doubt)));
         if level == Level::PLAIN {

@@ -8,7 +8,7 @@
 use crate::image::GreyView;
 use crate::rig::Rig;
 use crate::road::tilt::Tilt;
-use crate::simd::whole::nearest;
+use crate::simd::rounding::nearest;
 use crate::simd::{Level, Simd, kernel};
 
 /// Greatest gradient and difference that are counted, in half grey levels: sums of a window then fit.

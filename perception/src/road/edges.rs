@@ -8,7 +8,7 @@ use super::heights::{BATCH, Pixels};
 use super::surface::Surface;
 use crate::depth::DepthView;
 use crate::rig::Rig;
-use crate::simd::whole::whole_f64;
+use crate::simd::rounding::truncate_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// Stretches that have an edge of their own.
@@ -224,7 +224,7 @@ fn place_each<S: Simd>(
         let beyond = ends_px[1..STRETCHES].iter().fold(0, |n, &end| n + u16::from(d <= end));
         let side = u16::from(across >= 0.0);
         // Written so that NaN is in none.
-        let cell = whole_f64(if across.abs() < CELLS as f64 { across.abs() } else { CELLS as f64 }) as u16;
+        let cell = truncate_f64(if across.abs() < CELLS as f64 { across.abs() } else { CELLS as f64 }) as u16;
         let place = (2 * beyond + side) * CELLS as u16 + cell;
         out[i] = if cell < CELLS as u16 { place } else { u16::MAX };
     }

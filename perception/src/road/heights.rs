@@ -1,7 +1,7 @@
 //! Heights above the road of pixels that were picked here and there, many at once.
 
 use super::tilt::Tilt;
-use crate::simd::whole::whole;
+use crate::simd::rounding::truncate;
 use crate::simd::{Simd, kernel};
 
 /// Pixels that are taken at once.
@@ -79,7 +79,7 @@ fn measure_each<S: Simd>(_: S, datum: Datum<'_>, pixels: &Pixels, out: &mut [f64
         // Written so that NaN is 0.
         let level = if level > 0.0 { level } else { 0.0 };
         let place = (level * per_px) as f32;
-        index[i] = whole(if place < last as f32 { place } else { last as f32 });
+        index[i] = truncate(if place < last as f32 { place } else { last as f32 });
         share[i] = (place - index[i] as f32).min(1.0);
     }
     let (mut near, mut next) = ([f32::NAN; BATCH], [f32::NAN; BATCH]);

@@ -2,7 +2,7 @@
 
 use super::tilt::Tilt;
 use crate::depth::DepthView;
-use crate::simd::whole::whole_f64;
+use crate::simd::rounding::truncate_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// Columns between samples.
@@ -190,7 +190,7 @@ fn classify_each<S: Simd>(_: S, row: &[u16], tilt: Tilt, road_px: f64, classes: 
         let off = tilt.level(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
         let place = (if folded { off.abs() } else { off } - from_px) * per_px;
         let inside = d > 0 && place >= 0.0 && place < most;
-        *class = whole_f64(if inside { place } else { most }) as u8;
+        *class = truncate_f64(if inside { place } else { most }) as u8;
     }
 }
 

@@ -1,8 +1,8 @@
-//! Vectors of 32 bytes and the levels of hardware that carry them.
+//! Vectors of 32 bytes and the instruction-set levels that implement their operations.
 //!
-//! Kernels are written once, generic over [`Simd`], and compiled once per level: plain Rust, NEON,
-//! AVX2, AVX-512. All levels do the same arithmetic on the same lanes, so their results agree bit
-//! for bit; [`Level::best`] picks one at run time.
+//! Kernels are written once, generic over [`Simd`], and compiled once for each level: plain Rust, NEON,
+//! AVX2, AVX-512. All levels do the same arithmetic on the same lanes, so their results are bit-identical.
+//! [`Level::best`] selects the fastest level at run time.
 
 #[cfg(target_arch = "x86_64")]
 pub mod avx2;
@@ -12,15 +12,15 @@ mod kernel_set;
 #[cfg(target_arch = "aarch64")]
 pub mod neon;
 pub mod plain;
-pub mod whole;
+pub mod rounding;
 
 pub use kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 
-/// What the kernels run on. Every value names hardware that is present.
+/// The instruction-set level that kernels run on. A value exists only for a level that this machine supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Level(pub(crate) Kind);
 
-/// The levels that this build knows.
+/// The levels that this build supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Plain,
@@ -33,15 +33,15 @@ pub(crate) enum Kind {
 }
 
 impl Level {
-    /// Plain Rust: the reference that every other level agrees with.
+    /// Plain Rust: the reference implementation. Every other level gives the same results.
     pub const PLAIN: Level = Level(Kind::Plain);
 
-    /// The fastest level that this machine has.
+    /// The fastest level that this machine supports.
     pub fn best() -> Self {
         Self::available().last().copied().unwrap_or(Self::PLAIN)
     }
 
-    /// All levels that this machine has, the slowest first.
+    /// All levels that this machine supports, the slowest first.
     pub fn available() -> Vec<Self> {
         #[allow(unused_mut)]
         let mut levels = vec![Self::PLAIN];
@@ -64,7 +64,7 @@ impl Level {
         levels
     }
 
-    /// Its name: `plain`, `neon`, `avx2` or `avx512`.
+    /// Name of the level: `plain`, `neon`, `avx2` or `avx512`.
     pub fn name(self) -> &'static str {
         match self.0 {
             Kind::Plain => "plain",
@@ -100,10 +100,10 @@ macro_rules! kernel {
                 $crate::simd::Kind::Plain => $generic($crate::simd::plain::Plain, $($arg),*),
                 #[cfg(target_arch = "aarch64")]
                 $crate::simd::Kind::Neon => $generic($crate::simd::neon::Neon, $($arg),*),
-                // SAFETY: a `Level` of this kind is made only where the feature was found.
+                // SAFETY: a `Level` of this kind is created only after the feature was detected.
                 #[cfg(target_arch = "x86_64")]
                 $crate::simd::Kind::Avx2 => unsafe { avx2($($arg),*) },
-                // SAFETY: a `Level` of this kind is made only where the features were found.
+                // SAFETY: a `Level` of this kind is created only after the features were detected.
                 #[cfg(target_arch = "x86_64")]
                 $crate::simd::Kind::Avx512 => unsafe { avx512($($arg),*) },
             }

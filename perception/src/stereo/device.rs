@@ -1,26 +1,25 @@
-//! What a matcher says of the device that it runs on, and how a matcher on a device is replaced when the
-//! device is lost.
+//! State of the device that a matcher runs on: its name, the time of each stage, and why it was lost.
 
 use thiserror::Error;
 
-/// Why a device is no longer used.
+/// Why a device was lost.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum Loss {
-    /// The driver has given it up: a reset, an unplugged card, a driver that ended.
+    /// The driver reports the device as lost: a reset, an unplugged card, a driver that ended.
     #[error("the driver lost the device")]
     Device,
-    /// It has no memory left.
+    /// The device is out of memory.
     #[error("the device is out of memory")]
     OutOfMemory,
-    /// A frame was not finished in the time that it was given.
+    /// A frame did not finish within the time limit.
     #[error("the device does not answer in time")]
     Hung,
-    /// The driver refused what it was asked to do.
+    /// The driver refused a command.
     #[error("the driver refused a command")]
     Refused,
 }
 
-/// The stages that a matcher on a device is timed by.
+/// Names of the stages that are timed on a device, in the order in which they run.
 pub const STAGES: [&str; 8] =
     ["prepare", "plan", "cost", "horizontal", "vertical", "diagonal", "winner", "finish"];
 
@@ -33,15 +32,15 @@ pub struct StageTime {
     pub ns: u64,
 }
 
-/// A device as it is told to people.
+/// Description and state of a device, for logs and status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeviceState<'a> {
     /// Name of the adapter.
     pub adapter: &'a str,
-    /// Its driver and the driver's version.
+    /// Name and version of its driver.
     pub driver: &'a str,
     /// Times of the last pair; empty where the device has no timestamps.
     pub stages: &'a [StageTime],
-    /// Why it is no longer used, if so.
+    /// Why it was lost; `None` while it is in use.
     pub loss: Option<Loss>,
 }

@@ -1,6 +1,6 @@
 //! A borrowed disparity map.
 
-/// A borrowed disparity map: `width` × `height`, in 1/256 px, 0 = unknown.
+/// A borrowed disparity map of `width` × `height` values in 1/256 px; 0 = unknown.
 #[derive(Clone, Copy, Debug)]
 pub struct DisparityView<'a> {
     data: &'a [u16],
@@ -9,7 +9,7 @@ pub struct DisparityView<'a> {
 }
 
 impl<'a> DisparityView<'a> {
-    /// Sees `data` as rows of `width` values; `None` when it is not exactly `height` of them.
+    /// Interprets `data` as `height` rows of `width` values; `None` if its length differs or the map is empty.
     pub fn new(data: &'a [u16], width: usize, height: usize) -> Option<Self> {
         (width > 0 && height > 0 && Some(data.len()) == width.checked_mul(height)).then_some(Self {
             data,

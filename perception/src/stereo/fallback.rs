@@ -1,14 +1,14 @@
-//! Replaces a matcher on a device by another when the device is lost.
+//! Fallback for a matcher on a device: another matcher replaces it when the device is lost.
 
 use super::device::{DeviceState, Loss};
 use super::matcher::{MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
 
-/// Makes the matcher that replaces a lost one.
+/// Creates the matcher that replaces a lost one.
 pub type Replacement = Box<dyn FnMut() -> Result<Box<dyn Matcher>, MatcherError>>;
 
-/// A matcher on a device, and one that takes over when the device is lost: with the pair in work, so that
-/// none is lost.
+/// A matcher on a device with a replacement for when the device is lost. The replacement starts with the pair
+/// during which the device was lost, so no pair is dropped.
 pub struct Fallback {
     device: Option<Box<dyn Matcher>>,
     adapter: String,
@@ -19,7 +19,7 @@ pub struct Fallback {
 }
 
 impl Fallback {
-    /// `device` until it is lost, then what `replacement` makes.
+    /// Uses `device` until it is lost, then the matcher that `replacement` creates.
     pub fn new(device: Box<dyn Matcher>, replacement: Replacement) -> Self {
         let (adapter, driver) =
             device.device().map(|d| (d.adapter.to_owned(), d.driver.to_owned())).unwrap_or_default();
@@ -52,7 +52,7 @@ impl Matcher for Fallback {
         }
         let other = match &mut self.other {
             Some(other) => other,
-            // A size that the device has taken the replacement takes, too; if not, the loss is told.
+            // The replacement accepts every size that the device accepts; if it fails, the loss is reported.
             none => match ((self.replacement)(), self.loss) {
                 (Ok(made), _) => none.insert(made),
                 (Err(_), loss) => return Err(MatchError::Lost(loss.unwrap_or(Loss::Device))),
@@ -86,7 +86,7 @@ impl Matcher for Fallback {
 mod tests {
     use super::*;
 
-    /// Writes its number everywhere, and is lost at some pair.
+    /// Writes its number to the whole map, and reports a loss after some pairs.
     struct Numbered {
         number: u16,
         pairs_left: Option<usize>,
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_replacement_takes_the_pair_in_work_and_all_that_follow() {
+    fn the_replacement_matches_the_failed_pair_and_all_later_pairs() {
         let mut made = 0;
         let replacement: Replacement = Box::new(move || {
             made += 1;

@@ -4,22 +4,21 @@ use super::device::{DeviceState, Loss};
 use crate::image::GreyView;
 use thiserror::Error;
 
-/// Where a matcher writes its result: both slices `width` × `height`, row after row.
+/// Output buffers of a matcher: `width` × `height` values each, row by row.
 #[derive(Debug)]
 pub struct MatchOutput<'a> {
     /// Disparity in 1/256 px, 0 = unknown.
     pub disparity: &'a mut [u16],
-    /// 0 (a guess) to 255 (no other disparity comes near); 0 where the disparity is unknown.
+    /// Confidence, 1 (uncertain) to 255 (no other disparity has a similar energy); 0 where the disparity is
+    /// unknown.
     pub confidence: &'a mut [u8],
 }
 
-/// Why a pair cannot be matched.
+/// Errors of [`Matcher::compute`].
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum MatchError {
-    /// The matcher was made for another size.
-    #[error(
-        "the {which} image is {width}x{height}, the matcher was made for {expected_width}x{expected_height}"
-    )]
+    /// The image has another size than the matcher.
+    #[error("the {which} image is {width}x{height}, the matcher expects {expected_width}x{expected_height}")]
     Size {
         /// "left" or "right".
         which: &'static str,
@@ -27,60 +26,60 @@ pub enum MatchError {
         width: usize,
         /// Height of the image.
         height: usize,
-        /// Width of the matcher.
+        /// Width that the matcher expects.
         expected_width: usize,
-        /// Height of the matcher.
+        /// Height that the matcher expects.
         expected_height: usize,
     },
     /// An output slice is not `width` × `height`.
     #[error("the output holds {given} values, the image has {needed} pixels")]
     Output {
-        /// Values in the slice.
+        /// Length of the slice.
         given: usize,
-        /// Pixels of the image.
+        /// Number of pixels of the image.
         needed: usize,
     },
-    /// The device that the matcher runs on is gone; another pair will fare no better.
+    /// The device that the matcher runs on is lost; every later pair fails as well.
     #[error("the matcher's device is lost: {0}")]
     Lost(Loss),
 }
 
-/// Why a matcher cannot be made.
+/// Errors of creating a matcher.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum MatcherError {
-    /// Below the least size that a window needs.
-    #[error("a {width}x{height} image is too small to match: {least}x{least} pixels is the least")]
+    /// The image is smaller than a matching window.
+    #[error("a {width}x{height} image is too small to match: the minimum is {min}x{min} pixels")]
     TooSmall {
         /// Width in pixels.
         width: usize,
         /// Height in pixels.
         height: usize,
-        /// Least width and height.
-        least: usize,
+        /// Minimum width and height.
+        min: usize,
     },
-    /// More nodes than a matcher is meant to hold.
+    /// The image has more nodes than [`MAX_NODES`](super::mpv::MAX_NODES).
     #[error(
-        "{width}x{height} pixels with {disparities} disparities are more than a matcher holds: scale the images down"
+        "{width}x{height} pixels with {disparities} disparities are more than a matcher supports: scale the images down"
     )]
     TooLarge {
         /// Width in pixels.
         width: usize,
         /// Height in pixels.
         height: usize,
-        /// Disparities.
+        /// Number of disparities.
         disparities: usize,
     },
-    /// Beyond what 16-bit disparities in 1/256 px hold.
-    #[error("{0} disparities: give 2 to 255")]
+    /// The number of disparities is out of range: 16-bit values in 1/256 px hold at most 255.
+    #[error("{0} disparities: the range is 2 to 255")]
     Disparities(usize),
 }
 
-/// Something that matches rectified pairs of one size, on the CPU or on a GPU.
+/// A dense stereo matcher for rectified pairs of one size, on the CPU or on a GPU.
 pub trait Matcher {
-    /// Matches one pair. The result depends on the pair alone.
+    /// Matches one pair. The result depends only on the pair.
     ///
     /// # Errors
-    /// When an image or an output has another size than the matcher was made for.
+    /// If an image or an output has another size than the matcher, or the device is lost.
     fn compute(
         &mut self,
         left: GreyView<'_>,
@@ -90,9 +89,10 @@ pub trait Matcher {
         self.compute_within(left, right, output, &mut || true).map(|_| ())
     }
 
-    /// As [`Self::compute`], but gives up the scale it works on once `go_on` says no (it is asked
-    /// every 32 rows of all but the coarsest scale) and returns the one before, enlarged. The coarsest scale is always finished.
-    /// Returns how often the result was halved: 0 is the full resolution.
+    /// As [`Self::compute`], but with a deadline: once `go_on` returns false, the current scale of the
+    /// pyramid is abandoned and the result of the previous (coarser) scale is enlarged instead. `go_on` is
+    /// called every 32 rows of all but the coarsest scale, which always finishes.
+    /// Returns how often the resolution was halved: 0 is the full resolution.
     ///
     /// # Errors
     /// As [`Self::compute`].
@@ -104,14 +104,14 @@ pub trait Matcher {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<u32, MatchError>;
 
-    /// Nodes that the last pair took, over all scales that were begun; the paper counts m·n·d for the
-    /// full range and at most 0.3281·m·n·d for three scales.
+    /// Nodes of the search space of the last pair, summed over all scales that were started. The paper
+    /// counts m·n·d for the full range and at most 0.3281·m·n·d for three scales.
     fn nodes(&self) -> usize;
 
-    /// Bytes of scratch memory that the matcher holds.
+    /// Bytes of memory that the matcher holds.
     fn workspace_bytes(&self) -> usize;
 
-    /// The device that it runs on; None on the CPU.
+    /// The device that the matcher runs on; `None` on the CPU.
     fn device(&self) -> Option<DeviceState<'_>> {
         None
     }

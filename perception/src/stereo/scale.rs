@@ -1,5 +1,5 @@
-//! One scale of the pyramid: its parameters, its search windows and the image that guides its paths.
-//! All threads of [`super::solver::Solver`] read it.
+//! One scale of the pyramid: path parameters, search windows and the guide image for edge weights.
+//! All threads of [`super::solver::Solver`] share it.
 
 use super::blocks::Blocks;
 use super::cost::STRIP;
@@ -7,24 +7,24 @@ use super::viterbi::{Merge, PAD};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level};
 
-/// What shapes the paths.
+/// Parameters of the Viterbi paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathParameters {
-    /// λ of horizontal paths, in units of the cost (0 to about 100).
+    /// λ, the smoothness weight of horizontal paths, in units of the cost (0 to about 100).
     pub lambda_horizontal: u8,
     /// λ of vertical paths.
     pub lambda_vertical: u8,
     /// λ of diagonal paths.
     pub lambda_diagonal: u8,
-    /// A jump of a horizontal path never costs more than this.
+    /// Maximum cost of a disparity jump on a horizontal path.
     pub truncation_horizontal: u8,
-    /// A jump of another path never costs more than this; at most 75.
+    /// Maximum cost of a disparity jump on vertical and diagonal paths; at most 75.
     pub truncation_other: u8,
-    /// From this many grey levels on, a step on a path is an edge.
+    /// Grey-level difference from which a step on a path counts as an image edge.
     pub edge_levels: u8,
-    /// λ at an edge, in percent.
+    /// λ at an image edge, in percent of the λ elsewhere.
     pub edge_percent: u8,
-    /// How rightward and leftward paths become H.
+    /// How rightward and leftward paths are merged to H.
     pub merging: Merge,
 }
 
@@ -43,7 +43,7 @@ impl Default for PathParameters {
     }
 }
 
-/// The weight of a step by how much the grey value changes: λ·e^(−|G|) of the paper in two steps.
+/// The weight of a step by the change of the grey value: the paper's λ·e^(−|G|), quantised to two values.
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeWeight {
     pub(super) smooth: u8,
@@ -58,28 +58,28 @@ impl EdgeWeight {
     }
 }
 
-/// What the threads of a solver share and only read while a pair is being solved.
+/// Data of a scale that all threads of a solver share and only read while they solve a pair.
 #[derive(Debug)]
 pub struct Scale {
     pub(super) parameters: PathParameters,
     pub(super) horizontal: EdgeWeight,
-    /// Of straight, rightward and leftward paths.
+    /// Weights of vertical, rightward and leftward diagonal paths.
     pub(super) others: [EdgeWeight; 3],
     pub(super) level: Level,
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Which disparities are searched where.
+    /// The search window of each block.
     pub blocks: Blocks,
-    /// The left image with a vector of border on both sides.
+    /// The left image with a border of one vector on both sides.
     guide: Vec<u8>,
-    /// Zero: where a path starts.
+    /// Zeros: the energies at the start of a path.
     pub(super) fresh: Vec<Lanes>,
-    /// No node, but where a lane lies beyond the image: there a leftward path starts.
+    /// 255 (no node) in lanes inside the image, 0 in lanes beyond it, where a leftward path starts.
     pub(super) edge: Lanes,
 }
 
 impl Scale {
-    /// A scale of `width` × `height` pixels and all disparities below `disparities`.
+    /// A scale of `width` × `height` pixels that searches all disparities below `disparities`.
     pub(super) fn new(
         parameters: PathParameters,
         level: Level,
@@ -87,7 +87,7 @@ impl Scale {
         height: usize,
         disparities: usize,
     ) -> Self {
-        // Three jumps of a sweep add up in one byte.
+        // The sum of the three jumps of a sweep must fit into one byte.
         let parameters = PathParameters {
             truncation_horizontal: parameters.truncation_horizontal.min(75),
             truncation_other: parameters.truncation_other.min(75),
@@ -125,17 +125,17 @@ impl Scale {
         self.height
     }
 
-    /// Bytes held.
+    /// Bytes of memory held.
     pub(super) fn bytes(&self) -> usize {
         self.fresh.len() * LANES + self.guide.len() + self.blocks.bytes()
     }
 
-    /// The row where the lower part of the image begins; see [`super::solver::Solver::solve`].
+    /// First row of the lower part of the image; see [`super::solver::Solver::solve`].
     pub fn middle(&self) -> usize {
         self.blocks.strips() / 2 * STRIP
     }
 
-    /// Copies the left image, its border repeated sideways.
+    /// Copies the left image and replicates its border columns.
     pub(super) fn take_guide(&mut self, left: GreyView<'_>) {
         let stride = self.guide.len() / self.height;
         for (y, row) in self.guide.chunks_exact_mut(stride).enumerate() {
@@ -146,7 +146,7 @@ impl Scale {
         }
     }
 
-    /// A row of the guide, moved `sideways` pixels.
+    /// A row of the guide image, shifted by `sideways` pixels.
     pub(super) fn guide_row(&self, y: usize, sideways: isize) -> &[u8] {
         let stride = self.guide.len() / self.height;
         let start = (y * stride + LANES).wrapping_add_signed(sideways);

@@ -1,12 +1,12 @@
-//! The Multi-Path-Viterbi of one scale: from a pair to the energies of all nodes of its windows
+//! Multi-Path-Viterbi of one scale: computes the energies of all nodes of the search windows from a pair
 //! (paper, section 3.2).
 //!
-//! Layer 1 is horizontal. Strips of 32 rows are turned so that one vector holds the same column of
-//! all rows; rightward and leftward paths meet in their minimum H, which keeps edges sharp. Layer 2
-//! takes H as its data term and runs the vertical and both diagonal paths together, downwards and
-//! then upwards, 32 columns to a vector. The final energy is H plus what the six paths' jumps cost:
-//! H counts once, not once per path, so that a path that agrees with H adds nothing.
-//! That is one horizontal and two vertical sweeps over two volumes of one byte a node.
+//! Layer 1 is horizontal. Strips of 32 rows are transposed so that one vector holds the same column of
+//! all rows. Rightward and leftward paths are merged to their minimum H, which preserves depth edges.
+//! Layer 2 takes H as its data term and runs the vertical and both diagonal paths together, downwards
+//! and then upwards, with 32 columns in a vector. The final energy is H plus the jump costs of the six
+//! paths. H counts once, not once per path, so a path that agrees with H adds nothing.
+//! This takes one horizontal and two vertical sweeps over two volumes of one byte per node.
 
 use super::blocks::Block;
 use super::cost::{CostParameters, STRIP};
@@ -16,12 +16,12 @@ use super::worker::{Sums, Worker, advance_row_at, horizontal_layer_at};
 use crate::image::GreyView;
 use crate::simd::{Lanes, Level};
 
-/// The solver of one scale with its workspace, the volumes apart.
+/// The solver of one scale with its workspace, without the volumes.
 #[derive(Debug)]
 pub struct Solver {
     /// The scale that is solved.
     pub scale: Scale,
-    /// One for each thread.
+    /// One worker for each thread.
     workers: Vec<Worker>,
 }
 
@@ -44,9 +44,9 @@ impl Solver {
         Self { scale, workers }
     }
 
-    /// Spares the caches, for volumes that they do not hold: costs stay in a strip that each thread
-    /// has for itself, and what the first vertical sweep leaves for the last goes straight to memory.
-    /// The windows must stay as they are now.
+    /// Reduces cache traffic for volumes that exceed the caches: each thread keeps the costs of a strip in
+    /// memory of its own, and the first vertical sweep writes its sums by non-temporal stores.
+    /// The windows must not change afterwards.
     pub fn spare_caches(&mut self) {
         let strips = (0..self.scale.blocks.strips())
             .map(|strip| self.scale.blocks.strip(strip).iter().map(Block::vectors).sum());
@@ -57,22 +57,22 @@ impl Solver {
         }
     }
 
-    /// Bytes that the workspace holds, the volumes apart.
+    /// Bytes of memory that the workspace holds, without the volumes.
     pub fn bytes(&self) -> usize {
         self.workers.iter().map(Worker::bytes).sum::<usize>() + self.scale.bytes()
     }
 
-    /// Computes the final energies. `upper` gets those of the rows above [`Scale::middle`], from the
-    /// last to the first; `lower` those of the others, in either direction. `go_on` is asked now and
-    /// then; once it says no, the scale is given up and false returned.
+    /// Computes the final energies. `upper` receives the rows above [`Scale::middle`], from the last to
+    /// the first; `lower` receives the other rows, in either direction. `go_on` is called repeatedly; once
+    /// it returns false, the scale is abandoned and false is returned.
     ///
-    /// With several threads each takes strips of layer 1; of layer 2 one goes down and one up, each
-    /// to the end: where they have passed each other the second finishes what the first began. The
-    /// sums are the same either way.
+    /// With several threads, each processes some strips of layer 1. In layer 2 one thread sweeps down and
+    /// one sweeps up, each over the whole image; after they have passed each other, each completes the
+    /// sums that the other has started. The sums are the same for any number of threads.
     ///
     /// # Panics
-    /// When the images have another size than the workspace, or the volumes are smaller than
-    /// [`Blocks::vectors`].
+    /// If the images have another size than the workspace, or the volumes are smaller than
+    /// [`Blocks::vectors`](super::blocks::Blocks::vectors).
     pub fn solve(
         &mut self,
         left: GreyView<'_>,
@@ -145,7 +145,7 @@ impl Scale {
         true
     }
 
-    /// Layer 1 of a strip; both volumes start at `base`.
+    /// Layer 1 of a strip; both slices of the volumes start at vector `base`.
     fn first_layer(
         &self,
         worker: &mut Worker,
@@ -171,7 +171,7 @@ impl Scale {
         mut lower: impl FnMut(EnergyRow<'_>) + Send,
     ) -> bool {
         let strips = self.blocks.strips();
-        // Where a strip starts in the volumes.
+        // First vector of a strip in the volumes.
         let start = |strip: usize| {
             if strip < strips { self.blocks.strip(strip)[0].at } else { self.blocks.vectors() }
         };

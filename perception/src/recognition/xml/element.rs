@@ -1,10 +1,10 @@
-//! Values of XML elements, checked: what both formats share.
+//! Validated access to XML elements, shared by both formats.
 
 use super::super::cascade::{HaarFeature, WeightedRect};
 use roxmltree::Node as XmlNode;
 use thiserror::Error;
 
-/// Why a text is not a cascade that can be used. The line is that of the element at fault.
+/// Errors of reading a cascade. The line is that of the invalid element.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CascadeError {
     /// Not well-formed XML.
@@ -15,33 +15,33 @@ pub enum CascadeError {
     Missing {
         /// Line of the parent.
         line: u32,
-        /// What is missing.
+        /// Name of the missing element.
         element: &'static str,
-        /// Where it should be.
+        /// Name of its parent.
         parent: String,
     },
-    /// A value cannot be used.
+    /// A value is invalid.
     #[error("line {line}: <{element}> is \"{value}\": {expected}")]
     Value {
         /// Line of the element.
         line: u32,
-        /// Its name.
+        /// Name of the element.
         element: String,
-        /// Its text, shortened.
+        /// Text of the element, shortened.
         value: String,
-        /// What is right.
+        /// What is expected instead.
         expected: String,
     },
 }
 
-/// The largest window side that is accepted, in pixels.
-const LARGEST_WINDOW: u16 = 512;
+/// Maximum side of a window, in pixels.
+const MAX_WINDOW: u16 = 512;
 
-/// A window side from its text.
-pub(super) fn side(element: XmlNode<'_, '_>, value: Option<u16>, least: u16) -> Result<u16, CascadeError> {
-    value.filter(|v| (least..=LARGEST_WINDOW).contains(v)).ok_or_else(|| {
-        value_error(element, format!("a window has {least} to {LARGEST_WINDOW} pixels a side"))
-    })
+/// Checks a window side.
+pub(super) fn side(element: XmlNode<'_, '_>, value: Option<u16>, min: u16) -> Result<u16, CascadeError> {
+    value
+        .filter(|v| (min..=MAX_WINDOW).contains(v))
+        .ok_or_else(|| value_error(element, format!("a window has {min} to {MAX_WINDOW} pixels a side")))
 }
 
 /// A Haar feature from its `<rects>` and `<tilted>`.
@@ -60,7 +60,7 @@ pub(super) fn haar_feature(
     for rect in items(list) {
         let values = numbers::<f64>(rect)?;
         let whole =
-            |v: f64| (v.fract() == 0.0 && (0.0..=f64::from(LARGEST_WINDOW)).contains(&v)).then_some(v as u16);
+            |v: f64| (v.fract() == 0.0 && (0.0..=f64::from(MAX_WINDOW)).contains(&v)).then_some(v as u16);
         let parts = match values[..] {
             [x, y, w, h, weight] => Some((whole(x), whole(y), whole(w), whole(h), weight as f32)),
             _ => None,
@@ -92,7 +92,7 @@ pub(super) fn haar_feature(
     Ok(HaarFeature { rects, tilted })
 }
 
-/// A single-precision number, by way of double precision as OpenCV reads it.
+/// A single-precision number, parsed in double precision like OpenCV does.
 pub(super) fn single(element: XmlNode<'_, '_>) -> Result<f32, CascadeError> {
     let value = number::<f64>(element)? as f32;
     if value.is_finite() { Ok(value) } else { Err(value_error(element, "a finite number".into())) }

@@ -1,8 +1,8 @@
-//! Reads and writes OpenCV's cascade XML: boosted LBP and Haar cascades in the format of its trainer
-//! (`opencv_storage/cascade`), and Haar cascades in the format before that.
+//! Reads and writes OpenCV's cascade XML: boosted LBP and Haar cascades in the format of OpenCV's trainer
+//! (`opencv_storage/cascade`), and Haar cascades in the older format.
 //!
-//! Every index is checked here, so that the evaluators need no checks: features lie within the
-//! window, children behind their parents, leaves and features exist.
+//! All indices are validated here, so that the evaluation needs no checks: features lie within the window,
+//! children follow their parents, leaves and features exist.
 
 mod current;
 mod element;
@@ -18,12 +18,12 @@ pub use write::{TrainedWith, write};
 /// Reads a cascade from the text of an XML file, in either format.
 ///
 /// # Errors
-/// Names the line and the element at fault.
+/// If the text is not a supported cascade; the error names line and element.
 pub fn read(text: &str) -> Result<Cascade, CascadeError> {
     let text = without_comments(text);
     let document = Document::parse(&text).map_err(|e| CascadeError::Xml(e.to_string()))?;
     let root = document.root_element();
-    // The older format names its kind in an attribute, whatever its element is called.
+    // The older format is identified by an attribute; the element's name is arbitrary.
     let elements = || root.children().filter(XmlNode::is_element);
     if let Some(cascade) = elements().find(|e| e.attribute("type_id") == Some("opencv-haar-classifier")) {
         return old::read(cascade);
@@ -36,8 +36,8 @@ pub fn read(text: &str) -> Result<Cascade, CascadeError> {
     current::read(cascade)
 }
 
-/// The text with comments blanked out, lines kept. OpenCV's own files have comments with `--`
-/// inside, which XML forbids.
+/// The text without comments, with line breaks kept. OpenCV's own files have comments that contain `--`, which
+/// XML forbids.
 fn without_comments(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn comments_that_xml_forbids_are_passed_over_and_lines_still_count() {
+    fn comments_that_xml_forbids_are_skipped_and_lines_still_count() {
         let comment = "<cascade>\n<!-- by\n--==-- someone -->\n<!-- unfinished";
         let commented = GOOD.replace("<cascade>", &comment[..comment.len() - 16]);
         assert_eq!(read(&commented).unwrap(), read(GOOD).unwrap());
@@ -111,7 +111,7 @@ mod tests {
             ("1 2 5 7", "1 2 7 7", "within the 20x24 window"),
             ("1 2 5 7", "1 2 5", "four numbers"),
             ("1 2 5 7", "65535 2 21845 7", "within the 20x24 window"),
-            ("1 0 0 -1", "0 0 1 -1", "names feature 1 of 1"),
+            ("1 0 0 -1", "0 0 1 -1", "refers to feature 1 of 1"),
             ("1 0 0 -1", "2 0 0 -1", "leads to 2 and 0"),
             ("8 -1 -2 0", "8 1 -2 0", "node 1 leads to 1 and -2"),
             ("8 -1 -2 0", "8 -9 -2 0", "node 1 leads to -9"),

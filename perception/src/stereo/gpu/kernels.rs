@@ -1,4 +1,4 @@
-//! The compute shaders, compiled.
+//! Compiled compute shaders.
 
 use super::engine::Engine;
 use super::uniforms::ScalePlan;
@@ -11,7 +11,7 @@ macro_rules! shader {
     };
 }
 
-/// Kernels of all scales.
+/// Kernels that all scales share.
 pub(super) struct Kernels {
     pub(super) halve: wgpu::ComputePipeline,
     pub(super) prepare: wgpu::ComputePipeline,
@@ -67,7 +67,7 @@ impl Kernels {
     }
 }
 
-/// Kernels whose workgroup memory depends on the scale.
+/// Kernels of one scale, whose workgroup memory depends on its size.
 pub(super) struct ScaleKernels {
     pub(super) advance: wgpu::ComputePipeline,
     pub(super) pick: wgpu::ComputePipeline,
@@ -76,7 +76,7 @@ pub(super) struct ScaleKernels {
 impl ScaleKernels {
     pub(super) fn new(engine: &Engine, scale: &ScalePlan) -> Self {
         let sizes = format!("const LANES = {}u;\nconst WORDS = {}u;\n{COMMON}", scale.lanes, scale.words);
-        // Lanes of a path in one subgroup need no memory to find their least.
+        // If the lanes of a path share a subgroup, their minimum needs no workgroup memory.
         let least =
             if scale.lanes <= engine.subgroup { shader!("min_subgroup") } else { shader!("min_memory") };
         let path = compile(engine, &format!("{sizes}\n{}\n{least}", shader!("path")));

@@ -2,14 +2,14 @@
 
 use core::time::Duration;
 
-/// Which adapter is taken, and how long it may take.
+/// Choice of the adapter and its time limit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
-    /// Part of the adapter's name, in any case; empty takes the fastest kind there is.
+    /// Part of the adapter's name, case-insensitive; empty selects an adapter of the fastest kind.
     pub adapter: String,
-    /// Whether a driver that computes on the CPU will do. One that is named always does.
+    /// Whether a software driver is accepted. An adapter that is named is always accepted.
     pub software: bool,
-    /// A frame that is not finished in this time means that the device hangs.
+    /// Time limit of a frame; after it the device counts as hung.
     pub patience: Duration,
 }
 

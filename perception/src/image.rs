@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_view_refuses_what_does_not_fit() {
+    fn invalid_views_are_refused() {
         let data = [0_u8; 10];
         assert_eq!(GreyView::new(&data, 0, 3, 3).unwrap_err(), ImageError::Empty { width: 0, height: 3 });
         assert!(matches!(GreyView::new(&data, 4, 2, 3), Err(ImageError::Stride { .. })));

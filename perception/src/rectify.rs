@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn every_level_gives_the_definition_to_the_bit() {
+    fn every_level_equals_the_reference_bit_for_bit() {
         for (width, height) in [(64, 40), (97, 33), (640, 24), (16, 3), (15, 9), (33, 2), (1, 1)] {
             let image = noise(width, height, 3);
             for kind in 0..8 {
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_with_gaps_and_wrong_sizes() {
+    fn padded_rows_work_and_wrong_sizes_are_refused() {
         let wide = noise(100, 40, 4);
         let view = wide.view().crop(20, 5, 64, 30).unwrap();
         let map = Remap::new(Level::best(), 64, 30, |x, y| place(2, x as f64, y as f64));

@@ -211,7 +211,7 @@ mod tests {
     use crate::image::GreyImage;
 
     #[test]
-    fn the_error_function_and_its_slope() {
+    fn the_error_function_and_its_derivative_are_accurate() {
         for (x, expected) in
             [(0.0, 0.0), (0.5, 0.520_499_877_8), (-1.0, -0.842_700_792_9), (3.0, 0.999_977_909_5)]
         {

@@ -21,6 +21,7 @@ pub mod plane;
 pub mod pose;
 pub mod prediction;
 pub mod rectification;
+mod rejection;
 pub mod saddle;
 pub mod start;
 pub mod stereo;

@@ -54,7 +54,7 @@ pub fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
     UnitQuaternion::from_rotation_matrix(rotation).scaled_axis()
 }
 
-/// The cross-product matrix [v]× with [v]×·x = v × x.
+/// The cross-product matrix V of `v`, with V·x = v × x.
 pub fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }

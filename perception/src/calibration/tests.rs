@@ -143,7 +143,7 @@ fn parameters_lie_within_their_stated_uncertainty() {
 }
 
 #[test]
-fn a_bent_board_is_seen_and_does_not_bend_the_cameras() {
+fn a_bent_board_is_reported_and_does_not_bias_the_cameras() {
     let mut bench = Bench::new(16, 5);
     bench.bend_m = 0.0015;
     let c = bench.calibrate(&bench.pairs(0.1, 5));
@@ -153,7 +153,7 @@ fn a_bent_board_is_seen_and_does_not_bend_the_cameras() {
 }
 
 #[test]
-fn a_shifted_view_is_named() {
+fn a_shifted_view_is_reported() {
     for by in [Vector2::new(0.0, 0.5), Vector2::new(0.0, -0.5), Vector2::new(0.5, 0.5)] {
         let bench = Bench::new(16, 3);
         let mut pairs = bench.pairs(0.1, 3);
@@ -169,7 +169,7 @@ fn a_shifted_view_is_named() {
 /// One image of a view is shifted in one of four directions. Exactly this view is reported, and it is rejected if
 /// there are enough views.
 #[test]
-fn half_a_pixel_in_one_view_is_named_every_time() {
+fn a_shift_of_half_a_pixel_in_one_view_is_always_reported() {
     let mut tries = 0;
     for seed in 0..8 {
         for (views, noise_px) in [(12, 0.1), (16, 0.1), (24, 0.05), (24, 0.15)] {
@@ -214,7 +214,7 @@ fn views_without_a_fault_are_kept() {
 
 /// Motion of boards between the exposures is reported, with the views where it exceeds a quarter of a pixel.
 #[test]
-fn boards_in_a_hand_are_not_good() {
+fn hand_held_boards_are_not_good() {
     for seed in 0..8 {
         let bench = Bench::new(24, 400 + seed);
         let mut pairs = bench.pairs(0.05, seed);
@@ -239,7 +239,7 @@ fn boards_in_a_hand_are_not_good() {
 }
 
 #[test]
-fn a_stretched_board_turns_the_verdict() {
+fn a_stretched_board_lowers_the_grade() {
     for stretch in [1.01, 0.99] {
         let mut bench = Bench::new(16, 4);
         bench.stretch = stretch;
@@ -255,7 +255,7 @@ fn a_stretched_board_turns_the_verdict() {
 }
 
 #[test]
-fn a_camera_that_was_pitched_between_views_turns_the_verdict() {
+fn a_camera_that_moved_between_views_lowers_the_grade() {
     let bench = Bench::new(18, 6);
     let mut after = Bench::new(18, 6);
     let pitch = Pose {
@@ -291,7 +291,7 @@ fn swapped_cameras_are_reported() {
 }
 
 #[test]
-fn wrong_corners_are_left_out() {
+fn wrong_corners_are_rejected() {
     let bench = Bench::new(14, 8);
     let mut pairs = bench.pairs(0.1, 8);
     pairs[2].left[10] += Vector2::new(3.0, -1.0);

@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn trees_are_walked_and_summed() {
+    fn trees_are_evaluated_and_summed() {
         let feature = LbpFeature { x: 0, y: 0, width: 1, height: 1 };
         let all = [u32::MAX; 8];
         let node = |subset, left, right| Node { feature: 0, split: Split::Subset(subset), left, right };

@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_equal_the_definition_at_every_level() {
+    fn means_equal_the_reference_at_every_level() {
         let mut random = fastrand::Rng::with_seed(8);
         for (width, height) in [(1, 1), (3, 9), (40, 3), (70, 20)] {
             let map: Vec<u8> = (0..width * height).map(|_| random.u8(..)).collect();

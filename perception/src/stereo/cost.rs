@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn costs_equal_the_definition_at_every_level() {
+    fn costs_equal_the_reference_at_every_level() {
         for (width, height, disparities, seed) in
             [(1, 1, 1, 0), (40, 7, 16, 1), (33, 40, 40, 2), (64, 5, 200, 3), (20, 20, 5, 4)]
         {

@@ -48,10 +48,10 @@ impl Fill {
                 }
                 let (a, b) = (disparity[start - 1], disparity[end]);
                 if a.abs_diff(b) <= step {
-                    let trust = confidence[start - 1].min(confidence[end]) / 4;
+                    let lower = confidence[start - 1].min(confidence[end]) / 4;
                     for x in start..end {
                         disparity[x] = between(a, b, x + 1 - start, end + 1 - start);
-                        confidence[x] = trust.max(1);
+                        confidence[x] = lower.max(1);
                     }
                 }
             });
@@ -68,10 +68,10 @@ impl Fill {
                         (y + 1..height.min(y + widest + 1)).find(|row| disparity[row * width + x] > 0);
                     if let Some(below) = below.filter(|row| disparity[row * width + x].abs_diff(a) <= step) {
                         let b = disparity[below * width + x];
-                        let trust = confidence[above].min(confidence[below * width + x]) / 4;
+                        let lower = confidence[above].min(confidence[below * width + x]) / 4;
                         for row in y..below {
                             disparity[row * width + x] = between(a, b, row + 1 - y, below + 1 - y);
-                            confidence[row * width + x] = trust.max(1);
+                            confidence[row * width + x] = lower.max(1);
                         }
                     }
                 }

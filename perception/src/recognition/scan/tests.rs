@@ -176,7 +176,7 @@ fn plain_scan(cascade: &Cascade, image: GreyView<'_>, scales: &[f32]) -> Vec<Win
 }
 
 #[test]
-fn every_level_gives_the_hits_of_the_definition() {
+fn hits_equal_the_reference_at_every_level() {
     let (width, height) = (150, 90);
     let mut random = fastrand::Rng::with_seed(5);
     // Noise over a coarse pattern, with a flat part that has no contrast.

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_named_with_its_line() {
+    fn errors_name_the_line() {
         for (from, to, expected) in [
             ("</opencv_storage>", "", "not well-formed"),
             ("<featureType>LBP", "<featureType>HOG", "line 5: <featureType> is \"HOG\": LBP or HAAR"),

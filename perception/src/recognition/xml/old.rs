@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_named_with_its_line() {
+    fn errors_name_the_line() {
         for (from, to, expected) in [
             ("20 22", "20", "line 4: <size> is \"20\": two numbers"),
             ("20 22", "20 9999", "pixels a side"),

@@ -387,7 +387,7 @@ fn scale_passes(
     let finest = i + 1 == plan.scales.len();
     let mut runs = Vec::new();
     if finest {
-        runs.push(change(&kernels.trust, &buffers.map, &scratch.other_map));
+        runs.push(change(&kernels.filter_confidence, &buffers.map, &scratch.other_map));
         runs.push(change(&kernels.median, &scratch.other_map, &buffers.map));
     }
     runs.push(island(&kernels.runs, 4, [height, 1, 1]));

@@ -36,7 +36,7 @@ pub(super) struct ScaleUniform {
     pub(super) speckle_step: u32,
     pub(super) bridge_px: u32,
     pub(super) bridge_step: u32,
-    pub(super) min_trust: u32,
+    pub(super) min_filtered_confidence: u32,
 }
 
 /// `Direction` of `path.wgsl`.
@@ -214,7 +214,7 @@ pub(super) fn plan(
                 speckle_step: speckle.step.into(),
                 bridge_px: parameters.bridge.widest_px.into(),
                 bridge_step: parameters.bridge.step.into(),
-                min_trust: parameters.min_confidence.into(),
+                min_filtered_confidence: parameters.min_confidence.into(),
             },
             directions: [
                 direction(1, 0, horizontal, across, 0),

@@ -39,7 +39,7 @@ fn compute(matcher: &mut Mpv, pair: &(GreyImage, GreyImage)) -> (Vec<u16>, Vec<u
 }
 
 #[test]
-fn a_shifted_picture_gives_its_shift_twice_the_same() {
+fn a_shifted_image_gives_its_shift_reproducibly() {
     for (search, shift) in [(Search::Full, 11), (Search::Windows, 11), (Search::Windows, 50)] {
         let (width, height) = (256, 80);
         let pair = moved(width, height, shift, 5);
@@ -111,7 +111,7 @@ fn levels_agree_and_no_size_panics() {
 }
 
 #[test]
-fn out_of_time_it_gives_the_finest_scale_reached() {
+fn at_the_deadline_the_finest_finished_scale_is_returned() {
     let (width, height, shift) = (256, 128, 20);
     let pair = moved(width, height, shift, 3);
     for search in [Search::Windows, Search::Full] {

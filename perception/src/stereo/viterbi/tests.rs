@@ -22,7 +22,7 @@ fn windows(random: &mut fastrand::Rng, disparities: usize) -> (usize, usize) {
 }
 
 #[test]
-fn the_fast_recursion_equals_brute_force_at_every_level() {
+fn the_fast_recursion_equals_the_reference_at_every_level() {
     let mut random = fastrand::Rng::with_seed(7);
     for round in 0..300 {
         let disparities = random.usize(1..70);
@@ -178,7 +178,7 @@ fn the_fast_recursion_equals_brute_force_at_every_level() {
 }
 
 #[test]
-fn a_fresh_path_takes_the_data_term() {
+fn a_new_path_starts_with_the_data_term() {
     let data: Vec<Lanes> = (0..9).map(Lanes::splat).collect();
     let mut out = vec![Lanes::ZERO; 9];
     let fresh = vec![Lanes::ZERO; 9 + 2 * PAD];

@@ -104,7 +104,7 @@ mod tests {
     fn errors_name_the_line() {
         for (from, to, expected) in [
             ("</opencv_storage>", "", "not well-formed"),
-            ("<featureType>LBP", "<featureType>HOG", "line 5: <featureType> is \"HOG\": LBP or HAAR"),
+            ("<featureType>LBP", "<featureType>HOG", "line 5: <featureType> is \"HOG\": only LBP and HAAR"),
             ("<stageType>BOOST</stageType>", "", "line 3: <stageType> is missing in <cascade>"),
             ("<height>24", "<height>2", "line 6"),
             ("<width>20", "<width>twenty", "\"twenty\" is not a number"),

@@ -1,4 +1,4 @@
-//! Times of rectification and calibration. `cargo bench -p lookout-perception --bench calibration`.
+//! Benchmarks of rectification and calibration. `cargo bench -p lookout-perception --bench calibration`.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lookout_perception::calibration::{
@@ -70,7 +70,7 @@ fn solve(c: &mut Criterion) {
         picture.as_mut_slice().iter_mut().for_each(|v| *v = random.u8(..));
         b.iter(|| finder::find(picture.view(), &board));
     });
-    // What took longest before saddles were looked up by place: thousands that all fit beside each other.
+    // The worst case without a spatial index: thousands of saddle points that all fit beside each other.
     let mut field = GreyImage::new(900, 700);
     for (i, v) in field.as_mut_slice().iter_mut().enumerate() {
         let (x, y) = ((i % 900) as f64, (i / 900) as f64);

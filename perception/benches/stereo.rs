@@ -1,11 +1,11 @@
-//! Times of the stereo kernels, one by one at every hardware level, and of whole frames.
+//! Benchmarks of the stereo kernels at every instruction-set level, and of whole frames.
 //! `cargo bench -p lookout-perception` runs all, `-- frame` or `-- kernel` a part.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use lookout_perception::image::GreyImage;
 use lookout_perception::simd::{Lanes, Level};
 use lookout_perception::stereo::blocks::Block;
-use lookout_perception::stereo::confidence::Trust;
+use lookout_perception::stereo::confidence::ConfidenceFilter;
 use lookout_perception::stereo::cost::{CostParameters, CostStrip, STRIP};
 use lookout_perception::stereo::energy::EnergyRow;
 use lookout_perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters};
@@ -18,7 +18,7 @@ use lookout_perception::stereo::winner::{Winner, WinnerParameters};
 use lookout_perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::hint::black_box;
 
-/// A textured pair with a slanted ground and three upright boxes.
+/// A textured pair with slanted ground and three upright boxes.
 fn pair(width: usize, height: usize, disparities: usize) -> (GreyImage, GreyImage) {
     let mut random = fastrand::Rng::with_seed(1);
     let wide = width + disparities;
@@ -141,7 +141,7 @@ fn kernels(c: &mut Criterion) {
         let mut random = fastrand::Rng::with_seed(4);
         let map: Vec<u16> =
             (0..640 * 480).map(|i| if random.u8(..20) == 0 { 0 } else { 5000 + i as u16 % 640 }).collect();
-        let trust: Vec<u8> = map.iter().map(|&d| u8::from(d > 0) * 99).collect();
+        let confidences: Vec<u8> = map.iter().map(|&d| u8::from(d > 0) * 99).collect();
         let mut half = vec![0; 320 * 240];
         group.bench_function("halving, 640 x 480 pixels", |b| {
             b.iter(|| pyramid::halve(level, left.view(), &mut half));
@@ -149,20 +149,20 @@ fn kernels(c: &mut Criterion) {
         let mut median = Median::new(level, 640);
         let mut copy = map.clone();
         group.bench_function("median, 640 x 480 pixels", |b| b.iter(|| median.apply(&mut copy)));
-        let mut mean = Trust::new(level, 640);
-        let mut doubt = trust.clone();
-        group.bench_function("confidence, 640 x 480 pixels", |b| b.iter(|| mean.apply(&mut doubt)));
+        let mut mean = ConfidenceFilter::new(level, 640);
+        let mut filtered = confidences.clone();
+        group.bench_function("confidence, 640 x 480 pixels", |b| b.iter(|| mean.apply(&mut filtered)));
         if level == Level::PLAIN {
             let mut speckle = SpeckleFilter::new(SpeckleParameters::default(), 640, 480);
             let mut copy = map.clone();
             group.bench_function("speckles, 640 x 480 pixels", |b| b.iter(|| speckle.apply(&mut copy)));
             let fill = Fill::new(BridgeParameters::default(), 640);
-            let (mut copy, mut doubt) = (map.clone(), trust.clone());
+            let (mut copy, mut filtered) = (map.clone(), confidences.clone());
             group.bench_function("bridges, 640 x 480 pixels", |b| {
                 b.iter(|| {
                     copy.copy_from_slice(&map);
-                    doubt.copy_from_slice(&trust);
-                    fill.bridge(&mut copy, &mut doubt);
+                    filtered.copy_from_slice(&confidences);
+                    fill.bridge(&mut copy, &mut filtered);
                 });
             });
         }
@@ -177,7 +177,7 @@ fn frames(c: &mut Criterion) {
         let mut group = c.benchmark_group(format!("frame/{width}x{height}x{disparities}"));
         group.sample_size(20);
         for (name, search) in [("fast", Search::Windows), ("full", Search::Full)] {
-            // The plain level takes seconds a frame and shows nothing about a board.
+            // The plain level takes seconds per frame and is not used on boards.
             for level in Level::available().into_iter().skip(1) {
                 let parameters = MpvParameters::default();
                 let Ok(mut matcher) = Mpv::at_level(level, parameters, search, width, height, disparities)
@@ -192,7 +192,7 @@ fn frames(c: &mut Criterion) {
                 });
             }
         }
-        // Also when the matchers above are not asked for: a check without a map has nothing to do.
+        // The monitor needs a map, even if the benchmarks above are filtered out.
         let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
         if let Ok(mut matcher) = Mpv::at_level(
             Level::best(),

@@ -1,4 +1,4 @@
-//! The remap as a shared library, for programs that time it side by side with others. Build with
+//! Remapping as a shared library, for benchmarks against other implementations. Build with
 //! `cargo build --release -p lookout-perception --example remap_library`.
 
 use lookout_perception::image::GreyView;
@@ -8,8 +8,8 @@ use std::sync::Mutex;
 
 static TABLE: Mutex<Option<Remap>> = Mutex::new(None);
 
-/// Makes the table: result (x, y) shows the source at (`xs`, `ys`)[y · `width` + x]. Returns its bytes,
-/// −1 when something is wrong.
+/// Creates the table in which output pixel (x, y) shows the source position (`xs`, `ys`)[y · `width` + x]. Returns
+/// its size in bytes, or −1 on error.
 ///
 /// # Safety
 /// The maps must hold `width` × `height` values.
@@ -19,10 +19,10 @@ pub unsafe extern "C" fn remap_make(xs: *const f32, ys: *const f32, width: i32, 
     if xs.is_null() || ys.is_null() || w == 0 || h == 0 {
         return -1;
     }
-    // SAFETY: none is null, and the caller promises so many values.
+    // SAFETY: the pointers are not null, and the caller guarantees `w * h` values.
     let (xs, ys) = unsafe { (std::slice::from_raw_parts(xs, w * h), std::slice::from_raw_parts(ys, w * h)) };
-    let place = |x: usize, y: usize| Some((f64::from(xs[y * w + x]), f64::from(ys[y * w + x])));
-    let table = Remap::new(Level::best(), w, h, place);
+    let position = |x: usize, y: usize| Some((f64::from(xs[y * w + x]), f64::from(ys[y * w + x])));
+    let table = Remap::new(Level::best(), w, h, position);
     let bytes = i64::try_from(table.bytes()).unwrap_or(-1);
     match TABLE.lock() {
         Ok(mut kept) => *kept = Some(table),
@@ -31,10 +31,10 @@ pub unsafe extern "C" fn remap_make(xs: *const f32, ys: *const f32, width: i32, 
     bytes
 }
 
-/// Remaps a picture with the table that was made last. Returns 0 when done.
+/// Remaps an image with the last created table. Returns 0 on success.
 ///
 /// # Safety
-/// Both pictures must hold as many bytes as the table's size says.
+/// Both images must hold width × height bytes of the table's size.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn remap_run(source: *const u8, out: *mut u8) -> i32 {
     let Ok(kept) = TABLE.lock() else { return 1 };
@@ -43,7 +43,7 @@ pub unsafe extern "C" fn remap_run(source: *const u8, out: *mut u8) -> i32 {
         return 3;
     }
     let (w, h) = table.size();
-    // SAFETY: neither is null, and the caller promises so many bytes.
+    // SAFETY: the pointers are not null, and the caller guarantees `w * h` bytes.
     let (source, out) =
         unsafe { (std::slice::from_raw_parts(source, w * h), std::slice::from_raw_parts_mut(out, w * h)) };
     let Ok(view) = GreyView::new(source, w, h, w) else { return 4 };

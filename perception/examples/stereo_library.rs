@@ -1,25 +1,25 @@
-//! The matchers as a shared library with one C function, for programs that time or score matchers
-//! side by side. Build with `cargo build --release -p lookout-perception --example stereo_library`.
+//! The CPU matcher as a shared library with one C function, for programs that benchmark or evaluate several
+//! matchers. Build with `cargo build --release -p lookout-perception --example stereo_library`.
 
 use lookout_perception::image::GreyView;
 use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::sync::Mutex;
 
-/// Matchers with what they were made for, as a program calls with the same sizes many times.
-static MATCHERS: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
-/// So many are kept, the last used ones.
-const MAX_KEPT: usize = 4;
+/// Cache of matchers, because a program calls with the same parameters many times.
+static MATCHERS: Mutex<Vec<Cached>> = Mutex::new(Vec::new());
+/// Maximum number of cached matchers; the least recently used one is dropped.
+const MAX_CACHED: usize = 4;
 
-struct Kept {
-    made_for: [i32; 5],
+struct Cached {
+    parameters: [i32; 5],
     matcher: Mpv,
     disparity: Vec<u16>,
     confidence: Vec<u8>,
 }
 
 /// Matches one pair of `width` × `height` grey images for disparities below `disparities` and
-/// writes disparities in px to `disparity`, −1 where there is none. Variant 0 is the fast search,
-/// 1 the full one; `threads` share the work. Returns 0 when done.
+/// writes disparities in pixels to `disparity`, −1 where unknown. Variant 0 is the fast search, 1 the full one.
+/// Returns 0 on success.
 ///
 /// # Safety
 /// The images and the map must hold `width` × `height` values.
@@ -42,36 +42,36 @@ pub unsafe extern "C" fn peer_run(
     if Mpv::check(w, h, d).is_err() || left.is_null() || right.is_null() || disparity.is_null() {
         return 1;
     }
-    // SAFETY: none is null, the size is sound, and the caller promises so many values.
+    // SAFETY: the pointers are not null, the size was checked, and the caller guarantees `w * h` values.
     let (left, right) =
         unsafe { (std::slice::from_raw_parts(left, w * h), std::slice::from_raw_parts(right, w * h)) };
     let (Ok(left), Ok(right)) = (GreyView::new(left, w, h, w), GreyView::new(right, w, h, w)) else {
         return 2;
     };
-    let Ok(mut kept) = MATCHERS.lock() else { return 3 };
-    let asked = [width, height, disparities, variant, threads];
-    match kept.iter().position(|kept| kept.made_for == asked) {
-        Some(place) => kept[place..].rotate_left(1),
+    let Ok(mut cached) = MATCHERS.lock() else { return 3 };
+    let wanted = [width, height, disparities, variant, threads];
+    match cached.iter().position(|cached| cached.parameters == wanted) {
+        Some(place) => cached[place..].rotate_left(1),
         None => {
             let threads = usize::try_from(threads).unwrap_or(1).clamp(1, 64);
             let parameters = MpvParameters { threads, ..MpvParameters::default() };
             let search = if variant == 1 { Search::Full } else { Search::Windows };
             let Ok(matcher) = Mpv::new(parameters, search, w, h, d) else { return 4 };
-            if kept.len() == MAX_KEPT {
-                kept.remove(0);
+            if cached.len() == MAX_CACHED {
+                cached.remove(0);
             }
             let (disparity, confidence) = (vec![0; w * h], vec![0; w * h]);
-            kept.push(Kept { made_for: asked, matcher, disparity, confidence });
+            cached.push(Cached { parameters: wanted, matcher, disparity, confidence });
         }
     }
-    let Some(Kept { matcher, disparity: map, confidence, .. }) = kept.last_mut() else { return 5 };
+    let Some(Cached { matcher, disparity: map, confidence, .. }) = cached.last_mut() else { return 5 };
     let output = MatchOutput { disparity: map, confidence };
     if matcher.compute(left, right, output).is_err() {
         return 6;
     }
     for (i, &d) in map.iter().enumerate() {
         let value = if d == 0 { -1.0 } else { f32::from(d) / 256.0 };
-        // SAFETY: the caller promises room for `map.len()` values, which need not be initialised.
+        // SAFETY: the caller guarantees memory for `map.len()` values, which need not be initialised.
         unsafe { disparity.add(i).write(value) };
     }
     0

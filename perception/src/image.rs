@@ -11,7 +11,7 @@ pub struct GreyView<'a> {
     stride: usize,
 }
 
-/// Why bytes cannot be seen as an image.
+/// Errors of interpreting bytes as an image.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum ImageError {
     /// Width or height is zero.
@@ -31,7 +31,7 @@ pub enum ImageError {
         width: usize,
     },
     /// The slice ends before the last row does.
-    #[error("the image needs {needed} bytes, but only {given} are there")]
+    #[error("the image needs {needed} bytes, but the buffer has only {given}")]
     TooShort {
         /// Bytes that the image needs.
         needed: usize,
@@ -41,10 +41,10 @@ pub enum ImageError {
 }
 
 impl<'a> GreyView<'a> {
-    /// Sees `data` as an image of `width` × `height` pixels with rows `stride` bytes apart.
+    /// Interprets `data` as an image of `width` × `height` pixels with rows `stride` bytes apart.
     ///
     /// # Errors
-    /// When the image is empty, the stride is smaller than the width or `data` is too short.
+    /// If the image is empty, the stride is smaller than the width, or `data` is too short.
     pub fn new(data: &'a [u8], width: usize, height: usize, stride: usize) -> Result<Self, ImageError> {
         if width == 0 || height == 0 {
             return Err(ImageError::Empty { width, height });
@@ -74,7 +74,7 @@ impl<'a> GreyView<'a> {
         self.stride
     }
 
-    /// The bytes from the first pixel on, with the gaps between rows; the last row may end with its
+    /// The bytes from the first pixel on, including the padding between rows; the last row may end with its
     /// last pixel.
     pub fn bytes(&self) -> &'a [u8] {
         self.data
@@ -91,8 +91,8 @@ impl<'a> GreyView<'a> {
         self.data[y * self.stride + x]
     }
 
-    /// The part of the image from (`x`, `y`), `width` × `height` pixels; `None` when it is empty
-    /// or reaches outside.
+    /// The crop of `width` × `height` pixels at (`x`, `y`); `None` if it is empty or reaches outside the
+    /// image.
     pub fn crop(&self, x: usize, y: usize, width: usize, height: usize) -> Option<GreyView<'a>> {
         if width == 0
             || height == 0
@@ -105,7 +105,7 @@ impl<'a> GreyView<'a> {
     }
 }
 
-/// An owned 8-bit grey image without gaps between rows.
+/// An owned 8-bit grey image without padding between rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GreyImage {
     data: Vec<u8>,
@@ -117,16 +117,16 @@ impl GreyImage {
     /// A black image.
     ///
     /// # Panics
-    /// When width or height is zero.
+    /// If width or height is zero.
     pub fn new(width: usize, height: usize) -> Self {
         assert!(width > 0 && height > 0, "an image has at least one pixel");
         Self { data: vec![0; width * height], width, height }
     }
 
-    /// Takes over `data` as `height` rows of `width` pixels.
+    /// Takes ownership of `data` as `height` rows of `width` pixels.
     ///
     /// # Errors
-    /// When the image is empty or `data` is too short.
+    /// If the image is empty or `data` is too short.
     pub fn from_vec(mut data: Vec<u8>, width: usize, height: usize) -> Result<Self, ImageError> {
         GreyView::new(&data, width, height, width)?;
         data.truncate(width * height);
@@ -138,12 +138,12 @@ impl GreyImage {
         GreyView { data: &self.data, width: self.width, height: self.height, stride: self.width }
     }
 
-    /// All pixels, row after row.
+    /// All pixels, row by row.
     pub fn as_slice(&self) -> &[u8] {
         &self.data
     }
 
-    /// All pixels, row after row, to be written.
+    /// All pixels, row by row, mutable.
     pub fn as_mut_slice(&mut self) -> &mut [u8] {
         &mut self.data
     }
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_view_refuses_what_does_not_fit() {
+    fn invalid_views_are_refused() {
         let data = [0_u8; 10];
         assert_eq!(GreyView::new(&data, 0, 3, 3).unwrap_err(), ImageError::Empty { width: 0, height: 3 });
         assert!(matches!(GreyView::new(&data, 4, 2, 3), Err(ImageError::Stride { .. })));

@@ -1,10 +1,26 @@
-//! Pictures remapped by a fixed table: rectification, frame by frame.
+//! Image remapping by a precomputed table: rectification of camera frames.
 //!
-//! Each pixel of the result is a bilinear mean of four pixels, at a place rounded to 1/32 px, in whole
-//! numbers: the arithmetic of OpenCV's fixed-point maps, so that results agree to the bit. As a
-//! rectifying map is smooth, eight neighbouring results nearly always come from a window of 3 rows ×
-//! 16 columns: such a group takes three loads and three byte shuffles in place of 32 loads. What does
-//! not fit (borders of the picture, maps that tear) is done pixel by pixel.
+//! Input is an 8-bit grey image, output an image of the same size. Each output pixel is the bilinear
+//! interpolation of four source pixels at a position rounded to 1/32 px, in integer arithmetic. This is the
+//! arithmetic of OpenCV's fixed-point maps (`cv::remap` with `CV_16SC2`), so results are bit-identical.
+//!
+//! A rectification map is smooth, so eight neighbouring output pixels nearly always lie in a source window of
+//! 3 rows × 16 columns. Such a group takes three loads and three byte shuffles instead of 32 loads. Groups that
+//! do not fit (image borders, discontinuous maps) are processed pixel by pixel.
+//!
+//! ```
+//! use lookout_perception::image::GreyImage;
+//! use lookout_perception::rectify::Remap;
+//! use lookout_perception::simd::Level;
+//!
+//! let source = GreyImage::from_vec((0..64 * 32).map(|i| (i % 64 * 3) as u8).collect(), 64, 32)?;
+//! // Output pixel (x, y) shows the source at (x + 0.5, y); positions outside are black.
+//! let table = Remap::new(Level::best(), 64, 32, |x, y| Some((x as f64 + 0.5, y as f64)));
+//! let mut output = GreyImage::new(64, 32);
+//! table.apply(source.view(), output.as_mut_slice())?;
+//! assert_eq!(output.view().at(10, 5), 32); // between 30 and 33, rounded
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use crate::calibration::{Camera, Rectification};
 use crate::image::{GreyImage, GreyView};
@@ -12,46 +28,48 @@ use crate::simd::{LANES, Lanes, Level, RemapTile, Simd, kernel};
 use nalgebra::Vector2;
 use thiserror::Error;
 
-/// Steps of a pixel to which source places are rounded.
+/// Sub-pixel steps to which source positions are rounded.
 pub const STEPS: i32 = 32;
-/// Results that share a window.
+/// Output pixels that share a source window.
 const GROUP: usize = 8;
-/// Columns of a window.
+/// Columns of a source window.
 const WINDOW: usize = 16;
-/// A group that is done pixel by pixel.
+
+/// A group that is processed pixel by pixel.
 #[derive(Clone, Copy, Debug)]
 struct Single {
-    /// First pixel of the result.
+    /// Index of the first output pixel.
     at: usize,
-    /// How many.
+    /// Number of pixels.
     count: usize,
-    /// Upper left source pixels, and fractions in 1/32 px.
-    places: [Place; GROUP],
+    /// Source positions of the pixels.
+    positions: [Position; GROUP],
 }
 
+/// Upper left source pixel and the fractions in 1/32 px.
 #[derive(Clone, Copy, Debug, Default)]
-struct Place {
+struct Position {
     x: i32,
     y: i32,
     fx: u8,
     fy: u8,
 }
 
-/// A picture does not fit a table.
+/// The size of an image differs from that of the table.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
-#[error("the picture has {}x{} pixels, the rectification is made for {}x{}", given.0, given.1, expected.0, expected.1)]
+#[error("the image has {}x{} pixels, the rectification expects {}x{}", given.0, given.1, expected.0, expected.1)]
 pub struct RemapError {
     given: (usize, usize),
     expected: (usize, usize),
 }
 
-/// A table that turns pictures of one size into pictures of the same size.
+/// A remapping table for images of one size.
 #[derive(Clone, Debug)]
 pub struct Remap {
     level: Level,
     width: usize,
     height: usize,
-    /// Rows of the result, in tiles of 32 pixels.
+    /// Output rows in tiles of 32 pixels.
     tiles: Vec<RemapTile>,
     singles: Vec<Single>,
 }
@@ -83,8 +101,8 @@ impl Remap {
         })
     }
 
-    /// The table in which result (x, y) shows the source at the place that `source` gives; black where
-    /// that is `None` or outside.
+    /// The table in which output pixel (x, y) shows the source position `source(x, y)` in pixels; black where
+    /// that is `None` or outside the image.
     pub fn new(
         level: Level,
         width: usize,
@@ -97,8 +115,8 @@ impl Remap {
         for y in 0..height {
             for first in (0..width).step_by(GROUP) {
                 let count = GROUP.min(width - first);
-                let mut places = [Place { x: -10, y: -10, fx: 0, fy: 0 }; GROUP];
-                for (k, place) in places.iter_mut().enumerate().take(count) {
+                let mut positions = [Position { x: -10, y: -10, fx: 0, fy: 0 }; GROUP];
+                for (k, position) in positions.iter_mut().enumerate().take(count) {
                     let limit = |v: f64| v.is_finite() && v.abs() < 1e6;
                     if let Some((px, py)) = source(first + k, y).filter(|p| limit(p.0) && limit(p.1)) {
                         let (qx, qy) = (
@@ -106,7 +124,7 @@ impl Remap {
                             (py * f64::from(STEPS)).round_ties_even(),
                         );
                         let (qx, qy) = (qx as i32, qy as i32);
-                        *place = Place {
+                        *position = Position {
                             x: qx.div_euclid(STEPS),
                             y: qy.div_euclid(STEPS),
                             fx: qx.rem_euclid(STEPS) as u8,
@@ -115,28 +133,28 @@ impl Remap {
                     }
                 }
                 let tile = &mut tiles[y * columns + first / LANES];
-                if !fit_group(tile, first % LANES, &places[..count], width, height) {
-                    singles.push(Single { at: y * width + first, count, places });
+                if !fit_group(tile, first % LANES, &positions[..count], width, height) {
+                    singles.push(Single { at: y * width + first, count, positions });
                 }
             }
         }
         Self { level, width, height, tiles, singles }
     }
 
-    /// Width and height of the pictures, in pixels.
+    /// Width and height of the images, in pixels.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
 
-    /// Bytes that the table takes.
+    /// Bytes of memory that the table holds.
     pub fn bytes(&self) -> usize {
         std::mem::size_of_val(&self.tiles[..]) + std::mem::size_of_val(&self.singles[..])
     }
 
-    /// Remaps a picture into `out`, row after row.
+    /// Remaps an image into `out`, row by row.
     ///
     /// # Errors
-    /// When the picture or `out` has another size than the table.
+    /// If the image or `out` has another size than the table.
     pub fn apply(&self, source: GreyView<'_>, out: &mut [u8]) -> Result<(), RemapError> {
         let (width, height) = (self.width, self.height);
         let expected = (width, height);
@@ -151,17 +169,17 @@ impl Remap {
             run_row(self.level, source.bytes(), source.stride(), tiles, row);
         }
         for single in &self.singles {
-            for (k, place) in single.places[..single.count].iter().enumerate() {
-                out[single.at + k] = one(&source, place);
+            for (k, position) in single.positions[..single.count].iter().enumerate() {
+                out[single.at + k] = one(&source, position);
             }
         }
         Ok(())
     }
 
-    /// Remaps a picture into a new one.
+    /// Remaps an image into a new one.
     ///
     /// # Errors
-    /// When the picture has another size than the table.
+    /// If the image has another size than the table.
     pub fn applied(&self, source: GreyView<'_>) -> Result<GreyImage, RemapError> {
         let mut out = GreyImage::new(self.width, self.height);
         self.apply(source, out.as_mut_slice())?;
@@ -169,25 +187,25 @@ impl Remap {
     }
 }
 
-/// One pixel; what lies outside is black.
-fn one(source: &GreyView<'_>, place: &Place) -> u8 {
+/// One output pixel; source pixels outside the image are black.
+fn one(source: &GreyView<'_>, position: &Position) -> u8 {
     let at = |x: i32, y: i32| -> i32 {
         let inside = x >= 0 && y >= 0 && (x as usize) < source.width() && (y as usize) < source.height();
         if inside { i32::from(source.at(x as usize, y as usize)) } else { 0 }
     };
-    let (x, y, fx, fy) = (place.x, place.y, i32::from(place.fx), i32::from(place.fy));
+    let (x, y, fx, fy) = (position.x, position.y, i32::from(position.fx), i32::from(position.fy));
     let upper = at(x, y) * (STEPS - fx) + at(x + 1, y) * fx;
     let lower = at(x, y + 1) * (STEPS - fx) + at(x + 1, y + 1) * fx;
     ((upper * (STEPS - fy) + lower * fy + 512) >> 10) as u8
 }
 
-/// Puts a group into a tile from pixel `at` on; whether it fits into one window.
-fn fit_group(tile: &mut RemapTile, at: usize, places: &[Place], width: usize, height: usize) -> bool {
+/// Stores a group in a tile from pixel `at` on; returns false if it does not fit into one window.
+fn fit_group(tile: &mut RemapTile, at: usize, positions: &[Position], width: usize, height: usize) -> bool {
     if width < WINDOW || height < 3 {
         return false;
     }
-    let span = |f: fn(&Place) -> i32| {
-        let values = places.iter().map(f);
+    let span = |f: fn(&Position) -> i32| {
+        let values = positions.iter().map(f);
         (values.clone().min().unwrap_or(0), values.max().unwrap_or(0))
     };
     let ((x0, x1), (y0, y1)) = (span(|p| p.x), span(|p| p.y));
@@ -199,11 +217,11 @@ fn fit_group(tile: &mut RemapTile, at: usize, places: &[Place], width: usize, he
         return false;
     }
     tile.windows[at / GROUP] = [left as u16, top as u16];
-    for (k, p) in places.iter().enumerate() {
+    for (k, p) in positions.iter().enumerate() {
         let column = (p.x as usize - left) as u8;
         tile.pairs[at + k] = [column, column + 1];
         tile.across[at + k] = p.fx;
-        // The highest bit: one row farther down.
+        // The highest bit selects the second and third row of the window.
         tile.down[at + k] = p.fy | if p.y as usize > top { 0x80 } else { 0 };
     }
     true
@@ -233,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn every_level_gives_the_definition_to_the_bit() {
+    fn every_level_equals_the_reference_bit_for_bit() {
         for (width, height) in [(64, 40), (97, 33), (640, 24), (16, 3), (15, 9), (33, 2), (1, 1)] {
             let image = noise(width, height, 3);
             for kind in 0..8 {
@@ -267,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_with_gaps_and_wrong_sizes() {
+    fn padded_rows_work_and_wrong_sizes_are_refused() {
         let wide = noise(100, 40, 4);
         let view = wide.view().crop(20, 5, 64, 30).unwrap();
         let map = Remap::new(Level::best(), 64, 30, |x, y| place(2, x as f64, y as f64));

@@ -1,5 +1,5 @@
-//! The detector against OpenCV 4.14's: `parity/hits.txt` holds what its `detectMultiScale` found in
-//! the picture made here, with two cascades that `lookout train` made of such pictures.
+//! The detector against OpenCV 4.14: `parity/hits.txt` holds the result of `detectMultiScale` on the synthetic image
+//! of this test, for two cascades that `lookout train` trained on such images.
 
 use lookout_perception::image::GreyView;
 use lookout_perception::recognition::{Detector, Sizes, Window, xml};
@@ -19,8 +19,8 @@ fn hash(x: usize, y: usize, seed: u32) -> usize {
     (v >> 24) as usize
 }
 
-/// Soft noise with objects at (left, top, side): a roof, a window between posts, wheels.
-fn picture(width: usize, height: usize, seed: u32, objects: &[(usize, usize, usize)]) -> Vec<u8> {
+/// Smooth noise with objects at (left, top, side): a roof, a window between posts, wheels.
+fn synthetic_image(width: usize, height: usize, seed: u32, objects: &[(usize, usize, usize)]) -> Vec<u8> {
     const CELL: usize = 6;
     let mut pixels = Vec::with_capacity(width * height);
     for y in 0..height {
@@ -53,8 +53,8 @@ fn picture(width: usize, height: usize, seed: u32, objects: &[(usize, usize, usi
 fn hits_and_groups_are_those_of_opencv() {
     let (width, height) = (200, 150);
     let objects = [(20, 15, 30), (80, 40, 48), (140, 90, 36), (60, 100, 26)];
-    let pixels = picture(width, height, 7, &objects);
-    let image = GreyView::new(&pixels, width, height, width).expect("a picture");
+    let pixels = synthetic_image(width, height, 7, &objects);
+    let image = GreyView::new(&pixels, width, height, width).expect("an image");
     let mut compared = 0;
     let mut lines = HITS.lines().peekable();
     while let Some(line) = lines.next() {
@@ -76,7 +76,7 @@ fn hits_and_groups_are_those_of_opencv() {
             max_px: greatest.parse().expect("a number"),
             growth: growth.parse().expect("a number"),
         };
-        // Memory for a larger picture changes nothing.
+        // A larger maximum size does not change the result.
         let mut detector = Detector::new(&cascade, width + 40, height + 1);
         let groups = detector.detect(image, sizes, neighbours.parse().expect("a number"));
         let mut found: Vec<[i32; 4]> = groups

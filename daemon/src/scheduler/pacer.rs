@@ -10,7 +10,7 @@ use messages::pipeline::Role;
 /// Frames of each stage that are looked at.
 const WINDOW: usize = 64;
 /// Frames that a stage must have finished before its time counts.
-const LEAST: usize = 8;
+const MIN_FRAMES: usize = 8;
 /// How often the rate is looked at, in nanoseconds.
 const LOOK_NS: u64 = 1_000_000_000;
 /// A change of the period below this share is none.
@@ -49,7 +49,7 @@ impl Window {
     }
 
     fn p90_ns(&self) -> Option<u64> {
-        if self.count < LEAST {
+        if self.count < MIN_FRAMES {
             return None;
         }
         let mut times = self.times_ns;

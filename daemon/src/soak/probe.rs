@@ -15,7 +15,7 @@ use tools::soak::stalls::Stalls;
 const PERIOD: Duration = Duration::from_millis(2);
 
 /// Wake-ups that wait to be taken; the observer takes them every few milliseconds.
-const MOST: usize = 1 << 16;
+const MAX_PENDING: usize = 1 << 16;
 
 /// A wake-up: core, when it was due, when it came.
 type Wake = (Option<u32>, u64, u64);
@@ -94,7 +94,7 @@ fn probe(core: Option<u32>, stop: &AtomicBool, wakes: &Mutex<Vec<Wake>>) {
         std::thread::sleep(PERIOD);
         let wake = (core, due_ns, monotonic_ns());
         let mut wakes = wakes.lock().unwrap_or_else(PoisonError::into_inner);
-        if wakes.len() < MOST {
+        if wakes.len() < MAX_PENDING {
             wakes.push(wake);
         }
     }

@@ -1,60 +1,61 @@
-//! Least squares over cameras and boards: Levenberg–Marquardt with exact derivatives.
+//! Bundle adjustment of cameras and boards: Levenberg–Marquardt with analytic derivatives.
 //!
-//! Every board's six numbers touch only its own corners, so they are eliminated board by board
-//! (Schur complement) and only the cameras' numbers, some two dozen, are solved for at once. The same
-//! elimination leaves what the uncertainty of the cameras needs.
+//! The pose parameters of a board affect only its own corners, so they are eliminated board by board (Schur
+//! complement), and only the camera parameters, about two dozen, are solved for jointly. The reduced matrices
+//! also give the uncertainty of the cameras.
 
 use super::camera::{Camera, Lens, MAX_PARAMETERS};
 use super::pose::{Pose, cross};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-/// Residuals above this many pixels count less while it is not known which corners are wrong.
+/// Threshold of Huber's loss in pixels, used until outlier corners are rejected.
 pub(super) const HUBER_PX: f64 = 0.7;
 
-/// A view's own numbers: rotation and translation of the board, and the shift of the second picture.
+/// Number of a view's own parameters: rotation and translation of the board, and shift of the second image.
 const OWN: usize = 8;
 type OwnMatrix = SMatrix<f64, OWN, OWN>;
 type OwnVector = SVector<f64, OWN>;
 
+/// Maximum number of iterations.
 const ROUNDS: usize = 60;
-/// What the square of a coefficient of the rational lens costs, in px².
-const LOOSE_COST: f64 = 0.3;
+/// Weight of the prior on the squared coefficients of the rational lens, in px².
+const PRIOR_COST: f64 = 0.3;
 
-/// One board as the cameras saw it.
+/// Observed corners of one view.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// For each camera its corners in the board's order, in pixels; a corner that does not count is
-    /// `None`, a camera that did not see the board has an empty list.
+    /// For each camera the corners in the board's order, in pixels; rejected corners are `None`. The list of a
+    /// camera that did not see the board is empty.
     pub corners: Vec<Vec<Option<Vector2<f64>>>>,
 }
 
-/// What is estimated besides the boards' poses.
+/// The parameters that are estimated besides the poses of the boards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Free {
-    /// The coefficients of the lenses.
+    /// The distortion coefficients.
     pub lens: Lens,
-    /// Whether the cameras' parameters are free at all.
+    /// Whether camera parameters are estimated.
     pub cameras: bool,
-    /// Whether the board may be longer along its rows than its squares say.
+    /// Whether a stretch of the board along its rows is estimated.
     pub stretch: bool,
-    /// Whether the board may be bent.
+    /// Whether a bend of the board is estimated.
     pub bend: bool,
 }
 
 impl Free {
-    /// Numbers of the board's shape.
+    /// Number of shape parameters.
     fn shape(&self) -> usize {
         usize::from(self.stretch) + if self.bend { 3 } else { 0 }
     }
 }
 
-/// How a board differs from the plane pattern that it should be.
+/// Deviation of a board from its ideal plane pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shape {
-    /// Its length along the rows over what its squares say.
+    /// Ratio of its length along the rows to the nominal length.
     pub stretch: f64,
-    /// How far it is bent out of its plane, in metres, where a coordinate is as large as the board's
-    /// half diagonal: by x², by x·y and by y².
+    /// Bend out of the plane, in metres: coefficients of x², x·y and y² with coordinates in units of half the
+    /// board's diagonal.
     pub bend_m: [f64; 3],
 }
 
@@ -62,7 +63,7 @@ impl Shape {
     /// A flat board with square squares.
     pub const FLAT: Shape = Shape { stretch: 1.0, bend_m: [0.0; 3] };
 
-    /// Where a corner of the plane pattern is, in board coordinates; and by how much each bend lifts it.
+    /// Position of a corner in board coordinates, and its derivatives with respect to the bend coefficients.
     fn place(&self, p: &Vector2<f64>, inverse_reach: f64) -> (Vector3<f64>, [f64; 3]) {
         let (x, y) = (p.x * inverse_reach, p.y * inverse_reach);
         let lift = [x * x, x * y, y * y];
@@ -71,28 +72,28 @@ impl Shape {
     }
 }
 
-/// Cameras, boards and how they stand.
+/// All estimated quantities.
 #[derive(Clone, Debug)]
 pub struct State {
     /// One camera, or two.
     pub cameras: Vec<Camera>,
-    /// From the first camera's coordinates to the second's; unused with one camera.
+    /// Transformation from the first camera's to the second camera's coordinates; unused with one camera.
     pub between: Pose,
     /// The board's shape.
     pub shape: Shape,
-    /// From each board to the first camera.
+    /// Transformation from each board to the first camera.
     pub boards: Vec<Pose>,
-    /// How far each board lies off in the second camera's picture, in pixels: boards in a hand move
-    /// between two exposures.
+    /// Shift of each board in the second camera's image, in pixels: hand-held boards move between the
+    /// exposures.
     pub shifts: Vec<Vector2<f64>>,
 }
 
-/// What one board says of the cameras, its own pose eliminated.
+/// Contribution of one view to the shared parameters, with its own pose eliminated.
 #[derive(Clone, Debug)]
 pub struct Share {
-    /// Its part of the information matrix, in 1/px².
+    /// Contribution to the information matrix, in 1/px².
     pub information: DMatrix<f64>,
-    /// Its part of the gradient.
+    /// Contribution to the gradient.
     pub gradient: DVector<f64>,
 }
 
@@ -101,31 +102,31 @@ pub struct Share {
 pub struct Solution {
     /// The estimate.
     pub state: State,
-    /// Squared residuals, summed, robust weights included, in px².
+    /// Sum of squared residuals with robust weights, in px².
     pub cost: f64,
-    /// What each view says, at the estimate.
+    /// Contribution of each view, at the estimate.
     pub shares: Vec<Share>,
-    /// Rounds that were needed.
+    /// Number of iterations.
     pub rounds: usize,
 }
 
-/// Corners of a board seen by cameras.
+/// A bundle-adjustment problem.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem<'a> {
     /// The board's corners, in metres.
     pub board: &'a [Vector2<f64>],
-    /// What was seen.
+    /// The observed views.
     pub views: &'a [View],
-    /// What is estimated.
+    /// The estimated parameters.
     pub free: Free,
-    /// Residuals above this many pixels count less (Huber); infinite for plain least squares.
+    /// Threshold of Huber's loss in pixels; infinite for plain least squares.
     pub huber_px: f64,
-    /// What a pixel² of a view's shift costs, in px²: variance of a corner over that of the shifts.
-    /// [`RIGID`] holds both cameras to the same board.
+    /// Weight of the squared shift of a view: variance of a corner over variance of the shifts. [`RIGID`] disables
+    /// shifts.
     pub shift_cost: f64,
 }
 
-/// A cost of shifts that allows none.
+/// Shift weight that disables shifts.
 pub const RIGID: f64 = 1e12;
 
 /// The normal equations of one view.
@@ -139,14 +140,14 @@ struct Normal {
 }
 
 impl Problem<'_> {
-    /// Numbers that all views share.
+    /// Number of parameters that all views share.
     pub fn globals(&self, cameras: usize) -> usize {
         let intrinsics = if self.free.cameras { cameras * self.free.lens.parameters() } else { 0 };
         intrinsics + 6 * (cameras - 1) + self.free.shape()
     }
 
-    /// Places and values of the coefficients that only a slight pull to zero keeps in place.
-    fn loose(&self, state: &State) -> Vec<(usize, f64)> {
+    /// Indices and values of the coefficients with a weak prior at zero.
+    fn with_prior(&self, state: &State) -> Vec<(usize, f64)> {
         if !self.free.cameras || self.free.lens != Lens::Rational {
             return Vec::new();
         }
@@ -163,15 +164,15 @@ impl Problem<'_> {
         1.0 / self.board.iter().map(|p| p.norm()).fold(1e-9, f64::max)
     }
 
-    /// Where the numbers of a camera start among the shared ones; those of the second camera's pose
-    /// and the stretch follow the cameras.
+    /// Indices of the first parameter of each camera, of the relative pose, and of the shape among the shared
+    /// parameters.
     fn starts(&self, cameras: usize) -> ([usize; 2], usize, usize) {
         let each = if self.free.cameras { self.free.lens.parameters() } else { 0 };
         ([0, each], cameras * each, cameras * each + 6 * (cameras - 1))
     }
 
-    /// Residuals of a view, camera after camera, corner after corner: seen less expected, in pixels;
-    /// the shift of the second picture counts as a residual.
+    /// Residuals of a view for each camera and corner: observed minus projected position in pixels. The shift of the
+    /// second image is part of the residual.
     pub fn residuals(&self, state: &State, view: usize) -> Vec<Vec<Option<Vector2<f64>>>> {
         let board = &state.boards[view];
         let corners = &self.views[view].corners;
@@ -192,7 +193,7 @@ impl Problem<'_> {
             .collect()
     }
 
-    /// The normal equations of a view, into `normal`; `None` when a corner lies behind a camera.
+    /// The normal equations of a view; `None` if a corner lies behind a camera.
     fn normal(&self, state: &State, view: usize) -> Option<Normal> {
         let cameras = state.cameras.len();
         let n = self.globals(cameras);
@@ -214,7 +215,7 @@ impl Problem<'_> {
             normal.own_right[6 + k] = -self.shift_cost * shift[k];
         }
         let beside: Matrix3<f64> = *state.between.rotation.matrix();
-        // A row of derivatives, dense over what a corner of this camera touches.
+        // A row of derivatives, dense over the parameters that affect a corner of this camera.
         const WIDEST: usize = MAX_PARAMETERS + 6 + 4;
         let inverse_reach = self.inverse_reach();
         for (c, seen) in self.views[view].corners.iter().enumerate() {
@@ -247,7 +248,7 @@ impl Problem<'_> {
                 } else {
                     size * size
                 };
-                // By the point in the first camera's coordinates.
+                // Derivative with respect to the point in the first camera's coordinates.
                 let by_first: Matrix2x3<f64> =
                     if c == 0 { projection.by_point } else { projection.by_point * beside };
                 let mut by_pose = SMatrix::<f64, 2, OWN>::zeros();
@@ -321,13 +322,14 @@ impl Problem<'_> {
     fn normals(&self, state: &State) -> Option<(Vec<Normal>, f64)> {
         let normals: Vec<Normal> =
             (0..self.views.len()).map(|v| self.normal(state, v)).collect::<Option<_>>()?;
-        let loose = self.loose(state).into_iter().map(|(_, value)| LOOSE_COST * value * value).sum::<f64>();
-        let cost = normals.iter().map(|n| n.cost).sum::<f64>() + loose;
+        let prior =
+            self.with_prior(state).into_iter().map(|(_, value)| PRIOR_COST * value * value).sum::<f64>();
+        let cost = normals.iter().map(|n| n.cost).sum::<f64>() + prior;
         cost.is_finite().then_some((normals, cost))
     }
 
-    /// The step that the normal equations ask for under some damping: of the shared numbers and of
-    /// each board.
+    /// Solves the damped normal equations: the step of the shared parameters and of each view's own
+    /// parameters.
     fn step(
         &self,
         state: &State,
@@ -351,10 +353,10 @@ impl Problem<'_> {
             right -= weighted * normal.own_right;
             inverses.push(inverse);
         }
-        // Coefficients of the rational lens can grow without end against each other.
-        for (i, value) in self.loose(state) {
-            matrix[(i, i)] += LOOSE_COST;
-            right[i] -= LOOSE_COST * value;
+        // Without a prior, coefficients of the rational lens can grow without bound and cancel each other.
+        for (i, value) in self.with_prior(state) {
+            matrix[(i, i)] += PRIOR_COST;
+            right[i] -= PRIOR_COST * value;
         }
         for i in 0..n {
             let whole: f64 = normals.iter().map(|v| v.global[(i, i)]).sum();
@@ -401,8 +403,8 @@ impl Problem<'_> {
         next
     }
 
-    /// Solves from a start; `None` when a corner lies behind a camera there, or the views leave the
-    /// numbers open.
+    /// Solves from a start value; `None` if a corner lies behind a camera there, or the views do not determine the
+    /// parameters.
     pub fn solve(&self, start: State) -> Option<Solution> {
         let n = self.globals(start.cameras.len());
         let mut state = start;
@@ -429,8 +431,8 @@ impl Problem<'_> {
                 _ => damping *= 10.0,
             }
         }
-        let loose = self.loose(&state);
-        let part = LOOSE_COST / normals.len().max(1) as f64;
+        let prior = self.with_prior(&state);
+        let part = PRIOR_COST / normals.len().max(1) as f64;
         let shares = normals
             .iter()
             .map(|v| {
@@ -438,7 +440,7 @@ impl Problem<'_> {
                 let weighted = &v.mixed * inverse;
                 let mut information = &v.global - &weighted * v.mixed.transpose();
                 let mut gradient = &v.global_right - weighted * v.own_right;
-                for &(i, value) in &loose {
+                for &(i, value) in &prior {
                     information[(i, i)] += part;
                     gradient[i] -= part * value;
                 }
@@ -449,8 +451,8 @@ impl Problem<'_> {
         Some(Solution { state, cost, shares, rounds })
     }
 
-    /// How the shift of a view's second picture follows the shared numbers while its board's pose gives
-    /// way (2 rows), and its variance where the variance of a corner's coordinate is 1.
+    /// Derivative of the shift of a view's second image with respect to the shared parameters with the pose of the
+    /// board re-estimated (2 rows), and the variance of the shift for a corner variance of 1.
     pub fn shift_response(&self, state: &State, view: usize) -> Option<(DMatrix<f64>, Matrix2<f64>)> {
         let normal = self.normal(state, view)?;
         let inverse = normal.own.cholesky()?.inverse();
@@ -458,7 +460,7 @@ impl Problem<'_> {
         Some((response, inverse.fixed_view::<2, 2>(6, 6).into_owned()))
     }
 
-    /// The pose of one board before known cameras, and the shift of its second picture, from a start.
+    /// Estimates the pose of one board for known cameras, and the shift of its second image, from a start value.
     pub fn pose_of(&self, state: &State, view: usize, start: Pose) -> Option<(Pose, Vector2<f64>)> {
         let problem = Problem {
             views: std::slice::from_ref(&self.views[view]),

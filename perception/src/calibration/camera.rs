@@ -1,14 +1,14 @@
-//! Pinhole cameras with lens distortion: points to pixels, pixels to rays, and the derivatives.
+//! Pinhole cameras with lens distortion: projection, undistortion and their derivatives.
 
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
-/// Most parameters that a camera can have: 4 of the pinhole, 8 of the lens.
+/// Maximum number of parameters of a camera: 4 of the pinhole, 8 of the lens.
 pub const MAX_PARAMETERS: usize = 12;
 
-/// Derivatives of a pixel by all parameters, in the order of [`Camera::parameters`].
+/// Derivatives of a pixel with respect to all parameters, in the order of [`Camera::parameters`].
 pub type ByParameters = SMatrix<f64, 2, MAX_PARAMETERS>;
 
-/// Which coefficients of the lens are estimated. The others are zero.
+/// The distortion coefficients that are estimated; the others are zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Lens {
     /// k1, k2, p1, p2: enough for most lenses below 90 degrees.
@@ -16,12 +16,12 @@ pub enum Lens {
     Radial2,
     /// k1, k2, p1, p2, k3.
     Radial3,
-    /// k1, k2, p1, p2, k3 over 1, k4, k5, k6: wide-angle lenses, and many good views.
+    /// k1, k2, p1, p2, k3 and the denominator k4, k5, k6: for wide-angle lenses; needs many good views.
     Rational,
 }
 
 impl Lens {
-    /// Parameters of a camera with this lens: those of the pinhole and the coefficients.
+    /// Number of parameters of a camera with this lens: pinhole and distortion.
     pub fn parameters(self) -> usize {
         match self {
             Self::Radial2 => 8,
@@ -31,15 +31,15 @@ impl Lens {
     }
 }
 
-/// A camera: a pinhole, and the distortion of its lens (Brown–Conrady, optionally rational; order
-/// and meaning as in OpenCV). Camera coordinates: x right, y down, z forward.
+/// A pinhole camera with lens distortion (Brown–Conrady, optionally rational; order and meaning of the
+/// coefficients as in OpenCV). Camera coordinates: x right, y down, z forward.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Focal length along x, in pixels.
     pub fx_px: f64,
     /// Focal length along y, in pixels.
     pub fy_px: f64,
-    /// Column of the principal point, in pixels; the middle of the first pixel is 0.
+    /// Column of the principal point, in pixels; the centre of the first pixel is 0.
     pub cx_px: f64,
     /// Row of the principal point, in pixels.
     pub cy_px: f64,
@@ -47,14 +47,14 @@ pub struct Camera {
     pub distortion: [f64; 8],
 }
 
-/// A pixel and how it changes.
+/// A projected pixel with its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub struct Projection {
     /// Column and row, in pixels.
     pub pixel: Vector2<f64>,
-    /// By the parameters of the camera.
+    /// With respect to the parameters of the camera.
     pub by_parameters: ByParameters,
-    /// By the point.
+    /// With respect to the point.
     pub by_point: Matrix2x3<f64>,
 }
 
@@ -81,7 +81,7 @@ impl Camera {
         }
     }
 
-    /// Where the lens moves a point of the plane z = 1, and the derivative of that by the point.
+    /// The distorted position of a point of the plane z = 1, and its derivative with respect to the point.
     pub fn distort(&self, point: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (x, y) = (point.x, point.y);
         let [k1, k2, p1, p2, k3, k4, k5, k6] = self.distortion;
@@ -89,7 +89,7 @@ impl Camera {
         let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
         let radial = above / below;
-        // By r².
+        // Derivatives with respect to r².
         let above_slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
         let below_slope = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6);
         let slope = (above_slope - radial * below_slope) / below;
@@ -107,7 +107,7 @@ impl Camera {
         (distorted, by_point)
     }
 
-    /// The pixel of a point in camera coordinates; `None` when it is not in front of the camera.
+    /// Projects a point in camera coordinates; `None` if it is not in front of the camera.
     pub fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         if point.z <= 1e-9 {
             return None;
@@ -116,7 +116,7 @@ impl Camera {
         Some(Vector2::new(self.fx_px * d.x + self.cx_px, self.fy_px * d.y + self.cy_px))
     }
 
-    /// The pixel of a point with its derivatives; `None` when it is not in front of the camera.
+    /// Projects a point and computes the derivatives; `None` if it is not in front of the camera.
     pub fn project_with_derivatives(&self, point: &Vector3<f64>) -> Option<Projection> {
         if point.z <= 1e-9 {
             return None;
@@ -158,8 +158,8 @@ impl Camera {
         Some(Projection { pixel, by_parameters, by_point })
     }
 
-    /// The point of the plane z = 1 that is seen at a pixel: Newton steps on [`Camera::distort`].
-    /// `None` where the lens model folds over, so that no point, or several, would be seen there.
+    /// The point of the plane z = 1 that a pixel shows, by Newton's method on [`Camera::distort`]. `None` where
+    /// the lens model is not invertible (folds over).
     pub fn undistort(&self, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
         let wanted = Vector2::new((pixel.x - self.cx_px) / self.fx_px, (pixel.y - self.cy_px) / self.fy_px);
         let mut point = wanted;
@@ -169,7 +169,7 @@ impl Camera {
                 return None;
             }
             let mut step = slope.try_inverse()? * (wanted - seen);
-            // A long step may jump over the fold.
+            // Limit the step, so that it does not jump over the fold.
             let longest = 0.3 * (1.0 + point.norm());
             if step.norm() > longest {
                 step *= longest / step.norm();

@@ -1,27 +1,29 @@
-//! Corners to a few hundredths of a pixel: a blurred crossing of two edges fitted to the grey levels.
+//! Sub-pixel corner refinement to a few hundredths of a pixel: fits a blurred crossing of two edges to the grey
+//! levels.
 
 use super::plane::Plane;
 use nalgebra::{SMatrix, SVector, Vector2};
 
-/// What is fitted: place (2), directions of both edges, logarithm of the blur, mean, contrast,
-/// slope of the light (2).
+/// Parameters of the fit: position (2), directions of both edges, logarithm of the blur, mean, contrast,
+/// brightness gradient (2).
 const PARAMETERS: usize = 9;
+/// Maximum number of iterations.
 const ROUNDS: usize = 25;
 
-/// A corner as it was fitted.
+/// A refined corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// Where, in pixels; whole numbers are middles of pixels.
+    /// Position in pixels; integers are pixel centres.
     pub position: Vector2<f64>,
-    /// Standard deviation of the place, in pixels, as the grey levels that do not fit suggest.
+    /// Standard deviation of the position, in pixels, estimated from the residuals of the fit.
     pub sigma_px: f64,
     /// Blur of the edges: standard deviation of a Gaussian, in pixels.
     pub blur_px: f64,
-    /// Half the difference of bright and dark, in grey levels; its sign tells which sector is bright.
+    /// Half the difference between bright and dark, in grey levels; the sign identifies the bright sectors.
     pub contrast: f64,
 }
 
-/// The error function and its slope, to 1.5·10⁻⁷ (Abramowitz and Stegun, 7.1.26).
+/// The error function and its derivative, accurate to 1.5·10⁻⁷ (Abramowitz and Stegun, 7.1.26).
 fn erf(x: f64) -> (f64, f64) {
     let bell = (-x * x).exp();
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
@@ -31,9 +33,9 @@ fn erf(x: f64) -> (f64, f64) {
     ((1.0 - series * bell).copysign(x), std::f64::consts::FRAC_2_SQRT_PI * bell)
 }
 
-/// Fits a crossing to the pixels around `start`. `along` and `down` lead to the next corners (in
-/// pixels); pixels up to `reach` of that way, and at most `max_px` away, take part. `None` when
-/// the fit leaves the window, or contradicts a crossing.
+/// Fits a crossing to the pixels around `start`. `along` and `down` are the steps to the next corners in pixels.
+/// Pixels within the fraction `reach` of those steps and at most `max_px` away are used. `None` if the fit leaves
+/// the window or is not a crossing.
 pub fn refine(
     plane: &Plane,
     start: Vector2<f64>,
@@ -46,7 +48,7 @@ pub fn refine(
     if determinant.abs() < 1e-6 {
         return None;
     }
-    // Place on the board, in squares, of a way in pixels.
+    // Board coordinates, in squares, of a displacement in pixels.
     let squares = |d: Vector2<f64>| {
         Vector2::new(down.y * d.x - down.x * d.y, along.x * d.y - along.y * d.x) / determinant
     };
@@ -54,7 +56,7 @@ pub fn refine(
     let mut theta = [along.y.atan2(along.x), down.y.atan2(down.x)];
     let mut log_blur = 0.0_f64;
     let mut result = None;
-    // The window follows the corner once.
+    // Repeat once with the window centred on the refined corner.
     for _ in 0..2 {
         let radius = max_px.min(reach * along.norm().max(down.norm())).ceil();
         let (low, high) = (centre.add_scalar(-radius), centre.add_scalar(radius));
@@ -81,7 +83,7 @@ pub fn refine(
             return None;
         }
         let mean = pixels.iter().map(|p| p.1).sum::<f64>() / pixels.len() as f64;
-        // Which sectors are bright: product of the signs of both sides.
+        // Which sectors are bright: correlation with the product of the signs of both sides.
         let lean = pixels.iter().map(|p| (p.1 - mean) * p.2.signum()).sum::<f64>() / pixels.len() as f64;
         let offset = centre - middle;
         let turn = if determinant > 0.0 { -1.0 } else { 1.0 };
@@ -112,7 +114,7 @@ pub fn refine(
     result
 }
 
-/// A place, its grey level, and more that the fit does not need.
+/// Position, grey level, and the product of the board coordinates (unused by the fit).
 type Pixel = (Vector2<f64>, f64, f64);
 
 #[derive(Clone, Copy)]
@@ -121,7 +123,7 @@ struct Fit {
 }
 
 impl Fit {
-    /// The grey level at a place, and its derivatives.
+    /// The modelled grey level at a position, and its derivatives.
     fn at(&self, d: Vector2<f64>) -> (f64, SVector<f64, PARAMETERS>) {
         let v = &self.values;
         let (px, py) = (d.x - v[0], d.y - v[1]);
@@ -165,7 +167,7 @@ impl Fit {
         (a, b, cost)
     }
 
-    /// Levenberg–Marquardt to rest; also the standard deviation of the place.
+    /// Levenberg–Marquardt until convergence; also returns the standard deviation of the position.
     fn improved(mut self, pixels: &[Pixel]) -> Option<(Self, f64)> {
         let (mut a, mut b, mut cost) = self.normal(pixels);
         let mut damping = 1e-3;
@@ -209,7 +211,7 @@ mod tests {
     use crate::image::GreyImage;
 
     #[test]
-    fn the_error_function_and_its_slope() {
+    fn the_error_function_and_its_derivative_are_accurate() {
         for (x, expected) in
             [(0.0, 0.0), (0.5, 0.520_499_877_8), (-1.0, -0.842_700_792_9), (3.0, 0.999_977_909_5)]
         {

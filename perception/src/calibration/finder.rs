@@ -1,4 +1,4 @@
-//! Finds a chessboard in a picture.
+//! Finds a chessboard in an image.
 
 use super::corner::{self, Corner};
 use super::grid::{self, Match};
@@ -9,15 +9,15 @@ use crate::image::GreyView;
 use nalgebra::Vector2;
 use thiserror::Error;
 
-/// Saddles considered at one scale.
+/// Maximum number of saddle points at one scale.
 const MAX_SADDLES: usize = 2500;
-/// Pictures wider than this are searched at half, a quarter, … of their size.
+/// Images with a longer side are searched at half, a quarter, … of their size.
 const WIDEST: usize = 900;
-/// Pictures narrower than this are searched at twice their size, too.
+/// Images whose longer side is at most this are searched at twice their size, too.
 const NARROW: usize = 520;
-/// Share of the way to the next corner that takes part in the fit.
+/// Share of the distance to the next corner that is used for the fit.
 const REACH: f64 = 0.42;
-/// Radius of the fit in pixels, at most.
+/// Maximum radius of the fit, in pixels.
 const MAX_RADIUS_PX: f64 = 8.0;
 
 /// The printed pattern: inner corners, where four squares meet, and the side of a square.
@@ -28,18 +28,20 @@ pub struct Board {
     square_m: f64,
 }
 
-/// Why numbers do not describe a board.
+/// Errors of describing a board.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum BoardError {
-    /// Too few or too many corners.
-    #[error("a board of {columns}x{rows} inner corners: give 3 to 50 along each side, at least 4 along one")]
+    /// The number of corners is out of range.
+    #[error(
+        "a board of {columns}x{rows} inner corners: the range is 3 to 50 along each side, with at least 4 along one"
+    )]
     Corners {
         /// Along a row.
         columns: usize,
         /// Along a column.
         rows: usize,
     },
-    /// The side of a square.
+    /// The side of a square is out of range.
     #[error("squares of {square_m} m: give the measured side, 0.0005 to 2 m")]
     Square {
         /// In metres.
@@ -51,8 +53,8 @@ impl Board {
     /// A board of `columns` × `rows` inner corners with squares of `square_m` metres.
     ///
     /// # Errors
-    /// When a side has less than 3 or more than 50 corners, both have 3, or a square is not between
-    /// half a millimetre and two metres.
+    /// If a side has less than 3 or more than 50 corners, both have 3, or a square is not between half a
+    /// millimetre and two metres.
     pub fn new(columns: usize, rows: usize, square_m: f64) -> Result<Self, BoardError> {
         let range = 3..=50;
         if !range.contains(&columns) || !range.contains(&rows) || columns.max(rows) < 4 {
@@ -84,7 +86,7 @@ impl Board {
         self.columns * self.rows
     }
 
-    /// The corners on the board, row after row, in metres from the middle of the board.
+    /// The corners in board coordinates, row by row, in metres from the centre of the board.
     pub fn points_m(&self) -> Vec<Vector2<f64>> {
         let middle = Vector2::new((self.columns - 1) as f64, (self.rows - 1) as f64) * 0.5;
         (0..self.corners())
@@ -95,48 +97,47 @@ impl Board {
     }
 }
 
-/// A board in a picture.
+/// A board found in an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sighting {
-    /// The corners, row after row, in pixels; whole numbers are middles of pixels.
+    /// The corners, row by row, in pixels; integers are pixel centres.
     pub corners: Vec<Vector2<f64>>,
-    /// Median of the standard deviations that the fits of the corners state, in pixels.
+    /// Median of the corners' estimated standard deviations, in pixels.
     pub sigma_px: f64,
     /// Median blur of the edges, in pixels (standard deviation).
     pub blur_px: f64,
-    /// Median of half the difference of bright and dark, in grey levels.
+    /// Median of half the difference between bright and dark, in grey levels.
     pub contrast: f64,
 }
 
-/// Why no board was found in a picture.
+/// Why no board was found in an image.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NoBoard {
-    /// Nothing like a chessboard.
-    #[error("no chessboard in sight")]
+    /// No lattice of corners was found.
+    #[error("no chessboard found")]
     None,
     /// A lattice of another size.
-    #[error("{columns}x{rows} corners are in sight: the board is cut off or covered, or has another size")]
+    #[error("{columns}x{rows} corners found: the board is cut off or covered, or has another size")]
     Other {
         /// Corners along its longer side.
         columns: usize,
         /// Corners along the other.
         rows: usize,
     },
-    /// The lattice is there, but corners of it cannot be located.
-    #[error("{lost} of the board's corners are too blurred, too dark or at the picture's edge")]
+    /// The lattice was found, but some of its corners cannot be refined.
+    #[error("{lost} of the board's corners are too blurred, too dark or at the border of the image")]
     Unclear {
-        /// So many.
+        /// Number of these corners.
         lost: usize,
     },
 }
 
-/// Finds `board` in a picture. The time is bounded: about that of a few blurs of a picture
-/// 900 pixels wide.
+/// Finds `board` in an image. The run time is bounded: about that of a few blurs of an image 900 pixels wide.
 ///
 /// # Errors
-/// When there is no board, a part of one, or one that is not clear enough.
+/// If there is no board, only a part of one, or corners that cannot be refined.
 pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
-    // Scale 0 is the picture, 1 half of it …; the finest that is searched comes first.
+    // Scale 0 is the image, 1 half of its size, …; the search starts at the finest scale.
     let mut planes = vec![Plane::from_view(image)];
     while planes.len() < 8 {
         let Some(half) = planes.last().and_then(Plane::halved) else { break };
@@ -159,7 +160,7 @@ pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
             None
         }
     };
-    // Half the size sees blurred boards; twice the size sees small ones.
+    // Blurred boards are found at half the size, small ones at twice the size.
     for scale in [first, first + 1] {
         if let Some(plane) = planes.get(scale)
             && let Some(sighting) = consider(at_scale(plane, &planes[..=scale], board))
@@ -184,7 +185,7 @@ fn at_scale(plane: &Plane, planes: &[Plane], board: &Board) -> Result<Sighting, 
         match lattice.matched(board.columns, board.rows) {
             Match::Board(corners) => {
                 let scale = plane.width() as f64 / planes[planes.len() - 1].width() as f64;
-                // Doubling and halving share the pixel grid's outer edge, not its first middle.
+                // Doubling and halving preserve the outer edge of the pixel grid, not the first pixel centre.
                 let places = corners
                     .iter()
                     .map(|c| c.map(|c| if scale > 1.5 { c.map(|v| 0.5 * (v + 0.5) - 0.5) } else { c }))
@@ -208,7 +209,7 @@ fn at_scale(plane: &Plane, planes: &[Plane], board: &Board) -> Result<Sighting, 
     }
 }
 
-/// Puts corners that no saddle gave where the others say that they are.
+/// Predicts missing corners by a homography from the others.
 fn completed(places: &[Option<Vector2<f64>>], board: &Board) -> Option<Vec<Vector2<f64>>> {
     let points = board.points_m();
     let (from, to): (Vec<_>, Vec<_>) =
@@ -217,8 +218,8 @@ fn completed(places: &[Option<Vector2<f64>>], board: &Board) -> Option<Vec<Vecto
     Some(points.iter().zip(places).map(|(p, c)| c.unwrap_or_else(|| homography::map(&h, p))).collect())
 }
 
-/// The corners to fractions of a pixel, first in the coarsest picture, last in the finest; the
-/// number of those that could not be located when there are any.
+/// Refines the corners to sub-pixel precision, from the coarsest to the finest plane. The error is the number of
+/// corners that could not be refined.
 fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -> Result<Sighting, usize> {
     let Some(mut corners) = completed(&places, board) else { return Err(places.len()) };
     let (columns, rows) = (board.columns, board.rows);
@@ -230,7 +231,7 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
                 let (left, right) = (k - usize::from(c > 0), k + usize::from(c + 1 < columns));
                 let above = k - if r > 0 { columns } else { 0 };
                 let below = k + if r + 1 < rows { columns } else { 0 };
-                // The shorter of both sides: the window must not reach the next corner.
+                // The shorter of both steps: the window must not reach the next corner.
                 let shorter = |a: Vector2<f64>, b: Vector2<f64>| match (a.norm(), b.norm()) {
                     (0.0, _) => b,
                     (_, 0.0) => a,
@@ -242,7 +243,7 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
             })
             .collect();
         let located = fits.iter().flatten().count();
-        // Coarse pictures may lose some: they only show the way.
+        // Failures at coarser planes are allowed: those only provide start values.
         if i == 0 && located < corners.len() {
             return Err(corners.len() - located);
         }
@@ -256,7 +257,7 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
         }
     }
     let fits: Vec<Corner> = fits.into_iter().flatten().collect();
-    // Neighbours have opposite contrast; whichever fails that is no corner.
+    // Neighbouring corners have opposite contrast; all others are false.
     let signs = |k: usize| if (k % columns + k / columns).is_multiple_of(2) { 1.0 } else { -1.0 };
     let same = fits.iter().enumerate().filter(|(k, f)| f.contrast * signs(*k) > 0.0).count();
     if same != 0 && same != fits.len() {
@@ -273,16 +274,16 @@ fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -
         blur_px: middle(|f| f.blur_px),
         contrast: middle(|f| f.contrast.abs()),
     };
-    // Boards with an odd and an even side look different upside down: their first corner has the
-    // dark square before it (up and left).
+    // Boards with an odd and an even side are not symmetric to rotation by 180°: their first corner has a dark
+    // square at its upper left.
     if (columns + rows) % 2 == 1 && fits.first().is_some_and(|f| f.contrast > 0.0) {
         sighting.corners.reverse();
     }
     Ok(sighting)
 }
 
-/// The orders in which the corners of one board can be read without seeing which is the first:
-/// one for boards with an odd and an even side, two for others, four for a square board.
+/// All corner orders that the symmetry of the board allows: one for boards with an odd and an even side, two for
+/// others, four for a square board.
 pub fn orders(corners: &[Vector2<f64>], board: &Board) -> Vec<Vec<Vector2<f64>>> {
     let (columns, rows) = (board.columns, board.rows);
     let mut all = vec![corners.to_vec()];
@@ -302,8 +303,8 @@ pub fn orders(corners: &[Vector2<f64>], board: &Board) -> Vec<Vec<Vector2<f64>>>
     all
 }
 
-/// The corners of the right picture in the order that those of the left one have: boards that look
-/// the same upside down are read the way that runs alike in both.
+/// The corners of the right image in the same order as those of the left image, for boards with rotational
+/// symmetry: of all orders, the one with the smallest displacement relative to the left image.
 pub fn ordered_alike(left: &[Vector2<f64>], right: &[Vector2<f64>], board: &Board) -> Vec<Vector2<f64>> {
     let mean = |c: &[Vector2<f64>]| c.iter().sum::<Vector2<f64>>() / c.len() as f64;
     let (l, r) = (mean(left), mean(right));

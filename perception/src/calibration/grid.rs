@@ -1,41 +1,41 @@
-//! Saddles joined to the lattice of a chessboard.
+//! Joins saddle points to the lattice of a chessboard.
 
 use super::saddle::Saddle;
 use nalgebra::Vector2;
 use std::collections::HashMap;
 
-/// Most that the edges of neighbours may differ, in radians.
+/// Maximum angle between the edges of neighbours, in radians.
 const EDGE_TOLERANCE: f64 = 0.38;
-/// Half the opening of the cone in which a first neighbour is sought, in radians.
-const CONE: f64 = 0.3;
-/// Most that a corner may lie off the place predicted for it, in steps.
-const STRAY: f64 = 0.3;
-/// Share of a board's corners that must be there, in percent.
+/// Half the opening angle of the cone in which a first neighbour is searched, in radians.
+const SEARCH_CONE: f64 = 0.3;
+/// Maximum distance of a corner from its predicted position, in steps of the lattice.
+const MAX_DEVIATION: f64 = 0.3;
+/// Minimum share of a board's corners that must be found, in percent.
 const MIN_PERCENT: usize = 85;
-/// Seeds tried in a picture.
+/// Maximum number of seeds in an image.
 const MAX_SEEDS: usize = 80;
 
-/// Corners with their places in a lattice of unknown size and origin. Steps along the first
-/// coordinate and then along the second turn as x turns to y.
+/// Corners with coordinates in a lattice of unknown size and origin. The orientation from the first to the
+/// second coordinate is that from x to y.
 #[derive(Clone, Debug, Default)]
 pub struct Lattice {
-    /// Place in the lattice to place in the picture, in pixels.
+    /// Image position in pixels for each lattice coordinate.
     pub cells: HashMap<(i32, i32), Vector2<f64>>,
 }
 
-/// Places of a board's corners, row after row, as far as they are known.
+/// Positions of a board's corners, row by row, as far as they are known.
 pub type Places = Vec<Option<Vector2<f64>>>;
 
-/// A lattice as it matches a board.
+/// Result of matching a lattice to a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Match {
-    /// All corners, row after row; those that no saddle gave are `None`.
+    /// All corners, row by row; corners without a saddle point are `None`.
     Board(Places),
-    /// A lattice of another size: corners along and across, the longer side first.
+    /// A lattice of another size: corners along its sides, the longer side first.
     Other(usize, usize),
 }
 
-/// The largest lattices among saddles (the strongest first), the one with the most corners first.
+/// Lattices among saddle points (given in order of strength), those with most corners first.
 pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
     let index = Index::new(saddles);
     let mut used = vec![false; saddles.len()];
@@ -63,13 +63,13 @@ pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
     found
 }
 
-/// The places of saddles, to be looked through fast.
+/// Spatial index of saddle points.
 struct Index {
-    /// In the saddles' order.
+    /// Positions, in the order of the saddle points.
     places: Vec<[f32; 2]>,
-    /// Saddles of each square of the picture, squares row after row.
+    /// Indices of the saddle points in each square of the image, squares row by row.
     squares: Vec<Vec<u32>>,
-    /// Squares along a row.
+    /// Number of squares in a row.
     columns: usize,
 }
 
@@ -92,7 +92,7 @@ impl Index {
         (at / Self::SIDE) as usize
     }
 
-    /// The saddles in the squares that `reach` pixels around a place touch.
+    /// The saddle points in all squares within `reach` pixels of a position.
     fn around(&self, place: Vector2<f64>, reach: f64) -> impl Iterator<Item = usize> {
         let rows = self.squares.len() / self.columns;
         let span = |at: f64, count: usize| {
@@ -105,7 +105,7 @@ impl Index {
     }
 }
 
-/// The nearest saddles along both edges of `seed`, forth and back, that fit beside it, in the order of
+/// The closest compatible saddle points in both directions of both edges of `seed`, in the order of
 /// [`SIDES`].
 fn first_neighbours(saddles: &[Saddle], index: &Index, used: &[bool], seed: usize) -> [Option<usize>; 4] {
     let saddle = &saddles[seed];
@@ -115,10 +115,10 @@ fn first_neighbours(saddles: &[Saddle], index: &Index, used: &[bool], seed: usiz
         j = -j;
     }
     let [x, y] = index.places[seed];
-    let narrow = (CONE.cos() as f32).powi(2);
+    let narrow = (SEARCH_CONE.cos() as f32).powi(2);
     let mut best = [None; 4];
     let mut least = [f32::INFINITY; 4];
-    // Every seed passes here with every saddle: cheap tests first.
+    // This loop runs for every seed and saddle point: cheap tests first.
     for (k, place) in index.places.iter().enumerate() {
         let way = Vector2::new(place[0] - x, place[1] - y);
         let length = way.norm_squared();
@@ -170,13 +170,14 @@ impl<'a> Growth<'a> {
         self.cells.get(&cell).map(|&i| self.saddles[i].position)
     }
 
-    /// The step expected from a cell to a side: as the last step there, else as beside it.
+    /// The expected step from a cell to a side: the previous step in that direction, or else a parallel step
+    /// nearby.
     fn expected(&self, (i, j): (i32, i32), (di, dj): (i32, i32)) -> Option<Vector2<f64>> {
         let here = self.place((i, j))?;
         if let Some(back) = self.place((i - di, j - dj)) {
             return Some(here - back);
         }
-        // Beside, and one step before or after that, near lines first.
+        // Parallel lines, and one step before or after there; near lines first.
         for far in 1..=3 {
             for (si, sj) in [(dj * far, di * far), (-dj * far, -di * far)] {
                 for shift in [0, -1, 1] {
@@ -190,11 +191,11 @@ impl<'a> Growth<'a> {
         None
     }
 
-    /// Adds neighbours that are where they are expected until there are no more.
+    /// Adds neighbours at expected positions until no more are found.
     fn spread(&mut self) {
         let mut all = Vec::new();
         loop {
-            // Every cell is looked at again in the end: a new one may tell where its neighbours are.
+            // Check all cells again at the end: a new cell may predict its neighbours better.
             if all.len() == self.cells.len() {
                 return;
             }
@@ -206,9 +207,9 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// Adds the neighbours of some cells, and gives what was added.
+    /// Adds the neighbours of some cells; returns the added cells.
     fn beside(&mut self, mut cells: Vec<(i32, i32)>) -> Vec<(i32, i32)> {
-        // The order of a map changes from run to run; the result must not.
+        // The iteration order of a `HashMap` is random; the result must not depend on it.
         cells.sort_unstable();
         let mut added = Vec::new();
         for cell in cells {
@@ -221,7 +222,7 @@ impl<'a> Growth<'a> {
                     continue;
                 };
                 let here = &self.saddles[*here];
-                let (target, most) = (here.position + step, STRAY * step.norm());
+                let (target, most) = (here.position + step, MAX_DEVIATION * step.norm());
                 let mut best = None;
                 let mut least = most;
                 for i in self.index.around(target, most) {
@@ -243,13 +244,13 @@ impl<'a> Growth<'a> {
 }
 
 impl Lattice {
-    /// Corners of the lattice in the line `at` across the first or the second coordinate, within
-    /// the given span of the other.
+    /// Number of corners in the lattice line `at` of the first or the second coordinate, within the given span of
+    /// the other coordinate.
     fn filled(&self, first: bool, at: i32, span: (i32, i32)) -> usize {
         (span.0..=span.1).filter(|&k| self.cells.contains_key(&if first { (at, k) } else { (k, at) })).count()
     }
 
-    /// First and last coordinates without the outer lines that are mostly empty.
+    /// Coordinate ranges of the lattice without mostly empty outer lines.
     fn extent(&self) -> ((i32, i32), (i32, i32)) {
         let bounds = |f: fn(&(i32, i32)) -> i32| {
             let values = self.cells.keys().map(f);
@@ -273,21 +274,20 @@ impl Lattice {
         }
     }
 
-    /// Matches the lattice to a board of `columns` × `rows` inner corners. Of the board's
-    /// orientations the one is given whose rows run most to the right (of the two that keep the
-    /// longer side, or four for a square).
+    /// Matches the lattice to a board of `columns` × `rows` inner corners. Of the board's possible orientations
+    /// (two, or four for a square board) the one whose rows run most to the right is returned.
     pub fn matched(&self, columns: usize, rows: usize) -> Match {
         let (i, j) = self.extent();
         let (wide, high) = ((i.1 - i.0 + 1) as usize, (j.1 - j.0 + 1) as usize);
         let mut best: Option<(usize, f64, Places)> = None;
-        // Too small a lattice is not even tried in all the places of a large board.
+        // Skip all positions of the board if the lattice has too few corners.
         let enough = |count: usize| 100 * count >= MIN_PERCENT * columns * rows;
         for turned in [false, true].into_iter().filter(|_| enough(self.cells.len())) {
             let (n, m) = if turned { (rows, columns) } else { (columns, rows) };
             if wide > n || high > m {
                 continue;
             }
-            // An outer line may have been lost: the board lies anywhere around what is left.
+            // Outer lines may be missing: try all positions of the board around the lattice.
             for i0 in i.1 + 1 - n as i32..=i.0 {
                 for j0 in j.1 + 1 - m as i32..=j.0 {
                     for half_turn in [false, true] {
@@ -302,7 +302,7 @@ impl Lattice {
             }
         }
         match best {
-            // Every line of the board has most of its corners.
+            // Every line of the board must have at least half of its corners.
             Some((count, _, corners)) if enough(count) && lines_hold(&corners, columns) => {
                 Match::Board(corners)
             }
@@ -310,13 +310,13 @@ impl Lattice {
         }
     }
 
-    /// The corners of a board that starts at `from` and spans (n, m) cells, row after row.
+    /// The corners of a board that starts at `from` and spans (n, m) cells, row by row.
     fn read(&self, from: (i32, i32), (n, m): (usize, usize), turned: bool, half_turn: bool) -> Places {
         let mut corners = Vec::with_capacity(n * m);
         let (columns, rows) = if turned { (m, n) } else { (n, m) };
         for row in 0..rows {
             for column in 0..columns {
-                // A quarter turn keeps the sense of rotation: rows run along j, columns against i.
+                // A quarter turn keeps the orientation: rows run along j, columns against i.
                 let (mut a, mut b) = if turned { (n - 1 - row, column) } else { (column, row) };
                 if half_turn {
                     (a, b) = (n - 1 - a, m - 1 - b);
@@ -328,7 +328,7 @@ impl Lattice {
     }
 }
 
-/// How far the rows lead to the right: sum over neighbours, in pixels.
+/// Total extent of the rows to the right: sum over neighbours, in pixels.
 fn rightward(corners: &[Option<Vector2<f64>>], columns: usize) -> f64 {
     let steps = corners.chunks_exact(columns).flat_map(|row| row.windows(2));
     steps.filter_map(|pair| Some(pair[1]?.x - pair[0]?.x)).sum()
@@ -346,7 +346,7 @@ fn lines_hold(corners: &[Option<Vector2<f64>>], columns: usize) -> bool {
 mod tests {
     use super::*;
 
-    /// Saddles of a board of 5 × 4 corners under a shear and a little perspective, turned by `turn`.
+    /// Saddle points of a board of 5 × 4 corners under shear and slight perspective, rotated by `turn`.
     fn board(turn: f64) -> Vec<Saddle> {
         let place = |i: f64, j: f64| {
             let (x, y) = (i * 21.0 + j * 4.0, j * 17.0 + 0.02 * i * j * 17.0);
@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_is_joined_whichever_way_it_lies() {
+    fn a_board_is_joined_in_any_orientation() {
         for step in 0..24 {
             let turn = f64::from(step) * 0.26;
             let mut saddles = board(turn);
@@ -393,7 +393,7 @@ mod tests {
         assert!(corners[0].is_none() && corners[7].is_none());
         saddles.truncate(12);
         assert!(matches!(grow(&saddles)[0].matched(5, 4), Match::Other(..)));
-        // The same saddles with bright and dark alike fit nowhere.
+        // Saddle points without alternating contrast fit nowhere.
         let mut same = board(0.1);
         for s in &mut same {
             (s.rising, s.falling) = (0.1, 1.6);

@@ -1,4 +1,4 @@
-//! Planes to pictures, and the closed form of Zhang: cameras from homographies.
+//! Homographies between a plane and an image, and Zhang's closed form for cameras from homographies.
 //!
 //! Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI 22 (11), 2000.
 
@@ -6,7 +6,7 @@ use super::camera::Camera;
 use super::pose::Pose;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
-/// The shift and scale that bring points to mean zero and mean distance √2.
+/// The similarity that normalises points to mean zero and mean distance √2.
 fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let n = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / n;
@@ -18,14 +18,14 @@ fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     Some(Matrix3::new(s, 0.0, -s * mean.x, 0.0, s, -s * mean.y, 0.0, 0.0, 1.0))
 }
 
-/// `point` seen through a homography.
+/// Maps `point` by a homography.
 pub fn map(h: &Matrix3<f64>, point: &Vector2<f64>) -> Vector2<f64> {
     let p = h * point.push(1.0);
     Vector2::new(p.x / p.z, p.y / p.z)
 }
 
-/// The homography that takes the points `from` to the points `to`, by least squares of the
-/// normalised linear equations; `None` for fewer than four pairs or when they lie on a line.
+/// The homography that maps the points `from` to the points `to`, by least squares of the normalised linear
+/// equations (DLT); `None` for fewer than four pairs or collinear points.
 pub fn fit(from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     if from.len() < 4 || from.len() != to.len() {
         return None;
@@ -45,7 +45,7 @@ pub fn fit(from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let eigen = normal.symmetric_eigen();
     let mut order: [usize; 9] = std::array::from_fn(|i| i);
     order.sort_unstable_by(|&i, &j| eigen.eigenvalues[i].total_cmp(&eigen.eigenvalues[j]));
-    // Points on a line leave more than one solution.
+    // Collinear points have more than one solution.
     if eigen.eigenvalues[order[1]] < 1e-9 * eigen.eigenvalues[order[8]] {
         return None;
     }
@@ -55,7 +55,7 @@ pub fn fit(from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     (h[(2, 2)].abs() > 1e-15).then(|| h / h[(2, 2)]).filter(|h| h.iter().all(|v| v.is_finite()))
 }
 
-/// The row of Zhang's equations for columns i and j of a homography, without skew: factors of
+/// The row of Zhang's equations for columns i and j of a homography, without skew: coefficients of
 /// B11, B22, B13, B23 and B33.
 fn equation(h: &Matrix3<f64>, i: usize, j: usize) -> SVector<f64, 5> {
     let (a, b) = (h.column(i), h.column(j));
@@ -68,7 +68,7 @@ fn equation(h: &Matrix3<f64>, i: usize, j: usize) -> SVector<f64, 5> {
     ])
 }
 
-/// Whether a start can be meant: focal lengths and principal point against the picture.
+/// Whether the focal lengths and the principal point of a start value are plausible for the image size.
 fn plausible(camera: &Camera, width: f64, height: f64) -> bool {
     let size = width.max(height);
     let focal = 0.2 * size..20.0 * size;
@@ -79,21 +79,21 @@ fn plausible(camera: &Camera, width: f64, height: f64) -> bool {
         && (camera.cy_px - height / 2.0).abs() < 0.3 * height
 }
 
-/// Cameras to start from, of pictures of `width` × `height` pixels: from the equations for focal
-/// lengths and principal point, and from those for focal lengths alone with the principal point in
-/// the middle, which few or similar views do not upset. Those that cannot be meant are left out; usual lenses come last.
+/// Start values for cameras with images of `width` × `height` pixels: from the equations for focal lengths and
+/// principal point, and from those for focal lengths alone with the principal point at the centre, which are
+/// robust to few or similar views. Implausible ones are dropped; typical focal lengths follow at the end.
 pub fn starts(homographies: &[Matrix3<f64>], width: usize, height: usize) -> Vec<Camera> {
     let (width, height) = (width as f64, height as f64);
     let (middle_x, middle_y) = (0.5 * (width - 1.0), 0.5 * (height - 1.0));
     let scale = 0.5 * width.max(height);
-    // Pixels around the middle, in units of half the picture.
+    // Pixels relative to the centre, in units of half the image size.
     let small =
         Matrix3::new(1.0 / scale, 0.0, -middle_x / scale, 0.0, 1.0 / scale, -middle_y / scale, 0.0, 0.0, 1.0);
     let mut all = SMatrix::<f64, 5, 5>::zeros();
     let (mut focal, mut focal_right) = (SMatrix::<f64, 2, 2>::zeros(), Vector2::zeros());
     for h in homographies {
         let mut h = small * h;
-        // Views weigh alike.
+        // Equal weight for all views.
         h /= (h.column(0).norm() * h.column(1).norm()).sqrt().max(1e-12);
         for row in [equation(&h, 0, 1), equation(&h, 0, 0) - equation(&h, 1, 1)] {
             all.ger(1.0, &row, &row, 1.0);
@@ -115,14 +115,14 @@ pub fn starts(homographies: &[Matrix3<f64>], width: usize, height: usize) -> Vec
     if let Some(inverse) = focal.try_inverse() {
         let f = inverse * focal_right;
         found.push(Camera::pinhole(scale / f[0].sqrt(), scale / f[1].sqrt(), middle_x, middle_y));
-        // One focal length: what a few tilted views still give.
+        // A single focal length, which even a few tilted views determine.
         let ones = Vector2::new(1.0, 1.0);
         let joint = ones.dot(&focal_right) / (ones.transpose() * focal * ones)[0];
         let f = scale / joint.sqrt();
         found.push(Camera::pinhole(f, f, middle_x, middle_y));
     }
     found.retain(|camera| plausible(camera, width, height));
-    // Strong distortion upsets the equations; least squares finds its way from usual lenses, too.
+    // Strong distortion breaks the linear equations; least squares also converges from typical focal lengths.
     for f in [1.0, 0.6, 2.0] {
         let f = f * width.max(height);
         found.push(Camera::pinhole(f, f, middle_x, middle_y));
@@ -130,8 +130,8 @@ pub fn starts(homographies: &[Matrix3<f64>], width: usize, height: usize) -> Vec
     found
 }
 
-/// Where the plane of a homography stands before a camera without distortion: z = 0 is the plane,
-/// in the unit of the homography's points.
+/// The pose of a homography's plane (z = 0) relative to a camera without distortion, in the unit of the
+/// homography's points.
 pub fn pose(h: &Matrix3<f64>, camera: &Camera) -> Option<Pose> {
     let inverse = Matrix3::new(
         1.0 / camera.fx_px,
@@ -146,7 +146,7 @@ pub fn pose(h: &Matrix3<f64>, camera: &Camera) -> Option<Pose> {
     );
     let m = inverse * h;
     let mut scale = 2.0 / (m.column(0).norm() + m.column(1).norm());
-    // The plane is in front.
+    // The plane lies in front of the camera.
     if m[(2, 2)] < 0.0 {
         scale = -scale;
     }

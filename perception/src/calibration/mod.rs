@@ -1,4 +1,15 @@
-//! Calibration: from chessboards in pictures to a rectified pair of cameras.
+//! Stereo calibration from images of a chessboard.
+//!
+//! Input are image pairs of a printed chessboard ([`Board`]). [`finder::find`] locates its inner corners in each
+//! image with sub-pixel precision. [`calibrate`] estimates both cameras ([`Camera`]: pinhole with the
+//! Brown–Conrady or rational distortion model of OpenCV) and their relative [`Pose`] from the corners of all
+//! pairs, and computes the [`Rectification`]. [`judge`] grades the result as good, usable or redo, with reasons.
+//!
+//! Units: pixels for image positions (the centre of the first pixel is 0), metres for lengths and radians for
+//! angles. Camera coordinates are x right, y down, z forward.
+//!
+//! Start values come from the closed form of Zhang (2000), see [`homography`]; a bundle adjustment by
+//! Levenberg–Marquardt refines them, see [`bundle`].
 
 pub mod bundle;
 pub mod camera;
@@ -10,6 +21,7 @@ pub mod plane;
 pub mod pose;
 pub mod prediction;
 pub mod rectification;
+mod rejection;
 pub mod saddle;
 pub mod start;
 pub mod stereo;

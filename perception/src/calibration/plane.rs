@@ -1,9 +1,9 @@
-//! Grey pictures as numbers with fractions: halves, doubles, blurs.
+//! Grey images in floating point: downsampling, upsampling and Gaussian blur.
 
 use crate::image::GreyView;
 use nalgebra::Vector2;
 
-/// A grey picture, one `f32` a pixel, row after row.
+/// A grey image with one `f32` per pixel, row by row.
 #[derive(Clone, Debug)]
 pub struct Plane {
     data: Vec<f32>,
@@ -12,7 +12,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The picture of a view.
+    /// Converts an 8-bit image.
     pub fn from_view(view: GreyView<'_>) -> Self {
         let (width, height) = (view.width(), view.height());
         let data = (0..height).flat_map(|y| view.row(y)).map(|&v| f32::from(v)).collect();
@@ -34,12 +34,12 @@ impl Plane {
         &self.data[y * self.width..(y + 1) * self.width]
     }
 
-    /// The value at a whole pixel.
+    /// The value of a pixel.
     pub fn at(&self, x: usize, y: usize) -> f32 {
         self.data[y * self.width + x]
     }
 
-    /// The value between pixels, bilinear; `None` outside.
+    /// Bilinear interpolation at a sub-pixel position; `None` outside.
     pub fn sample(&self, p: Vector2<f64>) -> Option<f32> {
         if !(p.x >= 0.0 && p.y >= 0.0 && p.x < (self.width - 1) as f64 && p.y < (self.height - 1) as f64) {
             return None;
@@ -52,7 +52,7 @@ impl Plane {
         Some(a + fy * (b - a))
     }
 
-    /// Half the size: means of 2 × 2 pixels. `None` when less than 16 pixels would be left on a side.
+    /// Half the size: means of 2 × 2 pixels. `None` if a side would have less than 16 pixels.
     pub fn halved(&self) -> Option<Self> {
         let (width, height) = (self.width / 2, self.height / 2);
         if width.min(height) < 16 {
@@ -68,12 +68,12 @@ impl Plane {
         Some(Self { data, width, height })
     }
 
-    /// Twice the size, bilinear.
+    /// Twice the size, by bilinear interpolation.
     pub fn doubled(&self) -> Self {
         let (width, height) = (2 * self.width, 2 * self.height);
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {
-            // Pixel centres: 2 new pixels share the place of 1 old one.
+            // Pixel centres: two new pixels cover one old pixel.
             let near = y / 2;
             let far = if y % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(self.height - 1) };
             let (a, b) = (self.row(near), self.row(far));
@@ -87,7 +87,7 @@ impl Plane {
         Self { data, width, height }
     }
 
-    /// Blurred by a Gaussian of `sigma_px`, edges repeated.
+    /// Gaussian blur with standard deviation `sigma_px`; borders are replicated.
     pub fn blurred(&self, sigma_px: f32) -> Self {
         let radius = (2.8 * sigma_px).ceil().max(1.0) as usize;
         let mut kernel: Vec<f32> =
@@ -98,7 +98,7 @@ impl Plane {
         let mut data = vec![0.0; width * height];
         let mut padded = vec![0.0; width + 2 * radius];
         for y in 0..height {
-            // Down, into a row with room on both sides, then across.
+            // Vertically, into a padded row, then horizontally.
             let middle = &mut padded[radius..radius + width];
             for (m, v) in middle.iter_mut().zip(self.row(y)) {
                 *m = kernel[0] * v;

@@ -1,39 +1,39 @@
-//! Rigid motions: where a board stands, and one camera beside the other.
+//! Rigid transformations: the pose of a board, and the relative pose of two cameras.
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
 
-/// A rigid motion: a point x becomes R·x + t, in metres.
+/// A rigid transformation: x ↦ R·x + t, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// R.
+    /// R, the rotation.
     pub rotation: Rotation3<f64>,
-    /// t, in metres.
+    /// t, the translation in metres.
     pub translation_m: Vector3<f64>,
 }
 
 impl Pose {
-    /// The motion that moves nothing.
+    /// The identity.
     pub fn identity() -> Self {
         Self { rotation: Rotation3::identity(), translation_m: Vector3::zeros() }
     }
 
-    /// The point after the motion.
+    /// Transforms a point.
     pub fn apply(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * point + self.translation_m
     }
 
-    /// This motion, and `next` after it.
+    /// The composition: this transformation first, then `next`.
     pub fn then(&self, next: &Self) -> Self {
         Self { rotation: next.rotation * self.rotation, translation_m: next.apply(&self.translation_m) }
     }
 
-    /// The way back.
+    /// The inverse transformation.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.inverse();
         Self { rotation, translation_m: -(rotation * self.translation_m) }
     }
 
-    /// The motion changed by a small step: a rotation vector, applied after R, and a shift.
+    /// The pose after a small step: a rotation vector, applied after R, and a translation.
     pub fn stepped(&self, step: &SVector<f64, 6>) -> Self {
         let turn = Rotation3::new(Vector3::new(step[0], step[1], step[2]));
         Self {
@@ -46,28 +46,21 @@ impl Pose {
     pub fn rotation_vector(&self) -> Vector3<f64> {
         rotation_vector(&self.rotation)
     }
-
-    /// Rotation about y (to the right), about x (down) and about z, in radians: for small rotations
-    /// yaw, pitch and roll of the second camera seen from the first.
-    pub fn yaw_pitch_roll(&self) -> [f64; 3] {
-        let v = self.rotation_vector();
-        [v.y, v.x, v.z]
-    }
 }
 
-/// Axis times angle of a rotation, in radians. By way of the quaternion: the matrix's trace says
-/// nothing about small angles.
+/// Axis times angle of a rotation, in radians. Computed from the quaternion, because the trace of the matrix is
+/// inaccurate for small angles.
 pub fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
     UnitQuaternion::from_rotation_matrix(rotation).scaled_axis()
 }
 
-/// The matrix of the cross product with `v` from the left.
+/// The cross-product matrix V of `v`, with V·x = v × x.
 pub fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
-/// The middle of several motions: rotations by the mean of their rotation vectors against the
-/// first, everything by medians, so that a few wrong ones do no harm. `None` when there is none.
+/// The component-wise median of several poses, robust to a few outliers. Rotations are compared as rotation
+/// vectors relative to the first pose. `None` for an empty slice.
 pub fn median(poses: &[Pose]) -> Option<Pose> {
     let first = poses.first()?;
     let middle = |f: &dyn Fn(&Pose) -> f64| {

@@ -1,36 +1,36 @@
-//! Where the board should stand in a view's second picture, as all other views say.
+//! Predicts the position of the board in a view's right image from all other views.
 //!
-//! A board's pose takes up any shift of one picture alone. Two cameras before one board leave no such
-//! freedom: a shift down is seen against the epipolar lines, one across against the board's size. The
-//! view itself has pulled the cameras its way, so the cameras are taken from the others: the step that
-//! they take without it is known from the solution (its share of the information and the gradient).
+//! With one image, the pose of the board absorbs any shift. With two images of the same board it cannot: a
+//! vertical shift shows against the epipolar lines, a horizontal one against the size of the board. The view
+//! itself has influenced the estimated cameras, so they are replaced by those of the other views: the parameter
+//! step without the view follows from the solution (its share of the information matrix and gradient).
 
 use super::bundle::{Problem, Solution};
 use nalgebra::{Matrix2, Vector2};
 
-/// What a cost of shifts is that costs nothing, and keeps the equations definite.
-const FREE: f64 = 1e-3;
+/// Shift cost that is practically zero, but keeps the normal equations positive definite.
+const FREE_SHIFT_COST: f64 = 1e-3;
 
-/// A view's second picture against all other views.
+/// Offset of a view's right image relative to the prediction from all other views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
-    /// Seen less expected, in pixels.
+    /// Observed minus predicted position, in pixels.
     pub shift_px: Vector2<f64>,
-    /// Standard deviation from the noise of the corners, in this view and in the others; infinite
-    /// where the others leave the cameras open.
+    /// Standard deviation due to the noise of the corners, in this view and in the others; infinite if the other
+    /// views do not determine the cameras.
     pub sigma_px: Vector2<f64>,
 }
 
 impl Offset {
-    /// How many standard deviations it is, both ways together.
+    /// Norm of the offset in standard deviations.
     pub fn deviations(&self) -> f64 {
         self.shift_px.component_div(&self.sigma_px).norm()
     }
 }
 
-/// The offset of each view of a solution. `noise` is the variance of a coordinate of a corner, in px².
+/// The offset of each view of a solution. `noise` is the variance of a corner coordinate in px².
 pub fn offsets(problem: &Problem<'_>, solution: &Solution, noise: f64) -> Vec<Offset> {
-    let loose = Problem { shift_cost: FREE, ..*problem };
+    let loose = Problem { shift_cost: FREE_SHIFT_COST, ..*problem };
     let information = solution.shares.iter().map(|s| &s.information).sum::<nalgebra::DMatrix<f64>>();
     (0..problem.views.len())
         .map(|v| {
@@ -40,7 +40,7 @@ pub fn offsets(problem: &Problem<'_>, solution: &Solution, noise: f64) -> Vec<Of
             let Some(others) = (&information - &share.information).cholesky() else { return open };
             let Some((_, own)) = loose.pose_of(state, v, state.boards[v]) else { return open };
             let Some((response, variance)) = loose.shift_response(state, v) else { return open };
-            // The others' gradient is this view's, reversed: all of them together are at rest.
+            // The gradient of the other views is the negative of this view's, as the total gradient is zero.
             let step = -others.solve(&share.gradient);
             let by_step = &response * step;
             let by_noise = &response * others.inverse() * response.transpose();

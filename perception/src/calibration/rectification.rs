@@ -1,7 +1,7 @@
-//! Rectification: both cameras turned so that their rows match.
+//! Rectification: rotates both cameras so that corresponding points lie in the same row.
 //!
-//! Each camera is turned by half of the rotation between them, and both together until the baseline
-//! lies along the rows (J.-Y. Bouguet's way): so both pictures change as little as possible.
+//! Each camera is rotated by half of their relative rotation, then both together until the baseline is parallel to
+//! the rows (J.-Y. Bouguet's method). This changes both images as little as possible.
 
 use super::camera::Camera;
 use super::pose::Pose;
@@ -9,32 +9,32 @@ use crate::rig::Rig;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use thiserror::Error;
 
-/// What of the pictures is kept.
+/// Choice of the rectified focal length.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Crop {
-    /// The focal length is chosen so that every rectified pixel is seen by the camera.
+    /// The smallest focal length at which every rectified pixel shows a camera pixel.
     #[default]
     Valid,
-    /// The focal length is chosen so that every pixel of both cameras is kept; the rest is black.
+    /// The largest focal length at which every pixel of both cameras is kept; the rest is black.
     Full,
-    /// The cameras' own focal length.
+    /// The mean focal length of the cameras.
     Same,
 }
 
-/// A pair of cameras cannot be rectified.
+/// Why a pair of cameras cannot be rectified.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum RectificationError {
-    /// The second camera stands on the wrong side.
+    /// The right camera is on the left side.
     #[error(
-        "the right camera stands {offset_m:.4} m to the left of the left one: the cameras, or their folders, are swapped"
+        "the right camera is {offset_m:.4} m to the left of the left camera: the cameras, or their folders, are swapped"
     )]
     Swapped {
-        /// So far.
+        /// Distance in metres.
         offset_m: f64,
     },
-    /// The cameras do not stand side by side.
+    /// The cameras are not mounted side by side.
     #[error(
-        "the second camera stands {down_m:.4} m below and {forward_m:.4} m before the first, {right_m:.4} m to its right: mount them side by side"
+        "the right camera is {down_m:.4} m below, {forward_m:.4} m in front of and {right_m:.4} m to the right of the left one: mount them side by side"
     )]
     NotBeside {
         /// To the right, in metres.
@@ -44,33 +44,66 @@ pub enum RectificationError {
         /// Forward, in metres.
         forward_m: f64,
     },
-    /// No part of the pictures is seen by both.
-    #[error("the cameras look in too different directions: no part of the pictures can be rectified")]
+    /// The fields of view do not overlap.
+    #[error("the viewing directions of the cameras differ too much: no part of the images can be rectified")]
     NoOverlap,
 }
 
 /// The rectified pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectification {
-    /// From each camera's coordinates to the rectified ones.
+    /// Rotation from each camera's coordinates to the rectified ones.
     pub turns: [Rotation3<f64>; 2],
     /// Focal length, principal point and baseline of both rectified cameras.
     pub rig: Rig,
-    /// Width and height of the pictures, in pixels.
+    /// Width and height of the images, in pixels.
     pub size: (usize, usize),
-    /// x, y, width and height of the largest upright part found that both cameras see, in rectified pixels.
+    /// x, y, width and height of the rectangle that both cameras cover, in rectified pixels.
     pub valid: [usize; 4],
 }
 
-/// Samples along a side of the picture.
+/// Samples along a side of the image.
 const SAMPLES: usize = 24;
 
+/// Positions of the left, right, upper and lower border of each image at focal length 1, sampled along its sides.
+fn borders(
+    cameras: &[Camera; 2],
+    turns: &[Rotation3<f64>; 2],
+    (width, height): (f64, f64),
+) -> Result<[Vec<[Vector2<f64>; 4]>; 2], RectificationError> {
+    let mut borders: [Vec<[Vector2<f64>; 4]>; 2] = [Vec::new(), Vec::new()];
+    for (c, camera) in cameras.iter().enumerate() {
+        for i in 0..=SAMPLES {
+            let share = i as f64 / SAMPLES as f64;
+            let (x, y) = (share * (width - 1.0), share * (height - 1.0));
+            let ray = |x: f64, y: f64| -> Option<Vector2<f64>> {
+                let ray = turns[c] * camera.undistort(Vector2::new(x, y))?.push(1.0);
+                (ray.z > 0.05).then(|| Vector2::new(ray.x / ray.z, ray.y / ray.z))
+            };
+            // Where the lens model is not invertible at the border, the image is cut off before.
+            let (mx, my) = (0.5 * (width - 1.0), 0.5 * (height - 1.0));
+            let seen = |x: f64, y: f64| {
+                (0..12).find_map(|k| {
+                    let near = 1.0 - 0.05 * f64::from(k);
+                    ray(mx + (x - mx) * near, my + (y - my) * near)
+                })
+            };
+            let side = [seen(0.0, y), seen(width - 1.0, y), seen(x, 0.0), seen(x, height - 1.0)];
+            let [Some(left), Some(right), Some(top), Some(bottom)] = side else {
+                return Err(RectificationError::NoOverlap);
+            };
+            borders[c].push([left, right, top, bottom]);
+        }
+    }
+    Ok(borders)
+}
+
 impl Rectification {
-    /// Rectifies two cameras of pictures of `size`; `between` leads from the first camera's
-    /// coordinates to the second's.
+    /// Rectifies two cameras with images of `size`; `between` transforms the first camera's coordinates to the
+    /// second's.
     ///
     /// # Errors
-    /// When the cameras are swapped, do not stand side by side or do not look the same way.
+    /// If the cameras are swapped, are not side by side, or their fields of view do not overlap.
     pub fn new(
         cameras: &[Camera; 2],
         between: &Pose,
@@ -78,7 +111,7 @@ impl Rectification {
         crop: Crop,
     ) -> Result<Self, RectificationError> {
         let t = between.translation_m;
-        // Of the second camera seen from the first.
+        // Centre of the second camera in the first camera's coordinates.
         let centre = -(between.rotation.inverse() * t);
         if centre.y.abs().max(centre.z.abs()) > centre.x.abs() {
             return Err(RectificationError::NotBeside {
@@ -91,45 +124,21 @@ impl Rectification {
             return Err(RectificationError::Swapped { offset_m: -centre.x });
         }
         let half = Rotation3::new(between.rotation_vector() * 0.5);
-        // Both cameras now look alike; the baseline in their coordinates:
+        // Both cameras now have the same orientation; the baseline in their coordinates:
         let along = -(half.inverse() * t);
         let level =
             Rotation3::rotation_between(&along, &Vector3::x()).ok_or(RectificationError::NoOverlap)?;
         let turns = [level * half, level * half.inverse()];
         let baseline_m = t.norm();
         let (width, height) = (size.0 as f64, size.1 as f64);
-        // Where the border of each picture comes to lie at focal length 1.
-        let mut borders: [Vec<[Vector2<f64>; 4]>; 2] = [Vec::new(), Vec::new()];
-        for (c, camera) in cameras.iter().enumerate() {
-            for i in 0..=SAMPLES {
-                let share = i as f64 / SAMPLES as f64;
-                let (x, y) = (share * (width - 1.0), share * (height - 1.0));
-                let ray = |x: f64, y: f64| -> Option<Vector2<f64>> {
-                    let ray = turns[c] * camera.undistort(Vector2::new(x, y))?.push(1.0);
-                    (ray.z > 0.05).then(|| Vector2::new(ray.x / ray.z, ray.y / ray.z))
-                };
-                // Where the lens model folds over at the border, the picture ends before.
-                let (mx, my) = (0.5 * (width - 1.0), 0.5 * (height - 1.0));
-                let seen = |x: f64, y: f64| {
-                    (0..12).find_map(|k| {
-                        let near = 1.0 - 0.05 * f64::from(k);
-                        ray(mx + (x - mx) * near, my + (y - my) * near)
-                    })
-                };
-                let side = [seen(0.0, y), seen(width - 1.0, y), seen(x, 0.0), seen(x, height - 1.0)];
-                let [Some(left), Some(right), Some(top), Some(bottom)] = side else {
-                    return Err(RectificationError::NoOverlap);
-                };
-                borders[c].push([left, right, top, bottom]);
-            }
-        }
+        let borders = borders(cameras, &turns, (width, height))?;
         let all = || borders.iter().flatten();
         let extreme = |f: &dyn Fn(&[Vector2<f64>; 4]) -> f64, most: bool| {
             all()
                 .map(f)
                 .fold(if most { f64::MIN } else { f64::MAX }, |a, b| if most { a.max(b) } else { a.min(b) })
         };
-        // Left, right, top, bottom of what both see (inner) and of what either sees (outer).
+        // Left, right, top, bottom of the area that both images cover (inner) and that either covers (outer).
         let inner = [
             extreme(&|s| s[0].x, true),
             extreme(&|s| s[1].x, false),
@@ -162,7 +171,7 @@ impl Rectification {
         let cx_px = 0.5 * (width - 1.0) - focal_px * 0.5 * (box_[0] + box_[1]);
         let cy_px = 0.5 * (height - 1.0) - focal_px * 0.5 * (box_[2] + box_[3]);
         let rig = Rig { focal_px, baseline_m, cx_px, cy_px };
-        // A hair's breadth: the focal length was chosen so that this is exact.
+        // A small tolerance against rounding: the focal length was chosen to make these bounds exact.
         let low = |v: f64, c: f64| (focal_px * v + c - 1e-6).ceil().max(0.0);
         let high = |v: f64, c: f64, most: f64| (focal_px * v + c + 1e-6).floor().min(most - 1.0);
         let (x0, x1) = (low(inner[0], cx_px), high(inner[1], cx_px, width));
@@ -174,8 +183,8 @@ impl Rectification {
         Ok(Self { turns, rig, size, valid })
     }
 
-    /// The rectified pixel of a pixel of camera `side` (0 left, 1 right); `None` outside of what
-    /// its lens model covers.
+    /// The rectified position of a pixel of camera `side` (0 left, 1 right); `None` where the lens model is not
+    /// invertible.
     pub fn rectified(&self, cameras: &[Camera; 2], side: usize, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
         let ray = self.turns[side] * cameras[side].undistort(pixel)?.push(1.0);
         let rig = &self.rig;
@@ -184,7 +193,7 @@ impl Rectification {
         })
     }
 
-    /// The pixel of camera `side` that a rectified pixel shows; `None` behind the camera.
+    /// The pixel of camera `side` (0 left, 1 right) that a rectified pixel shows; `None` behind the camera.
     pub fn source(&self, cameras: &[Camera; 2], side: usize, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
         let rig = &self.rig;
         let ray =
@@ -192,8 +201,8 @@ impl Rectification {
         cameras[side].project(&(self.turns[side].inverse() * ray))
     }
 
-    /// The matrix that turns column, row, disparity and 1 into a point in metres, up to scale
-    /// (OpenCV's Q).
+    /// The reprojection matrix (OpenCV's Q), which maps (column, row, disparity, 1) to homogeneous coordinates in
+    /// metres.
     pub fn reprojection(&self) -> [[f64; 4]; 4] {
         let rig = &self.rig;
         [

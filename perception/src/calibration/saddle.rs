@@ -1,30 +1,30 @@
-//! Where four squares meet: saddles of the brightness, and the two edges that cross there.
+//! Detects saddle points of the brightness, where four squares meet, and the two edges that cross there.
 
 use super::plane::Plane;
 use nalgebra::Vector2;
 use std::f64::consts::PI;
 
-/// Blur under which saddles are sought, in pixels.
+/// Standard deviation of the blur before the search, in pixels.
 pub const SIGMA_PX: f32 = 1.4;
-/// Radii of the rings on which the sectors are told apart, in pixels.
+/// Radii of the rings on which the sectors are sampled, in pixels.
 const RINGS: [f64; 2] = [5.0, 3.2];
-/// Samples of half a ring.
+/// Samples on half a ring.
 const HALF: usize = 20;
-/// Least half difference of bright and dark, in grey levels.
+/// Minimum of half the difference between bright and dark, in grey levels.
 const MIN_CONTRAST: f64 = 3.5;
-/// Least share of the ring's variation that repeats on its other side.
+/// Minimum share of the ring's variation that is point-symmetric.
 const MIN_SYMMETRY: f64 = 0.7;
 
-/// A place that may be a corner of a board.
+/// A candidate for a corner of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Saddle {
-    /// Where, in pixels.
+    /// Position in pixels.
     pub position: Vector2<f64>,
-    /// Curvature of the blurred brightness, in grey levels a pixel².
+    /// Curvature of the blurred brightness, in grey levels per pixel².
     pub strength: f32,
-    /// Direction modulo π of the edge where dark becomes bright as the angle grows (from x to y).
+    /// Direction modulo π of the edge from dark to bright with increasing angle (from x to y).
     pub rising: f64,
-    /// Direction modulo π of the edge where bright becomes dark.
+    /// Direction modulo π of the edge from bright to dark.
     pub falling: f64,
 }
 
@@ -35,14 +35,14 @@ pub fn between(a: f64, b: f64) -> f64 {
 }
 
 impl Saddle {
-    /// Whether the edges of `other` run as those of a next corner of the same board do: the same
-    /// directions, with bright and dark exchanged.
+    /// Whether `other` can be a neighbouring corner of the same board: its edges have the same directions with
+    /// bright and dark exchanged.
     pub fn fits_beside(&self, other: &Saddle, tolerance: f64) -> bool {
         between(self.rising, other.falling) < tolerance && between(self.falling, other.rising) < tolerance
     }
 }
 
-/// The crossing edges around a place, if there are exactly two and they cross like those of a board.
+/// The directions of the edges around a position, if exactly two edges cross there like those of a board.
 fn edges(plane: &Plane, centre: Vector2<f64>, radius: f64) -> Option<(f64, f64)> {
     let mut values = [0.0_f64; 2 * HALF];
     for (i, value) in values.iter_mut().enumerate() {
@@ -55,7 +55,7 @@ fn edges(plane: &Plane, centre: Vector2<f64>, radius: f64) -> Option<(f64, f64)>
         return None;
     }
     let (mut all, mut both) = (0.0, 0.0);
-    // Opposite samples together: slopes of the light cancel.
+    // Averaging opposite samples cancels brightness gradients.
     let mut w = [0.0_f64; HALF];
     for i in 0..HALF {
         let (a, b) = (values[i] - mean, values[i + HALF] - mean);
@@ -82,10 +82,10 @@ fn edges(plane: &Plane, centre: Vector2<f64>, radius: f64) -> Option<(f64, f64)>
     (between(rising, falling) > 0.35).then_some((rising, falling))
 }
 
-/// Saddles of a picture that was blurred by [`SIGMA_PX`], the strongest first, at most `most`.
-pub fn find(blurred: &Plane, most: usize) -> Vec<Saddle> {
+/// Saddle points of an image that was blurred by [`SIGMA_PX`], the strongest first, at most `max_count`.
+pub fn find(blurred: &Plane, max_count: usize) -> Vec<Saddle> {
     let (width, height) = (blurred.width(), blurred.height());
-    // A saddle of the least contrast under this blur has a mixed derivative of 0.64·contrast/σ².
+    // A saddle point of minimum contrast under this blur has a mixed derivative of 0.64·contrast/σ².
     let least = (0.3 * MIN_CONTRAST as f32 / (SIGMA_PX * SIGMA_PX)).powi(2);
     let mut response = vec![0.0_f32; width * height];
     for y in 1..height - 1 {
@@ -110,7 +110,7 @@ pub fn find(blurred: &Plane, most: usize) -> Vec<Saddle> {
             let is_peak = (y - REACH..=y + REACH).all(|v| {
                 let row = &response[v * width + x - REACH..=v * width + x + REACH];
                 row.iter().enumerate().all(|(i, &r)| {
-                    // Of equal neighbours the first in reading order counts.
+                    // Of equal neighbours the first in scan order counts.
                     let before = v < y || (v == y && i < REACH);
                     r < value || (!before && r <= value)
                 })
@@ -121,7 +121,7 @@ pub fn find(blurred: &Plane, most: usize) -> Vec<Saddle> {
         }
     }
     peaks.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.truncate(most);
+    peaks.truncate(max_count);
     let mut found = Vec::new();
     for (value, x, y) in peaks {
         let Some(position) = stationary(blurred, x, y) else { continue };
@@ -133,8 +133,8 @@ pub fn find(blurred: &Plane, most: usize) -> Vec<Saddle> {
     found
 }
 
-/// Where the brightness around a pixel is level, by its second-order expansion; `None` when that
-/// is farther than a pixel and a half away.
+/// The stationary point of the brightness around a pixel by second-order expansion; `None` if it is more than 1.5
+/// pixels away.
 fn stationary(plane: &Plane, x: usize, y: usize) -> Option<Vector2<f64>> {
     let v = |dx: usize, dy: usize| f64::from(plane.at(x + dx - 1, y + dy - 1));
     let (gx, gy) = (0.5 * (v(2, 1) - v(0, 1)), 0.5 * (v(1, 2) - v(1, 0)));
@@ -153,12 +153,12 @@ mod tests {
     use super::*;
     use crate::image::GreyImage;
 
-    /// Four sectors around (20.3, 16.8), edges at the given angles, on a slope of light.
+    /// Four sectors around (20.3, 16.8), edges at the given angles, on a brightness gradient.
     fn cross(first: f64, second: f64) -> Plane {
         let mut image = GreyImage::new(41, 33);
         for y in 0..33 {
             for x in 0..41 {
-                // Softened by hand: mean of 5 × 5 points of the pixel.
+                // Antialiasing: mean of 5 × 5 points of the pixel.
                 let mut bright = 0;
                 for s in 0..25 {
                     let (dx, dy) = (f64::from(s % 5) * 0.2 - 0.4, f64::from(s / 5) * 0.2 - 0.4);
@@ -183,7 +183,7 @@ mod tests {
                 |a: f64, b: f64| between(saddle.rising, a) < 0.2 && between(saddle.falling, b) < 0.2;
             assert!(matches(first, second) != matches(second, first), "{saddle:?}");
             let other = find(&cross(second, first), 10)[0];
-            // Exchanging the edges changes nothing; exchanging bright and dark does.
+            // Exchanging the edges has no effect; exchanging bright and dark does.
             assert!(!saddle.fits_beside(&other, 0.3));
             let negative = Saddle { rising: saddle.falling, falling: saddle.rising, ..saddle };
             assert!(saddle.fits_beside(&negative, 0.1));
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn flat_and_striped_pictures_have_none() {
+    fn flat_and_striped_images_have_none() {
         let mut image = GreyImage::new(64, 64);
         assert!(find(&Plane::from_view(image.view()).blurred(SIGMA_PX), 10).is_empty());
         for (i, v) in image.as_mut_slice().iter_mut().enumerate() {

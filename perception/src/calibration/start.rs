@@ -1,4 +1,4 @@
-//! From corners alone to two cameras that least squares can improve.
+//! Start values: two cameras from corners alone, for refinement by least squares.
 
 use super::bundle::{Free, HUBER_PX, Problem, RIGID, Shape, Solution, State, View};
 use super::camera::{Camera, Lens};
@@ -6,8 +6,8 @@ use super::homography;
 use super::pose::{Pose, median};
 use nalgebra::{Matrix3, Vector2};
 
-/// Two cameras before all boards, which are taken for flat: homographies, the closed form, each
-/// camera alone, both together.
+/// Estimates two cameras from all views, assuming flat boards: homographies, closed form, each camera alone, both
+/// together.
 pub fn solve(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Lens) -> Option<Solution> {
     let free = Free { lens, cameras: true, stretch: false, bend: false };
     let mut sides = Vec::new();
@@ -32,14 +32,14 @@ fn homography(board: &[Vector2<f64>], corners: &[Option<Vector2<f64>>]) -> Optio
     homography::fit(&from, &to)
 }
 
-/// Where a board stands before a known first camera, from its corners.
+/// The pose of a board relative to a known first camera, from its corners.
 pub fn board_pose(board: &[Vector2<f64>], view: &View, camera: &Camera) -> Option<Pose> {
     let straight: Vec<_> = view.corners[0].iter().map(|c| c.and_then(|c| camera.undistort(c))).collect();
     let plain = Camera::pinhole(1.0, 1.0, 0.0, 0.0);
     homography::pose(&homography(board, &straight)?, &plain)
 }
 
-/// One camera before its boards.
+/// Estimates one camera from its views.
 fn alone(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Lens) -> Option<Solution> {
     let homographies: Vec<Matrix3<f64>> =
         views.iter().map(|v| homography(board, &v.corners[0])).collect::<Option<_>>()?;
@@ -59,10 +59,10 @@ fn alone(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Len
             shifts: vec![Vector2::zeros(); views.len()],
         };
         if let Some(solution) = problem.solve(start)
-            && sane(&solution.state.cameras[0], size)
+            && is_plausible(&solution.state.cameras[0], size)
             && best.as_ref().is_none_or(|b| solution.cost < b.cost)
         {
-            // All starts lead to the same place nearly always: the first good one will do.
+            // Nearly always all start values converge to the same solution: stop at the first good one.
             let done = solution.cost < corners as f64;
             best = Some(solution);
             if done {
@@ -73,7 +73,7 @@ fn alone(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Len
     best
 }
 
-fn sane(camera: &Camera, size: (usize, usize)) -> bool {
+fn is_plausible(camera: &Camera, size: (usize, usize)) -> bool {
     let larger = size.0.max(size.1) as f64;
     let focal = 0.1 * larger..50.0 * larger;
     camera.parameters().iter().all(|v| v.is_finite())

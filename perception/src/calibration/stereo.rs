@@ -1,5 +1,5 @@
-//! Two cameras from the boards that both saw: the whole way from corners to a rectified pair, with
-//! what it is worth.
+//! Calibration of a camera pair from corners: selection of views, bundle adjustment, rectification and quality
+//! figures.
 
 use super::bundle::{Free, HUBER_PX, Problem, RIGID, Shape, Solution, State, View};
 use super::camera::{Camera, Lens};
@@ -7,50 +7,42 @@ use super::finder::Board;
 use super::pose::Pose;
 use super::prediction::offsets;
 use super::rectification::{Crop, Rectification, RectificationError};
+use super::rejection::{VIEW_CERTAINTY, corner_variance, reject_corners, view_faults};
 use super::start;
 use super::uncertainty::Uncertainty;
 use nalgebra::{Vector2, Vector3};
 use thiserror::Error;
 
-/// Least views with which two cameras can be solved for.
-pub const MIN_VIEWS: usize = 4;
-/// Views from which on the board's bend is estimated.
-const MIN_VIEWS_TO_BEND: usize = 8;
-/// Squared ratio of corner noise to the views' shifts above which the shifts are taken for none.
-const STEADY: f64 = 20.0;
-/// A view is left out when its second picture is off by more than these many robust deviations …
-const VIEW_DEVIATIONS: f64 = 3.0;
-/// … and than [`MOVED_PX`], or, whatever the deviation, than this across and down …
-const VIEW_LIMITS_PX: [f64; 2] = [0.7, 0.32];
-/// … provided that this is so many deviations of where the other views foretell it, both ways together.
-const VIEW_CERTAINTY: f64 = 4.0;
-/// A view that is farther off than this, across or down, is nearer to half a pixel than to none: it is
-/// named, left out or not.
-pub const MOVED_PX: f64 = 0.25;
-/// Corners farther off than these many robust deviations and this many pixels are left out.
-const CORNER_LIMITS: (f64, f64) = (6.0, 0.6);
+pub use super::rejection::{MOVED_PX, ViewFault};
 
-/// The same board in both pictures of a pair: corners in the same order, in pixels.
+/// Minimum number of views of a calibration.
+pub const MIN_VIEWS: usize = 4;
+/// Minimum number of views for estimating the bend of the board.
+const MIN_VIEWS_TO_BEND: usize = 8;
+/// Ratio of corner variance to shift variance above which shifts are disabled.
+const RIGID_RATIO: f64 = 20.0;
+
+/// The corners of a board in both images of a pair, in the same order, in pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pair {
-    /// In the left picture.
+    /// In the left image.
     pub left: Vec<Vector2<f64>>,
-    /// In the right picture.
+    /// In the right image.
     pub right: Vec<Vector2<f64>>,
 }
 
-/// Why corners do not give a pair of cameras.
+/// Errors of [`calibrate`].
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum CalibrationError {
     /// Too few views.
     #[error("{given} pairs show the board, at least {MIN_VIEWS} are needed (10 to 30 are good)")]
     TooFew {
-        /// Views that were given, or left.
+        /// Number of views given, or left after rejection.
         given: usize,
     },
-    /// No solution.
+    /// The problem has no unique solution.
     #[error(
-        "the views do not determine the cameras: they are too alike; tilt the board by 20 to 45 degrees in all directions, near and far"
+        "the views do not determine the cameras because they are too similar: tilt the board by 20 to 45 degrees in all directions, near and far"
     )]
     Undetermined,
     /// The cameras cannot be rectified.
@@ -58,83 +50,74 @@ pub enum CalibrationError {
     Rectification(#[from] RectificationError),
 }
 
-/// Why a view was left out.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ViewFault {
-    /// Its corners do not fit: root mean square, in pixels.
-    Misfit(f64),
-    /// Its right picture is off against the others, in pixels.
-    Shifted(Vector2<f64>),
-}
-
-/// What became of a view.
+/// Results for one view.
 #[derive(Clone, Debug)]
 pub struct ViewReport {
-    /// Why it was left out, if it was.
+    /// Why it was rejected; `None` if it was used.
     pub fault: Option<ViewFault>,
-    /// Root mean square residual in the left and the right picture, one board pose for both, in px.
+    /// Root mean square residual in the left and the right image, with one board pose for both, in pixels.
     pub rms_px: [f64; 2],
-    /// How far the board in the right picture is off against all other views that are used, in pixels.
+    /// Offset of the board in the right image relative to the prediction from all other used views, in pixels.
     pub shift_px: Vector2<f64>,
-    /// Whether that is more than [`MOVED_PX`], across or down, and certainly so.
+    /// Whether that offset exceeds [`MOVED_PX`] horizontally or vertically and is significant.
     pub moved: bool,
-    /// Corners left out: side and index.
+    /// Rejected corners: side and index.
     pub rejected: Vec<(usize, usize)>,
-    /// Seen less expected, for both pictures, in pixels.
+    /// Observed minus projected corners for both images, in pixels.
     pub residuals_px: [Vec<Vector2<f64>>; 2],
-    /// Row in the left less row in the right rectified picture, for every corner, in pixels.
+    /// Row in the left minus row in the right rectified image for each corner, in pixels.
     pub vertical_px: Vec<f64>,
-    /// Angle between the board's and the left camera's axis, in radians.
+    /// Angle between the normal of the board and the optical axis of the left camera, in radians.
     pub tilt_rad: f64,
-    /// Which way the board is tilted: direction of its axis in the picture, in radians.
+    /// Direction of the tilt: direction of the board's normal in the image, in radians.
     pub tilt_direction_rad: f64,
-    /// Distance of the board's middle from the left camera, in metres.
+    /// Distance of the board's centre from the left camera, in metres.
     pub distance_m: f64,
 }
 
-/// Two calibrated cameras.
+/// A calibrated camera pair.
 #[derive(Clone, Debug)]
 pub struct StereoCalibration {
     /// Left and right camera.
     pub cameras: [Camera; 2],
-    /// Which coefficients were estimated.
+    /// The distortion model.
     pub lens: Lens,
-    /// From the left camera's coordinates to the right one's.
+    /// Transformation from the left to the right camera's coordinates.
     pub between: Pose,
-    /// The board's shape, with the stretch as estimated last (it does not enter the cameras).
+    /// The shape of the board. The stretch is estimated separately and does not affect the cameras.
     pub shape: Shape,
-    /// Half the board's diagonal, in metres.
+    /// Half the diagonal of the board, in metres.
     pub board_reach_m: f64,
     /// Standard deviation of the stretch.
     pub stretch_sigma: f64,
-    /// Standard deviations.
+    /// Standard deviations of the parameters.
     pub uncertainty: Uncertainty,
     /// The rectified pair.
     pub rectification: Rectification,
-    /// Root mean square reprojection error, one board pose for both pictures, used views, in px.
+    /// Root mean square reprojection error over the used views, with one board pose for both images, in pixels.
     pub rms_px: f64,
-    /// The same for each picture alone.
+    /// The same for the left and the right images separately.
     pub rms_sides_px: [f64; 2],
-    /// Robust standard deviation, across and down, of how far boards are off in the right picture, of
-    /// all views that fit in themselves.
+    /// Robust standard deviation of the boards' offsets in the right image, horizontally and vertically, over all
+    /// views without misfit, in pixels.
     pub shift_sigma_px: Vector2<f64>,
-    /// Mean vertical error of rectified corners, used views, in pixels.
+    /// Mean absolute vertical error of rectified corners over the used views, in pixels.
     pub vertical_mean_px: f64,
-    /// The same on views that took no part: half of the views gives the cameras for the other half.
-    /// `None` with fewer than 8 views.
+    /// The same on held-out views (two-fold cross-validation): each half of the views is tested with the cameras
+    /// from the other half. `None` with fewer than 8 views.
     pub vertical_heldout_px: Option<f64>,
-    /// Cameras and their relative pose from every second view, from the first and from the second on.
+    /// Cameras and their relative pose from the even and from the odd views.
     pub halves: Option<[([Camera; 2], Pose); 2]>,
-    /// What became of the views, in their order.
+    /// Results for all views, in their order.
     pub views: Vec<ViewReport>,
-    /// Share of an 8 × 6 grid over each picture in which corners were seen.
+    /// Share of the cells of an 8 × 6 grid over each image that contain corners.
     pub coverage: [f64; 2],
 }
 
-/// Calibrates two cameras from pictures of `size` of one board.
+/// Calibrates two cameras from images of one board; `size` is the width and height of the images in pixels.
 ///
 /// # Errors
-/// When there are too few views, when they leave the cameras open or cannot be rectified.
+/// If there are too few views, they do not determine the cameras, or the pair cannot be rectified.
 pub fn calibrate(
     board: &Board,
     size: (usize, usize),
@@ -145,8 +128,7 @@ pub fn calibrate(
     solve(board, size, pairs, lens, crop, true)
 }
 
-/// [`calibrate`] with every view, those that contradict the others too: what its figures are then, for a
-/// comparison with those who leave none out.
+/// [`calibrate`] without rejection of views, for comparison with calibrations that use all views.
 ///
 /// # Errors
 /// As [`calibrate`].
@@ -160,44 +142,52 @@ pub fn calibrate_all(
     solve(board, size, pairs, lens, crop, false)
 }
 
-fn solve(
-    board: &Board,
-    size: (usize, usize),
-    pairs: &[Pair],
+/// The used views with their estimate, and what was rejected.
+struct Selection {
+    /// Indices of the used views.
+    used: Vec<usize>,
+    /// All views, without rejected corners.
+    views: Vec<View>,
+    /// Why views were rejected; for all views.
+    faults: Vec<Option<ViewFault>>,
+    /// Rejected corners of all views: side and index.
+    rejected: Vec<Vec<(usize, usize)>>,
+    /// The estimate from the used views.
+    state: State,
+}
+
+/// Bundle adjustment of both cameras, all poses and, with enough views, the bend of the board.
+fn adjust(
+    points: &[Vector2<f64>],
     lens: Lens,
-    crop: Crop,
+    views: &[View],
+    state: State,
+    shift_cost: f64,
+    huber_px: f64,
+) -> Result<Solution, CalibrationError> {
+    let free = Free { lens, cameras: true, stretch: false, bend: views.len() >= MIN_VIEWS_TO_BEND };
+    let problem = Problem { board: points, views, free, huber_px, shift_cost };
+    problem.solve(state).ok_or(CalibrationError::Undetermined)
+}
+
+/// Adjusts and rejects corners and, if `selective`, views, until nothing more is rejected.
+fn select(
+    points: &[Vector2<f64>],
+    mut views: Vec<View>,
+    mut state: State,
+    lens: Lens,
     selective: bool,
-) -> Result<StereoCalibration, CalibrationError> {
-    if pairs.len() < MIN_VIEWS {
-        return Err(CalibrationError::TooFew { given: pairs.len() });
-    }
-    let points = board.points_m();
-    let mut views: Vec<View> = pairs
-        .iter()
-        .map(|p| View {
-            corners: [&p.left, &p.right].map(|c| c.iter().copied().map(Some).collect()).to_vec(),
-        })
-        .collect();
-    let all = views.clone();
-    let flat = start::solve(&points, &views, size, lens).ok_or(CalibrationError::Undetermined)?;
-    // Which views take part, and the estimate from them.
+) -> Result<Selection, CalibrationError> {
+    let shift_cost = 1.0;
     let mut used: Vec<usize> = (0..views.len()).collect();
     let mut faults: Vec<Option<ViewFault>> = vec![None; views.len()];
-    let mut state = flat.state;
-    let mut shift_cost = 1.0;
     let mut rejected = vec![Vec::new(); views.len()];
     let mut sigma = [0.0; 2];
-    let solved = |views: &[View], state: State, shift_cost: f64, huber_px: f64| {
-        let bend = views.len() >= MIN_VIEWS_TO_BEND;
-        let free = Free { lens, cameras: true, stretch: false, bend };
-        let problem = Problem { board: &points, views, free, huber_px, shift_cost };
-        problem.solve(state).ok_or(CalibrationError::Undetermined)
-    };
     for _ in 0..12 {
         let chosen: Vec<View> = used.iter().map(|&i| views[i].clone()).collect();
-        let solution = solved(&chosen, state, shift_cost, HUBER_PX)?;
+        let solution = adjust(points, lens, &chosen, state, shift_cost, HUBER_PX)?;
         let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
-        let problem = Problem { board: &points, views: &chosen, free, huber_px: HUBER_PX, shift_cost };
+        let problem = Problem { board: points, views: &chosen, free, huber_px: HUBER_PX, shift_cost };
         let mut again = reject_corners(&problem, &solution.state, &used, &mut views, &mut rejected);
         let new_faults =
             if selective { view_faults(&problem, &solution, &mut sigma) } else { vec![None; chosen.len()] };
@@ -220,60 +210,82 @@ fn solve(
             break;
         }
     }
-    let chosen: Vec<View> = used.iter().map(|&i| views[i].clone()).collect();
-    // How much boards move between the exposures is estimated from what they did.
-    let mut solution = solved(&chosen, state, shift_cost, f64::INFINITY)?;
+    Ok(Selection { used, views, faults, rejected, state })
+}
+
+/// The final adjustment, with the weight of shifts estimated from the boards' motion between the exposures.
+fn adjust_with_shifts(
+    points: &[Vector2<f64>],
+    lens: Lens,
+    views: &[View],
+    state: State,
+) -> Result<(Solution, f64), CalibrationError> {
+    let mut shift_cost = 1.0;
+    let mut solution = adjust(points, lens, views, state, shift_cost, f64::INFINITY)?;
     for _ in 0..2 {
-        let noise = corner_variance(&solution, &chosen, shift_cost);
+        let noise = corner_variance(&solution, views, shift_cost);
         let moved =
-            solution.state.shifts.iter().map(Vector2::norm_squared).sum::<f64>() / (2 * chosen.len()) as f64;
-        // Corners of one view have errors in common: shifts never come for free.
+            solution.state.shifts.iter().map(Vector2::norm_squared).sum::<f64>() / (2 * views.len()) as f64;
+        // Corners of one view have common errors, so the weight of shifts is at least 1.
         let cost = (noise / moved.max(1e-12)).max(1.0);
-        shift_cost = if cost > STEADY { RIGID } else { cost };
-        solution = solved(&chosen, solution.state, shift_cost, f64::INFINITY)?;
+        shift_cost = if cost > RIGID_RATIO { RIGID } else { cost };
+        solution = adjust(points, lens, views, solution.state, shift_cost, f64::INFINITY)?;
         if shift_cost == RIGID {
             break;
         }
     }
-    let cameras = [solution.state.cameras[0], solution.state.cameras[1]];
-    let between = solution.state.between;
-    let rectification = Rectification::new(&cameras, &between, size, crop)?;
-    let noise = corner_variance(&solution, &chosen, shift_cost);
-    let uncertainty = Uncertainty::new(&solution, lens, noise, size).ok_or(CalibrationError::Undetermined)?;
-    let (stretch, stretch_sigma) = stretch(&points, &chosen, lens, shift_cost, &solution);
+    Ok((solution, shift_cost))
+}
 
-    // Views that were left out are shown as the final cameras see them.
+/// Reports of all views, used or rejected, as the final cameras see them.
+fn view_reports(
+    points: &[Vector2<f64>],
+    all: &[View],
+    selection: &mut Selection,
+    solution: &Solution,
+    lens: Lens,
+    rectification: &Rectification,
+) -> Result<Vec<ViewReport>, CalibrationError> {
+    let cameras = [solution.state.cameras[0], solution.state.cameras[1]];
+    let used = &selection.used;
     let mut boards = vec![Pose::identity(); all.len()];
     for (&i, pose) in used.iter().zip(&solution.state.boards) {
         boards[i] = *pose;
     }
     for i in (0..all.len()).filter(|i| !used.contains(i)) {
-        boards[i] = start::board_pose(&points, &all[i], &cameras[0]).ok_or(CalibrationError::Undetermined)?;
+        boards[i] = start::board_pose(points, &all[i], &cameras[0]).ok_or(CalibrationError::Undetermined)?;
     }
     let whole = State { boards, shifts: vec![Vector2::zeros(); all.len()], ..solution.state.clone() };
     let free = Free { lens, cameras: false, stretch: false, bend: false };
-    let rigid = Problem { board: &points, views: &all, free, huber_px: HUBER_PX, shift_cost: RIGID };
+    let rigid = Problem { board: points, views: all, free, huber_px: HUBER_PX, shift_cost: RIGID };
     let loose = Problem { shift_cost: 1e-3, ..rigid };
     let mut reports = Vec::with_capacity(all.len());
     for i in 0..all.len() {
-        let mut report = view_report(&rigid, &loose, &whole, i, &rectification, &cameras);
-        report.fault = faults[i];
+        let mut report = view_report(&rigid, &loose, &whole, i, rectification, &cameras);
+        report.fault = selection.faults[i];
         report.moved = matches!(report.fault, Some(ViewFault::Shifted(_)));
-        report.rejected = std::mem::take(&mut rejected[i]);
+        report.rejected = std::mem::take(&mut selection.rejected[i]);
         reports.push(report);
     }
-    // A view that is used has pulled the cameras its way.
-    let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
-    let problem = Problem { board: &points, views: &chosen, free, huber_px: f64::INFINITY, shift_cost };
-    for (&i, offset) in used.iter().zip(offsets(&problem, &solution, noise)) {
-        reports[i].shift_px = offset.shift_px;
-        reports[i].moved = offset.shift_px.amax() > MOVED_PX && offset.deviations() > VIEW_CERTAINTY;
-    }
+    Ok(reports)
+}
+
+/// Error figures over the used views.
+struct Errors {
+    /// See [`StereoCalibration::rms_px`].
+    rms_px: f64,
+    /// See [`StereoCalibration::rms_sides_px`].
+    rms_sides_px: [f64; 2],
+    /// See [`StereoCalibration::vertical_mean_px`].
+    vertical_mean_px: f64,
+}
+
+fn errors(reports: &[ViewReport], used: &[usize], corners: usize) -> Errors {
     let (mut sums, mut count, mut vertical) = ([0.0; 2], 0, (0.0, 0));
-    for &i in &used {
+    for &i in used {
         let report = &reports[i];
         let counted = |k: usize| !report.rejected.iter().any(|r| r.1 == k);
-        for k in (0..points.len()).filter(|&k| counted(k)) {
+        for k in (0..corners).filter(|&k| counted(k)) {
             for side in 0..2 {
                 sums[side] += report.residuals_px[side][k].norm_squared();
             }
@@ -283,6 +295,51 @@ fn solve(
         }
     }
     let n = f64::from(count.max(1));
+    Errors {
+        rms_px: ((sums[0] + sums[1]) / (2.0 * n)).sqrt(),
+        rms_sides_px: sums.map(|s| (s / n).sqrt()),
+        vertical_mean_px: vertical.0 / f64::from(vertical.1.max(1)),
+    }
+}
+
+fn solve(
+    board: &Board,
+    size: (usize, usize),
+    pairs: &[Pair],
+    lens: Lens,
+    crop: Crop,
+    selective: bool,
+) -> Result<StereoCalibration, CalibrationError> {
+    if pairs.len() < MIN_VIEWS {
+        return Err(CalibrationError::TooFew { given: pairs.len() });
+    }
+    let points = board.points_m();
+    let all: Vec<View> = pairs
+        .iter()
+        .map(|p| View {
+            corners: [&p.left, &p.right].map(|c| c.iter().copied().map(Some).collect()).to_vec(),
+        })
+        .collect();
+    let flat = start::solve(&points, &all, size, lens).ok_or(CalibrationError::Undetermined)?;
+    let mut selection = select(&points, all.clone(), flat.state, lens, selective)?;
+    let chosen: Vec<View> = selection.used.iter().map(|&i| selection.views[i].clone()).collect();
+    let (solution, shift_cost) = adjust_with_shifts(&points, lens, &chosen, selection.state.clone())?;
+    let cameras = [solution.state.cameras[0], solution.state.cameras[1]];
+    let between = solution.state.between;
+    let rectification = Rectification::new(&cameras, &between, size, crop)?;
+    let noise = corner_variance(&solution, &chosen, shift_cost);
+    let uncertainty = Uncertainty::new(&solution, lens, noise, size).ok_or(CalibrationError::Undetermined)?;
+    let (stretch, stretch_sigma) = stretch(&points, &chosen, lens, shift_cost, &solution);
+
+    let mut reports = view_reports(&points, &all, &mut selection, &solution, lens, &rectification)?;
+    // A used view has influenced the cameras, so its offset is predicted from the others.
+    let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
+    let problem = Problem { board: &points, views: &chosen, free, huber_px: f64::INFINITY, shift_cost };
+    for (&i, offset) in selection.used.iter().zip(offsets(&problem, &solution, noise)) {
+        reports[i].shift_px = offset.shift_px;
+        reports[i].moved = offset.shift_px.amax() > MOVED_PX && offset.deviations() > VIEW_CERTAINTY;
+    }
+    let Errors { rms_px, rms_sides_px, vertical_mean_px } = errors(&reports, &selection.used, points.len());
     let spread = |axis: usize| {
         let whole = reports.iter().filter(|r| !matches!(r.fault, Some(ViewFault::Misfit(_))));
         let mut sizes: Vec<f64> = whole.map(|r| r.shift_px[axis].abs()).collect();
@@ -291,7 +348,7 @@ fn solve(
     };
     let shift_sigma_px = Vector2::new(spread(0), spread(1));
     let (halves, vertical_heldout_px) = held_out(&chosen, &solution.state, size, &|views, state| {
-        solved(views, state, shift_cost, f64::INFINITY).ok()
+        adjust(&points, lens, views, state, shift_cost, f64::INFINITY).ok()
     });
     Ok(StereoCalibration {
         cameras,
@@ -302,10 +359,10 @@ fn solve(
         stretch_sigma,
         uncertainty,
         rectification,
-        rms_px: ((sums[0] + sums[1]) / (2.0 * n)).sqrt(),
-        rms_sides_px: sums.map(|s| (s / n).sqrt()),
+        rms_px,
+        rms_sides_px,
         shift_sigma_px,
-        vertical_mean_px: vertical.0 / f64::from(vertical.1.max(1)),
+        vertical_mean_px,
         vertical_heldout_px,
         halves,
         coverage: [0, 1].map(|side| coverage(&chosen, side, size)),
@@ -313,105 +370,7 @@ fn solve(
     })
 }
 
-/// Variance of a coordinate of a corner, in px².
-fn corner_variance(solution: &Solution, views: &[View], shift_cost: f64) -> f64 {
-    let shifts = solution.state.shifts.iter().map(Vector2::norm_squared).sum::<f64>() * shift_cost;
-    let seen: usize = views.iter().flat_map(|v| &v.corners).flatten().flatten().count();
-    let globals = solution.shares.first().map_or(0, |s| s.gradient.len());
-    let free = (2 * seen).saturating_sub(globals + 8 * views.len()).max(1);
-    (solution.cost - if shift_cost < RIGID { shifts } else { 0.0 }).max(1e-12) / free as f64
-}
-
-/// Takes out corners that contradict all others; whether there were any.
-fn reject_corners(
-    problem: &Problem<'_>,
-    state: &State,
-    used: &[usize],
-    views: &mut [View],
-    rejected: &mut [Vec<(usize, usize)>],
-) -> bool {
-    let residuals: Vec<_> = (0..used.len())
-        .map(|v| {
-            let mut r = problem.residuals(state, v);
-            // The view's own shift is no fault of its corners.
-            r[1].iter_mut().flatten().for_each(|r| *r -= state.shifts[v]);
-            r
-        })
-        .collect();
-    let mut sizes: Vec<f64> = residuals.iter().flatten().flatten().flatten().map(Vector2::norm).collect();
-    if sizes.is_empty() {
-        return false;
-    }
-    sizes.sort_unstable_by(f64::total_cmp);
-    // The median of the length of a vector of two normal numbers is 1.1774 deviations.
-    let limit = CORNER_LIMITS.1.max(CORNER_LIMITS.0 * sizes[sizes.len() / 2] / 1.1774);
-    let mut any = false;
-    for (&i, sides) in used.iter().zip(&residuals) {
-        for (side, corners) in sides.iter().enumerate() {
-            for (k, r) in corners.iter().enumerate() {
-                if r.is_some_and(|r| r.norm() > limit) {
-                    views[i].corners[side][k] = None;
-                    rejected[i].push((side, k));
-                    any = true;
-                }
-            }
-        }
-    }
-    any
-}
-
-/// Which of the views contradict the others. `scatter` is the robust deviation of the views' shifts;
-/// it does not shrink when views are left out, so that this comes to an end.
-fn view_faults(problem: &Problem<'_>, solution: &Solution, scatter: &mut [f64; 2]) -> Vec<Option<ViewFault>> {
-    let (n, state) = (problem.views.len(), &solution.state);
-    let middle = |mut values: Vec<f64>| {
-        values.sort_unstable_by(f64::total_cmp);
-        values.get(n / 2).copied().unwrap_or(0.0)
-    };
-    let misfits: Vec<f64> = (0..n)
-        .map(|v| {
-            let residuals = problem.residuals(state, v);
-            let left = residuals[0].iter().flatten().map(|r| r.norm_squared());
-            let right = residuals[1].iter().flatten().map(|r| (r - state.shifts[v]).norm_squared());
-            let (sum, count) = left.chain(right).fold((0.0, 0), |(s, c), r| (s + r, c + 1));
-            (sum / f64::from(count.max(1))).sqrt()
-        })
-        .collect();
-    let misfit_limit = (4.0 * middle(misfits.clone())).max(0.6);
-    let offsets = offsets(problem, solution, corner_variance(solution, problem.views, problem.shift_cost));
-    for (axis, sigma) in scatter.iter_mut().enumerate() {
-        let sizes = offsets.iter().map(|o| o.shift_px[axis].abs()).collect();
-        *sigma = sigma.max(1.4826 * middle(sizes));
-    }
-    let sigma = *scatter;
-    let mut found: Vec<(f64, usize, ViewFault)> = Vec::new();
-    for v in 0..n {
-        if misfits[v] > misfit_limit {
-            found.push((misfits[v], v, ViewFault::Misfit(misfits[v])));
-        }
-    }
-    // While some do not fit at all the shifts of the others mean little.
-    if found.is_empty() {
-        for v in 0..n {
-            let shift = offsets[v].shift_px;
-            let limit = |axis: usize| (VIEW_DEVIATIONS * sigma[axis]).clamp(MOVED_PX, VIEW_LIMITS_PX[axis]);
-            let excess = (0..2).map(|a| shift[a].abs() / limit(a)).fold(0.0, f64::max);
-            if excess > 1.0 && offsets[v].deviations() > VIEW_CERTAINTY {
-                found.push((excess, v, ViewFault::Shifted(shift)));
-            }
-        }
-    }
-    // One bad view makes others look bad: the worst go first, those that are shifted nearly one by one.
-    let most = if misfits.iter().any(|m| *m > misfit_limit) { n / 6 } else { n / 20 };
-    found.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
-    let mut faults = vec![None; n];
-    for (_, v, fault) in found.into_iter().take(most.max(1)) {
-        faults[v] = Some(fault);
-    }
-    faults
-}
-
-/// The board's stretch, estimated beside everything else, and its standard deviation.
+/// The stretch of the board, estimated jointly with all other parameters, and its standard deviation.
 fn stretch(
     points: &[Vector2<f64>],
     views: &[View],
@@ -419,7 +378,7 @@ fn stretch(
     shift_cost: f64,
     solution: &Solution,
 ) -> (f64, f64) {
-    // A board's bend and stretch look alike in a few views.
+    // With few views bend and stretch of a board cannot be separated.
     let bend = views.len() >= MIN_VIEWS_TO_BEND;
     let free = Free { lens, cameras: true, stretch: true, bend };
     let problem = Problem { board: points, views, free, huber_px: f64::INFINITY, shift_cost };
@@ -476,7 +435,7 @@ fn view_report(
 
 type Halves = [([Camera; 2], Pose); 2];
 
-/// Cameras from each half of the views, and the mean vertical error of the other half under them.
+/// Cameras from each half of the views, and the mean vertical error of the respective other half.
 fn held_out(
     views: &[View],
     state: &State,
@@ -518,7 +477,7 @@ fn held_out(
     (halves, (count > 0).then(|| sum / f64::from(count)))
 }
 
-/// Share of an 8 × 6 grid over the picture in which corners were seen.
+/// Share of the cells of an 8 × 6 grid over the image that contain corners.
 fn coverage(views: &[View], side: usize, size: (usize, usize)) -> f64 {
     let mut cells = [false; 48];
     for corner in views.iter().flat_map(|v| &v.corners[side]).flatten() {

@@ -1,4 +1,4 @@
-//! Known cameras, known boards, known faults: what comes out against what went in.
+//! Calibration of synthetic views with known cameras, boards and faults.
 
 use super::verdict::Grade;
 use super::*;
@@ -11,9 +11,9 @@ struct Bench {
     cameras: [Camera; 2],
     between: Pose,
     poses: Vec<Pose>,
-    /// What is printed is this much longer along its rows.
+    /// Ratio of the printed length to the nominal length along the rows.
     stretch: f64,
-    /// And bent by so many metres at its corners.
+    /// Bend at its corners, in metres.
     bend_m: f64,
 }
 
@@ -24,7 +24,7 @@ impl Bench {
         let poses = (0..views)
             .map(|i| {
                 let away = between(0.45, 0.95);
-                // Tilts in all directions in turn; places all over the picture.
+                // Tilts in all directions in turn; positions all over the image.
                 let way = i as f64 * 2.4;
                 let tilt = between(0.2, 0.7);
                 let turn = Vector3::new(tilt * way.cos(), tilt * way.sin(), between(-0.4, 0.4));
@@ -52,7 +52,7 @@ impl Bench {
         Self { board, cameras: [left, right], between, poses, stretch: 1.0, bend_m: 0.0 }
     }
 
-    /// Corners with normal noise.
+    /// Corners with Gaussian noise.
     fn pairs(&self, noise_px: f64, seed: u64) -> Vec<Pair> {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut noise = move || {
@@ -137,13 +137,13 @@ fn parameters_lie_within_their_stated_uncertainty() {
         }
         check(s.norm(), t.norm(), c.uncertainty.baseline_m);
     }
-    // One deviation on the average: neither boasting nor modest. Of 276, one may reach 4.
+    // One standard deviation on average. Of 276 values, one may reach 4.
     let rms = (squares / f64::from(count)).sqrt();
     assert!((0.6..1.35).contains(&rms) && worst < 4.5, "{rms} {worst}");
 }
 
 #[test]
-fn a_bent_board_is_seen_and_does_not_bend_the_cameras() {
+fn a_bent_board_is_reported_and_does_not_bias_the_cameras() {
     let mut bench = Bench::new(16, 5);
     bench.bend_m = 0.0015;
     let c = bench.calibrate(&bench.pairs(0.1, 5));
@@ -153,7 +153,7 @@ fn a_bent_board_is_seen_and_does_not_bend_the_cameras() {
 }
 
 #[test]
-fn a_shifted_view_is_named() {
+fn a_shifted_view_is_reported() {
     for by in [Vector2::new(0.0, 0.5), Vector2::new(0.0, -0.5), Vector2::new(0.5, 0.5)] {
         let bench = Bench::new(16, 3);
         let mut pairs = bench.pairs(0.1, 3);
@@ -166,10 +166,10 @@ fn a_shifted_view_is_named() {
     }
 }
 
-/// One picture of some view is shifted to either side, up or down; that is named, and nothing else is:
-/// left out where there are enough views, and in any case said.
+/// One image of a view is shifted in one of four directions. Exactly this view is reported, and it is rejected if
+/// there are enough views.
 #[test]
-fn half_a_pixel_in_one_view_is_named_every_time() {
+fn a_shift_of_half_a_pixel_in_one_view_is_always_reported() {
     let mut tries = 0;
     for seed in 0..8 {
         for (views, noise_px) in [(12, 0.1), (16, 0.1), (24, 0.05), (24, 0.15)] {
@@ -204,7 +204,7 @@ fn views_without_a_fault_are_kept() {
     let (mut left_out, mut views) = (0, 0);
     for seed in 0..24 {
         let bench = Bench::new(29, 300 + seed);
-        // Corners that are worse than those of real pictures.
+        // Corners with more noise than those of real images.
         let c = bench.calibrate(&bench.pairs([0.05, 0.15, 0.3][seed as usize % 3], seed));
         left_out += c.views.iter().filter(|v| v.fault.is_some() || v.moved).count();
         views += c.views.len();
@@ -212,9 +212,9 @@ fn views_without_a_fault_are_kept() {
     assert!(left_out == 0, "{left_out} of {views} views were left out or named for nothing");
 }
 
-/// Where boards move between the exposures, that is said, with the views where it is a quarter of a pixel.
+/// Motion of boards between the exposures is reported, with the views where it exceeds a quarter of a pixel.
 #[test]
-fn boards_in_a_hand_are_not_good() {
+fn hand_held_boards_are_not_good() {
     for seed in 0..8 {
         let bench = Bench::new(24, 400 + seed);
         let mut pairs = bench.pairs(0.05, seed);
@@ -229,9 +229,9 @@ fn boards_in_a_hand_are_not_good() {
         let c = bench.calibrate(&pairs);
         let verdict = verdict(&c);
         assert_eq!(verdict.grade, Grade::Usable, "seed {seed}: {verdict:?}");
-        assert!(says(&verdict, "by turns"), "seed {seed}: {verdict:?}");
+        assert!(says(&verdict, "varying from view to view"), "seed {seed}: {verdict:?}");
         for (i, (view, by)) in c.views.iter().zip(&moved_by).enumerate() {
-            // Where the rest stands is itself known to a tenth of a pixel or so.
+            // The position of the others is itself uncertain by about a tenth of a pixel.
             assert!(view.moved || by.amax() < 0.4, "seed {seed}, view {i}, {by:?}: {:?}", view.shift_px);
             assert!(!view.moved || by.amax() > 0.1, "seed {seed}, view {i}, {by:?}: {:?}", view.shift_px);
         }
@@ -239,7 +239,7 @@ fn boards_in_a_hand_are_not_good() {
 }
 
 #[test]
-fn a_stretched_board_turns_the_verdict() {
+fn a_stretched_board_lowers_the_grade() {
     for stretch in [1.01, 0.99] {
         let mut bench = Bench::new(16, 4);
         bench.stretch = stretch;
@@ -255,7 +255,7 @@ fn a_stretched_board_turns_the_verdict() {
 }
 
 #[test]
-fn a_camera_that_was_pitched_between_views_turns_the_verdict() {
+fn a_camera_that_moved_between_views_lowers_the_grade() {
     let bench = Bench::new(18, 6);
     let mut after = Bench::new(18, 6);
     let pitch = Pose {
@@ -264,10 +264,10 @@ fn a_camera_that_was_pitched_between_views_turns_the_verdict() {
     };
     after.between = after.between.then(&pitch);
     let (before, after) = (bench.pairs(0.1, 6), after.pairs(0.1, 6));
-    // At once, by turns, and for the last three views alone.
+    // From one view on, alternating, and for the last three views only.
     for (moved, words) in [
         (&(|i: usize| i >= 9) as &dyn Fn(usize) -> bool, "moved against each other"),
-        (&|i: usize| i % 2 == 1, "by turns"),
+        (&|i: usize| i % 2 == 1, "varying from view to view"),
         (&|i: usize| i >= 15, "was left out"),
     ] {
         let pairs: Vec<Pair> =
@@ -282,7 +282,7 @@ fn a_camera_that_was_pitched_between_views_turns_the_verdict() {
 }
 
 #[test]
-fn swapped_cameras_are_said() {
+fn swapped_cameras_are_reported() {
     let bench = Bench::new(12, 7);
     let pairs: Vec<Pair> =
         bench.pairs(0.1, 7).into_iter().map(|p| Pair { left: p.right, right: p.left }).collect();
@@ -291,7 +291,7 @@ fn swapped_cameras_are_said() {
 }
 
 #[test]
-fn wrong_corners_are_left_out() {
+fn wrong_corners_are_rejected() {
     let bench = Bench::new(14, 8);
     let mut pairs = bench.pairs(0.1, 8);
     pairs[2].left[10] += Vector2::new(3.0, -1.0);
@@ -300,7 +300,7 @@ fn wrong_corners_are_left_out() {
     assert_eq!(c.views[2].rejected, [(0, 10)]);
     assert_eq!(c.views[5].rejected, [(1, 50)]);
     assert!(c.rms_px < 0.16, "{}", c.rms_px);
-    // A pair of two different moments.
+    // A pair whose images were taken at different times.
     let mut pairs = bench.pairs(0.1, 8);
     pairs[3].right = pairs[4].right.clone();
     let c = bench.calibrate(&pairs);
@@ -308,12 +308,12 @@ fn wrong_corners_are_left_out() {
 }
 
 #[test]
-fn views_that_say_too_little_are_not_good() {
+fn insufficient_views_are_not_good() {
     let bench = Bench::new(14, 9);
     let pairs = bench.pairs(0.1, 9);
     let few = calibrate(&bench.board, SIZE, &pairs[..3], Lens::Radial2, Crop::Valid);
     assert_eq!(few.unwrap_err(), CalibrationError::TooFew { given: 3 });
-    // The same view again and again, with its own noise each time.
+    // The same view repeated, with independent noise.
     let mut same = Bench::new(14, 9);
     same.poses = vec![same.poses[3]; 14];
     let alike = calibrate(&same.board, SIZE, &same.pairs(0.1, 9), Lens::Radial2, Crop::Valid);
@@ -345,7 +345,7 @@ fn all_lenses_are_recovered() {
             camera.distortion = distortion;
         }
         let c = calibrate(&bench.board, SIZE, &bench.pairs(0.05, 10), lens, Crop::Valid).unwrap();
-        // What the lens does, not how it is written: over the valid part of the picture.
+        // Compare the distortion over the valid part of the image instead of the coefficients.
         let mut off = Vec::new();
         for i in 0..63 {
             let pixel = Vector2::new(f64::from(i % 9) * 60.0 + 80.0, f64::from(i / 9) * 56.0 + 72.0);
@@ -355,7 +355,7 @@ fn all_lenses_are_recovered() {
             };
             off.push((a - b) * 533.0);
         }
-        // A camera turned a little with its principal point moved sees nearly the same.
+        // A small rotation is nearly equivalent to a shift of the principal point.
         let mean = off.iter().sum::<Vector2<f64>>() / 63.0;
         let worst = off.iter().map(|o| (o - mean).norm()).fold(0.0, f64::max);
         assert!(worst < 0.5, "{lens:?}: {worst} px");

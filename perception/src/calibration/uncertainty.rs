@@ -1,9 +1,9 @@
-//! How well a calibration is known.
+//! Uncertainty of a calibration.
 //!
-//! Corners of one view have errors in common (a board that moves or bends, light, the lens model), so
-//! that the usual covariance, which takes every corner for independent, is too small by a factor of
-//! two or three. Here the views are left out one by one (a jackknife, linearised: each view's share
-//! of the information is known from the solution), and the larger of both is stated.
+//! The corners of one view have common errors (a board that moves or bends, light, the lens model), so the usual
+//! covariance, which assumes independent corners, is too small by a factor of two or three. Here the views are
+//! left out one by one (a linearised jackknife: each view's share of the information matrix is known from the
+//! solution), and the larger of both estimates is used.
 
 use super::bundle::{Solution, State};
 use super::camera::{Camera, Lens, MAX_PARAMETERS};
@@ -13,8 +13,8 @@ use nalgebra::{DMatrix, DVector, SVector, Vector2};
 /// Standard deviations of a calibration.
 #[derive(Clone, Debug)]
 pub struct Uncertainty {
-    /// Of the parameters of both cameras, in the order of [`Camera::parameters`]; 0 for those that
-    /// were not estimated.
+    /// Of the parameters of both cameras, in the order of [`Camera::parameters`]; 0 for parameters that were not
+    /// estimated.
     pub cameras: [[f64; MAX_PARAMETERS]; 2],
     /// Of the rotation vector between the cameras (about x, y, z), in radians.
     pub rotation_rad: [f64; 3],
@@ -22,14 +22,14 @@ pub struct Uncertainty {
     pub translation_m: [f64; 3],
     /// Of the baseline, in metres.
     pub baseline_m: f64,
-    /// Of the row in the right picture where something far away in the left one is expected, in
-    /// pixels: the largest over the picture.
+    /// Of the row in the right image that corresponds to a point at infinity in the left image, in pixels:
+    /// maximum over the image.
     pub row_px: f64,
-    /// Of the disparity of something far away, in pixels: over the middle half of the picture.
+    /// Of the disparity of a point at infinity, in pixels: maximum over the middle half of the image.
     pub disparity_px: f64,
 }
 
-/// The numbers of the cameras moved by a step.
+/// The cameras and their relative pose after a parameter step.
 fn stepped(state: &State, lens: Lens, step: &DVector<f64>) -> ([Camera; 2], Pose) {
     let n = lens.parameters();
     let moved = |side: usize| {
@@ -43,15 +43,15 @@ fn stepped(state: &State, lens: Lens, step: &DVector<f64>) -> ([Camera; 2], Pose
     ([moved(0), moved(1)], state.between.stepped(&turn))
 }
 
-/// Where the right camera sees what lies far away at a pixel of the left one.
+/// The pixel of the right camera that shows the point at infinity seen at a pixel of the left camera.
 fn far(cameras: &[Camera; 2], between: &Pose, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
     let ray = cameras[0].undistort(pixel)?.push(1.0);
     cameras[1].project(&(between.rotation * ray))
 }
 
 impl Uncertainty {
-    /// The covariance of the numbers that all views share; `noise` is the variance of a coordinate of
-    /// a corner, in px². `None` when the views leave a number open.
+    /// The covariance of the shared parameters; `noise` is the variance of a corner coordinate in px². `None` if
+    /// the views do not determine all parameters.
     pub fn covariance(solution: &Solution, noise: f64) -> Option<DMatrix<f64>> {
         let n = solution.shares.first()?.gradient.len();
         let views = solution.shares.len() as f64;
@@ -67,7 +67,7 @@ impl Uncertainty {
             let d = step - &mean;
             covariance.ger((views - 1.0) / views, &d, &d, 1.0);
         }
-        // Never less than independent corners would leave.
+        // Never less than for independent corners.
         let grown: Vec<f64> =
             (0..n).map(|i| (independent[(i, i)] / covariance[(i, i)].max(1e-300)).max(1.0).sqrt()).collect();
         if grown.iter().any(|g| *g > 1e3) {
@@ -81,7 +81,7 @@ impl Uncertainty {
         Some(covariance)
     }
 
-    /// The standard deviations of a solution for two cameras of pictures of `size`.
+    /// The standard deviations of a solution for two cameras with images of `size`.
     pub fn new(solution: &Solution, lens: Lens, noise: f64, size: (usize, usize)) -> Option<Self> {
         let covariance = Self::covariance(solution, noise)?;
         let n = lens.parameters();
@@ -99,7 +99,7 @@ impl Uncertainty {
         for k in 0..3 {
             baseline[2 * n + 3 + k] = t[k] / t.norm();
         }
-        // Slopes of far pixels by differences of a hundredth of a deviation.
+        // Numerical derivatives of the pixels of points at infinity, with steps of 0.01 standard deviations.
         let (own, between) = ([state.cameras[0], state.cameras[1]], state.between);
         let (mut row_px, mut disparity_px) = (0.0_f64, 0.0_f64);
         for i in 0..15 {

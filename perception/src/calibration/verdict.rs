@@ -1,21 +1,20 @@
-//! Whether a calibration can be trusted: good, usable or redo, and why.
+//! Grades a calibration (good, usable, redo) with reasons.
 //!
-//! A small reprojection error does not make a calibration good: views that are alike, or a board that
-//! is not what it should be, fit well and mislead. So the verdict asks in turn whether the views
-//! agree with each other, with views that took no part, and with a flat board of square squares; and
-//! whether they say enough.
+//! A small reprojection error is not sufficient: similar views, or a board that deviates from its specification,
+//! also fit well but bias the result. The grade therefore also tests whether the views agree with each other, with
+//! held-out views and with a flat board of square squares, and whether they determine the parameters well.
 
 use super::stereo::{MOVED_PX, StereoCalibration, ViewFault};
 use std::fmt;
 
-/// How far a calibration can be trusted.
+/// Grade of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Grade {
-    /// Use it.
+    /// It can be used.
     Good,
-    /// It works, but something is not as it should be.
+    /// It can be used, but has a deficiency.
     Usable,
-    /// Take the pictures again.
+    /// The images must be taken again.
     Redo,
 }
 
@@ -36,26 +35,26 @@ impl fmt::Display for Grade {
     }
 }
 
-/// One thing that was noticed.
+/// One finding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reason {
-    /// The best verdict that it leaves.
+    /// The best grade that it allows.
     pub grade: Grade,
-    /// What, how much, and what to do.
+    /// The finding with its magnitude and a remedy.
     pub text: String,
 }
 
-/// A verdict.
+/// The grade of a calibration with its reasons.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verdict {
     /// The worst of the reasons.
     pub grade: Grade,
-    /// What was noticed, the worst first.
+    /// All findings, the worst first.
     pub reasons: Vec<Reason>,
 }
 
 impl Verdict {
-    /// The verdict that reasons leave.
+    /// The verdict that follows from the reasons.
     pub fn from_reasons(mut reasons: Vec<Reason>) -> Self {
         reasons.sort_by_key(|r| std::cmp::Reverse(r.grade));
         let grade = reasons.first().map_or(Grade::Good, |r| r.grade);
@@ -78,7 +77,7 @@ impl Limits {
         } else if value <= self.1 {
             Grade::Usable
         } else {
-            // Also what is no number.
+            // Includes NaN.
             Grade::Redo
         }
     }
@@ -86,35 +85,35 @@ impl Limits {
 
 /// Reprojection error, in pixels.
 const RMS_PX: Limits = Limits(0.4, 1.0);
-/// Vertical error on views that took no part, in pixels.
+/// Vertical error on held-out views, in pixels.
 const HELDOUT_PX: Limits = Limits(0.27, 0.5);
-/// Difference between two halves of the views, in its own standard deviations.
+/// Difference between the results of two halves of the views, in standard deviations.
 const HALVES: Limits = Limits(3.0, 5.0);
 /// Uncertainty of the focal length over the focal length.
 const FOCAL: Limits = Limits(0.005, 0.02);
 /// Uncertainty of the baseline over the baseline.
 const BASELINE: Limits = Limits(0.007, 0.02);
-/// Uncertainty of the disparity of far things, in pixels.
+/// Uncertainty of the disparity at infinity, in pixels.
 const DISPARITY_PX: Limits = Limits(0.75, 2.0);
-/// Share of the picture without corners.
-const BARE: Limits = Limits(0.6, 0.85);
-/// Difference of the board's sides from what its squares say.
+/// Share of the image without corners.
+const UNCOVERED: Limits = Limits(0.6, 0.85);
+/// Relative deviation of the board's aspect ratio from its specification.
 const STRETCH: Limits = Limits(0.003, 0.006);
 /// Bend of the board over half its diagonal.
 const BEND: Limits = Limits(0.02, 0.06);
-/// Scatter of the boards' places in the right picture, in pixels, across and down. Good ends where a
-/// view that is half a pixel off is only four deviations off.
+/// Standard deviation of the boards' offsets in the right image, horizontally and vertically, in pixels. The limit
+/// of good is where an offset of half a pixel is four standard deviations.
 const SCATTER_PX: [Limits; 2] = [Limits(0.125, 0.8), Limits(0.125, 0.4)];
-/// Share of the views that contradict the rest.
-const LEFT_OUT: Limits = Limits(0.125, 0.34);
-/// A step between earlier and later views: its size in pixels.
+/// Share of rejected views.
+const REJECTED: Limits = Limits(0.125, 0.34);
+/// Step of the vertical offset between earlier and later views, in pixels.
 const STEP_PX: Limits = Limits(0.25, 0.5);
-/// Standard errors from which on a step is one.
+/// Minimum size of a step, in standard errors.
 const STEP_DEVIATIONS: f64 = 5.0;
-/// Tilt that counts, in radians.
+/// Minimum tilt of a tilted view, in radians.
 const TILT_RAD: f64 = 0.26;
 
-/// Judges a calibration. `names` are those of the views, in their order.
+/// Grades a calibration. `names` are the names of the views, in their order, for the messages.
 pub fn judge(c: &StereoCalibration, names: &[String]) -> Verdict {
     let mut reasons = Vec::new();
     let mut note = |grade: Grade, text: String| reasons.push(Reason { grade, text });
@@ -133,15 +132,12 @@ pub fn judge(c: &StereoCalibration, names: &[String]) -> Verdict {
     };
     check(few, &|| format!("only {used} views were used: take 10 to 30"));
     check(RMS_PX.grade(c.rms_px), &|| {
-        format!(
-            "the reprojection error is {:.2} px: pictures are blurred, or the board is not flat",
-            c.rms_px
-        )
+        format!("the reprojection error is {:.2} px: images are blurred, or the board is not flat", c.rms_px)
     });
     match c.vertical_heldout_px {
         Some(px) => check(HELDOUT_PX.grade(px), &|| {
             format!(
-                "rows of views that took no part differ by {px:.2} px ({:.2} px for those that did): the views say too little, or contradict each other",
+                "rows of held-out views differ by {px:.2} px ({:.2} px for used views): the views are too similar, or inconsistent",
                 c.vertical_mean_px
             )
         }),
@@ -157,7 +153,7 @@ pub fn judge(c: &StereoCalibration, names: &[String]) -> Verdict {
         let sigma = c.shift_sigma_px[axis];
         check(SCATTER_PX[axis].grade(sigma), &|| {
             format!(
-                "boards stand {sigma:.2} px {way} in the right picture, by turns: the cameras do not expose together while the board moves (let it rest), or are loose"
+                "boards lie {sigma:.2} px {way} in the right image, varying from view to view: the cameras do not expose simultaneously while the board moves (hold it still), or are loose"
             )
         });
     }
@@ -167,14 +163,14 @@ pub fn judge(c: &StereoCalibration, names: &[String]) -> Verdict {
 
 type Check<'a> = dyn FnMut(Grade, &dyn Fn() -> String) + 'a;
 
-/// Two halves of the views must give the same cameras.
+/// Checks that two halves of the views give the same cameras.
 fn consistency(c: &StereoCalibration, check: &mut Check<'_>) {
     let Some([(a, a_between), (b, b_between)]) = &c.halves else { return };
     let sigma = &c.uncertainty;
     let yaw = a_between.rotation_vector().y - b_between.rotation_vector().y;
     let mut worst: (f64, String) = (0.0, String::new());
     let mut consider = |what: &str, unit: &str, difference: f64, sigma: f64, scale: f64| {
-        // Each half is √2 times as uncertain as the whole, their difference twice.
+        // Each half is √2 times as uncertain as the whole, so their difference is twice as uncertain.
         let deviations = difference.abs() / (2.0 * sigma).max(1e-12);
         if deviations > worst.0 {
             let text = format!(
@@ -195,7 +191,7 @@ fn consistency(c: &StereoCalibration, check: &mut Check<'_>) {
     check(HALVES.grade(worst.0), &|| worst.1.clone());
 }
 
-/// The views must say enough.
+/// Checks that the views determine the parameters well enough.
 fn certainty(c: &StereoCalibration, check: &mut Check<'_>) {
     let sigma = &c.uncertainty;
     let focal = (0..2).map(|s| sigma.cameras[s][0] / c.cameras[s].fx_px).fold(0.0, f64::max);
@@ -211,19 +207,19 @@ fn certainty(c: &StereoCalibration, check: &mut Check<'_>) {
     });
     check(DISPARITY_PX.grade(sigma.disparity_px), &|| {
         format!(
-            "the disparity of far things is known to {:.2} px only: take more views, far ones too",
+            "the disparity of distant objects is known to {:.2} px only: take more views, including distant ones",
             sigma.disparity_px
         )
     });
     for (side, name) in ["left", "right"].into_iter().enumerate() {
-        check(BARE.grade(1.0 - c.coverage[side]), &|| {
+        check(UNCOVERED.grade(1.0 - c.coverage[side]), &|| {
             format!(
-                "corners cover {:.0} % of the {name} picture: hold the board into its corners and edges, too",
+                "corners cover {:.0} % of the {name} image: also place the board in the corners and at the borders of the image",
                 c.coverage[side] * 100.0
             )
         });
     }
-    // Directions a quarter turn apart are needed.
+    // Tilts in two perpendicular directions are needed.
     let mut tilts = [0; 2];
     for v in c.views.iter().filter(|v| v.fault.is_none() && v.tilt_rad > TILT_RAD) {
         tilts[usize::from(v.tilt_direction_rad.cos().abs() < v.tilt_direction_rad.sin().abs())] += 1;
@@ -236,7 +232,7 @@ fn certainty(c: &StereoCalibration, check: &mut Check<'_>) {
     }
 }
 
-/// The board must be what it should be.
+/// Checks that the board matches its specification.
 fn board(c: &StereoCalibration, check: &mut Check<'_>) {
     let stretch = c.shape.stretch - 1.0;
     if stretch.abs() > 3.0 * c.stretch_sigma {
@@ -252,14 +248,11 @@ fn board(c: &StereoCalibration, check: &mut Check<'_>) {
     let bend = c.shape.bend_m.iter().map(|b| b.abs()).fold(0.0, f64::max);
     let share = bend / c.board_reach_m;
     check(BEND.grade(share), &|| {
-        format!(
-            "the board is bent by {:.1} mm (which is allowed for): glue it to something stiff",
-            bend * 1e3
-        )
+        format!("the board is bent by {:.1} mm (which is compensated): glue it to a stiff plate", bend * 1e3)
     });
 }
 
-/// The cameras must not have moved between earlier and later views.
+/// Checks that the cameras did not move between earlier and later views.
 fn step(c: &StereoCalibration, names: &[String], check: &mut Check<'_>) {
     let rows: Vec<(usize, f64)> = c
         .views
@@ -287,7 +280,7 @@ fn step(c: &StereoCalibration, names: &[String], check: &mut Check<'_>) {
         check(STEP_PX.grade(size.abs()), &|| {
             let name = rows.get(k).and_then(|r| names.get(r.0)).map_or("", String::as_str);
             format!(
-                "from {name} on the right picture stands {:.2} px {} ({:.2} degrees): the cameras moved against each other; fasten them and take all views again",
+                "from {name} on the right image is {:.2} px {} ({:.2} degrees): the cameras moved against each other; fasten them and take all views again",
                 size.abs(),
                 if size > 0.0 { "lower" } else { "higher" },
                 (size.abs() / focal).atan().to_degrees()
@@ -296,14 +289,17 @@ fn step(c: &StereoCalibration, names: &[String], check: &mut Check<'_>) {
     }
 }
 
-/// Views that contradict the rest, by name.
+/// Lists rejected and shifted views by name.
 fn left_out(c: &StereoCalibration, names: &[String], note: &mut dyn FnMut(Grade, String)) {
     let count = c.views.iter().filter(|v| v.fault.is_some()).count();
-    let share = LEFT_OUT.grade(count as f64 / c.views.len().max(1) as f64);
+    let share = REJECTED.grade(count as f64 / c.views.len().max(1) as f64);
     if share > Grade::Good {
         note(
             share,
-            format!("{count} of {} views contradict the rest: see which, and take them again", c.views.len()),
+            format!(
+                "{count} of {} views are inconsistent with the rest and were left out: take them again",
+                c.views.len()
+            ),
         );
     }
     for (view, name) in c.views.iter().zip(names) {
@@ -311,13 +307,13 @@ fn left_out(c: &StereoCalibration, names: &[String], note: &mut dyn FnMut(Grade,
             Some(ViewFault::Misfit(px)) => note(
                 Grade::Usable,
                 format!(
-                    "{name} was left out: its corners are {px:.2} px off; it is blurred, or its pictures are of different moments"
+                    "{name} was left out: its corners are {px:.2} px off; it is blurred, or its images were not taken at the same time"
                 ),
             ),
             Some(ViewFault::Shifted(by)) => note(
                 Grade::Usable,
                 format!(
-                    "{name} was left out: its right picture is {:.2} px off across and {:.2} px down; the board or a camera moved between the exposures",
+                    "{name} was left out: its right image is off by {:.2} px horizontally and {:.2} px vertically; the board or a camera moved between the exposures",
                     by.x, by.y
                 ),
             ),
@@ -329,13 +325,13 @@ fn left_out(c: &StereoCalibration, names: &[String], note: &mut dyn FnMut(Grade,
         .iter()
         .zip(names)
         .filter(|(v, _)| v.moved && v.fault.is_none())
-        .map(|(v, name)| format!("{name} ({:.2} across, {:.2} down)", v.shift_px.x, v.shift_px.y))
+        .map(|(v, name)| format!("{name} ({:.2} horizontally, {:.2} vertically)", v.shift_px.x, v.shift_px.y))
         .collect();
     if !moved.is_empty() {
         note(
             Grade::Usable,
             format!(
-                "the right picture is off by more than {MOVED_PX} px in views that were used: {}; the board or a camera moved between the exposures, take them again",
+                "the right image is off by more than {MOVED_PX} px in used views: {}; the board or a camera moved between the exposures, take them again",
                 moved.join(", ")
             ),
         );

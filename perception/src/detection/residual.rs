@@ -10,7 +10,7 @@
 use crate::image::GreyView;
 use crate::rig::Rig;
 use crate::road::tilt::Tilt;
-use crate::simd::whole::nearest;
+use crate::simd::rounding::nearest;
 use crate::simd::{Level, Simd, kernel};
 
 /// Limit of gradients and differences, in half grey levels; keeps window sums within 32 bits.

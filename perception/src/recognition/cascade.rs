@@ -1,6 +1,6 @@
-//! A boosted cascade: its model, and its verdict on one window, written as it is defined.
+//! The model of a boosted cascade, and the reference implementation of its evaluation on one window.
 //!
-//! `program` lays the same cascade out for speed; tests hold the two equal.
+//! `program` holds the same cascade in a faster memory layout; tests assert that both give the same results.
 
 use super::integral::Integral;
 pub use super::window::{Contrast, WeightedRect};
@@ -19,8 +19,8 @@ pub struct LbpFeature {
 }
 
 impl LbpFeature {
-    /// The code of the feature in the window at (`x`, `y`): one bit per outer block whose sum is
-    /// not below the centre's, clockwise from the upper left, highest bit first.
+    /// The LBP code of the feature in the window at (`x`, `y`): one bit for each outer block, set if its sum
+    /// is not less than the centre's; clockwise from the upper left, highest bit first.
     #[inline]
     pub fn code(&self, integral: &Integral, x: usize, y: usize) -> u8 {
         let (w, h) = (usize::from(self.width), usize::from(self.height));
@@ -43,19 +43,19 @@ impl LbpFeature {
     }
 }
 
-/// A Haar feature: up to three weighted rectangles, upright or turned by 45°. A rectangle that is
-/// not there has weight 0.
+/// A Haar feature: up to three weighted rectangles, upright or rotated by 45°. Unused rectangles have
+/// weight 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HaarFeature {
     /// The rectangles.
     pub rects: [WeightedRect; 3],
-    /// Turned by 45°.
+    /// Whether the rectangles are rotated by 45°.
     pub tilted: bool,
 }
 
 impl HaarFeature {
-    /// Its value in the window at (`x`, `y`), in single precision in this order, as OpenCV has it;
-    /// `inverse` is [`Contrast::inverse`].
+    /// The value of the feature in the window at (`x`, `y`), in single precision and in OpenCV's order of
+    /// operations; `inverse` is [`Contrast::inverse`].
     #[inline]
     pub fn value(&self, integral: &Integral, x: usize, y: usize, inverse: f32) -> f32 {
         let sum = |r: &WeightedRect| {
@@ -69,13 +69,13 @@ impl HaarFeature {
         value * inverse
     }
 
-    /// The rectangles that are there.
+    /// The rectangles in use.
     pub fn rects(&self) -> impl Iterator<Item = &WeightedRect> {
         self.rects.iter().filter(|r| r.weight != 0.0)
     }
 }
 
-/// The features that nodes name, all of one kind.
+/// The features that nodes refer to, all of one kind.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Features {
     /// Multi-block local binary patterns.
@@ -85,7 +85,7 @@ pub enum Features {
 }
 
 impl Features {
-    /// How many.
+    /// Number of features.
     pub fn len(&self) -> usize {
         match self {
             Self::Lbp(features) => features.len(),
@@ -93,32 +93,32 @@ impl Features {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no features.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// Where a decision leads.
+/// The successor of a decision node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Branch {
-    /// To another decision of the tree, which lies behind this one.
+    /// Another node of the tree, with a greater index than this one.
     Node(u16),
-    /// To a leaf with this value.
+    /// A leaf with this value.
     Leaf(f32),
 }
 
-/// How a decision is made.
+/// The test of a decision node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Split {
-    /// LBP: code c leads left when bit c & 31 of word c >> 5 is set.
+    /// LBP: code c goes left if bit c & 31 of word c >> 5 is set.
     Subset([u32; 8]),
-    /// Haar: a value below this leads left.
+    /// Haar: values below this go left.
     Threshold(f32),
 }
 
 impl Split {
-    /// Whether LBP code `code` leads left; false for Haar.
+    /// Whether LBP code `code` goes left; false for Haar.
     pub fn has(&self, code: u8) -> bool {
         match self {
             Self::Subset(words) => words[usize::from(code >> 5)] >> (code & 31) & 1 == 1,
@@ -127,30 +127,30 @@ impl Split {
     }
 }
 
-/// One decision.
+/// A decision node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
     /// Index of the feature.
     pub feature: u32,
-    /// Of the kind that the feature has.
+    /// The test, of the same kind as the feature.
     pub split: Split,
-    /// Taken when the split says so.
+    /// Successor if the test is true.
     pub left: Branch,
-    /// Taken when it does not.
+    /// Successor if the test is false.
     pub right: Branch,
 }
 
-/// Trees whose leaves are summed, and the sum that a window needs.
+/// A stage: trees whose leaf values are summed, and the threshold of the sum.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// The sum must reach this (less 1e-5).
+    /// The minimum sum, before OpenCV's tolerance of 1e-5 is subtracted.
     pub threshold: f32,
-    /// Each a list of nodes, the root first.
+    /// The trees: lists of nodes, the root first.
     pub trees: Vec<Vec<Node>>,
 }
 
 impl Stage {
-    /// What a sum is compared with: the threshold with OpenCV's tolerance, in single precision.
+    /// The minimum sum: the threshold minus OpenCV's tolerance, in single precision.
     pub fn min_sum(&self) -> f64 {
         f64::from(self.threshold - 1e-5)
     }
@@ -159,20 +159,20 @@ impl Stage {
 /// A cascade of stages for windows of one size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
-    /// Width of the window that it was trained on, in pixels.
+    /// Width of the training window, in pixels.
     pub width: u16,
-    /// Height of that window.
+    /// Height of the training window, in pixels.
     pub height: u16,
-    /// The features that nodes name.
+    /// The features that nodes refer to.
     pub features: Features,
-    /// Cheapest first.
+    /// The stages, in order of evaluation.
     pub stages: Vec<Stage>,
 }
 
 impl Cascade {
-    /// Number of stages that the window at (`x`, `y`) passes; it is a hit when it passes all;
-    /// `None` when a Haar cascade cannot judge it for want of contrast. The window must lie within
-    /// the image that `integral` was filled with.
+    /// Number of stages that the window at (`x`, `y`) passes; it is a hit if it passes all. `None` if the
+    /// contrast of the window is too low for a Haar cascade. The window must lie within the image of
+    /// `integral`.
     pub fn stages_passed(&self, integral: &Integral, x: usize, y: usize) -> Option<usize> {
         let inverse = match &self.features {
             Features::Lbp(_) => 1.0,
@@ -211,7 +211,7 @@ impl Cascade {
         Some(self.stages.len())
     }
 
-    /// Number of trees in all stages.
+    /// Number of trees of all stages.
     pub fn trees(&self) -> usize {
         self.stages.iter().map(|s| s.trees.len()).sum()
     }
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn trees_are_walked_and_summed() {
+    fn trees_are_evaluated_and_summed() {
         let feature = LbpFeature { x: 0, y: 0, width: 1, height: 1 };
         let all = [u32::MAX; 8];
         let node = |subset, left, right| Node { feature: 0, split: Split::Subset(subset), left, right };
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn haar_values_are_weighted_sums_over_the_contrast() {
-        // Left half 0, right half 200: the part is the right half.
+        // Left half 0, right half 200; the second rectangle covers the right half.
         let pixels: Vec<u8> = (0..64).map(|i| if i % 8 < 4 { 0 } else { 200 }).collect();
         let integral = Integral::of(&pixels, 8);
         let rect = |x, width, weight| WeightedRect { x, y: 0, width, height: 8, weight };
@@ -275,7 +275,7 @@ mod tests {
             tilted: false,
         };
         let contrast = integral.contrast(8, 8, 0, 0);
-        // Inside: 36 pixels, half of them 200: a standard deviation of 100.
+        // Inner 36 pixels, half of them 200: a standard deviation of 100.
         assert!(contrast.sound);
         assert!((1.0 / contrast.inverse - 36.0 * 100.0).abs() < 0.01);
         let value = feature.value(&integral, 0, 0, contrast.inverse);

@@ -1,19 +1,19 @@
-//! Groups overlapping hits into objects, as OpenCV's `groupRectangles` does with eps 0.2.
+//! Groups overlapping hits into objects, like OpenCV's `groupRectangles` with `eps` = 0.2.
 
 use super::scan::Window;
 
-/// Overlapping hits, and their mean window.
+/// A group of overlapping hits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Group {
     /// Mean window of the hits.
     pub window: Window,
-    /// How many hits.
+    /// Number of hits.
     pub hits: u32,
 }
 
 const EPS: f64 = 0.2;
 
-/// Groups hits, keeping its memory.
+/// Groups hits; its memory is reused.
 #[derive(Debug, Default)]
 pub struct Grouper {
     parent: Vec<u32>,
@@ -33,7 +33,7 @@ fn similar(a: &Window, b: &Window) -> bool {
         && near(a.y + a.height, b.y + b.height)
 }
 
-/// The first hit of the class that hit `i` is in; shortens the way there.
+/// The first hit of the class of hit `i` (union-find with path halving).
 fn root(parent: &mut [u32], mut i: u32) -> u32 {
     while parent[i as usize] != i {
         parent[i as usize] = parent[parent[i as usize] as usize];
@@ -43,20 +43,20 @@ fn root(parent: &mut [u32], mut i: u32) -> u32 {
 }
 
 impl Grouper {
-    /// A grouper with memory for `most` hits.
-    pub fn new(most: usize) -> Self {
+    /// A grouper with memory for `capacity` hits.
+    pub fn new(capacity: usize) -> Self {
         Self {
-            parent: Vec::with_capacity(most),
-            order: Vec::with_capacity(most),
-            class: Vec::with_capacity(most),
-            sums: Vec::with_capacity(most),
-            means: Vec::with_capacity(most),
-            groups: Vec::with_capacity(most),
+            parent: Vec::with_capacity(capacity),
+            order: Vec::with_capacity(capacity),
+            class: Vec::with_capacity(capacity),
+            sums: Vec::with_capacity(capacity),
+            means: Vec::with_capacity(capacity),
+            groups: Vec::with_capacity(capacity),
         }
     }
 
-    /// Groups of more than `min_neighbours` hits, in the order of their first hits, without
-    /// those that lie inside a surer one. With 0 every hit is its own group.
+    /// Groups of more than `min_neighbours` hits, in the order of their first hits, without groups that lie
+    /// inside a group of more hits. With 0 every hit is a group.
     pub fn group(&mut self, hits: &[Window], min_neighbours: u32) -> &[Group] {
         self.groups.clear();
         if min_neighbours == 0 {
@@ -80,7 +80,7 @@ impl Grouper {
             *count += 1;
         }
         self.means.clear();
-        // Only classes of enough hits are kept, and only those can hide others.
+        // Only classes of enough hits are kept, and only those suppress others.
         let sure = self.sums.iter().filter(|&&(_, hits)| hits > min_neighbours);
         self.means.extend(sure.map(|&(sum, hits)| {
             let share = 1.0 / hits as f32;
@@ -107,8 +107,8 @@ impl Grouper {
         &self.groups
     }
 
-    /// Joins all pairs of similar hits. In the order of their left columns, a hit's partners on the
-    /// right are no farther away than its own size allows.
+    /// Joins all pairs of similar hits. Hits are sorted by their left column, so the partners of a hit to its
+    /// right lie within a distance that its size determines.
     fn join(&mut self, hits: &[Window]) {
         self.parent.clear();
         self.parent.extend(0..hits.len() as u32);
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weak_group_inside_a_sure_one_goes() {
+    fn a_weak_group_inside_a_strong_one_is_removed() {
         let mut hits = vec![window(10, 10, 60); 6];
         hits.extend([window(20, 20, 30); 2]);
         let groups = Grouper::default().group(&hits, 1).to_vec();

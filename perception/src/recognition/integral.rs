@@ -1,9 +1,9 @@
-//! Integral images: sums over any upright or tilted rectangle from four numbers.
+//! Integral images: the sum over any upright or tilted rectangle from four table entries.
 
 use super::window::{Contrast, WeightedRect};
 
-/// Sums, sums of squares and tilted sums of one image, rows without gaps: for single windows and
-/// as the definition that the scanner's layouts follow. All sums wrap; differences stay right.
+/// Sums, sums of squares and tilted sums of one image, rows without padding. Used for single windows, and as
+/// the reference for the layouts of the scanner. All sums wrap, which does not affect differences.
 #[derive(Clone, Debug, Default)]
 pub struct Integral {
     sums: Vec<u32>,
@@ -13,7 +13,7 @@ pub struct Integral {
 }
 
 impl Integral {
-    /// The integral image of `pixels`, rows of `width`.
+    /// The integral images of `pixels` in rows of `width`.
     pub fn of(pixels: &[u8], width: usize) -> Self {
         let mut integral = Self::default();
         integral.fill(pixels, width);
@@ -21,7 +21,7 @@ impl Integral {
         integral
     }
 
-    /// Sums up `pixels`, rows of `width`; tilted sums are not made.
+    /// Computes sums and sums of squares of `pixels` in rows of `width`, without tilted sums.
     pub fn fill(&mut self, pixels: &[u8], width: usize) {
         let rows = pixels.len() / width.max(1);
         self.stride = width + 1;
@@ -42,7 +42,7 @@ impl Integral {
         }
     }
 
-    /// Sums up `pixels`, rows of `width`, along the diagonals.
+    /// Computes tilted sums of `pixels` in rows of `width`.
     pub fn fill_tilted(&mut self, pixels: &[u8], width: usize) {
         let rows = pixels.len() / width.max(1);
         let stride = width + 1;
@@ -59,7 +59,7 @@ impl Integral {
         }
     }
 
-    /// Columns and rows of the table of sums: one more each than the image has.
+    /// Columns and rows of the table of sums: one more each than the image.
     pub fn size(&self) -> (usize, usize) {
         (self.stride, self.sums.len() / self.stride.max(1))
     }
@@ -108,7 +108,7 @@ impl Integral {
 }
 
 /// One row of a tilted integral image: entry X of row Y is the sum of the pixels with y < Y and
-/// |x − X + 1| < Y − y. From the two rows above it and the two rows of pixels that are new.
+/// |x − X + 1| < Y − y. Computed from the two rows above and the two pixel rows that are new.
 fn tilted_row(above: &[u32], second: &[u32], row: &[u8], second_row: &[u8], out: &mut [u32]) {
     let width = row.len();
     out[0] = above[1];
@@ -120,40 +120,40 @@ fn tilted_row(above: &[u32], second: &[u32], row: &[u8], second_row: &[u8], out:
     }
 }
 
-/// How the scanner lays an integral image out: windows `step` columns apart lie side by side, so
+/// Memory layout of an integral image for the scanner: entries of windows `step` columns apart are adjacent, so
 /// that one vector holds the same corner of neighbouring windows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Layout {
     step: usize,
-    /// Entries of one residue of the column by the step.
+    /// Number of entries for each residue of the column modulo the step.
     part: usize,
 }
 
 impl Layout {
-    /// For images of up to `width` columns whose windows lie `step` apart.
+    /// A layout for images of up to `width` columns with windows `step` columns apart.
     pub fn new(width: usize, step: usize) -> Self {
         Self { step, part: (width + 1).div_ceil(step) }
     }
 
-    /// Entries of a row.
+    /// Number of entries of a row.
     pub fn stride(&self) -> usize {
         self.part * self.step
     }
 
-    /// Where the entry of column `x` and row `y` lies. For windows at multiples of the step,
+    /// Index of the entry of column `x` and row `y`. For windows at multiples of the step,
     /// index(x + dx, y + dy) = index(x, y) + index(dx, dy).
     pub fn index(&self, x: usize, y: usize) -> usize {
         y * self.stride() + x % self.step * self.part + x / self.step
     }
 }
 
-/// A number that sums are held in; differences are right as long as they fit.
+/// Integer type of the sums; differences are exact as long as they fit into it.
 pub(super) trait Sum: Copy + Default + Ord + 'static {
     /// The low bits of a wider sum.
     fn of(value: u32) -> Self;
-    /// This plus that, wrapping.
+    /// Wrapping sum.
     fn plus(self, other: Self) -> Self;
-    /// This less that, wrapping.
+    /// Wrapping difference.
     fn minus(self, other: Self) -> Self;
     /// The low byte.
     fn byte(self) -> u8;
@@ -184,7 +184,7 @@ macro_rules! sum {
 sum!(u16);
 sum!(u32);
 
-/// A table of sums in a [`Layout`], for images that change in size, with memory allocated once.
+/// A table of sums in a [`Layout`], for images of varying size, with memory allocated once.
 #[derive(Clone, Debug)]
 pub(super) struct Plane<T> {
     entries: Vec<T>,
@@ -192,8 +192,8 @@ pub(super) struct Plane<T> {
 }
 
 impl<T: Sum> Plane<T> {
-    /// Memory for images of up to `width` × `height` pixels, in any layout, and for vectors of
-    /// `beyond` entries that begin at the last of them.
+    /// Memory for images of up to `width` × `height` pixels in any layout, padded by `beyond` entries for
+    /// vectors that start at the last entry.
     pub fn new(width: usize, height: usize, beyond: usize) -> Self {
         Self {
             entries: vec![T::default(); (width + 2) * (height + 1) + beyond],
@@ -206,7 +206,7 @@ impl<T: Sum> Plane<T> {
         &self.entries
     }
 
-    /// Sums up `pixels`, rows of `width`, each as `value` gives it.
+    /// Computes the sums of `value(pixel)` over `pixels` in rows of `width`.
     #[inline(always)]
     pub fn fill(&mut self, layout: Layout, pixels: &[u8], width: usize, value: impl Fn(u8) -> u32) {
         let stride = layout.stride();
@@ -225,7 +225,7 @@ impl<T: Sum> Plane<T> {
 }
 
 impl Plane<u32> {
-    /// Sums up `pixels`, rows of `width`, along the diagonals.
+    /// Computes tilted sums of `pixels` in rows of `width`.
     pub fn fill_tilted(&mut self, layout: Layout, pixels: &[u8], width: usize, rows: &mut TiltedRows) {
         let stride = layout.stride();
         self.entries[..stride].fill(0);
@@ -234,7 +234,7 @@ impl Plane<u32> {
         }
         let mut second_row: &[u8] = &[];
         for (y, row) in pixels.chunks_exact(width).enumerate() {
-            // Newest last: two rows above, the one above, this.
+            // Oldest first: two rows above, the row above, this row.
             rows.0.rotate_left(1);
             let [second, above, here] = &mut rows.0;
             tilted_row(&above[..=width], &second[..=width], row, second_row, &mut here[..=width]);
@@ -249,13 +249,13 @@ impl Plane<u32> {
 pub(super) struct TiltedRows([Vec<u32>; 3]);
 
 impl TiltedRows {
-    /// For images of up to `width` columns.
+    /// Rows for images of up to `width` columns.
     pub fn new(width: usize) -> Self {
         Self([vec![0; width + 1], vec![0; width + 1], vec![0; width + 1]])
     }
 }
 
-/// Writes a row in its layout, plus the row above it when sums run down.
+/// Writes a row in its layout; adds the row above if given.
 #[inline(always)]
 fn add_line<T: Sum>(layout: Layout, line: &[T], above: Option<&[T]>, here: &mut [T]) {
     if layout.step == 1 {

@@ -1,5 +1,20 @@
-//! Recognition: a boosted cascade over multi-block LBP or Haar features says what a region is
-//! (paper, section 3.6).
+//! Object recognition by boosted cascades of multi-block LBP or Haar features (paper, section 3.6).
+//!
+//! Input is an 8-bit grey image: the crop of an obstacle region for [`CascadeRecogniser`], a whole image for
+//! [`Detector`]. Output are windows in pixels of that image with the number of overlapping hits as score. A
+//! cascade recognises one class; it is read from OpenCV's XML format by [`xml::read`], or trained by
+//! `lookout train`. Scan positions, scales, arithmetic and grouping are those of OpenCV's
+//! `CascadeClassifier::detectMultiScale`, so that the hits are the same.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`cascade`] | the model, and the reference implementation for single windows |
+//! | `program` | the same cascade in the memory layout of the vectorised scan |
+//! | [`integral`] | integral images: upright, squared and tilted |
+//! | [`scan`] | sliding window over scales |
+//! | [`group`] | grouping of overlapping hits |
+//! | [`resize`] | bilinear scaling in fixed point |
+//! | [`xml`] | OpenCV's cascade files |
 
 pub mod cascade;
 pub mod group;
@@ -15,39 +30,38 @@ pub use cascade::Cascade;
 use group::{Group, Grouper};
 pub use scan::{Scanner, Sizes, Window};
 
-/// What a recogniser says of a region.
+/// An object recognised in a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recognition {
-    /// Overlapping hits behind it; more is surer.
+    /// Number of overlapping hits; more hits mean higher confidence.
     pub score: f32,
-    /// Left column of the recognised part, in pixels of the crop.
+    /// Left column of the object's window, in pixels of the crop.
     pub x: u32,
-    /// Its top row.
+    /// Top row of the window.
     pub y: u32,
-    /// Its width.
+    /// Width of the window.
     pub width: u32,
-    /// Its height.
+    /// Height of the window.
     pub height: u32,
 }
 
-/// Something that recognises one class of object in the crop of a region.
+/// Recognises one class of objects in the crop of a region.
 pub trait Recogniser {
-    /// The most certain object of the class in `crop`; `None` when there is none. `metre_px` is how
-    /// many pixels a metre has at the region's distance, where that is known. The result depends on
-    /// the arguments alone.
+    /// The object of the class with the highest score in `crop`; `None` if there is none. `metre_px` is the
+    /// size of a metre at the region's distance in pixels, if known. The result depends only on the arguments.
     fn recognise(&mut self, crop: GreyView<'_>, metre_px: Option<f64>) -> Option<Recognition>;
 }
 
-/// How a cascade is applied to regions.
+/// Parameters of recognition in regions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecogniserParameters {
-    /// Sizes of window when the distance of a region is not known or `window_m` is 0.
+    /// Window sizes if the distance of a region is unknown or `window_m` is 0.
     pub sizes: Sizes,
-    /// From one size to the next about the expected one.
+    /// Ratio of the two window sizes around the expected one.
     pub growth: f64,
-    /// Width of the cascade's window at the object, in metres; 0 tries all `sizes`.
+    /// Width of the cascade's window at the object, in metres; 0 scans all `sizes`.
     pub window_m: f64,
-    /// A find needs more overlapping hits than this.
+    /// An object needs more overlapping hits than this.
     pub min_neighbours: u32,
 }
 
@@ -57,10 +71,10 @@ impl Default for RecogniserParameters {
     }
 }
 
-/// Hits kept per crop: more than this is no find.
+/// Maximum number of hits per crop.
 const MAX_HITS: usize = 4096;
 
-/// The cascade as a recogniser, with its workspace.
+/// A cascade as a recogniser, with its workspace.
 #[derive(Debug)]
 pub struct CascadeRecogniser {
     scanner: Scanner,
@@ -102,7 +116,7 @@ impl Recogniser for CascadeRecogniser {
     }
 }
 
-/// The part of a window that lies in an image; `None` when none does.
+/// The part of a window within the image; `None` if they do not overlap.
 fn clip(window: Window, width: i32, height: i32) -> Option<Window> {
     let (x, y) = (window.x.max(0), window.y.max(0));
     let (right, bottom) = ((window.x + window.width).min(width), (window.y + window.height).min(height));
@@ -127,11 +141,11 @@ impl Detector {
         }
     }
 
-    /// Groups of more than `min_neighbours` overlapping hits, clipped to the image; with 0 every
-    /// hit is one.
+    /// Groups of more than `min_neighbours` overlapping hits, clipped to the image; with 0 every hit is a
+    /// group.
     ///
     /// # Panics
-    /// When the image is larger than the detector was made for.
+    /// If the image is larger than the detector's maximum size.
     pub fn detect(&mut self, image: GreyView<'_>, sizes: Sizes, min_neighbours: u32) -> &[Group] {
         let groups = self.grouper.group(self.scanner.scan(image, sizes), min_neighbours);
         let (width, height) = (image.width() as i32, image.height() as i32);

@@ -1,19 +1,19 @@
-//! A cascade laid out for one [`Layout`] of integral images, and the kernels that run it over the
-//! windows of an image: 32 neighbours at a time while several of them are in the race, one by one
-//! when few are left. Verdicts are those of [`Cascade::stages_passed`], bit for bit.
+//! A cascade compiled for one [`Layout`] of integral images, and the kernels that evaluate it on the windows of
+//! an image: 32 neighbouring windows at a time while several of them are still candidates, one by one when few
+//! are left. Results equal those of [`Cascade::stages_passed`].
 
 use super::cascade::{Branch, Cascade, Contrast, Features, HaarFeature, LbpFeature, Node, Split};
 use super::integral::{Layout, Sum};
 use crate::simd::{LANES, Lanes, Simd, kernel};
 
-/// Trees with more nodes and leaves together are walked window by window.
+/// Maximum number of nodes plus leaves of a small tree; larger trees are evaluated window by window.
 const SMALL_TREE: usize = 16;
 
-/// Fewer windows than this in the race are judged one by one.
-const FEW: u32 = 4;
+/// Below this number of candidates windows are evaluated one by one.
+const MIN_VECTOR_CANDIDATES: u32 = 4;
 
-/// A decision of a laid-out tree. A branch is the number of a node, or the number of nodes plus
-/// that of a leaf.
+/// A decision of a compiled tree. A branch is the index of a node, or the number of nodes plus the index of a
+/// leaf.
 #[derive(Clone, Copy, Debug)]
 struct Step<T> {
     test: T,
@@ -23,11 +23,11 @@ struct Step<T> {
 
 #[derive(Clone, Copy, Debug)]
 struct Tree {
-    /// Its first step.
+    /// Index of its first step.
     first: usize,
-    /// How many steps.
+    /// Number of steps.
     count: u16,
-    /// Its first value: one for each node (0, unused), then one for each leaf.
+    /// Index of its first value: one for each node (0, unused), then one for each leaf.
     values: usize,
 }
 
@@ -35,31 +35,32 @@ struct Tree {
 struct StageRange {
     trees: (usize, usize),
     min_sum: f64,
-    /// Its sum goes on from that of the stage before: it begins with the same trees.
-    goes_on: bool,
+    /// The stage starts with the trees of the previous stage, so its sum continues from that stage's sum.
+    continues: bool,
 }
 
-/// The laid-out cascade; `T` is how a decision is tested.
+/// The compiled cascade; `T` is the type of its decision tests.
 #[derive(Clone, Debug)]
 pub(super) struct Program<T> {
     stages: Vec<StageRange>,
     trees: Vec<Tree>,
     steps: Vec<Step<T>>,
     values: Vec<f64>,
-    /// All trees are small.
+    /// Whether all trees are small; see [`SMALL_TREE`].
     small: bool,
 }
 
-/// A decision over integral images.
+/// A decision test on integral images.
 pub(super) trait Test: Copy {
     /// The integral images.
     type Planes<'a>: Copy;
-    /// What is computed once for 32 windows, and the windows that can be judged.
+    /// Values computed once for 32 windows.
     type Tile;
 
-    /// Looks at the 32 windows from entry `at` on.
+    /// Prepares the 32 windows from entry `at` on: shared values, and a bit mask of the windows with enough
+    /// contrast.
     fn tile(planes: Self::Planes<'_>, at: usize) -> (Self::Tile, u32);
-    /// 255 for those of the first `N` windows that the decision sends left.
+    /// 255 for those of the first `N` windows that go left.
     fn lanes<S: Simd, const N: usize>(
         &self,
         simd: S,
@@ -67,11 +68,11 @@ pub(super) trait Test: Copy {
         tile: &Self::Tile,
         at: usize,
     ) -> S::Bytes;
-    /// Whether it sends window `lane` of them left.
+    /// Whether window `lane` goes left.
     fn one(&self, planes: Self::Planes<'_>, tile: &Self::Tile, at: usize, lane: usize) -> bool;
 }
 
-/// An LBP decision.
+/// The test of an LBP feature.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LbpTest<T> {
     set: Lanes,
@@ -97,7 +98,7 @@ impl<T: Sum> LbpTest<T> {
         }
     }
 
-    /// The start of row `j` of corners.
+    /// Index of row `j` of the block corners.
     #[inline(always)]
     fn row(&self, at: usize, j: u32) -> usize {
         at + (self.top + j * self.down) as usize
@@ -129,7 +130,7 @@ impl<T: Sum> Test for LbpTest<T> {
         let (a, b, c, d) = (corners!(0), corners!(1), corners!(2), corners!(3));
         let mut codes = Lanes::ZERO;
         for i in 0..N {
-            // Differences along the four rows of corners, then between rows: the nine blocks.
+            // Differences along the four rows of corners, then between rows, give the nine block sums.
             let (a0, a1, a2) = (a[1][i].minus(a[0][i]), a[2][i].minus(a[1][i]), a[3][i].minus(a[2][i]));
             let (b0, b1, b2) = (b[1][i].minus(b[0][i]), b[2][i].minus(b[1][i]), b[3][i].minus(b[2][i]));
             let (c0, c1, c2) = (c[1][i].minus(c[0][i]), c[2][i].minus(c[1][i]), c[3][i].minus(c[2][i]));
@@ -182,15 +183,15 @@ pub(super) struct HaarPlanes<'a> {
     pub sums: &'a [u32],
     /// Sums of squares.
     pub squares: &'a [u32],
-    /// Tilted sums; empty when no feature is tilted.
+    /// Tilted sums; empty if no feature is tilted.
     pub tilted: &'a [u32],
-    /// Corners of the rectangle over which contrast is measured.
+    /// Corners of the rectangle over which the contrast is measured.
     pub inner: [u32; 4],
     /// Its area.
     pub area: f64,
 }
 
-/// A Haar decision.
+/// The test of a Haar feature.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HaarTest {
     corners: [[u32; 4]; 3],
@@ -316,7 +317,7 @@ impl Test for HaarTest {
 }
 
 impl<T> Program<T> {
-    fn lay_out(cascade: &Cascade, mut test: impl FnMut(&Node) -> T) -> Self {
+    fn compile(cascade: &Cascade, mut test: impl FnMut(&Node) -> T) -> Self {
         let mut program = Self {
             stages: Vec::new(),
             trees: Vec::new(),
@@ -327,9 +328,9 @@ impl<T> Program<T> {
         let mut before: &[Vec<Node>] = &[];
         for stage in &cascade.stages {
             let first_tree = program.trees.len();
-            // Trees of the stage before are not added up again.
-            let goes_on = !before.is_empty() && stage.trees.starts_with(before);
-            for nodes in &stage.trees[if goes_on { before.len() } else { 0 }..] {
+            // Trees of the previous stage are not evaluated again.
+            let continues = !before.is_empty() && stage.trees.starts_with(before);
+            for nodes in &stage.trees[if continues { before.len() } else { 0 }..] {
                 program.trees.push(Tree {
                     first: program.steps.len(),
                     count: nodes.len() as u16,
@@ -352,35 +353,35 @@ impl<T> Program<T> {
                 program.small &= usize::from(next) <= SMALL_TREE;
             }
             let min_sum = stage.min_sum();
-            program.stages.push(StageRange { trees: (first_tree, program.trees.len()), min_sum, goes_on });
+            program.stages.push(StageRange { trees: (first_tree, program.trees.len()), min_sum, continues });
             before = &stage.trees;
         }
-        // Small trees read sixteen values wherever they start.
+        // Padding: small trees always read sixteen values.
         program.values.extend([0.0; SMALL_TREE]);
         program
     }
 }
 
 impl<T: Sum> Program<LbpTest<T>> {
-    /// Lays an LBP cascade out.
+    /// Compiles an LBP cascade.
     pub fn lbp(cascade: &Cascade, features: &[LbpFeature], layout: Layout) -> Self {
-        Self::lay_out(cascade, |node| LbpTest::new(&features[node.feature as usize], &node.split, layout))
+        Self::compile(cascade, |node| LbpTest::new(&features[node.feature as usize], &node.split, layout))
     }
 }
 
 impl Program<HaarTest> {
-    /// Lays a Haar cascade out.
+    /// Compiles a Haar cascade.
     pub fn haar(cascade: &Cascade, features: &[HaarFeature], layout: Layout) -> Self {
-        Self::lay_out(cascade, |node| HaarTest::new(&features[node.feature as usize], &node.split, layout))
+        Self::compile(cascade, |node| HaarTest::new(&features[node.feature as usize], &node.split, layout))
     }
 }
 
-/// Whether a cascade is Haar with tilted features.
+/// Whether a cascade has tilted Haar features.
 pub(super) fn has_tilted(cascade: &Cascade) -> bool {
     matches!(&cascade.features, Features::Haar(features) if features.iter().any(|f| f.tilted))
 }
 
-/// Which windows of the layout are tried.
+/// The windows of a layout that are scanned.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
     /// Windows in a row.
@@ -389,13 +390,13 @@ pub(super) struct Grid {
     pub rows: usize,
     /// Entries from one row of windows to the next.
     pub down: usize,
-    /// A window that fails the first stage rules its right neighbour out.
+    /// A window that fails the first stage also excludes its right neighbour (OpenCV's rule).
     pub skip: bool,
-    /// No more hits than this.
-    pub most: usize,
+    /// Maximum number of hits.
+    pub max_hits: usize,
 }
 
-/// The windows of a tile, of the first `N`, that pass a stage.
+/// Bit mask of those of the first `N` windows of a tile that pass a stage.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn stage_lanes<S: Simd, T: Test, const N: usize>(
@@ -408,7 +409,7 @@ fn stage_lanes<S: Simd, T: Test, const N: usize>(
     sums: &mut [f64; LANES],
 ) -> u32 {
     let yes = simd.splat(255);
-    if !stage.goes_on {
+    if !stage.continues {
         *sums = [0.0; LANES];
     }
     for tree in &program.trees[stage.trees.0..stage.trees.1] {
@@ -434,7 +435,7 @@ fn stage_lanes<S: Simd, T: Test, const N: usize>(
     passed
 }
 
-/// The same for the first `count` windows, of half a tile where those are enough.
+/// The same for the first `count` windows; evaluates only half a tile if that is enough.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn stage<S: Simd, T: Test>(
@@ -466,7 +467,7 @@ fn stage_one<T: Test>(
     lane: usize,
     sum: &mut f64,
 ) -> bool {
-    if !stage.goes_on {
+    if !stage.continues {
         *sum = 0.0;
     }
     for tree in &program.trees[stage.trees.0..stage.trees.1] {
@@ -480,7 +481,7 @@ fn stage_one<T: Test>(
     *sum >= stage.min_sum
 }
 
-/// Adds the place (column, row) in the grid of every window that passes all stages.
+/// Appends the grid position (column, row) of every window that passes all stages.
 #[inline(always)]
 fn scan<S: Simd, T: Test>(
     simd: S,
@@ -490,15 +491,15 @@ fn scan<S: Simd, T: Test>(
     hits: &mut Vec<(u32, u32)>,
 ) {
     for row in 0..grid.rows {
-        // Whether the row's next window is ruled out.
-        let mut out = 0;
+        // Number of windows to skip at the start of the tile (0 or 1).
+        let mut skipped = 0;
         for column in (0..grid.columns).step_by(LANES) {
             let at = row * grid.down + column;
             let count = LANES.min(grid.columns - column);
             let (tile, sound) = T::tile(planes, at);
             let mut alive = 0_u32;
             let mut sums = [0.0_f64; LANES];
-            let mut lane = out;
+            let mut lane = skipped;
             if program.small {
                 let passed = stage(simd, program, &program.stages[0], planes, &tile, at, count, &mut sums);
                 let failed = if grid.skip { sound & !passed } else { 0 };
@@ -509,18 +510,18 @@ fn scan<S: Simd, T: Test>(
                 alive &= passed & sound;
             } else {
                 while lane < count {
-                    let judged = sound >> lane & 1 == 1;
-                    let passed = judged
+                    let has_contrast = sound >> lane & 1 == 1;
+                    let passed = has_contrast
                         && stage_one(program, &program.stages[0], planes, &tile, at, lane, &mut sums[lane]);
                     alive |= u32::from(passed) << lane;
-                    lane += 1 + usize::from(judged && !passed && grid.skip);
+                    lane += 1 + usize::from(has_contrast && !passed && grid.skip);
                 }
             }
-            out = lane - count;
+            skipped = lane - count;
             let mut rest = &program.stages[1..];
             while let [next, later @ ..] = rest
                 && program.small
-                && alive.count_ones() >= FEW
+                && alive.count_ones() >= MIN_VECTOR_CANDIDATES
             {
                 let last = LANES - alive.leading_zeros() as usize;
                 alive &= stage(simd, program, next, planes, &tile, at, last, &mut sums);
@@ -533,7 +534,7 @@ fn scan<S: Simd, T: Test>(
                     .iter()
                     .all(|stage| stage_one(program, stage, planes, &tile, at, lane, &mut sums[lane]))
                 {
-                    if hits.len() >= grid.most {
+                    if hits.len() >= grid.max_hits {
                         return;
                     }
                     hits.push(((column + lane) as u32, row as u32));
@@ -583,7 +584,7 @@ kernel! {
     ) = narrow
 }
 kernel! {
-    /// Scans with any LBP cascade.
+    /// Scans with an LBP cascade of any size.
     pub(super) fn scan_wide(
         program: &Program<LbpTest<u32>>, sums: &[u32], grid: &Grid, hits: &mut Vec<(u32, u32)>,
     ) = wide

@@ -1,4 +1,4 @@
-//! Bilinear scaling in exact fixed point, the same numbers as OpenCV's `INTER_LINEAR_EXACT`.
+//! Bilinear scaling in fixed point, bit-identical to OpenCV's `INTER_LINEAR_EXACT`.
 
 use crate::image::GreyView;
 
@@ -6,13 +6,13 @@ use crate::image::GreyView;
 #[derive(Debug)]
 pub struct Resizer {
     columns: Vec<(u32, u16)>,
-    /// A row between two of the source, its last pixel twice.
+    /// A source row interpolated vertically, its last pixel duplicated.
     blend: Vec<u16>,
     pixels: Vec<u8>,
 }
 
-/// Source index and the weight (of 256) of the pixel behind it.
-fn place(target: usize, source_len: usize, target_len: usize) -> (u32, u16) {
+/// Source index of a target pixel, and the weight in 1/256 of the next source pixel.
+fn source_position(target: usize, source_len: usize, target_len: usize) -> (u32, u16) {
     let scale = source_len as f64 / target_len as f64;
     let at = scale * (target as f64 + 0.5) - 0.5;
     let whole = at.floor();
@@ -31,15 +31,15 @@ impl Resizer {
         Self { columns: vec![(0, 0); width], blend: vec![0; width + 1], pixels: vec![0; width * height] }
     }
 
-    /// `image` scaled to `width` × `height` pixels, rows without gaps. Nothing is rounded before the
-    /// end, so rows can be blended first, where they lie side by side.
+    /// `image` scaled to `width` × `height` pixels, rows without padding. Rounding happens only at the end, so
+    /// the order of interpolation does not matter: vertically first, where memory access is contiguous.
     ///
     /// # Panics
-    /// When the result is larger than the memory, or empty.
+    /// If the result is larger than the memory, or empty.
     pub fn scale(&mut self, image: GreyView<'_>, width: usize, height: usize) -> &[u8] {
         let columns = &mut self.columns[..width];
         for (x, column) in columns.iter_mut().enumerate() {
-            *column = place(x, image.width(), width);
+            *column = source_position(x, image.width(), width);
         }
         let source = image.width();
         if self.blend.len() <= source {
@@ -47,7 +47,7 @@ impl Resizer {
         }
         let blend = &mut self.blend[..=source];
         for y in 0..height {
-            let (first, weight) = place(y, image.height(), height);
+            let (first, weight) = source_position(y, image.height(), height);
             let first = first as usize;
             let upper = image.row(first);
             let lower = image.row((first + 1).min(image.height() - 1));

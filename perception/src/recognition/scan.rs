@@ -1,5 +1,5 @@
-//! Slides the cascade's window over an image at several scales, as OpenCV's detector does: the
-//! same windows, the same steps, the same hits.
+//! Sliding-window detection over several scales, like OpenCV's detector: the same windows, the same steps, the
+//! same hits.
 
 use super::cascade::{Cascade, Features};
 use super::integral::{Layout, Plane, TiltedRows};
@@ -21,24 +21,24 @@ pub struct Window {
     pub height: i32,
 }
 
-/// Which sizes of window are tried.
+/// Which window sizes are scanned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sizes {
-    /// The cascade's own size, and that grown again and again, as far as it lies in the range; the
-    /// one nearest to `min_px` when none does. OpenCV's rule.
+    /// The cascade's own size times powers of `growth`, as far as it lies in the range; the size closest to
+    /// `min_px` if none does. This is OpenCV's rule.
     Range {
-        /// Least width and height of a window, in pixels; 0 for no limit.
+        /// Minimum width and height of a window, in pixels; 0 for no limit.
         min_px: u32,
-        /// Greatest width and height, in pixels; 0 for no limit.
+        /// Maximum width and height, in pixels; 0 for no limit.
         max_px: u32,
-        /// From one size to the next, above 1.
+        /// Ratio of consecutive sizes, greater than 1.
         growth: f64,
     },
-    /// Two sizes about one that is expected: half a growth below it and half a growth above.
+    /// Two sizes around an expected size: smaller and larger by √`growth`.
     Around {
-        /// Width of the window that is expected, in pixels.
+        /// Expected width of the window, in pixels.
         width_px: f64,
-        /// From the one size to the other, above 1.
+        /// Ratio of the two sizes, greater than 1.
         growth: f64,
     },
 }
@@ -51,42 +51,42 @@ pub const DEFAULT_MAX_PX: u32 = 90;
 pub const DEFAULT_GROWTH: f64 = 1.3;
 
 impl Default for Sizes {
-    /// The window sizes of the paper.
+    /// The paper's sizes: 30 to 90 px, ratio 1.3.
     fn default() -> Self {
         Self::Range { min_px: DEFAULT_MIN_PX, max_px: DEFAULT_MAX_PX, growth: DEFAULT_GROWTH }
     }
 }
 
-/// Least factor from one size to the next; what is less is taken as this.
+/// Minimum ratio of consecutive sizes; smaller values are raised to it.
 pub const MIN_GROWTH: f64 = 1.01;
 
-/// An expected window may be smaller than the cascade's by this factor: the image is enlarged.
-const SMALLEST_SCALE: f64 = 0.6;
+/// Minimum scale of an expected window relative to the cascade's; below 1 the image is enlarged.
+const MIN_SCALE: f64 = 0.6;
 
-/// The cascade, laid out for windows one and two columns apart, with its integral images.
+/// The cascade in its layouts for window steps of one and two columns, with its integral images.
 #[derive(Debug)]
 enum Engine {
-    /// LBP whose block sums fit into 16 bits.
+    /// LBP cascades whose block sums fit into 16 bits.
     Narrow { programs: [Program<LbpTest<u16>>; 2], sums: Plane<u16> },
-    /// Any other LBP.
+    /// All other LBP cascades.
     Wide { programs: [Program<LbpTest<u32>>; 2], sums: Plane<u32> },
-    /// Haar.
+    /// Haar cascades.
     Haar {
         programs: [Program<HaarTest>; 2],
         sums: Plane<u32>,
         squares: Plane<u32>,
-        /// When a feature is tilted.
+        /// Present if a feature is tilted.
         tilted: Option<(Plane<u32>, TiltedRows)>,
     },
 }
 
-/// Scans images of up to one size, with memory allocated once.
+/// Scans images up to a maximum size, with memory allocated once.
 #[derive(Debug)]
 pub struct Scanner {
     level: Level,
     /// Width and height of the cascade's window.
     window: (i32, i32),
-    /// Greatest width and height of an image.
+    /// Maximum width and height of an image.
     limit: (usize, usize),
     layouts: [Layout; 2],
     engine: Engine,
@@ -108,13 +108,13 @@ fn scaled(length: i32, scale: f32) -> i32 {
 }
 
 impl Scanner {
-    /// A scanner for images of up to `width` × `height` pixels that stops after `max_hits` hits;
-    /// with usize::MAX it finds all, and its memory grows with them.
+    /// A scanner for images of up to `width` × `height` pixels that stops after `max_hits` hits; with
+    /// `usize::MAX` it finds all hits, and its memory grows as needed.
     pub fn new(cascade: &Cascade, width: usize, height: usize, max_hits: usize) -> Self {
         Self::at_level(cascade, width, height, max_hits, Level::best())
     }
 
-    /// The same on a level of one's choice.
+    /// As [`Self::new`], on a given instruction-set level.
     pub fn at_level(cascade: &Cascade, width: usize, height: usize, max_hits: usize, level: Level) -> Self {
         let layouts = [Layout::new(width, 1), Layout::new(width, 2)];
         let plane = || Plane::<u32>::new(width, height, LANES);
@@ -154,7 +154,7 @@ impl Scanner {
         }
     }
 
-    /// Factors by which the window is enlarged.
+    /// Computes the scale factors of the window.
     fn choose_scales(&mut self, sizes: Sizes, width: i32, height: i32) {
         self.scales.clear();
         let (window_width, window_height) = self.window;
@@ -187,10 +187,10 @@ impl Scanner {
             Sizes::Around { width_px, growth } => {
                 let half = growth.max(MIN_GROWTH).sqrt();
                 let expected = width_px / f64::from(window_width);
-                // No window is larger than the image, no image larger than the memory.
+                // Windows must fit into the image, and scaled images into the memory.
                 let greatest = (f64::from(width) / f64::from(window_width))
                     .min(f64::from(height) / f64::from(window_height));
-                let least = SMALLEST_SCALE
+                let least = MIN_SCALE
                     .max(f64::from(width) / (self.limit.0 as f64 + 0.4))
                     .max(f64::from(height) / (self.limit.1 as f64 + 0.4));
                 for scale in [expected / half, expected * half] {
@@ -206,11 +206,11 @@ impl Scanner {
     /// All windows of `image` that pass every stage, smallest windows first.
     ///
     /// # Panics
-    /// When the image is larger than the scanner was made for.
+    /// If the image is larger than the scanner's maximum size.
     pub fn scan(&mut self, image: GreyView<'_>, sizes: Sizes) -> &[Window] {
         self.hits.clear();
         self.choose_scales(sizes, image.width() as i32, image.height() as i32);
-        // OpenCV cuts the rows of every scale into as many stripes as the first one has columns / 32.
+        // OpenCV splits the rows of every scale into stripes, as many as the first scale has columns / 32.
         let stripes = match (sizes, self.scales.first()) {
             (Sizes::Range { .. }, Some(&first)) => {
                 let width = round((image.width() as f32 / first).into());
@@ -224,25 +224,25 @@ impl Scanner {
         &self.hits
     }
 
-    /// Whether an image of the window's own size passes every stage.
+    /// Whether an image of the size of the cascade's window passes every stage.
     ///
     /// # Panics
-    /// When the image is larger than the scanner was made for.
+    /// If the image is larger than the scanner's maximum size.
     pub fn passes(&mut self, window: GreyView<'_>) -> bool {
         self.hits.clear();
         self.scan_scale(window, 1.0, None);
         !self.hits.is_empty()
     }
 
-    /// Scans at one scale. Stripes are of whole steps; what their rounding leaves over, less than a
-    /// step, OpenCV does not look at, and neither is it looked at here.
+    /// Scans one scale. Stripes consist of whole steps; OpenCV skips the rest of less than a step that rounding
+    /// leaves, and so does this function.
     fn scan_scale(&mut self, image: GreyView<'_>, scale: f32, stripes: Option<usize>) {
         let width = round((image.width() as f32 / scale).into());
         let height = round((image.height() as f32 / scale).into());
         if width < self.window.0 || height < self.window.1 {
             return;
         }
-        // About an expected size the image is never scaled less: two pixels apart are near enough.
+        // Around an expected size a step of two pixels is always fine enough.
         let step = if scale >= 2.0 && stripes.is_some() { 1 } else { 2 };
         let layout = self.layouts[step - 1];
         let pixels = self.resizer.scale(image, width as usize, height as usize);
@@ -253,7 +253,7 @@ impl Scanner {
             rows: rows.div_ceil(step).min(covered),
             down: layout.index(0, step),
             skip: true,
-            most: self.max_hits - self.hits.len().min(self.max_hits),
+            max_hits: self.max_hits - self.hits.len().min(self.max_hits),
         };
         let (level, width, places) = (self.level, width as usize, &mut self.places);
         places.clear();

@@ -1,4 +1,4 @@
-//! What the sums over one window are taken of: weighted rectangles, and the contrast that normalises them.
+//! Weighted rectangles of Haar features, and the contrast of a window that normalises their sums.
 
 /// A rectangle of a Haar feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -11,21 +11,21 @@ pub struct WeightedRect {
     pub width: u16,
     /// Height; the length of the arm that runs down to the left when tilted.
     pub height: u16,
-    /// Factor of the sum of its pixels.
+    /// Factor of the sum over its pixels.
     pub weight: f32,
 }
 
-/// The contrast of a window, by which Haar values are divided.
+/// The contrast of a window, which normalises Haar values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contrast {
-    /// One over its area × standard deviation, over the window less one pixel on each side.
+    /// 1 / (area × standard deviation) of the window without a border of one pixel.
     pub inverse: f32,
-    /// False when the window is too flat to be judged: standard deviation of 10 grey levels or less.
+    /// False if the contrast is too low: a standard deviation of 10 grey levels or less.
     pub sound: bool,
 }
 
 impl Contrast {
-    /// From the sum and the sum of squares of `area` pixels; squares wrap as OpenCV's do.
+    /// Contrast from the sum and the sum of squares over `area` pixels; squares wrap as in OpenCV.
     #[inline]
     pub fn new(sum: u32, squares: u32, area: f64) -> Self {
         let sum = f64::from(sum as i32);

@@ -12,7 +12,7 @@ use super::heights::{BATCH, PixelBatch};
 use super::surface::RoadSurface;
 use crate::depth::DepthView;
 use crate::rig::Rig;
-use crate::simd::whole::whole_f64;
+use crate::simd::rounding::truncate_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// Longitudinal segments, each with its own pair of edges.
@@ -244,7 +244,7 @@ fn assign_cells_each<S: Simd>(
         let segment = bounds_px[1..SEGMENTS].iter().fold(0, |n, &end| n + u16::from(d <= end));
         let side = u16::from(across >= 0.0);
         // This form of the comparison maps NaN to "no cell".
-        let cell = whole_f64(if across.abs() < CELLS_PER_SIDE as f64 {
+        let cell = truncate_f64(if across.abs() < CELLS_PER_SIDE as f64 {
             across.abs()
         } else {
             CELLS_PER_SIDE as f64

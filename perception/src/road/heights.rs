@@ -1,7 +1,7 @@
 //! Heights above the road for batches of scattered pixels.
 
 use super::tilt::Tilt;
-use crate::simd::whole::whole;
+use crate::simd::rounding::truncate;
 use crate::simd::{Simd, kernel};
 
 /// Pixels in one batch.
@@ -84,7 +84,7 @@ fn measure_heights_each<S: Simd>(
         // This form of the comparison maps NaN to 0.
         let level = if level > 0.0 { level } else { 0.0 };
         let position = (level * entries_per_px) as f32;
-        index[i] = whole(if position < last as f32 { position } else { last as f32 });
+        index[i] = truncate(if position < last as f32 { position } else { last as f32 });
         share[i] = (position - index[i] as f32).min(1.0);
     }
     let (mut near, mut next) = ([f32::NAN; BATCH], [f32::NAN; BATCH]);

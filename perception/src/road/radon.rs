@@ -1,7 +1,7 @@
 //! Initial straight road model: the Radon transform of v-disparity (R{U} in the paper).
 
 use super::histogram::{BINS_PER_PX, VDisparity};
-use crate::simd::whole::nearest_f64;
+use crate::simd::rounding::nearest_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// A straight road in v-disparity: disparity = `slope` · (row − `horizon_px`).

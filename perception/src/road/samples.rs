@@ -2,7 +2,7 @@
 
 use super::tilt::Tilt;
 use crate::depth::DepthView;
-use crate::simd::whole::whole_f64;
+use crate::simd::rounding::truncate_f64;
 use crate::simd::{Level, Simd, kernel};
 
 /// Columns between samples.
@@ -200,7 +200,7 @@ fn bin_residuals_each<S: Simd>(
         let residual_px = tilt.levelled_px(f64::from((STEP * i) as i32), f64::from(d) / 256.0) - road_px;
         let position = (if absolute { residual_px.abs() } else { residual_px } - start_px) * bins_per_px;
         let inside = d > 0 && position >= 0.0 && position < bin_count;
-        *bin = whole_f64(if inside { position } else { bin_count }) as u8;
+        *bin = truncate_f64(if inside { position } else { bin_count }) as u8;
     }
 }
 

@@ -1,6 +1,6 @@
 //! AVX2: one vector is one register of 256 bits.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::x86_64::*;
 
 /// The AVX2 level.
@@ -8,7 +8,7 @@ use std::arch::x86_64::*;
 pub struct Avx2(());
 
 impl Avx2 {
-    /// The token; callers are compiled for AVX2.
+    /// Creates the token; callers are compiled for AVX2.
     #[target_feature(enable = "avx2")]
     #[inline]
     pub(crate) fn new() -> Self {
@@ -16,13 +16,13 @@ impl Avx2 {
     }
 }
 
-/// Sixteen rows of two 16-byte halves: turns both 16 × 16 blocks.
+/// Transposes the two 16 × 16 blocks in sixteen rows of two 16-byte halves.
 #[inline(always)]
 fn transpose_halves(mut v: [__m256i; 16]) -> [__m256i; 16] {
     for _ in 0..4 {
         let mut o = v;
         for i in 0..8 {
-            // SAFETY: an `Avx2` or `Avx512` token exists, so AVX2 is there.
+            // SAFETY: callers hold an `Avx2` or `Avx512` token, so the CPU has AVX2.
             unsafe {
                 o[2 * i] = _mm256_unpacklo_epi8(v[i], v[i + 8]);
                 o[2 * i + 1] = _mm256_unpackhi_epi8(v[i], v[i + 8]);
@@ -39,82 +39,82 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn splat(self, value: u8) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_set1_epi8(value as i8) }
     }
 
     #[inline(always)]
     fn load(self, from: &Lanes) -> __m256i {
-        // SAFETY: the token exists; `Lanes` is 32 bytes aligned to 32.
+        // SAFETY: the token exists, so the CPU has AVX2; `Lanes` is 32 bytes, aligned to 32.
         unsafe { _mm256_load_si256(std::ptr::from_ref(from).cast()) }
     }
 
     #[inline(always)]
     fn store(self, value: __m256i, to: &mut Lanes) {
-        // SAFETY: the token exists; `Lanes` is 32 bytes aligned to 32.
+        // SAFETY: the token exists, so the CPU has AVX2; `Lanes` is 32 bytes, aligned to 32.
         unsafe { _mm256_store_si256(std::ptr::from_mut(to).cast(), value) }
     }
 
     #[inline(always)]
     fn stream(self, value: __m256i, to: &mut Lanes) {
-        // SAFETY: the token exists, so AVX is there; a `Lanes` is 32 bytes, aligned to 32.
+        // SAFETY: the token exists, so the CPU has AVX; `Lanes` is 32 bytes, aligned to 32.
         unsafe { _mm256_stream_si256(std::ptr::from_mut(to).cast(), value) }
     }
 
     #[inline(always)]
-    fn settle(self) {
-        // SAFETY: every x86-64 processor has SSE; a fence touches nothing.
+    fn store_fence(self) {
+        // SAFETY: every x86-64 CPU has SSE; a fence accesses no memory.
         unsafe { _mm_sfence() }
     }
 
     #[inline(always)]
-    fn expect(self, vectors: &[Lanes]) {
-        // One for each cache line of 64 bytes.
+    fn prefetch(self, vectors: &[Lanes]) {
+        // One prefetch for each cache line of 64 bytes.
         for vector in vectors.iter().step_by(2) {
-            // SAFETY: every x86-64 processor has SSE; a prefetch touches nothing.
+            // SAFETY: every x86-64 CPU has SSE; a prefetch has no effect on memory.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(vector).cast()) }
         }
     }
 
     #[inline(always)]
     fn min(self, a: __m256i, b: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_min_epu8(a, b) }
     }
 
     #[inline(always)]
     fn max(self, a: __m256i, b: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_max_epu8(a, b) }
     }
 
     #[inline(always)]
     fn add(self, a: __m256i, b: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_adds_epu8(a, b) }
     }
 
     #[inline(always)]
     fn sub(self, a: __m256i, b: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_subs_epu8(a, b) }
     }
 
     #[inline(always)]
     fn mean(self, a: __m256i, b: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_avg_epu8(a, b) }
     }
 
     #[inline(always)]
     fn select_equal(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_blendv_epi8(no, yes, _mm256_cmpeq_epi8(a, b)) }
     }
 
     #[inline(always)]
     fn select_less(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe {
             let not_less = _mm256_cmpeq_epi8(_mm256_max_epu8(a, b), a);
             _mm256_blendv_epi8(yes, no, not_less)
@@ -123,12 +123,12 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn contains(self, set: &Lanes, values: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there; `Lanes` is two times 16 bytes.
+        // SAFETY: the token exists, so the CPU has AVX2; `Lanes` is two times 16 bytes.
         unsafe {
             let halves: *const __m128i = std::ptr::from_ref(set).cast();
             let low = _mm256_broadcastsi128_si256(_mm_load_si128(halves));
             let high = _mm256_broadcastsi128_si256(_mm_load_si128(halves.add(1)));
-            // The top bit of a value says which half of the set its byte lies in.
+            // The top bit of a value selects the half of the set that holds its byte.
             let byte = _mm256_and_si256(_mm256_srli_epi16::<3>(values), _mm256_set1_epi8(15));
             let word =
                 _mm256_blendv_epi8(_mm256_shuffle_epi8(low, byte), _mm256_shuffle_epi8(high, byte), values);
@@ -140,13 +140,13 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn shift_right(self, own: __m256i, left: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_alignr_epi8::<15>(own, _mm256_permute2x128_si256::<0x03>(own, left)) }
     }
 
     #[inline(always)]
     fn shift_left(self, own: __m256i, right: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         unsafe { _mm256_alignr_epi8::<1>(_mm256_permute2x128_si256::<0x21>(own, right), own) }
     }
 
@@ -162,7 +162,7 @@ impl Simd for Avx2 {
         }
         lower = transpose_halves(lower);
         for i in 0..16 {
-            // SAFETY: the token exists, so AVX2 is there.
+            // SAFETY: the token exists, so the CPU has AVX2.
             let (first, second) = unsafe {
                 (
                     _mm256_permute2x128_si256::<0x20>(upper[i], lower[i]),
@@ -184,7 +184,7 @@ impl Simd for Avx2 {
         low: usize,
         out: &mut [Lanes],
     ) {
-        // 36 columns are used, five vectors of eight cover them.
+        // 36 columns are used; five vectors of eight cover them.
         const COLUMNS: usize = LANES + 8;
         let Some(last) = out.len().checked_sub(1) else { return };
         assert!(low.checked_add(last).is_some_and(|high| at >= high));
@@ -199,9 +199,9 @@ impl Simd for Avx2 {
         let mut columns = [0_i32; COLUMNS];
         for (k, cost) in out.iter_mut().enumerate() {
             let x = at - low - k;
-            // SAFETY: the token exists, so AVX2 is there. All addresses lie inside the slices: x is
-            // at most `at - low` and at least 0, and the lengths were checked above for them;
-            // `columns` is read at most 24 + 4 + 8 = 36 values in.
+            // SAFETY: the token exists, so the CPU has AVX2. All addresses lie inside the slices: x is
+            // at most `at - low` and at least 0, and the assertions above check the lengths for both;
+            // `columns` is read up to value 24 + 4 + 8 = 36.
             unsafe {
                 for v in 0..COLUMNS / 8 {
                     let mut sum = _mm256_setzero_si256();
@@ -227,7 +227,7 @@ impl Simd for Avx2 {
                     let similarity = _mm256_sub_ps(product, means);
                     *eight = _mm256_cvttps_epi32(_mm256_sub_ps(middle, similarity));
                 }
-                // Packing works within halves; the permutation puts the fours in order again.
+                // Packing works within 128-bit halves; the permutation restores the order of the groups of four.
                 let low_half = _mm256_packs_epi32(eights[0], eights[1]);
                 let high_half = _mm256_packs_epi32(eights[2], eights[3]);
                 let packed = _mm256_packus_epi16(low_half, high_half);
@@ -245,7 +245,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
-        // SAFETY: the token exists, so AVX2 is there.
+        // SAFETY: the token exists, so the CPU has AVX2.
         self.store(unsafe { remap(source, stride, tile) }, out);
     }
 }
@@ -253,19 +253,19 @@ impl Simd for Avx2 {
 /// [`Simd::remap`].
 ///
 /// # Safety
-/// AVX2 is there.
+/// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn remap(source: &[u8], stride: usize, tile: &RemapTile) -> __m256i {
     let starts = tile.windows.map(|[x, y]| usize::from(y) * stride + usize::from(x));
     if source.len() < starts.into_iter().fold(0, usize::max) + 2 * stride + 16 {
-        // A picture smaller than a window.
+        // The image is smaller than a window.
         let mut lanes = Lanes::ZERO;
         super::plain::remap_pixels(source, stride, tile, &mut lanes);
-        // SAFETY: AVX2 is there; `Lanes` is 32 bytes aligned to 32.
+        // SAFETY: the caller guarantees AVX2; `Lanes` is 32 bytes aligned to 32.
         return unsafe { _mm256_load_si256(std::ptr::from_ref(&lanes).cast()) };
     }
-    // SAFETY: AVX2 is there. Every window's third row starts at its start plus two strides and has 16
-    // bytes, which was checked for the largest start. The tile's arrays are read whole, by halves.
+    // SAFETY: the caller guarantees AVX2. Every window's third row starts at its start plus two strides and has 16
+    // bytes; the check above covers the largest start. The tile's arrays are read completely, in halves.
     unsafe {
         let mut halves = [_mm256_setzero_si256(); 2];
         for (h, half) in halves.iter_mut().enumerate() {
@@ -290,33 +290,33 @@ pub(super) unsafe fn remap(source: &[u8], stride: usize, tile: &RemapTile) -> __
             let share = _mm256_slli_epi16::<10>(_mm256_and_si256(down, _mm256_set1_epi16(31)));
             let top = _mm256_blendv_epi8(rows[0], rows[1], lower);
             let bottom = _mm256_blendv_epi8(rows[1], rows[2], lower);
-            // Rounding down twice is rounding down once: all fits into 16 bits.
+            // Rounding down twice equals rounding down once: all intermediate values fit into 16 bits.
             let step = _mm256_sub_epi16(bottom, top);
             let step = _mm256_mulhi_epi16(_mm256_add_epi16(step, step), share);
             let sum = _mm256_add_epi16(_mm256_add_epi16(top, step), _mm256_set1_epi16(16));
             *half = _mm256_srli_epi16::<5>(sum);
         }
-        // Packing works within halves; the permutation puts the eights in order again.
+        // Packing works within 128-bit halves; the permutation restores the order of the groups of eight.
         _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packus_epi16(halves[0], halves[1]))
     }
 }
 
-/// Eight words from `at` on.
+/// Loads eight words from `at` on.
 ///
 /// # Safety
-/// AVX2 is there and `row` has 8 values from `at` on.
+/// The CPU has AVX2 and `row` has at least 8 values from `at` on.
 #[inline(always)]
 unsafe fn words(row: &[u32], at: usize) -> __m256i {
-    // SAFETY: as promised by the caller.
+    // SAFETY: guaranteed by the caller.
     unsafe { _mm256_loadu_si256(row.as_ptr().add(at).cast()) }
 }
 
-/// Eight floats from `at` on.
+/// Loads eight floats from `at` on.
 ///
 /// # Safety
-/// AVX2 is there and `row` has 8 values from `at` on.
+/// The CPU has AVX2 and `row` has at least 8 values from `at` on.
 #[inline(always)]
 unsafe fn floats(row: &[f32], at: usize) -> __m256 {
-    // SAFETY: as promised by the caller.
+    // SAFETY: guaranteed by the caller.
     unsafe { _mm256_loadu_ps(row.as_ptr().add(at)) }
 }

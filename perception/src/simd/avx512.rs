@@ -1,8 +1,8 @@
-//! AVX-512 with BW, VL and VNNI: the bytes as with AVX2 (one instruction where that needs two), the
-//! costs in registers of 512 bits.
+//! AVX-512 with BW, VL and VNNI: byte operations in registers of 256 bits as with AVX2 (one instruction where
+//! that needs two), matching costs in registers of 512 bits.
 
 use super::avx2::Avx2;
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::x86_64::*;
 
 /// The AVX-512 level.
@@ -10,7 +10,7 @@ use std::arch::x86_64::*;
 pub struct Avx512(Avx2);
 
 impl Avx512 {
-    /// The token; callers are compiled for these features.
+    /// Creates the token; callers are compiled for these features.
     #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vnni")]
     #[inline]
     pub(crate) fn new() -> Self {
@@ -43,13 +43,13 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn settle(self) {
-        self.0.settle();
+    fn store_fence(self) {
+        self.0.store_fence();
     }
 
     #[inline(always)]
-    fn expect(self, vectors: &[Lanes]) {
-        self.0.expect(vectors);
+    fn prefetch(self, vectors: &[Lanes]) {
+        self.0.prefetch(vectors);
     }
 
     #[inline(always)]
@@ -79,13 +79,13 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn select_equal(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX-512 BW and VL are there.
+        // SAFETY: the token exists, so the CPU has AVX-512 BW and VL.
         unsafe { _mm256_mask_blend_epi8(_mm256_cmpeq_epu8_mask(a, b), no, yes) }
     }
 
     #[inline(always)]
     fn select_less(self, a: __m256i, b: __m256i, yes: __m256i, no: __m256i) -> __m256i {
-        // SAFETY: the token exists, so AVX-512 BW and VL are there.
+        // SAFETY: the token exists, so the CPU has AVX-512 BW and VL.
         unsafe { _mm256_mask_blend_epi8(_mm256_cmplt_epu8_mask(a, b), no, yes) }
     }
 
@@ -119,7 +119,7 @@ impl Simd for Avx512 {
         low: usize,
         out: &mut [Lanes],
     ) {
-        // 36 columns are used: two vectors of sixteen and one of four cover them.
+        // 36 columns are used; two vectors of sixteen and one of four cover them.
         const COLUMNS: usize = LANES + 4;
         let Some(last) = out.len().checked_sub(1) else { return };
         assert!(low.checked_add(last).is_some_and(|high| at >= high));
@@ -131,10 +131,10 @@ impl Simd for Avx512 {
             assert!(l.len() >= LANES && r.len() >= at - low + LANES);
         }
         assert!(left.gradient.len() >= LANES && right.gradient.len() >= at - low + LANES);
-        // SAFETY: the token exists, so the features are there. All addresses lie inside the slices:
-        // x is at most `at - low` and at least 0, and the lengths were checked above for them.
+        // SAFETY: the token exists, so the CPU has these features. All addresses lie inside the slices:
+        // x is at most `at - low` and at least 0, and the assertions above check the lengths for both.
         unsafe {
-            // The rows 0 to 3 of the window, and the fifth.
+            // Rows 0 to 3 of the window, then row 4.
             let first = words(left.words[0], 0);
             let second = words(left.words[2], 0);
             let left_scale = floats(left.scale, 0);
@@ -189,18 +189,18 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
-        // SAFETY: the token exists; this level has AVX2, too.
+        // SAFETY: the token exists, so the CPU has AVX2 as well.
         self.store(unsafe { super::avx2::remap(source, stride, tile) }, out);
     }
 }
 
-/// 36 words from `at` on.
+/// Loads 36 words from `at` on.
 ///
 /// # Safety
-/// AVX-512 is there and `row` has 36 values from `at` on.
+/// The CPU has AVX-512 F and `row` has at least 36 values from `at` on.
 #[inline(always)]
 unsafe fn words(row: &[u32], at: usize) -> ([__m512i; 2], __m128i) {
-    // SAFETY: as promised by the caller.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         let row = row.as_ptr().add(at);
         (
@@ -210,13 +210,13 @@ unsafe fn words(row: &[u32], at: usize) -> ([__m512i; 2], __m128i) {
     }
 }
 
-/// Two vectors of floats from `at` on.
+/// Loads two vectors of floats from `at` on.
 ///
 /// # Safety
-/// AVX-512 is there and `row` has 32 values from `at` on.
+/// The CPU has AVX-512 F and `row` has at least 32 values from `at` on.
 #[inline(always)]
 unsafe fn floats(row: &[f32], at: usize) -> [__m512; 2] {
-    // SAFETY: as promised by the caller.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         let row = row.as_ptr().add(at);
         [_mm512_loadu_ps(row), _mm512_loadu_ps(row.add(16))]

@@ -1,6 +1,6 @@
-//! NEON: one vector is two registers of 128 bits. Every 64-bit ARM has it.
+//! NEON: one vector is two registers of 128 bits. Every 64-bit ARM CPU has it.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 use std::arch::aarch64::*;
 
 /// The NEON level.
@@ -9,13 +9,13 @@ pub struct Neon;
 
 type Halves = [uint8x16_t; 2];
 
-/// Turns a 16 × 16 block.
+/// Transposes a 16 × 16 block.
 #[inline(always)]
 fn transpose_half(mut v: [uint8x16_t; 16]) -> [uint8x16_t; 16] {
     for _ in 0..4 {
         let mut o = v;
         for i in 0..8 {
-            // SAFETY: every AArch64 processor that runs this has NEON.
+            // SAFETY: every AArch64 CPU that runs this has NEON.
             unsafe {
                 o[2 * i] = vzip1q_u8(v[i], v[i + 8]);
                 o[2 * i + 1] = vzip2q_u8(v[i], v[i + 8]);
@@ -32,19 +32,19 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn splat(self, value: u8) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vdupq_n_u8(value); 2] }
     }
 
     #[inline(always)]
     fn load(self, from: &Lanes) -> Halves {
-        // SAFETY: NEON is there; both halves lie inside the 32 bytes of `Lanes`.
+        // SAFETY: every AArch64 CPU that runs this has NEON; both halves lie inside the 32 bytes of `Lanes`.
         unsafe { [vld1q_u8(from.0.as_ptr()), vld1q_u8(from.0.as_ptr().add(16))] }
     }
 
     #[inline(always)]
     fn store(self, value: Halves, to: &mut Lanes) {
-        // SAFETY: NEON is there; both halves lie inside the 32 bytes of `Lanes`.
+        // SAFETY: every AArch64 CPU that runs this has NEON; both halves lie inside the 32 bytes of `Lanes`.
         unsafe {
             vst1q_u8(to.0.as_mut_ptr(), value[0]);
             vst1q_u8(to.0.as_mut_ptr().add(16), value[1]);
@@ -57,44 +57,44 @@ impl Simd for Neon {
     }
 
     #[inline(always)]
-    fn settle(self) {}
+    fn store_fence(self) {}
 
     #[inline(always)]
-    fn expect(self, _: &[Lanes]) {}
+    fn prefetch(self, _: &[Lanes]) {}
 
     #[inline(always)]
     fn min(self, a: Halves, b: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vminq_u8(a[0], b[0]), vminq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn max(self, a: Halves, b: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vmaxq_u8(a[0], b[0]), vmaxq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn add(self, a: Halves, b: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vqaddq_u8(a[0], b[0]), vqaddq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn sub(self, a: Halves, b: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vqsubq_u8(a[0], b[0]), vqsubq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn mean(self, a: Halves, b: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vrhaddq_u8(a[0], b[0]), vrhaddq_u8(a[1], b[1])] }
     }
 
     #[inline(always)]
     fn select_equal(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe {
             [vbslq_u8(vceqq_u8(a[0], b[0]), yes[0], no[0]), vbslq_u8(vceqq_u8(a[1], b[1]), yes[1], no[1])]
         }
@@ -102,7 +102,7 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn select_less(self, a: Halves, b: Halves, yes: Halves, no: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe {
             [vbslq_u8(vcltq_u8(a[0], b[0]), yes[0], no[0]), vbslq_u8(vcltq_u8(a[1], b[1]), yes[1], no[1])]
         }
@@ -113,7 +113,7 @@ impl Simd for Neon {
         let set = self.load(set);
         let mut found = values;
         for found in &mut found {
-            // SAFETY: every AArch64 processor that runs this has NEON.
+            // SAFETY: every AArch64 CPU that runs this has NEON.
             unsafe {
                 let word = vqtbl2q_u8(uint8x16x2_t(set[0], set[1]), vshrq_n_u8::<3>(*found));
                 let place = vreinterpretq_s8_u8(vandq_u8(*found, vdupq_n_u8(7)));
@@ -125,13 +125,13 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn shift_right(self, own: Halves, left: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vextq_u8::<15>(left[1], own[0]), vextq_u8::<15>(own[0], own[1])] }
     }
 
     #[inline(always)]
     fn shift_left(self, own: Halves, right: Halves) -> Halves {
-        // SAFETY: every AArch64 processor that runs this has NEON.
+        // SAFETY: every AArch64 CPU that runs this has NEON.
         unsafe { [vextq_u8::<1>(own[0], own[1]), vextq_u8::<1>(own[1], right[0])] }
     }
 
@@ -163,7 +163,7 @@ impl Simd for Neon {
         low: usize,
         out: &mut [Lanes],
     ) {
-        // 36 columns are used, nine vectors of four words.
+        // 36 columns are used: nine vectors of four words.
         const COLUMNS: usize = LANES + 4;
         let Some(last) = out.len().checked_sub(1) else { return };
         assert!(low.checked_add(last).is_some_and(|high| at >= high));
@@ -175,8 +175,8 @@ impl Simd for Neon {
             assert!(l.len() >= LANES && r.len() >= at - low + LANES);
         }
         assert!(left.gradient.len() >= LANES && right.gradient.len() >= at - low + LANES);
-        // SAFETY: NEON is there. All addresses lie inside the slices: x is at most `at - low` and at
-        // least 0, and the lengths were checked above for them.
+        // SAFETY: every AArch64 CPU that runs this has NEON. All addresses lie inside the slices: x is at most `at - low` and at
+        // least 0, and the assertions above check the lengths for both.
         unsafe {
             let pairs =
                 |row: &[u32], at: usize| vreinterpretq_s16_s32(vld1q_s32(row.as_ptr().add(at).cast()));
@@ -196,7 +196,7 @@ impl Simd for Neon {
                         even = vmlal_s16(even, vget_low_s16(l), vget_low_s16(r));
                         odd = vmlal_high_s16(odd, l, r);
                     }
-                    // The products of a word's two rows lie side by side.
+                    // The products of a word's two rows are adjacent.
                     *column = vpaddq_s32(even, odd);
                 }
                 // Sums of two, then five columns; of the last vector only the first three count.
@@ -234,20 +234,20 @@ impl Simd for Neon {
     fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
         let starts = tile.windows.map(|[x, y]| usize::from(y) * stride + usize::from(x));
         if source.len() < starts.into_iter().fold(0, usize::max) + 2 * stride + 16 {
-            // A picture smaller than a window.
+            // The image is smaller than a window.
             super::plain::remap_pixels(source, stride, tile, out);
             return;
         }
         for (group, start) in starts.into_iter().enumerate() {
             let at = 8 * group;
-            // SAFETY: NEON is there. The window's third row starts two strides after its start and has
-            // 16 bytes, which was checked for the largest start. A group's eight pixels lie inside the
+            // SAFETY: every AArch64 CPU that runs this has NEON. The window's third row starts two strides after its start and has
+            // 16 bytes; the check above covers the largest start. A group's eight pixels lie inside the
             // 32 of the tile's arrays (16 bytes of `pairs`, 8 of the others) and of `out`.
             unsafe {
                 let columns = vld2_u8(tile.pairs.as_ptr().add(at).cast());
                 let across = vld1_u8(tile.across.as_ptr().add(at));
                 let rest = vsub_u8(vdup_n_u8(32), across);
-                // Columns beyond the window, those of black pixels, give 0.
+                // Columns outside the window, used for black pixels, give 0.
                 let row = |r: usize| {
                     let pixels = vld1q_u8(source.as_ptr().add(start + r * stride));
                     let (left, right) = (vqtbl1_u8(pixels, columns.0), vqtbl1_u8(pixels, columns.1));
@@ -256,12 +256,12 @@ impl Simd for Neon {
                 let rows = [row(0), row(1), row(2)];
                 let down = vld1_u8(tile.down.as_ptr().add(at));
                 let share = vmovl_u8(vand_u8(down, vdup_n_u8(31)));
-                // All bits of a pixel where the highest one of its byte is set.
+                // All bits of a pixel are set where the highest bit of its byte is set.
                 let sign = vshr_n_s8::<7>(vreinterpret_s8_u8(down));
                 let lower = vreinterpretq_u16_s16(vmovl_s8(sign));
                 let top = vbslq_u16(lower, rows[1], rows[0]);
                 let bottom = vbslq_u16(lower, rows[2], rows[1]);
-                // 255 · 32 · 32 takes more than 16 bits.
+                // 255 · 32 · 32 needs more than 16 bits.
                 let left_over = vsubq_u16(vdupq_n_u16(32), share);
                 let low = vmull_u16(vget_low_u16(top), vget_low_u16(left_over));
                 let low = vmlal_u16(low, vget_low_u16(bottom), vget_low_u16(share));

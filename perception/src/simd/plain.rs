@@ -1,8 +1,8 @@
-//! The plain twin of every level: scalar Rust, the definition of the arithmetic.
+//! The reference implementation: scalar Rust that defines the arithmetic of all levels.
 
-use super::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+use super::kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
 
-/// Plain Rust.
+/// The plain Rust level.
 #[derive(Clone, Copy, Debug)]
 pub struct Plain;
 
@@ -36,10 +36,10 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
-    fn settle(self) {}
+    fn store_fence(self) {}
 
     #[inline(always)]
-    fn expect(self, _: &[Lanes]) {}
+    fn prefetch(self, _: &[Lanes]) {}
 
     #[inline(always)]
     fn min(self, a: Lanes, b: Lanes) -> Lanes {
@@ -145,7 +145,7 @@ pub fn remap_pixels(source: &[u8], stride: usize, tile: &RemapTile, out: &mut La
     }
 }
 
-/// [`Simd::score`] for [`Packing::Pairs`], plain.
+/// [`Simd::score`] for [`Packing::Pairs`], pixel by pixel.
 #[inline(always)]
 fn score_pairs(
     constants: &CostConstants,

@@ -1,8 +1,8 @@
-//! Every level agrees with the plain one, operation by operation.
+//! Every level agrees with the reference implementation, operation by operation.
 
 use super::*;
 
-/// All operations of a level on given vectors, one result after the other.
+/// Applies all operations of a level to given vectors and appends their results to `out`.
 #[inline(always)]
 fn operations<S: Simd>(s: S, a: &Lanes, b: &Lanes, block: &mut [Lanes], out: &mut Vec<Lanes>) {
     let (x, y) = (s.load(a), s.load(b));

@@ -1,55 +1,55 @@
-//! Which disparities are searched where: one window for each block of 32 × 32 pixels, and the slope
-//! of the surface expected there (paper, section 3.4).
+//! Search windows: the disparity range of each block of 32 × 32 pixels and the expected slope of its surface
+//! (paper, section 3.4).
 //!
-//! At the coarsest scale, and for the full-range matcher, every window is the whole range. Below
-//! it the window of a block spans what the coarser map holds in and around the block, so a block
-//! that two surfaces share searches both, and one on a single surface little.
+//! At the coarsest scale, and for the full-range matcher, every window is the whole range. At finer
+//! scales the window of a block spans the disparities of the coarser map in and around the block. A block
+//! that contains two surfaces therefore searches both, and a block on a single surface has a small window.
 
-use super::DisparityView;
+use super::disparity::DisparityView;
 use crate::simd::{LANES, Level, Simd, kernel};
 
-/// Rows and columns of a block.
+/// Edge length of a block in pixels.
 pub const BLOCK: usize = LANES;
-/// Windows grow in steps of this many disparities.
+/// Granularity of window sizes, in disparities.
 const GRAIN: usize = 2;
-/// Disparities that a window spans beyond what the coarser map holds.
+/// Margin of a window on each side of the disparities of the coarser map.
 const MARGIN: usize = 2;
-/// Pixels around a block that count for its window, at its own scale.
+/// Border around a block that contributes to its window, in pixels of its own scale.
 const AROUND: usize = 6;
 /// Distance over which slopes are measured, in pixels of the coarser map.
 const SLOPE_BASE: usize = 4;
-/// Steps above 0.6 px per pixel are edges, not slopes (1/256 px over [`SLOPE_BASE`]).
+/// Maximum step of a slope; larger steps are depth edges: 0.6 px per pixel, in 1/256 px over [`SLOPE_BASE`].
 const EDGE: i32 = 614;
-/// Slopes measured on a map that smoothing has flattened are taken this much steeper, in tenths.
+/// Gain, in tenths, that compensates for the flattening of slopes by smoothing.
 const GAIN: i32 = 11;
-/// Edge of the cells whose slopes are summed first, in pixels of the coarser map.
+/// Edge length of the cells over which slopes are summed first, in pixels of the coarser map.
 const CELL: usize = 8;
-/// Measurements that a slope needs.
+/// Minimum number of measurements for a slope.
 const MIN_MEASURES: i32 = 32;
 
-/// One block's search.
+/// The search window of one block and the slope of its surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Block {
     /// The window's first disparity.
     pub low: usize,
     /// One after its last.
     pub high: usize,
-    /// Where its nodes start in the volume, in vectors: row after row, see [`Self::pitch`].
+    /// Index of its first vector in the volume; its rows are [`Self::pitch`] vectors apart.
     pub at: usize,
-    /// Expected change of disparity for a step right, in 1/256 px.
+    /// Expected change of disparity per pixel to the right, in 1/256 px.
     pub slope_x: i32,
-    /// Expected change of disparity for a step down, in 1/256 px.
+    /// Expected change of disparity per pixel downwards, in 1/256 px.
     pub slope_y: i32,
 }
 
 impl Block {
-    /// Disparities of the window.
+    /// Number of disparities in the window.
     pub fn span(&self) -> usize {
         self.high - self.low
     }
 
-    /// Vectors from one row of the block to the next, in the volume. Rows a multiple of 1024 bytes
-    /// apart would fall on few sets of the cache.
+    /// Vectors between consecutive rows of the block in the volume. Multiples of 1024 bytes are avoided, because
+    /// they would map to few cache sets.
     pub fn pitch(&self) -> usize {
         pitch(self.span())
     }
@@ -59,7 +59,7 @@ impl Block {
         self.pitch() * BLOCK
     }
 
-    /// Both ends of the window.
+    /// The window as (first disparity, one after the last).
     pub fn window(&self) -> (usize, usize) {
         (self.low, self.high)
     }
@@ -84,13 +84,13 @@ pub struct Blocks {
     list: Vec<Block>,
     nodes: usize,
     histogram: Vec<u32>,
-    /// The coarser map in whole disparities of this scale, holes filled from the farther side.
+    /// The coarser map in integer disparities of this scale, with holes filled from the farther side.
     seeds: Vec<u8>,
     cells: Vec<Cell>,
 }
 
 impl Blocks {
-    /// Blocks for `width` × `height` pixels that search all `disparities`.
+    /// Blocks for `width` × `height` pixels that all search the full range of `disparities`.
     pub fn new(width: usize, height: usize, disparities: usize) -> Self {
         let (tiles, strips) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
         let mut blocks = Self {
@@ -110,13 +110,13 @@ impl Blocks {
         blocks
     }
 
-    /// Room for planning from coarser maps of `width` × `height`, so that planning allocates nothing.
+    /// Allocates memory for planning from coarser maps of `width` × `height`, so that planning does not allocate.
     pub fn reserve(&mut self, width: usize, height: usize) {
         self.seeds = vec![0; width * height];
         self.cells = vec![Cell::default(); width.div_ceil(CELL) * height.div_ceil(CELL)];
     }
 
-    /// Bytes held.
+    /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.list.len() * size_of::<Block>() + self.seeds.len() + self.cells.len() * size_of::<Cell>() + 1024
     }
@@ -136,7 +136,7 @@ impl Blocks {
         self.strips
     }
 
-    /// Disparities of the scale, searched or not.
+    /// Number of disparities of the scale, searched or not.
     pub fn disparities(&self) -> usize {
         self.disparities
     }
@@ -146,29 +146,29 @@ impl Blocks {
         &self.list[strip * self.tiles..(strip + 1) * self.tiles]
     }
 
-    /// Vectors that the nodes of all blocks take.
+    /// Size of the volume of all blocks, in vectors.
     pub fn vectors(&self) -> usize {
         self.list.last().map_or(0, |b| b.at + b.vectors())
     }
 
-    /// Nodes searched, of the image's own pixels: what the paper counts as m·n·d.
+    /// Number of nodes of the image's pixels: the paper's m·n·d.
     pub fn nodes(&self) -> usize {
         self.nodes
     }
 
-    /// The least vectors that planned blocks need: with every window at its shortest.
+    /// Minimum size of the volume of planned blocks, in vectors: every window has its minimum size.
     pub fn min_vectors(&self) -> usize {
         self.tiles * self.strips * BLOCK * pitch(GRAIN.min(self.disparities))
     }
 
-    /// Sets windows and slopes by hand.
+    /// Sets windows and slopes directly.
     #[cfg(test)]
     pub fn set_all(&mut self, set: impl FnMut(&mut Block)) {
         self.list.iter_mut().for_each(set);
         self.lay_out();
     }
 
-    /// Gives the blocks their places in the volume.
+    /// Assigns the blocks their positions in the volume.
     fn lay_out(&mut self) {
         let mut at = 0;
         self.nodes = 0;
@@ -181,9 +181,9 @@ impl Blocks {
         }
     }
 
-    /// Sets slopes and windows from the map of the next coarser scale (half the size). `windows`
-    /// (None: they stay) gives how many disparities a window has at most, and how many vectors all
-    /// may take together, at least [`Self::min_vectors`].
+    /// Sets slopes and windows from the map of the next coarser scale (half the size). `windows` gives the
+    /// maximum number of disparities of a window and the budget of vectors for all windows, which must be at
+    /// least [`Self::min_vectors`]; with `None` the windows are kept.
     pub fn plan(
         &mut self,
         level: Level,
@@ -200,7 +200,7 @@ impl Blocks {
             self.set_windows(level, coarse.width(), coarse.height(), widest);
             self.lay_out();
             if self.vectors() > vectors {
-                // Too much in all: the widest give way, and are placed anew where most lies.
+                // Over budget: limit the widest windows further, and place them where most disparities lie.
                 while widest > GRAIN && self.vectors_within(widest) > vectors {
                     widest -= GRAIN;
                 }
@@ -210,13 +210,14 @@ impl Blocks {
         }
     }
 
-    /// Vectors that the blocks would take with windows of at most `widest`.
+    /// Size of the volume in vectors if windows had at most `widest` disparities.
     fn vectors_within(&self, widest: usize) -> usize {
         self.list.iter().map(|block| pitch(block.span().min(widest)) * BLOCK).sum()
     }
 
-    /// The coarser map in whole disparities of this scale; holes get the smaller of their row's
-    /// neighbours, as what is hidden lies behind. 0 remains where a row knows nothing.
+    /// The coarser map in integer disparities of this scale. Holes get the smaller disparity of their two
+    /// neighbours in the row, because occluded points lie on the farther surface. Rows without any estimate
+    /// stay 0.
     fn seed(&mut self, coarse: DisparityView<'_>) {
         let width = coarse.width();
         self.seeds.resize(width * coarse.height(), 0);
@@ -272,7 +273,7 @@ impl Blocks {
         let across = width.div_ceil(CELL);
         self.cells.clear();
         self.cells.resize(across * height.div_ceil(CELL), Cell::default());
-        // Every other row tells enough.
+        // Every other row is enough.
         for y in (0..height).step_by(2) {
             let cells = &mut self.cells[y / CELL * across..][..across];
             let row = coarse.row(y);
@@ -284,7 +285,7 @@ impl Blocks {
             }
         }
         let cells = |first: usize, cells_there: usize| {
-            // The block's cells and one more on each side.
+            // The cells of the block and one more on each side.
             let start = (first * BLOCK / 2 / CELL).saturating_sub(1);
             start..(((first + 1) * BLOCK / 2).div_ceil(CELL) + 1).min(cells_there)
         };
@@ -311,8 +312,8 @@ impl Blocks {
     }
 }
 
-/// Adds up the steps between two rows of disparities, [`CELL`] columns to a cell, that are neither
-/// edges nor next to a hole.
+/// Sums up the steps between two rows of disparities in cells of [`CELL`] columns. Depth edges and steps next to
+/// a hole are excluded.
 #[inline(always)]
 fn sum_of_steps<S: Simd>(_: S, from: &[u16], to: &[u16], way: usize, cells: &mut [Cell]) {
     for ((from, to), cell) in from.chunks(CELL).zip(to.chunks(CELL)).zip(cells) {
@@ -327,10 +328,10 @@ fn sum_of_steps<S: Simd>(_: S, from: &[u16], to: &[u16], way: usize, cells: &mut
     }
 }
 
-/// The least and the greatest disparity of an area; above each other where there is none.
+/// Minimum and maximum disparity of an area; `min_less_one` > `most` where the area has no estimate.
 #[derive(Clone, Copy, Debug)]
 struct Ends {
-    /// Less one, so that 0 (nothing known) becomes the greatest.
+    /// Minimum minus one, wrapping, so that 0 (unknown) becomes the maximum of the type.
     min_less_one: u8,
     most: u8,
 }
@@ -350,15 +351,15 @@ fn ends_of<S: Simd>(_: S, row: &[u8], ends: &mut Ends) {
 kernel! { fn sum_steps(from: &[u16], to: &[u16], way: usize, cells: &mut [Cell]) = sum_of_steps }
 kernel! { fn find_ends(row: &[u8], ends: &mut Ends) = ends_of }
 
-/// Where the stretch of `inner` disparities with the most pixels begins, from `from` to `to`.
+/// Start of the range of `inner` disparities that contains most pixels; the start lies from `from` to `to`.
 fn fullest(histogram: &[u32], from: usize, to: usize, inner: usize) -> usize {
     let count = |start: usize| -> u32 { histogram[start..(start + inner).min(histogram.len())].iter().sum() };
     (from..=to).rev().max_by_key(|&start| count(start)).unwrap_or(from)
 }
 
-/// The window that spans what is there with a margin: at most `widest`, placed where most lies
-/// (`most` tells where, from a first to a last disparity, a stretch of some length begins that has the most);
-/// from 0 on where nothing is known.
+/// The window that spans the disparities of an area with a margin, limited to `widest`. If the limit applies,
+/// the window is placed where most disparities lie: `most(first, last, length)` returns the start of the
+/// range of `length` disparities that contains most pixels. Without any estimate the window starts at 0.
 fn window(
     ends: Ends,
     widest: usize,
@@ -383,7 +384,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_window_spans_what_was_seen() {
+    fn a_window_spans_the_observed_disparities() {
         let window_of = |seen: &[(usize, u32)], widest, disparities| {
             let mut histogram = [0; 256];
             seen.iter().for_each(|&(d, n)| histogram[d] = n);
@@ -394,13 +395,13 @@ mod tests {
         };
         let surfaces = [(0, 7), (40, 100), (50, 100)];
         let (low, high) = window_of(&surfaces, 64, 128);
-        assert!(low <= 38 && high > 52, "{low}..{high} leaves a surface out");
+        assert!(low <= 38 && high > 52, "{low}..{high} misses a surface");
         assert_eq!(high - low, 16);
         let narrow = window_of(&surfaces, 8, 128);
         assert_eq!(narrow.1 - narrow.0, 8);
         assert_eq!(window_of(&[(0, 9)], 64, 32), (0, 32));
         let (low, high) = window_of(&[(1, 1000), (40, 100), (50, 100)], 16, 128);
-        assert!(low == 0 && high == 16, "{low}..{high}: most lies at 1");
+        assert!(low == 0 && high == 16, "{low}..{high}: most pixels are at 1");
         for disparities in 2..20 {
             let last = disparities - 1;
             let (low, high) = window_of(&[(1, 1000), (last, 100)], 64, disparities);
@@ -438,11 +439,11 @@ mod tests {
         let budget = blocks.min_vectors() * 2;
         blocks.plan(Level::best(), coarse, true, Some((64, budget)));
         assert!(blocks.vectors() <= budget);
-        // Slopes alone leave the windows.
+        // Planning of slopes alone keeps the windows.
         let mut full = Blocks::new(width, height, 128);
         full.plan(Level::best(), coarse, true, None);
         assert!(full.strip(0).iter().all(|b| b.window() == (0, 128) && b.slope_x == 110));
-        // A map without any estimate: everything is searched that the budget allows.
+        // A map without any estimate: windows have the maximum size.
         let nothing = vec![0; w * h];
         full.plan(Level::best(), DisparityView::new(&nothing, w, h).unwrap(), true, Some((64, usize::MAX)));
         assert!(full.strip(0).iter().all(|b| b.window() == (0, 64) && b.slope_x == 0));

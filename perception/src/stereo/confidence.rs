@@ -1,8 +1,8 @@
-//! Confidence from the neighbourhood: an estimate among doubtful or missing ones is doubtful itself.
+//! Confidence of the neighbourhood: an estimate whose neighbours are uncertain or missing is uncertain too.
 
 use crate::simd::{Level, Simd, kernel};
 
-/// Half the window: 5 × 5 pixels.
+/// Radius of the window: 5 × 5 pixels.
 const RADIUS: usize = 2;
 const SIZE: usize = 2 * RADIUS + 1;
 const AREA: u16 = (SIZE * SIZE) as u16;
@@ -14,7 +14,7 @@ fn add_row<S: Simd>(_: S, sums: &mut [u16], added: &[u8], removed: &[u8]) {
     }
 }
 
-/// Means of five neighbouring sums; `sums` has two columns of border on both sides.
+/// Means over five neighbouring column sums; `sums` has a border of two columns on both sides.
 #[inline(always)]
 fn mean_row<S: Simd>(_: S, sums: &[u16], out: &mut [u8]) {
     let sums = &sums[..out.len() + 2 * RADIUS];
@@ -27,18 +27,18 @@ fn mean_row<S: Simd>(_: S, sums: &[u16], out: &mut [u8]) {
 kernel! { fn add(sums: &mut [u16], added: &[u8], removed: &[u8]) = add_row }
 kernel! { fn mean(sums: &[u16], out: &mut [u8]) = mean_row }
 
-/// Averages confidences over 5 × 5 pixels, with memory allocated once.
+/// Box filter of confidences over 5 × 5 pixels, with memory allocated once.
 #[derive(Debug)]
-pub struct Trust {
+pub struct ConfidenceFilter {
     level: Level,
     width: usize,
-    /// The last rows that were read, as they were: one more than the window is high.
+    /// Copies of the last input rows: one more than the height of the window.
     rows: Vec<u8>,
     sums: Vec<u16>,
     nothing: Vec<u8>,
 }
 
-impl Trust {
+impl ConfidenceFilter {
     /// A workspace for maps of `width` columns.
     pub fn new(level: Level, width: usize) -> Self {
         Self {
@@ -50,20 +50,20 @@ impl Trust {
         }
     }
 
-    /// Bytes held.
+    /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.rows.len() + 2 * self.sums.len() + self.nothing.len()
     }
 
-    /// Replaces each confidence by the mean of its 5 × 5 pixels, those without an estimate and those
-    /// outside counting as 0.
+    /// Replaces each confidence by the mean over its 5 × 5 pixels. Pixels without an estimate and pixels
+    /// outside the map count as 0.
     pub fn apply(&mut self, confidence: &mut [u8]) {
         let width = self.width;
         let height = confidence.len() / width;
         let place = |y: usize| (y % (SIZE + 1)) * width..(y % (SIZE + 1)) * width + width;
         self.sums.fill(0);
         for y in 0..height + RADIUS {
-            // Row y comes in, row y − 5 goes out, row y − 2 gets its means.
+            // Row y enters the window, row y − 5 leaves it, row y − 2 gets its means.
             if y < height {
                 self.rows[place(y)].copy_from_slice(&confidence[y * width..(y + 1) * width]);
             }
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_equal_the_definition_at_every_level() {
+    fn means_equal_the_reference_at_every_level() {
         let mut random = fastrand::Rng::with_seed(8);
         for (width, height) in [(1, 1), (3, 9), (40, 3), (70, 20)] {
             let map: Vec<u8> = (0..width * height).map(|_| random.u8(..)).collect();
@@ -104,10 +104,10 @@ mod tests {
                 })
                 .collect();
             for level in Level::available() {
-                let mut trust = Trust::new(level, width);
+                let mut filter = ConfidenceFilter::new(level, width);
                 for _ in 0..2 {
                     let mut got = map.clone();
-                    trust.apply(&mut got);
+                    filter.apply(&mut got);
                     assert_eq!(got, expected, "{width}x{height} {}", level.name());
                 }
             }

@@ -1,4 +1,4 @@
-//! The matching cost: structural similarity, exact, blended with a truncated gradient difference
+//! The matching cost: exact structural similarity (SSIM) combined with a truncated gradient difference
 //! (paper, section 3.2).
 //!
 //! The paper's SSIM has three factors (luminance, contrast, structure). We use the separable form
@@ -8,49 +8,49 @@
 //! s(p, d) = (cov + C) / √((varL + C)·(varR + C)),   C = (K₂·255)²/2,   |s| ≤ 1
 //! ```
 //!
-//! because its denominator is a product of one factor per image: no division inside the loop over
-//! disparities. Luminance is left out on purpose: two cameras differ in gain.
+//! because its denominator is a product of one factor per image, so the loop over disparities needs no
+//! division. The luminance factor is omitted on purpose: two cameras differ in gain.
 //! The cost is `38·(1 − s) + 2·min(|∂L − ∂R|, limit)`, rounded: 0 to 92 for a limit of 8.
 //!
-//! With N = 25 pixels, sums S over the window and the right image less 128 (which changes no
-//! covariance and keeps sums small), `N²·cov = N·ΣLR − S_L·S_R`, so that
+//! With N = 25 pixels, sums S over the window and 128 subtracted from the right image (which does not change
+//! the covariance and keeps sums small), `N²·cov = N·ΣLR − S_L·S_R`, so that
 //!
 //! ```text
 //! 38·s = (ΣLR + N·C)·g_L·g_R − m_L·m_R,   g = √(38·N)/√(N²·var + N²·C),   m = S·√38/√(N²·var + N²·C)
 //! ```
 //!
-//! ΣLR is an exact integer; the rest is three products and a difference in single precision in one
-//! fixed order, so that all levels round alike. In a flat window both terms reach about 38/K₂² and
-//! nearly cancel, so the cost is off by at most 3·10⁻⁵/K₂² of a unit before it is rounded: 0.03 as
-//! shipped. It stays above −1, where levels would differ, for every K₂ from 0.01 on.
+//! ΣLR is an exact integer. The rest is three products and a difference in single precision, in one
+//! fixed order, so that all levels round identically. In a flat window both terms reach about 38/K₂² and
+//! nearly cancel, so the error of the cost before rounding is at most 3·10⁻⁵/K₂² of a unit: 0.03 with the
+//! default K₂. For every K₂ from 0.01 on the cost stays above −1, below which levels would differ.
 
 use crate::image::GreyView;
 use crate::simd::{CostConstants, CostRow, LANES, Lanes, Level, Packing, Simd, kernel};
 
-/// Half the window: 5 × 5 pixels.
+/// Radius of the window: 5 × 5 pixels.
 pub const RADIUS: usize = 2;
-/// Rows that are prepared at a time: one vector holds a column of them.
+/// Rows of a strip, which are prepared together: one vector holds one column of a strip.
 pub const STRIP: usize = LANES;
 
 const SIZE: usize = 2 * RADIUS + 1;
 const AREA: f32 = (SIZE * SIZE) as f32;
 /// Half the range of the structure term.
 const STRUCTURE: f32 = 38.0;
-/// Rows of words in a strip: the window's rows above and below are needed, too.
+/// Rows of words for a strip, with the rows of the window above and below it.
 const WORD_ROWS: usize = STRIP + 2 * RADIUS;
-/// Vectors may reach this many columns beyond the last window.
+/// Columns beyond the last window that vector loads may touch.
 const OVERRUN: usize = 16;
 
 /// Default of [`CostParameters::k2`].
 pub const DEFAULT_K2: f64 = 0.03;
 
-/// What shapes the matching cost.
+/// Parameters of the matching cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostParameters {
-    /// K₂ of SSIM: how much contrast a window needs to count, as a share of 255; at least 0.01.
+    /// K₂ of SSIM: the contrast below which a window has little effect, as a share of 255; at least 0.01.
     pub k2: f32,
-    /// Gradient differences above this (Sobel/4: grey levels over two pixels) all cost the same;
-    /// each level costs two units. 0 leaves the gradient out.
+    /// Truncation of the gradient difference (Sobel/4: grey levels over two pixels); each level costs two
+    /// units. 0 disables the gradient term.
     pub gradient_limit: u8,
 }
 
@@ -61,7 +61,7 @@ impl Default for CostParameters {
 }
 
 impl CostParameters {
-    /// N·C, as the whole number that the kernels add.
+    /// N·C, rounded to the integer that the kernels add.
     pub(super) fn bias(&self) -> i32 {
         (AREA * (self.k2.clamp(0.01, 1.0) * 255.0).powi(2) / 2.0).round() as i32
     }
@@ -71,24 +71,24 @@ impl CostParameters {
     }
 }
 
-/// What the statistics multiply a pixel's norm by: for the scale of the covariance and for the mean.
+/// Factors by which the norm of a window is multiplied: for the scale of the covariance and for the mean.
 pub(super) fn factors() -> (f32, f32) {
     ((AREA * STRUCTURE).sqrt(), STRUCTURE.sqrt())
 }
 
-/// One image of a strip: its rows with the border repeated, packed, and the window statistics.
+/// One image of a strip: its packed rows with replicated borders, and the window statistics.
 #[derive(Debug)]
 pub(crate) struct Plane {
-    /// Columns before pixel 0, the window's radius not counted.
+    /// Border columns before pixel 0, not counting the radius of the window.
     lead: usize,
     /// Subtracted from each grey value in `words`.
     offset: i32,
     /// Columns of a row of words; statistics use the first `columns − 2·RADIUS − OVERRUN`.
     columns: usize,
-    /// The strip's rows, bordered: [`WORD_ROWS`] + 3 rows of `columns`.
+    /// The strip's rows with borders: [`WORD_ROWS`] + 3 rows of `columns`.
     grey: Vec<u8>,
     words: Vec<u32>,
-    /// One row in each word: the last of a window.
+    /// One row in each word: the last row of a window.
     single: Vec<u32>,
     scale: Vec<f32>,
     mean: Vec<f32>,
@@ -121,7 +121,7 @@ impl Plane {
             + 8 * self.columns
     }
 
-    /// Copies the rows around the strip that starts at `top`, borders repeated.
+    /// Copies the rows around the strip that starts at row `top` and replicates the borders.
     fn take(&mut self, image: GreyView<'_>, top: usize) {
         let last = image.height() - 1;
         for (i, row) in self.grey.chunks_exact_mut(self.columns).enumerate() {
@@ -177,7 +177,7 @@ fn pack<S: Simd>(_: S, plane: &mut Plane) {
     }
 }
 
-/// Sums, scales and gradients of a plane.
+/// Computes means, scales and gradients of a plane.
 #[inline(always)]
 fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
     let columns = plane.columns;
@@ -185,7 +185,7 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
     let [sums, squares] = &mut plane.sums;
     sums.fill(0);
     squares.fill(0);
-    // The first window's rows; then one comes and one goes.
+    // The rows of the first window; later one row enters and one leaves.
     for row in plane.grey.chunks_exact(columns).take(SIZE) {
         slide(sums, squares, row, &[]);
     }
@@ -223,7 +223,7 @@ fn statistics<S: Simd>(_: S, plane: &mut Plane, bias: i32) {
     }
 }
 
-/// Adds a row to the column sums and takes another away; an empty one counts as zeros.
+/// Adds a row to the column sums and subtracts another; an empty row counts as zeros.
 #[inline(always)]
 fn slide(sums: &mut [i32], squares: &mut [i32], added: &[u8], removed: &[u8]) {
     if removed.is_empty() {
@@ -272,7 +272,7 @@ fn score_tile<S: Simd>(
 
 kernel! { fn prepare_plane(plane: &mut Plane, bias: i32) = prepare }
 kernel! {
-    /// Scores one tile.
+    /// Computes the costs of one tile.
     fn score_tile_at(strip: &CostStrip, x: usize, low: usize, n: usize, pitch: usize, out: &mut [Lanes])
         = score_tile
 }
@@ -295,20 +295,20 @@ impl CostStrip {
             level,
             width,
             left: Plane::new(0, 0, width),
-            // Whole vectors of columns: what is left over would be prepared one by one.
+            // A multiple of the vector length: remaining columns would be prepared one by one.
             right: Plane::new(disparities.next_multiple_of(LANES), 128, width),
         }
     }
 
-    /// Bytes that the workspace holds.
+    /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.left.bytes() + self.right.bytes()
     }
 
-    /// Takes in the strip of a pair that starts at row `top`. Rows below the image repeat its last.
+    /// Prepares the strip of a pair that starts at row `top`. Rows below the image replicate its last row.
     ///
     /// # Panics
-    /// When the images have another width than the workspace.
+    /// If the images have another width than the workspace.
     pub fn start(&mut self, left: GreyView<'_>, right: GreyView<'_>, top: usize) {
         assert_eq!((left.width(), right.width()), (self.width, self.width));
         let bias = self.parameters.bias();
@@ -318,12 +318,12 @@ impl CostStrip {
         prepare_plane(self.level, &mut self.right, bias);
     }
 
-    /// Writes the costs of the [`LANES`] columns from `x` on for `disparities` ones from `low` on:
-    /// row after row (`pitch` vectors apart), a vector for each disparity. Pixels left of the right image (x < d) are
-    /// compared with its border, repeated.
+    /// Writes the costs of the [`LANES`] columns from `x` on for `disparities` disparities from `low` on:
+    /// row by row, `pitch` vectors apart, one vector for each disparity. Pixels that would lie left of the
+    /// right image (x < d) are compared with its replicated border.
     ///
     /// # Panics
-    /// When `out` is not [`STRIP`] rows, or a disparity is not one of the workspace's.
+    /// If `out` does not have [`STRIP`] rows, or a disparity is outside the workspace's range.
     pub fn tile(&self, x: usize, low: usize, disparities: usize, pitch: usize, out: &mut [Lanes]) {
         assert!(disparities <= pitch);
         assert_eq!(out.len(), STRIP * pitch);
@@ -332,9 +332,10 @@ impl CostStrip {
     }
 }
 
-/// The definition of the cost of one node, from the images themselves: the oracle of the tests.
-/// Pixels outside are those of the border; x − d may lie outside too.
-pub fn cost_brute_force(
+/// Reference implementation of the cost of one node, computed directly from the images. Borders are
+/// replicated; x − d may lie outside the image.
+#[cfg(test)]
+pub(super) fn reference_cost(
     parameters: CostParameters,
     left: GreyView<'_>,
     right: GreyView<'_>,
@@ -386,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn costs_equal_the_definition_at_every_level() {
+    fn costs_equal_the_reference_at_every_level() {
         for (width, height, disparities, seed) in
             [(1, 1, 1, 0), (40, 7, 16, 1), (33, 40, 40, 2), (64, 5, 200, 3), (20, 20, 5, 4)]
         {
@@ -409,14 +410,8 @@ mod tests {
                                 for d in 0..n {
                                     let got = f64::from(out[row * n + d].0[lane]);
                                     let (y, x) = (top + row, x + lane);
-                                    let expected = cost_brute_force(
-                                        parameters,
-                                        left.view(),
-                                        right.view(),
-                                        x,
-                                        y,
-                                        low + d,
-                                    );
+                                    let expected =
+                                        reference_cost(parameters, left.view(), right.view(), x, y, low + d);
                                     assert!(
                                         (got - expected).abs() <= 0.51,
                                         "({x}, {y}) d {}: {got}, expected {expected}, {}",

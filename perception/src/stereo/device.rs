@@ -1,32 +1,29 @@
-//! What a matcher says of the device that it runs on, and how a matcher on a device is replaced when the
-//! device is lost.
+//! State of the device that a matcher runs on: its name, the time of each stage, and why it was lost.
 
-use super::{MatchError, MatchOutput, Matcher, MatcherError};
-use crate::image::GreyView;
 use core::time::Duration;
 use thiserror::Error;
 
 /// Default of the time after which a device that has not finished a frame is treated as hanging.
 pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Why a device is no longer used.
+/// Why a device was lost.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum Loss {
-    /// The driver has given it up: a reset, an unplugged card, a driver that ended.
+    /// The driver reports the device as lost: a reset, an unplugged card, a driver that ended.
     #[error("the driver lost the device")]
     Device,
-    /// It has no memory left.
+    /// The device is out of memory.
     #[error("the device is out of memory")]
     OutOfMemory,
-    /// A frame was not finished in the time that it was given.
+    /// A frame did not finish within the time limit.
     #[error("the device does not answer in time")]
     Hung,
-    /// The driver refused what it was asked to do.
+    /// The driver refused a command.
     #[error("the driver refused a command")]
     Refused,
 }
 
-/// The stages that a matcher on a device is timed by.
+/// Names of the stages that are timed on a device, in the order in which they run.
 pub const STAGES: [&str; 8] =
     ["prepare", "plan", "cost", "horizontal", "vertical", "diagonal", "winner", "finish"];
 
@@ -39,156 +36,15 @@ pub struct StageTime {
     pub ns: u64,
 }
 
-/// A device as it is told to people.
+/// Description and state of a device, for logs and status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeviceState<'a> {
     /// Name of the adapter.
     pub adapter: &'a str,
-    /// Its driver and the driver's version.
+    /// Name and version of its driver.
     pub driver: &'a str,
     /// Times of the last pair; empty where the device has no timestamps.
     pub stages: &'a [StageTime],
-    /// Why it is no longer used, if so.
+    /// Why it was lost; `None` while it is in use.
     pub loss: Option<Loss>,
-}
-
-/// Makes the matcher that replaces a lost one.
-pub type Replacement = Box<dyn FnMut() -> Result<Box<dyn Matcher>, MatcherError>>;
-
-/// A matcher on a device, and one that takes over when the device is lost: with the pair in work, so that
-/// none is lost.
-pub struct Fallback {
-    device: Option<Box<dyn Matcher>>,
-    adapter: String,
-    driver: String,
-    loss: Option<Loss>,
-    replacement: Replacement,
-    other: Option<Box<dyn Matcher>>,
-}
-
-impl Fallback {
-    /// `device` until it is lost, then what `replacement` makes.
-    pub fn new(device: Box<dyn Matcher>, replacement: Replacement) -> Self {
-        let (adapter, driver) =
-            device.device().map(|d| (d.adapter.to_owned(), d.driver.to_owned())).unwrap_or_default();
-        Self { device: Some(device), adapter, driver, loss: None, replacement, other: None }
-    }
-
-    fn current(&self) -> Option<&dyn Matcher> {
-        self.device.as_deref().or(self.other.as_deref())
-    }
-}
-
-impl Matcher for Fallback {
-    fn compute_within(
-        &mut self,
-        left: GreyView<'_>,
-        right: GreyView<'_>,
-        output: MatchOutput<'_>,
-        go_on: &mut dyn FnMut() -> bool,
-    ) -> Result<u32, MatchError> {
-        let MatchOutput { disparity, confidence } = output;
-        if let Some(device) = &mut self.device {
-            let output = MatchOutput { disparity: &mut *disparity, confidence: &mut *confidence };
-            match device.compute_within(left, right, output, go_on) {
-                Err(MatchError::Lost(loss)) => {
-                    self.loss = Some(loss);
-                    self.device = None;
-                }
-                done => return done,
-            }
-        }
-        let other = match &mut self.other {
-            Some(other) => other,
-            // A size that the device has taken the replacement takes, too; if not, the loss is told.
-            none => match ((self.replacement)(), self.loss) {
-                (Ok(made), _) => none.insert(made),
-                (Err(_), loss) => return Err(MatchError::Lost(loss.unwrap_or(Loss::Device))),
-            },
-        };
-        other.compute_within(left, right, MatchOutput { disparity, confidence }, go_on)
-    }
-
-    fn nodes(&self) -> usize {
-        self.current().map_or(0, Matcher::nodes)
-    }
-
-    fn workspace_bytes(&self) -> usize {
-        self.current().map_or(0, Matcher::workspace_bytes)
-    }
-
-    fn device(&self) -> Option<DeviceState<'_>> {
-        match &self.device {
-            Some(device) => device.device(),
-            None => Some(DeviceState {
-                adapter: &self.adapter,
-                driver: &self.driver,
-                stages: &[],
-                loss: self.loss,
-            }),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Writes its number everywhere, and is lost at some pair.
-    struct Numbered {
-        number: u16,
-        pairs_left: Option<usize>,
-    }
-
-    impl Matcher for Numbered {
-        fn compute_within(
-            &mut self,
-            _: GreyView<'_>,
-            _: GreyView<'_>,
-            output: MatchOutput<'_>,
-            _: &mut dyn FnMut() -> bool,
-        ) -> Result<u32, MatchError> {
-            if let Some(left) = &mut self.pairs_left {
-                *left = left.checked_sub(1).ok_or(MatchError::Lost(Loss::Hung))?;
-            }
-            output.disparity.fill(self.number);
-            Ok(0)
-        }
-
-        fn nodes(&self) -> usize {
-            self.number.into()
-        }
-
-        fn workspace_bytes(&self) -> usize {
-            0
-        }
-
-        fn device(&self) -> Option<DeviceState<'_>> {
-            Some(DeviceState { adapter: "card", driver: "driver", stages: &[], loss: None })
-        }
-    }
-
-    #[test]
-    fn the_replacement_takes_the_pair_in_work_and_all_that_follow() {
-        let mut made = 0;
-        let replacement: Replacement = Box::new(move || {
-            made += 1;
-            assert_eq!(made, 1, "one replacement is enough");
-            Ok(Box::new(Numbered { number: 2, pairs_left: None }))
-        });
-        let device = Numbered { number: 1, pairs_left: Some(2) };
-        let mut matcher = Fallback::new(Box::new(device), replacement);
-        let pixels = [0; 64];
-        let view = GreyView::new(&pixels, 8, 8, 8).unwrap();
-        let mut got = Vec::new();
-        for _ in 0..4 {
-            let (mut disparity, mut confidence) = ([0; 64], [0; 64]);
-            let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
-            matcher.compute(view, view, output).unwrap();
-            got.push((disparity[0], matcher.nodes(), matcher.device().unwrap().loss));
-        }
-        assert_eq!(got[..2], [(1, 1, None); 2]);
-        assert_eq!(got[2..], [(2, 2, Some(Loss::Hung)); 2]);
-        assert_eq!(matcher.device().unwrap().adapter, "card");
-    }
 }

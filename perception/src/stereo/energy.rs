@@ -1,29 +1,29 @@
-//! The energies of all nodes of an image, and how its rows are read.
+//! The energy volumes of an image and a view of one row of final energies.
 
 use super::blocks::{BLOCK, Block};
 use crate::simd::{LANES, Lanes};
 
-/// The two volumes of an image, one byte a node each; shared by the scales of a pyramid.
+/// The two volumes of an image, one byte per node each; shared by the scales of a pyramid.
 #[derive(Debug, Default)]
 pub struct Volumes {
     /// H, the energies of the horizontal layer.
     pub(super) merged: Vec<Lanes>,
-    /// The costs, then the jumps of the first vertical sweep.
+    /// The matching costs, later the jump costs of the first vertical sweep.
     pub(super) energies: Vec<Lanes>,
 }
 
 impl Volumes {
-    /// Room for `vectors` vectors of nodes.
+    /// Allocates `vectors` vectors of nodes.
     pub fn new(vectors: usize) -> Self {
         Self { merged: vec![Lanes::ZERO; vectors], energies: vec![Lanes::ZERO; vectors] }
     }
 
-    /// Vectors of nodes that there is room for.
+    /// Capacity in vectors of nodes.
     pub fn vectors(&self) -> usize {
         self.merged.len()
     }
 
-    /// Bytes held.
+    /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         (self.merged.len() + self.energies.len()) * LANES
     }
@@ -34,7 +34,7 @@ impl Volumes {
 pub struct EnergyRow<'a> {
     /// The row of the image.
     pub y: usize,
-    /// The blocks that it lies in.
+    /// The blocks that the row crosses.
     pub blocks: &'a [Block],
     /// Tile by tile, [`Block::pitch`] vectors each.
     energies: &'a [Lanes],
@@ -43,22 +43,22 @@ pub struct EnergyRow<'a> {
 }
 
 impl<'a> EnergyRow<'a> {
-    /// A row `y` through `blocks`, whose `energies` lie tile by tile, [`Block::pitch`] vectors each.
+    /// Row `y` of `blocks`, whose `energies` are stored tile by tile, [`Block::pitch`] vectors each.
     pub fn new(y: usize, blocks: &'a [Block], energies: &'a [Lanes], merged: &'a [Lanes]) -> Self {
         Self { y, blocks, energies, merged }
     }
 
-    /// H of the row in block `tile`, likewise.
+    /// H of the row in block `tile`: one vector for each disparity of its window.
     pub fn data(&self, tile: usize) -> &'a [Lanes] {
         let block = &self.blocks[tile];
         let at = block.at + self.y % BLOCK * block.pitch();
         &self.merged[at..at + block.span()]
     }
 
-    /// The energies of the row in block `tile`: a vector for each disparity of its window.
+    /// The energies of the row in block `tile`: one vector for each disparity of its window.
     pub fn nodes(&self, tile: usize) -> &'a [Lanes] {
         let block = &self.blocks[tile];
-        // Blocks lie one after the other in the volume, too, with all their rows.
+        // In the volume, blocks are consecutive as well, each with all its rows.
         let at = (block.at - self.blocks[0].at) / BLOCK;
         &self.energies[at..at + block.span()]
     }

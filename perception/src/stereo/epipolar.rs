@@ -1,31 +1,31 @@
-//! Whether the cameras still stand as they were calibrated: the vertical offset between matching
-//! points of a rectified pair, and how it changes over the picture.
+//! Monitors epipolar alignment: estimates the vertical offset between matching points of a rectified pair and
+//! its gradients over the image, to detect that the cameras have moved since their calibration.
 //!
-//! The paper estimates this epipolar line distortion from its matches by a convex problem and feeds it
-//! back online. Here: in every cell of a grid the pixel with the clearest corner among those with a
-//! confident disparity is sought again in the right picture, now in both directions, and refined to
-//! fractions of a pixel. A plane, offset + gradients, is fitted to the vertical parts of all points of
-//! the last frames by Huber's loss, which is convex, so that it has one solution whatever it starts from.
+//! The paper estimates this epipolar line distortion from its matches as a convex problem and feeds it
+//! back online. Here, in every cell of a grid, the strongest corner among the pixels with a confident disparity
+//! is searched in the right image in both directions and refined to sub-pixel precision. A plane (offset +
+//! gradients) is fitted to the vertical offsets of the last frames with Huber's loss, which is convex and so
+//! has a single solution for any start value.
 //!
-//! Offset means pitch (or one shifted principal point), the gradient along the columns roll, the one
-//! along the rows different focal lengths. The baseline cannot be seen this way, and yaw hardly.
+//! The offset corresponds to pitch (or one shifted principal point), the gradient along x to roll, the
+//! gradient along y to different focal lengths. The baseline is not observable this way, and yaw hardly.
 
-use super::DisparityView;
+use super::disparity::DisparityView;
 use crate::image::GreyView;
 use nalgebra::{Matrix3, Vector3};
 
-/// How the check works.
+/// Parameters of the monitor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EpipolarParameters {
-    /// Farthest vertical offset that is sought, in pixels.
+    /// Maximum vertical offset that is searched, in pixels.
     pub reach_px: usize,
-    /// Least confidence of a disparity, 0 to 255.
+    /// Minimum confidence of a disparity, 0 to 255.
     pub confidence: u8,
-    /// Frames after which a point counts half.
+    /// Half-life of a point's weight, in frames.
     pub half_life: f64,
-    /// Offset anywhere in the picture above which the calibration is called off, in pixels.
+    /// Maximum offset anywhere in the image, in pixels; above it the calibration is degraded.
     pub bound_px: f64,
-    /// Residuals above this count less, in pixels.
+    /// Threshold of Huber's loss, in pixels.
     pub huber_px: f64,
 }
 
@@ -35,54 +35,54 @@ impl Default for EpipolarParameters {
     }
 }
 
-/// Whether rows match.
+/// Epipolar alignment of the pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EpipolarState {
-    /// Too few points were seen.
+    /// Too few points were found.
     #[default]
     Unknown,
-    /// Rows match within the bound.
+    /// The offset is within the bound.
     Good,
-    /// They do not: matching suffers; the cameras should be calibrated again.
+    /// The offset exceeds the bound: matching degrades, and the cameras should be calibrated again.
     Degraded,
 }
 
-/// What the last frames say.
+/// The estimate from the last frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EpipolarHealth {
-    /// Whether rows match.
+    /// Epipolar alignment of the pair.
     pub state: EpipolarState,
-    /// Row in the right picture less row in the left one, in the middle of the picture, in pixels.
+    /// Row in the right image minus row in the left image, at the centre of the image, in pixels.
     pub offset_px: f64,
-    /// What is added to that from the middle to the right border.
+    /// Change of the offset from the centre to the right border, in pixels.
     pub across_px: f64,
-    /// What is added from the middle to the lower border.
+    /// Change of the offset from the centre to the lower border, in pixels.
     pub down_px: f64,
     /// Standard deviation of the offset, in pixels.
     pub sigma_px: f64,
-    /// The largest offset in the picture.
+    /// Largest absolute offset in the image, in pixels.
     pub worst_px: f64,
-    /// Points of the last frame.
+    /// Number of points of the last frame.
     pub points: usize,
 }
 
-/// Cells along a picture.
+/// Grid cells along the columns and the rows of the image.
 const CELLS: (usize, usize) = (20, 12);
-/// Half the side of a patch.
+/// Radius of a patch.
 const HALF: usize = 4;
 const SIDE: usize = 2 * HALF + 1;
-/// Columns to both sides of the disparity in which a patch is sought.
+/// Columns on both sides of the disparity in which a patch is searched.
 const ASIDE: usize = 4;
-/// Least eigenvalue of a patch's structure, per pixel, in squared grey levels: below, it is no corner.
+/// Minimum corner response: smaller eigenvalue of a patch's structure tensor per pixel, in squared grey levels.
 const MIN_CORNER: f32 = 12.0;
-/// Points that must have been seen for a state.
+/// Minimum weight of points for a state other than unknown.
 const MIN_POINTS: f64 = 60.0;
-/// What is kept of the past when a frame contradicts it.
+/// Factor on the weight of past frames when the current frame contradicts them.
 const FORGET: f64 = 0.3;
-/// Share of the bound below which a degraded calibration is good again.
+/// Share of the bound below which a degraded state becomes good again (hysteresis).
 const RECOVERY: f64 = 0.7;
 
-/// The check of one pair of cameras, frame by frame. Allocates nothing.
+/// Monitor of one camera pair, updated frame by frame. Updates do not allocate.
 #[derive(Clone, Debug)]
 pub struct EpipolarCheck {
     parameters: EpipolarParameters,
@@ -95,12 +95,12 @@ pub struct EpipolarCheck {
     health: EpipolarHealth,
 }
 
-/// A patch around a pixel, and its derivatives.
+/// A patch around a pixel with its derivatives.
 struct Patch {
     grey: [f32; SIDE * SIDE],
     dx: [f32; SIDE * SIDE],
     dy: [f32; SIDE * SIDE],
-    /// Sums of dx², dx·dy, dy².
+    /// Structure tensor: sums of dx², dx·dy, dy².
     structure: [f32; 3],
 }
 
@@ -132,7 +132,7 @@ impl Patch {
         patch
     }
 
-    /// Sum of squared differences to a patch of another picture, means taken off, from every other row.
+    /// Zero-mean sum of squared differences to a patch of another image, over every other row.
     fn difference(&self, image: GreyView<'_>, x: usize, y: usize) -> f32 {
         let mut sums = [0.0_f32; SIDE];
         let mut squares = [0.0_f32; SIDE];
@@ -150,8 +150,8 @@ impl Patch {
     }
 }
 
-/// How clear a corner stands at a place: the smaller eigenvalue of the patch's structure, per pixel, from
-/// every other pixel of every other row.
+/// Corner response (Shi–Tomasi): the smaller eigenvalue of the patch's structure tensor per pixel, from every
+/// other pixel of every other row.
 fn corner(image: GreyView<'_>, x: usize, y: usize) -> f32 {
     const TAKEN: usize = HALF + 1;
     let (mut a, mut b, mut c) = (0_i32, 0_i32, 0_i32);
@@ -176,7 +176,7 @@ fn corner(image: GreyView<'_>, x: usize, y: usize) -> f32 {
 }
 
 impl EpipolarCheck {
-    /// A check that has seen nothing.
+    /// A monitor without any observation.
     pub fn new(parameters: EpipolarParameters) -> Self {
         Self {
             parameters,
@@ -190,20 +190,20 @@ impl EpipolarCheck {
         }
     }
 
-    /// What the frames so far say.
+    /// The current estimate.
     pub fn health(&self) -> EpipolarHealth {
         self.health
     }
 
-    /// Forgets all frames: after a new calibration, or a correction.
+    /// Discards all frames; to be called after a new calibration or a correction.
     pub fn reset(&mut self) {
         let points = std::mem::take(&mut self.points);
         *self = Self { points, ..Self::new(self.parameters) };
         self.points.clear();
     }
 
-    /// Takes a rectified pair with its disparities and confidences into account. Pictures smaller than
-    /// a few patches, or of other sizes than the map, say nothing.
+    /// Updates the estimate with a rectified pair, its disparities and confidences. Images that are smaller
+    /// than a few patches or whose size differs from the map's are ignored.
     pub fn update(
         &mut self,
         left: GreyView<'_>,
@@ -235,7 +235,7 @@ impl EpipolarCheck {
         self.health
     }
 
-    /// The clearest corner of a cell, found again: place from −1 to 1 across and down, and offset.
+    /// The strongest corner of a cell: normalised x and y from −1 to 1, and its vertical offset in pixels.
     fn point_of_cell(
         &self,
         left: GreyView<'_>,
@@ -255,7 +255,7 @@ impl EpipolarCheck {
                 if disparities[x] == 0
                     || confidence[y * width + x] < self.parameters.confidence
                     || x < d + margin
-                    // Most places are flat: one look before the whole patch.
+                    // Most pixels are flat: a cheap test before the whole patch.
                     || grey[x].abs_diff(grey[x + 1]).max(grey[x].abs_diff(next[x])) < 4
                 {
                     continue;
@@ -273,11 +273,11 @@ impl EpipolarCheck {
         Some([place(x, width), place(y, height), offset])
     }
 
-    /// How much lower the patch around (x, y) lies in the right picture, in pixels.
+    /// Vertical offset of the patch around (x, y) in the right image, in pixels; positive is lower.
     fn offset(&self, patch: &Patch, right: GreyView<'_>, x: usize, y: usize, disparity: f32) -> Option<f64> {
         let reach = self.parameters.reach_px;
         let middle = (x as f32 - disparity).round() as usize;
-        // The best whole pixel; disparities are off, too, where rows do not match.
+        // The best integer position; disparities are wrong as well where rows do not match.
         let (mut least, mut at) = (f32::INFINITY, (0, 0));
         for v in y - reach..=y + reach {
             for u in middle - ASIDE..=middle + ASIDE {
@@ -290,7 +290,7 @@ impl EpipolarCheck {
         if at.0.abs_diff(middle) == ASIDE || at.1.abs_diff(y) == reach {
             return None;
         }
-        // Gauss–Newton from there, brightness free.
+        // Gauss–Newton refinement from there, invariant to brightness.
         let (mut u, mut v) = (at.0 as f32, at.1 as f32);
         let n = (SIDE * SIDE) as f32;
         let [a, b, c] = patch.structure;
@@ -334,14 +334,14 @@ impl EpipolarCheck {
                 break;
             }
         }
-        // What is left must be small against the patch's own contrast.
+        // The residual must be small compared to the contrast of the patch.
         (residual < 0.08 * (a + c) / n + 3.0).then(|| f64::from(v - y as f32))
     }
 
-    /// Fits the plane to the points of this frame and what is kept of those before.
+    /// Fits the plane to the points of this frame and the weighted points of past frames.
     fn fit(&mut self) {
         let mut keep = 0.5_f64.powf(1.0 / self.parameters.half_life);
-        // When most points contradict the past, something has happened: it is forgotten sooner.
+        // If most points contradict the past, the cameras may have moved: past frames lose weight faster.
         let expected = |p: &[f64; 3]| Vector3::new(1.0, p[0], p[1]).dot(&self.estimate);
         let far = self.points.iter().filter(|p| (p[2] - expected(p)).abs() > 2.0 * self.parameters.huber_px);
         if self.points.len() >= 15 && 2 * far.count() > self.points.len() {
@@ -350,7 +350,7 @@ impl EpipolarCheck {
         let (old, old_right) = (self.information * keep, self.right * keep);
         let mut estimate = self.estimate;
         if self.weight * keep < 10.0 {
-            // Nothing to start from: the median is near enough.
+            // No previous estimate: start from the median.
             let mut offsets = [0.0; CELLS.0 * CELLS.1];
             let count = self.points.len();
             for (o, p) in offsets.iter_mut().zip(&self.points) {
@@ -359,7 +359,7 @@ impl EpipolarCheck {
             offsets[..count].sort_unstable_by(f64::total_cmp);
             estimate = Vector3::new(if count > 0 { offsets[count / 2] } else { 0.0 }, 0.0, 0.0);
         }
-        // Gradients are held by a slight pull: points may all lie in one corner.
+        // A weak prior on the gradients, because all points may lie in one corner of the image.
         let pull = Matrix3::from_diagonal(&Vector3::new(0.0, 2.0, 2.0));
         let (mut information, mut right) = (old, old_right);
         let (mut weight, mut squares) = (0.0, 0.0);
@@ -397,7 +397,7 @@ impl EpipolarCheck {
         } else if worst_px > bound {
             EpipolarState::Degraded
         } else if self.health.state == EpipolarState::Degraded && worst_px > RECOVERY * bound {
-            // Once off, it must be clearly right again.
+            // Hysteresis: a degraded state recovers only clearly below the bound.
             EpipolarState::Degraded
         } else {
             EpipolarState::Good
@@ -415,8 +415,8 @@ impl EpipolarCheck {
 }
 
 impl EpipolarHealth {
-    /// Where the right picture's pixel (x, y) should be taken from, in a picture of `width` × `height`
-    /// pixels, so that rows match again: for a table of [`crate::rectify::Remap`].
+    /// Source position of pixel (x, y) of the right image, in an image of `width` × `height` pixels, that
+    /// restores epipolar alignment: for the table of a [`crate::rectify::Remap`].
     pub fn corrected(&self, (width, height): (usize, usize), x: usize, y: usize) -> (f64, f64) {
         let place = |v: usize, length: usize| 2.0 * v as f64 / (length.max(2) - 1) as f64 - 1.0;
         let offset = self.offset_px + self.across_px * place(x, width) + self.down_px * place(y, height);
@@ -433,8 +433,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (320, 240);
 
-    /// A textured pair with disparities from 6 to 20 px; `field` is how much lower the right picture
-    /// stands at a place.
+    /// A textured pair with disparities from 6 to 20 px; `field` is the vertical offset of the right image at a
+    /// position.
     fn pair(field: impl Fn(f64, f64) -> f64, seed: u64) -> (GreyImage, GreyImage, Vec<u16>) {
         let (width, height) = SIZE;
         let mut random = fastrand::Rng::with_seed(seed);
@@ -456,7 +456,7 @@ mod tests {
                 let (px, py) = (x as f64, y as f64);
                 left.as_mut_slice()[y * width + x] = texture(px + 30.0, py + 10.0).round() as u8;
                 disparity[y * width + x] = (truth(py) * 256.0) as u16;
-                // The right picture shows at row y what belongs to row y − field.
+                // Row y of the right image shows the content of row y − field.
                 let row = py - field(px, py);
                 right.as_mut_slice()[y * width + x] =
                     texture(px + 30.0 + truth(row), row + 10.0).round() as u8;
@@ -511,7 +511,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_turns_is_noticed_and_corrected() {
+    fn a_camera_rotation_is_detected_and_corrected() {
         let (good, turned) = (pair(|_, _| 0.0, 7), pair(|_, _| 1.5, 7));
         let mut check = EpipolarCheck::new(EpipolarParameters::default());
         for _ in 0..20 {
@@ -523,7 +523,7 @@ mod tests {
         for _ in 0..40 {
             run(&mut check, &turned);
         }
-        // Rows shifted back: good again, after all was forgotten and without that.
+        // After correction the state becomes good again, with and without a reset.
         let health = check.health();
         let table = Remap::new(Level::best(), SIZE.0, SIZE.1, |x, y| Some(health.corrected(SIZE, x, y)));
         let corrected = (turned.0.clone(), table.applied(turned.1.view()).unwrap(), turned.2.clone());
@@ -537,14 +537,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_see_is_no_verdict() {
+    fn without_texture_the_state_is_unknown() {
         let flat = (GreyImage::new(320, 240), GreyImage::new(320, 240), vec![2560; 320 * 240]);
         let mut check = EpipolarCheck::new(EpipolarParameters::default());
         assert_eq!(run(&mut check, &flat).state, EpipolarState::Unknown);
         let unknown = pair(|_, _| 1.0, 9);
         let unknown = (unknown.0, unknown.1, vec![0; 320 * 240]);
         assert_eq!(run(&mut check, &unknown).state, EpipolarState::Unknown);
-        // Other sizes say nothing and do no harm.
+        // Images of other sizes are ignored.
         let small = GreyImage::new(20, 20);
         let map = vec![300; 400];
         let view = DisparityView::new(&map, 20, 20).unwrap();

@@ -1,14 +1,14 @@
-//! Fills holes: small ones where both sides are one surface, and where asked all of them, along
-//! the edges of the image.
+//! Fills holes of a disparity map: small holes within one surface by interpolation, and on request all
+//! remaining holes, with seams along the edges of the image.
 
 use crate::image::GreyView;
 
-/// Which holes are bridged.
+/// Parameters of hole interpolation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BridgeParameters {
-    /// Holes of at most this many pixels along a row or a column are bridged; 0 leaves all.
+    /// Maximum width of an interpolated hole along a row or a column, in pixels; 0 leaves all holes.
     pub widest_px: u16,
-    /// The disparities on both sides differ by at most this, in 1/256 px.
+    /// Maximum difference of the disparities on both sides, in 1/256 px.
     pub step: u16,
 }
 
@@ -18,7 +18,7 @@ impl Default for BridgeParameters {
     }
 }
 
-/// Fills the holes of maps of one width.
+/// Fills holes in maps of one width.
 #[derive(Clone, Copy, Debug)]
 pub struct Fill {
     parameters: BridgeParameters,
@@ -31,8 +31,8 @@ impl Fill {
         Self { parameters, width }
     }
 
-    /// Bridges holes along rows, then along columns, by straight lines between both sides. Bridged
-    /// pixels get a quarter of the lesser confidence, at least 1.
+    /// Interpolates holes linearly between both sides, along rows first, then along columns. Filled pixels
+    /// get a quarter of the lower confidence of both sides, at least 1.
     pub fn bridge(&self, disparity: &mut [u16], confidence: &mut [u8]) {
         let (widest, step) = (usize::from(self.parameters.widest_px), self.parameters.step);
         if widest == 0 {
@@ -48,10 +48,10 @@ impl Fill {
                 }
                 let (a, b) = (disparity[start - 1], disparity[end]);
                 if a.abs_diff(b) <= step {
-                    let trust = confidence[start - 1].min(confidence[end]) / 4;
+                    let lower = confidence[start - 1].min(confidence[end]) / 4;
                     for x in start..end {
                         disparity[x] = between(a, b, x + 1 - start, end + 1 - start);
-                        confidence[x] = trust.max(1);
+                        confidence[x] = lower.max(1);
                     }
                 }
             });
@@ -68,10 +68,10 @@ impl Fill {
                         (y + 1..height.min(y + widest + 1)).find(|row| disparity[row * width + x] > 0);
                     if let Some(below) = below.filter(|row| disparity[row * width + x].abs_diff(a) <= step) {
                         let b = disparity[below * width + x];
-                        let trust = confidence[above].min(confidence[below * width + x]) / 4;
+                        let lower = confidence[above].min(confidence[below * width + x]) / 4;
                         for row in y..below {
                             disparity[row * width + x] = between(a, b, row + 1 - y, below + 1 - y);
-                            confidence[row * width + x] = trust.max(1);
+                            confidence[row * width + x] = lower.max(1);
                         }
                     }
                 }
@@ -83,9 +83,9 @@ impl Fill {
         }
     }
 
-    /// Fills every hole, so that each pixel has a disparity wherever one is known at all. Between
-    /// two surfaces the seam follows the strongest edge of the image; at the border, and in rows
-    /// that know nothing, the nearest known value goes on. Filled pixels get the confidence 1.
+    /// Fills every hole, so that all pixels have a disparity if at least one is known. Between two
+    /// surfaces the seam follows the strongest edge of the image. At the border and in rows without any
+    /// estimate the nearest known value is replicated. Filled pixels get the confidence 1.
     pub fn complete(&self, image: GreyView<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
         let width = self.width;
         for (y, (disparity, confidence)) in
@@ -105,8 +105,8 @@ impl Fill {
                         disparity[start..].fill(nearest);
                     }
                     (start, end) => {
-                        // The seam lies before the pixel that differs most from the one before it;
-                        // of equals the one nearest the nearer surface, which hides what is behind.
+                        // The seam lies before the pixel with the largest grey-level step. Among equal
+                        // steps it is the one closest to the nearer surface, which occludes the other.
                         let step = |x: usize| grey[x].abs_diff(grey[x - 1]);
                         let (a, b) = (disparity[start - 1], disparity[end]);
                         let seam = if a > b {
@@ -121,7 +121,7 @@ impl Fill {
                 }
             });
         }
-        // Rows that know nothing take the next that does: the one above, at the top the one below.
+        // Rows without any estimate copy the next row that has one: the row above, at the top the row below.
         let rows = disparity.len() / width;
         let empty = |disparity: &[u16], y: usize| disparity[y * width] == 0;
         for y in 1..rows {
@@ -139,13 +139,13 @@ impl Fill {
     }
 }
 
-/// The value `part` of `whole` steps from `a` to `b`, at least 1.
+/// Linear interpolation from `a` to `b` after `part` of `whole` steps; at least 1.
 fn between(a: u16, b: u16, part: usize, whole: usize) -> u16 {
     let (a, b) = (i64::from(a), i64::from(b));
     (a + (b - a) * part as i64 / whole as i64).max(1) as u16
 }
 
-/// The first zero of a row from `from` on. Most chunks have none, and a whole one is told at once.
+/// The first zero of a row from `from` on. Most chunks have none, so each chunk is tested as a whole first.
 fn next_zero(row: &[u16], from: usize) -> Option<usize> {
     let mut start = from;
     for chunk in row[from..].chunks(32) {
@@ -157,7 +157,7 @@ fn next_zero(row: &[u16], from: usize) -> Option<usize> {
     None
 }
 
-/// Calls `hole` for each stretch of zeros in a row.
+/// Calls `hole` with start and end of each run of zeros in a row.
 fn for_holes(row: &mut [u16], mut hole: impl FnMut(&mut [u16], usize, usize)) {
     let mut x = 0;
     while let Some(start) = next_zero(row, x) {
@@ -175,10 +175,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn holes_within_a_surface_are_bridged_and_others_stay() {
+    fn holes_within_a_surface_are_interpolated_and_others_stay() {
         let width = 9;
         let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, width);
-        // A slope with a hole, an edge with a hole, a hole too wide, one at the border.
+        // A hole in a slope, a hole at an edge, a hole that is too wide, a hole at the border.
         let mut map = vec![
             1000, 0, 0, 1300, 1300, 0, 9000, 0, 0, //
             1000, 0, 0, 0, 0, 1300, 9000, 9000, 9000,
@@ -217,7 +217,7 @@ mod tests {
         assert_eq!(map[12..], [7; 6]);
         assert_eq!(confidence[..6], [1, 200, 1, 1, 1, 200]);
         assert!(confidence.iter().all(|&c| c > 0));
-        // Nothing known: nothing to fill with.
+        // No estimate at all: the map stays empty.
         let mut nothing = vec![0; 18];
         let mut confidence = vec![0; 18];
         Fill::new(BridgeParameters::default(), 6).complete(image, &mut nothing, &mut confidence);

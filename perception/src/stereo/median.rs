@@ -1,24 +1,24 @@
-//! A median filter that takes single wrong estimates out and leaves edges and holes alone.
+//! A 3 × 3 median filter that removes single outliers and preserves edges and holes.
 
 use crate::simd::{Level, Simd, kernel};
 
-/// Pixels that are sorted side by side.
+/// Pixels that are filtered together.
 const CHUNK: usize = 32;
 /// A row of a chunk with one column on each side.
 type Padded = [u16; CHUNK + 2];
 
-/// Three values in order.
+/// Three values in ascending order.
 #[inline(always)]
 fn sorted([a, b, c]: [u16; 3]) -> [u16; 3] {
     let (small, large) = (a.min(b), a.max(b));
     [small.min(c), small.max(large.min(c)), large.max(c)]
 }
 
-/// Filters a row; `rows` have a column of border before it and reach to the end of its last chunk
-/// and one column further, as `out` does to the end of its last chunk.
+/// Filters a row. `rows` have one border column before the row and reach one column beyond its last chunk;
+/// `out` reaches to the end of its last chunk.
 ///
-/// With each column of the window in order, the median is that of the greatest low, the median middle
-/// and the least high.
+/// With each column of the window sorted, the median of the nine values is the median of the maximum of
+/// the lows, the median of the middles and the minimum of the highs.
 #[inline(always)]
 fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
     for (n, out) in out.chunks_exact_mut(CHUNK).enumerate() {
@@ -27,7 +27,7 @@ fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
         let rows: [&Padded; 3] = [above, here, below];
         for (x, out) in out.iter_mut().enumerate() {
             let centre = here[x + 1];
-            // An unknown neighbour votes as the pixel itself.
+            // An unknown neighbour counts as the pixel itself.
             let known = |row: usize, x: usize| if rows[row][x] == 0 { centre } else { rows[row][x] };
             let column = |x: usize| sorted([known(0, x), known(1, x), known(2, x)]);
             let (a, b, c) = (column(x), column(x + 1), column(x + 2));
@@ -41,12 +41,12 @@ fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
 
 kernel! { fn filter_row(rows: [&[u16]; 3], out: &mut [u16]) = median_row }
 
-/// The filter with its memory.
+/// The filter with its workspace.
 #[derive(Debug)]
 pub struct Median {
     level: Level,
     width: usize,
-    /// Three rows of the unfiltered map with a column of border before and more behind.
+    /// Three rows of the unfiltered map, with one border column before and at least one behind.
     rows: [Vec<u16>; 3],
     /// A filtered row, up to the end of its last chunk.
     filtered: Vec<u16>,
@@ -59,12 +59,12 @@ impl Median {
         Self { level, width, rows: std::array::from_fn(|_| vec![0; padded + 2]), filtered: vec![0; padded] }
     }
 
-    /// Bytes held.
+    /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         8 * self.filtered.len() + 12
     }
 
-    /// Replaces each known disparity by the median of its 3 × 3 pixels; 0 (unknown) stays.
+    /// Replaces each known disparity by the median of its 3 × 3 pixels; 0 (unknown) is kept.
     pub fn apply(&mut self, disparity: &mut [u16]) {
         let width = self.width;
         let height = disparity.len() / width;

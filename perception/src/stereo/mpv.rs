@@ -1,39 +1,43 @@
-//! Multi-Path-Viterbi over a pyramid (paper, sections 3.2 and 3.4): the coarsest scale searches all
-//! disparities, the finer ones windows around it (fast) or all again (full). Slopes measured at a
-//! coarser scale let the paths of the finer one follow slanted surfaces at no cost.
+//! The Multi-Path-Viterbi matcher on an image pyramid (paper, sections 3.2 and 3.4).
+//!
+//! The coarsest scale searches all disparities. Finer scales search windows around the coarser map; the finest
+//! scale searches either windows (fast) or again all disparities (full). Slopes measured at the coarser scale
+//! let the paths of the finer scale follow slanted surfaces without jump costs.
 
 use super::blocks::{BLOCK, Blocks};
-use super::confidence::Trust;
+use super::confidence::ConfidenceFilter;
 use super::cost::CostParameters;
+use super::disparity::DisparityView;
 use super::energy::{EnergyRow, Volumes};
 use super::fill::{BridgeParameters, Fill};
+use super::matcher::{MatchError, MatchOutput, Matcher, MatcherError};
 use super::median::Median;
 use super::pyramid::{Coarse, double, half_size, halve};
-use super::scale::{PathParameters, Scale};
+use super::scale::PathParameters;
+use super::solver::Solver;
 use super::speckle::{SpeckleFilter, SpeckleParameters};
 use super::winner::{SubPixel, Winner, WinnerParameters};
-use super::{DisparityView, MatchError, MatchOutput, Matcher, MatcherError};
 use crate::image::GreyView;
 use crate::simd::{LANES, Level};
 
-/// The least width and height of a pair.
+/// Minimum width and height of a pair, in pixels.
 pub const MIN_SIZE: usize = 8;
 
-/// The most nodes of an image, two bytes of workspace each: 4096 × 2048 pixels with 128
+/// Maximum number of nodes of an image, with two bytes of workspace each: 4096 × 2048 pixels with 128
 /// disparities.
 pub const MAX_NODES: usize = 1 << 30;
 
-/// The most scales of a pyramid.
+/// Maximum number of scales of the pyramid.
 pub const SCALES: usize = 3;
-/// A coarser scale must be at least this wide and high.
+/// Minimum width and height of a coarser scale.
 const MIN_COARSE: usize = 16;
-/// A coarser scale must have at least this many disparities.
+/// Minimum number of disparities of a coarser scale.
 const MIN_DISPARITIES: usize = 8;
-/// The widest window at the finest scale and at the one before it.
+/// Maximum window size in disparities, at the finest scale and at the next coarser one.
 const WIDEST: [usize; 2] = [96, 48];
-/// Larger volumes than this are taken not to stay in a cache.
+/// Volumes larger than this are assumed not to fit into the caches.
 const CACHE_BYTES: usize = 16 << 20;
-/// Islands of fewer pixels are removed at coarser scales.
+/// Minimum size of a connected region at coarser scales, in pixels.
 const COARSE_SPECKLE: u32 = 20;
 
 /// Which nodes the finest scale searches.
@@ -41,34 +45,34 @@ const COARSE_SPECKLE: u32 = 20;
 pub enum Search {
     /// All disparities of every pixel.
     Full,
-    /// Windows around the coarser map: about a quarter of the nodes at most, as in the paper.
+    /// Windows around the coarser map: at most about a quarter of the nodes, as in the paper.
     Windows,
 }
 
-/// What shapes the energy and the choice of the winner.
+/// Parameters of the matcher.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MpvParameters {
     /// The matching cost.
     pub cost: CostParameters,
     /// The Viterbi paths.
     pub paths: PathParameters,
-    /// Scales of the pyramid where the image is large enough, 1 to [`SCALES`]; with a single one all
-    /// disparities are searched, and there are no slopes.
+    /// Maximum number of scales of the pyramid, 1 to [`SCALES`]; small images get fewer. With a single scale
+    /// all disparities are searched and slopes are not used.
     pub scales: usize,
     /// Whether paths follow the slopes of the coarser map.
     pub slopes: bool,
-    /// How the winner is chosen and checked.
+    /// Selection of the winner and left-right check.
     pub winner: WinnerParameters,
-    /// Estimates of less confidence are unknown; at the finest scale it is that of the
+    /// Minimum confidence of an estimate, 0 to 255; at the finest scale it applies to the confidence of the
     /// neighbourhood.
     pub min_confidence: u8,
-    /// Which small islands are removed.
+    /// Removal of small regions.
     pub speckle: SpeckleParameters,
-    /// Which holes are bridged.
+    /// Interpolation of small holes.
     pub bridge: BridgeParameters,
-    /// Whether all holes that remain are filled, too.
+    /// Whether all remaining holes are filled.
     pub complete: bool,
-    /// Threads that share the work: 1 starts none. The result is the same for any number.
+    /// Number of threads; 1 uses only the calling thread. The result does not depend on it.
     pub threads: usize,
 }
 
@@ -89,24 +93,25 @@ impl Default for MpvParameters {
     }
 }
 
-/// One scale with what it results in.
+/// One scale of the pyramid with its images and its map.
 #[derive(Debug)]
-struct Stage {
-    scale: Scale,
-    /// For the upper and the lower part of the image.
+struct PyramidScale {
+    solver: Solver,
+    /// Winner selection for the upper and the lower part of the image.
     winners: [Winner; 2],
     speckle: SpeckleFilter,
-    /// The pair at this scale; empty at the finest, which uses the caller's.
+    /// The pair at this scale; empty at the finest scale, which uses the caller's images.
     left: Vec<u8>,
     right: Vec<u8>,
     disparity: Vec<u16>,
     confidence: Vec<u8>,
-    /// The most vectors its blocks may take.
+    /// Budget of its windows, in vectors.
     vectors: usize,
+    /// Maximum size of a window, in disparities.
     widest: usize,
 }
 
-/// The matcher with its workspace.
+/// The Multi-Path-Viterbi matcher on the CPU, with its workspace.
 #[derive(Debug)]
 pub struct Mpv {
     search: Search,
@@ -115,27 +120,27 @@ pub struct Mpv {
     width: usize,
     height: usize,
     /// Coarsest first.
-    stages: Vec<Stage>,
+    pyramid: Vec<PyramidScale>,
     volumes: Volumes,
     median: Median,
-    trust: Trust,
+    confidence_filter: ConfidenceFilter,
     min_confidence: u8,
     fill: Fill,
     complete: bool,
-    /// The greatest disparity in 1/256 px.
+    /// Maximum disparity in 1/256 px.
     most: u16,
-    /// Nodes that the last pair took.
+    /// Nodes of the last pair.
     nodes: usize,
 }
 
 impl Mpv {
-    /// Checks whether a matcher can be made, without allocating its workspace.
+    /// Checks the size and the number of disparities without allocating a workspace.
     ///
     /// # Errors
     /// As [`Self::new`].
     pub fn check(width: usize, height: usize, disparities: usize) -> Result<(), MatcherError> {
         if width < MIN_SIZE || height < MIN_SIZE {
-            return Err(MatcherError::TooSmall { width, height, least: MIN_SIZE });
+            return Err(MatcherError::TooSmall { width, height, min: MIN_SIZE });
         }
         if !(2..=255).contains(&disparities) {
             return Err(MatcherError::Disparities(disparities));
@@ -152,7 +157,7 @@ impl Mpv {
     }
 
     /// A matcher for pairs of `width` × `height` pixels and disparities 0 to `disparities` − 1, on
-    /// the fastest hardware level there is.
+    /// the fastest instruction-set level of this machine.
     ///
     /// # Errors
     /// When the image is smaller than [`MIN_SIZE`], `disparities` is not 2 to 255, or there are
@@ -167,7 +172,7 @@ impl Mpv {
         Self::at_level(Level::best(), parameters, search, width, height, disparities)
     }
 
-    /// As [`Self::new`], on a given hardware level. The results are the same on all.
+    /// As [`Self::new`], on a given instruction-set level. The results are the same on all levels.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -182,21 +187,25 @@ impl Mpv {
         Self::check(width, height, disparities)?;
         let sizes = sizes(parameters.scales, width, height, disparities);
         let finest = sizes.len() - 1;
-        let mut stages: Vec<Stage> = Vec::with_capacity(sizes.len());
+        let mut pyramid: Vec<PyramidScale> = Vec::with_capacity(sizes.len());
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
-            let mut scale = Scale::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
+            let mut solver =
+                Solver::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
             let everything = i == 0 || (i == finest && search == Search::Full);
-            let vectors =
-                if everything { scale.blocks.vectors() } else { budget(&scale.blocks, disparities) };
-            if let Some(coarser) = stages.last() {
-                scale.blocks.reserve(coarser.scale.width(), coarser.scale.height());
+            let vectors = if everything {
+                solver.scale.blocks.vectors()
+            } else {
+                budget(&solver.scale.blocks, disparities)
+            };
+            if let Some(coarser) = pyramid.last() {
+                solver.scale.blocks.reserve(coarser.solver.scale.width(), coarser.solver.scale.height());
             }
             if everything && 2 * vectors * LANES > CACHE_BYTES {
-                scale.spare_caches();
+                solver.spare_caches();
             }
             let kept = if i == finest { 0 } else { w * h };
             let (winner, speckle) = choices(&parameters, i == finest);
-            stages.push(Stage {
+            pyramid.push(PyramidScale {
                 winners: std::array::from_fn(|_| Winner::new(winner, level, w, d)),
                 speckle: SpeckleFilter::new(speckle, w, h),
                 left: vec![0; kept],
@@ -205,20 +214,20 @@ impl Mpv {
                 confidence: vec![0; kept],
                 vectors,
                 widest: widest(finest - i),
-                scale,
+                solver,
             });
         }
-        let vectors = stages.iter().map(|s| s.vectors).max().unwrap_or(0);
+        let vectors = pyramid.iter().map(|s| s.vectors).max().unwrap_or(0);
         Ok(Self {
             search,
             slopes: parameters.slopes,
             level,
             width,
             height,
-            stages,
+            pyramid,
             volumes: Volumes::new(vectors),
             median: Median::new(level, width),
-            trust: Trust::new(level, width),
+            confidence_filter: ConfidenceFilter::new(level, width),
             min_confidence: parameters.min_confidence,
             fill: Fill::new(parameters.bridge, width),
             complete: parameters.complete,
@@ -227,38 +236,38 @@ impl Mpv {
         })
     }
 
-    /// The hardware level that the kernels run on.
+    /// The instruction-set level that the kernels run on.
     pub fn level(&self) -> Level {
         self.level
     }
 
-    /// From winners to the map that is given: doubt from the neighbourhood, outliers, islands, holes.
+    /// Post-processing of the finest map: confidence of the neighbourhood, median, speckle filter, hole filling.
     fn finish(&mut self, left: GreyView<'_>, output: MatchOutput<'_>) {
         let MatchOutput { disparity, confidence } = output;
-        self.trust.apply(confidence);
+        self.confidence_filter.apply(confidence);
         for (disparity, confidence) in disparity.iter_mut().zip(confidence.iter_mut()) {
-            // Alone in doubt, but not gone: only an unknown pixel has none at all.
+            // An isolated estimate keeps a confidence of 1; only unknown pixels have 0.
             *confidence = (*confidence).max(1);
             *disparity = if *confidence < self.min_confidence { 0 } else { *disparity };
         }
         self.median.apply(disparity);
-        if let Some(finest) = self.stages.last_mut() {
+        if let Some(finest) = self.pyramid.last_mut() {
             finest.speckle.apply(disparity);
         }
-        forget(disparity, confidence);
+        clear_unknown(disparity, confidence);
         self.fill.bridge(disparity, confidence);
         if self.complete {
             self.fill.complete(left, disparity, confidence);
         }
     }
 
-    /// Halves the pair down to the coarsest scale.
+    /// Downsamples the pair to all coarser scales.
     fn build_pyramid(&mut self, left: GreyView<'_>, right: GreyView<'_>) {
         let level = self.level;
-        for i in (0..self.stages.len() - 1).rev() {
-            let (coarse, fine) = self.stages.split_at_mut(i + 1);
+        for i in (0..self.pyramid.len() - 1).rev() {
+            let (coarse, fine) = self.pyramid.split_at_mut(i + 1);
             let (coarse, fine) = (&mut coarse[i], &fine[0]);
-            let (w, h) = (fine.scale.width(), fine.scale.height());
+            let (w, h) = (fine.solver.scale.width(), fine.solver.scale.height());
             let (from_left, from_right) = if fine.left.is_empty() {
                 (Some(left), Some(right))
             } else {
@@ -292,25 +301,26 @@ pub(super) fn sizes(
     sizes
 }
 
-/// The vectors that windows may take: a quarter of the range at the finest scale, as the paper has it,
-/// and of half the scale before it; a little less, so that all three stay within 0.3281.
+/// Budget of the windows in vectors, from the number of disparities at the finest scale. The paper allows a
+/// quarter of the full range at the finest scale, and half at the scale before it; the factor 0.24 keeps
+/// the total of three scales within 0.3281.
 pub(super) fn budget(blocks: &Blocks, finest_disparities: usize) -> usize {
     let (width, height) = blocks.size();
     (width * height * finest_disparities * 24 / 100 / LANES).max(blocks.min_vectors())
 }
 
-/// The widest window of a scale that is halved so often.
+/// Maximum window size of a scale whose resolution is halved `halved` times.
 pub(super) fn widest(halved: usize) -> usize {
     WIDEST[halved.min(1)]
 }
 
-/// How a scale chooses its winners, and which islands it removes.
+/// Winner and speckle parameters of a scale.
 pub(super) fn choices(parameters: &MpvParameters, finest: bool) -> (WinnerParameters, SpeckleParameters) {
     if finest {
-        // It asks the neighbourhood, which is known only later.
+        // The confidence of the neighbourhood is tested later.
         return (WinnerParameters { min_confidence: 0, ..parameters.winner }, parameters.speckle);
     }
-    // Slopes and windows are measured on the coarser maps: what scatters less serves them better.
+    // Slopes and windows are measured on the coarser maps, for which low noise matters more than bias.
     let sub_pixel = match parameters.winner.sub_pixel {
         SubPixel::Data => SubPixel::Energy,
         chosen => chosen,
@@ -322,8 +332,8 @@ pub(super) fn choices(parameters: &MpvParameters, finest: bool) -> (WinnerParame
     )
 }
 
-/// Takes the confidence of what is unknown.
-fn forget(disparity: &[u16], confidence: &mut [u8]) {
+/// Sets the confidence of unknown pixels to 0.
+fn clear_unknown(disparity: &[u16], confidence: &mut [u8]) {
     for (confidence, &disparity) in confidence.iter_mut().zip(disparity) {
         *confidence = if disparity == 0 { 0 } else { *confidence };
     }
@@ -352,35 +362,35 @@ impl Matcher for Mpv {
         }
         self.build_pyramid(left, right);
         self.nodes = 0;
-        let finest = self.stages.len() - 1;
+        let finest = self.pyramid.len() - 1;
         for i in 0..=finest {
-            let (coarser, rest) = self.stages.split_at_mut(i);
-            let stage = &mut rest[0];
-            let (width, height) = (stage.scale.width(), stage.scale.height());
-            let coarse = coarser
-                .last()
-                .and_then(|c| DisparityView::new(&c.disparity, c.scale.width(), c.scale.height()));
+            let (coarser, rest) = self.pyramid.split_at_mut(i);
+            let current = &mut rest[0];
+            let (width, height) = (current.solver.scale.width(), current.solver.scale.height());
+            let coarse = coarser.last().and_then(|c| {
+                DisparityView::new(&c.disparity, c.solver.scale.width(), c.solver.scale.height())
+            });
             if let Some(coarse) = coarse {
                 let windows = i < finest || self.search == Search::Windows;
-                stage.scale.blocks.plan(
+                current.solver.scale.blocks.plan(
                     self.level,
                     coarse,
                     self.slopes,
-                    windows.then_some((stage.widest, stage.vectors)),
+                    windows.then_some((current.widest, current.vectors)),
                 );
             }
-            self.nodes += stage.scale.blocks.nodes();
+            self.nodes += current.solver.scale.blocks.nodes();
             let (l, r, disparity, confidence) = if i == finest {
                 (left, right, &mut *output.disparity, &mut *output.confidence)
             } else {
                 let view = |pixels| GreyView::new(pixels, width, height, width);
-                match (view(&stage.left), view(&stage.right)) {
-                    (Ok(l), Ok(r)) => (l, r, &mut stage.disparity[..], &mut stage.confidence[..]),
+                match (view(&current.left), view(&current.right)) {
+                    (Ok(l), Ok(r)) => (l, r, &mut current.disparity[..], &mut current.confidence[..]),
                     _ => continue,
                 }
             };
-            let [above, below] = &mut stage.winners;
-            let cut = stage.scale.middle() * width;
+            let [above, below] = &mut current.winners;
+            let cut = current.solver.scale.middle() * width;
             let (upper_disparity, lower_disparity) = disparity.split_at_mut(cut);
             let (upper_confidence, lower_confidence) = confidence.split_at_mut(cut);
             let upper = |row: EnergyRow<'_>| {
@@ -391,20 +401,20 @@ impl Matcher for Mpv {
                 let pixels = row.y * width - cut..(row.y + 1) * width - cut;
                 below.row(row, &mut lower_disparity[pixels.clone()], &mut lower_confidence[pixels]);
             };
-            // The coarsest map is always finished.
-            let mut unhurried = || true;
-            let hurry: &mut dyn FnMut() -> bool = if i == 0 { &mut unhurried } else { &mut *go_on };
-            let done = stage.scale.solve(l, r, &mut self.volumes, hurry, upper, lower);
+            // The coarsest scale always finishes.
+            let mut always = || true;
+            let go_on_here: &mut dyn FnMut() -> bool = if i == 0 { &mut always } else { &mut *go_on };
+            let done = current.solver.solve(l, r, &mut self.volumes, go_on_here, upper, lower);
             if !done {
-                let (coarse, times) = (&self.stages[i - 1], (finest + 1 - i) as u32);
+                let (coarse, times) = (&self.pyramid[i - 1], (finest + 1 - i) as u32);
                 let map = Coarse { disparity: &coarse.disparity, confidence: &coarse.confidence, times };
                 double(map, self.width, self.most, output.disparity, output.confidence);
                 self.finish(left, output);
                 return Ok(times);
             }
             if i < finest {
-                stage.speckle.apply(disparity);
-                forget(disparity, confidence);
+                current.speckle.apply(disparity);
+                clear_unknown(disparity, confidence);
             }
         }
         self.finish(left, output);
@@ -416,11 +426,11 @@ impl Matcher for Mpv {
     }
 
     fn workspace_bytes(&self) -> usize {
-        let stages: usize = self
-            .stages
+        let scales: usize = self
+            .pyramid
             .iter()
             .map(|s| {
-                s.scale.bytes()
+                s.solver.bytes()
                     + s.winners.iter().map(Winner::bytes).sum::<usize>()
                     + s.speckle.bytes()
                     + s.left.len()
@@ -429,7 +439,7 @@ impl Matcher for Mpv {
                     + s.confidence.len()
             })
             .sum();
-        self.volumes.bytes() + self.median.bytes() + self.trust.bytes() + stages
+        self.volumes.bytes() + self.median.bytes() + self.confidence_filter.bytes() + scales
     }
 }
 

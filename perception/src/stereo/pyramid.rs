@@ -1,9 +1,9 @@
-//! Halved images and doubled maps: the steps between the scales of a pyramid (paper, section 3.4).
+//! Downsampling of images and upsampling of maps between the scales of a pyramid (paper, section 3.4).
 
 use crate::image::GreyView;
 use crate::simd::{Level, Simd, kernel};
 
-/// Size of an image at half the scale.
+/// Size of an image at half the resolution, rounded up.
 pub fn half_size(width: usize, height: usize) -> (usize, usize) {
     (width.div_ceil(2), height.div_ceil(2))
 }
@@ -23,8 +23,8 @@ fn halve_row<S: Simd>(_: S, above: &[u8], below: &[u8], out: &mut [u8]) {
 
 kernel! { fn halve_rows(above: &[u8], below: &[u8], out: &mut [u8]) = halve_row }
 
-/// Writes `image` at half its scale to `out`: each pixel is the rounded mean of four. Odd sizes
-/// repeat their last column and row.
+/// Writes `image` at half its resolution to `out`: each pixel is the rounded mean of 2 × 2 pixels. For odd
+/// sizes the last column and row are replicated.
 pub fn halve(level: Level, image: GreyView<'_>, out: &mut [u8]) {
     let (width, _) = half_size(image.width(), image.height());
     for (y, out) in out.chunks_exact_mut(width).enumerate() {
@@ -33,19 +33,19 @@ pub fn halve(level: Level, image: GreyView<'_>, out: &mut [u8]) {
     }
 }
 
-/// A map `times` halved, with its confidences.
+/// A disparity map of a coarser scale, with its confidences.
 #[derive(Clone, Copy, Debug)]
 pub struct Coarse<'a> {
-    /// Disparities in 1/256 px of its own scale.
+    /// Disparities in 1/256 px of the coarser scale.
     pub disparity: &'a [u16],
-    /// Their confidences.
+    /// Confidences.
     pub confidence: &'a [u8],
-    /// How often it was halved.
+    /// How often the resolution was halved.
     pub times: u32,
 }
 
-/// Writes a coarse map to one of `width` columns: each value for all the pixels that it stands for,
-/// disparities doubled as often as it was halved and at most `most`.
+/// Upsamples a coarse map to one of `width` columns by pixel replication. Disparities are doubled as often as
+/// the resolution was halved, and limited to `most`.
 pub fn double(coarse: Coarse<'_>, width: usize, most: u16, disparity: &mut [u16], confidence: &mut [u8]) {
     let times = coarse.times;
     let coarse_width = (0..times).fold(width, |w, _| w.div_ceil(2));

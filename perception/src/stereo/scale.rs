@@ -1,39 +1,30 @@
-//! The Multi-Path-Viterbi of one scale: from a pair to the energies of all nodes of its windows
-//! (paper, section 3.2).
-//!
-//! Layer 1 is horizontal. Strips of 32 rows are turned so that one vector holds the same column of
-//! all rows; rightward and leftward paths meet in their minimum H, which keeps edges sharp. Layer 2
-//! takes H as its data term and runs the vertical and both diagonal paths together, downwards and
-//! then upwards, 32 columns to a vector. The final energy is H plus what the six paths' jumps cost:
-//! H counts once, not once per path, so that a path that agrees with H adds nothing.
-//! That is one horizontal and two vertical sweeps over two volumes of one byte a node.
+//! One scale of the pyramid: path parameters, search windows and the guide image for edge weights.
+//! All threads of [`super::solver::Solver`] share it.
 
-use super::blocks::{Block, Blocks};
-use super::cost::{CostParameters, STRIP};
-use super::energy::{EnergyRow, Volumes};
+use super::blocks::Blocks;
+use super::cost::STRIP;
 use super::viterbi::{Merge, PAD};
-use super::worker::{Sums, Worker, advance_row_at, horizontal_layer_at};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level};
 
-/// What shapes the paths.
+/// Parameters of the Viterbi paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathParameters {
-    /// λ of horizontal paths, in units of the cost (0 to about 100).
+    /// λ, the smoothness weight of horizontal paths, in units of the cost (0 to about 100).
     pub lambda_horizontal: u8,
     /// λ of vertical paths.
     pub lambda_vertical: u8,
     /// λ of diagonal paths.
     pub lambda_diagonal: u8,
-    /// A jump of a horizontal path never costs more than this.
+    /// Maximum cost of a disparity jump on a horizontal path.
     pub truncation_horizontal: u8,
-    /// A jump of another path never costs more than this; at most 75.
+    /// Maximum cost of a disparity jump on vertical and diagonal paths; at most 75.
     pub truncation_other: u8,
-    /// From this many grey levels on, a step on a path is an edge.
+    /// Grey-level difference from which a step on a path counts as an image edge.
     pub edge_levels: u8,
-    /// λ at an edge, in percent.
+    /// λ at an image edge, in percent of the λ elsewhere.
     pub edge_percent: u8,
-    /// How rightward and leftward paths become H.
+    /// How rightward and leftward paths are merged to H.
     pub merging: Merge,
 }
 
@@ -52,7 +43,7 @@ impl Default for PathParameters {
     }
 }
 
-/// The weight of a step by how much the grey value changes: λ·e^(−|G|) of the paper in two steps.
+/// The weight of a step by the change of the grey value: the paper's λ·e^(−|G|), quantised to two values.
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeWeight {
     pub(super) smooth: u8,
@@ -67,41 +58,36 @@ impl EdgeWeight {
     }
 }
 
-/// The solver of one scale with its workspace, the volumes apart.
+/// Data of a scale that all threads of a solver share and only read while they solve a pair.
 #[derive(Debug)]
 pub struct Scale {
     pub(super) parameters: PathParameters,
     pub(super) horizontal: EdgeWeight,
-    /// Of straight, rightward and leftward paths.
+    /// Weights of vertical, rightward and leftward diagonal paths.
     pub(super) others: [EdgeWeight; 3],
     pub(super) level: Level,
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Which disparities are searched where.
+    /// The search window of each block.
     pub blocks: Blocks,
-    /// The left image with a vector of border on both sides.
-    pub(super) guide: Vec<u8>,
-    /// Zero: where a path starts.
+    /// The left image with a border of one vector on both sides.
+    guide: Vec<u8>,
+    /// Zeros: the energies at the start of a path.
     pub(super) fresh: Vec<Lanes>,
-    /// No node, but where a lane lies beyond the image: there a leftward path starts.
+    /// 255 (no node) in lanes inside the image, 0 in lanes beyond it, where a leftward path starts.
     pub(super) edge: Lanes,
-    /// One for each thread.
-    workers: Vec<Worker>,
 }
 
 impl Scale {
-    /// A solver for `width` × `height` pixels and all disparities below `disparities`, on so many
-    /// threads.
-    pub fn new(
-        cost: CostParameters,
+    /// A scale of `width` × `height` pixels that searches all disparities below `disparities`.
+    pub(super) fn new(
         parameters: PathParameters,
         level: Level,
         width: usize,
         height: usize,
         disparities: usize,
-        threads: usize,
     ) -> Self {
-        // Three jumps of a sweep add up in one byte.
+        // The sum of the three jumps of a sweep must fit into one byte.
         let parameters = PathParameters {
             truncation_horizontal: parameters.truncation_horizontal.min(75),
             truncation_other: parameters.truncation_other.min(75),
@@ -124,24 +110,8 @@ impl Scale {
                     if (tiles - 1) * LANES + lane < width { u8::MAX } else { 0 }
                 },
             )),
-            workers: (0..threads.max(1))
-                .map(|_| Worker::new(cost, level, width, tiles, disparities))
-                .collect(),
             blocks,
             parameters,
-        }
-    }
-
-    /// Spares the caches, for volumes that they do not hold: costs stay in a strip that each thread
-    /// has for itself, and what the first vertical sweep leaves for the last goes straight to memory.
-    /// The windows must stay as they are now.
-    pub fn spare_caches(&mut self) {
-        let strips =
-            (0..self.blocks.strips()).map(|strip| self.blocks.strip(strip).iter().map(Block::vectors).sum());
-        let most = strips.max().unwrap_or(0);
-        self.workers.iter_mut().for_each(|worker| worker.costs = vec![Lanes::ZERO; most]);
-        if let [alone] = &mut self.workers[..] {
-            alone.merged = vec![Lanes::ZERO; most];
         }
     }
 
@@ -155,198 +125,18 @@ impl Scale {
         self.height
     }
 
-    /// Bytes that the workspace holds, the volumes apart.
-    pub fn bytes(&self) -> usize {
-        self.workers.iter().map(Worker::bytes).sum::<usize>()
-            + self.fresh.len() * LANES
-            + self.guide.len()
-            + self.blocks.bytes()
+    /// Bytes of memory held.
+    pub(super) fn bytes(&self) -> usize {
+        self.fresh.len() * LANES + self.guide.len() + self.blocks.bytes()
     }
 
-    /// The row where the lower part of the image begins; see [`Self::solve`].
+    /// First row of the lower part of the image; see [`super::solver::Solver::solve`].
     pub fn middle(&self) -> usize {
         self.blocks.strips() / 2 * STRIP
     }
 
-    /// Computes the final energies. `upper` gets those of the rows above [`Self::middle`], from the
-    /// last to the first; `lower` those of the others, in either direction. `go_on` is asked now and
-    /// then; once it says no, the scale is given up and false returned.
-    ///
-    /// With several threads each takes strips of layer 1; of layer 2 one goes down and one up, each
-    /// to the end: where they have passed each other the second finishes what the first began. The
-    /// sums are the same either way.
-    ///
-    /// # Panics
-    /// When the images have another size than the workspace, or the volumes are smaller than
-    /// [`Blocks::vectors`].
-    pub fn solve(
-        &mut self,
-        left: GreyView<'_>,
-        right: GreyView<'_>,
-        volumes: &mut Volumes,
-        go_on: &mut dyn FnMut() -> bool,
-        upper: impl FnMut(EnergyRow<'_>) + Send,
-        lower: impl FnMut(EnergyRow<'_>) + Send,
-    ) -> bool {
-        for image in [&left, &right] {
-            assert_eq!((image.width(), image.height()), (self.width, self.height));
-        }
-        assert!(volumes.vectors() >= self.blocks.vectors());
-        self.take_guide(left);
-        let mut workers = std::mem::take(&mut self.workers);
-        let done = match &mut workers[..] {
-            [] => false,
-            [worker] => self.solve_alone(worker, (left, right), volumes, go_on, upper, lower),
-            crew => self.solve_together(crew, (left, right), volumes, go_on, upper, lower),
-        };
-        self.workers = workers;
-        done
-    }
-
-    fn solve_alone(
-        &self,
-        worker: &mut Worker,
-        pair: (GreyView<'_>, GreyView<'_>),
-        volumes: &mut Volumes,
-        go_on: &mut dyn FnMut() -> bool,
-        mut upper: impl FnMut(EnergyRow<'_>),
-        mut lower: impl FnMut(EnergyRow<'_>),
-    ) -> bool {
-        let Volumes { merged, energies } = volumes;
-        worker.start_paths(self.edge);
-        for strip in 0..self.blocks.strips() {
-            if !go_on() {
-                return false;
-            }
-            worker.cost.start(pair.0, pair.1, strip * STRIP);
-            let rows = strip * STRIP..((strip + 1) * STRIP).min(self.height);
-            let start = self.blocks.strip(strip)[0].at;
-            let mut own = std::mem::take(&mut worker.merged);
-            if own.is_empty() {
-                self.first_layer(worker, strip, merged, energies, 0);
-                let mut sums = worker.sums(energies);
-                for y in rows {
-                    advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, 0, &mut sums, 0);
-                }
-            } else {
-                self.first_layer(worker, strip, &mut own, energies, start);
-                let mut sums = Sums::StreamBoth { sums: &mut *energies, data: &mut *merged };
-                for y in rows {
-                    advance_row_at(self.level, self, worker, y.checked_sub(1), y, &own, start, &mut sums, 0);
-                }
-            }
-            worker.merged = own;
-        }
-        worker.start_paths(self.edge);
-        let mut sums = Sums::Finish(energies);
-        for y in (0..self.height).rev() {
-            if y % STRIP == 0 && !go_on() {
-                return false;
-            }
-            let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, merged, 0, &mut sums, 0);
-            let row = EnergyRow::new(y, self.blocks.strip(y / STRIP), &worker.finished, merged);
-            if y < self.middle() { upper(row) } else { lower(row) }
-        }
-        true
-    }
-
-    /// Layer 1 of a strip; both volumes start at `base`.
-    fn first_layer(
-        &self,
-        worker: &mut Worker,
-        strip: usize,
-        merged: &mut [Lanes],
-        energies: &mut [Lanes],
-        base: usize,
-    ) {
-        let mut own = std::mem::take(&mut worker.costs);
-        let costs =
-            if own.is_empty() { &mut energies[self.blocks.strip(strip)[0].at - base..] } else { &mut own };
-        horizontal_layer_at(self.level, self, worker, strip, merged, base, costs);
-        worker.costs = own;
-    }
-
-    fn solve_together(
-        &self,
-        crew: &mut [Worker],
-        pair: (GreyView<'_>, GreyView<'_>),
-        volumes: &mut Volumes,
-        go_on: &mut dyn FnMut() -> bool,
-        mut upper: impl FnMut(EnergyRow<'_>) + Send,
-        mut lower: impl FnMut(EnergyRow<'_>) + Send,
-    ) -> bool {
-        let strips = self.blocks.strips();
-        // Where a strip starts in the volumes.
-        let start = |strip: usize| {
-            if strip < strips { self.blocks.strip(strip)[0].at } else { self.blocks.vectors() }
-        };
-        if !go_on() {
-            return false;
-        }
-        let share = strips.div_ceil(crew.len());
-        std::thread::scope(|scope| {
-            let (mut merged, mut energies) = (&mut volumes.merged[..], &mut volumes.energies[..]);
-            for (i, worker) in crew.iter_mut().enumerate() {
-                let own = (i * share).min(strips)..((i + 1) * share).min(strips);
-                let (base, end) = (start(own.start), start(own.end));
-                let (merged_here, energies_here);
-                (merged_here, merged) = std::mem::take(&mut merged).split_at_mut(end - base);
-                (energies_here, energies) = std::mem::take(&mut energies).split_at_mut(end - base);
-                scope.spawn(move || {
-                    for strip in own {
-                        worker.cost.start(pair.0, pair.1, strip * STRIP);
-                        self.first_layer(worker, strip, merged_here, energies_here, base);
-                    }
-                });
-            }
-        });
-        if !go_on() {
-            return false;
-        }
-        let [down, up, ..] = crew else { return false };
-        down.start_paths(self.edge);
-        up.start_paths(self.edge);
-        let (middle, cut) = (self.middle(), start(strips / 2));
-        let merged = &volumes.merged[..];
-        let (above, below) = volumes.energies.split_at_mut(cut);
-        let descend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
-            advance_row_at(self.level, self, worker, y.checked_sub(1), y, merged, 0, sums, base);
-        };
-        let ascend = |worker: &mut Worker, y: usize, sums: &mut Sums<'_>, base| {
-            let from = (y + 1 < self.height).then_some(y + 1);
-            advance_row_at(self.level, self, worker, from, y, merged, 0, sums, base);
-        };
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                let mut sums = down.sums(above);
-                (0..middle).for_each(|y| descend(down, y, &mut sums, 0));
-            });
-            let mut sums = up.sums(below);
-            (middle..self.height).rev().for_each(|y| ascend(up, y, &mut sums, cut));
-        });
-        if !go_on() {
-            return false;
-        }
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                let mut sums = Sums::Finish(below);
-                for y in middle..self.height {
-                    descend(down, y, &mut sums, cut);
-                    lower(EnergyRow::new(y, self.blocks.strip(y / STRIP), &down.finished, merged));
-                }
-            });
-            let mut sums = Sums::Finish(above);
-            for y in (0..middle).rev() {
-                ascend(up, y, &mut sums, 0);
-                upper(EnergyRow::new(y, self.blocks.strip(y / STRIP), &up.finished, merged));
-            }
-        });
-        true
-    }
-
-    /// Copies the left image, its border repeated sideways.
-    fn take_guide(&mut self, left: GreyView<'_>) {
+    /// Copies the left image and replicates its border columns.
+    pub(super) fn take_guide(&mut self, left: GreyView<'_>) {
         let stride = self.guide.len() / self.height;
         for (y, row) in self.guide.chunks_exact_mut(stride).enumerate() {
             let source = left.row(y);
@@ -356,13 +146,10 @@ impl Scale {
         }
     }
 
-    /// A row of the guide, moved `sideways` pixels.
+    /// A row of the guide image, shifted by `sideways` pixels.
     pub(super) fn guide_row(&self, y: usize, sideways: isize) -> &[u8] {
         let stride = self.guide.len() / self.height;
         let start = (y * stride + LANES).wrapping_add_signed(sideways);
         &self.guide[start..start + self.blocks.tiles() * LANES]
     }
 }
-
-#[cfg(test)]
-mod tests;

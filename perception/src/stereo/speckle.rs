@@ -1,11 +1,11 @@
-//! Removes small islands of disparity: what is connected, but smaller than a real surface.
+//! Speckle filter: removes connected regions of similar disparity that are smaller than a real surface.
 
-/// Which islands go.
+/// Parameters of the speckle filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SpeckleParameters {
-    /// Islands of fewer pixels are removed; 0 keeps all.
+    /// Regions of fewer pixels are removed; 0 keeps all.
     pub min_pixels: u32,
-    /// Neighbours belong together when they differ by at most this, in 1/256 px.
+    /// Maximum difference between neighbouring pixels of one region, in 1/256 px.
     pub step: u16,
 }
 
@@ -15,7 +15,7 @@ impl Default for SpeckleParameters {
     }
 }
 
-/// Pixels of a row that belong together.
+/// Consecutive pixels of a row that belong to one region.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     start: u32,
@@ -24,8 +24,8 @@ struct Run {
     pixels: u32,
 }
 
-/// Finds connected areas by runs: rows are cut where neighbours differ, runs that touch in
-/// neighbouring rows are united.
+/// Finds connected regions by run-length labelling: rows are cut into runs where neighbours differ, and runs
+/// that touch in neighbouring rows are united (union-find).
 #[derive(Debug)]
 pub struct SpeckleFilter {
     parameters: SpeckleParameters,
@@ -41,13 +41,13 @@ impl SpeckleFilter {
         Self {
             parameters,
             width,
-            // As many as there can be, so that no map allocates; untouched pages cost nothing.
+            // The maximum number of runs, so that `apply` never allocates; untouched pages cost nothing.
             runs: Vec::with_capacity(width * height),
             rows: Vec::with_capacity(height + 1),
         }
     }
 
-    /// Bytes that the workspace holds: what maps have used of it.
+    /// Bytes of the workspace that maps have used so far.
     pub fn bytes(&self) -> usize {
         self.runs.len() * size_of::<Run>() + 4 * self.rows.len()
     }
@@ -64,7 +64,7 @@ impl SpeckleFilter {
     fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         if a != b {
-            // The smaller index stays root, so the result does not depend on the order.
+            // The smaller index stays root, so that the result does not depend on the order.
             let (low, high) = (a.min(b), a.max(b));
             self.runs[high as usize].parent = low;
             self.runs[low as usize].pixels += self.runs[high as usize].pixels;
@@ -85,7 +85,7 @@ impl SpeckleFilter {
                 }
                 let start = x;
                 x += 1;
-                // Most runs are long: 32 pixels that go on are told at once.
+                // Most runs are long: 32 pixels are tested together.
                 while let Some(next) = row.get(x - 1..x + 32) {
                     let breaks = next
                         .iter()
@@ -110,7 +110,7 @@ impl SpeckleFilter {
         self.rows.push(self.runs.len() as u32);
     }
 
-    /// Sets the pixels of small islands in `disparity` to 0 (unknown).
+    /// Sets the pixels of small regions in `disparity` to 0 (unknown).
     pub fn apply(&mut self, disparity: &mut [u16]) {
         if self.parameters.min_pixels == 0 {
             return;
@@ -157,10 +157,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn islands_go_and_slopes_stay() {
+    fn small_regions_are_removed_and_slopes_are_kept() {
         let (width, height) = (20, 10);
         let mut map: Vec<u16> = (0..width * height).map(|i| 2560 + (i % width) as u16 * 200).collect();
-        // An island of four pixels, and one unknown pixel.
+        // A region of four pixels, and one unknown pixel.
         for i in [85, 86, 105, 106] {
             map[i] = 20_000;
         }
@@ -172,7 +172,7 @@ mod tests {
             let expected = if [85, 86, 105, 106].contains(&i) { 0 } else { before };
             assert_eq!(after, expected, "pixel {i}");
         }
-        // Kept when islands of four are large enough.
+        // Kept if four pixels are enough.
         map.copy_from_slice(&before);
         let parameters = SpeckleParameters { min_pixels: 4, step: 256 };
         SpeckleFilter::new(parameters, width, height).apply(&mut map);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_find_the_same_islands_as_a_flood() {
+    fn runs_find_the_same_regions_as_flood_fill() {
         let mut random = fastrand::Rng::with_seed(11);
         for _ in 0..50 {
             let (width, height) = (random.usize(1..30), random.usize(1..20));

@@ -1,4 +1,4 @@
-//! One step of Viterbi paths with the total-variation edge cost (paper, sections 3.2 and 3.3).
+//! One step of the Viterbi paths with the total-variation edge cost (paper, sections 3.2 and 3.3).
 //!
 //! The energy of node `u` of pixel `p`, reached from the pixel before it on the path, is
 //!
@@ -7,26 +7,25 @@
 //! ```
 //!
 //! with the data term C, the edge weight w ≥ 1, the truncation T and the slope step s of the
-//! surface that is expected there (−1, 0 or 1). The inner minimum over all v is found exactly by
-//! two sweeps over the disparities (the paper's O(2m) recursion, with the backward sweep that its
+//! expected surface (−1, 0 or 1). The inner minimum over all v is computed exactly by two sweeps over the disparities (the paper's O(2m) recursion, with the backward sweep that its
 //! printed form omits): F(u) = min(e(p−1, u), F(u−1) + w), then B(u) = min(F(u), B(u+1) + w).
 //! Subtracting m keeps energies within C + T.
 //!
-//! Two neighbours on a path may have different search windows. Nodes of the one before that lie
-//! outside the window of the next are its *virtual nodes* (paper, section 3.4): both sweeps begin
-//! at them, so they reach every node of the window at the right price, but carry no cost of their
-//! own. Nodes that do not exist have the energy 255.
+//! Two neighbours on a path may have different search windows. Nodes of the previous pixel that lie
+//! outside the window of the next are its *virtual nodes* (paper, section 3.4): both sweeps start
+//! at them, so every node of the window is reached at the correct cost, but they have no data cost.
+//! Nodes that do not exist have the energy 255.
 
 use crate::simd::{Lanes, Simd, kernel};
 
-/// Nodes that do not exist on either side of a state, so that a slope step needs no test.
+/// Padding of a state on either side by nodes that do not exist, so that a slope step needs no bounds test.
 pub const PAD: usize = 2;
 
-/// Wider windows have their data fetched ahead node by node, narrower ones block by block, and are
-/// searched for neighbours of winners only where there are some.
+/// Windows of more nodes than this are prefetched node by node, and their winners' neighbours are searched only
+/// near the winners; narrower windows are prefetched block by block.
 pub(super) const NEAR: usize = 48;
 
-/// Nodes that a step visits, as places in a padded state: disparity + [`PAD`].
+/// Nodes that a step visits, as indices into a padded state: disparity + [`PAD`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     /// The first node that is read.
@@ -40,8 +39,8 @@ pub struct Span {
 }
 
 impl Span {
-    /// The span of a window of disparities [`low`, `high`) entered from `before`. With `slack` 1
-    /// all nodes are reached with a slope step, too; without one, 0 is enough.
+    /// The span of a window of disparities [`low`, `high`) that is entered from window `before`. `slack` is
+    /// 1 with a slope step, so that all nodes are still reached, and 0 without.
     pub fn new((low, high): (usize, usize), before: (usize, usize), slack: usize) -> Self {
         Self {
             from: PAD + low.min(before.0) - slack,
@@ -51,7 +50,7 @@ impl Span {
         }
     }
 
-    /// Leaves out virtual nodes more than `reach` away from the window.
+    /// Skips virtual nodes more than `reach` disparities away from the window.
     pub fn within(self, reach: usize) -> Self {
         Self {
             from: self.from.max(self.low.saturating_sub(reach)),
@@ -60,39 +59,39 @@ impl Span {
         }
     }
 
-    /// The part of a padded state that is read for a slope step.
+    /// The part of a padded state that is read with slope step `step`.
     #[inline(always)]
     fn read<'a>(&self, state: &'a [Lanes], step: i8) -> &'a [Lanes] {
         let start = self.from.wrapping_add_signed(-isize::from(step));
         &state[start..start + self.to - self.from]
     }
 
-    /// The window in a padded state.
+    /// The window within a padded state.
     #[inline(always)]
     fn window<'a>(&self, state: &'a mut [Lanes]) -> &'a mut [Lanes] {
         &mut state[self.low..self.high]
     }
 }
 
-/// What a horizontal step leaves beside its state.
+/// What a horizontal step writes to its output besides its state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Merge {
-    /// The window.
+    /// The energies of the window.
     First,
-    /// The smaller of that and what was left before.
+    /// The minimum of those and the previous output.
     Min,
-    /// The mean of both.
+    /// The mean of those and the previous output.
     Mean,
 }
 
-/// Advances [`crate::simd::LANES`] independent paths by one pixel, from `before` (padded energies of
-/// the pixel before, `least` the smallest of each lane) to the window in `after`; returns the least
-/// of that. `out` gets the window, merged with what it held.
-/// `half` is scratch of at least the window's length.
+/// Advances [`crate::simd::LANES`] independent paths by one pixel: from `before` (padded energies of the
+/// previous pixel; `least` is their minimum in each lane) to the window in `after`. Returns the minimum of
+/// the new energies. `out` receives the window, merged with its previous content.
+/// `half` is scratch memory of at least the window's length.
 ///
-/// A single path would wait for its own last sum, so both sweeps run at once from the two ends: F
-/// and B need only the old energies, and where they have passed each other each meets the other's
-/// stored half.
+/// A single sweep would be bound by the latency of its own sum, so both sweeps run at the same time from
+/// the two ends: F and B need only the old energies, and after they have passed each other each combines
+/// with the stored half of the other.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn single_step<S: Simd>(
@@ -166,7 +165,7 @@ pub(super) fn single_step<S: Simd>(
     result
 }
 
-/// [`single_step`] for [`kernel!`], whose functions return nothing.
+/// [`single_step`] for [`kernel!`], whose functions have no return value.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn single_alone<S: Simd>(
@@ -186,47 +185,47 @@ fn single_alone<S: Simd>(
     *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
 }
 
-/// The energies of the three paths through a tile, padded.
+/// The padded energies of the three paths through a tile.
 #[derive(Debug)]
 pub struct Energies<'a> {
-    /// Of the straight paths: those of the row before, which become those of this row.
+    /// Vertical paths: on entry the energies of the previous row, on return those of this row.
     pub straight: &'a mut [Lanes],
-    /// Of the paths that come from the right: as `straight`.
+    /// Paths that come from the right: as `straight`.
     pub right: &'a mut [Lanes],
-    /// A row before, of the tile on the right.
+    /// Paths that come from the right, previous row, of the tile on the right.
     pub right_beside: &'a [Lanes],
-    /// Of the paths that come from the left, a row before, of this tile and of the one on the left.
-    /// The latter is read after this tile was written, so these have two buffers.
+    /// Paths that come from the left, previous row, of this tile and of the tile on the left. The latter is
+    /// read after this tile has been written, so these paths have two buffers.
     pub left: [&'a [Lanes]; 2],
-    /// Gets those of this row.
+    /// Receives the energies of this row of the paths that come from the left.
     pub left_after: &'a mut [Lanes],
 }
 
-/// What becomes of the sum of what the jumps of the three paths cost.
+/// Destination of the sum of the three paths' jump costs.
 #[derive(Debug)]
 pub enum Sum<'a> {
-    /// Kept for the other sweep.
+    /// Stored for the other sweep.
     Keep(&'a mut [Lanes]),
-    /// Kept where nobody looks soon: past the caches.
+    /// Stored for the other sweep by non-temporal stores.
     Stream(&'a mut [Lanes]),
-    /// The same, and the data term is kept there, too.
+    /// The same, and the data term is stored as well.
     StreamBoth {
-        /// Gets the sum.
+        /// Receives the sum.
         sum: &'a mut [Lanes],
-        /// Gets the data term.
+        /// Receives the data term.
         data: &'a mut [Lanes],
     },
-    /// Added to that of the other sweep and to the data term: the final energy.
+    /// Added to the sum of the other sweep and to the data term: the final energy.
     Finish {
-        /// Of the other sweep.
+        /// Sum of the other sweep.
         other: &'a [Lanes],
-        /// Gets the final energies.
+        /// Receives the final energies.
         total: &'a mut [Lanes],
     },
 }
 
-/// Advances the vertical paths and both diagonal ones of a tile by one row, and sums up what their
-/// jumps cost. Weights and slope steps are of the paths straight, from the left, from the right.
+/// Advances the vertical and both diagonal paths of a tile by one row and sums up their jump costs. Weights and
+/// slope steps are in the order vertical, from the left, from the right.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub(super) fn triple_step<S: Simd>(
@@ -254,7 +253,7 @@ pub(super) fn triple_step<S: Simd>(
         let b_beside = &span.read(energies.left[1], slopes[1])[..all];
         let c = &span.read(energies.right, slopes[2])[..all];
         let c_beside = &span.read(energies.right_beside, slopes[2])[..all];
-        // A macro, as vectors that pass through a closure leave their registers.
+        // A macro instead of a closure, which would spill vectors from registers.
         macro_rules! read {
             ($i:expr) => {
                 [
@@ -285,11 +284,11 @@ pub(super) fn triple_step<S: Simd>(
         if n > NEAR {
             for i in 0..n {
                 advance!(i);
-                s.expect(std::slice::from_ref(&data[n - 1 - i]));
+                s.prefetch(std::slice::from_ref(&data[n - 1 - i]));
                 match sum {
-                    Sum::Keep(out) => s.expect(std::slice::from_ref(&out[n - 1 - i])),
+                    Sum::Keep(out) => s.prefetch(std::slice::from_ref(&out[n - 1 - i])),
                     Sum::Stream(_) | Sum::StreamBoth { .. } => {}
-                    Sum::Finish { other, .. } => s.expect(std::slice::from_ref(&other[n - 1 - i])),
+                    Sum::Finish { other, .. } => s.prefetch(std::slice::from_ref(&other[n - 1 - i])),
                 }
             }
         } else {
@@ -390,9 +389,10 @@ kernel! {
     ) = triple_step
 }
 
-/// The definition of a step for one path, O(m²): the oracle of the tests. `before` and `data` are
-/// (disparity, energy) pairs of two windows.
-pub fn step_brute_force(
+/// Reference implementation of a step of one path, O(m²). `before` and `data` are (disparity, energy) pairs of
+/// two windows.
+#[cfg(test)]
+pub(super) fn reference_step(
     before: &[(usize, u8)],
     data: &[(usize, u8)],
     weight: u8,
@@ -406,7 +406,7 @@ pub fn step_brute_force(
                 .iter()
                 .map(|&(v, e)| {
                     let way = (u as i32 - v as i32 - i32::from(slope)).abs();
-                    // Energies that reach 255 stay there.
+                    // Energies saturate at 255.
                     (i32::from(e) + i32::from(weight) * way).min(255)
                 })
                 .min()

@@ -1,34 +1,34 @@
-//! From energies to a disparity: the winner, its sub-pixel place, the left-right check and the
-//! confidence.
+//! Winner-take-all: selects the disparity of least energy, refines it to sub-pixel precision, and computes its
+//! confidence and the left-right consistency check.
 
 use super::energy::EnergyRow;
 use super::viterbi::NEAR;
-use crate::simd::whole::whole;
+use crate::simd::rounding::truncate;
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
-/// How the winner of a pixel is chosen and trusted.
+/// Parameters of winner selection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WinnerParameters {
-    /// Disparities of the left and the right view may differ by this many pixels; 255 leaves the
-    /// check out.
+    /// Maximum difference between the disparities of the left and the right view, in pixels; 255 disables
+    /// the left-right check.
     pub left_right_px: u8,
-    /// A winner of less confidence than this is unknown.
+    /// Minimum confidence of a winner; below it the pixel is unknown.
     pub min_confidence: u8,
-    /// How a winner's place between the nodes is found.
+    /// Method of sub-pixel refinement.
     pub sub_pixel: SubPixel,
 }
 
-/// How a winner's place between the nodes is found. Each path's jumps pull a surface to the whole
-/// disparity that most of it has: the more they weigh, the less an estimate scatters and the more it
-/// keeps to whole pixels.
+/// Method of sub-pixel refinement. The jump costs of the paths pull a surface to the integer disparity that
+/// most of it has. The larger their weight, the smaller the noise of an estimate and the larger its
+/// pixel-locking bias.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SubPixel {
-    /// Not at all.
+    /// No refinement: integer disparities.
     None,
-    /// From the final energies.
+    /// Fit to the final energies.
     Energy,
-    /// From H, where the winner is its least, too, and a little of what the six paths' jumps say for
-    /// one side; from the final energies elsewhere.
+    /// Fit to H where the winner is a minimum of H as well, plus a share of the asymmetry of the six paths'
+    /// jump costs; fit to the final energies elsewhere.
     Data,
 }
 
@@ -38,18 +38,18 @@ impl Default for WinnerParameters {
     }
 }
 
-/// The winners of a tile. On a tie the smaller disparity wins.
+/// The winners of a tile. Of equal energies the smaller disparity wins.
 #[derive(Clone, Copy, Debug)]
 struct Winners {
-    /// Whole disparities.
+    /// Integer disparities.
     place: Lanes,
-    /// By how much the energy rises to the best node more than one disparity away: 2.5 for each
-    /// unit; in a cut window less a quarter of the energy. 1 to 255.
+    /// 2.5 times the energy difference to the best node more than one disparity away; in a truncated window
+    /// minus a quarter of the winner's energy. 1 to 255.
     confidence: Lanes,
     /// Disparities in 1/256 px.
     disparity: [u16; LANES],
-    /// What they are in the right view: the energy in the upper byte and 255 less the disparity in
-    /// the lower. Of equal energies the nearer surface hides the farther one.
+    /// Sort keys for the right view: the energy in the upper byte, 255 − disparity in the lower byte. Of
+    /// equal energies the nearer surface occludes the farther one.
     keys: [u16; LANES],
 }
 
@@ -79,8 +79,8 @@ fn pick<S: Simd>(
         best = s.min(node, best);
         here = s.add(here, one);
     }
-    // The winner's neighbours, where it has both, and the best node further away. No lane has its winner
-    // or a neighbour of it outside `near`, which is worth knowing where windows are wide.
+    // The neighbours of the winner, where it has both, and the best node further away. In all lanes the
+    // winner and its neighbours lie within `near`; in wide windows this saves time.
     let mut near = 0..nodes.len();
     if near.end > NEAR {
         let mut places = Lanes::ZERO;
@@ -90,7 +90,7 @@ fn pick<S: Simd>(
     }
     let (left, right) = (s.sub(place, one), s.add(place, one));
     let (mut before, mut after, mut second) = (best, best, none);
-    // The same of H.
+    // The same values of H.
     let (mut h_before, mut h_here, mut h_after) = (zero, zero, zero);
     for node in &nodes[..near.start] {
         second = s.min(second, s.load(node));
@@ -114,8 +114,8 @@ fn pick<S: Simd>(
     let margin = s.sub(second, best);
     let mut confidence = s.add(s.add(margin, margin), s.mean(margin, zero));
     let last = (nodes.len() - 1) as u8;
-    // A cut window hides the winner's rivals: a winner of much energy is doubted, and one at the cut
-    // is not believed, as what lies beyond may be better.
+    // A truncated window excludes competing nodes. A winner of high energy gets less confidence, and a
+    // winner at the truncated end the minimum, as nodes beyond it may be better.
     if cuts != [false; 2] {
         confidence = s.sub(confidence, s.mean(s.mean(best, zero), zero));
     }
@@ -125,7 +125,7 @@ fn pick<S: Simd>(
         }
     }
     s.store(s.max(confidence, one), &mut winners.confidence);
-    // A winner at either end of the window has no place of its own.
+    // A winner at either end of the window gets no sub-pixel offset.
     for at_end in [zero, s.splat(last)] {
         before = s.select_equal(place, at_end, best, before);
         after = s.select_equal(place, at_end, best, after);
@@ -143,7 +143,7 @@ fn pick<S: Simd>(
     s.store(h_after, &mut data[2]);
     for lane in 0..LANES {
         let value = |of: &Lanes| f32::from(of.0[lane]);
-        // All are read before one is chosen: a choice between two places to read from is no vector operation.
+        // Read all values before selecting: a selection between two load addresses does not vectorise.
         let [e_before, e_here, e_after] = [value(&sums[0]), value(&sums[1]), value(&sums[2])];
         let [d_before, d_here, d_after] = [value(&data[0]), value(&data[1]), value(&data[2])];
         let by_data = (sub_pixel == SubPixel::Data) & (d_before > d_here) & (d_after > d_here);
@@ -157,43 +157,44 @@ fn pick<S: Simd>(
     }
 }
 
-/// The smallest and the greatest lane.
+/// Minimum and maximum over all lanes.
 #[inline(always)]
 fn extent(values: &Lanes) -> (u8, u8) {
     values.0.iter().fold((u8::MAX, 0), |(least, most), &v| (least.min(v), most.max(v)))
 }
 
-/// Where the winner truly lies, in 1/256 px from its node: where two lines of equal slope through
-/// it and its neighbours meet (equiangular fit), at most half a pixel. `lean` is by how much more the
-/// jumps of the paths cost before than after: it counts for one side of the fit, so that jumps that
-/// cost the same on both sides do not flatten it.
+/// Sub-pixel offset of the winner in 1/256 px: the intersection of two lines of equal slope through the winner
+/// and its neighbours (equiangular fit), at most half a pixel. `lean` is the difference between the paths'
+/// jump costs before and after the winner. It is added to one side of the fit only, so that jump costs that
+/// are equal on both sides do not flatten the fit.
 #[inline(always)]
 fn between(before: f32, here: f32, after: f32, lean: f32) -> i32 {
-    // No number here is NaN: one comparison each, where `max` takes care of them, too.
+    // No value here is NaN, so one comparison is enough; `f32::max` would also handle NaN.
     let higher = |a: f32, b: f32| if a > b { a } else { b };
     let lower = |a: f32, b: f32| if a < b { a } else { b };
-    // At least 1, so that a flat energy gives no place of its own.
+    // At least 1, so that a flat energy gives no offset.
     let slope = higher(higher(before, after) - here, 1.0) + lean.abs();
-    whole(lower(higher(128.0 * (before - after + lean) / slope, -128.0), 128.0))
+    truncate(lower(higher(128.0 * (before - after + lean) / slope, -128.0), 128.0))
 }
 
-/// Share of the jumps that [`SubPixel::Data`] takes: less keeps to whole pixels, more to halves.
+/// Share of the jump costs that [`SubPixel::Data`] uses: a smaller share locks to whole pixels, a larger one to
+/// half pixels.
 const JUMPS: f32 = 0.125;
 
-/// Confidence that a difference of the two views takes.
+/// Confidence that a winner loses when the two views differ.
 const DISAGREEMENT: u8 = 30;
 
-/// Columns left of the right view: x − d is never below them.
+/// Border columns left of the right view: x − d never lies before them.
 const LEAD: usize = 256;
 
-/// Picks winners row by row, with memory allocated once.
+/// Selects winners row by row, with memory allocated once.
 #[derive(Debug)]
 pub struct Winner {
     parameters: WinnerParameters,
     level: Level,
     disparities: usize,
     winners: Vec<Winners>,
-    /// The right view, [`LEAD`] columns before it: the least key of the winners that land on a pixel.
+    /// The right view with [`LEAD`] border columns: the smallest key of the winners that project to a pixel.
     right: Vec<u16>,
 }
 
@@ -210,13 +211,13 @@ impl Winner {
         }
     }
 
-    /// Bytes that the workspace holds.
+    /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.winners.len() * size_of::<Winners>() + 2 * self.right.len()
     }
 
-    /// Takes a row of energies and writes its disparities in 1/256 px (0 = unknown: left-right check
-    /// failed, outside the right view, or at infinity) and confidences.
+    /// Writes the disparities in 1/256 px and the confidences of a row of energies. A disparity is 0
+    /// (unknown) if the left-right check failed, or the point lies outside the right view or at infinity.
     pub fn row(&mut self, row: EnergyRow<'_>, disparity: &mut [u16], confidence: &mut [u8]) {
         take_row(self.level, self, row, disparity, confidence);
     }
@@ -241,7 +242,7 @@ fn take<S: Simd>(
     for (tile, (winners, block)) in winners.iter_mut().zip(row.blocks).enumerate() {
         let cuts = [block.low > 0, block.high < *disparities];
         pick(s, row.nodes(tile), row.data(tile), block.low, cuts, parameters.sub_pixel, winners);
-        // Where the tile's lanes land: at LEAD + x − d.
+        // The tile's lanes project to column LEAD + x − d.
         let x = tile * LANES;
         let landing: &mut [u16; LEAD + LANES] = match (&mut right[x..x + LEAD + LANES]).try_into() {
             Ok(landing) => landing,
@@ -265,7 +266,7 @@ fn take<S: Simd>(
         let (mut seen, mut column) = (Lanes::ZERO, Lanes::ZERO);
         for lane in 0..LANES {
             seen.0[lane] = u8::MAX - landing[LEAD + lane - usize::from(winners.place.0[lane])] as u8;
-            // Beyond 255 no disparity leaves the image.
+            // From column 255 on every disparity stays within the image.
             column.0[lane] = (x + lane).min(255) as u8;
         }
         let (place, sure) = (s.load(&winners.place), s.load(&winners.confidence));
@@ -273,7 +274,7 @@ fn take<S: Simd>(
         let difference = s.max(s.sub(seen, place), s.sub(place, seen));
         let unsure = s.max(s.sub(sure, s.splat(DISAGREEMENT)), one);
         let sure = s.select_equal(difference, zero, sure, unsure);
-        // Above zero where anything speaks against the winner.
+        // Greater than zero where any test rejects the winner.
         let mut doubt = s.sub(difference, most);
         doubt = s.max(doubt, s.sub(place, s.load(&column)));
         doubt = s.max(doubt, s.sub(least, sure));
@@ -295,7 +296,7 @@ mod tests {
     use super::super::blocks::Block;
     use super::*;
 
-    /// A row whose pixel x has its least energy at `truth[x]`, in windows of `n` from `low` on.
+    /// A row whose pixel x has its minimum energy at `truth[x]`, in windows of `n` disparities from `low` on.
     fn row_for(truth: &[usize], low: usize, n: usize) -> (Vec<Block>, Vec<Lanes>) {
         let tiles = truth.len().div_ceil(LANES);
         let mut nodes = vec![Lanes::splat(200); tiles * n];
@@ -310,7 +311,7 @@ mod tests {
 
     fn run(truth: &[usize], low: usize, n: usize) -> (Vec<u16>, Vec<u8>) {
         let (blocks, nodes) = row_for(truth, low, n);
-        // Row 0 of a volume whose blocks have 32 rows each; H is the energy itself.
+        // Row 0 of a volume whose blocks have 32 rows each; H equals the energy.
         let mut volume = vec![Lanes::ZERO; nodes.len() * LANES];
         for (block, nodes) in blocks.iter().zip(nodes.chunks(n)) {
             volume[block.at..block.at + n].copy_from_slice(nodes);
@@ -337,7 +338,7 @@ mod tests {
 
     #[test]
     fn an_occluded_strip_fails_the_check() {
-        // A near object from 30 on hides what lies right of its left edge in the right view.
+        // A near object from column 30 on occludes the background next to its left edge in the right view.
         let truth: Vec<usize> = (0..64).map(|x| if x >= 30 { 12 } else { 2 }).collect();
         let (disparity, _) = run(&truth, 0, 16);
         assert!(disparity[20..30].iter().all(|&d| d == 0), "{disparity:?}");
@@ -346,14 +347,14 @@ mod tests {
     }
 
     #[test]
-    fn the_sub_pixel_place_follows_the_lower_side() {
+    fn the_sub_pixel_offset_points_to_the_lower_side() {
         assert_eq!(between(20.0, 10.0, 20.0, 0.0), 0);
         assert_eq!(between(30.0, 10.0, 10.0, 0.0), 128);
         assert_eq!(between(15.0, 10.0, 20.0, 0.0), -64);
         assert_eq!(between(10.0, 10.0, 10.0, 0.0), 0);
         assert_eq!(between(20.0, 10.0, 20.0, 10.0), 64);
         assert_eq!(between(10.0, 30.0, 10.0, 100.0), 126);
-        // A window that starts or ends at the winner says nothing about either side.
+        // No offset where the window starts or ends at the winner.
         let (disparity, _) = run(&[9; 40], 9, 4);
         assert!(disparity[9..].iter().all(|&d| d == 9 * 256));
     }

@@ -1,4 +1,4 @@
-//! The two layers of a scale, strip by strip and row by row, with what one thread needs for them.
+//! The two layers of a scale, strip by strip and row by row, with the workspace of one thread.
 
 use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
@@ -6,22 +6,22 @@ use super::scale::{EdgeWeight, Scale};
 use super::viterbi::{Energies, Merge, NEAR, PAD, Span, Sum, single_step, triple_step};
 use crate::simd::{LANES, Lanes, Level, Simd, kernel};
 
-/// What one thread needs for itself.
+/// The workspace of one thread.
 #[derive(Debug)]
 pub(super) struct Worker {
     pub(super) cost: CostStrip,
-    /// Energies of the row before for each tile, padded: of straight paths, of those that come from
-    /// the right, and of those that come from the left with what they become.
+    /// Padded energies of the previous row for each tile: of vertical paths, of paths from the right, and of
+    /// paths from the left (previous row and current row).
     straight: Vec<Lanes>,
     right: Vec<Lanes>,
     left: [Vec<Lanes>; 2],
-    /// The costs of a strip; empty where they use the volume.
+    /// The costs of a strip; empty if costs are stored in the volume.
     pub(super) costs: Vec<Lanes>,
-    /// H of a strip, likewise.
+    /// H of a strip; empty if H is stored in the volume.
     pub(super) merged: Vec<Lanes>,
     /// Final energies of a row, tile by tile.
     pub(super) finished: Vec<Lanes>,
-    /// Energies of the column before and of this one, padded.
+    /// Padded energies of the previous and the current column.
     columns: [Vec<Lanes>; 2],
     half: Vec<Lanes>,
     forward: Vec<[Lanes; 3]>,
@@ -30,24 +30,24 @@ pub(super) struct Worker {
     column_weights: Vec<Lanes>,
 }
 
-/// How the paths of layer 2 enter a row of a tile.
+/// Span and slope steps of the layer-2 paths for a row of a tile.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     span: Span,
-    /// Of the straight paths, those from the left and those from the right.
+    /// Slope steps of the vertical paths, of those from the left and of those from the right.
     slopes: [i8; 3],
 }
 
-/// What a sweep of layer 2 does with the sums of its paths.
+/// Destination of the sums of a layer-2 sweep.
 #[derive(Debug)]
 pub(super) enum Sums<'a> {
-    /// The first keeps them for the last.
+    /// First sweep: stored for the last.
     Keep(&'a mut [Lanes]),
-    /// The same, past the caches.
+    /// The same, by non-temporal stores.
     Stream(&'a mut [Lanes]),
-    /// The same, and the data term with them.
+    /// The same, and the data term is stored as well.
     StreamBoth { sums: &'a mut [Lanes], data: &'a mut [Lanes] },
-    /// The last adds its own to them and to the data term.
+    /// Last sweep: its sums are added to the stored ones and to the data term.
     Finish(&'a [Lanes]),
 }
 
@@ -89,12 +89,12 @@ impl Worker {
         vectors * LANES + self.cost.bytes() + self.steps.len() * size_of::<Step>()
     }
 
-    /// What the first sweep of layer 2 does with its sums.
+    /// Destination of the first layer-2 sweep's sums.
     pub(super) fn sums<'a>(&self, volume: &'a mut [Lanes]) -> Sums<'a> {
         if self.costs.is_empty() { Sums::Keep(volume) } else { Sums::Stream(volume) }
     }
 
-    /// Makes every path of layer 2 start afresh; `edge` is what lies beyond the last tile's lanes.
+    /// Resets all layer-2 paths to their start; `edge` is the padding of the last tile ([`Scale::edge`]).
     pub(super) fn start_paths(&mut self, edge: Lanes) {
         let padded = self.columns[0].len();
         for state in [&mut self.straight, &mut self.right].into_iter().chain(&mut self.left) {
@@ -111,13 +111,13 @@ impl Worker {
     }
 }
 
-/// Change of a slope's whole disparities from position `from` to `to`.
+/// Change of the integer disparity of a slope from position `from` to `to`.
 pub(super) fn slope_step(slope: i32, from: usize, to: usize) -> i8 {
     let at = |position: usize| (slope * position as i32 + 128) >> 8;
     (at(to) - at(from)).clamp(-1, 1) as i8
 }
 
-/// Marks the nodes of an old window that the new one leaves as not there: `none`.
+/// Sets the nodes of the old window outside the new one to `none`.
 fn leave(state: &mut [Lanes], old: (usize, usize), new: (usize, usize), none: Lanes) {
     state[PAD + old.0..PAD + old.1.min(new.0).max(old.0)].fill(none);
     state[PAD + old.0.max(new.1).min(old.1)..PAD + old.1].fill(none);
@@ -140,8 +140,8 @@ fn turn_blocks<S: Simd>(s: S, block: &mut [Lanes], disparities: usize, pitch: us
     }
 }
 
-/// Layer 1 of a strip: `costs`, rightward and leftward paths, their minimum to `merged`, which starts
-/// at `base` of the volume; `costs` starts at the strip.
+/// Layer 1 of a strip: computes `costs`, runs rightward and leftward paths and writes their minimum to
+/// `merged`. `merged` starts at vector `base` of the volume, `costs` at the strip.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn horizontal_layer<S: Simd>(
@@ -173,7 +173,7 @@ fn horizontal_layer<S: Simd>(
 
     let disparities = scale.blocks.disparities();
     let truncation = scale.parameters.truncation_horizontal;
-    // From further away even the cheapest way costs as much as a jump.
+    // From further away even the cheapest transition costs as much as the truncation.
     let reach = 1 + usize::from(truncation.div_ceil(scale.horizontal.edge.min(scale.horizontal.smooth)));
     let [mut old, mut new] = worker.columns.each_mut().map(|column| &mut column[..]);
     // Rightwards.
@@ -192,7 +192,7 @@ fn horizontal_layer<S: Simd>(
             let x = tile * LANES + i;
             let slope = if x == 0 { 0 } else { slope_step(block.slope_x, x - 1, x) };
             if n > NEAR && i + 1 < LANES {
-                s.expect(&merged[(i + 1) * pitch..(i + 1) * pitch + n]);
+                s.prefetch(&merged[(i + 1) * pitch..(i + 1) * pitch + n]);
             }
             least = single_step(
                 s,
@@ -256,7 +256,7 @@ fn horizontal_layer<S: Simd>(
     }
 }
 
-/// Plans how all paths of layer 2 step from row `from` (None: the start) to `y`.
+/// Computes span and slope steps of all layer-2 paths from row `from` (`None`: path start) to `y`.
 fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
     let strip = scale.blocks.strip(y / STRIP);
     let last = strip.len() - 1;
@@ -267,7 +267,7 @@ fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
     for (tile, (step, block)) in steps.iter_mut().zip(strip).enumerate() {
         step.slopes = [0, -1, 1].map(|sideways| match from {
             None => 0,
-            // Down from the left a path goes right, up from the left as well.
+            // A path from the left moves right, whether it runs down or up.
             Some(from) if from < y => slope_step(block.slope_y - sideways * block.slope_x, from, y),
             Some(from) => slope_step(block.slope_y + sideways * block.slope_x, from, y),
         });
@@ -280,8 +280,8 @@ fn plan_row(scale: &Scale, steps: &mut [Step], from: Option<usize>, y: usize) {
     }
 }
 
-/// Layer 2: advances all vertical and diagonal paths from row `from` (None: the start) to `y`.
-/// The volumes of `sums` start at `base`, the data term `merged` at `merged_base`.
+/// Layer 2: advances all vertical and diagonal paths from row `from` (`None`: path start) to `y`.
+/// The slices of `sums` start at vector `base` of the volume, the data term `merged` at `merged_base`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn advance_row<S: Simd>(
@@ -304,10 +304,10 @@ fn advance_row<S: Simd>(
     plan_row(scale, &mut worker.steps, from, y);
 
     let strip = scale.blocks.strip(y / STRIP);
-    // The strip that a row on the way was in, if not this one.
+    // Whether a previous row lies in another strip.
     let other_strip = |row: Option<usize>| row.is_none_or(|row| row / STRIP != y / STRIP);
     let enters = other_strip(from);
-    // Of the paths from the left, what this row replaces is two rows old.
+    // The buffer of the paths from the left that this row overwrites is two rows old.
     let two_before = match from {
         None => None,
         Some(from) if from < y => from.checked_sub(1),
@@ -324,11 +324,11 @@ fn advance_row<S: Simd>(
         let place = tile * padded..(tile + 1) * padded;
         let (right_here, right_next) = right[place.start..].split_at_mut(padded);
         if let Some(next) = strip.get(tile + 4).filter(|next| next.span() <= NEAR) {
-            // Rows of neighbouring blocks lie far apart: the hardware does not foresee the next.
+            // Rows of neighbouring blocks are far apart, so the hardware prefetcher misses the next one.
             let at = next.at + y % STRIP * next.pitch();
-            s.expect(&merged[at - merged_base..at - merged_base + next.span()]);
+            s.prefetch(&merged[at - merged_base..at - merged_base + next.span()]);
             if let Sums::Finish(sums) = &sums {
-                s.expect(&sums[at - base..at - base + next.span()]);
+                s.prefetch(&sums[at - base..at - base + next.span()]);
             }
         }
         let at = block.at + y % STRIP * block.pitch();
@@ -367,7 +367,7 @@ fn advance_row<S: Simd>(
         done += block.pitch();
         let beyond = scale.width - tile * LANES;
         if beyond < LANES {
-            // Lanes beyond the image must not feed a leftward path.
+            // Lanes beyond the image are path starts of leftward paths.
             let window = PAD + block.low..PAD + block.high;
             energies.right[window].iter_mut().for_each(|lanes| lanes.0[beyond..].fill(0));
         }
@@ -383,7 +383,7 @@ fn advance_row<S: Simd>(
     }
     std::mem::swap(left, left_after);
     if matches!(sums, Sums::Stream(_) | Sums::StreamBoth { .. }) {
-        s.settle();
+        s.store_fence();
     }
 }
 

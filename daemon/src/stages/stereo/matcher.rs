@@ -162,7 +162,7 @@ fn on_gpu(
     height: usize,
     disparities: usize,
 ) -> Result<Option<Box<dyn Matcher>>, BackendError> {
-    use perception::stereo::device::Fallback;
+    use perception::stereo::fallback::Fallback;
     use perception::stereo::gpu::GpuMpv;
     if backend == Backend::Cpu {
         return Ok(None);

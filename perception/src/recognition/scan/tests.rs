@@ -3,7 +3,7 @@ use super::super::integral::Integral;
 use super::*;
 use crate::image::GreyImage;
 
-/// Passes windows whose upper left block is darker than the centre.
+/// Accepts windows whose upper left block is darker than the centre.
 fn dark_corner() -> Cascade {
     let mut subset = [0; 8];
     for code in (0..=255_u8).filter(|code| code & 128 == 0) {
@@ -29,7 +29,7 @@ fn the_papers_range_gives_five_sizes_of_a_24_pixel_window() {
     scanner.choose_scales(Sizes::default(), 640, 480);
     let sizes: Vec<i32> = scanner.scales.iter().map(|&s| round(24.0 * f64::from(s))).collect();
     assert_eq!(sizes, [31, 41, 53, 69, 89]);
-    // A crop too small for the least size gets the nearest one, a tiny one none.
+    // A crop too small for the minimum size gets the closest size, a tiny one none.
     scanner.choose_scales(Sizes::default(), 28, 28);
     assert_eq!(scanner.scales, [1.0]);
     scanner.choose_scales(Sizes::default(), 23, 50);
@@ -45,12 +45,12 @@ fn an_expected_size_gives_two() {
     scanner.choose_scales(Sizes::Around { width_px: 100.0, growth: 1.3 }, 48, 60);
     assert_eq!(scanner.scales, [2.0]);
     scanner.choose_scales(Sizes::Around { width_px: 2.0, growth: 1.3 }, 48, 60);
-    assert_eq!(scanner.scales, [SMALLEST_SCALE as f32]);
+    assert_eq!(scanner.scales, [MIN_SCALE as f32]);
     scanner.choose_scales(Sizes::Around { width_px: 2.0, growth: 1.3 }, 8, 8);
     assert!(scanner.scales.is_empty());
     scanner.choose_scales(Sizes::Around { width_px: f64::NAN, growth: 1.3 }, 8, 8);
     assert!(scanner.scales.iter().all(|s| s.is_finite()));
-    // An image that fills the memory is not enlarged.
+    // An image of the maximum size is not enlarged.
     let full = GreyImage::new(640, 480);
     scanner.scan(full.view(), Sizes::Around { width_px: 10.0, growth: 1.3 });
     assert!(scanner.scales[0] > 0.99);
@@ -141,7 +141,7 @@ fn random_cascade(seed: u64, haar: bool, side: u16, nodes: u16) -> Cascade {
     Cascade { width: side, height: side, features, stages }
 }
 
-/// The scan as it is defined: one window after the other.
+/// Reference implementation of the scan: one window after the other.
 fn plain_scan(cascade: &Cascade, image: GreyView<'_>, scales: &[f32]) -> Vec<Window> {
     let mut hits = Vec::new();
     let side = i32::from(cascade.width);
@@ -176,7 +176,7 @@ fn plain_scan(cascade: &Cascade, image: GreyView<'_>, scales: &[f32]) -> Vec<Win
 }
 
 #[test]
-fn every_level_gives_the_hits_of_the_definition() {
+fn hits_equal_the_reference_at_every_level() {
     let (width, height) = (150, 90);
     let mut random = fastrand::Rng::with_seed(5);
     // Noise over a coarse pattern, with a flat part that has no contrast.

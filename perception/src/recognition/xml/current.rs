@@ -1,7 +1,7 @@
-//! The format of OpenCV's trainer since 2.x.
+//! Reads the format of OpenCV's trainer since 2.x.
 
 use super::super::cascade::{Branch, Cascade, Features, LbpFeature, Node, Split, Stage};
-use super::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
+use super::element::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
 use roxmltree::Node as XmlNode;
 
 pub(super) fn read(cascade: XmlNode<'_, '_>) -> Result<Cascade, CascadeError> {
@@ -14,7 +14,10 @@ pub(super) fn read(cascade: XmlNode<'_, '_>) -> Result<Cascade, CascadeError> {
         "LBP" => false,
         "HAAR" => true,
         _ => {
-            return Err(value_error(kind, "LBP or HAAR can be read; train the cascade anew with one".into()));
+            return Err(value_error(
+                kind,
+                "only LBP and HAAR can be read; retrain the cascade with one of them".into(),
+            ));
         }
     };
     let window = |name| {
@@ -41,7 +44,7 @@ fn text<'a>(element: XmlNode<'a, '_>) -> &'a str {
     element.text().unwrap_or("").trim()
 }
 
-/// Says that a text is no number at all before its range is judged.
+/// Reports a text that is not a number before its range is checked.
 fn number_first(cascade: XmlNode<'_, '_>, name: &'static str) -> Result<(), CascadeError> {
     number::<f64>(child(cascade, name)?).map(|_| ())
 }
@@ -98,7 +101,7 @@ fn tree(element: XmlNode<'_, '_>, features: usize, haar: bool) -> Result<Vec<Nod
             if child.fract() != 0.0 {
                 None
             } else if child > 0.0 {
-                // Behind its parent: a walk always ends.
+                // Children follow their parents, so evaluation always ends.
                 let there = child > i as f64 && child < count as f64;
                 there.then_some(Branch::Node(child as u16))
             } else {
@@ -106,10 +109,10 @@ fn tree(element: XmlNode<'_, '_>, features: usize, haar: bool) -> Result<Vec<Nod
             }
         };
         let (Some(left), Some(right)) = (branch(row[0]), branch(row[1])) else {
-            return error(format!("node {i} leads to {} and {}, which are not there", row[0], row[1]));
+            return error(format!("node {i} leads to {} and {}, which do not exist", row[0], row[1]));
         };
         if row[2].fract() != 0.0 || row[2] < 0.0 || row[2] >= features as f64 {
-            return error(format!("node {i} names feature {} of {features}", row[2]));
+            return error(format!("node {i} refers to feature {} of {features}", row[2]));
         }
         let split = if haar {
             let threshold = row[3] as f32;

@@ -1,60 +1,29 @@
-//! Reads and writes OpenCV's cascade XML: boosted LBP and Haar cascades in the format of its trainer
-//! (`opencv_storage/cascade`), and Haar cascades in the format before that.
+//! Reads and writes OpenCV's cascade XML: boosted LBP and Haar cascades in the format of OpenCV's trainer
+//! (`opencv_storage/cascade`), and Haar cascades in the older format.
 //!
-//! Every index is checked here, so that the evaluators need no checks: features lie within the
-//! window, children behind their parents, leaves and features exist.
+//! All indices are validated here, so that the evaluation needs no checks: features lie within the window,
+//! children follow their parents, leaves and features exist.
 
 mod current;
+mod element;
 mod old;
 mod write;
 
-use super::cascade::{Cascade, HaarFeature, WeightedRect};
+use super::cascade::Cascade;
+pub use element::CascadeError;
+use element::line;
 use roxmltree::{Document, Node as XmlNode};
-use thiserror::Error;
 pub use write::{TrainedWith, write};
-
-/// Why a text is not a cascade that can be used. The line is that of the element at fault.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum CascadeError {
-    /// Not well-formed XML.
-    #[error("not well-formed XML: {0}")]
-    Xml(String),
-    /// An element is missing.
-    #[error("line {line}: <{element}> is missing in <{parent}>; is this an OpenCV cascade?")]
-    Missing {
-        /// Line of the parent.
-        line: u32,
-        /// What is missing.
-        element: &'static str,
-        /// Where it should be.
-        parent: String,
-    },
-    /// A value cannot be used.
-    #[error("line {line}: <{element}> is \"{value}\": {expected}")]
-    Value {
-        /// Line of the element.
-        line: u32,
-        /// Its name.
-        element: String,
-        /// Its text, shortened.
-        value: String,
-        /// What is right.
-        expected: String,
-    },
-}
-
-/// The largest window side that is accepted, in pixels.
-const LARGEST_WINDOW: u16 = 512;
 
 /// Reads a cascade from the text of an XML file, in either format.
 ///
 /// # Errors
-/// Names the line and the element at fault.
+/// If the text is not a supported cascade; the error names line and element.
 pub fn read(text: &str) -> Result<Cascade, CascadeError> {
     let text = without_comments(text);
     let document = Document::parse(&text).map_err(|e| CascadeError::Xml(e.to_string()))?;
     let root = document.root_element();
-    // The older format names its kind in an attribute, whatever its element is called.
+    // The older format is identified by an attribute; the element's name is arbitrary.
     let elements = || root.children().filter(XmlNode::is_element);
     if let Some(cascade) = elements().find(|e| e.attribute("type_id") == Some("opencv-haar-classifier")) {
         return old::read(cascade);
@@ -67,8 +36,8 @@ pub fn read(text: &str) -> Result<Cascade, CascadeError> {
     current::read(cascade)
 }
 
-/// The text with comments blanked out, lines kept. OpenCV's own files have comments with `--`
-/// inside, which XML forbids.
+/// The text without comments, with line breaks kept. OpenCV's own files have comments that contain `--`, which
+/// XML forbids.
 fn without_comments(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -81,110 +50,6 @@ fn without_comments(text: &str) -> String {
     }
     out.push_str(rest);
     out
-}
-
-/// A window side from its text.
-fn side(element: XmlNode<'_, '_>, value: Option<u16>, least: u16) -> Result<u16, CascadeError> {
-    value.filter(|v| (least..=LARGEST_WINDOW).contains(v)).ok_or_else(|| {
-        value_error(element, format!("a window has {least} to {LARGEST_WINDOW} pixels a side"))
-    })
-}
-
-/// A Haar feature from its `<rects>` and `<tilted>`.
-fn haar_feature(element: XmlNode<'_, '_>, width: u16, height: u16) -> Result<HaarFeature, CascadeError> {
-    let tilted = match element.children().find(|c| c.has_tag_name("tilted")) {
-        Some(tilted) => number::<i64>(tilted)? != 0,
-        None => false,
-    };
-    let list = child(element, "rects")?;
-    let mut rects = [WeightedRect::default(); 3];
-    let mut count = 0;
-    for rect in items(list) {
-        let values = numbers::<f64>(rect)?;
-        let whole =
-            |v: f64| (v.fract() == 0.0 && (0.0..=f64::from(LARGEST_WINDOW)).contains(&v)).then_some(v as u16);
-        let parts = match values[..] {
-            [x, y, w, h, weight] => Some((whole(x), whole(y), whole(w), whole(h), weight as f32)),
-            _ => None,
-        };
-        let Some((Some(x), Some(y), Some(w), Some(h), weight)) = parts else {
-            return Err(value_error(rect, "five numbers: x y width height weight".into()));
-        };
-        if !weight.is_finite() || weight == 0.0 {
-            return Err(value_error(rect, "a weight is a finite number and not 0".into()));
-        }
-        let inside = if tilted {
-            h <= x && x + w <= width && y + w + h <= height
-        } else {
-            x + w <= width && y + h <= height
-        };
-        if !inside || w == 0 || h == 0 {
-            let what = if tilted { "tilted rectangle" } else { "rectangle" };
-            return Err(value_error(rect, format!("a {what} must lie within the {width}x{height} window")));
-        }
-        let Some(place) = rects.get_mut(count) else {
-            return Err(value_error(list, "a Haar feature has one to three rectangles".into()));
-        };
-        *place = WeightedRect { x, y, width: w, height: h, weight };
-        count += 1;
-    }
-    if count == 0 {
-        return Err(value_error(list, "a Haar feature has one to three rectangles".into()));
-    }
-    Ok(HaarFeature { rects, tilted })
-}
-
-/// A single-precision number, by way of double precision as OpenCV reads it.
-fn single(element: XmlNode<'_, '_>) -> Result<f32, CascadeError> {
-    let value = number::<f64>(element)? as f32;
-    if value.is_finite() { Ok(value) } else { Err(value_error(element, "a finite number".into())) }
-}
-
-fn line(element: XmlNode<'_, '_>) -> u32 {
-    element.document().text_pos_at(element.range().start).row
-}
-
-fn child<'a, 'i>(parent: XmlNode<'a, 'i>, name: &'static str) -> Result<XmlNode<'a, 'i>, CascadeError> {
-    parent.children().find(|c| c.has_tag_name(name)).ok_or_else(|| CascadeError::Missing {
-        line: line(parent),
-        element: name,
-        parent: parent.tag_name().name().to_owned(),
-    })
-}
-
-/// The `<_>` elements of a list.
-fn items<'a, 'i>(list: XmlNode<'a, 'i>) -> impl Iterator<Item = XmlNode<'a, 'i>> {
-    list.children().filter(|c| c.has_tag_name("_"))
-}
-
-fn value_error(element: XmlNode<'_, '_>, expected: String) -> CascadeError {
-    let text = element.text().unwrap_or("").trim();
-    let mut value: String = text.chars().take(40).collect();
-    if value.len() < text.len() {
-        value.push('…');
-    }
-    CascadeError::Value {
-        line: line(element),
-        element: element.tag_name().name().to_owned(),
-        value,
-        expected,
-    }
-}
-
-fn numbers<T: std::str::FromStr>(element: XmlNode<'_, '_>) -> Result<Vec<T>, CascadeError> {
-    let text = element.text().unwrap_or("");
-    text.split_ascii_whitespace()
-        .map(|word| {
-            word.parse().map_err(|_| value_error(element, format!("\"{word}\" is not a number that fits")))
-        })
-        .collect()
-}
-
-fn number<T: std::str::FromStr + Copy>(element: XmlNode<'_, '_>) -> Result<T, CascadeError> {
-    match numbers(element)?[..] {
-        [value] => Ok(value),
-        _ => Err(value_error(element, "one number".into())),
-    }
 }
 
 #[cfg(test)]
@@ -226,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn comments_that_xml_forbids_are_passed_over_and_lines_still_count() {
+    fn comments_that_xml_forbids_are_skipped_and_lines_still_count() {
         let comment = "<cascade>\n<!-- by\n--==-- someone -->\n<!-- unfinished";
         let commented = GOOD.replace("<cascade>", &comment[..comment.len() - 16]);
         assert_eq!(read(&commented).unwrap(), read(GOOD).unwrap());
@@ -236,17 +101,17 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_named_with_its_line() {
+    fn errors_name_the_line() {
         for (from, to, expected) in [
             ("</opencv_storage>", "", "not well-formed"),
-            ("<featureType>LBP", "<featureType>HOG", "line 5: <featureType> is \"HOG\": LBP or HAAR"),
+            ("<featureType>LBP", "<featureType>HOG", "line 5: <featureType> is \"HOG\": only LBP and HAAR"),
             ("<stageType>BOOST</stageType>", "", "line 3: <stageType> is missing in <cascade>"),
             ("<height>24", "<height>2", "line 6"),
             ("<width>20", "<width>twenty", "\"twenty\" is not a number"),
             ("1 2 5 7", "1 2 7 7", "within the 20x24 window"),
             ("1 2 5 7", "1 2 5", "four numbers"),
             ("1 2 5 7", "65535 2 21845 7", "within the 20x24 window"),
-            ("1 0 0 -1", "0 0 1 -1", "names feature 1 of 1"),
+            ("1 0 0 -1", "0 0 1 -1", "refers to feature 1 of 1"),
             ("1 0 0 -1", "2 0 0 -1", "leads to 2 and 0"),
             ("8 -1 -2 0", "8 1 -2 0", "node 1 leads to 1 and -2"),
             ("8 -1 -2 0", "8 -9 -2 0", "node 1 leads to -9"),

@@ -1,7 +1,7 @@
-//! The format of Haar cascades before OpenCV 2.x: trees of named nodes, a feature in each.
+//! Reads the format of Haar cascades before OpenCV 2.x: trees of nodes that contain their features.
 
 use super::super::cascade::{Branch, Cascade, Features, HaarFeature, Node, Split, Stage};
-use super::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
+use super::element::{CascadeError, child, haar_feature, items, number, numbers, side, single, value_error};
 use roxmltree::Node as XmlNode;
 
 pub(super) fn read(cascade: XmlNode<'_, '_>) -> Result<Cascade, CascadeError> {
@@ -14,11 +14,14 @@ pub(super) fn read(cascade: XmlNode<'_, '_>) -> Result<Cascade, CascadeError> {
     let mut features = Vec::new();
     let mut stages = Vec::new();
     for (i, element) in items(list).enumerate() {
-        // Cascades that branch are trees of stages; OpenCV takes them as a list, too.
+        // Branching cascades are trees of stages; OpenCV reads them as a list, too.
         if let Some(parent) = element.children().find(|c| c.has_tag_name("parent"))
             && number::<i64>(parent)? != i as i64 - 1
         {
-            return Err(value_error(parent, "stages that follow one another; this cascade branches".into()));
+            return Err(value_error(
+                parent,
+                "only consecutive stages can be read; this cascade branches".into(),
+            ));
         }
         let trees = child(element, "trees")?;
         let threshold = single(child(element, "stage_threshold")?)?;
@@ -107,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_named_with_its_line() {
+    fn errors_name_the_line() {
         for (from, to, expected) in [
             ("20 22", "20", "line 4: <size> is \"20\": two numbers"),
             ("20 22", "20 9999", "pixels a side"),
@@ -123,7 +126,7 @@ mod tests {
             ("4 2 2.", "4 2 0", "four"),
         ] {
             let (from, to, expected) = match expected {
-                // A weight of 0 would be a rectangle that is not there.
+                // A weight of 0 marks an unused rectangle.
                 "four" => ("3 9 14 2 2.", "3 9 14 2 0.", "not 0"),
                 _ => (from, to, expected),
             };

@@ -3,21 +3,21 @@
 use super::super::cascade::{Branch, Cascade, Features, Node, Split, WeightedRect};
 use std::fmt::Write;
 
-/// How a cascade was trained; kept in the file, not needed to detect.
+/// Training parameters; stored in the file, not needed for detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainedWith {
-    /// Least share of objects that each stage lets pass.
+    /// Minimum hit rate of each stage.
     pub hit_rate: f64,
-    /// Greatest share of the rest that each stage lets pass.
+    /// Maximum false-alarm rate of each stage.
     pub false_alarm_rate: f64,
-    /// Greatest depth of a tree.
+    /// Maximum depth of a tree.
     pub max_depth: u32,
-    /// Most trees in a stage.
+    /// Maximum number of trees in a stage.
     pub max_trees: u32,
 }
 
-/// The text of the cascade's XML file. Numbers are written so that they are read back exactly;
-/// features that no node names are left out.
+/// The text of the cascade's XML file. Numbers are written so that they are read back exactly; unused features
+/// are omitted.
 pub fn write(cascade: &Cascade, trained: &TrainedWith) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
@@ -30,7 +30,7 @@ fn write_to(out: &mut String, cascade: &Cascade, trained: &TrainedWith) -> std::
         Features::Lbp(_) => ("LBP", 256),
         Features::Haar(_) => ("HAAR", 0),
     };
-    let names = names(cascade);
+    let indices = feature_indices(cascade);
     writeln!(out, "<?xml version=\"1.0\"?>\n<opencv_storage>\n<cascade>")?;
     writeln!(out, "  <stageType>BOOST</stageType>\n  <featureType>{kind}</featureType>")?;
     writeln!(out, "  <height>{}</height>\n  <width>{}</width>", cascade.height, cascade.width)?;
@@ -51,7 +51,7 @@ fn write_to(out: &mut String, cascade: &Cascade, trained: &TrainedWith) -> std::
         writeln!(out, "      <stageThreshold>{:e}</stageThreshold>", stage.threshold)?;
         writeln!(out, "      <weakClassifiers>")?;
         for (t, tree) in stage.trees.iter().enumerate() {
-            write_tree(out, tree, &names)?;
+            write_tree(out, tree, &indices)?;
             let end = if t + 1 == stage.trees.len() { "</weakClassifiers></_>" } else { "" };
             writeln!(out, "{end}")?;
         }
@@ -59,12 +59,12 @@ fn write_to(out: &mut String, cascade: &Cascade, trained: &TrainedWith) -> std::
     writeln!(out, "  </stages>\n  <features>")?;
     match &cascade.features {
         Features::Lbp(features) => {
-            for (f, _) in features.iter().zip(&names).filter(|(_, name)| name.is_some()) {
+            for (f, _) in features.iter().zip(&indices).filter(|(_, index)| index.is_some()) {
                 writeln!(out, "    <_><rect>{} {} {} {}</rect></_>", f.x, f.y, f.width, f.height)?;
             }
         }
         Features::Haar(features) => {
-            for (f, _) in features.iter().zip(&names).filter(|(_, name)| name.is_some()) {
+            for (f, _) in features.iter().zip(&indices).filter(|(_, index)| index.is_some()) {
                 writeln!(out, "    <_>\n      <rects>")?;
                 for WeightedRect { x, y, width, height, weight } in f.rects() {
                     writeln!(out, "        <_>{x} {y} {width} {height} {weight:e}</_>")?;
@@ -76,19 +76,19 @@ fn write_to(out: &mut String, cascade: &Cascade, trained: &TrainedWith) -> std::
     writeln!(out, "  </features></cascade>\n</opencv_storage>")
 }
 
-/// The number that each feature gets in the file; `None` for those that no node names.
-fn names(cascade: &Cascade) -> Vec<Option<usize>> {
-    let mut names = vec![None; cascade.features.len()];
+/// The index of each feature in the file; `None` for unused features.
+fn feature_indices(cascade: &Cascade) -> Vec<Option<usize>> {
+    let mut indices = vec![None; cascade.features.len()];
     for node in cascade.stages.iter().flat_map(|s| &s.trees).flatten() {
-        names[node.feature as usize] = Some(0);
+        indices[node.feature as usize] = Some(0);
     }
-    for (i, name) in names.iter_mut().filter(|name| name.is_some()).enumerate() {
-        *name = Some(i);
+    for (i, index) in indices.iter_mut().filter(|index| index.is_some()).enumerate() {
+        *index = Some(i);
     }
-    names
+    indices
 }
 
-fn write_tree(out: &mut String, tree: &[Node], names: &[Option<usize>]) -> std::fmt::Result {
+fn write_tree(out: &mut String, tree: &[Node], indices: &[Option<usize>]) -> std::fmt::Result {
     let mut leaves = Vec::new();
     writeln!(out, "        <_>\n          <internalNodes>")?;
     for (i, node) in tree.iter().enumerate() {
@@ -102,7 +102,7 @@ fn write_tree(out: &mut String, tree: &[Node], names: &[Option<usize>]) -> std::
                 }
             }
         }
-        write!(out, "{}", names[node.feature as usize].unwrap_or(0))?;
+        write!(out, "{}", indices[node.feature as usize].unwrap_or(0))?;
         match node.split {
             Split::Subset(words) => {
                 for word in words {
@@ -153,7 +153,7 @@ mod tests {
         let written =
             cascade(Features::Lbp(vec![lbp(1), lbp(2), lbp(3)]), [subset(1), subset(7), subset(u32::MAX)]);
         let mut expected = written.clone();
-        // The feature that no node names is gone.
+        // The unused feature is omitted.
         expected.features = Features::Lbp(vec![lbp(1), lbp(3)]);
         for node in expected.stages.iter_mut().flat_map(|s| &mut s.trees).flatten() {
             node.feature /= 2;

@@ -1,15 +1,15 @@
-//! Which adapters there are, and which one is taken.
+//! Lists the adapters of this machine and chooses one.
 
-use super::super::MatcherError;
 use super::super::device::Loss;
+use super::super::matcher::MatcherError;
 use thiserror::Error;
 
-/// An adapter as it is told to people.
+/// Description of an adapter, for logs and messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterDescription {
-    /// Its name.
+    /// Name of the adapter.
     pub name: String,
-    /// Its driver and the driver's version.
+    /// Name and version of its driver.
     pub driver: String,
     /// `discrete`, `integrated`, `virtual`, `other`, or `software` for a driver that computes on the CPU.
     pub kind: &'static str,
@@ -23,20 +23,20 @@ impl AdapterDescription {
     }
 }
 
-/// Why a matcher on a GPU cannot be made. The text names the remedy.
+/// Errors of creating a matcher on a GPU. The messages name a remedy.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum GpuError {
     /// No adapter at all, or only software.
     #[error(
-        "no Vulkan adapter{}: install the GPU's Vulkan driver (and let this user open /dev/dri/renderD*), or take the CPU",
-        if *.software_alone { " but software (name it in stereo.adapter to take it)" } else { "" }
+        "no Vulkan adapter{}: install the GPU's Vulkan driver (and let this user open /dev/dri/renderD*), or use the CPU",
+        if *.software_alone { " except a software driver (name it in stereo.adapter to use it)" } else { "" }
     )]
     NoAdapter {
-        /// There is one that computes on the CPU.
+        /// There is an adapter with a software driver.
         software_alone: bool,
     },
     /// No adapter with that name.
-    #[error("no adapter has `{wanted}` in its name: there is {}", if .known.is_empty() { "none" } else { .known })]
+    #[error("no adapter has `{wanted}` in its name; available: {}", if .known.is_empty() { "none" } else { .known })]
     UnknownAdapter {
         /// Part of a name.
         wanted: String,
@@ -45,7 +45,7 @@ pub enum GpuError {
     },
     /// The adapter cannot hold the matcher's buffers or run its kernels.
     #[error(
-        "{adapter}: {what} is {given}, {needed} are needed: scale the images down, search fewer disparities, or take the CPU"
+        "{adapter}: {what} is {given}, {needed} is needed: scale the images down, search fewer disparities, or use the CPU"
     )]
     Limit {
         /// The adapter.
@@ -58,24 +58,24 @@ pub enum GpuError {
         given: u64,
     },
     /// The driver refuses a device.
-    #[error("{adapter}: {reason}: take another adapter (stereo.adapter) or the CPU")]
+    #[error("{adapter}: {reason}: use another adapter (stereo.adapter) or the CPU")]
     Device {
         /// The adapter.
         adapter: String,
         /// Why.
         reason: String,
     },
-    /// The device was lost or ran out of memory while the matcher was made.
-    #[error("{adapter}: {loss}: take another adapter (stereo.adapter) or the CPU")]
+    /// The device was lost or ran out of memory while the matcher was created.
+    #[error("{adapter}: {loss}: use another adapter (stereo.adapter) or the CPU")]
     Lost {
         /// The adapter.
         adapter: String,
         /// Why.
         loss: Loss,
     },
-    /// Its map of a drawn pair is not the CPU's.
+    /// Its map of a synthetic pair differs from the CPU's.
     #[error(
-        "{adapter}: computes another map than the CPU ({pixels} pixels differ): update its driver, or take the CPU"
+        "{adapter}: computes another map than the CPU ({pixels} pixels differ): update its driver, or use the CPU"
     )]
     Wrong {
         /// The adapter.
@@ -83,12 +83,12 @@ pub enum GpuError {
         /// Pixels that differ.
         pixels: usize,
     },
-    /// No matcher takes the size or the disparities.
+    /// The size or the number of disparities is not supported by any matcher.
     #[error(transparent)]
     Matcher(#[from] MatcherError),
 }
 
-/// The order in which kinds are taken.
+/// Rank (lower is preferred) and name of a kind of adapter.
 fn rank(kind: wgpu::DeviceType) -> (u8, &'static str) {
     match kind {
         wgpu::DeviceType::DiscreteGpu => (0, "discrete"),
@@ -106,14 +106,14 @@ pub(super) fn instance() -> wgpu::Instance {
     })
 }
 
-/// All adapters, the one that is taken first before the others.
+/// All adapters, the preferred ones first.
 fn ranked(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut all = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN));
     all.sort_by_key(|adapter| rank(adapter.get_info().device_type).0);
     all
 }
 
-/// All adapters of this machine, the one that is taken first before the others.
+/// All adapters of this machine, the preferred ones first.
 pub fn adapters() -> Vec<AdapterDescription> {
     ranked(&instance()).iter().map(|adapter| AdapterDescription::of(&adapter.get_info())).collect()
 }

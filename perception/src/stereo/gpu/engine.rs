@@ -1,38 +1,38 @@
-//! A device with its queue, and what may go wrong with them.
+//! A device with its queue, and its error handling.
 
 use super::super::device::Loss;
-use super::GpuOptions;
 use super::adapter::{AdapterDescription, GpuError, choose, instance};
+use super::options::GpuOptions;
 use super::uniforms::Plan;
 use core::time::Duration;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Stands between a matcher and its device. What it refuses looks like a fault of the device.
+/// Fault injection between a matcher and its device: an error of the gate is handled like one of the device.
 pub trait Gate: Send {
-    /// Asked before each submission.
+    /// Called before each submission.
     ///
     /// # Errors
-    /// When the device is to be taken for lost.
+    /// If the device shall count as lost.
     fn submit(&mut self) -> Result<(), Loss> {
         Ok(())
     }
 
-    /// Asked before each wait; gives how long to wait.
+    /// Called before each wait; returns the time limit to use.
     ///
     /// # Errors
-    /// When the device is to be taken for lost.
+    /// If the device shall count as lost.
     fn wait(&mut self, patience: Duration) -> Result<Duration, Loss> {
         Ok(patience)
     }
 }
 
-/// Lets everything through.
+/// A gate without faults.
 struct Open;
 
 impl Gate for Open {}
 
-/// What the driver has said, from whichever thread: 0 is nothing.
+/// The first error that the driver reported from any thread; 0 is none.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Trouble(Arc<AtomicU8>);
 
@@ -44,7 +44,7 @@ impl Trouble {
             Loss::Hung => 3,
             Loss::Refused => 4,
         };
-        // The first is the cause, what follows from it says less.
+        // Keep the first error: it is the cause, later ones are consequences.
         let _ = self.0.compare_exchange(0, number, Ordering::AcqRel, Ordering::Acquire);
     }
 
@@ -73,14 +73,14 @@ pub(super) struct Engine {
     pub(super) queue: wgpu::Queue,
     pub(super) gate: Box<dyn Gate>,
     pub(super) trouble: Trouble,
-    /// So many lanes surely share a subgroup; 1 without subgroup operations.
+    /// Minimum subgroup size; 1 without subgroup operations.
     pub(super) subgroup: u32,
-    /// Nanoseconds of a timestamp's unit; None without timestamps.
+    /// Nanoseconds of a timestamp tick; `None` without timestamps.
     pub(super) timestamp_ns: Option<f32>,
 }
 
 impl Engine {
-    /// Opens the adapter that is asked for, if its limits allow the plan.
+    /// Opens the requested adapter, if its limits allow the plan.
     pub(super) fn open(options: &GpuOptions, plan: &Plan) -> Result<Self, GpuError> {
         let (adapter, limits) = find(options, plan)?;
         let info = adapter.get_info();
@@ -96,10 +96,10 @@ impl Engine {
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|error| GpuError::Device { adapter: info.name.clone(), reason: error.to_string() })?;
         let trouble = Trouble::default();
-        let heard = trouble.clone();
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| heard.set(loss_of(&error))));
-        let heard = trouble.clone();
-        device.set_device_lost_callback(move |_, _| heard.set(Loss::Device));
+        let reported = trouble.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| reported.set(loss_of(&error))));
+        let reported = trouble.clone();
+        device.set_device_lost_callback(move |_, _| reported.set(Loss::Device));
         let timestamp_ns =
             features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period());
         let subgroup =
@@ -115,7 +115,7 @@ impl Engine {
         })
     }
 
-    /// Runs what makes buffers and kernels, and tells what the driver refused.
+    /// Runs `make`, which creates buffers and kernels, and returns the errors that the driver reported.
     pub(super) fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
         let adapter = || self.adapter.name.clone();
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
@@ -133,7 +133,7 @@ impl Engine {
         Ok(made)
     }
 
-    /// A buffer, zeroed.
+    /// A zeroed buffer.
     pub(super) fn buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let mapped_at_creation = usage.contains(wgpu::BufferUsages::MAP_WRITE);
         self.device.create_buffer(&wgpu::BufferDescriptor {
@@ -144,7 +144,7 @@ impl Engine {
         })
     }
 
-    /// A buffer that holds `bytes`.
+    /// A buffer with the content `bytes`.
     pub(super) fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let buffer = self.buffer(label, bytes.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
         self.queue.write_buffer(&buffer, 0, bytes);
@@ -159,7 +159,7 @@ impl Engine {
         Ok(index)
     }
 
-    /// Waits until a submission is finished and its buffers are mapped.
+    /// Waits until a submission has finished and its buffers are mapped.
     pub(super) fn wait(&mut self, index: wgpu::SubmissionIndex, patience: Duration) -> Result<(), Loss> {
         let patience = self.gate.wait(patience)?;
         let polled =
@@ -167,13 +167,13 @@ impl Engine {
         self.trouble.check()?;
         polled.map(|_| ()).map_err(|error| match error {
             wgpu::PollError::Timeout => Loss::Hung,
-            // A lost device takes no submissions.
+            // A lost device accepts no submissions.
             wgpu::PollError::WrongSubmissionIndex(..) => Loss::Device,
         })
     }
 }
 
-/// The adapter that is asked for and the limits that the plan needs, if it allows them.
+/// The requested adapter and the limits that the plan needs.
 pub(super) fn find(options: &GpuOptions, plan: &Plan) -> Result<(wgpu::Adapter, wgpu::Limits), GpuError> {
     let adapter = choose(&instance(), &options.adapter, options.software)?;
     let limits = required(plan);
@@ -187,7 +187,7 @@ pub(super) fn find(options: &GpuOptions, plan: &Plan) -> Result<(wgpu::Adapter, 
     }
 }
 
-/// What the kernels need of a device.
+/// The device limits that the kernels need.
 fn required(plan: &Plan) -> wgpu::Limits {
     let largest = plan.largest_buffer();
     wgpu::Limits {

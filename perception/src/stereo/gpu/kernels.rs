@@ -1,4 +1,4 @@
-//! The compute shaders, compiled.
+//! Compiled compute shaders.
 
 use super::engine::Engine;
 use super::uniforms::ScalePlan;
@@ -11,7 +11,7 @@ macro_rules! shader {
     };
 }
 
-/// Kernels of all scales.
+/// Kernels that all scales share.
 pub(super) struct Kernels {
     pub(super) halve: wgpu::ComputePipeline,
     pub(super) prepare: wgpu::ComputePipeline,
@@ -27,7 +27,7 @@ pub(super) struct Kernels {
     pub(super) join: wgpu::ComputePipeline,
     pub(super) count: wgpu::ComputePipeline,
     pub(super) remove: wgpu::ComputePipeline,
-    pub(super) trust: wgpu::ComputePipeline,
+    pub(super) filter_confidence: wgpu::ComputePipeline,
     pub(super) median: wgpu::ComputePipeline,
     pub(super) bridge_rows: wgpu::ComputePipeline,
     pub(super) bridge_columns: wgpu::ComputePipeline,
@@ -58,7 +58,7 @@ impl Kernels {
             join: island("join"),
             count: island("count"),
             remove: island("remove"),
-            trust: last("trust"),
+            filter_confidence: last("filter_confidence"),
             median: last("median"),
             bridge_rows: last("bridge_rows"),
             bridge_columns: last("bridge_columns"),
@@ -67,7 +67,7 @@ impl Kernels {
     }
 }
 
-/// Kernels whose workgroup memory depends on the scale.
+/// Kernels of one scale, whose workgroup memory depends on its size.
 pub(super) struct ScaleKernels {
     pub(super) advance: wgpu::ComputePipeline,
     pub(super) pick: wgpu::ComputePipeline,
@@ -76,7 +76,7 @@ pub(super) struct ScaleKernels {
 impl ScaleKernels {
     pub(super) fn new(engine: &Engine, scale: &ScalePlan) -> Self {
         let sizes = format!("const LANES = {}u;\nconst WORDS = {}u;\n{COMMON}", scale.lanes, scale.words);
-        // Lanes of a path in one subgroup need no memory to find their least.
+        // If the lanes of a path share a subgroup, their minimum needs no workgroup memory.
         let least =
             if scale.lanes <= engine.subgroup { shader!("min_subgroup") } else { shader!("min_memory") };
         let path = compile(engine, &format!("{sizes}\n{}\n{least}", shader!("path")));

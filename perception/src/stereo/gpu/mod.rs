@@ -1,19 +1,20 @@
-//! The matcher on a GPU: the same Multi-Path-Viterbi as [`super::mpv`], by compute shaders through Vulkan.
+//! The matcher on a GPU: the same Multi-Path-Viterbi as [`super::mpv`] in Vulkan compute shaders.
 //!
-//! Every stage does the integers of the CPU's plain twin, and the few floats of the cost in the same order
-//! and rounding, so that the map is the same, bit for bit. Layout, shaders and how they are mapped to the
-//! hardware: `docs/gpu.md`.
+//! Every stage does the same integer arithmetic as the CPU's reference implementation, and the few
+//! floating-point operations of the cost in the same order and rounding, so the maps are bit-identical. Memory
+//! layout, shaders and their mapping to the hardware: `docs/gpu.md`.
 //!
-//! A matcher has two slots. [`GpuMpv::submit`] uploads a pair and sends its work off without waiting,
-//! [`GpuMpv::collect`] waits for the oldest and reads its map, so that one pair is uploaded and another
+//! A matcher has two slots. [`GpuMpv::submit`] uploads a pair and submits its commands without waiting.
+//! [`GpuMpv::collect`] waits for the oldest pair and reads its map. One pair can so be uploaded and another
 //! read back while the GPU works. [`Matcher::compute`] does both one after the other.
 //!
-//! A device may be lost at any time. That is [`MatchError::Lost`]; the matcher is useless from then on,
-//! and [`super::device::Fallback`] puts another in its place.
+//! A device may be lost at any time. The matcher then returns [`MatchError::Lost`] for this pair and all later
+//! ones, and [`super::fallback::Fallback`] replaces it.
 
 mod adapter;
 mod engine;
 mod kernels;
+mod options;
 mod program;
 mod slots;
 mod uniforms;
@@ -21,38 +22,22 @@ mod verify;
 
 pub use adapter::{AdapterDescription, GpuError, adapters};
 pub use engine::Gate;
+pub use options::GpuOptions;
 
-use super::device::{DEFAULT_TIMEOUT, DeviceState, Loss, STAGES, StageTime};
+use super::device::{DeviceState, Loss, STAGES, StageTime};
 use super::fill::Fill;
-use super::mpv::Mpv;
-use super::{MatchError, MatchOutput, Matcher, MpvParameters, Search};
+use super::matcher::{MatchError, MatchOutput, Matcher};
+use super::mpv::{Mpv, MpvParameters, Search};
 use crate::image::GreyView;
 use core::time::Duration;
 use engine::Engine;
 use program::Program;
 use slots::{SLOTS, Slot};
 
-/// Which adapter is taken, and how long it may take.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GpuOptions {
-    /// Part of the adapter's name, in any case; empty takes the fastest kind there is.
-    pub adapter: String,
-    /// Whether a driver that computes on the CPU will do. One that is named always does.
-    pub software: bool,
-    /// A frame that is not finished in this time means that the device hangs.
-    pub patience: Duration,
-}
-
-impl Default for GpuOptions {
-    fn default() -> Self {
-        Self { adapter: String::new(), software: false, patience: DEFAULT_TIMEOUT }
-    }
-}
-
-/// Checks whether a matcher can be made as far as the adapter and its limits go, without making it.
+/// Checks parameters, adapter and limits without creating a matcher.
 ///
 /// # Errors
-/// As [`GpuMpv::new`], but for what only the driver knows.
+/// As [`GpuMpv::new`], except for errors that only the driver detects.
 pub fn check(
     options: &GpuOptions,
     parameters: MpvParameters,
@@ -66,7 +51,7 @@ pub fn check(
     engine::find(options, &plan).map(|(adapter, _)| AdapterDescription::of(&adapter.get_info()))
 }
 
-/// The matcher on a GPU with all its buffers.
+/// The Multi-Path-Viterbi matcher on a GPU, with all its buffers.
 pub struct GpuMpv {
     width: usize,
     height: usize,
@@ -75,7 +60,7 @@ pub struct GpuMpv {
     driver: String,
     fill: Fill,
     complete: bool,
-    /// None once the device is lost.
+    /// `None` after the device was lost.
     work: Option<Box<Work>>,
     loss: Option<Loss>,
     /// Slots in flight, the oldest first.
@@ -86,7 +71,7 @@ pub struct GpuMpv {
     nodes: usize,
 }
 
-/// What goes with the device.
+/// All resources of the device.
 struct Work {
     engine: Engine,
     program: Program,
@@ -97,8 +82,8 @@ impl GpuMpv {
     /// A matcher for pairs of `width` × `height` pixels and disparities 0 to `disparities` − 1.
     ///
     /// # Errors
-    /// When there is no such adapter, its limits are too low, the driver refuses a kernel or the memory,
-    /// or as [`Mpv::new`].
+    /// If there is no such adapter, its limits are too low, or the driver refuses a kernel or memory; and as
+    /// [`Mpv::new`].
     pub fn new(
         options: &GpuOptions,
         parameters: MpvParameters,
@@ -140,35 +125,35 @@ impl GpuMpv {
         })
     }
 
-    /// Lets `gate` stand between the matcher and its device: for tests of what may go wrong.
+    /// Installs a gate between the matcher and its device, for fault injection in tests.
     pub fn set_gate(&mut self, gate: Box<dyn Gate>) {
         if let Some(work) = &mut self.work {
             work.engine.gate = gate;
         }
     }
 
-    /// Makes the driver give the device up, as a reset does: for tests.
+    /// Destroys the device, which has the effect of a driver reset; for tests.
     pub fn destroy_device(&self) {
         if let Some(work) = &self.work {
             work.engine.device.destroy();
         }
     }
 
-    /// Pairs that were submitted and not collected, at most [`Self::max_in_flight`].
+    /// Pairs that were submitted and not yet collected, at most [`Self::max_in_flight`].
     pub fn in_flight(&self) -> usize {
         self.in_flight
     }
 
-    /// The most pairs in flight.
+    /// Maximum number of pairs in flight.
     pub fn max_in_flight(&self) -> usize {
         SLOTS
     }
 
-    /// Uploads a pair and sends its work off, without waiting.
+    /// Uploads a pair and submits its commands, without waiting.
     ///
     /// # Errors
-    /// When an image has another size than the matcher, all slots are taken (which counts as a device that
-    /// does not answer), or the device is lost.
+    /// If an image has another size than the matcher, all slots are in use (reported as
+    /// [`Loss::Hung`]), or the device is lost.
     pub fn submit(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Result<(), MatchError> {
         let (expected_width, expected_height) = (self.width, self.height);
         for (which, image) in [("left", &left), ("right", &right)] {
@@ -198,8 +183,8 @@ impl GpuMpv {
     /// Waits for the oldest pair in flight and writes its map.
     ///
     /// # Errors
-    /// When an output is not `width` × `height`, nothing is in flight (which counts as a device that does
-    /// not answer), or the device is lost.
+    /// If an output does not have `width` × `height` values, no pair is in flight (reported as
+    /// [`Loss::Hung`]), or the device is lost.
     pub fn collect(&mut self, output: MatchOutput<'_>) -> Result<(), MatchError> {
         let needed = self.width * self.height;
         for given in [output.disparity.len(), output.confidence.len()] {
@@ -227,7 +212,7 @@ impl GpuMpv {
         Ok(())
     }
 
-    /// Leaves the device. Nothing of it is dropped: tearing a lost or hanging device down may hang, too.
+    /// Abandons the device. Its resources are leaked on purpose: releasing a lost or hanging device may hang.
     fn give_up(&mut self, loss: Loss) -> MatchError {
         std::mem::forget(self.work.take());
         self.loss = Some(loss);
@@ -237,7 +222,7 @@ impl GpuMpv {
 }
 
 impl Matcher for GpuMpv {
-    /// The GPU always finishes: `go_on` is not asked, and the map is the finest.
+    /// The GPU always finishes: `go_on` is not called, and the map has the full resolution.
     fn compute_within(
         &mut self,
         left: GreyView<'_>,

@@ -1,4 +1,4 @@
-//! All buffers and commands of a pair, made once: what a frame does is to encode them.
+//! All buffers and dispatches of a pair, created once; each frame only encodes them.
 
 use super::super::blocks::BLOCK;
 use super::super::device::STAGES;
@@ -7,7 +7,7 @@ use super::kernels::{Kernels, ScaleKernels};
 use super::uniforms::{BlockUniform, Plan, ScalePlan};
 use wgpu::BufferUsages as Usage;
 
-// Places in `STAGES`.
+// Indices into `STAGES`.
 const PREPARE: usize = 0;
 const PLAN: usize = 1;
 const COST: usize = 2;
@@ -17,7 +17,7 @@ const DIAGONAL: usize = 5;
 const WINNER: usize = 6;
 const FINISH: usize = 7;
 
-/// Bytes of what `plan.wgsl` leaves for each scale.
+/// Bytes that `plan.wgsl` writes for each scale.
 const PLAN_BYTES: u64 = 16;
 
 /// One dispatch.
@@ -27,16 +27,16 @@ struct Run {
     groups: [u32; 3],
 }
 
-/// Dispatches that are timed together.
+/// Dispatches of one stage, which are timed together.
 struct Pass {
     stage: usize,
     scale: usize,
-    /// Cleared before.
+    /// Buffer that is cleared before the pass.
     clear: Option<wgpu::Buffer>,
     runs: Vec<Run>,
 }
 
-/// What a scale keeps on the device.
+/// The buffers of one scale.
 pub(super) struct ScaleBuffers {
     uniform: wgpu::Buffer,
     pictures: wgpu::Buffer,
@@ -45,33 +45,33 @@ pub(super) struct ScaleBuffers {
     plan: wgpu::Buffer,
 }
 
-/// Buffers that all scales use in turn.
+/// Buffers that all scales share.
 pub(super) struct Scratch {
     features: wgpu::Buffer,
     /// H.
     pub(super) merged: wgpu::Buffer,
-    /// The costs, then the jumps of the six other paths.
+    /// The matching costs, then the jump costs of the six other paths.
     pub(super) jumps: wgpu::Buffer,
-    /// Winners, then labels, then what is read back.
+    /// Winners, then region labels, then the download.
     pixels: wgpu::Buffer,
-    /// The right view, then counts.
+    /// The right view, then region sizes.
     right_view: wgpu::Buffer,
     seeds: wgpu::Buffer,
     other_map: wgpu::Buffer,
 }
 
-/// All commands of a pair with their buffers.
+/// All passes of a pair with their buffers.
 pub(super) struct Program {
     pub(super) scales: Vec<ScaleBuffers>,
     pub(super) scratch: Scratch,
     passes: Vec<Pass>,
     queries: Option<(wgpu::QuerySet, wgpu::Buffer)>,
-    /// Nodes of each scale where windows do not change, None where they are planned.
+    /// Number of nodes of each scale with fixed windows; `None` where windows are planned.
     nodes: Vec<Option<usize>>,
     pub(super) pixels: usize,
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Bytes of both finest pictures, and of a row.
+    /// Bytes of both images at the finest scale, and of one row.
     pub(super) picture_bytes: u64,
     pub(super) row_bytes: usize,
     /// Bytes of all buffers on the device.
@@ -144,7 +144,7 @@ impl Program {
         }
     }
 
-    /// Bytes of the disparities as they are read back; confidences follow.
+    /// Bytes of the disparities in the download; confidences follow.
     pub(super) fn disparity_bytes(&self) -> u64 {
         (self.pixels as u64).div_ceil(4) * 8
     }
@@ -157,12 +157,12 @@ impl Program {
         self.map_bytes() + PLAN_BYTES * self.scales.len() as u64
     }
 
-    /// Bytes that are read back.
+    /// Bytes of the download.
     pub(super) fn download_bytes(&self) -> u64 {
         self.timestamps_at() + 16 * self.passes.len() as u64
     }
 
-    /// Encodes a pair: from `upload` to `download`.
+    /// Encodes all commands of a pair, from `upload` to `download`.
     pub(super) fn encode(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -172,7 +172,7 @@ impl Program {
         self.encode_some(encoder, upload, download, |_, _| true);
     }
 
-    /// The same, but of the passes only those that `wanted` picks by scale and stage.
+    /// The same, but only the passes that `wanted` selects by scale and stage.
     pub(super) fn encode_some(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -226,7 +226,7 @@ impl Program {
         }
     }
 
-    /// Nodes of the pair that was read back.
+    /// Number of nodes of the downloaded pair.
     pub(super) fn nodes_of(&self, download: &[u8]) -> usize {
         let planned = |scale: usize| {
             let at = (self.map_bytes() + PLAN_BYTES * scale as u64) as usize + 4;
@@ -235,7 +235,7 @@ impl Program {
         self.nodes.iter().enumerate().map(|(i, nodes)| nodes.unwrap_or_else(|| planned(i) as usize)).sum()
     }
 
-    /// Adds up the times of the stages, in nanoseconds, for timestamps of so many.
+    /// Reports the times of the passes in nanoseconds; `unit_ns` is the length of a timestamp tick.
     pub(super) fn times_of(&self, download: &[u8], unit_ns: f32, mut add: impl FnMut(usize, u64)) {
         let at = self.timestamps_at() as usize;
         let stamps = download.get(at..).unwrap_or_default().chunks_exact(16);
@@ -247,7 +247,7 @@ impl Program {
     }
 }
 
-/// Binds buffers by their numbers.
+/// A dispatch with buffers bound by their binding numbers.
 fn run(
     engine: &Engine,
     kernel: &wgpu::ComputePipeline,
@@ -266,7 +266,7 @@ fn run(
     Run { kernel: kernel.clone(), bind, groups }
 }
 
-/// Halves the pair down to the coarsest scale.
+/// The pass that downsamples the pair to all coarser scales.
 fn halving(engine: &Engine, kernels: &Kernels, plan: &Plan, scales: &[ScaleBuffers], passes: &mut Vec<Pass>) {
     let mut runs = Vec::new();
     for i in (0..scales.len() - 1).rev() {
@@ -387,7 +387,7 @@ fn scale_passes(
     let finest = i + 1 == plan.scales.len();
     let mut runs = Vec::new();
     if finest {
-        runs.push(change(&kernels.trust, &buffers.map, &scratch.other_map));
+        runs.push(change(&kernels.filter_confidence, &buffers.map, &scratch.other_map));
         runs.push(change(&kernels.median, &scratch.other_map, &buffers.map));
     }
     runs.push(island(&kernels.runs, 4, [height, 1, 1]));
@@ -406,11 +406,11 @@ fn scale_passes(
     pass(FINISH, None, runs);
 }
 
-/// The most words of a pixel that a block of the scale may have.
+/// Maximum number of words per pixel of a block of the scale.
 fn max_words(scale: &ScalePlan) -> u32 {
     if !scale.windows {
         return scale.blocks.iter().map(BlockUniform::words).max().unwrap_or(0);
     }
-    // A window may begin and end within a word.
+    // A window may start and end within a word.
     ((scale.uniform.widest + 6) / 4).min(scale.words)
 }

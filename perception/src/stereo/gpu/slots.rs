@@ -1,5 +1,4 @@
-//! Where pairs come in and maps go out: two of each, so that one is written and read while the GPU works on
-//! the other.
+//! Upload and download buffers: two of each, so that the CPU accesses one while the GPU works on the other.
 
 use super::super::device::{Loss, StageTime};
 use super::engine::Engine;
@@ -8,17 +7,17 @@ use crate::image::GreyView;
 use core::time::Duration;
 use wgpu::BufferUsages as Usage;
 
-/// Pairs that can be in flight.
+/// Maximum number of pairs in flight.
 pub(super) const SLOTS: usize = 2;
 
-/// One pair's way in and its map's way out.
+/// Buffers for the upload of one pair and the download of its map.
 pub(super) struct Slot {
-    /// Mapped while the GPU does not read it.
+    /// Mapped except while the GPU reads it.
     upload: wgpu::Buffer,
-    /// Mapped once the GPU has written it.
+    /// Mapped after the GPU has written it.
     download: wgpu::Buffer,
     submitted: Option<wgpu::SubmissionIndex>,
-    /// A copy of the left picture, where holes are filled along its edges.
+    /// A copy of the left image, if holes are filled along its edges; otherwise empty.
     pub(super) left: Vec<u8>,
 }
 
@@ -32,12 +31,12 @@ impl Slot {
         }
     }
 
-    /// Bytes held.
+    /// Bytes of memory held.
     pub(super) fn bytes(&self) -> usize {
         (self.upload.size() + self.download.size()) as usize + self.left.len()
     }
 
-    /// Uploads a pair and sends its work off.
+    /// Uploads a pair and submits its commands.
     pub(super) fn send(
         &mut self,
         engine: &mut Engine,
@@ -66,14 +65,14 @@ impl Slot {
             engine.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pair") });
         program.encode(&mut encoder, &self.upload, &self.download);
         let submitted = engine.submit(encoder.finish())?;
-        // What the driver says of it comes with the wait; whether it worked shows when the range is asked for.
+        // Driver errors surface in `wait`; a failed mapping surfaces when the range is requested.
         self.upload.slice(..).map_async(wgpu::MapMode::Write, |_| ());
         self.download.slice(..).map_async(wgpu::MapMode::Read, |_| ());
         self.submitted = Some(submitted);
         Ok(())
     }
 
-    /// Waits for the pair that was sent and copies its map. Gives its nodes.
+    /// Waits for the submitted pair and copies its map. Returns its number of nodes.
     pub(super) fn receive(
         &mut self,
         engine: &mut Engine,

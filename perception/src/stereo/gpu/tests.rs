@@ -1,11 +1,11 @@
-//! The GPU against the CPU, on whatever adapter there is: Mesa's lavapipe will do.
+//! The GPU against the CPU, on any available adapter; Mesa's lavapipe is enough.
 
-use super::super::MatcherError;
 use super::super::blocks::Block;
 use super::super::cost::{CostStrip, STRIP};
-use super::super::device::{Fallback, Replacement};
 use super::super::energy::{EnergyRow, Volumes};
-use super::super::scale::Scale;
+use super::super::fallback::{Fallback, Replacement};
+use super::super::matcher::MatcherError;
+use super::super::solver::Solver;
 use super::super::viterbi::Merge;
 use super::super::winner::SubPixel;
 use super::uniforms::{BlockUniform, Plan};
@@ -13,7 +13,7 @@ use super::*;
 use crate::image::GreyImage;
 use crate::simd::{LANES, Lanes, Level};
 
-/// What tests take: any adapter, as slow as it may be.
+/// Options of the tests: any adapter, however slow.
 fn any_adapter() -> GpuOptions {
     GpuOptions { software: true, patience: Duration::from_secs(300), ..GpuOptions::default() }
 }
@@ -37,7 +37,7 @@ fn image(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> u8)
     image
 }
 
-/// A pair of a kind by its number: noise, little contrast, a smooth surface that moves.
+/// A pair whose kind depends on the seed: noise, low contrast, or a smooth surface with parallax.
 fn pair(width: usize, height: usize, seed: u64) -> (GreyImage, GreyImage) {
     let mut random = fastrand::Rng::with_seed(seed);
     match seed % 4 {
@@ -58,7 +58,7 @@ fn pair(width: usize, height: usize, seed: u64) -> (GreyImage, GreyImage) {
                 let row = |dy| v(0, dy) * (4 - a) + v(1, dy) * a;
                 ((row(0) * (4 - b) + row(1) * b) / 16) as u8
             };
-            // A ground that comes nearer downwards and rightwards, and a wall before it.
+            // Ground that comes nearer downwards and to the right, with a wall in front of it.
             let moved = |x: usize, y: usize| {
                 if kind == 3 && (width / 3..width / 2).contains(&x) { 30 } else { 4 + y / 6 + x / 16 }
             };
@@ -75,7 +75,7 @@ fn compute(matcher: &mut dyn Matcher, pair: &(GreyImage, GreyImage)) -> (Vec<u16
     (disparity, confidence)
 }
 
-/// Where two maps differ first, in words.
+/// Description of the first difference between two maps.
 fn difference(width: usize, got: &(Vec<u16>, Vec<u8>), expected: &(Vec<u16>, Vec<u8>)) -> Option<String> {
     let count = got.0.iter().zip(&expected.0).filter(|(a, b)| a != b).count();
     (0..got.0.len()).find(|&i| (got.0[i], got.1[i]) != (expected.0[i], expected.1[i])).map(|i| {
@@ -89,7 +89,7 @@ fn difference(width: usize, got: &(Vec<u16>, Vec<u8>), expected: &(Vec<u16>, Vec
     })
 }
 
-/// Reads a buffer of the device back.
+/// Downloads a buffer of the device.
 fn read(engine: &mut Engine, buffer: &wgpu::Buffer) -> Vec<u8> {
     let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
     let copy = engine.buffer("read back", buffer.size(), usage);
@@ -101,12 +101,12 @@ fn read(engine: &mut Engine, buffer: &wgpu::Buffer) -> Vec<u8> {
     copy.get_mapped_range(..).unwrap().to_vec()
 }
 
-/// One scale on both sides, with windows and slopes set by hand.
+/// One scale on the GPU and the CPU, with given windows and slopes.
 struct Bench {
     engine: Engine,
     program: Program,
     plan: Plan,
-    scale: Scale,
+    solver: Solver,
 }
 
 impl Bench {
@@ -118,12 +118,13 @@ impl Bench {
         mut set: impl FnMut(&mut Block),
     ) -> Self {
         let parameters = MpvParameters { scales: 1, ..parameters };
-        let mut scale =
-            Scale::new(parameters.cost, parameters.paths, Level::PLAIN, width, height, disparities, 1);
-        scale.blocks.set_all(&mut set);
+        let mut solver =
+            Solver::new(parameters.cost, parameters.paths, Level::PLAIN, width, height, disparities, 1);
+        solver.scale.blocks.set_all(&mut set);
         let mut plan = uniforms::plan(&parameters, Search::Full, width, height, disparities);
         let mut at = 0;
-        let blocks = (0..scale.blocks.strips()).flat_map(|strip| scale.blocks.strip(strip).to_vec());
+        let blocks =
+            (0..solver.scale.blocks.strips()).flat_map(|strip| solver.scale.blocks.strip(strip).to_vec());
         plan.scales[0].blocks = blocks
             .map(|block| {
                 let block = BlockUniform {
@@ -144,7 +145,7 @@ impl Bench {
             engine.subgroup = 1;
         }
         let program = engine.guarded(|| Program::new(&engine, &plan)).unwrap();
-        Self { engine, program, plan, scale }
+        Self { engine, program, plan, solver }
     }
 
     /// Runs the stages up to `last`.
@@ -175,7 +176,7 @@ impl Bench {
         self.engine.wait(index, Duration::from_secs(300)).unwrap();
     }
 
-    /// The node of a volume that was read back.
+    /// A node of a downloaded volume.
     fn node(&self, volume: &[u8], x: usize, y: usize, d: usize) -> u8 {
         let tiles = self.plan.scales[0].uniform.tiles as usize;
         let block = &self.plan.scales[0].blocks[y / 32 * tiles + x / 32];
@@ -184,11 +185,11 @@ impl Bench {
         volume[4 * word + d % 4]
     }
 
-    /// Calls `check` for each node of the picture's windows.
+    /// Calls `check` for each node of all windows.
     fn for_nodes(&self, mut check: impl FnMut(usize, usize, usize)) {
         for y in 0..self.program.height {
             for x in 0..self.program.width {
-                let block = self.scale.blocks.strip(y / STRIP)[x / LANES];
+                let block = self.solver.scale.blocks.strip(y / STRIP)[x / LANES];
                 (block.low..block.high).for_each(|d| check(x, y, d));
             }
         }
@@ -196,7 +197,7 @@ impl Bench {
 }
 
 #[test]
-fn costs_equal_the_plain_twin_bit_for_bit() {
+fn costs_equal_the_reference_bit_for_bit() {
     if !adapter_is_there() {
         return;
     }
@@ -228,7 +229,7 @@ fn costs_equal_the_plain_twin_bit_for_bit() {
         let mut expected = vec![Lanes::ZERO; STRIP * disparities];
         let mut at = (usize::MAX, usize::MAX);
         bench.for_nodes(|x, y, d| {
-            // All disparities of a tile at once, when the first of its pixels is met.
+            // Compute all disparities of a tile at its first pixel.
             if at != (x / LANES, y) {
                 at = (x / LANES, y);
                 strip.start(pair.0.view(), pair.1.view(), y);
@@ -244,7 +245,7 @@ fn costs_equal_the_plain_twin_bit_for_bit() {
 }
 
 #[test]
-fn both_layers_equal_the_plain_twin_bit_for_bit() {
+fn both_layers_equal_the_reference_bit_for_bit() {
     if !adapter_is_there() {
         return;
     }
@@ -270,7 +271,7 @@ fn both_layers_equal_the_plain_twin_bit_for_bit() {
             bench.run(&pair, "diagonal");
             let (merged, jumps) = (bench.program.scratch.merged.clone(), bench.program.scratch.jumps.clone());
             let (merged, jumps) = (read(&mut bench.engine, &merged), read(&mut bench.engine, &jumps));
-            let mut volumes = Volumes::new(bench.scale.blocks.vectors());
+            let mut volumes = Volumes::new(bench.solver.scale.blocks.vectors());
             let mut expected = vec![(0, 0); width * height * disparities];
             let rows = std::sync::Mutex::new(&mut expected);
             let take = |row: EnergyRow<'_>| {
@@ -285,7 +286,7 @@ fn both_layers_equal_the_plain_twin_bit_for_bit() {
                 }
             };
             let (left, right) = (pair.0.view(), pair.1.view());
-            assert!(bench.scale.solve(left, right, &mut volumes, &mut || true, take, take));
+            assert!(bench.solver.solve(left, right, &mut volumes, &mut || true, take, take));
             bench.for_nodes(|x, y, d| {
                 let (h, e) = expected[(y * width + x) * disparities + d];
                 let got = bench.node(&merged, x, y, d);
@@ -313,7 +314,7 @@ fn plans_equal_those_of_the_cpu() {
         let program = engine.guarded(|| Program::new(&engine, &plan)).unwrap();
         let (w, h) = (width.div_ceil(2), height.div_ceil(2));
         for slant in [0, 60, 150] {
-            // A slope with steps, holes and wrong values.
+            // A slope with steps, holes and outliers.
             let map: Vec<u16> = (0..w * h)
                 .map(|i| match random.u8(..) {
                     0..60 => 0,
@@ -353,7 +354,7 @@ fn plans_equal_those_of_the_cpu() {
 }
 
 #[test]
-fn whole_maps_equal_the_plain_twin_bit_for_bit() {
+fn whole_maps_equal_the_reference_bit_for_bit() {
     if !adapter_is_there() {
         return;
     }
@@ -385,7 +386,7 @@ fn whole_maps_equal_the_plain_twin_bit_for_bit() {
                 Mpv::at_level(Level::PLAIN, parameters, search, width, height, disparities).unwrap();
             let mut gpu =
                 GpuMpv::new(&any_adapter(), parameters, search, width, height, disparities).unwrap();
-            // Twice: nothing of the first pair may remain.
+            // Twice: the first pair must leave no state behind.
             for seed in [i as u64, i as u64 + 2] {
                 let pair = pair(width, height, seed);
                 let (expected, got) = (compute(&mut cpu, &pair), compute(&mut gpu, &pair));
@@ -438,14 +439,14 @@ fn a_device_is_verified_against_the_cpu() {
     let mut gpu =
         GpuMpv::new(&any_adapter(), parameters, Search::Windows, width, height, disparities).unwrap();
     gpu.verify(&mut make(parameters)).unwrap();
-    // One that computes something else is found out.
+    // A device with other results is rejected.
     let mut other = parameters;
     other.paths.lambda_vertical += 3;
     let error = gpu.verify(&mut make(other)).unwrap_err();
     assert!(matches!(error, GpuError::Wrong { pixels: 1.., .. }), "{error}");
 }
 
-/// Lets some submissions through, then brings what it holds.
+/// Passes some submissions, then injects its fault.
 struct Faulty {
     submissions: usize,
     fault: Fault,
@@ -453,12 +454,12 @@ struct Faulty {
 
 #[derive(Clone, Copy, Debug)]
 enum Fault {
-    /// The driver is made to give the device up: the real thing.
+    /// Destroys the device: a real loss.
     Destroyed,
     Refused(Loss),
-    /// The wait ends with this, whatever has become of the work.
+    /// The wait returns this error.
     Waiting(Loss),
-    /// There is no time to wait: the real time-out of the driver's fence.
+    /// The wait has a time limit of zero: a real time-out of the driver's fence.
     NoTime,
 }
 
@@ -482,7 +483,7 @@ impl Gate for Faulty {
 }
 
 #[test]
-fn a_lost_device_is_told_and_replaced_without_losing_a_pair() {
+fn a_lost_device_is_reported_and_replaced_without_losing_a_pair() {
     if !adapter_is_there() {
         return;
     }
@@ -504,7 +505,7 @@ fn a_lost_device_is_told_and_replaced_without_losing_a_pair() {
         compute(&mut gpu, &pair);
         match fault {
             Fault::Destroyed => gpu.destroy_device(),
-            // Refusals begin at once; what fails while waiting has a submission before it.
+            // Refusals start at once; faults of the wait have a submission before them.
             Fault::Refused(_) => gpu.set_gate(Box::new(Faulty { submissions: 0, fault })),
             _ => gpu.set_gate(Box::new(Faulty { submissions: 1, fault })),
         }
@@ -515,7 +516,7 @@ fn a_lost_device_is_told_and_replaced_without_losing_a_pair() {
             assert_eq!(matcher.device().unwrap().loss, Some(loss), "{fault:?}");
         }
     }
-    // Alone it says so, again and again.
+    // Without a fallback every call reports the loss.
     let mut gpu = GpuMpv::new(&any_adapter(), parameters, Search::Full, width, height, disparities).unwrap();
     gpu.set_gate(Box::new(Faulty { submissions: 0, fault: Fault::Refused(Loss::Device) }));
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
@@ -528,7 +529,7 @@ fn a_lost_device_is_told_and_replaced_without_losing_a_pair() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_the_remedy() {
+fn invalid_options_are_refused_with_a_remedy() {
     let no_such = GpuOptions { adapter: "no such card".into(), ..any_adapter() };
     let make = |options: &GpuOptions, width, height, disparities| {
         GpuMpv::new(options, MpvParameters::default(), Search::Full, width, height, disparities).map(|_| ())

@@ -1,4 +1,4 @@
-//! What the kernels are told: the plan of all scales, worked out once.
+//! Parameters of the kernels: the plan of all scales, computed once.
 
 use super::super::blocks::{BLOCK, Blocks};
 use super::super::cost::factors;
@@ -36,7 +36,7 @@ pub(super) struct ScaleUniform {
     pub(super) speckle_step: u32,
     pub(super) bridge_px: u32,
     pub(super) bridge_step: u32,
-    pub(super) min_trust: u32,
+    pub(super) min_filtered_confidence: u32,
 }
 
 /// `Direction` of `path.wgsl`.
@@ -67,7 +67,7 @@ pub(super) struct BlockUniform {
 }
 
 impl BlockUniform {
-    /// Words of a pixel.
+    /// Number of words per pixel; a word holds four disparities.
     pub(super) fn words(&self) -> u32 {
         self.high.div_ceil(4) - self.low / 4
     }
@@ -79,19 +79,19 @@ pub(super) struct ScalePlan {
     pub(super) uniform: ScaleUniform,
     /// Horizontal, vertical and both diagonal orientations.
     pub(super) directions: [DirectionUniform; 4],
-    /// The blocks at the start.
+    /// The initial blocks.
     pub(super) blocks: Vec<BlockUniform>,
     /// Whether windows are planned from the coarser map.
     pub(super) windows: bool,
-    /// Whether slopes are.
+    /// Whether slopes are measured on the coarser map.
     pub(super) slopes: bool,
-    /// Threads that share a path, a power of two up to 32.
+    /// Number of threads that share a path: a power of two up to 32.
     pub(super) lanes: u32,
-    /// The most words of a pixel.
+    /// Maximum number of words per pixel.
     pub(super) words: u32,
     /// Bytes of a volume.
     pub(super) volume_bytes: u64,
-    /// Nodes of the image's own pixels, where windows do not change.
+    /// Number of nodes of the image's pixels, if windows are fixed.
     pub(super) nodes: usize,
 }
 
@@ -104,12 +104,12 @@ impl ScalePlan {
         u64::from(self.uniform.coarse_width) * u64::from(self.uniform.coarse_height)
     }
 
-    /// Bytes of the features of both pictures.
+    /// Bytes of the features of both images.
     pub(super) fn feature_bytes(&self) -> u64 {
         2 * 16 * u64::from(self.uniform.width + 4) * u64::from(self.uniform.height)
     }
 
-    /// Bytes of both pictures.
+    /// Bytes of both images.
     pub(super) fn picture_bytes(&self) -> u64 {
         2 * 4 * u64::from(self.uniform.stride) * u64::from(self.uniform.height)
     }
@@ -130,13 +130,13 @@ impl Plan {
     }
 }
 
-/// Nodes at this distance and beyond cost a whole jump, so that only nearer ones are looked at.
+/// Words within which a node can be reached for less than the truncation; further ones are skipped.
 fn reach(truncation: u8, weight: EdgeWeight) -> i32 {
     let nodes = u32::from(truncation).div_ceil(u32::from(weight.smooth.min(weight.edge)));
     (nodes.saturating_sub(1)).div_ceil(4) as i32
 }
 
-/// Works out all scales. The sizes must have passed the check of the CPU's matcher.
+/// Computes the plan of all scales. The sizes must have passed [`Mpv::check`](super::super::mpv::Mpv::check).
 pub(super) fn plan(
     parameters: &MpvParameters,
     search: Search,
@@ -159,7 +159,7 @@ pub(super) fn plan(
         let volume_bytes = if everything {
             (count * block_words * 4) as u64
         } else {
-            // Windows begin and end within words of four disparities: up to three more on either side.
+            // Windows start and end within words of four disparities: up to three more disparities on either side.
             (vectors * LANES + 6 * BLOCK * BLOCK * count) as u64
         };
         let paths = &parameters.paths;
@@ -214,7 +214,7 @@ pub(super) fn plan(
                 speckle_step: speckle.step.into(),
                 bridge_px: parameters.bridge.widest_px.into(),
                 bridge_step: parameters.bridge.step.into(),
-                min_trust: parameters.min_confidence.into(),
+                min_filtered_confidence: parameters.min_confidence.into(),
             },
             directions: [
                 direction(1, 0, horizontal, across, 0),
@@ -231,7 +231,7 @@ pub(super) fn plan(
                 .collect(),
             windows: !everything,
             slopes: parameters.slopes && i > 0,
-            // Two words a lane share what is worked out once for a pixel; windows have few words.
+            // Two words per lane share the work done once per pixel; windows have few words.
             lanes: if everything { (words.next_power_of_two() / 2).clamp(8, 32) } else { 8 },
             words,
             volume_bytes,

@@ -1,18 +1,19 @@
-//! Whether a device computes what the CPU does: asked once, before it is trusted.
+//! Self-test of a device: compares its map of a synthetic pair with the CPU's before it is used.
 
+use super::super::matcher::{MatchError, MatchOutput, Matcher};
+use super::GpuMpv;
 use super::adapter::GpuError;
-use super::{GpuMpv, MatchError, MatchOutput, Matcher};
 use crate::image::GreyImage;
 use core::time::Duration;
 
-/// How long the first pair may take.
+/// Time limit of the first pair.
 const FIRST_PATIENCE: Duration = Duration::from_secs(30);
 
-/// A texture of cells of 4 × 4 pixels, smooth in between.
+/// A random texture of 4 × 4 pixel cells, interpolated bilinearly.
 fn texture(x: usize, y: usize) -> u8 {
     let corner = |dx: usize, dy: usize| {
         let cell = (x / 4 + dx) as u32 | ((y / 4 + dy) as u32) << 16;
-        // Any mixing will do: what counts is that both see the same.
+        // Any hash is suitable: both views only need the same texture.
         (cell.wrapping_mul(0x9e37_79b1) ^ cell.rotate_left(7).wrapping_mul(0x85eb_ca6b)) >> 24
     };
     let (a, b) = (x as u32 % 4, y as u32 % 4);
@@ -20,8 +21,8 @@ fn texture(x: usize, y: usize) -> u8 {
     ((row(0) * (4 - b) + row(1) * b) / 16) as u8
 }
 
-/// A drawn pair: ground that comes nearer downwards, a wall before it.
-fn drawn(width: usize, height: usize) -> (GreyImage, GreyImage) {
+/// A synthetic pair: ground that comes nearer downwards, with a wall in front of it.
+fn synthetic_pair(width: usize, height: usize) -> (GreyImage, GreyImage) {
     let mut pair = (GreyImage::new(width, height), GreyImage::new(width, height));
     for y in 0..height {
         for x in 0..width {
@@ -46,20 +47,20 @@ fn map_of(
 }
 
 impl GpuMpv {
-    /// Matches a drawn pair on the device and by `reference`, made with the same parameters for the same size. It
-    /// also warms the device up.
+    /// Matches a synthetic pair on the device and with `reference`, a matcher with the same parameters and size.
+    /// This also warms the device up.
     ///
     /// # Errors
-    /// When the maps differ anywhere, or the device is lost.
+    /// If the maps differ in any pixel, or the device is lost.
     pub fn verify(&mut self, reference: &mut dyn Matcher) -> Result<(), GpuError> {
         let (width, height) = (self.width, self.height);
-        let pair = drawn(width, height);
+        let pair = synthetic_pair(width, height);
         let adapter = self.adapter.clone();
         let refused = |error: MatchError| match error {
             MatchError::Lost(loss) => GpuError::Lost { adapter: adapter.clone(), loss },
             other => GpuError::Device { adapter: adapter.clone(), reason: other.to_string() },
         };
-        // The first pair takes longer: drivers finish their kernels with it.
+        // The first pair takes longer: drivers finish compiling their kernels with it.
         let usual = self.patience;
         self.patience = usual.max(FIRST_PATIENCE);
         let got = map_of(self, &pair);

@@ -1,4 +1,4 @@
-//! The whole matcher.
+//! Tests of the whole matcher.
 
 use super::*;
 use crate::image::GreyImage;
@@ -10,7 +10,7 @@ fn noise(width: usize, height: usize, seed: u64) -> GreyImage {
     image
 }
 
-/// Noise smooth enough to survive halving, moved by `shift` in the right view.
+/// Noise smooth enough to survive downsampling, shifted by `shift` pixels in the right view.
 fn moved(width: usize, height: usize, shift: usize, seed: u64) -> (GreyImage, GreyImage) {
     let coarse = noise(width / 4 + shift + 4, height / 4 + 4, seed);
     let at = |x: usize, y: usize| {
@@ -31,7 +31,7 @@ fn moved(width: usize, height: usize, shift: usize, seed: u64) -> (GreyImage, Gr
 
 fn compute(matcher: &mut Mpv, pair: &(GreyImage, GreyImage)) -> (Vec<u16>, Vec<u8>) {
     let n = pair.0.width() * pair.0.height();
-    // What was there before must not matter.
+    // The previous content must not matter.
     let (mut disparity, mut confidence) = (vec![9; n], vec![9; n]);
     let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
     matcher.compute(pair.0.view(), pair.1.view(), output).unwrap();
@@ -39,7 +39,7 @@ fn compute(matcher: &mut Mpv, pair: &(GreyImage, GreyImage)) -> (Vec<u16>, Vec<u
 }
 
 #[test]
-fn a_shifted_picture_gives_its_shift_twice_the_same() {
+fn a_shifted_image_gives_its_shift_reproducibly() {
     for (search, shift) in [(Search::Full, 11), (Search::Windows, 11), (Search::Windows, 50)] {
         let (width, height) = (256, 80);
         let pair = moved(width, height, shift, 5);
@@ -52,7 +52,7 @@ fn a_shifted_picture_gives_its_shift_twice_the_same() {
                 assert!(confidence[y * width + x] > 0);
             }
         }
-        // The workspace carries nothing over to the next pair.
+        // The workspace keeps no state between pairs.
         let other = moved(width, height, 30, 77);
         compute(&mut matcher, &other);
         assert!(compute(&mut matcher, &pair) == (disparity, confidence), "{search:?}");
@@ -111,7 +111,7 @@ fn levels_agree_and_no_size_panics() {
 }
 
 #[test]
-fn out_of_time_it_gives_the_finest_scale_reached() {
+fn at_the_deadline_the_finest_finished_scale_is_returned() {
     let (width, height, shift) = (256, 128, 20);
     let pair = moved(width, height, shift, 3);
     for search in [Search::Windows, Search::Full] {
@@ -159,7 +159,7 @@ fn the_workspace_stays_within_its_budget() {
         let most = (width * height * disparities) * 22 / 10 + 10 * MIB;
         assert!(bytes(Search::Full, width, height, disparities) <= most);
     }
-    // The full range does not fit where windows do: the check can fail.
+    // The full range exceeds what windows need, so the check can fail.
     assert!(bytes(Search::Full, 640, 480, 64) > 20 * MIB);
 }
 

@@ -5,7 +5,7 @@ fn random_lanes(random: &mut fastrand::Rng, most: u8) -> Lanes {
     Lanes(std::array::from_fn(|_| random.u8(..=most)))
 }
 
-/// A padded state with energies in a window and none elsewhere.
+/// A padded state with random energies within a window and no nodes elsewhere.
 fn state(random: &mut fastrand::Rng, (low, high): (usize, usize), disparities: usize) -> Vec<Lanes> {
     let mut state = vec![Lanes::FULL; disparities + 2 * PAD];
     state[PAD + low..PAD + high].iter_mut().for_each(|l| *l = random_lanes(random, 180));
@@ -22,7 +22,7 @@ fn windows(random: &mut fastrand::Rng, disparities: usize) -> (usize, usize) {
 }
 
 #[test]
-fn the_fast_recursion_equals_brute_force_at_every_level() {
+fn the_fast_recursion_equals_the_reference_at_every_level() {
     let mut random = fastrand::Rng::with_seed(7);
     for round in 0..300 {
         let disparities = random.usize(1..70);
@@ -42,7 +42,7 @@ fn the_fast_recursion_equals_brute_force_at_every_level() {
         let both = (before.0.min(beside.0), before.1.max(beside.1));
         let span = Span::new(window, both, 1);
 
-        // What each lane of each path must be, by the definition.
+        // Expected value of each lane of each path, from the reference implementation.
         let node =
             |lane: usize| -> Vec<(usize, u8)> { (0..n).map(|i| (window.0 + i, data[i].0[lane])).collect() };
         let expected: [Vec<Vec<u8>>; 3] = std::array::from_fn(|p| {
@@ -55,7 +55,7 @@ fn the_fast_recursion_equals_brute_force_at_every_level() {
                         (2, _) => column(&states[p], before, lane + 1),
                         _ => column(&states[p], before, lane),
                     };
-                    step_brute_force(&from, &node(lane), weights[p].0[lane], truncation, slopes[p])
+                    reference_step(&from, &node(lane), weights[p].0[lane], truncation, slopes[p])
                 })
                 .collect()
         });
@@ -178,7 +178,7 @@ fn the_fast_recursion_equals_brute_force_at_every_level() {
 }
 
 #[test]
-fn a_fresh_path_takes_the_data_term() {
+fn a_new_path_starts_with_the_data_term() {
     let data: Vec<Lanes> = (0..9).map(Lanes::splat).collect();
     let mut out = vec![Lanes::ZERO; 9];
     let fresh = vec![Lanes::ZERO; 9 + 2 * PAD];

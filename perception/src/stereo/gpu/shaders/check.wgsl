@@ -1,11 +1,11 @@
-// Keeps the winners that the right view agrees with: a map of disparity and confidence.
+// Left-right check: writes a map of disparity and confidence of the winners that are consistent with the right view.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read> winners: array<u32>;
 @group(0) @binding(2) var<storage, read> right_view: array<u32>;
 @group(0) @binding(3) var<storage, read_write> map: array<u32>;
 
-// Confidence that a difference of the two views takes.
+// Confidence that a winner loses when the two views differ.
 const DISAGREEMENT = 30u;
 
 @compute @workgroup_size(64)

@@ -1,14 +1,14 @@
-// What every kernel knows of its scale. The same structure is written by `ScaleUniform`.
+// Parameters of a scale for all kernels. Same layout as `ScaleUniform`.
 struct Scale {
     width: u32,
     height: u32,
-    // Words of a row of a picture, four pixels each.
+    // Words per image row; a word holds four pixels.
     stride: u32,
     disparities: u32,
-    // Columns and rows of blocks.
+    // Number of columns and rows of blocks.
     tiles: u32,
     strips: u32,
-    // Zero, but no compiler knows it: see `opaque`.
+    // Zero at run time, unknown to the compiler: see `opaque`.
     zero: u32,
     merging: u32,
     // The matching cost.
@@ -16,30 +16,29 @@ struct Scale {
     gradient_limit: u32,
     scale_factor: f32,
     mean_factor: f32,
-    // The next coarser scale, and what windows around its map may take.
+    // Size of the next coarser scale, maximum window size, and budget of all windows.
     coarse_width: u32,
     coarse_height: u32,
     widest: u32,
     budget: u32,
-    // The winner.
+    // Selection of the winner.
     sub_pixel: u32,
     left_right: u32,
     min_confidence: u32,
-    // Islands and holes.
+    // Speckle filter and hole interpolation.
     speckle_pixels: u32,
     speckle_step: u32,
     bridge_px: u32,
     bridge_step: u32,
-    // Below this confidence of the neighbourhood a pixel of the finest scale is unknown.
-    min_trust: u32,
+    // Minimum confidence of the neighbourhood at the finest scale; below it a pixel is unknown.
+    min_filtered_confidence: u32,
 }
 
-// Edge of a block in pixels.
+// Edge length of a block in pixels.
 const BLOCK = 32u;
 
-// One block's search: disparities from `low` to one before `high`. Its nodes start at word `at` of a
-// volume, pixel after pixel and row after row; a word holds four disparities, the first of which is a
-// multiple of four.
+// The search window of one block: disparities `low` to `high` − 1. Its nodes start at word `at` of a volume, pixel
+// by pixel and row by row. A word holds four disparities, the first of which is a multiple of four.
 struct Block {
     low: u32,
     high: u32,

@@ -1,12 +1,12 @@
-// The matching cost of four disparities along the columns of a block: a window's sum is that of its five
-// columns, each of them used by five windows.
+// The matching cost of four disparities along the columns of a block: the sum over a window is that of its five
+// columns, and each column is used by five windows.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read> features: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
 @group(0) @binding(3) var<storage, read_write> costs: array<u32>;
 
-// A value that the compiler must take as it is: no fused or reordered operation reaches through.
+// Optimisation barrier: the compiler cannot fuse or reorder operations across it.
 fn opaque(value: vec4<f32>) -> vec4<f32> {
     return bitcast<vec4<f32>>(bitcast<vec4<u32>>(value) ^ vec4<u32>(scale.zero));
 }
@@ -16,7 +16,7 @@ fn feature(picture: u32, x: i32, y: u32) -> vec4<u32> {
     return features[(picture * scale.height + y) * (scale.width + 4u) + column];
 }
 
-// Products of a column of the left window with those of four right ones, less 128 a pixel.
+// Products of a column of the left window with those of four right windows, with 128 subtracted from each pixel.
 fn products(left: vec4<u32>, right: array<vec2<u32>, 4>) -> vec4<i32> {
     let fifth = left.y & 0xffu;
     let offset = 128 * i32(dot4U8Packed(left.x, 0x01010101u) + fifth);
@@ -45,15 +45,15 @@ fn score(@builtin(global_invocation_id) at: vec3<u32>) {
     }
     let start = i32(index % scale.tiles * BLOCK);
     let end = min(start + i32(BLOCK), i32(scale.width));
-    // The right picture's column of the first of the four disparities lies this far left.
+    // Offset to the right image's column of the first of the four disparities.
     let shift = i32(4u * (first + word));
 
-    // Columns x, x − 1, x − 2 and x − 3 of the right picture.
+    // Columns x, x − 1, x − 2 and x − 3 of the right image.
     var column: array<vec2<u32>, 4>;
     for (var i = 0; i < 3; i++) {
         column[i] = feature(1u, start - 3 - i - shift, y).xy;
     }
-    // Sums of the four columns before the last of the window.
+    // Sums of the window's columns except the last.
     var sums: array<vec4<i32>, 4>;
     for (var i = 0; i < 4; i++) {
         let x = start - 2 + i;

@@ -1,5 +1,5 @@
-// From the finest winners to the map that is given: doubt from the neighbourhood, outliers, holes. Each
-// kernel reads one map and writes another.
+// Post-processing of the finest map: confidence of the neighbourhood, median, hole interpolation. Each kernel reads
+// one map and writes another.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read> before: array<u32>;
@@ -12,9 +12,9 @@ fn at(x: i32, y: i32) -> u32 {
     return before[u32(y) * scale.width + u32(x)];
 }
 
-// Confidence becomes the mean of 5 × 5 pixels, unknown ones counting as 0.
+// Replaces the confidence by the mean over 5 × 5 pixels; unknown pixels count as 0.
 @compute @workgroup_size(64)
-fn trust(@builtin(global_invocation_id) id: vec3<u32>) {
+fn filter_confidence(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= scale.width {
         return;
     }
@@ -27,7 +27,7 @@ fn trust(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     let confidence = max(sum / 25u, 1u);
-    let disparity = select(disparity_of(at(x, y)), 0u, confidence < scale.min_trust);
+    let disparity = select(disparity_of(at(x, y)), 0u, confidence < scale.min_filtered_confidence);
     after[id.y * scale.width + id.x] = disparity | (confidence << 16u);
 }
 
@@ -39,7 +39,7 @@ fn exchange(a: u32, b: u32) {
     values[a] = low;
 }
 
-// The median of 3 × 3; an unknown neighbour votes as the pixel itself, an unknown pixel stays.
+// 3 × 3 median; an unknown neighbour counts as the pixel itself, unknown pixels are kept.
 @compute @workgroup_size(64)
 fn median(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= scale.width {
@@ -79,8 +79,8 @@ fn median(@builtin(global_invocation_id) id: vec3<u32>) {
     after[id.y * scale.width + id.x] = (here & 0xff0000u) | result;
 }
 
-// What lies between the two ends of a hole of `length` pixels, `part` pixels from the first end; unknown
-// where they are too far apart. `step` leads from one pixel to the next.
+// Interpolation between the two ends of a hole of `length` pixels, `part` pixels from the first end; unknown
+// where they are too far apart. `step` is the offset from one pixel to the next.
 fn bridged(first_end: u32, second_end: u32, part: i32, length: i32) -> u32 {
     let a = disparity_of(first_end);
     let b = disparity_of(second_end);
@@ -125,7 +125,7 @@ fn bridge_columns(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// Disparities, two to a word, then confidences, four to a word: as they are read back.
+// Packs the download: disparities, two per word, then confidences, four per word.
 @compute @workgroup_size(64)
 fn pack(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixels = scale.width * scale.height;

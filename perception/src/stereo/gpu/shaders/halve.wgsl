@@ -1,5 +1,5 @@
-// A pair at half its scale: each pixel is the rounded mean of four. Odd sizes repeat their last column
-// and row. `scale` is the coarser one.
+// Downsamples a pair by two: each pixel is the rounded mean of 2 × 2 pixels. For odd sizes the last column and row
+// are replicated. `scale` is the coarser scale.
 
 struct Fine {
     width: u32,

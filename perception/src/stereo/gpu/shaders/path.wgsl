@@ -1,24 +1,24 @@
 // Both directions of the paths along one orientation (horizontal, vertical or diagonal), with the
-// total-variation edge cost. LANES threads share a path and advance it pixel by pixel, four disparities
-// each at a time; a workgroup has PATHS lines and runs each from both ends at once. Where the two have
-// passed each other, the second adds to what the first has left, so no two workgroups share a node.
+// total-variation edge cost. LANES threads share a path and advance it pixel by pixel, each with four
+// disparities at a time. A workgroup has PATHS lines and processes each from both ends at the same time. After the two
+// paths have passed each other, the second adds to the results of the first, so no two workgroups share a node.
 //
-// The text before this one sets LANES (threads of a path) and WORDS (the most words of a pixel), and
-// gives `min_before` and `min_after`.
+// The source that precedes this file defines LANES (threads per path) and WORDS (maximum words per pixel). Another
+// file defines `min_before` and `min_after`.
 
 struct Direction {
-    // Columns by which a forward path moves with each step, and whether it moves down a row.
+    // Step of a forward path: columns, and whether it moves down one row.
     dx: i32,
     down: u32,
-    // Weight of a step elsewhere than at an edge, and at one; an edge has at least so many grey levels.
+    // Weight of a step off and on an image edge, and minimum grey-level difference of an edge.
     flat: u32,
     edge: u32,
     levels: u32,
     truncation: u32,
-    // Words on either side from which a node can be reached at less than the truncation.
+    // Number of words on either side from which a node can be reached for less than the truncation.
     reach: i32,
-    // 0: the energies of both directions are merged. 1: the jumps are summed up. 2: and added to what
-    // other orientations have left.
+    // 0: energies of both directions are merged. 1: jump costs are summed. 2: jump costs are added to the
+    // results of other orientations.
     output: u32,
 }
 
@@ -32,19 +32,19 @@ struct Direction {
 const HALF = 32u;
 const PATHS = HALF / LANES;
 const SLOTS = 2u * PATHS;
-// Energies of the pixel before and of this one.
+// Energies of the previous and the current pixel.
 var<workgroup> energies: array<u32, 2u * SLOTS * WORDS>;
 
 // A pixel on a path.
 struct Pixel {
     x: u32,
     y: u32,
-    // The path starts here.
+    // Whether the path starts here.
     fresh: bool,
     grey: u32,
     low: u32,
     high: u32,
-    // The first word in the volume.
+    // Index of the first word in the volume.
     at: u32,
     weight: u32,
     slope: i32,
@@ -54,7 +54,7 @@ fn slope_step(slope: i32, before: i32, here: i32) -> i32 {
     return clamp(((slope * here + 128) >> 8u) - ((slope * before + 128) >> 8u), -1, 1);
 }
 
-// A pixel that a path enters from one of some grey value; `sign` is 1 forwards, −1 backwards.
+// A pixel that a path enters from a pixel of given grey value; `sign` is 1 forwards, −1 backwards.
 fn pixel(x: u32, y: u32, fresh: bool, grey_before: u32, sign: i32) -> Pixel {
     let block = blocks[y / BLOCK * scale.tiles + x / BLOCK];
     let words = end_word(block) - first_word(block);
@@ -84,8 +84,8 @@ fn first_pixel(line: u32, backwards: bool, sign: i32) -> Pixel {
     return pixel(select(x, line, direction.dx == 0), y, true, 0u, sign);
 }
 
-// The pixel after another; after the last one any. A diagonal that leaves the picture goes on at the other
-// border, as another path.
+// The successor of a pixel; arbitrary after the last one. A diagonal that leaves the image continues at the other
+// border as a new path.
 fn pixel_after(before: Pixel, sign: i32) -> Pixel {
     let width = i32(scale.width);
     var x = i32(before.x) + sign * direction.dx;
@@ -97,7 +97,7 @@ fn pixel_after(before: Pixel, sign: i32) -> Pixel {
     return pixel(u32(x), u32(y), fresh, before.grey, sign);
 }
 
-// Word `k` of the energies before, where `first` to `end` are there; nodes that do not exist hold 255.
+// Word `k` of the previous energies; words outside `first` to `end` do not exist and are 255.
 fn word_before(start: u32, k: i32, first: i32, end: i32) -> u32 {
     if k < first || k >= end {
         return 0xffffffffu;
@@ -105,7 +105,7 @@ fn word_before(start: u32, k: i32, first: i32, end: i32) -> u32 {
     return energies[start + u32(k)];
 }
 
-// The same as seen from nodes that a slope has moved.
+// The same, shifted by a slope step.
 fn nodes_before(start: u32, k: i32, first: i32, end: i32, slope: i32) -> vec4<u32> {
     var word = word_before(start, k, first, end);
     if slope > 0 {
@@ -129,8 +129,8 @@ fn advance(
     let lines = select(scale.width, scale.height, across);
     let line = min(group.x * PATHS + slot % PATHS, lines - 1u);
     let inside = group.x * PATHS + slot % PATHS < lines;
-    // With an odd number of pixels the backward paths start a step later, so that both never work on
-    // one pixel at once.
+    // With an odd number of pixels the backward paths start one step later, so that both directions never process
+    // the same pixel at the same time.
     let lag = steps & 1u;
     let late = select(0u, lag, backwards);
     min_start(thread);
@@ -149,7 +149,7 @@ fn advance(
         if running {
             let here = next;
             let data_here = next_data;
-            // What the next step reads is asked for now.
+            // Prefetch for the next step.
             next = pixel_after(here, sign);
             next_data = data[next.at + min(lane, (next.high + 3u) / 4u - next.low / 4u - 1u)];
 
@@ -172,7 +172,7 @@ fn advance(
                 var jump = vec4<u32>(0u);
                 if !here.fresh {
                     let k = i32(word);
-                    // The cheapest ways from below and from above, up to the word. Mostly the next word is enough.
+                    // Cheapest transitions from below and from above up to this word. Mostly the neighbouring word is enough.
                     let below = vec4<u32>(3u * w, 2u * w, w, 0u);
                     var up = 1024u;
                     for (var j = max(k - direction.reach, first - 1); j < k - 1; j++) {
@@ -204,7 +204,7 @@ fn advance(
                     jump = min(energy - vec4<u32>(min_of_before), vec4<u32>(direction.truncation));
                 }
                 var total = min(cost + jump, vec4<u32>(255u));
-                // Nodes beside the window do not exist.
+                // Nodes outside the window do not exist.
                 if word == low_word || word + 1u == high_word {
                     let u = vec4<u32>(4u * word) + vec4<u32>(0u, 1u, 2u, 3u);
                     total = select(total, vec4<u32>(255u), (u < vec4<u32>(here.low)) | (u >= vec4<u32>(here.high)));
@@ -237,7 +237,7 @@ fn advance(
         carried = min_after(slot, lane, i, least, running);
         workgroupBarrier();
         if 2u * turn + 4u >= steps {
-            // What one direction has written the other will read.
+            // From here on each direction reads what the other has written.
             storageBarrier();
         }
     }

@@ -1,15 +1,14 @@
-// Which disparities are searched where: windows and slopes of the blocks from the map of the next coarser
-// scale.
+// Search windows and slopes of the blocks, from the map of the next coarser scale.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read> coarse: array<u32>;
-// The coarser map in whole disparities of this scale, holes filled from the farther side.
+// The coarser map in integer disparities of this scale, with holes filled from the farther side.
 @group(0) @binding(2) var<storage, read_write> seeds: array<u32>;
 @group(0) @binding(3) var<storage, read_write> blocks: array<Block>;
 struct Plan {
-    // The widest window that the budget allows.
+    // Maximum window size within the budget.
     widest: u32,
-    // Nodes of all windows, of the image's own pixels.
+    // Number of nodes of all windows, for the pixels of the image.
     nodes: u32,
     spare: u32,
     spare_2: u32,
@@ -75,7 +74,7 @@ fn slope_of(sum: i32, count: i32) -> i32 {
     return clamp(sum * GAIN / (i32(SLOPE_BASE) * count * 10), -128, 128);
 }
 
-// A workgroup for each block.
+// One workgroup per block.
 @compute @workgroup_size(64)
 fn slopes(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -85,7 +84,7 @@ fn slopes(
         atomicStore(&steps[thread], 0);
     }
     workgroupBarrier();
-    // The block's cells and one more on each side.
+    // The cells of the block and one more on each side.
     let half = BLOCK / 2u;
     let left = (max(group.x * half / CELL, 1u) - 1u) * CELL;
     let top = (max(group.y * half / CELL, 1u) - 1u) * CELL;
@@ -97,7 +96,7 @@ fn slopes(
     var count = vec2<i32>(0);
     for (var i = thread; i < columns * rows; i += 64u) {
         let x = left + i % columns;
-        // Every other row tells enough.
+        // Every other row is enough.
         let y = top + 2u * (i / columns);
         let here = i32(coarse_disparity(x, y));
         if here > 0 && x + SLOPE_BASE < scale.coarse_width {
@@ -127,8 +126,8 @@ fn slopes(
     }
 }
 
-// The least disparity less one (so that 0, nothing known, becomes the greatest), the greatest, and where
-// the fullest stretch begins: pixels in the upper bytes, 255 less the place in the lowest.
+// Minimum disparity minus one (so that 0, unknown, becomes the maximum of the type), maximum disparity, and start of
+// the range with most pixels: pixel count in the upper bytes, 255 − start in the lowest.
 var<workgroup> ends: array<atomic<u32>, 3>;
 var<workgroup> histogram: array<atomic<u32>, 256>;
 
@@ -168,7 +167,7 @@ fn set_window(index: u32, widest: u32, thread: u32) {
         inner = max(max(span, 2u * MARGIN) - 2u * MARGIN, 1u);
         narrow = last - first >= inner;
         if narrow {
-            // Where the most pixels are; of equals the least.
+            // Start of the range with most pixels; of equals the smallest.
             for (var start = first + thread; start <= last; start += 64u) {
                 var count = 0u;
                 for (var i = start; i < min(start + inner, 256u); i++) {
@@ -192,7 +191,7 @@ fn set_window(index: u32, widest: u32, thread: u32) {
     }
 }
 
-// A workgroup for each block.
+// One workgroup per block.
 @compute @workgroup_size(64)
 fn windows(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -201,7 +200,7 @@ fn windows(
     set_window(group.x, scale.widest, thread);
 }
 
-// The same within the budget.
+// The same, limited to the budget.
 @compute @workgroup_size(64)
 fn windows_again(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -212,12 +211,12 @@ fn windows_again(
 
 var<workgroup> widest_found: atomic<u32>;
 
-// Vectors that a row of a block takes in the CPU's volume, by which the budget is counted.
+// Vectors of a block's row in the CPU's volume, the unit of the budget.
 fn pitch(span: u32) -> u32 {
     return select(span, span + 2u, span % 32u == 0u);
 }
 
-// The widest window with which all blocks stay within the budget. One workgroup.
+// Maximum window size with which all blocks stay within the budget. One workgroup.
 @compute @workgroup_size(64)
 fn limit(@builtin(local_invocation_index) thread: u32) {
     if thread == 0u {
@@ -244,7 +243,7 @@ fn limit(@builtin(local_invocation_index) thread: u32) {
 var<workgroup> sums: array<u32, 64>;
 var<workgroup> nodes_found: atomic<u32>;
 
-// Gives the blocks their places in the volumes. One workgroup.
+// Assigns the blocks their positions in the volumes. One workgroup.
 @compute @workgroup_size(64)
 fn lay_out(@builtin(local_invocation_index) thread: u32) {
     let count = scale.tiles * scale.strips;

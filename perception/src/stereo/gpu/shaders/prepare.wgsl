@@ -1,5 +1,5 @@
-// What the cost needs of each pixel of both pictures, two columns of border on either side: five rows
-// of the window's column, the gradient, the scale of the covariance and the mean.
+// Features for the matching cost of each pixel of both images, with two border columns on either side: five rows of
+// the window's column, the gradient, the scale of the covariance and the mean.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read> pictures: array<u32>;
@@ -12,7 +12,7 @@ fn grey(picture: u32, x: i32, y: i32) -> u32 {
     return (pictures[row * scale.stride + column / 4u] >> (8u * (column % 4u))) & 0xffu;
 }
 
-// A value that the compiler must take as it is: no fused or reordered operation reaches through.
+// Optimisation barrier: the compiler cannot fuse or reorder operations across it.
 fn opaque(value: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(value) ^ scale.zero);
 }
@@ -21,10 +21,10 @@ fn power_of_two(exponent: i32) -> f32 {
     return bitcast<f32>(u32(exponent + 127) << 23u);
 }
 
-// 1 / √value, both the root and the quotient rounded to the nearest float: digit by digit, as a GPU's own
-// root and division may be a few units off.
+// 1 / √value, with both root and quotient rounded to the nearest float. Computed digit by digit, because a GPU's
+// own square root and division may be off by a few units in the last place.
 fn inverse_root(value: u32) -> f32 {
-    // value = mantissa · 2^exponent with 24 bits, as the conversion to a float rounds.
+    // value = mantissa · 2^exponent with 24 bits, rounded like the conversion to a float.
     let top = 31u - countLeadingZeros(value);
     var mantissa = value;
     var exponent = i32(top) - 23;
@@ -43,7 +43,7 @@ fn inverse_root(value: u32) -> f32 {
             exponent += 1;
         }
     }
-    // √(mantissa · 2^shift) has 24 bits; the exponent that remains must be even.
+    // √(mantissa · 2^shift) has 24 bits; the remaining exponent must be even.
     let shift = select(24, 23, (exponent & 1) != 0);
     var remainder = 0u;
     var root = 0u;

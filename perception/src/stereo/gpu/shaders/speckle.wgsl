@@ -1,26 +1,26 @@
-// Removes small islands of a map. Rows are cut into runs of pixels that belong together, runs that touch
-// in neighbouring rows are united; the least pixel of an area stands for it.
+// Speckle filter. Rows are cut into runs of connected pixels, and runs that touch in neighbouring rows are united; the
+// smallest pixel index of a region is its label.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read_write> map: array<u32>;
-// A pixel of the same area with a smaller place, or itself.
+// Index of a pixel of the same region with a smaller index, or of the pixel itself.
 @group(0) @binding(2) var<storage, read_write> labels: array<atomic<u32>>;
-// Pixels of the run that begins here, then of the area.
+// Number of pixels of the run that starts here, later of the region.
 @group(0) @binding(3) var<storage, read_write> counts: array<atomic<u32>>;
 
 fn alike(a: u32, b: u32) -> bool {
     return a > 0u && b > 0u && apart(a, b) <= scale.speckle_step;
 }
 
-// Whether a run begins at a pixel.
+// Whether a run starts at a pixel.
 fn begins(row: u32, x: u32) -> bool {
     return x == 0u || !alike(disparity_of(map[row + x]), disparity_of(map[row + x - 1u]));
 }
 
-// Where the last run of each thread's part begins, and one more; 0: nowhere.
+// Start of the last run in each thread's part plus one; 0 for none.
 var<workgroup> last_begin: array<u32, 64>;
 
-// A workgroup for each row.
+// One workgroup per row.
 @compute @workgroup_size(64)
 fn runs(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -79,7 +79,7 @@ fn unite(first: u32, second: u32) {
         if old == high {
             return;
         }
-        // Another thread was faster: what it found belongs here, too.
+        // Another thread was faster: join with its result as well.
         a = root_of(old);
         b = root_of(low);
     }
@@ -97,7 +97,7 @@ fn join(@builtin(global_invocation_id) id: vec3<u32>) {
     if !alike(disparity_of(map[row + x]), disparity_of(map[above + x])) {
         return;
     }
-    // Where the pixels on the left are the same runs and touch, they have been united there.
+    // If the pixels on the left belong to the same runs and touch, the runs have been united there.
     if x > 0u && !begins(row, x) && !begins(above, x)
         && alike(disparity_of(map[row + x - 1u]), disparity_of(map[above + x - 1u])) {
         return;
@@ -121,7 +121,7 @@ fn count(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// What is unknown loses its confidence, too.
+// Unknown pixels get confidence 0.
 @compute @workgroup_size(64)
 fn remove(@builtin(global_invocation_id) id: vec3<u32>) {
     let x = id.x;

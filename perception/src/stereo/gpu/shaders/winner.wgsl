@@ -1,18 +1,18 @@
-// From energies to a map: the winner of each pixel, its sub-pixel place, its confidence, and whether the
-// right view agrees.
+// Winner-take-all: the winner of each pixel, its sub-pixel refinement and confidence, and its projection to the right
+// view.
 
 @group(0) @binding(0) var<uniform> scale: Scale;
 @group(0) @binding(1) var<storage, read> blocks: array<Block>;
-// H, and what the jumps of the six other paths cost.
+// H, and the jump costs of the six other paths.
 @group(0) @binding(2) var<storage, read> merged: array<u32>;
 @group(0) @binding(3) var<storage, read> jumps: array<u32>;
-// Disparity in 1/256 px, whole disparity, confidence.
+// Disparity in 1/256 px, integer disparity, confidence.
 @group(0) @binding(4) var<storage, read_write> winners: array<u32>;
-// The right view: of the winners that land on a pixel the one of least energy, of equals the greatest
-// disparity. 255 less the energy in the upper byte, the disparity in the lower.
+// The right view: of the winners that project to a pixel the one of minimum energy, of equals the greatest
+// disparity. 255 − energy in the upper byte, the disparity in the lower.
 @group(0) @binding(5) var<storage, read_write> right_view: array<atomic<u32>>;
 
-// A pixel's words, and one more, so that neighbours lie in other banks.
+// Words of a pixel plus one, so that neighbours lie in different banks.
 const STRIDE = WORDS + 1u;
 var<workgroup> totals: array<u32, BLOCK * STRIDE>;
 
@@ -43,7 +43,7 @@ fn pick(
     if thread >= BLOCK || x >= scale.width {
         return;
     }
-    // Nodes count from the first of the first word.
+    // Nodes are counted from the first disparity of the first word.
     let start = block.low - 4u * low_word;
     let end = start + block.high - block.low;
     var best = 255u;
@@ -63,7 +63,7 @@ fn pick(
     }
     let margin = second - min(second, best);
     var confidence = min(min(2u * margin, 255u) + (margin + 1u) / 2u, 255u);
-    // A cut window hides the winner's rivals.
+    // A truncated window excludes competing nodes.
     let cut_low = block.low > 0u;
     let cut_high = block.high < scale.disparities;
     if cut_low || cut_high {
@@ -88,8 +88,8 @@ fn pick(
         data_before = data_of(at, place - 1u);
         data_after = data_of(at, place + 1u);
     }
-    // Two lines of equal slope, through H where it is least at the winner, too; `lean` is what the jumps
-    // cost more before than after, of which an eighth counts.
+    // Equiangular fit, to H if the winner is a minimum of H as well; `lean` is the difference of the jump costs
+    // before and after, of which an eighth is used.
     var lean = 0;
     var middle = here;
     if scale.sub_pixel == 2u && data_before > data && data_after > data {

@@ -1,4 +1,4 @@
-// The least energy of a path's pixel, over all its lanes, which lie in one subgroup.
+// Minimum energy of a path's pixel over all its lanes, which belong to one subgroup.
 
 fn min_start(thread: u32) {
 }

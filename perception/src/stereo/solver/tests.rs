@@ -1,17 +1,18 @@
-//! The solver against the definition: every path by brute force, node by node.
+//! The solver against a reference implementation: every path by exhaustive search, node by node.
 
 use super::super::blocks::Block;
-use super::super::cost::CostParameters;
 use super::super::cost::CostStrip;
-use super::super::viterbi::step_brute_force;
+use super::super::scale::EdgeWeight;
+use super::super::viterbi::reference_step;
 use super::super::worker::slope_step;
 use super::*;
 use crate::image::GreyImage;
+use crate::simd::LANES;
 
 /// Energies of one pixel's window: (disparity, energy).
 type Nodes = Vec<(usize, u8)>;
 
-/// One path through the image: the pixels from `start` on by (dx, dy).
+/// One path through the image: the pixels from `start` on in steps of (dx, dy).
 #[allow(clippy::too_many_arguments)]
 fn follow(
     scale: &Scale,
@@ -42,7 +43,7 @@ fn follow(
                     let slope = block.slope_y + (dx * dy) as i32 * block.slope_x;
                     slope_step(slope, (y - dy) as usize, y as usize)
                 };
-                step_brute_force(before, &data[at], w, truncation, slope)
+                reference_step(before, &data[at], w, truncation, slope)
             }
         };
         before = Some(data[at].iter().zip(&energies).map(|(&(d, _), &e)| (d, e)).collect());
@@ -51,7 +52,7 @@ fn follow(
     }
 }
 
-/// All paths of a direction: those that enter the image at its border.
+/// All paths of one direction, which start at the border of the image.
 fn direction(
     scale: &Scale,
     left: &GreyImage,
@@ -73,7 +74,7 @@ fn direction(
     out
 }
 
-fn brute_force(scale: &Scale, left: &GreyImage, right: &GreyImage) -> Vec<Nodes> {
+fn reference(scale: &Scale, left: &GreyImage, right: &GreyImage) -> Vec<Nodes> {
     let (width, height) = (scale.width, scale.height);
     let mut cost = CostStrip::new(CostParameters::default(), Level::PLAIN, width, scale.blocks.disparities());
     let mut costs: Vec<Nodes> = vec![Vec::new(); width * height];
@@ -123,7 +124,7 @@ fn brute_force(scale: &Scale, left: &GreyImage, right: &GreyImage) -> Vec<Nodes>
 }
 
 #[test]
-fn final_energies_equal_brute_force_at_every_level() {
+fn final_energies_equal_the_reference_at_every_level() {
     let mut random = fastrand::Rng::with_seed(4);
     let sizes = [(70, 40, 9), (31, 33, 20), (8, 70, 5), (40, 8, 40), (97, 65, 12)];
     for (round, (width, height, disparities)) in sizes.into_iter().enumerate() {
@@ -141,11 +142,11 @@ fn final_energies_equal_brute_force_at_every_level() {
         let levels = Level::available().into_iter();
         let ways = [(1, false), (1, true), (2, false), (3, true)];
         for (level, (threads, spare)) in levels.flat_map(|level| ways.map(|way| (level, way))) {
-            let mut scale = Scale::new(cost, parameters, level, width, height, disparities, threads);
+            let mut solver = Solver::new(cost, parameters, level, width, height, disparities, threads);
             if round > 0 {
-                // Windows and slopes of all kinds, the same for all levels.
+                // Random windows and slopes, the same for all levels.
                 let mut random = fastrand::Rng::with_seed(seed);
-                scale.blocks.set_all(|block: &mut Block| {
+                solver.scale.blocks.set_all(|block: &mut Block| {
                     block.low = random.usize(0..disparities);
                     block.high = random.usize(block.low + 1..=disparities);
                     block.slope_x = random.i32(-128..=128);
@@ -153,11 +154,11 @@ fn final_energies_equal_brute_force_at_every_level() {
                 });
             }
             if spare {
-                scale.spare_caches();
+                solver.spare_caches();
             }
-            let mut volumes = Volumes::new(scale.blocks.vectors());
+            let mut volumes = Volumes::new(solver.scale.blocks.vectors());
             let mut got: Vec<Nodes> = vec![Vec::new(); width * height];
-            // Twice, as the first run must leave nothing behind.
+            // Twice: the first run must leave no state behind.
             for _ in 0..2 {
                 let got_rows = std::sync::Mutex::new(&mut got);
                 let take = |row: EnergyRow<'_>| {
@@ -169,9 +170,9 @@ fn final_energies_equal_brute_force_at_every_level() {
                     }
                 };
                 let (l, r) = (left.view(), right.view());
-                let done = scale.solve(l, r, &mut volumes, &mut || true, take, take);
+                let done = solver.solve(l, r, &mut volumes, &mut || true, take, take);
                 assert!(done);
-                let expected = expected.get_or_insert_with(|| brute_force(&scale, &left, &right));
+                let expected = expected.get_or_insert_with(|| reference(&solver.scale, &left, &right));
                 for (i, (got, expected)) in got.iter().zip(expected.iter()).enumerate() {
                     assert_eq!(
                         got,

@@ -1,0 +1,147 @@
+//! The vector type and the operations that every instruction-set level implements for it.
+
+/// Lanes of a vector: one byte for each of 32 pixels.
+pub const LANES: usize = 32;
+
+/// A vector in memory: one byte for each of [`LANES`] neighbouring pixels or rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C, align(32))]
+pub struct Lanes(pub [u8; LANES]);
+
+impl Lanes {
+    /// Zero in every lane.
+    pub const ZERO: Lanes = Lanes([0; LANES]);
+    /// 255 in every lane: the energy of nodes that do not exist.
+    pub const FULL: Lanes = Lanes([u8::MAX; LANES]);
+
+    /// `value` in every lane.
+    pub const fn splat(value: u8) -> Self {
+        Lanes([value; LANES])
+    }
+}
+
+/// The statistics of one image row that the matching cost needs, one value for each pixel: see
+/// [`crate::stereo::cost`].
+#[derive(Clone, Copy, Debug)]
+pub struct CostRow<'a> {
+    /// Window rows, packed as [`Packing`] says, one word for each column: those that start at the first,
+    /// the third and the fifth row.
+    pub words: [&'a [u32]; 3],
+    /// Scale of the covariance.
+    pub scale: &'a [f32],
+    /// Window mean times the square root of its scale.
+    pub mean: &'a [f32],
+    /// Horizontal gradient.
+    pub gradient: &'a [u8],
+}
+
+/// How the rows of a window are packed into words of 32 bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packing {
+    /// Two rows of 16 bits; the third word of the left image has one.
+    Pairs,
+    /// Four rows of 8 bits, the second word unused; the third word of the left image has one.
+    Quads,
+}
+
+/// Constants of the matching cost for [`Simd::score`], the same for a whole image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CostConstants {
+    /// Added to each window's sum of products.
+    pub bias: i32,
+    /// The cost at similarity 0, plus half a unit for rounding.
+    pub middle: f32,
+    /// Truncation of the gradient difference, in grey levels; each level costs two units.
+    pub gradient_limit: u8,
+}
+
+/// Source positions of the [`LANES`] pixels of a remapped tile, in groups of eight: see
+/// [`crate::rectify`].
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+pub struct RemapTile {
+    /// The two source columns of a pixel among the 16 of its group's window; 255 marks a black pixel.
+    pub pairs: [[u8; 2]; LANES],
+    /// Weight of the second column, in 1/32.
+    pub across: [u8; LANES],
+    /// Weight of the lower row, in 1/32. If 128 is added, the two rows are the window's second and third,
+    /// otherwise its first and second.
+    pub down: [u8; LANES],
+    /// First column and row of each group's window of 16 × 3 pixels.
+    pub windows: [[u16; 2]; LANES / 8],
+}
+
+impl RemapTile {
+    /// A tile whose pixels are all black.
+    pub const BLACK: RemapTile = RemapTile {
+        pairs: [[255; 2]; LANES],
+        across: [0; LANES],
+        down: [0; LANES],
+        windows: [[0; 2]; LANES / 8],
+    };
+}
+
+/// The operations that kernels are made of, as one instruction-set level implements them.
+///
+/// Implementations are zero-sized tokens. A token that needs a CPU feature is created only inside
+/// functions compiled for that feature, and [`Level`](super::Level) calls those only after the feature was
+/// detected at run time.
+pub trait Simd: Copy {
+    /// [`LANES`] bytes in registers.
+    type Bytes: Copy;
+
+    /// How this level packs window rows.
+    const PACKING: Packing;
+
+    /// `value` in every lane.
+    fn splat(self, value: u8) -> Self::Bytes;
+    /// Loads a vector.
+    fn load(self, from: &Lanes) -> Self::Bytes;
+    /// Stores a vector.
+    fn store(self, value: Self::Bytes, to: &mut Lanes);
+    /// Stores a vector that is not read soon: a non-temporal store where the level has one.
+    fn stream(self, value: Self::Bytes, to: &mut Lanes);
+    /// Store fence: makes streamed vectors visible to other threads before any later store.
+    fn store_fence(self);
+    /// Prefetches `vectors` into the caches.
+    fn prefetch(self, vectors: &[Lanes]);
+    /// Minimum, lane by lane.
+    fn min(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// Maximum, lane by lane.
+    fn max(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// Saturating sum: at most 255.
+    fn add(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// Saturating difference: at least 0.
+    fn sub(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// Rounded mean: halves are rounded up.
+    fn mean(self, a: Self::Bytes, b: Self::Bytes) -> Self::Bytes;
+    /// `yes` where `a` = `b`, `no` elsewhere.
+    fn select_equal(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
+    /// `yes` where `a` < `b`, `no` elsewhere.
+    fn select_less(self, a: Self::Bytes, b: Self::Bytes, yes: Self::Bytes, no: Self::Bytes) -> Self::Bytes;
+    /// 255 where `set` contains the lane's value, 0 elsewhere: value c is bit c & 7 of byte c >> 3.
+    fn contains(self, set: &Lanes, values: Self::Bytes) -> Self::Bytes;
+    /// Lane i of the result is lane i − 1 of `own`; lane 0 is the last lane of `left`.
+    fn shift_right(self, own: Self::Bytes, left: Self::Bytes) -> Self::Bytes;
+    /// Lane i of the result is lane i + 1 of `own`; the last lane is the first lane of `right`.
+    fn shift_left(self, own: Self::Bytes, right: Self::Bytes) -> Self::Bytes;
+    /// Transposes the 32 × 32 block of the vectors 0, `stride`, 2·`stride`… of `block`, in place.
+    fn transpose(self, block: &mut [Lanes], stride: usize);
+
+    /// Matching costs of the [`LANES`] pixels of a tile for `out.len()` disparities, the first of which is
+    /// `low`. The words of `left` start two columns before the tile, its statistics at the tile. `right` is
+    /// the whole row, and `at` is the tile's first column in it (two columns later for the words).
+    fn score(
+        self,
+        constants: &CostConstants,
+        left: &CostRow<'_>,
+        right: &CostRow<'_>,
+        at: usize,
+        low: usize,
+        out: &mut [Lanes],
+    );
+
+    /// Remaps one tile of an image. All windows lie in `source`, whose rows are `stride` bytes apart; a
+    /// tile that is all black is valid for an image of any size.
+    fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes);
+}

@@ -1,15 +1,12 @@
 //! The header of every message, and its check.
 
-pub use crate::pipeline::Kind;
+pub use crate::pipeline::{Kind, VERSION};
 use crate::pipeline::{PATH_LENGTH, Role};
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
 /// Marks a header as ours.
 const MAGIC: u32 = 0x4c4b_5431;
-
-/// Changes whenever the layout of any message does.
-pub const VERSION: u16 = 5;
 
 /// A cache line: what payloads are made of, so that they are aligned for every kernel.
 #[repr(C, align(64))]

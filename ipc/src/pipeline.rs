@@ -8,6 +8,9 @@
 use std::fmt;
 use std::str::FromStr;
 
+/// Version of the layout of all messages: increased whenever one of them, or a table below, changes.
+pub const VERSION: u16 = 5;
+
 /// One service. The newest message wins everywhere: a full buffer drops its oldest message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ServiceSpec {

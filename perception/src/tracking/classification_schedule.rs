@@ -4,7 +4,7 @@
 //! unknown class come first, then those whose last classification is oldest. A track that is not classified
 //! remains an obstacle.
 
-use super::class::MIN_CLASSIFICATIONS;
+use super::classification::MIN_CLASSIFICATIONS;
 use super::{Track, Tracker};
 
 /// Priority of waiting: one frame counts as this many metres nearer.

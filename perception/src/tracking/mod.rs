@@ -10,7 +10,7 @@
 //! distances in single frames (section 4.3); tracking extends that.
 
 pub mod assign;
-pub mod class;
+pub mod classification;
 pub mod classification_schedule;
 pub mod filter;
 pub mod scale_change;
@@ -18,7 +18,7 @@ pub mod scale_change;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use assign::Assignment;
-use class::Classification;
+use classification::Classification;
 use filter::{DistanceFilter, LateralFilter, TimeToCollision};
 
 /// An obstacle that is tracked from frame to frame.

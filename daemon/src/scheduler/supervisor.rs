@@ -202,7 +202,8 @@ impl Supervisor {
 
     /// A stage was started, or could not be (then its exit follows).
     pub fn spawned(&mut self, role: Role, now_ns: u64) {
-        let deadline_ns = now_ns + self.parameters.startup_deadline_ns;
+        let own = role.spec().startup_deadline_ms;
+        let deadline_ns = now_ns + deadline_ns(own, self.parameters.startup_deadline_ns);
         if let Some(stage) = self.stage_mut(role) {
             stage.state = StageState::Starting { deadline_ns };
             stage.started_ns = now_ns;
@@ -211,7 +212,8 @@ impl Supervisor {
 
     /// A living stage reported.
     pub fn reported(&mut self, role: Role, now_ns: u64) {
-        let deadline_ns = now_ns + self.parameters.liveness_deadline_ns;
+        let own = role.spec().liveness_deadline_ms;
+        let deadline_ns = now_ns + deadline_ns(own, self.parameters.liveness_deadline_ns);
         if let Some(stage) = self.stage_mut(role)
             && matches!(stage.state, StageState::Starting { .. } | StageState::Running { .. })
         {
@@ -349,6 +351,11 @@ impl Supervisor {
         }
         actions
     }
+}
+
+/// A deadline of a stage: its own in the table of the pipeline, else the configured one.
+fn deadline_ns(own_ms: Option<u32>, configured_ns: u64) -> u64 {
+    own_ms.map_or(configured_ns, |ms| u64::from(ms) * 1_000_000)
 }
 
 #[cfg(test)]

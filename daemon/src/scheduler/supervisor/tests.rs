@@ -38,6 +38,12 @@ fn started() -> Supervisor {
 }
 
 #[test]
+fn a_deadline_of_the_pipeline_table_replaces_the_configured_one() {
+    assert_eq!(deadline_ns(None, 5 * S), 5 * S);
+    assert_eq!(deadline_ns(Some(1500), 5 * S), S + S / 2);
+}
+
+#[test]
 fn a_killed_stage_is_restarted_after_a_wait_that_doubles() {
     let mut supervisor = started();
     let mut now = 2 * S;

@@ -165,39 +165,15 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
     }
     let count = sets.iter().map(|set| set.pairs.len() as u64).sum();
     let bar = progress(Some(count), "pairs");
-    let (mut roc, mut subpixel) = (Sparsification::default(), SubpixelHistogram::default());
+    let mut statistics = Statistics::default();
     let mut reports = Vec::new();
     for set in &sets {
         let (mut rows, mut left_out) = (Vec::new(), 0);
         for pair in &set.pairs {
             bar.set_message(pair.name.clone());
-            let (truth, images) = read(pair, args.disturb)?;
-            if let Some(folder) = &args.save_pairs {
-                save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
-            }
-            let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else {
-                left_out += 1;
-                bar.inc(1);
-                continue;
-            };
-            let px = tools::evaluation::pixels(&estimate.disparity);
-            let mut filled = px.clone();
-            interpolate_background(&mut filled, images.width, images.height);
-            for (region, mask) in &truth.regions {
-                rows.push(Row {
-                    name: pair.name.clone(),
-                    region: region.name(),
-                    scores: score(&truth.disparity_px, mask, &px, &filled),
-                    cpu_ms: estimate.cpu_ms,
-                });
-            }
-            subpixel.add(&truth.disparity_px, truth.visible(), &px);
-            if let Some(confidence) = &estimate.confidence {
-                roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
-            }
-            if let Some(out) = &args.out {
-                let max_px = f32::from(args.max_disparity);
-                save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
+            match evaluate_pair(args, &sets, set, pair, estimator.as_mut(), &mut statistics)? {
+                Some(of_pair) => rows.extend(of_pair),
+                None => left_out += 1,
             }
             bar.inc(1);
         }
@@ -221,19 +197,66 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
         repeat: args.repeat,
         workspace_bytes: estimator.workspace_bytes(),
         sets: reports,
-        roc: roc.curve(),
-        subpixel: subpixel.shares(),
+        roc: statistics.roc.curve(),
+        subpixel: statistics.subpixel.shares(),
     };
     if let Some(out) = &args.out {
-        if let Some(shares) = &report.subpixel {
-            shares.plot().save(&out.join("subpixel.png"))?;
-        }
-        if let Some(curve) = &report.roc {
-            curve.plot().save(&out.join("roc.png"))?;
-        }
-        write_report(out, &report)?;
+        write_results(out, &report)?;
     }
     if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+/// Statistics over the pixels of all pairs.
+#[derive(Default)]
+struct Statistics {
+    roc: Sparsification,
+    subpixel: SubpixelHistogram,
+}
+
+/// Scores a pair and writes its files. Returns a row for each region, or `None` if there is no estimate.
+fn evaluate_pair(
+    args: &EvaluateStereo,
+    sets: &[Set],
+    set: &Set,
+    pair: &TruthPair,
+    estimator: &mut dyn Estimator,
+    statistics: &mut Statistics,
+) -> Result<Option<Vec<Row>>, CommandError> {
+    let (truth, images) = read(pair, args.disturb)?;
+    if let Some(folder) = &args.save_pairs {
+        save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
+    }
+    let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else { return Ok(None) };
+    let px = tools::evaluation::pixels(&estimate.disparity);
+    let mut filled = px.clone();
+    interpolate_background(&mut filled, images.width, images.height);
+    let rows = truth.regions.iter().map(|(region, mask)| Row {
+        name: pair.name.clone(),
+        region: region.name(),
+        scores: score(&truth.disparity_px, mask, &px, &filled),
+        cpu_ms: estimate.cpu_ms,
+    });
+    let rows = rows.collect();
+    statistics.subpixel.add(&truth.disparity_px, truth.visible(), &px);
+    if let Some(confidence) = &estimate.confidence {
+        statistics.roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
+    }
+    if let Some(out) = &args.out {
+        let max_px = f32::from(args.max_disparity);
+        save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
+    }
+    Ok(Some(rows))
+}
+
+/// Writes the plots and `evaluation.json`.
+fn write_results(out: &Path, report: &StereoReport) -> Result<(), CommandError> {
+    if let Some(shares) = &report.subpixel {
+        shares.plot().save(&out.join("subpixel.png"))?;
+    }
+    if let Some(curve) = &report.roc {
+        curve.plot().save(&out.join("roc.png"))?;
+    }
+    Ok(write_report(out, report)?)
 }
 
 /// The chosen pairs of every set, each set under a name of its own.

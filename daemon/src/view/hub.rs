@@ -82,7 +82,7 @@ impl Hub {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        // A poisoned lock is usable: no update below can panic half-way.
+        // A poisoned lock is usable: every update leaves the state consistent.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -111,7 +111,7 @@ impl Request {
         };
         let (mut upgrades, mut key, mut version) = (false, None, false);
         for line in head.headers.iter() {
-            // None of the headers below can have a value that is not UTF-8.
+            // Headers that are not UTF-8 are ignored.
             let Ok(value) = std::str::from_utf8(line.value) else { continue };
             match line.name.to_ascii_lowercase().as_str() {
                 "host" => request.host = value.to_owned(),

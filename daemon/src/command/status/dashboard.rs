@@ -186,7 +186,7 @@ impl Dashboard {
             "fps",
             "p50 ms",
             "p99 ms",
-            "dropped",
+            "skipped",
             "CPU %",
             "",
             "RSS MiB",
@@ -260,7 +260,7 @@ fn size() -> (usize, usize) {
     }
 }
 
-/// Errors are ignored: a closed terminal also ends the process by a signal.
+/// Writes to the terminal. Errors are ignored: a closed terminal also sends SIGHUP.
 fn put(text: &str) {
     let mut out = io::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());

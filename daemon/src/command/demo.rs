@@ -66,7 +66,10 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
         ends: Ends::After(Duration::from_secs_f64(args.seconds)),
     };
     let live = std::io::stdout().is_terminal();
-    say(format_args!("Driving {:.0} s along a synthetic street; Ctrl-C ends the drive early.", args.seconds))?;
+    say(format_args!(
+        "Driving {:.0} s along a synthetic street; Ctrl-C ends the drive early.",
+        args.seconds
+    ))?;
     let name = config.instance.name.clone();
     let outcome = scheduler::run(&config, &options, &mut |record| {
         if live {

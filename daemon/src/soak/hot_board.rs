@@ -52,7 +52,11 @@ impl HotBoard {
         config.board.power_off = "none".into();
         config.clocks.set = "off".into();
         let mut set = |key, value: String, why| settings.push(Setting { key, value, why });
-        set("board.sysfs", config.board.sysfs.display().to_string(), "a simulated board that the soak heats up");
+        set(
+            "board.sysfs",
+            config.board.sysfs.display().to_string(),
+            "a simulated board that the soak heats up",
+        );
         set("board.power_off", "none".into(), "the temperatures of this run are simulated");
         set("heat.watch", "require".into(), "the ladder is part of the run");
         set("heat.dwell_s", "0.2".into(), "temperatures change quickly in this run");

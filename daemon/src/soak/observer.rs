@@ -438,7 +438,8 @@ impl Observer {
             return Ok(Some(Ended::Because(reason)));
         }
         if now.saturating_sub(self.last_result_ns) > RESULT_TIMEOUT_NS {
-            let text = format!("no result for {} s; {}", RESULT_TIMEOUT_NS / 1_000_000_000, daemon.log_tail());
+            let text =
+                format!("no result for {} s; {}", RESULT_TIMEOUT_NS / 1_000_000_000, daemon.log_tail());
             return Ok(Some(Ended::Because(text)));
         }
         let time_is_up = self.time_ns.is_some_and(|time| measured_ns >= time);

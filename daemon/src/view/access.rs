@@ -219,7 +219,9 @@ mod tests {
         let (a, b) = (new_token().unwrap(), new_token().unwrap());
         assert!(a != b && a.len() == 2 * RANDOM_BYTES);
         assert_eq!(given_token(&a).unwrap(), a);
-        for unfit in ["short", "with spaces in it, long", "quote\"quote\"quote\"", &"x".repeat(MAX_LENGTH + 1)] {
+        for unfit in
+            ["short", "with spaces in it, long", "quote\"quote\"quote\"", &"x".repeat(MAX_LENGTH + 1)]
+        {
             assert!(matches!(given_token(unfit), Err(TokenError::Unfit)), "{unfit}");
         }
         assert!(given_token("@/no/such/file").unwrap_err().to_string().contains("/no/such/file"));

@@ -213,8 +213,7 @@ impl Keeper<'_> {
 
     /// Prints a message, unless it repeats the last one or follows it too soon.
     fn report(&mut self, text: &str) {
-        let suppresses =
-            |(last, at): &(String, Instant)| last == text || at.elapsed() < MESSAGE_PERIOD;
+        let suppresses = |(last, at): &(String, Instant)| last == text || at.elapsed() < MESSAGE_PERIOD;
         if self.last_message.as_ref().is_some_and(suppresses) {
             return;
         }

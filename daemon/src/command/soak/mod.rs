@@ -92,7 +92,11 @@ fn prepare(args: &Soak, log: Option<&str>) -> Result<(Config, Vec<Setting>), Com
     let mut settings = Vec::new();
     if let Some(source) = &args.source {
         set_source(&mut config, source);
-        settings.push(Setting { key: "source.path", value: source.display().to_string(), why: "as requested" });
+        settings.push(Setting {
+            key: "source.path",
+            value: source.display().to_string(),
+            why: "as requested",
+        });
     }
     if args.config.instance.is_none() {
         config.instance.name = format!("soak-{}", std::process::id());
@@ -257,8 +261,12 @@ fn overload(
         )));
     }
     eprintln!("it sustains {capacity_fps:.1} pairs per second");
-    let (config, settings) =
-        at_rate(&config, &settings, capacity_fps * 2.0, "twice the rate that the daemon was measured to sustain");
+    let (config, settings) = at_rate(
+        &config,
+        &settings,
+        capacity_fps * 2.0,
+        "twice the rate that the daemon was measured to sustain",
+    );
     let time = Some(time(args.minutes.unwrap_or(5.0)));
     let plan = Plan { kind: Kind::Overload, time, faults: None, settings, source, out: args.out.clone() };
     Ok((config, plan))

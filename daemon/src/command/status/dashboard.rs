@@ -158,7 +158,12 @@ impl Dashboard {
             ),
             (
                 alarm_tone,
-                format!("{}  {} obstacles  {} alarms since start", alarm(status), status.obstacles, status.alarms),
+                format!(
+                    "{}  {} obstacles  {} alarms since start",
+                    alarm(status),
+                    status.obstacles,
+                    status.alarms
+                ),
             ),
         ];
         match status.calibration.state() {

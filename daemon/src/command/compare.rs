@@ -9,13 +9,13 @@ use tools::evaluation::compare::{Tolerance, compare, is_recording, read};
 
 pub const HELP: &str = "Examples:
   lookout compare results again
-  lookout compare drive.mcap again                  a recording, and its replay with other parameters
+  lookout compare drive.mcap again                  a recording and its replay
   lookout compare a.mcap b.mcap --distance-m 0.1 --box-px 2 --json
 
 A and B are output folders of lookout replay --out, their obstacles.jsonl, or recordings with
-obstacles. The obstacles of each frame are matched by their boxes. Frames that differ are listed with
-their largest differences. If a recording is compared with a folder, its frames are numbered by its
-pairs, as a replay numbers them.
+obstacles. The obstacles of each frame are matched by their boxes. Frames that differ are listed
+with their largest differences. If a recording is compared with a folder, its frames are numbered
+by its pairs, as a replay numbers them.
 
 Exit code: 0 if nothing differs by more than --distance-m and --box-px, 1 otherwise.";
 

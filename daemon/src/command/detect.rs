@@ -21,8 +21,8 @@ pub const HELP: &str = "Examples:
   lookout detect cascade.xml a.png b.png --neighbours 0     every window that passes
   lookout detect vehicle.xml road.png --overlay found.png
 
-CASCADE is an OpenCV cascade XML file, boosted LBP or Haar, in the current or the older format. Boxes
-and defaults are those of OpenCV's detectMultiScale with the same image and options.";
+CASCADE is an OpenCV cascade XML file, boosted LBP or Haar, in the current or the older format.
+Boxes and defaults are those of OpenCV's detectMultiScale with the same image and options.";
 
 #[derive(Args, Debug)]
 pub struct Detect {

@@ -22,10 +22,10 @@ pub const HELP: &str = "Examples:
   lookout point-cloud left.png right.png --rig rig.toml -o cloud.ply --color height
   lookout point-cloud left.png right.png --rig rig.toml -o sparse.ply --every 4 --distance-max 40
 
-OUT.ply is binary little-endian: x, y, z in metres (x right, y down, z ahead of the left camera) and
-red, green, blue. Outliers are removed: a point is kept if at least --neighbours of its 24 neighbours
-in the image have a similar depth. This drops single errors, and the points between a near object
-and its background.";
+OUT.ply is binary little-endian: x, y, z in metres (x right, y down, z ahead of the left camera)
+and red, green, blue. Outliers are removed: a point is kept if at least --neighbours of its 24
+neighbours in the image have a similar depth. This drops single errors, and the points between a
+near object and its background.";
 
 #[derive(Args, Debug)]
 pub struct PointCloudCommand {

@@ -38,8 +38,8 @@ mcap tools open the file. Stop recording with Ctrl-C or SIGTERM; it also ends wi
 a power failure or kill -9 the file can be replayed up to its last chunk, about one second earlier.
 
 Images are stored uncompressed (--raw), lossless as PNG (--png; more CPU time) or lossy as JPEG
-(--jpeg; smallest, for viewing). --split-mb and --split-s start new files, drive_0001.mcap and so on,
-each complete in itself; with --ring-s every alarm starts a new file. --topics: images (with
+(--jpeg; smallest, for viewing). --split-mb and --split-s start new files, drive_0001.mcap and so
+on, each complete in itself; with --ring-s every alarm starts a new file. --topics: images (with
 calibration), obstacles, scene (3D boxes), points (point cloud, twice a second), status; or all.";
 
 #[derive(Args, Debug)]

@@ -35,10 +35,11 @@ PATH may also be an MCAP file: a recording of lookout record, or a ROS 2 bag wit
 whose names differ by left and right, and their camera_info. A truncated file is read up to its last
 complete chunk.
 
-scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street, crest, dip, slope,
-bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
-debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings may follow:
-?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper or kitti.
+scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street, crest, dip,
+slope, bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear,
+green-belt, cone, debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings
+may follow: ?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N;
+rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
 (one line per frame) and summary.json.";

@@ -12,8 +12,9 @@ use messages::instance::Instance;
 pub const HELP: &str = "Examples:
   lookout restore-clocks -c /etc/lookout/lookout.toml
 
-The daemon restores the clocks itself when it ends. This command is for a daemon that was killed; the
-systemd service runs it after every stop. If there is nothing to restore it does nothing and succeeds.";
+The daemon restores the clocks itself when it ends. This command is for a daemon that was killed;
+the systemd service runs it after every stop. If there is nothing to restore it does nothing and
+succeeds.";
 
 #[derive(Args, Debug)]
 pub struct RestoreClocks {

@@ -13,8 +13,9 @@ pub const HELP: &str = "Examples:
   lookout run -c /etc/lookout/car.toml
   lookout run -c tk1
 
-Stop it with SIGTERM or Ctrl-C: frames in flight are finished first. SIGHUP reloads the configuration.
-Which keys may change then, and what is reported to systemd, is described in docs/operations.md.";
+Stop it with SIGTERM or Ctrl-C: frames in flight are finished first. SIGHUP reloads the
+configuration. Which keys may change then, and what is reported to systemd, is described in
+docs/operations.md.";
 
 #[derive(Args, Debug)]
 pub struct Run {

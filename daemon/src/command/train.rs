@@ -23,10 +23,11 @@ pub const HELP: &str = "Examples:
   lookout train --positives vehicles --negatives others -o v.xml --features haar --window 24x20
   lookout train --positives vehicles --negatives others -o v.xml --sweep
 
-Each picture of --positives shows one object that fills it. Pictures of --negatives show none and may
-have any size from the window size up; windows are sampled from them. The last part of every folder
-is held out for validation and not trained on (--validation): keep the pictures of one drive in one
-folder, in order. The same pictures and options give the same cascade on any number of threads.
+Each picture of --positives shows one object that fills it. Pictures of --negatives show none and
+may have any size from the window size up; windows are sampled from them. The last part of every
+folder is held out for validation and not trained on (--validation): keep the pictures of one
+drive in one folder, in order. The same pictures and options give the same cascade on any number
+of threads.
 
 An interrupted run resumes when it is started again; finished stages are kept in CASCADE.part. The
 cascade is written as OpenCV XML.";

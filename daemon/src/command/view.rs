@@ -21,18 +21,18 @@ const ADDRESS: &str = "127.0.0.1:8467";
 pub const HELP: &str = "Examples:
   lookout view                                  then open http://127.0.0.1:8467
   lookout view --instance front --bind 127.0.0.1:0
-  lookout view --bind 0.0.0.0:8467              for a phone on the car's network; prints a link with a token
+  lookout view --bind 0.0.0.0:8467              for a phone on the same network; prints a link
   curl http://127.0.0.1:8467/metrics            Prometheus metrics
-  ssh -L 8467:127.0.0.1:8467 board              the page of a remote board, without opening a port there
+  ssh -L 8467:127.0.0.1:8467 board              the page of a remote board through SSH
 
 The page shows the left image with boxes, distances and the alarm, disparity, v-disparity with the
-road profile, a bird's-eye view, and latency, rates, drops, CPU, temperatures, clocks and health over
-time. The viewer waits for the daemon, continues across its restarts, and runs at the lowest
+road profile, a bird's-eye view, and latency, rates, drops, CPU, temperatures, clocks and health
+over time. The viewer waits for the daemon, continues across its restarts, and runs at the lowest
 priority: it takes the newest frame and never blocks a stage. It must run as the daemon's user.
 
-Anyone who can reach the address sees the images. On a loopback address (127.0.0.1, ::1) that is every
-user of the machine, unless --token is given; on any other address a token is always required. The
-connection is not encrypted.";
+Anyone who can reach the address sees the images. On a loopback address (127.0.0.1, ::1) that is
+every user of the machine, unless --token is given; on any other address a token is always
+required. The connection is not encrypted.";
 
 #[derive(Args, Debug)]
 pub struct View {

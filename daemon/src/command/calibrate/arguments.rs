@@ -9,7 +9,7 @@ pub const HELP: &str = "Examples:
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml --report report
   lookout calibrate pictures --board 8x5 --square-mm 30 -o rig.toml --lens radial3 --json
-  lookout calibrate --live --board 9x6 --square-mm 24.23 -o rig.toml          from the running daemon
+  lookout calibrate --live --board 9x6 --square-mm 24.23 -o rig.toml        from the running daemon
   lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 24.23 -o rig.toml
 
 DIR contains two folders, left and right, with pictures of the same names (PNG, JPEG, PGM, PPM), or

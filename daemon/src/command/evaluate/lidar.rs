@@ -38,14 +38,15 @@ DIR has folders left, calib and gt_depth_map or gt_depth (16-bit PNG, metres x 2
 labels or both; all files of a picture have the same name. Without a right picture the disparity is
 computed from the depth map: this evaluates the road and the regions, not the matcher.
 
-One line per picture: the estimated camera height above the road, regions within 40 m, and median and
-90th percentile of their distance error against LiDAR. One line per label: LiDAR distance of its near
-side, the region that overlaps its box most, and that region's distance. A car is evaluable within
-40 m, with half of it in the picture and at most partly occluded; it is covered by a region with an
-overlap (intersection over union) of 0.4. Labels that are not evaluable are in brackets.
+One line per picture: the estimated camera height above the road, regions within 40 m, and median
+and 90th percentile of their distance error against LiDAR. One line per label: LiDAR distance of
+its near side, the region that overlaps its box most, and that region's distance. A car is
+evaluable within 40 m, with half of it in the picture and at most partly occluded; it is covered
+by a region with an overlap (intersection over union) of 0.4. Labels that are not evaluable are in
+brackets.
 
-A single picture has no history, so regions.confirm is off; --repeat processes each picture N times in
-a row with regions.confirm as configured.
+A single picture has no history, so regions.confirm is off; --repeat processes each picture N
+times in a row with regions.confirm as configured.
 
 --out writes SET/PICTURE.png (the road green, regions red, labels blue) and evaluation.json.";
 

@@ -20,11 +20,11 @@ pub const HELP: &str = "Examples:
   lookout evaluate recognition lbp.xml models/vehicle.xml
   lookout evaluate recognition lbp.xml --scene drive --frames 50 --json
 
-Stereo and road process a scene. Each cascade, in turn, then searches each image three times: the whole
-image, and the crops of its regions, both with windows of 30 to 90 px and a scale factor of 1.3; and
-the crops with the two window sizes that the region's distance suggests (recognition.window_m,
-recognition.growth). Times are medians of the processor time per image. The paper's table was
-measured on its own board.";
+Stereo and road process a scene. Each cascade, in turn, then searches each image three times: the
+whole image, and the crops of its regions, both with windows of 30 to 90 px and a scale factor of
+1.3; and the crops with the two window sizes that the region's distance suggests
+(recognition.window_m, recognition.growth). Times are medians of the processor time per image. The
+paper's table was measured on its own board.";
 
 /// Measures the running time of cascades.
 #[derive(Args, Debug)]

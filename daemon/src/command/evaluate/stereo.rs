@@ -37,16 +37,17 @@ DIR is searched recursively for KITTI 2012 (image_0, image_1, disp_noc, disp_occ
 (image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map, calib) and
 Middlebury scenes (a folder each, such as im0.png, im1.png, disp0GT.pfm).
 
-One line per image and region: all, pixels with ground truth; noc, those that are not occluded in the
-right image. In percent: dens, pixels with an estimate; bad1, bad2, bad3, errors above 1, 2, 3 px; D1,
-above 3 px and 5 % of the truth. These and epe, the mean error in px, are computed after background
-fill (holes take the background of their row, as in the KITTI devkit); hole3 is bad3 with holes counted
-as errors, val3 is bad3 without holes. ms is processor time. mean is the mean over the images.
+One line per image and region: all, pixels with ground truth; noc, those that are not occluded in
+the right image. In percent: dens, pixels with an estimate; bad1, bad2, bad3, errors above 1, 2, 3
+px; D1, above 3 px and 5 % of the truth. These and epe, the mean error in px, are computed after
+background fill (holes take the background of their row, as in the KITTI devkit); hole3 is bad3
+with holes counted as errors, val3 is bad3 without holes. ms is processor time. mean is the mean
+over the images.
 
---out writes SET/errors/PAIR.png (blue is correct, yellow to red is wrong by the rule of D1, occluded
-pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png, subpixel.png,
-roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and disp_occ_0; for
-several sets, into a folder for each.";
+--out writes SET/errors/PAIR.png (blue is correct, yellow to red is wrong by the rule of D1,
+occluded pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png,
+subpixel.png, roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and
+disp_occ_0; for several sets, into a folder for each.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateStereo {

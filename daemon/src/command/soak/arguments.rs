@@ -10,15 +10,15 @@ pub const HELP: &str = "Examples:
   lookout soak                                        five minutes of the built-in drive at 12.5 fps
   lookout soak --minutes 20 --out out/soak-20
   lookout soak RECORDING --fps 10 --minutes 600 -c car.toml
-  lookout soak --minutes 20 --faults --seed 7         random kills, exits, hangs, stalls and overheating
+  lookout soak --minutes 20 --faults --seed 7         random kills, exits, hangs, stalls and heat
   lookout soak --kills 1000                           a thousand SIGKILLs, about 20 minutes
   lookout soak --overload --minutes 10                twice the rate that the daemon sustains
   lookout soak --tables                               reproduce the paper's tables
-  lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a board that has them
+  lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a suitable board
 
-Starts the daemon as a separate instance, loops the source, and measures from outside. Budgets are in
-[soak] of the configuration; the exit code is 1 if one is exceeded. Without -c, 64 disparities are
-searched, enough for the paper's rig.
+Starts the daemon as a separate instance, loops the source, and measures from outside. Budgets are
+in [soak] of the configuration; the exit code is 1 if one is exceeded. Without -c, 64 disparities
+are searched, enough for the paper's rig.
 
 --out receives soak.md, soak.json, plots as SVG, daemon.toml (the configuration of the run) and
 daemon.log; docs/soak.md explains them. With faults, supervision is configured to restart stages at

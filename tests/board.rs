@@ -190,9 +190,9 @@ fn clocks_of_a_killed_daemon_are_restored() {
     daemon.signal("KILL");
     daemon.wait();
     assert_eq!(board.clock(), pair("2400000", "2400000"), "nobody could put them back");
-    assert!(board.bench.ok(&["restore-clocks"]).contains("clocks put back: 1"));
+    assert!(board.bench.ok(&["restore-clocks"]).contains("clocks restored: 1"));
     assert_eq!(board.clock(), pair("600000", "2400000"));
-    assert!(board.bench.ok(&["restore-clocks"]).contains("no clocks to put back"));
+    assert!(board.bench.ok(&["restore-clocks"]).contains("no clocks to restore"));
     // The next run finds the board's own clocks, also when nobody has restored them.
     let daemon = board.bench.start(&["run"]);
     board.bench.status_when(|s| s["state"] == "running");

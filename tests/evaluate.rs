@@ -250,10 +250,10 @@ fn unusable_input_is_named() {
     fails(&["set", "--maps", "empty"], &["empty/000001_10.png: L8", "16-bit"]);
     // Nothing is ever written into a data set, nor into a folder that will be cleaned.
     let before = files(&bench.path("set"));
-    fails(&["set", "--save-pairs", "set"], &["lies in the data set", "--save-pairs"]);
-    fails(&["set", "--save-pairs", "set/../set/new"], &["lies in the data set"]);
-    fails(&["set", "--out", "."], &["lies in the data set", "--out"]);
-    fails(&["set", "--maps", "empty", "--out", "empty"], &["--maps lies in the folder"]);
+    fails(&["set", "--save-pairs", "set"], &["is inside the data set", "--save-pairs"]);
+    fails(&["set", "--save-pairs", "set/../set/new"], &["is inside the data set"]);
+    fails(&["set", "--out", "."], &["is inside the data set", "--out"]);
+    fails(&["set", "--maps", "empty", "--out", "empty"], &["--maps is inside an output folder"]);
     fails(&["set", "--save-pairs", "x", "--out", "x"], &["--save-pairs and --out"]);
     assert!(files(&bench.path("set")) == before && !bench.path("x").exists());
 
@@ -367,7 +367,7 @@ fn regions_are_scored_against_lidar_depth_and_labels() {
     assert!(text.contains("1 of 1 covered") && text.contains("3 times in a row"), "{text}");
 
     let text = bench.fails(&["evaluate", "lidar", "cars", "--out", "cars/left"]);
-    assert!(text.contains("lies in the data set cars"), "{text}");
+    assert!(text.contains("is inside the data set cars"), "{text}");
     std::fs::write(bench.path("cars/labels/7.txt"), "Car 0 0\n").unwrap();
     let text = bench.fails(&["evaluate", "lidar", "cars"]);
     assert!(text.contains("labels/7.txt: line 1: 3 fields"), "{text}");

@@ -78,6 +78,6 @@ fn missing_input_is_named() {
     let nowhere = bench.fails(&[&pair[..3], &["-o", "no/such/x.ply", "--rig", "drive/rig.toml"]].concat());
     assert!(nowhere.contains("no/such/x.ply"), "{nowhere}");
     let none = bench.fails(&[&pair[..], &["--rig", "drive/rig.toml", "--distance-max", "0.2"]].concat());
-    assert!(none.contains("no point is left") && none.contains("--distance-max"), "{none}");
+    assert!(none.contains("no points remain") && none.contains("--distance-max"), "{none}");
     assert!(!bench.path("x.ply").exists());
 }

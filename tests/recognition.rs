@@ -74,7 +74,7 @@ fn a_trained_cascade_is_evaluated_and_finds_objects() {
         assert!(judged["hit_rate"].as_f64() > Some(0.8), "{judged}");
         assert!(judged["false_alarm_rate"].as_f64() < Some(0.1), "{judged}");
         assert_eq!(judged["positives"], 60);
-        assert!(bench.ok(&judge).contains("of 60 objects found"));
+        assert!(bench.ok(&judge).contains("of 60 objects detected"));
         // The object in a larger image.
         let pixels = scene(7, 150, 110, Some((60, 30, 44)));
         save_grey(&bench.path("scene.png"), &pixels, 150, 110);

@@ -141,7 +141,7 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let changed = |place: &str| drawn[place].as_u64().expect("a count");
     assert!(changed("near") >= 8 && changed("left") >= 8 && changed("behind") == 0, "{drawn}");
     let says = |which: &str, part: &str| drawn[which].as_str().is_some_and(|text| text.contains(part));
-    assert!(says("label", "free ahead 12.0 m") && says("none", "no road seen"), "{drawn}");
+    assert!(says("label", "free ahead 12.0 m") && says("none", "no road detected"), "{drawn}");
 
     // The rest of the page is complete.
     for part in ["disparity", "v_disparity"] {
@@ -225,12 +225,12 @@ fn heat_and_clocks_are_drawn_over_time() {
     };
     browser.until(&caption("heat", "cpu-thermal 61.5 °C"));
     browser.until(&caption("clock", "cpu0 1500 MHz"));
-    browser.until(&caption("health", "heat, now normal"));
+    browser.until(&caption("health", "heat (now normal)"));
     board("class/thermal/thermal_zone0/temp", "91000\n");
     board("devices/system/cpu/cpufreq/policy0/scaling_cur_freq", "900000\n");
     browser.until(&caption("heat", "cpu-thermal 91 °C"));
     browser.until(&caption("clock", "cpu0 900 MHz"));
-    browser.until(&caption("health", "heat, now lower frame rate"));
+    browser.until(&caption("health", "heat (now lower frame rate)"));
     // Both values are in the curves, and both rungs in the bar, with titles.
     let heights = "(name) => new Set(document.querySelector(`#c-${name} path`).getAttribute('d') \
                    .split(/[ML]/).filter(Boolean).map((p) => p.split(' ')[1])).size";

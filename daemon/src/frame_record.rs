@@ -1,11 +1,11 @@
-//! From a message to the record that people read.
+//! Converts an `obstacles` message to the record that is written as JSON and drawn on overlays.
 
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::header::{Header, get_text};
 use messages::obstacles::Obstacles;
 use tools::reporting::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
 
-/// The record of a frame.
+/// The record of a frame. Values that the message marks as absent become `None`.
 pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
     let alarm = &message.alarm;
     FrameRecord {

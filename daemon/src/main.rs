@@ -1,4 +1,4 @@
-//! `lookout`: watches the road ahead of a vehicle with two cameras.
+//! `lookout`: stereo obstacle detection ahead of a vehicle. The daemon, its stages and all subcommands.
 
 mod command;
 mod frame_record;
@@ -19,7 +19,7 @@ mod view;
 use clap::Parser;
 use std::process::ExitCode;
 
-/// Counts what each thread allocates: a stage reports it with every frame.
+/// Counts the heap allocations of each thread; a stage reports its count with every frame.
 #[global_allocator]
 static ALLOCATOR: messages::allocation::CountingAllocator = messages::allocation::CountingAllocator;
 

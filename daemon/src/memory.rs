@@ -7,11 +7,11 @@ use std::os::unix::fs::FileExt;
 /// Resident memory, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Its own.
+    /// Anonymous pages (`RssAnon`): heap and stacks.
     pub private_bytes: u64,
-    /// Pages of files, most of all of the program; processes share them.
+    /// Pages of mapped files (`RssFile`), mostly the program itself; shared between processes.
     pub file_bytes: u64,
-    /// Shared memory that it has touched; other processes may have too.
+    /// Pages of shared memory that this process has touched (`RssShmem`); others may map them, too.
     pub shared_bytes: u64,
 }
 
@@ -25,12 +25,12 @@ impl MemoryProbe {
     /// Opens the probe.
     ///
     /// # Errors
-    /// When /proc is not there.
+    /// If `/proc/self/status` cannot be opened.
     pub fn open() -> io::Result<Self> {
         Ok(Self { file: File::open("/proc/self/status")? })
     }
 
-    /// The memory now; `None` when the kernel does not tell.
+    /// The memory now; `None` if the kernel does not report it.
     pub fn read(&self) -> Option<Memory> {
         let mut buffer = [0; 4096];
         let length = self.file.read_at(&mut buffer, 0).ok()?;
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lines_of_the_kernel_are_read() {
+    fn proc_status_is_parsed() {
         let text = "Name:\tx\nVmRSS:\t 30 kB\nRssAnon:\t    12 kB\nRssFile:\t 8 kB\nRssShmem:\t 10 kB\n";
         assert_eq!(
             parse(text),

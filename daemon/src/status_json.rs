@@ -1,4 +1,4 @@
-//! The state of the daemon as programs read it: `lookout status --json`, the viewer, recordings.
+//! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::device::DeviceRecord;
@@ -9,7 +9,7 @@ use perception::stereo::device::STAGES;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The status as programs read it.
+/// The status as JSON.
 #[derive(Serialize)]
 pub struct StatusJson {
     pid: u32,
@@ -29,7 +29,7 @@ pub struct StatusJson {
     pacing: PacingJson,
     calibration: CalibrationJson,
     heat: HeatJson,
-    /// None where the CPU matches.
+    /// `None` if stereo matching runs on the CPU.
     device: Option<DeviceJson>,
     processes: Vec<ProcessJson>,
 }
@@ -70,7 +70,7 @@ struct DeviceJson {
     driver: String,
     lost: bool,
     text: String,
-    /// Time of each stage of the last frame on the device; empty where it has no timestamps.
+    /// Time of each GPU stage in the last frame; empty if the device has no timestamps.
     stages_ms: BTreeMap<&'static str, f32>,
 }
 
@@ -111,7 +111,7 @@ struct ProcessJson {
 }
 
 impl StatusJson {
-    /// That of a message.
+    /// Converts a status message.
     pub fn new(status: &StatusRecord) -> Self {
         Self {
             pid: status.pid,
@@ -184,7 +184,7 @@ impl StatusJson {
     }
 }
 
-/// Heat and clocks.
+/// Temperatures, the rung of the thermal ladder, and clocks.
 #[derive(Serialize)]
 pub struct HeatJson {
     watched: bool,
@@ -211,6 +211,7 @@ struct ClockJson {
 }
 
 impl HeatJson {
+    /// Converts the heat part of a status message.
     pub fn new(heat: &HeatRecord) -> Self {
         let zone = |z: &messages::heat::ZoneRecord| ZoneJson {
             name: z.name(),

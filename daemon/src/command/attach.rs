@@ -1,4 +1,4 @@
-//! Joining a running daemon from outside.
+//! Attaching to the shared memory of a running daemon.
 
 use crate::command::error::CommandError;
 use config::Config;
@@ -8,38 +8,56 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A daemon that was joined. It is left properly when this is dropped.
+/// A connection to a running daemon. Dropping it frees its places in shared memory.
 pub struct Attached {
-    /// The way into its shared memory.
+    /// Access to the daemon's services.
     pub bus: Bus,
     /// The daemon.
     pub instance: Instance,
-    /// Set when a signal asks this process to stop.
+    /// Set by SIGINT, SIGTERM and SIGHUP.
     pub stop: Arc<AtomicBool>,
 }
 
-/// Joins the daemon that the configuration names; `word` is this command's, for a hint.
+/// Attaches to the daemon that the configuration names. `subcommand` is the caller's name, for a hint.
 ///
 /// # Errors
-/// When none runs, or it belongs to another user.
-pub fn attach(config: &Config, word: &str) -> Result<Attached, CommandError> {
+/// If no such daemon runs, or it belongs to another user.
+pub fn attach(config: &Config, subcommand: &str) -> Result<Attached, CommandError> {
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
-    let (owner, user) = (instance.owner(), rustix::process::geteuid().as_raw());
-    if let Some(owner) = owner.filter(|&owner| owner != user) {
-        return Err(CommandError::Other(format!(
-            "the daemon \"{}\" belongs to user {owner}, this is user {user}: shared memory is its own; \
-             try: sudo -u '#{owner}' lookout {word}",
-            instance.name()
-        )));
-    }
+    check_owner(&instance, subcommand)?;
     if !instance.is_running() {
         return Err(InstanceError::NotRunning(instance.name().to_owned()).into());
     }
-    // Leaves properly, so that nothing of it stays in the daemon's shared memory.
+    let stop = stop_on_signals()?;
+    Ok(Attached { bus: Bus::join(&instance)?, instance, stop })
+}
+
+/// Shared memory of a daemon is accessible to its own user only.
+///
+/// # Errors
+/// If the daemon belongs to another user.
+pub fn check_owner(instance: &Instance, subcommand: &str) -> Result<(), CommandError> {
+    let (owner, user) = (instance.owner(), rustix::process::geteuid().as_raw());
+    match owner.filter(|&owner| owner != user) {
+        None => Ok(()),
+        Some(owner) => Err(CommandError::Other(format!(
+            "the daemon \"{}\" runs as user {owner}, this is user {user}: only its own user can read its \
+             shared memory; try: sudo -u '#{owner}' lookout {subcommand}",
+            instance.name()
+        ))),
+    }
+}
+
+/// A flag that SIGINT, SIGTERM and SIGHUP set, so that a command can end in order: a process that is
+/// killed while attached leaves its places in the daemon's shared memory occupied until they are swept.
+///
+/// # Errors
+/// If a handler cannot be installed.
+pub fn stop_on_signals() -> Result<Arc<AtomicBool>, CommandError> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|e| CommandError::Other(format!("cannot catch signals: {e}")))?;
     }
-    Ok(Attached { bus: Bus::join(&instance)?, instance, stop })
+    Ok(stop)
 }

@@ -28,7 +28,7 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
         return say(config::reference().trim_end());
     }
     let config = config::load(args.file.as_deref())?;
-    // What the configuration names must be there and sound, too.
+    // Files that the configuration names have to exist and be valid, too.
     recogniser(&config, 8, 8).map_err(SetupError::from)?;
     if !config.source.rig.as_os_str().is_empty() {
         sources::calibration_file::read(&config.source.rig, true)?;

@@ -9,14 +9,15 @@ use tools::evaluation::compare::{Tolerance, compare, is_recording, read};
 
 pub const HELP: &str = "Examples:
   lookout compare results again
-  lookout compare drive.mcap again                  a recording, and its replay with other parameters
+  lookout compare drive.mcap again                  a recording and its replay
   lookout compare a.mcap b.mcap --distance-m 0.1 --box-px 2 --json
 
-A and B are folders of lookout replay --out, their obstacles.jsonl, or recordings with obstacles. Each
-frame's obstacles are matched by their boxes; the frames that differ are listed, with the largest
-differences. Frames of a recording that is compared with a folder are numbered by the pairs in it.
+A and B are output folders of lookout replay --out, their obstacles.jsonl, or recordings with
+obstacles. The obstacles of each frame are matched by their boxes. Frames that differ are listed
+with their largest differences. If a recording is compared with a folder, its frames are numbered
+by its pairs, as a replay numbers them.
 
-Exit code: 0 when nothing differs by more than --distance-m and --box-px, 1 otherwise.";
+Exit code: 0 if nothing differs by more than --distance-m and --box-px, 1 otherwise.";
 
 #[derive(Args, Debug)]
 pub struct Compare {
@@ -24,13 +25,13 @@ pub struct Compare {
     pub a: PathBuf,
     /// The second run
     pub b: PathBuf,
-    /// Distances may differ by this, in metres
+    /// Tolerated difference of distances, in metres
     #[arg(long, value_name = "N", default_value_t = 0.0, value_parser = metres)]
     pub distance_m: f64,
-    /// Sides of boxes may differ by this, in pixels
+    /// Tolerated difference of box sides, in pixels
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub box_px: u32,
-    /// The most frames that are listed
+    /// List at most this many frames
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub list: usize,
     /// Print as JSON
@@ -43,7 +44,7 @@ fn metres(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Compare) -> Result<(), CommandError> {
-    // A replay numbers the pairs that it has.
+    // A replay numbers frames by the pairs of its recording, not by their original sequence.
     let by_pair = is_recording(&args.a) != is_recording(&args.b);
     let (a, b) = (read(&args.a, by_pair)?, read(&args.b, by_pair)?);
     let tolerance = Tolerance { distance_m: args.distance_m, box_px: args.box_px };

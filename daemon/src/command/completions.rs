@@ -1,4 +1,4 @@
-//! `lookout completions`: the command line for shells.
+//! `lookout completions`: completion scripts for shells.
 
 use crate::command::error::CommandError;
 use clap::Args;

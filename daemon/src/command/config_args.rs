@@ -1,29 +1,29 @@
-//! Which configuration a command uses.
+//! Arguments that choose and override the configuration of a command.
 
 use crate::command::error::CommandError;
 use clap::Args;
 use config::Config;
 use std::path::PathBuf;
 
-/// Which configuration.
+/// Arguments that choose and override the configuration.
 #[derive(Args, Debug, Clone)]
 pub struct ConfigArgs {
     /// Configuration file, or one of the profiles replay, tk1, orin-nano, rpi5
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Sets one key of the configuration, as in stereo.lambda_vertical=8; may be repeated
+    /// Override one configuration key, for example stereo.lambda_vertical=8; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Name of this daemon among those on the machine [default: instance.name]
+    /// Name of the daemon instance; several can run on a machine [default: instance.name]
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
 }
 
-/// Loads the configuration that the arguments name, and starts logging. `default_level` replaces
-/// the configuration's level when no file was named.
+/// Reads the configuration that the arguments choose, and starts logging. `default_level` replaces
+/// `log.level` if no configuration was named.
 ///
 /// # Errors
-/// All faults of the configuration.
+/// All errors in the configuration.
 pub fn load(
     args: &ConfigArgs,
     log: Option<&str>,
@@ -35,10 +35,10 @@ pub fn load(
     Ok(config)
 }
 
-/// Reads the configuration that the arguments name.
+/// Reads the configuration that the arguments choose.
 ///
 /// # Errors
-/// All faults of the configuration.
+/// All errors in the configuration.
 pub fn read(
     args: &ConfigArgs,
     log: Option<&str>,
@@ -46,7 +46,7 @@ pub fn read(
 ) -> Result<Config, CommandError> {
     let mut config = with_set(config::load(args.config.as_deref())?, &args.set)?;
     if let Some(name) = &args.instance {
-        // The same check as for instance.name.
+        // Parsed as a configuration, so that the same check applies as to instance.name.
         let text = format!("[instance]\nname = {}", toml::Value::String(name.clone()));
         config::parse(&text, std::path::Path::new("--instance"))?;
         config.instance.name.clone_from(name);
@@ -60,20 +60,22 @@ pub fn read(
     Ok(config)
 }
 
-/// The configuration with each KEY=VALUE of `--set` put in.
+/// Applies each KEY=VALUE of `--set`.
 fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError> {
     if settings.is_empty() {
         return Ok(config);
     }
     let wrong = |setting: &str| {
-        CommandError::Other(format!("--set {setting}: give TABLE.KEY=VALUE, as in stereo.lambda_vertical=8"))
+        CommandError::Other(format!(
+            "--set {setting}: give TABLE.KEY=VALUE, for example stereo.lambda_vertical=8"
+        ))
     };
     let mut document =
         toml::Table::try_from(&config).map_err(|error| CommandError::Other(error.to_string()))?;
     for setting in settings {
         let (key, value) = setting.split_once('=').ok_or_else(|| wrong(setting))?;
         let (table, key) = key.trim().split_once('.').ok_or_else(|| wrong(setting))?;
-        // What is no TOML value is a text without its quotes.
+        // A value that is not valid TOML is a string without quotes.
         let value = format!("value = {value}")
             .parse::<toml::Table>()
             .ok()

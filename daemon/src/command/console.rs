@@ -1,14 +1,14 @@
-//! What commands show on a terminal.
+//! Output of commands: lines on standard output, progress bars on a terminal.
 
 use crate::command::error::CommandError;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
 
-/// Prints a line to standard output. A reader that has seen enough (`| head`) is no error.
+/// Prints a line to standard output. A closed pipe (`| head`) is not an error.
 ///
 /// # Errors
-/// When standard output cannot be written.
+/// If standard output cannot be written.
 pub fn say(text: impl fmt::Display) -> Result<(), CommandError> {
     match writeln!(io::stdout().lock(), "{text}") {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -16,7 +16,7 @@ pub fn say(text: impl fmt::Display) -> Result<(), CommandError> {
     }
 }
 
-/// A bar on a terminal, nothing elsewhere.
+/// A progress bar on standard error if that is a terminal, otherwise a hidden one.
 pub fn progress(count: Option<u64>, what: &str) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

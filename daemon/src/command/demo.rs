@@ -1,4 +1,4 @@
-//! `lookout demo`: the whole daemon on the built-in drive, and pictures of what it saw.
+//! `lookout demo`: the whole daemon on the built-in drive, and pictures of its results.
 
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
@@ -45,14 +45,14 @@ fn seconds(text: &str) -> Result<f64, String> {
     number(text, 0.5, 86_400.0)
 }
 
-/// The drive needs no more: nearest distance 1.65 m with the paper's rig.
+/// Enough for the built-in drive: 64 disparities reach down to 1.65 m with the paper's rig.
 const DISPARITIES: i64 = 64;
 
 pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
     config.source.kind = "scene".into();
     config.source.path = PathBuf::new();
-    // The scene has a rig of its own.
+    // The scene defines its own rig.
     config.source.rig = PathBuf::new();
     config.source.rectify = false;
     if args.config.config.is_none() {
@@ -66,13 +66,16 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
         ends: Ends::After(Duration::from_secs_f64(args.seconds)),
     };
     let live = std::io::stdout().is_terminal();
-    say(format_args!("A drive of {:.0} s through a built-in street; Ctrl-C ends it sooner.", args.seconds))?;
+    say(format_args!(
+        "Driving {:.0} s along a synthetic street; Ctrl-C ends the drive early.",
+        args.seconds
+    ))?;
     let name = config.instance.name.clone();
     let outcome = scheduler::run(&config, &options, &mut |record| {
         if live {
             drop(say(format_args!("\x1b[H\x1b[2J{}", table(&name, record))));
         } else if record.frames > 0 {
-            // A reader that has gone does not end the drive.
+            // A closed standard output does not end the drive.
             drop(say(format_args!(
                 "{:>3} frames, alarm {}, {} obstacles",
                 record.frames,
@@ -89,7 +92,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     pictures(&config, &args.out, &outcome)
 }
 
-/// Pictures of the frame that tells most, and a plot of the times of all.
+/// Writes pictures of the most interesting frame, and a plot of the latencies of all frames.
 fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), CommandError> {
     let other =
         |path: &Path, e: &dyn std::fmt::Display| CommandError::Other(format!("{}: {e}", path.display()));
@@ -102,12 +105,12 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
         .map_err(|e| other(&lines_path, &e))?;
     latency_plot(&outcome.traces).save(&out.join("latency.png"))?;
     let drawn = records.iter().filter(|r| out.join(format!("overlay/{:06}.png", r.sequence)).is_file());
-    // The first alarm, with as many obstacles around as possible.
+    // Prefers a frame with an alarm, then the one with most confirmed obstacles.
     let Some(best) = drawn.max_by_key(|r| {
         let confirmed = r.obstacles.iter().filter(|o| o.confirmed).count();
         (r.alarm.level == "alarm" && r.alarm.nearest_m.is_some(), confirmed)
     }) else {
-        return Err(CommandError::Other("no frame came out with its pictures: try --seconds 30".into()));
+        return Err(CommandError::Other("no frame was written with its pictures: try --seconds 30".into()));
     };
     let name = format!("{:06}.png", best.sequence);
     let (from, to) = (out.join("overlay").join(&name), out.join("left.png"));
@@ -120,22 +123,22 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     let source = input::open(config).map_err(scheduler::RunError::from)?;
     let rig = input::rig(config, source.as_ref()).map_err(scheduler::RunError::from)?;
     let mut detector = SceneDetector::new(scene_parameters(config), rig, width, height, disparities);
-    // The picture of a map does not tell its confidence.
+    // The written disparity map has no confidence.
     let certain = vec![u8::MAX; width * height];
     let view = DisparityView::new(&map, width, height).and_then(|map| DepthView::new(map, &certain));
     if let Some(view) = view {
         let profile = detector.detect(view).profile_px.to_vec();
         v_disparity::draw(detector.v_disparity(), &profile).save(&out.join("v-disparity.png"))?;
     }
-    say(format_args!("In {}:", out.display()))?;
+    say(format_args!("Written to {}:", out.display()))?;
     for (file, what) in [
         ("left.png", format!("frame {}: road in green, obstacles in red, alarm on top", best.sequence)),
         ("disparity.png", "its disparity: red is near, blue is far, black is unknown".into()),
-        ("v-disparity.png", "its v-disparity with the road's path".into()),
-        ("latency.png", "time of each stage, frame by frame".into()),
+        ("v-disparity.png", "its v-disparity with the road profile".into()),
+        ("latency.png", "processing time of each stage by frame".into()),
         ("overlay/, disparity/", format!("all {} frames", records.len())),
-        ("obstacles.jsonl", "a line per frame, for machines".into()),
-        ("summary.json", "the table above, for machines".into()),
+        ("obstacles.jsonl", "results of all frames, one JSON document per line".into()),
+        ("summary.json", "the table above as JSON".into()),
     ] {
         say(format_args!("  {file:<22} {what}"))?;
     }

@@ -21,32 +21,33 @@ pub const HELP: &str = "Examples:
   lookout detect cascade.xml a.png b.png --neighbours 0     every window that passes
   lookout detect vehicle.xml road.png --overlay found.png
 
-CASCADE is an OpenCV cascade XML, boosted LBP or Haar, of the current or the older format. The
-boxes are those of OpenCV's detectMultiScale with the same image and options; so are the defaults.";
+CASCADE is an OpenCV cascade XML file, boosted LBP or Haar, in the current or the older format.
+Boxes and defaults are those of OpenCV's detectMultiScale with the same image and options.";
 
 #[derive(Args, Debug)]
 pub struct Detect {
-    /// Cascade
+    /// OpenCV cascade XML
     pub cascade: PathBuf,
-    /// Images (PNG, JPEG, PGM, PPM; colour is turned to grey)
+    /// Images (PNG, JPEG, PGM, PPM; colour is converted to grey)
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
-    /// Factor from one window size to the next
+    /// Scale factor from one window size to the next, OpenCV's scaleFactor
     #[arg(long, default_value_t = 1.1, value_name = "F", value_parser = growth)]
     pub growth: f64,
-    /// Least side of a window, in pixels; 0 for no limit
+    /// Smallest window side, in pixels; 0 for no limit
     #[arg(long, default_value_t = 0, value_name = "PX")]
     pub min_px: u32,
-    /// Greatest side of a window, in pixels; 0 for no limit
+    /// Largest window side, in pixels; 0 for no limit
     #[arg(long, default_value_t = 0, value_name = "PX")]
     pub max_px: u32,
-    /// A find needs more overlapping hits than this, as OpenCV's minNeighbors; 0 gives every hit
+    /// A detection needs more overlapping windows than this, OpenCV's minNeighbors; 0 prints every
+    /// window that passes
     #[arg(long, default_value_t = 3, value_name = "N")]
     pub neighbours: u32,
-    /// Times the detector alone this often on each image
+    /// Run the detector this many times on each image and print its processor time
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: u32,
-    /// Writes the image with the boxes; for one image
+    /// Write the image with the boxes drawn; for a single image
     #[arg(long, value_name = "FILE")]
     pub overlay: Option<PathBuf>,
     /// Print as JSON: a list of image, x, y, width, height, score
@@ -63,11 +64,14 @@ struct Found<'a> {
     y: i32,
     width: i32,
     height: i32,
-    /// Overlapping hits behind it.
+    /// Number of overlapping windows that were grouped.
     score: u32,
 }
 
-/// Reads a cascade; errors name the file.
+/// Reads a cascade.
+///
+/// # Errors
+/// Names the file.
 pub fn read_cascade(path: &Path) -> Result<Cascade, CommandError> {
     let text = std::fs::read_to_string(path)
         .map_err(|e| CommandError::Other(format!("{}: {e}: give an OpenCV cascade XML", path.display())))?;
@@ -110,7 +114,7 @@ pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
         if args.repeat > 1 && !args.json {
             let ms = median(&mut cpu_ms);
             say(format_args!(
-                "{}: {ms:.4} ms of processor time (median of {}, least {:.4})",
+                "{}: {ms:.4} ms of processor time (median of {}, minimum {:.4})",
                 path.display(),
                 args.repeat,
                 cpu_ms[0]

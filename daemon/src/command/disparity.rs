@@ -27,34 +27,35 @@ pub const HELP: &str = "Examples:
 
 #[derive(Args, Debug)]
 pub struct Disparity {
-    /// Left image (PNG, PGM, PPM; colour is turned to grey)
+    /// Left image (PNG, PGM, PPM; colour is converted to grey)
     pub left: PathBuf,
     /// Right image, rectified like the left
     pub right: PathBuf,
-    /// 16-bit PNG, disparity x 256, 0 = unknown
+    /// Disparity map: 16-bit PNG, disparity x 256, 0 = unknown
     #[arg(short, long, value_name = "OUT.png")]
     pub out: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// How many disparities are searched, from 0 px on [default: stereo.disparities]
+    /// Number of disparities to search, from 0 px on [default: stereo.disparities]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
     pub max_disparity: Option<u16>,
-    /// Milliseconds after which the finest scale reached is given [default: stereo.budget_ms]
+    /// Time limit in milliseconds: when it passes, the finest scale reached so far is the result
+    /// [default: stereo.budget_ms]
     #[arg(long, value_name = "MS", value_parser = milliseconds)]
     pub budget_ms: Option<f64>,
     /// Matcher [default: stereo.method]
     #[arg(long, value_enum)]
     pub method: Option<Method>,
-    /// What matches [default: stereo.backend]
+    /// Device that runs the matcher [default: stereo.backend]
     #[arg(long, value_enum)]
     pub backend: Option<Backend>,
-    /// Times the matcher alone this often
+    /// Run the matcher this many times; times are medians
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: u32,
-    /// Also writes the map in colour
+    /// Also write the map in colour
     #[arg(long, value_name = "FILE")]
     pub color: Option<PathBuf>,
-    /// Print figures as JSON
+    /// Print density, times and memory as JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -74,27 +75,27 @@ struct Figures {
     cpu_ms_min: f64,
     wall_ms_median: f64,
     workspace_bytes: usize,
-    /// 1 for the full resolution, 2 for half of it, 4 for a quarter: what the budget allowed.
+    /// Finest scale within the budget: 1 for full resolution, 2 for half, 4 for a quarter.
     scale: u32,
     /// Nodes visited over width × height × disparities.
     nodes_share: f64,
-    /// None on the CPU.
+    /// `None` on the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     device: Option<DeviceFigures>,
 }
 
-/// What the matcher's device says.
+/// The GPU and its times.
 #[derive(Serialize)]
 struct DeviceFigures {
     adapter: String,
     driver: String,
-    /// Why it was lost and the CPU took over, if it was.
+    /// Why the device was lost and the CPU used instead, if so.
     loss: Option<String>,
-    /// Pairs a second, one after the other.
+    /// Pairs per second, processed one after the other.
     fps: f64,
-    /// Median of all stages together, by the device's timestamps; None where it has none.
+    /// Median of the sum over all GPU stages, from the device's timestamps; `None` without timestamps.
     gpu_ms_median: Option<f64>,
-    /// Median of each stage.
+    /// Median of each GPU stage.
     stages_ms_median: BTreeMap<&'static str, f64>,
 }
 
@@ -103,7 +104,7 @@ impl DeviceFigures {
         matcher: &dyn Matcher,
         wall_ms: f64,
         stages_ms: &mut [Vec<f64>],
-        mut all_ms: Vec<f64>,
+        mut total_ms: Vec<f64>,
     ) -> Option<Self> {
         let device = matcher.device()?;
         Some(Self {
@@ -111,7 +112,7 @@ impl DeviceFigures {
             driver: device.driver.to_owned(),
             loss: device.loss.map(|loss| loss.to_string()),
             fps: 1e3 / wall_ms,
-            gpu_ms_median: (!all_ms.is_empty()).then(|| median(&mut all_ms)),
+            gpu_ms_median: (!total_ms.is_empty()).then(|| median(&mut total_ms)),
             stages_ms_median: STAGES
                 .into_iter()
                 .zip(stages_ms)
@@ -121,27 +122,30 @@ impl DeviceFigures {
         })
     }
 
-    fn words(&self) -> String {
+    fn text(&self) -> String {
         let stages: Vec<String> =
             self.stages_ms_median.iter().map(|(stage, ms)| format!("{stage} {ms:.3}")).collect();
-        let mut words = format!("\n{} ({}): {:.1} pairs a second", self.adapter, self.driver, self.fps);
+        let mut text = format!("\n{} ({}): {:.1} pairs per second", self.adapter, self.driver, self.fps);
         if let Some(ms) = self.gpu_ms_median {
-            words += &format!(", {ms:.3} ms on the device ({})", stages.join(", "));
+            text += &format!(", {ms:.3} ms on the device ({})", stages.join(", "));
         }
         if let Some(loss) = &self.loss {
-            words += &format!("; lost ({loss}), the CPU took over");
+            text += &format!("; device lost ({loss}), the CPU was used instead");
         }
-        words
+        text
     }
 }
 
-/// Reads a pair of images and makes sure that they have one size.
+/// Reads a pair of images as grey pixels, with width and height.
+///
+/// # Errors
+/// If an image cannot be read, or the sizes differ.
 pub fn read_pair(left: &Path, right: &Path) -> Result<(Vec<u8>, Vec<u8>, usize, usize), CommandError> {
     let (left_pixels, width, height) = read_grey(left)?;
     let (right_pixels, right_width, right_height) = read_grey(right)?;
     if (right_width, right_height) != (width, height) {
         return Err(CommandError::Other(format!(
-            "{} is {width}x{height}, but {} is {right_width}x{right_height}: give two images of one rectified pair",
+            "{} is {width}x{height}, but {} is {right_width}x{right_height}: give both images of a rectified pair",
             left.display(),
             right.display()
         )));
@@ -149,7 +153,7 @@ pub fn read_pair(left: &Path, right: &Path) -> Result<(Vec<u8>, Vec<u8>, usize, 
     Ok((left_pixels, right_pixels, width, height))
 }
 
-/// The middle one of some times; sorts them.
+/// The median of some times, the upper one of an even number; sorts them. NaN for none.
 pub fn median(times: &mut [f64]) -> f64 {
     times.sort_unstable_by(f64::total_cmp);
     times.get(times.len() / 2).copied().unwrap_or(f64::NAN)
@@ -168,7 +172,7 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         .matcher(backend, &config, width, height, disparities)
         .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
-    let (mut cpu_ms, mut wall_ms, mut all_ms) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut cpu_ms, mut wall_ms, mut total_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stages_ms = STAGES.map(|_| Vec::new());
     let mut halved = 0;
     let budget_ms = args.budget_ms.unwrap_or(config.stereo.budget_ms);
@@ -181,7 +185,7 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
             for (times, stage) in stages_ms.iter_mut().zip(device.stages) {
                 times.push(stage.ns as f64 * 1e-6);
             }
-            all_ms.push(device.stages.iter().map(|stage| stage.ns as f64 * 1e-6).sum());
+            total_ms.push(device.stages.iter().map(|stage| stage.ns as f64 * 1e-6).sum());
         }
         cpu_ms.push((messages::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
         wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
@@ -191,10 +195,10 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         tools::reporting::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
     }
     let view = DisparityView::new(&disparity, width, height)
-        .ok_or_else(|| CommandError::Other("the disparity map has another size than the image".into()))?;
+        .ok_or_else(|| CommandError::Other("the disparity map and the image differ in size".into()))?;
     let wall_ms_median = median(&mut wall_ms);
     let figures = Figures {
-        device: DeviceFigures::new(&*matcher, wall_ms_median, &mut stages_ms, all_ms),
+        device: DeviceFigures::new(&*matcher, wall_ms_median, &mut stages_ms, total_ms),
         method,
         width,
         height,
@@ -220,6 +224,6 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         figures.nodes_share,
         figures.workspace_bytes as f64 / (1 << 20) as f64,
         args.out.display(),
-        figures.device.as_ref().map(DeviceFigures::words).unwrap_or_default()
+        figures.device.as_ref().map(DeviceFigures::text).unwrap_or_default()
     ))
 }

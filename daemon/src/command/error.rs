@@ -1,78 +1,78 @@
-//! Why a command failed.
+//! Errors of commands.
 
 use crate::host::HostError;
 use thiserror::Error;
 
-/// Why a command failed; one line (or one per fault) for the user.
+/// Why a command failed. The text is one line for the user, or one per error of the configuration.
 #[derive(Debug, Error)]
 pub enum CommandError {
-    /// The configuration.
+    /// The configuration is invalid.
     #[error("the configuration cannot be used\n{0}")]
     Config(#[from] config::ConfigErrors),
-    /// The daemon.
+    /// The daemon failed.
     #[error(transparent)]
     Run(#[from] crate::scheduler::RunError),
-    /// The rooms in one process.
+    /// The stages in one process failed.
     #[error(transparent)]
     Pipeline(#[from] crate::in_process::PipelineError),
-    /// A stage.
+    /// A stage process failed.
     #[error(transparent)]
     Stage(#[from] HostError),
-    /// An image.
+    /// A source of pairs, or an image, cannot be read.
     #[error(transparent)]
     Source(#[from] sources::SourceError),
-    /// A scene.
+    /// A scene is invalid.
     #[error(transparent)]
     Scene(#[from] sources::scene::file::SceneError),
-    /// A data set with truth.
+    /// A data set with ground truth cannot be used.
     #[error(transparent)]
     Truth(#[from] sources::truth::TruthError),
-    /// A matcher.
+    /// A matcher cannot be created.
     #[error("{0}")]
     Matcher(#[from] perception::stereo::MatcherError),
-    /// Matching.
+    /// A pair cannot be matched.
     #[error(transparent)]
     Match(#[from] perception::stereo::MatchError),
-    /// Pixels.
+    /// An image's size does not fit its pixels.
     #[error(transparent)]
     Image(#[from] perception::image::ImageError),
-    /// A picture.
+    /// A picture cannot be written.
     #[error(transparent)]
     Picture(#[from] tools::reporting::picture::PictureError),
-    /// A calibration's report.
+    /// The report of a calibration cannot be written.
     #[error(transparent)]
     Report(#[from] tools::calibration::report::ReportError),
-    /// Training.
+    /// A cascade cannot be trained.
     #[error(transparent)]
     Train(#[from] tools::training::TrainError),
-    /// Results.
+    /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] tools::reporting::output::OutputError),
-    /// A recording.
+    /// A recording cannot be written.
     #[error(transparent)]
     Record(#[from] tools::recording::RecordError),
     /// Two runs that cannot be compared.
     #[error(transparent)]
     Compare(#[from] tools::evaluation::compare::CompareError),
-    /// Shared memory.
+    /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] messages::bus::IpcError),
-    /// An instance.
+    /// A daemon instance is not available.
     #[error(transparent)]
     Instance(#[from] messages::instance::InstanceError),
-    /// A room.
+    /// A stage cannot be configured.
     #[error(transparent)]
     Setup(#[from] crate::stages::stage::SetupError),
-    /// A soak.
+    /// A soak failed.
     #[error(transparent)]
     Soak(#[from] crate::soak::SoakError),
-    /// JSON.
+    /// A result cannot be serialised.
     #[error("the result cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
-    /// Clocks.
+    /// The board's clocks cannot be set.
     #[error(transparent)]
     Clock(#[from] crate::scheduler::clocks::ClockError),
-    /// Anything else, in words.
+    /// Any other error, as text.
     #[error("{0}")]
     Other(String),
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub struct Man {
-    /// Folder that the pages are written to
+    /// Output folder
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! The command line: a file for each subcommand, with its arguments, its help and its handler.
+//! The command line: one file per subcommand, with its arguments, its help and its handler.
 
 mod attach;
 mod calibrate;
@@ -33,9 +33,9 @@ pub use error::CommandError;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-/// Watches the road ahead of a vehicle with two cameras.
+/// Detects and tracks obstacles ahead of a vehicle with a stereo camera.
 ///
-/// An aid, no safety element: it actuates nothing.
+/// A driver assistance prototype, not a safety element: it controls nothing in the vehicle.
 #[derive(Debug, Parser)]
 #[command(
     name = "lookout",
@@ -43,21 +43,21 @@ use clap::{CommandFactory, Parser, Subcommand};
     max_term_width = 100,
     after_help = "Examples:
   lookout demo                                    see it work, no hardware needed
-  lookout replay RECORDING --out results          recorded pairs through the daemon
+  lookout replay RECORDING --out results          run the daemon on recorded pairs
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
-  lookout evaluate stereo KITTI                   its errors against ground truth
-  lookout evaluate weather                        obstacles found in six weathers
+  lookout evaluate stereo KITTI                   disparity errors against ground truth
+  lookout evaluate weather                        obstacle detection in six weather conditions
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
-  lookout status --watch                          what the running daemon is doing
+  lookout status --watch                          status of the running daemon
   lookout view                                    the same in a browser, with pictures
-  lookout record -o drive.mcap                    record it
+  lookout record -o drive.mcap                    record the running daemon
 
-Exit code: 0 on success, 2 for bad usage, 1 for everything else."
+Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 )]
 pub struct Cli {
-    /// Least severe message logged: error, warn, info, debug, trace [default: log.level of the
-    /// configuration; warn for demo and replay]
+    /// Log level: error, warn, info, debug, trace [default: log.level of the configuration; warn
+    /// for demo and replay]
     #[arg(long, global = true, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
     pub log: Option<String>,
     #[command(subcommand)]
@@ -66,85 +66,86 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// The whole daemon on a built-in synthetic drive: live table, pictures, plots, summary
+    /// Run the whole daemon on a built-in synthetic drive: live table, pictures, plots, summary
     #[command(after_help = demo::HELP)]
     Demo(demo::Demo),
-    /// The daemon in the foreground: what systemd starts
+    /// Run the daemon in the foreground, as systemd starts it
     #[command(after_help = run::HELP)]
     Run(run::Run),
-    /// The daemon on recorded pairs, or on a synthetic scene
+    /// Run the daemon on recorded pairs, or on a synthetic scene
     #[command(after_help = replay::HELP)]
     Replay(replay::Replay),
-    /// What a running daemon is doing
+    /// Show the status of a running daemon
     #[command(after_help = status::HELP)]
     Status(status::Status),
-    /// A running daemon in a browser: pictures, bird's-eye view, figures over time
+    /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
-    /// One pair to a cloud of points
+    /// Compute a point cloud from one pair
     #[command(after_help = point_cloud::HELP)]
     PointCloud(point_cloud::PointCloudCommand),
-    /// Records a running daemon to MCAP, for replays, Foxglove and Lichtblick
+    /// Record a running daemon to MCAP, for replays, Foxglove and Lichtblick
     #[command(after_help = record::HELP)]
     Record(record::Record),
-    /// Two runs of the same frames: which differ, and by how much
+    /// Compare two runs of the same frames: which differ, and by how much
     #[command(after_help = compare::HELP)]
     Compare(compare::Compare),
-    /// Dense disparity of one pair
+    /// Compute the dense disparity map of one pair
     #[command(after_help = disparity::HELP)]
     Disparity(disparity::Disparity),
-    /// One pair through road and recognition
+    /// Detect road and obstacles in one pair
     #[command(after_help = obstacles::HELP)]
     Obstacles(obstacles::Obstacles),
-    /// Pictures of a chessboard to a rig file, with a verdict
+    /// Calibrate a stereo camera from pictures of a chessboard, and grade the result
     #[command(after_help = calibrate::HELP)]
     Calibrate(calibrate::Calibrate),
-    /// One pair rectified: see a rig at work
+    /// Rectify one pair with a rig file
     #[command(after_help = rectify::HELP)]
     Rectify(rectify::Rectify),
-    /// Shows a calibration, or turns it into another program's format
+    /// Show a calibration, or convert it to another program's format
     #[command(after_help = rig::HELP)]
     Rig(rig::RigCommand),
-    /// Objects in pictures, by a cascade
+    /// Detect objects in images with a cascade
     #[command(after_help = detect::HELP)]
     Detect(detect::Detect),
-    /// Trains a cascade
+    /// Train a cascade
     #[command(after_help = train::HELP)]
     Train(Box<train::Train>),
-    /// Tables against ground truth: recorded data sets, and synthetic scenes
+    /// Evaluate against ground truth: recorded data sets, and synthetic scenes
     #[command(after_help = evaluate::HELP)]
     Evaluate {
-        /// What is evaluated.
+        /// The evaluation.
         #[command(subcommand)]
         what: evaluate::Evaluate,
     },
-    /// The board's qualification: rates, latencies, memory, processor time and faults survived, judged
+    /// Qualify a board: a long run that checks rates, latencies, memory, processor time and recovery
+    /// from faults against budgets
     #[command(after_help = soak::HELP)]
     Soak(soak::Soak),
-    /// Every error of a configuration with line and remedy; the effective configuration
+    /// Check a configuration: all errors with line and remedy, or the effective configuration
     #[command(after_help = check_config::HELP)]
     CheckConfig(check_config::CheckConfig),
-    /// Puts the board's clocks back as they were before a daemon that was killed had set them
+    /// Restore the board's clocks after a daemon that set them was killed
     #[command(after_help = restore_clocks::HELP)]
     RestoreClocks(restore_clocks::RestoreClocks),
-    /// Words of the command line for a shell
+    /// Generate a completion script for a shell
     #[command(after_help = completions::HELP)]
     Completions(completions::Completions),
-    /// Manual pages; for packages
+    /// Generate manual pages; for packages
     #[command(hide = true)]
     Man(man::Man),
-    /// A stage process; started by the scheduler
+    /// Run a stage process; started by the scheduler
     #[command(hide = true)]
     Stage {
-        /// Which.
+        /// Name of the stage, or writer.
         role: String,
     },
 }
 
-/// Runs a command.
+/// Runs a subcommand.
 ///
 /// # Errors
-/// What the user should read.
+/// With a text for the user.
 pub fn run(cli: Cli) -> Result<(), CommandError> {
     let log = cli.log.as_deref();
     match cli.command {

@@ -1,6 +1,6 @@
-//! Parsers of numbers among the arguments.
+//! Parsers of numeric arguments.
 
-/// Frames per second.
+/// A rate in frames per second, 0.01 to 1000.
 ///
 /// # Errors
 /// Names the range.

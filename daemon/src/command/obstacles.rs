@@ -13,7 +13,7 @@ pub const HELP: &str = "Examples:
   lookout obstacles left.png right.png --rig calib.txt --overlay found.png
   lookout obstacles left.png right.png --rig rig.toml --json
 
-A rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and cy_px.";
+The rig is a KITTI calib.txt, or a TOML file with focal_px, baseline_m, cx_px and cy_px.";
 
 #[derive(Args, Debug)]
 pub struct Obstacles {
@@ -26,7 +26,7 @@ pub struct Obstacles {
     /// Rig TOML or KITTI calib.txt [default: source.rig]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// Writes the left image with what was found
+    /// Write the left image with road and obstacles drawn
     #[arg(long, value_name = "FILE")]
     pub overlay: Option<PathBuf>,
     /// Print as JSON
@@ -36,7 +36,7 @@ pub struct Obstacles {
 
 pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;
-    // One frame is all there is: what is seen in it counts.
+    // There is only one frame, so nothing can be confirmed over time.
     config.tracking.confirm_frames = 1;
     config.regions.confirm = false;
     config.alarm.confirm_frames = 1;
@@ -52,12 +52,12 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     }
     match &record.road {
         Some(road) => say(format_args!(
-            "road: camera {:.2} m above it, horizon in row {:.0}, seen in {:.0} % of its rows",
+            "road: camera height {:.2} m, horizon in row {:.0}, detected in {:.0} % of its rows",
             road.camera_height_m,
             road.horizon_px,
             road.confidence * 100.0
         ))?,
-        None => say("no road seen: no obstacles can be told from it")?,
+        None => say("no road detected: obstacles cannot be separated from it")?,
     }
     say(format_args!(
         "{:<12} {:>16} {:>9} {:>15} {:>22}",

@@ -1,4 +1,4 @@
-//! Two pictures with their rig, on the way through the rooms once.
+//! Runs the stages in this process on a single pair of image files.
 
 use crate::command::disparity::read_pair;
 use crate::command::error::CommandError;
@@ -8,7 +8,7 @@ use perception::rig::Rig;
 use sources::{PairSource, SourceError, calibration_file};
 use std::path::Path;
 
-/// One pair that is already in memory.
+/// A source with one pair, which is already in memory.
 struct OnePair {
     left: Vec<u8>,
     right: Vec<u8>,
@@ -40,10 +40,10 @@ impl PairSource for OnePair {
     }
 }
 
-/// The rooms for one pair, and its rig: that of `--rig`, else of the configuration.
+/// A pipeline for one pair, and its rig: that of `--rig`, otherwise of the configuration.
 ///
 /// # Errors
-/// When there is no rig, a file cannot be read, or the pictures cannot be matched.
+/// If there is no rig, a file cannot be read, or the images cannot be matched.
 pub(super) fn pipeline(
     config: &Config,
     rig: Option<&Path>,

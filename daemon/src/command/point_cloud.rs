@@ -22,17 +22,18 @@ pub const HELP: &str = "Examples:
   lookout point-cloud left.png right.png --rig rig.toml -o cloud.ply --color height
   lookout point-cloud left.png right.png --rig rig.toml -o sparse.ply --every 4 --distance-max 40
 
-OUT.ply is binary little-endian: x, y, z in metres (x right, y down, z ahead of the left camera) and
-red, green, blue. Points that few of their 24 neighbours in the picture agree with in depth are left
-out: single errors, and the veil between a near object and what is behind it.";
+OUT.ply is binary little-endian: x, y, z in metres (x right, y down, z ahead of the left camera)
+and red, green, blue. Outliers are removed: a point is kept if at least --neighbours of its 24
+neighbours in the image have a similar depth. This drops single errors, and the points between a
+near object and its background.";
 
 #[derive(Args, Debug)]
 pub struct PointCloudCommand {
-    /// Left image (PNG, PGM, PPM; colour is turned to grey)
+    /// Left image (PNG, PGM, PPM; colour is converted to grey)
     pub left: PathBuf,
     /// Right image, rectified like the left
     pub right: PathBuf,
-    /// Binary PLY
+    /// Point cloud, as binary PLY
     #[arg(short, long, value_name = "OUT.ply")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -40,29 +41,29 @@ pub struct PointCloudCommand {
     /// Rig TOML or KITTI calib.txt [default: source.rig]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// What the colour of a point tells
+    /// Meaning of a point's colour
     #[arg(long, value_enum, default_value_t = PointColour::Grey)]
     pub color: PointColour,
-    /// Points farther than this, in metres, are left out
+    /// Largest distance of a point, in metres
     #[arg(long, default_value_t = 80.0, value_name = "M", value_parser = distance)]
     pub distance_max: f64,
-    /// Every N-th column of every N-th row
+    /// Take every N-th column of every N-th row
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub every: u32,
-    /// Neighbours of 24 that have to agree; 0 keeps every point
+    /// Neighbours, of 24, that must have a similar depth; 0 keeps every point
     #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=24))]
     pub neighbours: u32,
-    /// Print figures as JSON
+    /// Print the counts of points as JSON
     #[arg(long)]
     pub json: bool,
 }
 
-/// What the colour of a point tells.
+/// Meaning of a point's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PointColour {
     /// The left image
     Grey,
-    /// Height above the road, 0 to 3 m from blue to red; grey where no road was seen
+    /// Height above the road, 0 to 3 m from blue to red; grey if no road was detected
     Height,
     /// Distance, from red (near) to blue
     Distance,
@@ -72,10 +73,10 @@ fn distance(text: &str) -> Result<f64, String> {
     number(text, 0.1, 10_000.0)
 }
 
-/// Heights up to this are told apart by colour, in metres.
+/// Range of heights that the colours cover, in metres.
 const HEIGHT_SPAN_M: f64 = 3.0;
 
-/// Nearer points are as red as this one, in metres.
+/// Distance at which the colour saturates at red, in metres.
 const NEAREST_M: f64 = 2.0;
 
 pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandError> {
@@ -95,7 +96,7 @@ pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandErr
     let counts = point_cloud::fill(map, images.left, &rig, &parameters, &mut points);
     if points.is_empty() {
         return Err(CommandError::Other(format!(
-            "{}: no point is left: {} pixels without disparity, {} beyond --distance-max {} m, {} outliers",
+            "{}: no points remain: {} pixels without disparity, {} beyond --distance-max {} m, {} outliers",
             args.left.display(),
             counts.unknown,
             counts.far,
@@ -121,11 +122,11 @@ pub fn run(args: &PointCloudCommand, log: Option<&str>) -> Result<(), CommandErr
         }))?);
     }
     let no_road = match (args.color, road) {
-        (PointColour::Height, None) => "; no road was seen: heights are not told apart",
+        (PointColour::Height, None) => "; no road was detected: heights are unknown, points are grey",
         _ => "",
     };
     say(format_args!(
-        "{}: {} points; left out: {} without disparity, {} farther than {} m, {} outliers{no_road}",
+        "{}: {} points; removed: {} without disparity, {} farther than {} m, {} outliers{no_road}",
         args.out.display(),
         counts.points,
         counts.unknown,
@@ -141,7 +142,7 @@ fn height_colour(point: &Point, road: Option<RoadLine>, rig: &Rig) -> Colour {
     rainbow((height_m(point, road, rig) / HEIGHT_SPAN_M) as f32)
 }
 
-/// Height of a point above the road's plane.
+/// Height of a point above the road plane, in metres.
 fn height_m(point: &Point, road: RoadLine, rig: &Rig) -> f64 {
     // The plane passes below the camera and through the horizon.
     let tilt = (road.horizon_px - rig.cy_px) / rig.focal_px;

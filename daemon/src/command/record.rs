@@ -9,6 +9,7 @@ use crate::command::error::CommandError;
 use crate::command::number::number;
 use crate::recorder::{Feed, Plan};
 use clap::Args;
+use indicatif::ProgressBar;
 use messages::header::Header;
 use messages::port::Subscriber;
 use messages::rig::RigRecord;
@@ -26,68 +27,68 @@ use tools::recording::{Limits, Report, RingLimits};
 pub const HELP: &str = "Examples:
   lookout record -o drive.mcap
   lookout record -o drive.mcap --jpeg --split-mb 500 --split-s 300
-  lookout record -o events.mcap --ring-s 20 --after-s 10     only what is around alarms
+  lookout record -o events.mcap --ring-s 20 --after-s 10     only around alarms
   lookout record -o drive.mcap --topics all --seconds 60 --json
-  lookout replay drive.mcap --lockstep --out again           what was recorded, once more
+  lookout replay drive.mcap --lockstep --out again           process the recording again
   lookout compare results again
 
-Records a running daemon without slowing it: its own process of low priority reads shared memory; what
-it misses is counted, in the file, too. Foxglove, Lichtblick and the mcap tools open the file. Stop it
-with Ctrl-C or SIGTERM; it ends with the daemon. After a loss of power, or kill -9, the file can be
-replayed up to its last chunk, about a second before.
+Records a running daemon without slowing it: a separate low-priority process reads shared memory.
+Messages that it misses are counted; the counts are also in the file. Foxglove, Lichtblick and the
+mcap tools open the file. Stop recording with Ctrl-C or SIGTERM; it also ends with the daemon. After
+a power failure or kill -9 the file can be replayed up to its last chunk, about one second earlier.
 
-Images are recorded as they are (--raw), without loss as PNG (--png; more work), or as JPEG (--jpeg;
-least bytes, for looking at). --split-mb and --split-s begin new files, drive_0001.mcap and so on,
-each of which stands alone; so does every alarm with --ring-s. --topics: images (and calibration),
-obstacles, scene (boxes in space), points (point cloud, twice a second), status; or all.";
+Images are stored uncompressed (--raw), lossless as PNG (--png; more CPU time) or lossy as JPEG
+(--jpeg; smallest, for viewing). --split-mb and --split-s start new files, drive_0001.mcap and so
+on, each complete in itself; with --ring-s every alarm starts a new file. --topics: images (with
+calibration), obstacles, scene (3D boxes), points (point cloud, twice a second), status; or all.";
 
 #[derive(Args, Debug)]
 pub struct Record {
-    /// The file, FILE.mcap; with --split-mb, --split-s or --ring-s FILE_0001.mcap and so on
+    /// Output file; with --split-mb, --split-s or --ring-s FILE_0001.mcap and so on
     #[arg(short, long, value_name = "FILE.mcap")]
     pub out: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Images as they are: the default
+    /// Store images uncompressed (default)
     #[arg(long)]
     pub raw: bool,
-    /// Images as PNG
+    /// Store images as PNG
     #[arg(long, conflicts_with = "raw")]
     pub png: bool,
-    /// Images as JPEG
+    /// Store images as JPEG
     #[arg(long, conflicts_with_all = ["raw", "png"])]
     pub jpeg: bool,
-    /// What is recorded: words with commas
+    /// Topics to record, separated by commas
     #[arg(long, value_name = "LIST", default_value_t = Choice::default())]
     pub topics: Choice,
-    /// A new file after this many MB
+    /// Start a new file after this many MB
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub split_mb: Option<u64>,
-    /// A new file after this many seconds
+    /// Start a new file after this many seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub split_s: Option<f64>,
-    /// Keeps the last N seconds in memory and records them when an alarm comes
+    /// Keep the last N seconds in memory and write them when an alarm is raised
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub ring_s: Option<f64>,
-    /// With --ring-s: how long is recorded after the last frame of an alarm
+    /// With --ring-s: seconds to record after the last frame of an alarm
     #[arg(long, value_name = "N", default_value_t = 10.0, value_parser = seconds, requires = "ring_s")]
     pub after_s: f64,
-    /// With --ring-s: the most memory, in MB
+    /// With --ring-s: memory limit, in MB
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u64).range(1..=65_536), requires = "ring_s")]
     pub ring_mb: u64,
-    /// The recording ends when fewer MB are free on the disk
+    /// End the recording when less than this many MB are free on the disk
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     pub min_free_mb: u64,
-    /// Ends after this many seconds
+    /// End after this many seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub seconds: Option<f64>,
-    /// Print what was recorded as JSON
+    /// Print the report of the recording as JSON
     #[arg(long)]
     pub json: bool,
 }
 
 impl Record {
-    /// How images are recorded.
+    /// Format of recorded images.
     pub fn form(&self) -> ImageForm {
         match (self.png, self.jpeg) {
             (true, _) => ImageForm::Png,
@@ -101,20 +102,21 @@ fn seconds(text: &str) -> Result<f64, String> {
     number(text, 0.1, 1e6)
 }
 
-/// How long the daemon may take to say what its frames are, or be silent.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// A daemon that sends no status for this long counts as ended; also the time limit for its first status.
+const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// After this silence the recorder looks whether the daemon is still there; its status comes once a second.
+/// After this time without a status it is checked whether the daemon still runs. A status is sent once a
+/// second.
 const SILENCE: Duration = Duration::from_millis(1500);
 
-/// How often the recorder looks around when nothing comes.
+/// Longest wait between two checks of signals and time limits.
 const TICK: Duration = Duration::from_millis(200);
 
 pub fn run(args: &Record, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "record", Some("warn"))?;
-    // Never in the way of a stage: without the right to a lower priority it goes on with this one.
+    // Must not compete with a stage. If the priority cannot be lowered, recording continues at the current one.
     let _ = rustix::process::nice(19);
-    // A file that reaches the process's limit is an error of its write, not the end of the process.
+    // A write beyond the file size limit shall fail with an error instead of killing the process.
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))
         .map_err(|e| CommandError::Other(format!("cannot catch signals: {e}")))?;
     let attached = attach(&config, "record")?;
@@ -134,7 +136,7 @@ pub fn run(args: &Record, log: Option<&str>) -> Result<(), CommandError> {
     };
     let feed = Feed::start(&args.out, plan, rig, (frames.width, frames.height), false)?;
     let (report, reason) = listen(args, &attached, statuses, feed)?;
-    tell(args, &report, &reason)
+    print(args, &report, &reason)
 }
 
 fn limits(args: &Record) -> Limits {
@@ -151,7 +153,7 @@ fn limits(args: &Record) -> Limits {
     }
 }
 
-/// What the daemon's frames are; it says so once a second, and at once to who comes late.
+/// Waits for the rig and frame size in the daemon's status, which is sent once a second and on connecting.
 fn await_rig(attached: &Attached, statuses: &Subscriber) -> Result<RigRecord, CommandError> {
     let start = Instant::now();
     let mut found = None;
@@ -164,101 +166,131 @@ fn await_rig(attached: &Attached, statuses: &Subscriber) -> Result<RigRecord, Co
                 return Ok(Next::Stop);
             }
         }
-        if attached.stop.load(Ordering::Relaxed) || start.elapsed() > PATIENCE {
+        if attached.stop.load(Ordering::Relaxed) || start.elapsed() > TIMEOUT {
             return Ok(Next::Stop);
         }
         Ok(Next::Wait(TICK))
     })?;
-    let silent =
-        || CommandError::Other("the daemon does not say what its frames are: is it starting?".into());
+    let silent = || CommandError::Other("the daemon does not report its frame size: is it starting?".into());
     found.ok_or_else(silent)
 }
 
-/// Records until a signal, the time given, the daemon's end, or the disk's.
+/// Records until a signal, the time limit, the end of the daemon, or an error of the disk.
 fn listen(
     args: &Record,
     attached: &Attached,
     statuses: Subscriber,
-    mut feed: Feed,
+    feed: Feed,
 ) -> Result<(Report, String), CommandError> {
     let pairs = attached.bus.subscriber(&service::PAIR)?;
     let results = attached.bus.subscriber(&service::OBSTACLES)?;
     let depths = args.topics.points.then(|| attached.bus.subscriber(&service::DEPTH)).transpose()?;
     let mut sources: Vec<&Subscriber> = vec![&pairs, &results, &statuses];
     sources.extend(&depths);
-    let bar = progress(None, "frames");
     let start = Instant::now();
-    let mut heard = Instant::now();
-    let mut is_short = false;
+    let mut last_status = Instant::now();
+    let mut session = Session { feed, bar: progress(None, "frames"), ring_mb: args.ring_mb, is_short: false };
     let mut ended = "asked to stop";
-    let refuse = |header: &Header, error: &dyn std::fmt::Display| {
-        tracing::warn!(sequence = header.sequence, %error, "a message was refused");
-    };
     wait::run::<CommandError>(&sources, || {
-        // Pairs first: they are overtaken first. Each is let go of as soon as it is encoded.
-        if let Some(sample) = pairs.receive()? {
-            match pair::view(sample.header(), sample.payload()) {
-                Ok(pair) => feed
-                    .pair(sample.header(), &pair)
-                    .map_err(|e| CommandError::Other(format!("an image cannot be compressed: {e}")))?,
-                Err(error) => refuse(sample.header(), &error),
-            }
-        }
-        feed.missed("pair", pairs.take_missed());
-        if let Some(sample) = results.receive()? {
-            match obstacles::view(sample.header(), sample.payload()) {
-                Ok(message) => feed.obstacles(sample.header(), &message),
-                Err(error) => refuse(sample.header(), &error),
-            }
-        }
-        feed.missed("obstacles", results.take_missed());
+        // Pairs first: their places in shared memory are reused first.
+        session.take_pair(&pairs)?;
+        session.take_result(&results)?;
         if let Some(depths) = &depths {
-            // Clouds are taken now and then: what is overtaken in between is no loss.
-            if let Some(sample) = depths.receive()? {
-                match depth::view(sample.header(), sample.payload()) {
-                    Ok(depth) => feed.depth(sample.header(), &depth),
-                    Err(error) => refuse(sample.header(), &error),
-                }
-            }
+            session.take_depth(depths)?;
         }
-        if let Some(sample) = statuses.receive()? {
-            heard = Instant::now();
-            if let Ok(status) = status::view(sample.header(), sample.payload()) {
-                feed.status(&status);
-            }
-            let report = feed.report();
-            bar.set_position(report.frames);
-            bar.set_message(format!("{} MB, {} lost", report.bytes >> 20, report.lost.values().sum::<u64>()));
-            if feed.is_short() && !is_short {
-                is_short = true;
-                tracing::warn!(
-                    mb = args.ring_mb,
-                    "the ring is shorter than asked: raise --ring-mb, or take --jpeg"
-                );
-            }
+        if session.take_status(&statuses)? {
+            last_status = Instant::now();
         }
-        if feed.is_over() {
-            return Ok(Next::Stop);
-        }
-        if attached.stop.load(Ordering::Relaxed) {
+        if session.feed.is_over() || attached.stop.load(Ordering::Relaxed) {
             return Ok(Next::Stop);
         }
         if args.seconds.is_some_and(|seconds| start.elapsed().as_secs_f64() >= seconds) {
             ended = "its time is up";
             return Ok(Next::Stop);
         }
-        let silence = heard.elapsed();
-        if silence > PATIENCE || (silence > SILENCE && !attached.instance.is_running()) {
+        let silence = last_status.elapsed();
+        if silence > TIMEOUT || (silence > SILENCE && !attached.instance.is_running()) {
             ended = "the daemon has ended";
             return Ok(Next::Stop);
         }
         Ok(Next::Wait(TICK))
     })?;
-    bar.finish_and_clear();
-    Ok((feed.finish(ended)?, ended.to_owned()))
+    session.bar.finish_and_clear();
+    Ok((session.feed.finish(ended)?, ended.to_owned()))
 }
 
-fn tell(args: &Record, report: &Report, reason: &str) -> Result<(), CommandError> {
+/// A recording in progress. Each message is released as soon as it is encoded.
+struct Session {
+    feed: Feed,
+    bar: ProgressBar,
+    ring_mb: u64,
+    /// Whether the user was warned that the ring is shorter than requested.
+    is_short: bool,
+}
+
+impl Session {
+    fn take_pair(&mut self, pairs: &Subscriber) -> Result<(), CommandError> {
+        if let Some(sample) = pairs.receive()? {
+            match pair::view(sample.header(), sample.payload()) {
+                Ok(pair) => self
+                    .feed
+                    .pair(sample.header(), &pair)
+                    .map_err(|e| CommandError::Other(format!("cannot compress an image: {e}")))?,
+                Err(error) => warn_refused(sample.header(), &error),
+            }
+        }
+        self.feed.missed("pair", pairs.take_missed());
+        Ok(())
+    }
+
+    fn take_result(&mut self, results: &Subscriber) -> Result<(), CommandError> {
+        if let Some(sample) = results.receive()? {
+            match obstacles::view(sample.header(), sample.payload()) {
+                Ok(message) => self.feed.obstacles(sample.header(), &message),
+                Err(error) => warn_refused(sample.header(), &error),
+            }
+        }
+        self.feed.missed("obstacles", results.take_missed());
+        Ok(())
+    }
+
+    /// Missed depth messages are not counted: clouds are recorded at a lower rate than depth is published.
+    fn take_depth(&mut self, depths: &Subscriber) -> Result<(), CommandError> {
+        if let Some(sample) = depths.receive()? {
+            match depth::view(sample.header(), sample.payload()) {
+                Ok(depth) => self.feed.depth(sample.header(), &depth),
+                Err(error) => warn_refused(sample.header(), &error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns whether there was a status.
+    fn take_status(&mut self, statuses: &Subscriber) -> Result<bool, CommandError> {
+        let Some(sample) = statuses.receive()? else { return Ok(false) };
+        if let Ok(status) = status::view(sample.header(), sample.payload()) {
+            self.feed.status(&status);
+        }
+        let report = self.feed.report();
+        self.bar.set_position(report.frames);
+        let lost = report.lost.values().sum::<u64>();
+        self.bar.set_message(format!("{} MB, {lost} lost", report.bytes >> 20));
+        if self.feed.is_short() && !self.is_short {
+            self.is_short = true;
+            tracing::warn!(
+                mb = self.ring_mb,
+                "the ring holds less time than requested: raise --ring-mb, or use --jpeg"
+            );
+        }
+        Ok(true)
+    }
+}
+
+fn warn_refused(header: &Header, error: &dyn std::fmt::Display) {
+    tracing::warn!(sequence = header.sequence, %error, "a message was refused");
+}
+
+fn print(args: &Record, report: &Report, reason: &str) -> Result<(), CommandError> {
     if args.json {
         let mut document = serde_json::to_value(report)?;
         if let Some(document) = document.as_object_mut() {

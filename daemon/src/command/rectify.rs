@@ -1,4 +1,4 @@
-//! `lookout rectify` and `lookout rig`.
+//! `lookout rectify`.
 
 use crate::command::console::say;
 use crate::command::disparity::read_pair;
@@ -13,19 +13,20 @@ use tools::reporting::picture::save_grey;
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Example:
-  lookout rectify rig.toml left.png right.png -o seen
+  lookout rectify rig.toml left.png right.png -o rectified
 
-Writes left.png, right.png and lines.png: both pictures before (above) and after, with lines across.";
+Writes left.png and right.png, rectified, and lines.png: both images before (above) and after
+rectification, with horizontal lines to check the row alignment.";
 
 #[derive(Args, Debug)]
 pub struct Rectify {
     /// Rig file
     pub rig: PathBuf,
-    /// Left picture, as the camera took it
+    /// Left image, not rectified
     pub left: PathBuf,
-    /// Right picture
+    /// Right image, not rectified
     pub right: PathBuf,
-    /// Folder for left.png, right.png and lines.png
+    /// Output folder
     #[arg(short, long, value_name = "DIR")]
     pub out: PathBuf,
 }
@@ -36,7 +37,7 @@ pub fn run(args: &Rectify) -> Result<(), CommandError> {
     let (w, h) = rig.size();
     if (w, h) != (width, height) {
         return Err(CommandError::Other(format!(
-            "{} is {width}x{height}, but {} was calibrated at {w}x{h}: give pictures of that size",
+            "{} is {width}x{height}, but {} was calibrated at {w}x{h}: give images of that size",
             args.left.display(),
             args.rig.display()
         )));

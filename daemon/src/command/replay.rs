@@ -27,21 +27,22 @@ pub const HELP: &str = "Examples:
   lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
   lookout replay scene:my/road.toml
 
-PATH holds two folders with images of the same names: image_2 and image_3, image_0 and image_1,
-image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
-image_01/data. The calibration is taken from rig.toml, calib.txt or calib/NAME.txt beside them.
+PATH is a folder with two folders of images with the same names: image_2 and image_3, image_0 and
+image_1, image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
+image_01/data. The calibration is read from rig.toml, calib.txt or calib/NAME.txt beside them.
 
 PATH may also be an MCAP file: a recording of lookout record, or a ROS 2 bag with two image topics
-whose names differ by left and right, and their camera_info. One that was cut off is read up to its
-last whole chunk.
+whose names differ by left and right, and their camera_info. A truncated file is read up to its last
+complete chunk.
 
-scene:NAME is a synthetic scene with its own rig: one that ships (drive, street, crest, dip, slope,
-bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
-debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings may follow:
-?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper or kitti.
+scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street, crest, dip,
+slope, bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear,
+green-belt, cone, debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings
+may follow: ?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N;
+rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
-(a line per frame) and summary.json.";
+(one line per frame) and summary.json.";
 
 #[derive(Args, Debug)]
 pub struct Replay {
@@ -49,13 +50,13 @@ pub struct Replay {
     pub path: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Pairs per second [default: the recording's own rate]
+    /// Pairs per second [default: the rate of the recording]
     #[arg(long, value_name = "N", value_parser = fps, conflicts_with = "lockstep")]
     pub fps: Option<f64>,
-    /// Every frame, one at a time: the same result every time
+    /// Process every frame, one at a time: results are reproducible byte for byte
     #[arg(long)]
     pub lockstep: bool,
-    /// Start again at the end
+    /// Start over at the end of the recording
     #[arg(long = "loop", requires = "limit")]
     pub repeat: bool,
     /// Stop after this many pairs
@@ -67,10 +68,10 @@ pub struct Replay {
     /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Also records the run to an MCAP file; with --lockstep without loss
+    /// Also record the run to an MCAP file; with --lockstep without loss
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "in_process")]
     pub record: Option<PathBuf>,
-    /// The same algorithms in this process, without shared memory
+    /// Run the same stages in this process, without shared memory
     #[arg(long, conflicts_with_all = ["fps", "lockstep", "instance"])]
     pub in_process: bool,
     /// Print the summary as JSON
@@ -78,7 +79,7 @@ pub struct Replay {
     pub json: bool,
 }
 
-/// A path that starts so names a scene.
+/// Prefix of a path that names a scene.
 const SCENE: &str = "scene:";
 
 pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
@@ -113,14 +114,14 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
         None if outcome.was_stopped => {
             let frames = outcome.summary.frames;
             Err(CommandError::Other(format!(
-                "stopped by a signal after {frames} frames: the results end there"
+                "stopped by a signal after {frames} frames: results are incomplete"
             )))
         }
         None => Ok(()),
     }
 }
 
-/// Takes pairs from a folder, or from `scene:NAME`.
+/// Configures the source from a folder, an MCAP file or `scene:NAME`.
 pub fn set_source(config: &mut Config, path: &Path) {
     match path.to_str().and_then(|path| path.strip_prefix(SCENE)) {
         Some(scene) => {
@@ -149,7 +150,7 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
     }
 }
 
-/// The same frames through the same rooms, one after the other.
+/// Runs the same stages as the daemon in this process, frame by frame.
 fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     let mut pipeline = Pipeline::open(config)?;
     let count = pipeline.count().unwrap_or(u64::MAX);

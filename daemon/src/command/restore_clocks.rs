@@ -12,8 +12,9 @@ use messages::instance::Instance;
 pub const HELP: &str = "Examples:
   lookout restore-clocks -c /etc/lookout/lookout.toml
 
-The daemon puts clocks back by itself when it ends. This is for one that was killed; the service
-runs it after every stop. Without anything to put back it does nothing and succeeds.";
+The daemon restores the clocks itself when it ends. This command is for a daemon that was killed;
+the systemd service runs it after every stop. If there is nothing to restore it does nothing and
+succeeds.";
 
 #[derive(Args, Debug)]
 pub struct RestoreClocks {
@@ -26,17 +27,17 @@ pub fn run(args: &RestoreClocks, log: Option<&str>) -> Result<(), CommandError> 
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
     if instance.is_running() {
         return Err(CommandError::Other(format!(
-            "the daemon \"{}\" is running and puts its clocks back itself when it ends",
+            "the daemon \"{}\" is running and restores the clocks itself when it ends",
             instance.name()
         )));
     }
     let file = clocks::state_file(instance.directory());
     match clocks::restore(&Sysfs::new(&config.board.sysfs), &file)? {
         Some(count) => {
-            // The folder of a run that was killed is not needed any more, unless it holds more.
+            // Removes the folder of the killed run only if it is empty now.
             let _ = std::fs::remove_dir(instance.directory());
-            say(format_args!("clocks put back: {count}"))
+            say(format_args!("clocks restored: {count}"))
         }
-        None => say("no clocks to put back"),
+        None => say("no clocks to restore"),
     }
 }

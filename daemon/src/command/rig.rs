@@ -19,16 +19,16 @@ pub struct RigCommand {
     /// camera_info, left first
     #[arg(required = true, value_name = "FILE", num_args = 1..=2)]
     pub files: Vec<PathBuf>,
-    /// Writes it in another format
+    /// Output file, in the format of --format
     #[arg(short, long, value_name = "FILE", requires = "format")]
     pub out: Option<PathBuf>,
-    /// The format
+    /// Output format
     #[arg(long, value_enum, requires = "out")]
     pub format: Option<FormatChoice>,
-    /// Size of the pictures, for files that do not tell
+    /// Image size, for files that do not contain it
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<(usize, usize)>,
-    /// How cameras that come without a rectification are rectified
+    /// Field of view of the rectified images, for calibrations without a rectification
     #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
     pub crop: CropChoice,
 }

@@ -23,13 +23,14 @@ pub const HELP: &str = "Examples:
   lookout train --positives vehicles --negatives others -o v.xml --features haar --window 24x20
   lookout train --positives vehicles --negatives others -o v.xml --sweep
 
-Each picture of --positives holds one object that fills it; those of --negatives hold none and may
-have any size from the window's on: windows are cut out of them. Of every folder below, the last
-part judges and is not learned from (--validation): keep pictures of one drive in one folder, in
-order. The same pictures and options give the same cascade, on any number of threads.
+Each picture of --positives shows one object that fills it. Pictures of --negatives show none and
+may have any size from the window size up; windows are sampled from them. The last part of every
+folder is held out for validation and not trained on (--validation): keep the pictures of one
+drive in one folder, in order. The same pictures and options give the same cascade on any number
+of threads.
 
-A run that is stopped goes on where it was when it is started again; its stages are kept in
-CASCADE.part. The cascade is OpenCV's XML.";
+An interrupted run resumes when it is started again; finished stages are kept in CASCADE.part. The
+cascade is written as OpenCV XML.";
 
 /// Defaults are those of `tools::training::TrainParameters::usual`.
 #[derive(Args, Debug)]
@@ -40,93 +41,93 @@ pub struct Train {
     /// Pictures without objects; may be repeated
     #[arg(long, value_name = "DIR", required = true)]
     pub negatives: Vec<PathBuf>,
-    /// Where the cascade is written
+    /// Output file
     #[arg(short, long, value_name = "CASCADE.xml")]
     pub out: PathBuf,
-    /// What trees look at
+    /// Kind of features
     #[arg(long, value_enum, default_value_t = FeatureChoice::Lbp)]
     pub features: FeatureChoice,
-    /// Stages, at most
+    /// Maximum number of stages
     #[arg(long, default_value_t = 17, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=100))]
     pub stages: u16,
-    /// Decisions from the root of a tree to a leaf, at most
+    /// Maximum depth of a tree: decisions from the root to a leaf
     #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=6))]
     pub max_depth: u32,
-    /// Window, in pixels
+    /// Size of the detection window, in pixels
     #[arg(long, default_value = "24x24", value_name = "WxH", value_parser = window)]
     pub window: (u16, u16),
-    /// Share of the objects that each stage lets pass
+    /// Share of the objects that each stage accepts (hit rate)
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub hit_rate: Option<f64>,
-    /// A stage is done when no more than this share of the rest passes
+    /// A stage is complete when it accepts at most this share of the negatives
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub false_alarm_rate: Option<f64>,
-    /// Or when it has this many trees of its own
+    /// Maximum number of trees that a stage adds
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=5000))]
     pub max_trees: Option<u16>,
-    /// Share of the judging objects that the last stage lets pass; the stages before are then set to refuse hardly
-    /// any of those (--refused-early)
+    /// Share of the validation objects that the last stage accepts; thresholds of the earlier stages are
+    /// then set so that they reject hardly any of those (--refused-early)
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub final_hit_rate: Option<f64>,
-    /// Share of the judging patches without objects that the last stage takes for objects; the stages before are
-    /// then set to refuse hardly any object that it would find
+    /// Share of the validation negatives that the last stage accepts; thresholds of the earlier stages are
+    /// then set so that they reject hardly any object that it would accept
     #[arg(long, value_name = "SHARE", value_parser = rate, conflicts_with = "final_hit_rate")]
     pub final_false_alarm_rate: Option<f64>,
-    /// With either: share of the objects that the last stage would find that the first may refuse, later ones less;
-    /// more makes detection faster
+    /// With either: share of the objects accepted by the last stage that the first stage may reject; later
+    /// stages may reject less. A larger share makes detection faster
     #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = rate)]
     pub refused_early: f64,
-    /// Share of each folder, its last pictures, that judges stages instead of being learned from;
-    /// 0 judges by what was learned
+    /// Share of each folder, its last pictures, that is held out for validation; 0 validates on the
+    /// training pictures
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub validation: Option<f64>,
-    /// Varied windows made of each object, besides the object as it is
+    /// Augmented windows per object, in addition to the unchanged one
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub variants: Option<u16>,
-    /// How much objects are varied: 0 not at all, 1 as usual, 2 twice as much
+    /// Strength of the augmentation: 0 none, 1 default, 2 twice as strong
     #[arg(long, default_value_t = 1.0, value_name = "F", value_parser = strength)]
     pub variation: f64,
-    /// Windows without objects that each stage learns from
+    /// Negative windows per stage
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1_000_000))]
     pub negative_windows: Option<u32>,
-    /// Features that a stage chooses from, drawn anew for each
+    /// Candidate features per stage, drawn at random for each
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub pool: Option<u32>,
-    /// How much of a tree's values is added
+    /// Learning rate: factor on the values of a new tree
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     pub learning_rate: Option<f64>,
-    /// Least share of the weight in a leaf
+    /// Minimum share of the weight in a leaf
     #[arg(long = "least-leaf", value_name = "SHARE", value_parser = rate)]
     pub min_leaf: Option<f64>,
-    /// A leaf's mean is drawn to 0 as by this many samples
+    /// Shrinkage of a leaf's mean towards 0, in samples
     #[arg(long, value_name = "SAMPLES", value_parser = prior)]
     pub leaf_prior: Option<f64>,
-    /// An LBP code's mean is drawn to its node's as by this many samples
+    /// Shrinkage of an LBP code's mean towards that of its node, in samples
     #[arg(long, value_name = "SAMPLES", value_parser = prior)]
     pub category_prior: Option<f64>,
-    /// Cascades that are trained and joined to one, each with random numbers of its own: fewer mistakes, but as
-    /// many times the work and the trees
+    /// Number of cascades that are trained with different random numbers and merged into one (bagging):
+    /// fewer errors, but training time and trees grow by this factor
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=50), conflicts_with = "unchained")]
     pub bags: u16,
-    /// Each stage begins from nothing instead of with the trees of the one before
+    /// Start each stage without the trees of the previous one
     #[arg(long)]
     pub unchained: bool,
-    /// Random numbers come from this
+    /// Seed of the random numbers
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub seed: u64,
-    /// Threads [default: those of the machine]
+    /// Threads [default: all of the machine]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub threads: Option<u16>,
-    /// Folder for figures and plots: stages, ROC, features on the mean object
+    /// Folder for a report with plots: stages, ROC, features on the mean object
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
-    /// Forgets the stages of a run that was stopped
+    /// Discard the stages of an interrupted run
     #[arg(long)]
     pub restart: bool,
-    /// Prints the paper's tables, stages x depth and growth x window, instead of writing a cascade
+    /// Print the paper's tables, stages x depth and scale factor x window, instead of writing a cascade
     #[arg(long, conflicts_with_all = ["restart", "report"])]
     pub sweep: bool,
-    /// Prints what each measure of the trainer is worth, judged by the last 30 % of each folder, instead of
+    /// Print an ablation of the trainer's measures, evaluated on the last 30 % of each folder, instead of
     /// writing a cascade
     #[arg(long, conflicts_with_all = ["restart", "report", "sweep"])]
     pub ablation: bool,
@@ -135,14 +136,14 @@ pub struct Train {
     pub json: bool,
 }
 
-/// Which features.
+/// Kind of features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FeatureChoice {
     /// Multi-block local binary patterns: fast
     Lbp,
     /// Upright Haar features
     Haar,
-    /// Haar features, tilted ones too
+    /// Upright and tilted Haar features
     HaarTilted,
 }
 
@@ -163,7 +164,7 @@ fn window(text: &str) -> Result<(u16, u16), String> {
         text.split_once('x').and_then(|(w, h)| Some((w.parse::<u16>().ok()?, h.parse::<u16>().ok()?)));
     match sides {
         Some((w, h)) if (8..=64).contains(&w) && (8..=64).contains(&h) => Ok((w, h)),
-        _ => Err("give WIDTHxHEIGHT, each from 8 to 64, as in 24x24".into()),
+        _ => Err("give WIDTHxHEIGHT, each from 8 to 64, for example 24x24".into()),
     }
 }
 
@@ -173,10 +174,13 @@ struct Figures {
     negatives: usize,
     stages: Vec<StageFigures>,
     trees: usize,
-    /// Hardly any window without object was left before all stages were trained.
+    /// Training ended before all stages because hardly any negative window passed the stages so far.
     exhausted: bool,
     wall_s: f64,
     cpu_s: f64,
+    /// Stages of the cascade that was written; `stages` has those of every bag.
+    #[serde(skip)]
+    cascade_stages: usize,
     validation: Option<DetectionReport>,
 }
 
@@ -186,9 +190,9 @@ fn parameters(args: &Train) -> TrainParameters {
         FeatureChoice::Haar => FeatureKind::Haar,
         FeatureChoice::HaarTilted => FeatureKind::HaarTilted,
     });
-    fn set<T>(place: &mut T, value: Option<impl Into<T>>) {
+    fn set<T>(target: &mut T, value: Option<impl Into<T>>) {
         if let Some(value) = value {
-            *place = value.into();
+            *target = value.into();
         }
     }
     p.window = args.window;
@@ -222,13 +226,14 @@ fn parameters(args: &Train) -> TrainParameters {
     p
 }
 
-/// Shows what happens: a bar on a terminal, a line per stage anywhere.
+/// Shows the progress: a bar on a terminal, and a line per stage.
 struct Show {
     bar: ProgressBar,
     begin: Instant,
-    /// Of each bag.
+    /// Stages of each bag.
     stages: usize,
     bags: usize,
+    /// The stage that this run started with; later than 0 if it was resumed.
     first: Option<usize>,
 }
 
@@ -248,14 +253,15 @@ impl Show {
         Self { bar, begin: Instant::now(), stages: p.stages, bags: p.bags, first: None }
     }
 
-    /// Stages take about as long as those before; `within` is how much of stage `index` is done.
-    fn left(&mut self, index: usize, within: f64) -> String {
+    /// Estimate of the time left, if each stage takes as long as those before. `within` is the finished
+    /// share of stage `index`.
+    fn time_left(&mut self, index: usize, within: f64) -> String {
         let first = *self.first.get_or_insert(index);
         let done = (index - first) as f64 + within;
         if done < 0.2 {
             return "time left unknown".into();
         }
-        // A row of the ablation may have more bags than were asked for.
+        // A row of the ablation may have more bags than requested.
         let to_come = ((self.stages * self.bags) as f64 - first as f64 - done).max(0.0);
         let left = self.begin.elapsed().as_secs_f64() * to_come / done;
         if left >= 90.0 {
@@ -269,11 +275,11 @@ impl Show {
         match event {
             Progress::Stage { index, acceptance } => {
                 self.bar.set_position(index as u64);
-                let left = self.left(index, 0.0);
-                self.bar.set_message(format!("{name}reached by {acceptance:.1e}, {left}"));
+                let left = self.time_left(index, 0.0);
+                self.bar.set_message(format!("{name}acceptance so far {acceptance:.1e}, {left}"));
             }
             Progress::Tree { stage, trees, false_alarm_rate } => {
-                let left = self.left(stage, trees as f64 / max_trees as f64);
+                let left = self.time_left(stage, trees as f64 / max_trees as f64);
                 let alarms = 100.0 * false_alarm_rate;
                 self.bar.set_message(format!("{name}{trees} trees, {alarms:.0} % false alarms, {left}"));
             }
@@ -281,7 +287,7 @@ impl Show {
                 let done = bag * self.stages + cascade.stages.len();
                 let bag = if self.bags > 1 || bag > 0 { format!("bag {}: ", bag + 1) } else { String::new() };
                 let line = format!(
-                    "{name}{bag}stage {} of {}: {} trees, {:.2} % hits, {:.1} % false alarms, reached by {:.1e}",
+                    "{name}{bag}stage {} of {}: {} trees, {:.2} % hits, {:.1} % false alarms, acceptance {:.1e}",
                     cascade.stages.len(),
                     self.stages,
                     figures.trees,
@@ -290,7 +296,7 @@ impl Show {
                     figures.acceptance
                 );
                 if self.bar.is_hidden() {
-                    let left = self.left(done, 0.0);
+                    let left = self.time_left(done, 0.0);
                     eprintln!("{line}, {left}");
                 } else {
                     self.bar.println(line);
@@ -300,10 +306,47 @@ impl Show {
     }
 }
 
-/// Share of each folder that judges the ablation.
+/// Share of each folder that is held out to evaluate the ablation.
 const HELD_OUT: f64 = 0.3;
 
-fn ablation_table(args: &Train, p: &TrainParameters) -> Result<(), CommandError> {
+/// The pictures of `--positives` and `--negatives`, split into training and validation.
+struct Pictures {
+    objects: Split,
+    rest: Split,
+}
+
+impl Pictures {
+    fn read(args: &Train, validation: f64) -> Result<Self, CommandError> {
+        let objects = pictures::split(pictures::read(&args.positives)?, validation);
+        let mut rest = Split::default();
+        for folder in &args.negatives {
+            let part = pictures::split(pictures::read(folder)?, validation);
+            rest.training.extend(part.training);
+            rest.validation.extend(part.validation);
+        }
+        Ok(Self { objects, rest })
+    }
+}
+
+pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
+    crate::logging::start("train", log.unwrap_or("info"));
+    let p = parameters(args);
+    if args.ablation {
+        return print_ablation(args, &p);
+    }
+    let pictures = Pictures::read(args, p.validation)?;
+    if args.sweep {
+        return print_sweep(args, &p, &pictures);
+    }
+    let figures = train_cascade(args, &p, &pictures)?;
+    if args.json {
+        return say(serde_json::to_string_pretty(&figures)?);
+    }
+    print_figures(args, &figures)
+}
+
+/// `--ablation`: prints the table instead of writing a cascade.
+fn print_ablation(args: &Train, p: &TrainParameters) -> Result<(), CommandError> {
     let mut rest = Vec::new();
     for folder in &args.negatives {
         rest.extend(pictures::read(folder)?);
@@ -317,48 +360,39 @@ fn ablation_table(args: &Train, p: &TrainParameters) -> Result<(), CommandError>
     if args.json { say(serde_json::to_string_pretty(&table)?) } else { say(table.text()) }
 }
 
-pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
-    crate::logging::start("train", log.unwrap_or("info"));
-    let p = parameters(args);
-    if args.ablation {
-        return ablation_table(args, &p);
-    }
-    let objects = pictures::split(pictures::read(&args.positives)?, p.validation);
-    let mut rest = Split::default();
-    for folder in &args.negatives {
-        let part = pictures::split(pictures::read(folder)?, p.validation);
-        rest.training.extend(part.training);
-        rest.validation.extend(part.validation);
-    }
-    let mut show = Show::new(&p);
-    if args.sweep {
-        let sweep = sweep::sweep(&p, &objects, &rest, &mut |depth, event| {
-            show.event(&format!("depth {depth}: "), event, p.stage.max_trees);
-        })?;
-        show.bar.finish_and_clear();
-        return if args.json { say(serde_json::to_string_pretty(&sweep)?) } else { say(sweep.text()) };
-    }
+/// `--sweep`: prints the paper's tables instead of writing a cascade.
+fn print_sweep(args: &Train, p: &TrainParameters, pictures: &Pictures) -> Result<(), CommandError> {
+    let mut show = Show::new(p);
+    let sweep = sweep::sweep(p, &pictures.objects, &pictures.rest, &mut |depth, event| {
+        show.event(&format!("depth {depth}: "), event, p.stage.max_trees);
+    })?;
+    show.bar.finish_and_clear();
+    if args.json { say(serde_json::to_string_pretty(&sweep)?) } else { say(sweep.text()) }
+}
+
+/// Trains a cascade, resuming from its checkpoint if there is one, and writes it with its report.
+fn train_cascade(args: &Train, p: &TrainParameters, pictures: &Pictures) -> Result<Figures, CommandError> {
+    let Pictures { objects, rest } = pictures;
+    let mut show = Show::new(p);
     let with = TrainedWith {
         hit_rate: p.stage.hit_rate,
         false_alarm_rate: p.stage.false_alarm_rate,
         max_depth: p.stage.tree.max_depth,
         max_trees: u32::try_from(p.stage.max_trees * p.stages * p.bags).unwrap_or(u32::MAX),
     };
-    let checkpoint = Checkpoint::new(&args.out, &p, &objects, &rest);
+    let checkpoint = Checkpoint::new(&args.out, p, objects, rest);
     if args.restart {
         checkpoint.remove()?;
     }
     let begun = checkpoint.load()?.unwrap_or_default();
     if !begun.figures.is_empty() {
-        eprintln!("going on after stage {} of {}", begun.figures.len(), checkpoint.path().display());
+        eprintln!("resuming after stage {} of {}", begun.figures.len(), checkpoint.path().display());
     }
     let mut figures = begun.figures.clone();
-    let (positives, negatives) =
-        (objects.training.len() + objects.validation.len(), rest.training.len() + rest.validation.len());
     let mut failed = None;
     let mut kept = begun.clone();
     let cpu = messages::clock::process_cpu_ns();
-    let trained = train(&p, objects.clone(), rest.clone(), begun.cascades, &mut |event| {
+    let trained = train(p, objects.clone(), rest.clone(), begun.cascades, &mut |event| {
         show.event("", event, p.stage.max_trees);
         if let Progress::Done { bag, cascade, figures } = event {
             kept.cascades.truncate(bag);
@@ -369,13 +403,13 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
     })?;
     show.bar.finish_and_clear();
     if let Some(error) = failed {
-        // Training went on without: the cascade matters more than the checkpoint.
-        tracing::warn!(%error, "the stages could not be kept while training");
+        // Not fatal: the cascade matters more than the checkpoint.
+        tracing::warn!(%error, "the checkpoint could not be saved while training");
     }
     figures.extend(trained.stages);
     let cascade = trained.cascade;
     if cascade.stages.is_empty() {
-        let text = "not one stage could be trained: give more or larger pictures without objects";
+        let text = "no stage could be trained: give more or larger pictures without objects";
         return Err(CommandError::Other(text.into()));
     }
     std::fs::write(&args.out, xml::write(&cascade, &with))
@@ -391,26 +425,27 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
     if let Some(folder) = &args.report {
         report::write(folder, &cascade, &figures, validation.as_ref(), &objects.training)?;
     }
-    let result = Figures {
-        positives,
-        negatives,
+    Ok(Figures {
+        positives: objects.training.len() + objects.validation.len(),
+        negatives: rest.training.len() + rest.validation.len(),
         trees: cascade.trees(),
         exhausted: trained.exhausted,
         wall_s: show.begin.elapsed().as_secs_f64(),
         cpu_s: (messages::clock::process_cpu_ns() - cpu) as f64 * 1e-9,
+        cascade_stages: cascade.stages.len(),
         stages: figures,
         validation,
-    };
-    if args.json {
-        return say(serde_json::to_string_pretty(&result)?);
+    })
+}
+
+fn print_figures(args: &Train, figures: &Figures) -> Result<(), CommandError> {
+    say(report::table(&figures.stages))?;
+    if figures.exhausted {
+        say("Training ended early: hardly any window without an object passes the stages so far.")?;
     }
-    say(report::table(&result.stages))?;
-    if result.exhausted {
-        say("It ended early: hardly any window without object passes the stages it has.")?;
-    }
-    if let Some(v) = &result.validation {
+    if let Some(v) = &figures.validation {
         say(format_args!(
-            "on validation pictures: {:.2} % of {} objects found, {:.2} % of {} others taken for one",
+            "on validation pictures: {:.2} % of {} objects detected, {:.2} % of {} negatives accepted",
             100.0 * v.hit_rate,
             v.positives,
             100.0 * v.false_alarm_rate,
@@ -420,9 +455,9 @@ pub fn run(args: &Train, log: Option<&str>) -> Result<(), CommandError> {
     say(format_args!(
         "{}: {} stages, {} trees, {:.1} s, {:.1} s of processor time",
         args.out.display(),
-        cascade.stages.len(),
-        result.trees,
-        result.wall_s,
-        result.cpu_s
+        figures.cascade_stages,
+        figures.trees,
+        figures.wall_s,
+        figures.cpu_s
     ))
 }

@@ -1,4 +1,4 @@
-//! From the messages of the daemon to those of a recording.
+//! Converts the daemon's messages to those of a recording.
 
 use crate::frame_record::frame_record;
 use crate::status_json::StatusJson;
@@ -18,43 +18,43 @@ use tools::recording::{
     About, Choice, ImageForm, Item, Limits, Message, Offer, RecordError, Recorder, Report, Sink, Topic,
 };
 
-/// How often calibrations and places of the cameras are recorded, in nanoseconds.
+/// Period of calibrations and camera poses in the recording, in nanoseconds.
 const GEOMETRY_PERIOD_NS: u64 = 1_000_000_000;
 
-/// How often a cloud is recorded: it is the largest of all messages.
+/// Period of point clouds, in nanoseconds; they are the largest messages.
 const CLOUD_PERIOD_NS: u64 = 500_000_000;
 
-/// A point of every so many columns and rows.
+/// Step in columns and rows between two points of a cloud.
 const CLOUD_EVERY: usize = 2;
 
-/// How a recording is made.
+/// Parameters of a recording.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// Images as they are, PNG or JPEG.
+    /// Format of images: raw, PNG or JPEG.
     pub form: ImageForm,
-    /// What is recorded.
+    /// Topics to record.
     pub topics: Choice,
-    /// Bounds.
+    /// Limits of files, disk and ring.
     pub limits: Limits,
-    /// What the file says of the run.
+    /// Name of the daemon instance, for the metadata.
     pub instance: String,
 }
 
-/// Where messages go.
+/// Destination of encoded messages.
 enum Output {
-    /// To a thread: nobody waits for the disk, what it cannot take is lost and counted.
+    /// A writer thread: the caller never waits for the disk; messages that it cannot take are lost and counted.
     Thread(Recorder),
-    /// Straight into the file: nothing is lost, the caller waits.
+    /// The file itself: nothing is lost, but the caller waits for the disk.
     Direct(Box<Sink>),
 }
 
-/// Encodes messages and hands them on.
+/// Encodes messages and passes them to the recording.
 pub struct Feed {
     output: Output,
     plan: Plan,
     rig: Rig,
     size: (u32, u32),
-    /// Time since 1970 at which the scene's time was 0; set by the first frame.
+    /// Time since 1970 at which the source time was 0; set by the first frame.
     base_ns: Option<u64>,
     /// Time of the last frame.
     now_ns: u64,
@@ -67,10 +67,10 @@ pub struct Feed {
 }
 
 impl Feed {
-    /// A recording to `path`. With `waits` nothing is lost, and every call may wait for the disk.
+    /// Starts a recording to `path`. With `waits` nothing is lost, and every call may wait for the disk.
     ///
     /// # Errors
-    /// When it cannot be started.
+    /// If the recording cannot be started.
     pub fn start(
         path: &Path,
         plan: Plan,
@@ -112,7 +112,7 @@ impl Feed {
         })
     }
 
-    /// Number and time of a frame. Times are those of the scene, so that a replay has them, too.
+    /// Sequence and time of a frame. Times follow the source time, so that a replay reproduces them.
     fn stamp(&mut self, header: &Header) -> Stamp {
         let base_ns = *self.base_ns.get_or_insert_with(|| since_1970_ns().saturating_sub(header.source_ns));
         let time_ns = base_ns.saturating_add(header.source_ns);
@@ -139,10 +139,10 @@ impl Feed {
         self.put(Item::Message(message));
     }
 
-    /// Records a pair. One that comes again after a stage died is there already.
+    /// Records a pair. A pair that is published again after a stage died is recorded once.
     ///
     /// # Errors
-    /// When an image cannot be compressed.
+    /// If an image cannot be compressed.
     pub fn pair(&mut self, header: &Header, pair: &Pair<'_>) -> Result<(), image::ImageError> {
         if self.last_pair == Some(header.sequence) {
             return Ok(());
@@ -174,9 +174,9 @@ impl Feed {
         Ok(())
     }
 
-    /// Records what came out of a frame.
+    /// Records the results of a frame.
     pub fn obstacles(&mut self, header: &Header, message: &Obstacles<'_>) {
-        // One that takes a result back is none; the status says why.
+        // A withdrawal is not a result; the status contains its reason.
         if header.withdraws == 1 || self.last_result == Some(header.sequence) {
             return;
         }
@@ -195,7 +195,7 @@ impl Feed {
         }
     }
 
-    /// Records a point cloud, now and then.
+    /// Records a point cloud, every [`CLOUD_PERIOD_NS`].
     pub fn depth(&mut self, header: &Header, depth: &Depth<'_>) {
         let stamp = self.stamp(header);
         if !self.plan.topics.points || stamp.time_ns < self.cloud_due_ns {
@@ -210,7 +210,7 @@ impl Feed {
         self.put_message(message);
     }
 
-    /// Records the state of the daemon.
+    /// Records the status of the daemon.
     pub fn status(&mut self, status: &StatusRecord) {
         if self.plan.topics.status && self.base_ns.is_some() {
             let stamp = Stamp { sequence: 0, time_ns: self.now_ns };
@@ -218,7 +218,7 @@ impl Feed {
         }
     }
 
-    /// Counts messages that came and went unseen.
+    /// Counts messages that were replaced by newer ones before they were read.
     pub fn missed(&mut self, service: &'static str, count: u64) {
         if count == 0 {
             return;
@@ -235,7 +235,7 @@ impl Feed {
         }
     }
 
-    /// Whether the recording has ended by itself, or the disk does not follow.
+    /// Whether the recording has ended by itself, or the disk has stopped accepting data.
     pub fn is_over(&self) -> bool {
         match &self.output {
             Output::Thread(recorder) => {
@@ -245,12 +245,12 @@ impl Feed {
         }
     }
 
-    /// Number of the last pair that was taken.
+    /// Sequence of the last recorded pair.
     pub fn last_pair(&self) -> Option<u64> {
         self.last_pair
     }
 
-    /// What has been recorded so far.
+    /// Counts of what has been recorded so far.
     pub fn report(&self) -> Report {
         match &self.output {
             Output::Thread(recorder) => recorder.report(),
@@ -258,20 +258,20 @@ impl Feed {
         }
     }
 
-    /// Whether the ring is shorter than asked, for want of memory.
+    /// Whether the memory limit makes the ring shorter than requested.
     pub fn is_short(&self) -> bool {
         matches!(&self.output, Output::Thread(recorder) if recorder.is_short())
     }
 
-    /// Ends the recording.
+    /// Ends the recording and writes its metadata.
     ///
     /// # Errors
-    /// Why it ended early.
+    /// The error that ended the recording early.
     pub fn finish(self, reason: &str) -> Result<Report, RecordError> {
         match (self.output, self.error) {
             (Output::Thread(recorder), _) => recorder.finish(reason),
             (Output::Direct(mut sink), Some(error)) => {
-                // Closed as well as can be; the first reason counts.
+                // Closes the file if possible; the first error is the one to report.
                 let _ = sink.finish(&error.to_string());
                 Err(error)
             }

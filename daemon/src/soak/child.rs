@@ -1,4 +1,4 @@
-//! The daemon that is soaked: a child process with an instance of its own.
+//! The daemon under test: a child process with a separate instance.
 
 use super::error::SoakError;
 use config::Config;
@@ -13,35 +13,34 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long the daemon may take to open its shared memory.
-const OPENING: Duration = Duration::from_secs(30);
+/// Time limit for the daemon to open its shared memory.
+const START_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// How long it may take to end: its drain, its grace and some more.
-const ENDING: Duration = Duration::from_secs(60);
+/// Time limit for the daemon to stop; longer than its drain and the grace of its stages.
+const STOP_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// How often it is looked at meanwhile.
-const LOOK: Duration = Duration::from_millis(5);
+/// Period of checks while waiting.
+const CHECK_PERIOD: Duration = Duration::from_millis(5);
 
-/// A running daemon; killed when it is dropped.
+/// A running daemon; killed on drop.
 pub struct DaemonChild {
     child: Child,
     /// Its instance.
     pub instance: Instance,
-    /// When it was started.
+    /// Start time on the monotonic clock.
     pub started_ns: u64,
     log: PathBuf,
 }
 
 impl DaemonChild {
-    /// Writes `daemon.toml` to a folder and starts the daemon with it; what it logs goes to
-    /// `daemon.log`.
+    /// Writes `daemon.toml` to a folder and starts the daemon with it; its log goes to `daemon.log`.
     pub fn start(config: &Config, folder: &Path) -> Result<Self, SoakError> {
         let (file, log) = (folder.join("daemon.toml"), folder.join("daemon.log"));
         let text = toml::to_string(config).map_err(|e| SoakError::Config(e.to_string()))?;
         std::fs::write(&file, text).map_err(SoakError::io(&file))?;
         let errors = File::create(&log).map_err(SoakError::io(&log))?;
         let started_ns = monotonic_ns();
-        // This very program, even when its file was replaced by an upgrade.
+        // The running program, even if its file was replaced by an upgrade.
         let child = Command::new("/proc/self/exe")
             .arg0("lookout")
             .args(["run", "--with-parent", "-c"])
@@ -49,12 +48,12 @@ impl DaemonChild {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(errors)
-            // What systemd tells this process is not for that one.
+            // Variables that systemd set for this process do not apply to the child.
             .env_remove("NOTIFY_SOCKET")
             .env_remove("WATCHDOG_USEC")
             .env_remove("WATCHDOG_PID")
             .env_remove("JOURNAL_STREAM")
-            // Ctrl-C in a terminal reaches the soak alone, which ends it in order.
+            // Its own process group: Ctrl-C reaches only the soak, which then stops the daemon in order.
             .process_group(0)
             .spawn()
             .map_err(SoakError::io(Path::new("/proc/self/exe")))?;
@@ -67,7 +66,7 @@ impl DaemonChild {
         self.child.id()
     }
 
-    /// Joins it once its shared memory is there. Gives the prefix of its run, too.
+    /// Connects to the daemon as soon as its shared memory exists. Also returns the prefix of its run.
     pub fn join(&mut self, stop: &AtomicBool) -> Result<(Bus, String), SoakError> {
         let start = Instant::now();
         loop {
@@ -80,23 +79,23 @@ impl DaemonChild {
             if stop.load(Ordering::Relaxed) {
                 return Err(SoakError::Stopped);
             }
-            if start.elapsed() > OPENING {
-                return Err(SoakError::Silent(self.last_words()));
+            if start.elapsed() > START_TIMEOUT {
+                return Err(SoakError::Silent(self.log_tail()));
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(CHECK_PERIOD);
         }
     }
 
-    /// Says so when it has ended.
+    /// Fails if the daemon has ended.
     pub fn expect_running(&mut self) -> Result<(), SoakError> {
         match self.child.try_wait().map_err(SoakError::io(&self.log))? {
-            Some(status) => Err(SoakError::Ended(status, self.last_words())),
+            Some(status) => Err(SoakError::Ended(status, self.log_tail())),
             None => Ok(()),
         }
     }
 
-    /// The end of its log.
-    pub fn last_words(&self) -> String {
+    /// The last three lines of its log.
+    pub fn log_tail(&self) -> String {
         let text = std::fs::read(&self.log).unwrap_or_default();
         let text = String::from_utf8_lossy(&text[text.len().saturating_sub(4096)..]).into_owned();
         let lines: Vec<&str> = text.lines().collect();
@@ -104,7 +103,7 @@ impl DaemonChild {
         format!("{}:\n  {last}", self.log.display())
     }
 
-    /// Asks it to stop and waits until it has.
+    /// Sends SIGTERM and waits for the end of the daemon.
     pub fn stop(mut self) -> Result<ExitStatus, SoakError> {
         self.expect_running()?;
         if let Some(pid) = Pid::from_raw(self.child.id() as i32) {
@@ -115,10 +114,10 @@ impl DaemonChild {
             if let Some(status) = self.child.try_wait().map_err(SoakError::io(&self.log))? {
                 return Ok(status);
             }
-            if start.elapsed() > ENDING {
-                return Err(SoakError::Endless(ENDING));
+            if start.elapsed() > STOP_TIMEOUT {
+                return Err(SoakError::Endless(STOP_TIMEOUT));
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(CHECK_PERIOD);
         }
     }
 }

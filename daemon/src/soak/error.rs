@@ -1,4 +1,4 @@
-//! Why there is no report of a soak.
+//! Errors that prevent the report of a soak.
 
 use messages::bus::IpcError;
 use std::path::{Path, PathBuf};
@@ -12,24 +12,24 @@ pub enum SoakError {
     /// The configuration of the daemon cannot be written.
     #[error("the configuration of the daemon cannot be written: {0}")]
     Config(String),
-    /// A file or process.
+    /// A file or process failed.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// Why it failed.
+        /// The error.
         source: std::io::Error,
     },
-    /// Shared memory.
+    /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] IpcError),
-    /// The daemon has ended by itself.
-    #[error("the daemon has ended by itself ({0}); {1}")]
+    /// The daemon ended unexpectedly: its exit status, and the end of its log.
+    #[error("the daemon ended unexpectedly ({0}); {1}")]
     Ended(ExitStatus, String),
-    /// The daemon does not open its shared memory, or no result comes.
-    #[error("the daemon brings nothing; {0}")]
+    /// The daemon does not open its shared memory, or publishes no results; with the end of its log.
+    #[error("the daemon publishes no results; {0}")]
     Silent(String),
-    /// The daemon does not stop.
+    /// The daemon did not stop in time.
     #[error("the daemon did not stop within {0:?} of SIGTERM and was killed")]
     Endless(Duration),
     /// A signal came before there was anything to report.
@@ -38,7 +38,7 @@ pub enum SoakError {
 }
 
 impl SoakError {
-    /// Of a file or process.
+    /// Adds the path to an I/O error.
     pub(super) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, source }

@@ -1,25 +1,25 @@
-//! A board whose temperature the soak sets: a sysfs tree of its own with one thermal zone.
+//! A simulated board whose temperature the soak sets: a sysfs tree with one thermal zone.
 
 use super::error::SoakError;
 use config::{Config, Heat};
 use std::path::{Path, PathBuf};
 use tools::soak::report::Setting;
 
-/// How warm it is while nothing is wrong, and when the stages must wait.
+/// Normal temperature, and one above `heat.stop_above_c`, at which the stages are stopped.
 const COOL_C: f64 = 50.0;
 const HOT_C: f64 = 94.5;
 
-/// Where the temperature is, below the tree.
+/// Temperature file below the tree.
 const TEMPERATURE: &str = "class/thermal/thermal_zone0/temp";
 
-/// See the module.
+/// A simulated board with one thermal zone.
 #[derive(Debug)]
 pub struct HotBoard {
     temperature: PathBuf,
 }
 
 impl HotBoard {
-    /// Makes the tree below a folder, and has the daemon watch it and answer fast.
+    /// Creates the tree below a folder, and configures the daemon to monitor it with short time constants.
     pub fn create(
         folder: &Path,
         config: &mut Config,
@@ -47,29 +47,33 @@ impl HotBoard {
             ..config.heat.clone()
         };
         config.heat = heat;
-        // Read by the daemon, which may have another working directory.
+        // Absolute, because the daemon may have another working directory.
         config.board.sysfs = std::path::absolute(&tree).map_err(SoakError::io(&tree))?;
         config.board.power_off = "none".into();
         config.clocks.set = "off".into();
         let mut set = |key, value: String, why| settings.push(Setting { key, value, why });
-        set("board.sysfs", config.board.sysfs.display().to_string(), "a board that the soak heats up");
-        set("board.power_off", "none".into(), "no heat of this run is real");
+        set(
+            "board.sysfs",
+            config.board.sysfs.display().to_string(),
+            "a simulated board that the soak heats up",
+        );
+        set("board.power_off", "none".into(), "the temperatures of this run are simulated");
         set("heat.watch", "require".into(), "the ladder is part of the run");
-        set("heat.dwell_s", "0.2".into(), "heat comes and goes quickly");
-        set("heat.filter_s", "0".into(), "heat comes and goes quickly");
-        set("clocks.set", "off".into(), "the made-up board has none");
+        set("heat.dwell_s", "0.2".into(), "temperatures change quickly in this run");
+        set("heat.filter_s", "0".into(), "temperatures change quickly in this run");
+        set("clocks.set", "off".into(), "the simulated board has no clocks");
         Ok(board)
     }
 
-    /// The board below a tree.
+    /// The existing board below a tree.
     pub fn of(tree: &Path) -> Self {
         Self { temperature: tree.join(TEMPERATURE) }
     }
 
-    /// Heats it up, or lets it cool.
+    /// Sets the temperature to hot or normal.
     pub fn set(&self, hot: bool) -> Result<(), SoakError> {
         let celsius = if hot { HOT_C } else { COOL_C };
-        // A reader never sees half a number.
+        // Renamed into place, so that a reader never sees a partial number.
         let fresh = self.temperature.with_extension("new");
         std::fs::write(&fresh, format!("{:.0}\n", celsius * 1000.0)).map_err(SoakError::io(&fresh))?;
         std::fs::rename(&fresh, &self.temperature).map_err(SoakError::io(&self.temperature))

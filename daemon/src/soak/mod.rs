@@ -1,6 +1,6 @@
-//! `lookout soak`: the daemon as a child process, watched from outside while it is broken on purpose.
+//! `lookout soak`: runs the daemon as a child process, injects faults and measures it from outside.
 //!
-//! What is concluded from it is `tools::soak`; here are the processes, the clocks and the signals.
+//! Processes, clocks and signals are here; statistics, budgets and the report are in `tools::soak`.
 
 mod child;
 pub mod error;
@@ -22,10 +22,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Soaks the daemon with a configuration; `progress` is told now and then how far it is.
+/// Runs the daemon with a configuration and measures it; `progress` is called periodically.
 ///
 /// # Errors
-/// When there is nothing to report on. What failed later is in the report.
+/// If the run failed before there was anything to report. Later failures are in the report.
 pub fn run(
     config: &Config,
     plan: &Plan,
@@ -38,9 +38,9 @@ pub fn run(
     let (bus, prefix) = daemon.join(stop)?;
     let mut observer = Observer::new(config, plan, &daemon);
     let ended = observer.watch(&bus, &mut daemon, stop, progress)?;
-    // Before the daemon removes what they live in.
+    // Disconnect before the daemon removes its shared memory.
     drop(bus);
-    observer.stopped_probes();
+    observer.stop_probes();
     let folder = daemon.instance.directory().to_owned();
     let mut reasons = match ended {
         Ended::InTime => Vec::new(),
@@ -48,14 +48,14 @@ pub fn run(
     };
     match daemon.stop() {
         Ok(status) if status.success() => {}
-        Ok(status) => reasons.push(format!("the daemon ended with {status} when it was asked to stop")),
+        Ok(status) => reasons.push(format!("the daemon ended with {status} after SIGTERM")),
         Err(error) => reasons.push(error.to_string()),
     }
     let left = messages::instance::shared_entries(&prefix).len() + entries_below(&folder);
     Ok(observer.conclude(plan, config, entries_before, left as u64, reasons))
 }
 
-/// Files and folders that an instance has left.
+/// Number of files and folders that an instance has left behind, including its own folder.
 fn entries_below(folder: &Path) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
     1 + entries.flatten().map(|e| if e.path().is_dir() { entries_below(&e.path()) } else { 1 }).sum::<usize>()

@@ -1,4 +1,4 @@
-//! Watches a daemon through shared memory and /proc, and makes faults.
+//! Observes a daemon through shared memory and /proc, and injects faults.
 
 use super::child::DaemonChild;
 use super::error::SoakError;
@@ -27,36 +27,36 @@ use tools::soak::latency::{Latencies, PathStage, Trace};
 use tools::soak::stalls::Stalls;
 use tools::soak::trend::Trend;
 
-/// How often the observer looks at its clocks.
+/// Longest wait between two steps of the observer.
 const TICK: Duration = Duration::from_millis(10);
 
-/// How often it reads /proc and /dev/shm.
+/// Period of reading /proc and /dev/shm.
 const SAMPLE_NS: u64 = 1_000_000_000;
 
-/// How often it reads how long the stages waited for their cores.
+/// Period of reading the run-queue delays of the stages.
 const DELAY_NS: u64 = 5_000_000;
 
-/// No fault in the last part of a run, so that all that follows from one is seen.
+/// No fault is injected in this last part of a run, so that the recovery from the last one is observed.
 const TAIL_NS: u64 = 3_000_000_000;
 
-/// A daemon that brings no result for so long will not bring one.
-const PATIENCE_NS: u64 = 120_000_000_000;
+/// A daemon without results for this long counts as failed.
+const RESULT_TIMEOUT_NS: u64 = 120_000_000_000;
 
 /// Why a run is over.
 #[derive(Debug, PartialEq)]
 pub enum Ended {
-    /// It was as long as it was to be.
+    /// The planned time or number of kills was reached.
     InTime,
-    /// Something else.
+    /// Any other reason, as text.
     Because(String),
 }
 
-/// Counts of the daemon's own, at one time.
+/// Counters of the daemon's status at one time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counts {
-    /// Of each role: frames, skipped, refused, restarts.
+    /// For each role: frames, skipped, refused, restarts.
     pub roles: [[u64; 4]; Role::COUNT],
-    /// Results.
+    /// Frames with results.
     pub frames: u64,
 }
 
@@ -70,12 +70,12 @@ impl Counts {
     }
 }
 
-/// Where the measuring begins.
+/// Values at the end of the warm-up, from which on is measured.
 #[derive(Clone, Debug)]
 pub struct Base {
-    /// When.
+    /// Time on the monotonic clock.
     pub at_ns: u64,
-    /// The daemon's counts then.
+    /// Counters of the daemon.
     pub counts: Counts,
     /// Processor time of each role.
     pub cpu_ns: [u64; Role::COUNT],
@@ -83,7 +83,7 @@ pub struct Base {
     pub machine: MachineTime,
 }
 
-/// See the module.
+/// Measures a daemon and injects faults.
 pub struct Observer {
     pub(super) period_ns: u64,
     pub(super) started_ns: u64,
@@ -97,18 +97,23 @@ pub struct Observer {
     pub(super) probe_policy: String,
     pub(super) latencies: Option<Latencies>,
     pub(super) director: Option<Director>,
-    /// Memory of all, what of it can grow without bound, memory of each role, processor time of each role in percent of one core, and entries in
-    /// shared memory, all over seconds since the start.
+    /// Resident memory of all processes over seconds since the start, in bytes; so are the trends below.
     pub(super) memory: Trend,
+    /// Private memory and reserved shared memory: the part that could grow without bound.
     pub(super) growing: Trend,
+    /// Private memory of each role.
     pub(super) role_memory: [Trend; Role::COUNT],
+    /// Processor time of each role, in percent of one core.
     pub(super) role_cpu: [Trend; Role::COUNT],
+    /// Number of entries in /dev/shm.
     pub(super) entries: Trend,
     pub(super) shared_bytes: u64,
     pub(super) reserved_bytes: u64,
-    /// What the stereo stage and the scheduler say of the device that matches, and of its clock.
+    /// Description of the device that matches.
     pub(super) device: String,
+    /// Time of the device for each pair.
     pub(super) device_time: Latency,
+    /// Minimum and maximum reading of each clock.
     pub(super) clocks_mhz: BTreeMap<String, [f64; 2]>,
     probes: Option<Probes>,
     parameters: Option<tools::soak::director::DirectorParameters>,
@@ -128,7 +133,7 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// An observer of a daemon that was just started.
+    /// Creates an observer of a daemon that was just started.
     pub fn new(config: &Config, plan: &Plan, daemon: &DaemonChild) -> Self {
         let now = monotonic_ns();
         Self {
@@ -172,7 +177,7 @@ impl Observer {
         }
     }
 
-    /// Watches until the run is over.
+    /// Observes until the run is over.
     pub fn watch(
         &mut self,
         bus: &Bus,
@@ -183,7 +188,7 @@ impl Observer {
         let reports = bus.subscriber(&service::REPORT)?;
         let statuses = bus.subscriber(&service::STATUS)?;
         let mut ended = Ended::InTime;
-        let mut told_ns = monotonic_ns();
+        let mut progress_ns = monotonic_ns();
         wait::run::<SoakError>(&[&reports, &statuses], || {
             while let Some(sample) = statuses.receive()? {
                 if let Ok(status) = status::view(sample.header(), sample.payload()) {
@@ -197,8 +202,8 @@ impl Observer {
             }
             let now = monotonic_ns();
             self.step(now);
-            if now.saturating_sub(told_ns) >= self.progress_period_ns() {
-                told_ns = now;
+            if now.saturating_sub(progress_ns) >= self.progress_period_ns() {
+                progress_ns = now;
                 progress(&self.progress(now));
             }
             if let Some(over) = self.is_over(now, daemon, stop)? {
@@ -216,8 +221,8 @@ impl Observer {
         Ok(ended)
     }
 
-    /// Ends the probes.
-    pub fn stopped_probes(&mut self) {
+    /// Stops the probes and keeps their policy for the report.
+    pub fn stop_probes(&mut self) {
         if let Some(probes) = self.probes.take() {
             self.probe_policy = probes.policy();
         }
@@ -229,7 +234,7 @@ impl Observer {
         }
         self.status_ns = monotonic_ns();
         self.counts = Counts::of(status);
-        self.processes.heard(Role::Scheduler, status.pid, 0);
+        self.processes.add_report(Role::Scheduler, status.pid, 0);
         if let Some(director) = &mut self.director
             && status.heat.rung_name() == "stopped"
         {
@@ -238,14 +243,14 @@ impl Observer {
         for (role, process) in status.processes() {
             self.cores[role as usize] = u32::try_from(process.core).ok();
             if process.state() == "given up" {
-                self.gave_up = Some(format!("the daemon has given {role} up: {}", status.reason()));
+                self.gave_up = Some(format!("the daemon has given up {role}: {}", status.reason()));
             }
         }
         if self.base.is_some() {
             for clock in status.heat.clocks().iter().filter(|clock| clock.read_mhz > 0.0) {
                 let read = f64::from(clock.read_mhz);
-                let [least, greatest] = self.clocks_mhz.entry(clock.name()).or_insert([read; 2]);
-                (*least, *greatest) = (least.min(read), greatest.max(read));
+                let [min, max] = self.clocks_mhz.entry(clock.name()).or_insert([read; 2]);
+                (*min, *max) = (min.min(read), max.max(read));
             }
         }
         if self.probes.is_none() && self.latencies.is_none() {
@@ -261,7 +266,7 @@ impl Observer {
 
     fn take_report(&mut self, header: &Header, report: &ReportRecord) {
         let Some(role) = report.role() else { return };
-        let is_new = self.processes.heard(role, report.pid, report.cpu_ns);
+        let is_new = self.processes.add_report(role, report.pid, report.cpu_ns);
         if let (true, Some(stage), Some(director)) = (is_new, stage_index(role), &mut self.director) {
             director.restarted(stage);
         }
@@ -291,14 +296,14 @@ impl Observer {
         }
     }
 
-    /// What is due by the clock.
+    /// Periodic work: ends the warm-up, samples /proc, injects faults, settles latencies.
     fn step(&mut self, now: u64) {
         if let Some(probes) = &self.probes {
             probes.take(&mut self.stalls);
         }
         if self.base.is_none()
             && self.first_result_ns.is_some_and(|first| now >= first + self.warm_up_ns)
-            // With counts that are not a second old.
+            // The counters come from the status: start right after one, while they are current.
             && now.saturating_sub(self.status_ns) < 50_000_000
         {
             self.begin(now);
@@ -320,14 +325,14 @@ impl Observer {
             }
             latencies.settle(now, open, &self.stalls);
         }
-        self.stalls.forget_before(now.saturating_sub(PATIENCE_NS));
+        self.stalls.forget_before(now.saturating_sub(RESULT_TIMEOUT_NS));
     }
 
     fn open_fault_ns(&self) -> Option<u64> {
         self.director.as_ref().and_then(Director::open_since_ns)
     }
 
-    /// The warm-up is over.
+    /// Ends the warm-up.
     fn begin(&mut self, now: u64) {
         self.processes.read();
         self.base = Some(Base {
@@ -376,7 +381,7 @@ impl Observer {
         self.sampled_ns = now;
     }
 
-    /// Makes faults when they are due.
+    /// Injects faults when they are due.
     fn direct(&mut self, now: u64) {
         let steady = now.saturating_sub(self.last_result_ns) < (5 * self.period_ns).max(500_000_000)
             && Role::STAGES.iter().all(|&role| self.processes.pid(role).is_some());
@@ -386,7 +391,7 @@ impl Observer {
                 Signal::Heat | Signal::Cool => {
                     let set = self.board.set(order.signal == Signal::Heat);
                     if let Err(error) = &set {
-                        tracing::warn!(%error, "the made-up board keeps its temperature");
+                        tracing::warn!(%error, "cannot set the temperature of the simulated board");
                     }
                     set.is_ok()
                 }
@@ -408,7 +413,7 @@ impl Observer {
         stop: &AtomicBool,
     ) -> Result<Option<Ended>, SoakError> {
         if let Err(error) = daemon.expect_running() {
-            // A daemon that was never there is an error, one that dies is a finding.
+            // During the warm-up this is an error of the run, later a result of the measurement.
             return if self.base.is_some() {
                 Ok(Some(Ended::Because(error.to_string())))
             } else {
@@ -419,8 +424,8 @@ impl Observer {
             if stop.load(Ordering::Relaxed) {
                 return Err(SoakError::Stopped);
             }
-            if now.saturating_sub(self.last_result_ns) > PATIENCE_NS {
-                return Err(SoakError::Silent(daemon.last_words()));
+            if now.saturating_sub(self.last_result_ns) > RESULT_TIMEOUT_NS {
+                return Err(SoakError::Silent(daemon.log_tail()));
             }
             return Ok(None);
         };
@@ -432,8 +437,9 @@ impl Observer {
         if let Some(reason) = self.gave_up.take() {
             return Ok(Some(Ended::Because(reason)));
         }
-        if now.saturating_sub(self.last_result_ns) > PATIENCE_NS {
-            let text = format!("no result for {} s; {}", PATIENCE_NS / 1_000_000_000, daemon.last_words());
+        if now.saturating_sub(self.last_result_ns) > RESULT_TIMEOUT_NS {
+            let text =
+                format!("no result for {} s; {}", RESULT_TIMEOUT_NS / 1_000_000_000, daemon.log_tail());
             return Ok(Some(Ended::Because(text)));
         }
         let time_is_up = self.time_ns.is_some_and(|time| measured_ns >= time);
@@ -446,7 +452,7 @@ impl Observer {
         if !director.is_done() {
             return Ok(None);
         }
-        // All that follows from the last fault is still seen.
+        // The recovery from the last fault is still observed.
         let tail_ns = *self.tail_ns.get_or_insert(now);
         let kills_decide =
             self.time_ns.is_none_or(|time| tail_ns < base.at_ns.saturating_add(time) - TAIL_NS);
@@ -454,14 +460,14 @@ impl Observer {
         Ok((seen && (time_is_up || kills_decide)).then_some(Ended::InTime))
     }
 
-    /// Often in a short run, seldom in a long one.
+    /// A sixtieth of the planned time, between 5 s and 10 minutes.
     fn progress_period_ns(&self) -> u64 {
         (self.time_ns.unwrap_or(0) / 60).clamp(5_000_000_000, 600_000_000_000)
     }
 
     fn progress(&self, now: u64) -> Progress {
         let begin = self.base.as_ref().map_or(
-            // As far as is known.
+            // An estimate, until the warm-up has ended.
             self.first_result_ns.unwrap_or(now) + self.warm_up_ns,
             |base| base.at_ns,
         );
@@ -485,7 +491,7 @@ impl Observer {
     }
 }
 
-/// Sends a signal to the process that has a stage now, if that is really the daemon's.
+/// Sends a signal to the current process of a stage, after checking that it is a child of the daemon.
 fn send(order: Order, processes: &Processes, daemon_pid: u32) -> bool {
     let Some(pid) = Role::STAGES.get(order.stage).and_then(|&role| processes.pid(role)) else { return false };
     if Reading::of(pid).is_none_or(|reading| reading.parent != daemon_pid) {
@@ -501,7 +507,7 @@ fn send(order: Order, processes: &Processes, daemon_pid: u32) -> bool {
     Pid::from_raw(pid as i32).is_some_and(|pid| kill_process(pid, signal).is_ok())
 }
 
-/// Roles of the stages, as `tools::soak` numbers them.
+/// Number of a stage in `tools::soak`.
 fn stage_index(role: Role) -> Option<usize> {
     Role::STAGES.iter().position(|&stage| stage == role)
 }

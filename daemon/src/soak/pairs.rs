@@ -1,5 +1,5 @@
-//! Pairs of a scene, drawn before the soak: a camera brings pairs without drawing them, and drawing one
-//! takes longer than all that is done with it.
+//! Pairs of a scene, drawn to files before the soak. Drawing a pair takes longer than processing it, and a
+//! camera has no such cost, so drawing during the run would distort the measurement.
 
 use super::error::SoakError;
 use crate::input;
@@ -8,13 +8,13 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Pairs that are drawn and then looped; of 640×480 they take 61 MB of disk.
+/// Number of pairs that are drawn and then looped; at 640×480 they take 61 MB of disk.
 pub const COUNT: u64 = 100;
 
-/// A folder of pairs, removed when it is dropped.
+/// A folder of pairs, removed on drop.
 #[derive(Debug)]
 pub struct DrawnPairs {
-    /// Where it is.
+    /// Path of the folder.
     pub folder: PathBuf,
 }
 
@@ -24,7 +24,7 @@ impl DrawnPairs {
         let mut source = input::open(config).map_err(|e| SoakError::Config(e.to_string()))?;
         let rig = input::rig(config, source.as_ref()).map_err(|e| SoakError::Config(e.to_string()))?;
         let (width, height) = source.size();
-        // A new one: it is removed with all that is in it.
+        // Must be new, because it is removed with its contents on drop.
         let parent = folder.parent().unwrap_or(Path::new("."));
         std::fs::create_dir_all(parent).map_err(SoakError::io(parent))?;
         std::fs::create_dir(&folder).map_err(SoakError::io(&folder))?;
@@ -57,7 +57,7 @@ impl Drop for DrawnPairs {
     }
 }
 
-/// A binary PGM: what is read fastest.
+/// Writes a binary PGM, the format that is fastest to read.
 fn save(path: &Path, pixels: &[u8], width: usize, height: usize) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     write!(file, "P5\n{width} {height}\n255\n")?;
@@ -71,7 +71,7 @@ mod tests {
     use sources::folder::FolderSource;
 
     #[test]
-    fn drawn_pairs_are_those_of_the_scene_and_go_again() {
+    fn drawn_pairs_equal_the_scene_and_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let mut config = config::load(None).unwrap();
         config.source.kind = "scene".into();

@@ -1,4 +1,4 @@
-//! What a soak is to do, how far it is, and what came of it.
+//! Plan, progress and result of a soak.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,57 +9,57 @@ use tools::soak::director::DirectorParameters;
 use tools::soak::paper::RateRun;
 use tools::soak::report::{Setting, SoakReport};
 
-/// What is asked of one run.
+/// Parameters of one run.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Steady, with faults, or overload.
     pub kind: Kind,
-    /// How long it is measured; `None` = until the kills are made.
+    /// Time to measure; `None` = until all kills are done.
     pub time: Option<Duration>,
-    /// How faults are made.
+    /// Faults to inject.
     pub faults: Option<DirectorParameters>,
-    /// What the soak has set in the configuration.
+    /// Settings that the soak changed in the configuration.
     pub settings: Vec<Setting>,
-    /// What the pairs are, in words.
+    /// Description of the source.
     pub source: String,
-    /// Where configuration, log and report go.
+    /// Folder for configuration, log and report.
     pub out: PathBuf,
 }
 
-/// What a run has brought so far.
+/// State of a run.
 #[derive(Clone, Debug)]
 pub struct Progress {
-    /// Seconds since the warm-up; below zero during it.
+    /// Seconds since the end of the warm-up; negative during it.
     pub measured_s: f64,
-    /// Seconds that it will take; `None` when the kills decide.
+    /// Planned seconds; `None` if the number of kills decides.
     pub planned_s: Option<f64>,
-    /// Results.
+    /// Frames with results.
     pub frames: u64,
-    /// Frames overtaken.
+    /// Dropped frames.
     pub dropped: u64,
-    /// Medians and 99th percentiles of the latency.
+    /// Median and 99th percentile of the latency.
     pub latency_ms: [f64; 2],
-    /// Resident memory of all.
+    /// Resident memory of all processes.
     pub memory_bytes: u64,
-    /// Faults, and those that failed.
+    /// Number of faults, and of failed recoveries.
     pub faults: [u64; 2],
-    /// The longest time to the next result.
+    /// Longest time from a fault to the next result.
     pub next_result_s: f64,
 }
 
-/// What came of a run.
+/// Result of a run.
 #[derive(Debug)]
 pub struct Soaked {
     /// The report.
     pub report: SoakReport,
-    /// Its plots, each with the name of its file and what it shows.
+    /// Plots: file name, title, plot.
     pub plots: Vec<(String, String, Plot)>,
-    /// Its row in the paper's tables.
+    /// Row in the paper's tables.
     pub rate: RateRun,
-    /// The device that matched, in words; empty for the CPU.
+    /// Description of the device that matched; empty for the CPU.
     pub device: String,
-    /// The device's own time for a pair, median in ms; `None` where it tells none.
+    /// Median time per pair from the device's timestamps, in ms; `None` without timestamps.
     pub device_p50_ms: Option<f64>,
-    /// The least and the greatest reading of each clock that the daemon has set, in MHz.
+    /// Minimum and maximum reading of each clock that the daemon has set, in MHz.
     pub clocks_mhz: BTreeMap<String, [f64; 2]>,
 }

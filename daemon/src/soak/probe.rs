@@ -1,6 +1,5 @@
-//! Probes that measure the machine's own stalls: a thread on each core that asks to be woken every
-//! 2 ms and notes when it was. It has the lowest of the stages' priorities, so that what holds it up
-//! holds them up, too.
+//! Probes that measure stalls of the machine: a thread on each core sleeps for 2 ms at a time and notes
+//! when it woke up. It has the lowest priority of the stages, so whatever delays it delays them, too.
 
 use super::processes::Reading;
 use messages::clock::monotonic_ns;
@@ -14,24 +13,24 @@ use tools::soak::stalls::Stalls;
 
 const PERIOD: Duration = Duration::from_millis(2);
 
-/// Wake-ups that wait to be taken; the observer takes them every few milliseconds.
-const MAX_PENDING: usize = 1 << 16;
+/// Capacity of the list of wake-ups; the observer empties it every few milliseconds.
+const MAX_WAKES: usize = 1 << 16;
 
-/// A wake-up: core, when it was due, when it came.
+/// A wake-up: core, due time, actual time.
 type Wake = (Option<u32>, u64, u64);
 
-/// Probes on some cores, until it is dropped.
+/// Running probes; stopped on drop.
 pub struct Probes {
     stop: Arc<AtomicBool>,
     wakes: Arc<Mutex<Vec<Wake>>>,
     threads: Vec<JoinHandle<()>>,
-    /// SCHED_FIFO priority that the last of them got; 0 = the usual time-sharing.
+    /// SCHED_FIFO priority that the last probe got; 0 = time-sharing (SCHED_OTHER).
     priority: Arc<AtomicU32>,
 }
 
 impl Probes {
-    /// A probe on each core; `None` is one that is not pinned. `priority` is the SCHED_FIFO priority
-    /// that they ask for; where it is refused they share time, and say so.
+    /// Starts a probe on each core; `None` stands for a probe that is not pinned. `priority` is the
+    /// SCHED_FIFO priority to request; if it is refused the probe runs with SCHED_OTHER and logs a warning.
     pub fn start(cores: &BTreeSet<Option<u32>>, priority: Option<u32>) -> std::io::Result<Self> {
         let mut probes = Self {
             stop: Arc::default(),
@@ -46,7 +45,7 @@ impl Probes {
                 if let Some(priority) = priority
                     && let Err(error) = privilege::set_fifo(priority)
                 {
-                    tracing::warn!(%error, "a probe shares time: it sees stalls that the stages do not have");
+                    tracing::warn!(%error, "a probe runs without real-time priority: it sees stalls that the stages do not have");
                 }
                 got.store(privilege::fifo_priority(), Ordering::Relaxed);
                 probe(core, &stop, &wakes);
@@ -56,7 +55,7 @@ impl Probes {
         Ok(probes)
     }
 
-    /// Hands over what was noted since the last call.
+    /// Adds the wake-ups since the last call to `stalls`.
     pub fn take(&self, stalls: &mut Stalls) {
         let wakes = std::mem::take(&mut *self.wakes.lock().unwrap_or_else(PoisonError::into_inner));
         for (core, due_ns, woke_ns) in wakes {
@@ -64,7 +63,7 @@ impl Probes {
         }
     }
 
-    /// Policy of the probes.
+    /// Scheduling policy of the probes.
     pub fn policy(&self) -> String {
         match self.priority.load(Ordering::Relaxed) {
             0 => Reading::of(std::process::id()).map_or_else(String::new, |reading| reading.policy()),
@@ -86,7 +85,7 @@ fn probe(core: Option<u32>, stop: &AtomicBool, wakes: &Mutex<Vec<Wake>>) {
     if let Some(core) = core
         && !core_affinity::set_for_current(core_affinity::CoreId { id: core as usize })
     {
-        tracing::warn!(core, "a probe cannot be pinned: stalls of this core are not known");
+        tracing::warn!(core, "a probe cannot be pinned: stalls of this core are not measured");
         return;
     }
     while !stop.load(Ordering::Relaxed) {
@@ -94,7 +93,7 @@ fn probe(core: Option<u32>, stop: &AtomicBool, wakes: &Mutex<Vec<Wake>>) {
         std::thread::sleep(PERIOD);
         let wake = (core, due_ns, monotonic_ns());
         let mut wakes = wakes.lock().unwrap_or_else(PoisonError::into_inner);
-        if wakes.len() < MAX_PENDING {
+        if wakes.len() < MAX_WAKES {
             wakes.push(wake);
         }
     }
@@ -105,13 +104,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn probes_wake_and_tell() {
+    fn probes_wake_and_are_counted() {
         let cores: BTreeSet<Option<u32>> = [None, Some(0)].into();
-        // Refused or not, as this machine has it.
+        // The priority may be refused on this machine.
         let probes = Probes::start(&cores, Some(1)).unwrap();
         let mut stalls = Stalls::default();
         let wakes = |stalls: &Stalls| stalls.figures().iter().map(|f| f.wakes).collect::<Vec<_>>();
-        // Waits for both to tell; a machine on which they never do hangs here, and is seen.
+        // Waits for both probes; hangs if one never wakes.
         while wakes(&stalls).len() < 2 || wakes(&stalls).iter().any(|&n| n < 3) {
             probes.take(&mut stalls);
             std::thread::yield_now();

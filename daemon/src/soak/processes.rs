@@ -1,27 +1,27 @@
-//! What the kernel tells of the daemon's processes: processor time, memory, priority.
+//! Processor time, memory and scheduling priority of the daemon's processes, from /proc.
 
 use messages::pipeline::Role;
 use std::collections::BTreeMap;
 
-/// What /proc tells of one process.
+/// Values of one process in /proc.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reading {
-    /// Its parent.
+    /// Process id of the parent.
     pub parent: u32,
     /// Processor time, in clock ticks.
     pub ticks: u64,
-    /// Scheduling policy, as the kernel numbers them.
+    /// Scheduling policy, as in sched(7).
     pub policy: u32,
-    /// Priority of a real-time policy.
+    /// Real-time priority.
     pub priority: u32,
-    /// Resident memory of its own.
+    /// Resident anonymous memory (`RssAnon`).
     pub private_bytes: u64,
-    /// Resident pages of files.
+    /// Resident pages of mapped files (`RssFile`).
     pub file_bytes: u64,
 }
 
 impl Reading {
-    /// Reads a process; `None` when it is gone.
+    /// Reads a process; `None` if it has ended.
     pub fn of(pid: u32) -> Option<Self> {
         let mut reading = parse_stat(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?;
         let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
@@ -30,7 +30,7 @@ impl Reading {
         Some(reading)
     }
 
-    /// Its policy in words.
+    /// Name of the policy, with the priority of a real-time one.
     pub fn policy(&self) -> String {
         match self.policy {
             0 => "SCHED_OTHER".into(),
@@ -44,7 +44,7 @@ impl Reading {
     }
 }
 
-/// Parses /proc/PID/stat; the name may hold blanks and brackets.
+/// Parses /proc/PID/stat; the name may contain spaces and parentheses.
 fn parse_stat(text: &str) -> Option<Reading> {
     let rest = &text[text.rfind(')')? + 1..];
     let fields: Vec<&str> = rest.split_ascii_whitespace().collect();
@@ -64,20 +64,22 @@ fn kilobytes(status: &str, name: &str) -> Option<u64> {
     Some(line.split_ascii_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
-/// How long the first thread of a process was ready to run and did not, in nanoseconds; `None` where the
-/// kernel keeps no account.
+/// Time that the main thread of a process was runnable but waited for a core (run-queue delay), in
+/// nanoseconds; `None` without `/proc/PID/schedstat`.
 pub fn waited_ns(pid: u32) -> Option<u64> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/schedstat")).ok()?;
     text.split_ascii_whitespace().nth(1)?.parse().ok()
 }
 
-/// Processor time of one role, over all processes that had it.
+/// Processor time of one role, over all its processes so far.
 #[derive(Clone, Copy, Debug, Default)]
 struct Usage {
     pid: u32,
-    /// The process before: its last words may still come.
-    gone: u32,
+    /// The previous process: its last reports may still arrive.
+    previous_pid: u32,
+    /// Processor time of all previous processes.
     before_ns: u64,
+    /// Processor time of the current process.
     now_ns: u64,
     reading: Reading,
 }
@@ -89,27 +91,27 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// A process has a role, and says how much processor time it has used; gives whether it is new.
-    pub fn heard(&mut self, role: Role, pid: u32, cpu_ns: u64) -> bool {
+    /// Adds a report of a process: its role and processor time. Returns whether the process is new.
+    pub fn add_report(&mut self, role: Role, pid: u32, cpu_ns: u64) -> bool {
         let usage = self.roles.entry(role).or_default();
-        if pid == usage.gone && pid != 0 {
+        if pid == usage.previous_pid && pid != 0 {
             return false;
         }
         let is_new = usage.pid != pid;
         if is_new {
             let before_ns = usage.before_ns + usage.now_ns;
-            *usage = Usage { pid, gone: usage.pid, before_ns, ..Usage::default() };
+            *usage = Usage { pid, previous_pid: usage.pid, before_ns, ..Usage::default() };
         }
         usage.now_ns = usage.now_ns.max(cpu_ns);
         is_new
     }
 
-    /// The process of a role, as far as is known.
+    /// The current process of a role; `None` if it has not reported yet.
     pub fn pid(&self, role: Role) -> Option<u32> {
         self.roles.get(&role).map(|usage| usage.pid).filter(|&pid| pid != 0)
     }
 
-    /// Reads all processes; gives whether all of them are there.
+    /// Reads all processes from /proc; returns whether all of them run.
     pub fn read(&mut self) -> bool {
         let tick_ns = 1_000_000_000 / rustix::param::clock_ticks_per_second().max(1);
         let mut all = true;
@@ -135,7 +137,7 @@ impl Processes {
         self.roles.get(&role).map_or_else(Reading::default, |usage| usage.reading)
     }
 
-    /// Private memory of all, and the pages of the program, counted once.
+    /// Private memory of all processes, and the pages of the program, counted once.
     pub fn memory(&self) -> (u64, u64) {
         let readings = || self.roles.values().map(|usage| usage.reading);
         let private = readings().map(|r| r.private_bytes).sum();
@@ -146,21 +148,21 @@ impl Processes {
 /// Processor time of the whole machine, in clock ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MachineTime {
-    /// All of it.
+    /// All states, including idle.
     pub total: u64,
-    /// Spent working.
+    /// Neither idle nor stolen.
     pub busy: u64,
-    /// Taken away by a hypervisor.
+    /// Used by the hypervisor for other guests (steal).
     pub stolen: u64,
 }
 
 impl MachineTime {
-    /// Reads /proc/stat; zeros where it is not there.
+    /// Reads /proc/stat; zeros if it cannot be read.
     pub fn now() -> Self {
         parse_machine(&std::fs::read_to_string("/proc/stat").unwrap_or_default()).unwrap_or_default()
     }
 
-    /// What was used since.
+    /// Difference to an earlier reading.
     pub fn since(&self, before: &Self) -> Self {
         Self {
             total: self.total.saturating_sub(before.total),
@@ -173,7 +175,7 @@ impl MachineTime {
 fn parse_machine(text: &str) -> Option<MachineTime> {
     let line = text.lines().next()?.strip_prefix("cpu ")?;
     let ticks: Vec<u64> = line.split_ascii_whitespace().filter_map(|v| v.parse().ok()).collect();
-    // user, nice, system, idle, iowait, irq, softirq, steal; guests are in user.
+    // user, nice, system, idle, iowait, irq, softirq, steal; guest time is included in user.
     let [user, nice, system, idle, iowait, irq, softirq, stolen] = *ticks.first_chunk::<8>()?;
     let busy = user + nice + system + irq + softirq;
     Some(MachineTime { total: busy + idle + iowait + stolen, busy, stolen })
@@ -184,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lines_of_the_kernel_are_read() {
+    fn proc_files_are_parsed() {
         let mut stat = "77 (a b) c) S 5 77 77 0 -1 4194560 1 2 3 4 120 30 0 0 20 0 1 0 9 1 2".to_owned();
         stat.push_str(&" 0".repeat(15));
         stat.push_str(" 30 1 0 0 0");
@@ -203,17 +205,17 @@ mod tests {
     #[test]
     fn processor_time_outlives_its_process() {
         let mut processes = Processes::default();
-        assert!(processes.heard(Role::Road, 10, 500));
-        assert!(!processes.heard(Role::Road, 10, 700));
-        assert!(processes.heard(Role::Road, 11, 50));
-        assert!(!processes.heard(Role::Road, 10, 800), "last words of the one before");
+        assert!(processes.add_report(Role::Road, 10, 500));
+        assert!(!processes.add_report(Role::Road, 10, 700));
+        assert!(processes.add_report(Role::Road, 11, 50));
+        assert!(!processes.add_report(Role::Road, 10, 800), "last report of the previous process");
         assert_eq!((processes.cpu_ns(Role::Road), processes.pid(Role::Road)), (750, Some(11)));
         assert_eq!((processes.cpu_ns(Role::Stereo), processes.pid(Role::Stereo)), (0, None));
         let own = std::process::id();
-        processes.heard(Role::Road, own, 0);
+        processes.add_report(Role::Road, own, 0);
         assert!(processes.read());
         assert!(processes.memory().0 > 100_000);
-        processes.heard(Role::Stereo, u32::MAX, 0);
-        assert!(!processes.read(), "a process that is gone");
+        processes.add_report(Role::Stereo, u32::MAX, 0);
+        assert!(!processes.read(), "a process that has ended");
     }
 }

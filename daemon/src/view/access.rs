@@ -1,4 +1,4 @@
-//! Who may look: the token, and requests that other pages make a browser send.
+//! Access control: the token, and protection from requests that other web pages make a browser send.
 
 use super::request::Request;
 use std::fs::File;
@@ -7,40 +7,41 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 use thiserror::Error;
 
-/// The shortest token that is taken.
-const SHORTEST: usize = 16;
+/// Minimum length of a token.
+const MIN_LENGTH: usize = 16;
 
-/// The longest.
-const LONGEST: usize = 128;
+/// Maximum length of a token.
+const MAX_LENGTH: usize = 128;
 
-/// Random bytes of a token that is made here.
+/// Random bytes of a generated token.
 const RANDOM_BYTES: usize = 16;
 
 /// Why there is no token.
 #[derive(Debug, Error)]
 pub enum TokenError {
-    /// It is too easy to guess, or would not survive in a link.
+    /// It is too short, too long, or has characters that need escaping in a link.
     #[error(
-        "--token: give {SHORTEST} to {LONGEST} letters, digits, - and _ (leave it out to have one made where one is needed)"
+        "--token: give {MIN_LENGTH} to {MAX_LENGTH} letters, digits, - and _ (without --token one is generated if it \
+         is needed)"
     )]
     Unfit,
-    /// Its file.
+    /// Its file cannot be read.
     #[error("--token @{path}: {source}")]
     File {
         /// The file.
         path: String,
-        /// Why.
+        /// The error.
         source: io::Error,
     },
-    /// The system's random numbers.
+    /// The system has no random numbers.
     #[error("/dev/urandom: {0}")]
     Random(io::Error),
 }
 
-/// The token of the command line, `@FILE` read.
+/// The token of the command line; `@FILE` reads it from a file.
 ///
 /// # Errors
-/// When it is no fit token, or its file cannot be read.
+/// If it is not a valid token, or its file cannot be read.
 pub fn given_token(text: &str) -> Result<String, TokenError> {
     let token = match text.strip_prefix('@') {
         Some(path) => std::fs::read_to_string(Path::new(path))
@@ -50,35 +51,35 @@ pub fn given_token(text: &str) -> Result<String, TokenError> {
         None => text.to_owned(),
     };
     let fit = |c: u8| c.is_ascii_alphanumeric() || c == b'-' || c == b'_';
-    let is_fit = (SHORTEST..=LONGEST).contains(&token.len()) && token.bytes().all(fit);
+    let is_fit = (MIN_LENGTH..=MAX_LENGTH).contains(&token.len()) && token.bytes().all(fit);
     if is_fit { Ok(token) } else { Err(TokenError::Unfit) }
 }
 
 /// A new token of 128 random bits.
 ///
 /// # Errors
-/// When the system has no random numbers.
+/// If the system has no random numbers.
 pub fn new_token() -> Result<String, TokenError> {
     let mut bytes = [0_u8; RANDOM_BYTES];
     File::open("/dev/urandom").and_then(|mut f| f.read_exact(&mut bytes)).map_err(TokenError::Random)?;
     Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// What a request is worth.
+/// Decision on a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It may look.
+    /// It is authorised.
     Welcome,
-    /// It may, and brought its token in the link: the page asks again with a cookie, so that the token
-    /// does not stay in the address bar.
+    /// It is authorised by the token in its link. The page is redirected and uses a cookie from then on, so
+    /// that the token does not stay in the address bar.
     WelcomeByLink,
     /// It has no token, or a wrong one.
     NoToken,
-    /// It was sent at the wish of another page.
+    /// It was caused by another web page (cross-origin, or DNS rebinding).
     Foreign,
 }
 
-/// The rules.
+/// The access rules of a server.
 #[derive(Clone, Debug)]
 pub struct Access {
     token: Option<String>,
@@ -88,17 +89,18 @@ pub struct Access {
 }
 
 impl Access {
-    /// Who may look at what is served at `address`. Without a token everybody who reaches it.
+    /// The rules for a server at `address`. Without a token everyone who can reach it has access.
     pub fn new(address: SocketAddr, token: Option<String>) -> Self {
         Self { token, address: address.ip(), cookie: format!("lookout-{}", address.port()) }
     }
 
-    /// Judges a request.
+    /// Decides on a request.
     ///
-    /// A page of somebody else's can make a browser send requests here, and by giving its own name
-    /// our address (DNS rebinding) even read the answers. Its name is then in `Host`: so without a
-    /// token only names of this machine are answered. With one it does not matter, as the browser
-    /// keeps the cookie to the name that it came from. `Origin` must be the page that we serve.
+    /// A foreign web page can make a browser send requests to this server, and by resolving its own name
+    /// to this address (DNS rebinding) even read the responses. `Host` then contains the foreign name, so
+    /// without a token only names of this machine are accepted. With a token the name does not matter,
+    /// because the browser sends the cookie only to the name that set it. `Origin`, if present, must be
+    /// the page of this server.
     pub fn judge(&self, request: &Request) -> Verdict {
         if request.origin.as_deref().is_some_and(|origin| !is_own(origin, &request.host)) {
             return Verdict::Foreign;
@@ -118,7 +120,7 @@ impl Access {
         }
     }
 
-    /// The cookie that stands for the token.
+    /// The `Set-Cookie` value that holds the token; `None` without a token.
     pub fn set_cookie(&self) -> Option<String> {
         let token = self.token.as_ref()?;
         Some(format!("{}={token}; Path=/; HttpOnly; SameSite=Strict", self.cookie))
@@ -141,13 +143,13 @@ fn without_port(host: &str) -> &str {
     }
 }
 
-/// Whether an origin is the page that this host name serves.
+/// Whether an origin is the page served under this host name.
 fn is_own(origin: &str, host: &str) -> bool {
     let name = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
     name.is_some_and(|name| name.eq_ignore_ascii_case(host))
 }
 
-/// Compares in a time that does not tell how much of `given` is right.
+/// Compares in a time that does not depend on how many characters match (timing attacks).
 fn is_equal(given: &str, token: &str) -> bool {
     let (given, token) = (given.as_bytes(), token.as_bytes());
     let differences = token.iter().enumerate().fold(0_u8, |found, (i, byte)| {
@@ -184,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn pages_of_others_are_turned_away() {
+    fn foreign_pages_are_rejected() {
         let from = |origin: &str| judge(None, &format!(" HTTP/1.1\r\nHost: localhost:1\r\nOrigin: {origin}"));
         assert_eq!(from("http://localhost:1"), Verdict::Welcome);
         for origin in ["http://evil.example", "http://localhost:2", "null", "http://localhost:1.evil.example"]
@@ -217,7 +219,9 @@ mod tests {
         let (a, b) = (new_token().unwrap(), new_token().unwrap());
         assert!(a != b && a.len() == 2 * RANDOM_BYTES);
         assert_eq!(given_token(&a).unwrap(), a);
-        for unfit in ["short", "with spaces in it, long", "quote\"quote\"quote\"", &"x".repeat(LONGEST + 1)] {
+        for unfit in
+            ["short", "with spaces in it, long", "quote\"quote\"quote\"", &"x".repeat(MAX_LENGTH + 1)]
+        {
             assert!(matches!(given_token(unfit), Err(TokenError::Unfit)), "{unfit}");
         }
         assert!(given_token("@/no/such/file").unwrap_err().to_string().contains("/no/such/file"));

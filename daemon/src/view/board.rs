@@ -1,12 +1,12 @@
-//! Temperatures and clocks of the board, as the kernel shows them to every user.
+//! Temperatures and clocks of the board, from the world-readable files below `/sys`.
 
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// The most sensors and the most clocks that are shown.
+/// Maximum number of sensors, and of clocks.
 const MAX_COUNT: usize = 16;
 
-/// The files that are read, found once.
+/// The files to read, searched once at start.
 #[derive(Clone, Debug, Default)]
 pub struct Board {
     temperatures: Vec<(String, PathBuf)>,
@@ -16,13 +16,13 @@ pub struct Board {
 /// One reading.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reading {
-    /// Which sensor or clock.
+    /// Name of the sensor or clock.
     pub name: String,
     /// In degrees Celsius, or in hertz.
     pub value: f64,
 }
 
-/// All readings of a moment.
+/// All readings at one time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Readings {
     /// In degrees Celsius.
@@ -33,7 +33,7 @@ pub struct Readings {
 
 impl Board {
     /// Finds thermal zones, CPU clocks (one for each group of cores that share it) and device clocks
-    /// (GPU, memory) below `root`, which is `/sys` but in tests.
+    /// (GPU, memory) below `root`, which is `/sys` except in tests.
     pub fn find(root: &Path) -> Self {
         let mut board = Self::default();
         for zone in entries(&root.join("class/thermal"), "thermal_zone") {
@@ -52,7 +52,7 @@ impl Board {
         board
     }
 
-    /// Reads them all; what cannot be read now is left out.
+    /// Reads all files; those that cannot be read now are left out.
     pub fn read(&self) -> Readings {
         let number = |path: &Path| text(path)?.parse::<f64>().ok();
         let reading = |name: &String, path: &Path, scale: f64| {
@@ -65,7 +65,7 @@ impl Board {
     }
 }
 
-/// Entries of a folder whose names start so, in the order of the numbers in them.
+/// Entries of a folder whose names begin with `start`, sorted by the number in the name.
 fn entries(folder: &Path, start: &str) -> Vec<PathBuf> {
     let mut found: Vec<PathBuf> = std::fs::read_dir(folder)
         .map(|entries| entries.flatten().map(|e| e.path()).collect())
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sensors_and_clocks_are_found_and_the_silent_left_out() {
+    fn sensors_and_clocks_are_found_and_unreadable_ones_left_out() {
         let root = tempfile::tempdir().unwrap();
         let put = |path: &str, text: &str| {
             let path = root.path().join(path);

@@ -1,4 +1,4 @@
-//! One whole frame as the page shows it. Pictures are encoded when they are first asked for.
+//! One complete frame as the page shows it. Pictures are encoded on the first request.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -14,31 +14,31 @@ use tools::reporting::picture::Picture;
 use tools::reporting::record::{FrameRecord, tidy};
 use tools::reporting::{colour, v_disparity};
 
-/// Quality of the pictures, of 100.
+/// JPEG quality, 1 to 100.
 const QUALITY: u8 = 75;
 
-/// About as many points are shown.
+/// Approximate number of pixels sampled for the point cloud.
 const POINTS: usize = 6000;
 
-/// Points farther than this are not shown.
-const POINTS_DISTANCE_MAX_M: f64 = 60.0;
+/// Largest distance of a point, in metres.
+const MAX_POINT_DISTANCE_M: f64 = 60.0;
 
-/// Rows from one point of the road's path to the next.
+/// Rows between two points of the road profile.
 const PROFILE_STEP: usize = 4;
 
-/// The disparity is shown in half its size, in pictures at least this wide.
+/// Disparity maps of at least this width are shown at half size.
 const HALVED_WIDTH: usize = 400;
 
-/// What a client may ask for besides the figures of a frame.
+/// Parts of a frame that a client may request in addition to its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// The left image: JPEG.
     Left,
     /// The disparity in colour: JPEG.
     Disparity,
-    /// The v-disparity histogram: JPEG, a column for each 1/4 px.
+    /// The v-disparity histogram: JPEG, one column for each 1/4 px.
     VDisparity,
-    /// Points: 8 bytes each: x, y, z in centimetres (i16, little-endian), grey (u8), 0.
+    /// Points, 8 bytes each: x, y, z in centimetres (i16, little-endian), grey (u8), 0.
     Points,
 }
 
@@ -46,7 +46,7 @@ impl Part {
     /// All parts.
     pub const ALL: [Part; 4] = [Part::Left, Part::Disparity, Part::VDisparity, Part::Points];
 
-    /// Its name in messages.
+    /// Name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Part::Left => "left",
@@ -57,7 +57,7 @@ impl Part {
     }
 }
 
-/// A region, before it was tracked.
+/// A region, before tracking.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 struct RegionLine {
     x_px: u32,
@@ -78,39 +78,39 @@ impl RegionLine {
     }
 }
 
-/// The figures of a frame.
+/// The values of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameLine {
-    /// What `obstacles.jsonl` says of it.
+    /// As in `obstacles.jsonl`.
     #[serde(flatten)]
     record: FrameRecord,
     width: usize,
     height: usize,
-    /// Disparities that are searched: the right end of the v-disparity, and red in the disparity.
+    /// Number of disparities searched: the right end of the v-disparity, and red in the disparity map.
     disparities: usize,
     focal_px: f64,
     baseline_m: f64,
     cx_px: f64,
-    /// Capture to obstacles.
+    /// From capture to obstacles.
     latency_ms: f64,
     /// Work of each stage.
     stage_ms: [f64; PATH_LENGTH],
-    /// Slope of the road: rows from the principal point to the horizon, by the focal length.
+    /// Slope of the road: rows from the principal point to the horizon, divided by the focal length.
     road_tilt: Option<f64>,
-    /// (row, disparity of the road in px), from the top down.
+    /// Road profile: (row, disparity in px), from the top down.
     profile: Vec<(usize, f32)>,
     regions: Vec<RegionLine>,
-    /// Metres that are free ahead of each `free_columns_px` columns, from the left; 0 where that is not known.
+    /// Free space in metres for each `free_columns_px` columns, from the left; 0 if unknown.
     free_m: Vec<f32>,
     free_columns_px: usize,
 }
 
-/// The images of a frame, as they were in shared memory.
+/// The images of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Images {
     /// The left image.
     pub left: Vec<u8>,
-    /// In 1/256 px, 0 = unknown.
+    /// Disparity in 1/256 px, 0 = unknown.
     pub disparity: Vec<u16>,
 }
 
@@ -124,7 +124,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Joins what belongs together. The sizes have been checked by the messages' own checks.
+    /// Joins the messages of one frame, whose sizes were checked when they were received.
     pub fn new(
         header: &Header,
         record: FrameRecord,
@@ -159,12 +159,12 @@ impl Frame {
         }
     }
 
-    /// Its figures.
+    /// The values of the frame.
     pub fn line(&self) -> &FrameLine {
         &self.line
     }
 
-    /// A part; made once, for all clients.
+    /// A part; encoded once for all clients.
     pub fn part(&self, part: Part) -> &[u8] {
         self.parts[part as usize].get_or_init(|| match part {
             Part::Left => jpeg(&self.images.left, self.line.width, self.line.height, ExtendedColorType::L8),
@@ -190,7 +190,7 @@ impl Frame {
     fn v_disparity(&self) -> Vec<u8> {
         let Some(map) = self.map() else { return Vec::new() };
         let counts = v_disparity::of_map(map, self.line.disparities);
-        // Grey, and a third of the work so.
+        // All three channels are equal: encoding grey takes a third of the time.
         let grey: Vec<u8> = counts.as_bytes().iter().step_by(3).copied().collect();
         jpeg(&grey, counts.width(), counts.height(), ExtendedColorType::L8)
     }
@@ -200,7 +200,7 @@ impl Frame {
         let every = ((map.as_slice().len() as f64 / POINTS as f64).sqrt() as usize).max(1);
         let parameters = PointCloudParameters {
             step: every,
-            max_distance_m: POINTS_DISTANCE_MAX_M,
+            max_distance_m: MAX_POINT_DISTANCE_M,
             ..PointCloudParameters::default()
         };
         let mut points = Vec::new();
@@ -214,7 +214,7 @@ impl Frame {
     }
 }
 
-/// To the centimetre, for short messages; what is no distance is none.
+/// Rounds to centimetres, for short JSON; 0 for values that are not finite or negative.
 fn centimetres(metres: f32) -> f32 {
     if metres.is_finite() { (metres.max(0.0) * 100.0).round() / 100.0 } else { 0.0 }
 }
@@ -223,7 +223,7 @@ fn picture(picture: &Picture) -> Vec<u8> {
     jpeg(picture.as_bytes(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
 }
 
-/// Encodes a picture; empty when it has no size that JPEG knows.
+/// Encodes a picture; empty if JPEG does not support its size.
 fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(pixels.len() / 8);
     let done = JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
@@ -235,7 +235,7 @@ fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -
     match done {
         Ok(()) => bytes,
         Err(error) => {
-            tracing::debug!(%error, "a picture cannot be encoded");
+            tracing::debug!(%error, "cannot encode a picture");
             Vec::new()
         }
     }

@@ -1,4 +1,4 @@
-//! The last minutes, second by second: what the charts show to one who comes late, too.
+//! History of the last minutes, one sample per second, for the charts of a page that has just been opened.
 
 use super::board::{Reading, Readings};
 use messages::header::Header;
@@ -7,25 +7,25 @@ use messages::status::StatusRecord;
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// Seconds that are kept.
+/// Number of samples that are kept, one per second.
 const KEPT: usize = 300;
 
 /// One second. Times are in milliseconds, processes in the order of [`messages::pipeline::PATH`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sample {
-    /// Its number, growing by one.
+    /// Number of the sample, counted from 0.
     pub number: u64,
     /// Seconds since 1970.
     pub time_s: f64,
-    /// Frames per second out of the last stage; `None` when it did not run.
+    /// Frames per second of the last stage; `None` if it did not run.
     pub rate_hz: Option<f32>,
-    /// Mean of capture to obstacles, over the frames that were seen; `None` when there was none.
+    /// Mean latency from capture to obstacles; `None` if there was no frame.
     pub latency_ms: Option<f64>,
-    /// The longest of these.
+    /// Longest latency from capture to obstacles.
     pub latency_worst_ms: Option<f64>,
     /// Mean work of each stage.
     pub stage_ms: Option<[f64; PATH_LENGTH]>,
-    /// Frames that newer ones overtook, in all stages, in this second.
+    /// Frames dropped in this second: replaced by newer ones before a stage took them, over all stages.
     pub dropped: u64,
     /// Processor time of all processes, in percent of one core.
     pub cpu_percent: f32,
@@ -33,7 +33,7 @@ pub struct Sample {
     pub state: &'static str,
     /// `off`, `unknown`, `good` or `degraded`.
     pub calibration: &'static str,
-    /// Rung of the thermal ladder; `None` when no temperature is watched.
+    /// Rung of the thermal ladder; `None` if no temperature is monitored.
     pub rung: Option<&'static str>,
     /// Temperatures, in degrees Celsius.
     pub temperatures: Vec<Reading>,
@@ -41,7 +41,7 @@ pub struct Sample {
     pub clocks: Vec<Reading>,
 }
 
-/// Gathers frames into seconds.
+/// Aggregates frames into samples of one second.
 #[derive(Clone, Debug, Default)]
 pub struct History {
     samples: VecDeque<Sample>,
@@ -54,7 +54,7 @@ pub struct History {
 }
 
 impl History {
-    /// Takes in the times of a frame that came out at the end.
+    /// Adds the times of a frame that the last stage has finished.
     pub fn frame(&mut self, header: &Header) {
         let ms = |from: u64, to: u64| to.saturating_sub(from) as f64 * 1e-6;
         let latency_ms = ms(header.capture_ns, header.result_ns());
@@ -66,7 +66,7 @@ impl History {
         }
     }
 
-    /// Ends a second with the daemon's status.
+    /// Completes a sample with the daemon's status, which is sent once a second.
     pub fn second(&mut self, status: &StatusRecord, board: Readings, time_s: f64) {
         let is_stage = |role: &Role| Role::STAGES.contains(role);
         let dropped: u64 = status.processes().filter(|(r, _)| is_stage(r)).map(|(_, p)| p.skipped).sum();
@@ -102,22 +102,22 @@ impl History {
         self.samples.push_back(sample);
     }
 
-    /// The daemon is gone: what comes next is another's.
+    /// The daemon has ended; the counters of the next one start from zero.
     pub fn daemon_gone(&mut self) {
         self.dropped = None;
     }
 
-    /// The seconds from number `from` on.
+    /// The samples from number `from` on.
     pub fn since(&self, from: u64) -> Vec<Sample> {
         self.samples.iter().filter(|s| s.number >= from).cloned().collect()
     }
 
-    /// The number of the second that comes next.
+    /// The number of the next sample.
     pub fn next(&self) -> u64 {
         self.next
     }
 
-    /// The last second.
+    /// The last sample.
     pub fn last(&self) -> Option<&Sample> {
         self.samples.back()
     }

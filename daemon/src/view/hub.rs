@@ -1,4 +1,4 @@
-//! Where the watcher leaves the newest, and clients take it.
+//! Hands the newest frame and status from the watcher to all clients.
 
 use super::frame::Frame;
 use super::history::{History, Sample};
@@ -8,42 +8,42 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What the viewer counts of itself.
+/// Counters of the viewer itself.
 #[derive(Debug, Default)]
 pub struct Counters {
-    /// Whole frames that could be shown.
+    /// Complete frames.
     pub frames: AtomicU64,
-    /// Results whose images were overtaken before they were read.
+    /// Results whose images were replaced by newer ones before they were read.
     pub incomplete: AtomicU64,
     /// Messages that failed their check.
     pub refused: AtomicU64,
-    /// Messages sent to clients.
+    /// Responses sent to clients.
     pub sent: AtomicU64,
-    /// Bytes of these.
+    /// Bytes of these responses.
     pub sent_bytes: AtomicU64,
-    /// Clients that were turned away, because they had no right or there were too many.
+    /// Requests that were rejected: not authorised, or too many connections.
     pub turned_away: AtomicU64,
-    /// Clients that were let go because they took nothing for too long.
+    /// Clients that were disconnected because they did not read.
     pub too_slow: AtomicU64,
 }
 
-/// How far a client has come.
+/// The newest items that a client has received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
     /// Number of the last frame.
     frame: u64,
-    /// Number of the next second.
+    /// Number of the next sample of the history.
     second: u64,
-    /// Number of the last change of the daemon's presence.
+    /// Number of the last change between present and absent.
     presence: u64,
 }
 
-/// What is new to a client.
+/// Items that a client has not received yet.
 #[derive(Debug)]
 pub struct News {
-    /// The newest frame, when it is new.
+    /// The newest frame.
     pub frame: Option<Arc<Frame>>,
-    /// The newest status with the seconds since the last.
+    /// The newest status, with the samples of the history since the last one.
     pub status: Option<(StatusRecord, Vec<Sample>)>,
     /// Why there is no daemon; `None` while there is one.
     pub absent: Option<String>,
@@ -59,17 +59,17 @@ struct State {
     presence: u64,
 }
 
-/// See the module.
+/// The newest frame and status, shared between threads.
 #[derive(Debug, Default)]
 pub struct Hub {
     state: Mutex<State>,
     changed: Condvar,
     clients: AtomicUsize,
-    /// See [`Counters`].
+    /// Counters of the viewer.
     pub counters: Counters,
 }
 
-/// One client, as long as this lives.
+/// Counts one client until it is dropped.
 #[derive(Debug)]
 pub struct Place<'a>(&'a Hub);
 
@@ -82,11 +82,11 @@ impl Hub {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        // Whatever a thread did before it died, the state is whole between two statements here.
+        // A poisoned lock is usable: every update leaves the state consistent.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A whole frame is there.
+    /// Publishes a complete frame.
     pub fn frame(&self, frame: Frame) {
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         let mut state = self.state();
@@ -96,12 +96,12 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// A frame has come out at the end, shown or not.
+    /// Adds a result to the history, whether its frame is shown or not.
     pub fn result(&self, header: &Header) {
         self.state().history.frame(header);
     }
 
-    /// The daemon tells its state.
+    /// Publishes a status.
     pub fn status(&self, status: StatusRecord, board: super::board::Readings, time_s: f64) {
         let mut state = self.state();
         state.status = Some(status);
@@ -113,13 +113,13 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// There is no daemon, for a reason. What it said before is forgotten.
-    pub fn absent(&self, why: &str) {
+    /// Reports that there is no daemon, and why; discards its last frame and status.
+    pub fn absent(&self, reason: &str) {
         let mut state = self.state();
-        if state.absent.as_deref() == Some(why) {
+        if state.absent.as_deref() == Some(reason) {
             return;
         }
-        state.absent = Some(why.to_owned());
+        state.absent = Some(reason.to_owned());
         (state.frame, state.status) = (None, None);
         state.history.daemon_gone();
         state.presence += 1;
@@ -127,27 +127,27 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// The newest status with the last second, if there is a daemon.
+    /// The newest status with the last sample of the history, if there is a daemon.
     pub fn now(&self) -> (Option<StatusRecord>, Option<Sample>) {
         let state = self.state();
         (state.status, state.history.last().filter(|_| state.status.is_some()).cloned())
     }
 
-    /// Takes a client in, unless there are `most` already.
-    pub fn enter(&self, most: usize) -> Option<Place<'_>> {
-        let more = |count: usize| (count < most).then_some(count + 1);
+    /// Admits a client, unless there are `limit` already.
+    pub fn enter(&self, limit: usize) -> Option<Place<'_>> {
+        let more = |count: usize| (count < limit).then_some(count + 1);
         self.clients.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more).ok().map(|_| Place(self))
     }
 
-    /// Clients that look at this moment.
+    /// Number of connected clients.
     pub fn clients(&self) -> usize {
         self.clients.load(Ordering::Relaxed)
     }
 
-    /// Waits for something that is new to a client, at most `patience`, and says that it has seen it.
-    /// A client that `wants_frame` is not woken by less, but told once a second.
-    pub fn wait(&self, seen: &mut Seen, wants_frame: bool, patience: Duration) -> News {
-        let until = Instant::now() + patience;
+    /// Waits until something is new to a client, at most `timeout`, and updates `seen`. A client that
+    /// `wants_frame` is woken by a frame, not by a status; the status comes with the next frame or timeout.
+    pub fn wait(&self, seen: &mut Seen, wants_frame: bool, timeout: Duration) -> News {
+        let until = Instant::now() + timeout;
         let mut state = self.state();
         loop {
             let left = until.saturating_duration_since(Instant::now());
@@ -186,7 +186,7 @@ mod tests {
     use crate::view::board::Readings;
 
     #[test]
-    fn a_client_is_told_what_is_new_once() {
+    fn a_client_gets_each_item_once() {
         let hub = Hub::new();
         let mut seen = Seen::default();
         let none = Duration::ZERO;
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_limited_and_given_back() {
+    fn places_are_limited_and_released() {
         let hub = Hub::new();
         let first = hub.enter(1);
         assert!(first.is_some() && hub.enter(1).is_none());

@@ -1,4 +1,4 @@
-//! The metrics: one declaration each. A new one is one more entry of [`METRICS`].
+//! The Prometheus metrics, one declaration each: to add a metric, add an entry to [`METRICS`].
 
 use super::board::Reading;
 use super::history::Sample;
@@ -9,24 +9,23 @@ use messages::calibration::CalibrationState;
 use messages::status::{ProcessRecord, StatusRecord};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What metrics are read from.
+/// Source of the metrics' values.
 struct Source<'a> {
-    /// The last state of the daemon; `None` while there is none.
+    /// The last status of the daemon; `None` while no daemon runs.
     status: Option<&'a StatusRecord>,
-    /// Sensors, once a second.
+    /// The last sample of the history, for sensors.
     second: Option<&'a Sample>,
-    /// The viewer itself.
+    /// Counters of the viewer itself.
     hub: &'a Hub,
 }
 
 /// One metric.
 struct Metric {
-    /// Its name, after `lookout_`.
+    /// Name, without the prefix `lookout_`.
     name: &'static str,
     kind: Kind,
-    /// What it is.
     help: &'static str,
-    /// Reads its samples; none when it does not apply.
+    /// Reads the samples; adds none if the metric does not apply.
     read: fn(&Source<'_>, &mut Samples),
 }
 
@@ -147,7 +146,7 @@ fn count(out: &mut Samples, counter: &AtomicU64) {
     out.one(counter.load(Ordering::Relaxed) as f64);
 }
 
-/// The page. Without a daemon it holds `up 0` and what the viewer knows of itself.
+/// The page with all metrics. Without a daemon it has `up 0` and the metrics of the viewer.
 pub fn text(status: Option<&StatusRecord>, second: Option<&Sample>, hub: &Hub) -> String {
     let source = Source { status, second, hub };
     let mut page = String::new();
@@ -238,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_daemon_it_says_so() {
+    fn without_a_daemon_up_is_zero() {
         let families = parse(&text(None, None, &Hub::new()));
         assert_eq!(families["lookout_up"].1, [(String::new(), 0.0)]);
         assert!(!families.contains_key("lookout_frames_total"));

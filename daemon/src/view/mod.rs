@@ -1,9 +1,9 @@
-//! The viewer: reads what the daemon publishes and shows it in a browser.
+//! The viewer: shows the daemon's messages in a browser.
 //!
-//! One thread (`watcher`) reads shared memory and puts whole frames and states into the `hub`; one
-//! thread for each connection (`server`, `session`) takes the newest from there when its client asks
-//! for more. Pictures are encoded when the first client asks for them, once for all. So a slow client
-//! costs frames of its own and nothing else, and nobody looking costs next to nothing.
+//! One thread (`watcher`) reads shared memory and puts complete frames and statuses into the `hub`. One
+//! thread per connection (`server`, `session`) takes the newest ones from there when its client requests
+//! more. Pictures are encoded on the first request and shared by all clients. A slow client therefore
+//! loses frames without affecting anything else, and without clients there is almost no load.
 
 pub mod access;
 mod board;

@@ -1,16 +1,16 @@
-//! Prometheus' text format: base units, counters that end in `_total`.
+//! The Prometheus text format. Metrics use base units; names of counters end in `_total`.
 
 use std::fmt::Write;
 
-/// The format's name.
+/// Content type of the format.
 pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// What a metric is to Prometheus.
+/// Type of a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// It only grows while the process lives.
+    /// Only increases while the process lives.
     Counter,
-    /// It goes up and down.
+    /// Increases and decreases.
     Gauge,
 }
 
@@ -28,27 +28,27 @@ impl Kind {
 pub struct Samples(Vec<(String, f64)>);
 
 impl Samples {
-    /// The only sample.
+    /// Adds the only sample of a metric without labels.
     pub fn one(&mut self, value: f64) {
         self.0.push((String::new(), value));
     }
 
-    /// A sample with labels.
+    /// Adds a sample with labels.
     pub fn labelled(&mut self, labels: &[(&str, &str)], value: f64) {
         let escaped = |v: &str| v.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
         let list: Vec<String> = labels.iter().map(|(k, v)| format!("{k}=\"{}\"", escaped(v))).collect();
         self.0.push((format!("{{{}}}", list.join(",")), value));
     }
 
-    /// One sample for each name: 1 for the one that holds, 0 for the others.
-    pub fn one_of(&mut self, label: &str, names: &[&str], holds: usize) {
+    /// Adds one sample per name: 1 for the current one, 0 for the others (a state set).
+    pub fn one_of(&mut self, label: &str, names: &[&str], current: usize) {
         for (i, name) in names.iter().enumerate() {
-            self.labelled(&[(label, name)], f64::from(u8::from(i == holds)));
+            self.labelled(&[(label, name)], f64::from(u8::from(i == current)));
         }
     }
 }
 
-/// Writes a metric with its samples; nothing when it has none.
+/// Writes a metric with its samples; nothing if it has none.
 pub fn write(page: &mut String, name: &str, kind: Kind, help: &str, samples: &Samples) {
     if samples.0.is_empty() {
         return;

@@ -1,67 +1,67 @@
-//! The head of an HTTP request, within limits.
+//! Reads the head of an HTTP request, with limits on size and time.
 
 use std::io::{self, ErrorKind, Read};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
-/// The longest head that is read, in bytes.
+/// Maximum size of a head, in bytes.
 const MAX_HEAD: usize = 8 * 1024;
 
-/// The most header lines.
+/// Maximum number of header lines.
 const MAX_HEADERS: usize = 64;
 
-/// A head must be there by then, however slowly it comes.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Time limit for the whole head.
+const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What a client wants.
+/// The head of a request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Request {
-    /// `GET` and the like.
+    /// Method, such as `GET`.
     pub method: String,
-    /// The path, without what follows `?`.
+    /// Path without the query.
     pub path: String,
     query: String,
-    /// The name and port that the client takes us for.
+    /// `Host` header: name and port that the client used.
     pub host: String,
-    /// The page that sent it.
+    /// `Origin` header: the page that sent the request.
     pub origin: Option<String>,
     cookies: String,
-    /// Its credentials.
+    /// `Authorization` header.
     pub authorization: Option<String>,
-    /// The key of a WebSocket, when one is asked for.
+    /// `Sec-WebSocket-Key`, if the request is a valid upgrade to a WebSocket.
     pub socket_key: Option<String>,
-    /// Bytes of the head.
+    /// Size of the head, in bytes.
     pub length: usize,
 }
 
-/// Why a request is not answered.
+/// Why a request cannot be read.
 #[derive(Debug, Error)]
 pub enum RequestError {
-    /// The connection.
-    #[error("the connection: {0}")]
+    /// The connection failed.
+    #[error("connection: {0}")]
     Io(#[from] io::Error),
-    /// The client closed it.
-    #[error("closed before a request came")]
+    /// The client closed the connection.
+    #[error("closed before a request arrived")]
     Closed,
-    /// Not HTTP.
-    #[error("no HTTP request: {0}")]
+    /// The text is not HTTP.
+    #[error("not an HTTP request: {0}")]
     Syntax(httparse::Error),
-    /// Too much of it.
+    /// The head exceeds a limit.
     #[error("the head is longer than {MAX_HEAD} bytes or {MAX_HEADERS} lines")]
     TooLong,
-    /// Too slow.
-    #[error("no whole request within {} s", PATIENCE.as_secs())]
+    /// The head did not arrive in time.
+    #[error("no complete request within {} s", TIMEOUT.as_secs())]
     TooSlow,
 }
 
 impl Request {
-    /// Reads a request. Gives it with the bytes that came behind it.
+    /// Reads a request. Also returns the bytes that arrived after its head.
     ///
     /// # Errors
-    /// When none comes in time, or it is none.
+    /// If no valid request arrives in time.
     pub fn read(stream: &mut TcpStream) -> Result<(Self, Vec<u8>), RequestError> {
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         let mut bytes = Vec::with_capacity(1024);
         let mut piece = [0; 1024];
         loop {
@@ -87,10 +87,10 @@ impl Request {
         }
     }
 
-    /// The request at the start of `bytes`; `None` while its head is not whole.
+    /// Parses the request at the start of `bytes`; `None` while its head is incomplete.
     ///
     /// # Errors
-    /// When it is none, or too long.
+    /// If it is not HTTP, or too long.
     pub fn parse(bytes: &[u8]) -> Result<Option<Self>, RequestError> {
         let mut lines = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut head = httparse::Request::new(&mut lines);
@@ -111,7 +111,7 @@ impl Request {
         };
         let (mut upgrades, mut key, mut version) = (false, None, false);
         for line in head.headers.iter() {
-            // What is not text is nothing that we look at.
+            // Headers that are not UTF-8 are ignored.
             let Ok(value) = std::str::from_utf8(line.value) else { continue };
             match line.name.to_ascii_lowercase().as_str() {
                 "host" => request.host = value.to_owned(),
@@ -128,7 +128,7 @@ impl Request {
         Ok(Some(request))
     }
 
-    /// The value of a name in the query, as it stands there.
+    /// A value in the query, without decoding.
     pub fn query_value(&self, name: &str) -> Option<&str> {
         self.query
             .split('&')

@@ -1,4 +1,4 @@
-//! Connections: at most so many, each with a thread of its own and one request.
+//! The HTTP server: a limited number of connections, each with its own thread and one request.
 
 use super::access::{Access, Verdict};
 use super::hub::Hub;
@@ -12,19 +12,19 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use tungstenite::handshake::derive_accept_key;
 
-/// Connections at once, whatever they want.
+/// Maximum number of simultaneous connections of any kind.
 const MAX_CONNECTIONS: usize = 32;
 
-/// Clients that look at once.
+/// Maximum number of simultaneous WebSocket clients.
 const MAX_CLIENTS: usize = 8;
 
-/// An answer must be taken within this.
+/// Time limit for a client to read a response.
 const STALL: Duration = Duration::from_secs(10);
 
 /// Stack of a connection's thread.
 const STACK_BYTES: usize = 512 * 1024;
 
-/// The page and what belongs to it. There is nothing else to be had by name.
+/// The files of the page: path, content type, contents.
 const FILES: [(&str, &str, &str); 5] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
@@ -33,7 +33,7 @@ const FILES: [(&str, &str, &str); 5] = [
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];
 
-/// Only what comes from here runs, and nobody puts the page into one of his own.
+/// Security headers: only scripts and styles of this server are allowed, and no embedding in other pages.
 const POLICY: &str = "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; \
      img-src 'self' blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
      X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n\
@@ -49,10 +49,10 @@ pub struct Server {
 }
 
 impl Server {
-    /// Takes the address; [`Self::run`] answers.
+    /// Binds the address; [`Self::run`] accepts connections.
     ///
     /// # Errors
-    /// When it cannot be had.
+    /// If the address cannot be bound.
     pub fn bind(
         address: SocketAddr,
         access: impl FnOnce(SocketAddr) -> Access,
@@ -63,22 +63,22 @@ impl Server {
         Ok(Self { listener, access, hub, connections: AtomicUsize::new(0) })
     }
 
-    /// Where it is.
+    /// The bound address, with the port that the system chose for port 0.
     ///
     /// # Errors
-    /// When the system does not tell.
+    /// If the system does not report it.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// Answers without end.
+    /// Accepts connections forever.
     pub fn run(self: Arc<Self>) {
         loop {
             let stream = match self.listener.accept() {
                 Ok((stream, _)) => stream,
                 Err(error) => {
-                    // Too many open files, perhaps: better soon.
-                    tracing::warn!(%error, "a connection cannot be taken");
+                    // Possibly too many open files: retried after a pause.
+                    tracing::warn!(%error, "cannot accept a connection");
                     std::thread::sleep(Duration::from_millis(200));
                     continue;
                 }
@@ -97,7 +97,7 @@ impl Server {
             });
             if let Err(error) = spawned {
                 self.connections.fetch_sub(1, Ordering::Relaxed);
-                tracing::warn!(%error, "no thread for a connection");
+                tracing::warn!(%error, "cannot start a thread for a connection");
             }
         }
     }
@@ -106,7 +106,7 @@ impl Server {
         self.hub.counters.turned_away.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// One connection. What goes wrong is the client's business.
+    /// Serves one connection. Errors concern only this client and are not logged.
     fn serve(&self, mut stream: TcpStream) {
         if stream.set_write_timeout(Some(STALL)).is_err() {
             return;
@@ -121,7 +121,7 @@ impl Server {
                     _ => "400 Bad Request",
                 };
                 let _ = answer(&stream, status, TEXT, "", &format!("{error}\n"), true);
-                // What is left unread would reset the connection before the answer is read.
+                // Closing with unread input would reset the connection before the client reads the response.
                 let _ = stream.shutdown(Shutdown::Write);
                 return;
             }
@@ -155,7 +155,7 @@ impl Server {
             Verdict::WelcomeByLink => {}
             Verdict::NoToken => {
                 self.turned_away();
-                let text = "open the link that lookout view has printed: it holds the token\n";
+                let text = "open the link that lookout view has printed: it contains the token\n";
                 return answer(
                     stream,
                     "401 Unauthorized",
@@ -167,7 +167,7 @@ impl Server {
             }
             Verdict::Foreign => {
                 self.turned_away();
-                let text = "asked for under a name, or by a page, that is not this viewer's own: open \
+                let text = "the request names a host, or comes from a page, that is not this viewer's own: open \
                             http://127.0.0.1 with its port, or start lookout view with --token\n";
                 return answer(stream, "403 Forbidden", TEXT, "", text, with_body);
             }
@@ -188,7 +188,7 @@ impl Server {
                 }
                 None => answer(stream, "503 Service Unavailable", TEXT, "", "no daemon\n", with_body),
             },
-            _ => answer(stream, "404 Not Found", TEXT, "", "not here: try / or /metrics\n", with_body),
+            _ => answer(stream, "404 Not Found", TEXT, "", "not found: try / or /metrics\n", with_body),
         }
     }
 
@@ -201,10 +201,10 @@ impl Server {
             return refuse("426 Upgrade Required", "this is a WebSocket, version 13\n");
         };
         if !matches!(self.access.judge(request), Verdict::Welcome | Verdict::WelcomeByLink) {
-            return refuse("403 Forbidden", "not from this page, or without its token\n");
+            return refuse("403 Forbidden", "request from another page, or without the token\n");
         }
         let Some(_place) = self.hub.enter(MAX_CLIENTS) else {
-            return refuse("503 Service Unavailable", "too many are looking\n");
+            return refuse("503 Service Unavailable", "too many clients\n");
         };
         let accept = derive_accept_key(key.as_bytes());
         let head = format!(

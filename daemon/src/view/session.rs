@@ -1,8 +1,8 @@
-//! One client's WebSocket. It asks, is answered once, and asks again when it has shown that: so no more
-//! than one answer is ever under way, and a slow client gets fewer frames, each the newest.
+//! The WebSocket of one client. The client sends a request, gets one response, and sends the next request
+//! after displaying it. At most one response is in flight, so a slow client gets fewer frames, each the newest.
 //!
-//! A question is JSON text, `{"want": ["left", "points"], "frames": true}`. An answer is binary: the length
-//! of its JSON (u32, little-endian), the JSON, then the parts that it lists, one after the other.
+//! A request is JSON text, `{"want": ["left", "points"], "frames": true}`. A response is binary: the length
+//! of its JSON (u32, little-endian), the JSON, then the parts that the JSON lists, one after the other.
 
 use super::frame::{FrameLine, Part};
 use super::history::Sample;
@@ -17,30 +17,30 @@ use std::time::Duration;
 use tungstenite::protocol::{Role as End, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
-/// The longest question.
-const MAX_QUESTION: usize = 1024;
+/// Maximum length of a request, in bytes.
+const MAX_REQUEST: usize = 1024;
 
-/// An answer comes after this at the latest, news or not.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// A response is sent after this time at the latest, even if nothing is new.
+const MAX_WAIT: Duration = Duration::from_secs(1);
 
-/// A client that asks nothing for this long is gone. One that pauses asks for states still.
+/// A client that sends no request for this long is disconnected. A paused page still requests statuses.
 const SILENCE: Duration = Duration::from_secs(30);
 
-/// A client that takes nothing of an answer for this long is let go.
+/// A client that reads nothing of a response for this long is disconnected.
 const STALL: Duration = Duration::from_secs(10);
 
-/// What a client asks.
+/// A request of a client.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Question {
-    /// Names of the parts that it shows.
+struct Request {
+    /// Names of the parts that the page shows.
     want: Vec<String>,
-    /// Whether it wants frames, or only states.
+    /// Whether frames are requested, or only statuses.
     frames: bool,
 }
 
 #[derive(Serialize)]
-struct Answer<'a> {
+struct Response<'a> {
     absent: Option<&'a str>,
     frame: Option<&'a FrameLine>,
     status: Option<StatusJson>,
@@ -64,21 +64,21 @@ pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
         return;
     }
     let config = WebSocketConfig::default()
-        .max_message_size(Some(MAX_QUESTION))
-        .max_frame_size(Some(MAX_QUESTION))
+        .max_message_size(Some(MAX_REQUEST))
+        .max_frame_size(Some(MAX_REQUEST))
         .read_buffer_size(4 * 1024)
         .write_buffer_size(0);
     let mut socket = WebSocket::from_partially_read(stream, already_read, End::Server, Some(config));
     let mut seen = Seen::default();
     loop {
-        let question = match socket.read() {
-            Ok(Message::Text(text)) => serde_json::from_str::<Question>(&text).unwrap_or_default(),
+        let request = match socket.read() {
+            Ok(Message::Text(text)) => serde_json::from_str::<Request>(&text).unwrap_or_default(),
             // Pings are answered by the library.
             Ok(Message::Ping(_) | Message::Pong(_) | Message::Frame(_)) => continue,
             Ok(Message::Binary(_) | Message::Close(_)) | Err(_) => break,
         };
-        let news = hub.wait(&mut seen, question.frames, PATIENCE);
-        let bytes = answer(&news, &question.want);
+        let news = hub.wait(&mut seen, request.frames, MAX_WAIT);
+        let bytes = response(&news, &request.want);
         let length = bytes.len() as u64;
         match socket.send(Message::binary(bytes)) {
             Ok(()) => {
@@ -96,7 +96,7 @@ pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
     let _ = socket.flush();
 }
 
-fn answer(news: &News, want: &[String]) -> Vec<u8> {
+fn response(news: &News, want: &[String]) -> Vec<u8> {
     let frame = news.frame.as_deref();
     let wanted = |part: &Part| want.iter().any(|name| name == part.name());
     let parts: Vec<(Part, &[u8])> = frame.map_or_else(Vec::new, |frame| {
@@ -106,7 +106,7 @@ fn answer(news: &News, want: &[String]) -> Vec<u8> {
         Some((status, history)) => (Some(StatusJson::new(status)), history.clone()),
         None => (None, Vec::new()),
     };
-    let answer = Answer {
+    let response = Response {
         absent: news.absent.as_deref(),
         frame: frame.map(super::frame::Frame::line),
         status,
@@ -114,8 +114,8 @@ fn answer(news: &News, want: &[String]) -> Vec<u8> {
         stages: PATH.map(Role::name),
         parts: parts.iter().map(|(p, bytes)| PartLine { name: p.name(), bytes: bytes.len() }).collect(),
     };
-    // Nothing in it can fail to be JSON; an empty answer would only be asked for again.
-    let json = serde_json::to_vec(&answer).unwrap_or_default();
+    // Serialisation cannot fail for these types; a client would just request again after an empty response.
+    let json = serde_json::to_vec(&response).unwrap_or_default();
     let length: usize = parts.iter().map(|(_, bytes)| bytes.len()).sum();
     let mut bytes = Vec::with_capacity(4 + json.len() + length);
     bytes.extend_from_slice(&(json.len() as u32).to_le_bytes());
@@ -144,8 +144,8 @@ mod tests {
         });
     }
 
-    fn ask(socket: &mut WebSocket<TcpStream>, question: &str) -> serde_json::Value {
-        socket.send(Message::text(question)).unwrap();
+    fn request(socket: &mut WebSocket<TcpStream>, text: &str) -> serde_json::Value {
+        socket.send(Message::text(text)).unwrap();
         let bytes = socket.read().unwrap().into_data();
         let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
         assert_eq!(bytes.len(), 4 + length);
@@ -153,21 +153,21 @@ mod tests {
     }
 
     #[test]
-    fn one_answer_for_each_question() {
+    fn one_response_for_each_request() {
         with_client(|socket| {
-            let answer = ask(socket, r#"{"want": ["left", "nothing"], "frames": true}"#);
-            assert_eq!((&answer["absent"], &answer["frame"]), (&"no daemon yet".into(), &().into()));
-            // What is no question is one for nothing.
-            assert_eq!(ask(socket, "?")["absent"], "no daemon yet");
+            let response = request(socket, r#"{"want": ["left", "nothing"], "frames": true}"#);
+            assert_eq!((&response["absent"], &response["frame"]), (&"no daemon yet".into(), &().into()));
+            // Text that is not a valid request counts as an empty one.
+            assert_eq!(request(socket, "?")["absent"], "no daemon yet");
             let away: Option<CloseFrame> = None;
             socket.close(away).unwrap();
         });
     }
 
     #[test]
-    fn a_long_question_ends_it() {
+    fn a_long_request_closes_the_connection() {
         with_client(|socket| {
-            let _ = socket.send(Message::text("x".repeat(MAX_QUESTION + 1)));
+            let _ = socket.send(Message::text("x".repeat(MAX_REQUEST + 1)));
             assert!(socket.read().is_err() || socket.read().is_err());
         });
     }

@@ -1,4 +1,4 @@
-//! Reads what a daemon publishes, joins its frames, and waits for the next daemon when it ends.
+//! Reads a daemon's messages, joins those of a frame, and waits for the next daemon after its end.
 
 use super::board::Board;
 use super::frame::{Frame, Images};
@@ -17,25 +17,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-/// How often it is looked whether the daemon is still, or again, there.
-const LOOK: Duration = Duration::from_millis(250);
+/// Period of checking whether a daemon runs.
+const CHECK_PERIOD: Duration = Duration::from_millis(250);
 
-/// Frames whose images are kept until their obstacles come.
+/// Number of frames whose images are kept until their obstacles arrive.
 const KEPT: usize = 3;
 
-/// What has come of one frame.
+/// The messages of one frame so far.
 #[derive(Default)]
 struct Kept {
     images_of: Option<u64>,
     images: Images,
     road_of: Option<u64>,
-    /// The message as it was: aligned as in shared memory.
+    /// A copy of the message, aligned to 8 bytes as in shared memory.
     road: Vec<u64>,
     road_bytes: usize,
     road_header: Header,
 }
 
-/// Watches an instance, run after run, until `stop` is set.
+/// Follows an instance across its runs until `stop` is set.
 pub struct Watcher {
     instance: Instance,
     hub: Arc<Hub>,
@@ -46,7 +46,7 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// A watcher of an instance on the board whose files lie below `sysfs`.
+    /// A watcher of an instance; temperatures and clocks are read below `sysfs`.
     pub fn new(instance: Instance, sysfs: &Path, hub: Arc<Hub>, stop: Arc<AtomicBool>) -> Self {
         Self {
             instance,
@@ -58,7 +58,7 @@ impl Watcher {
         }
     }
 
-    /// Watches until it is stopped. What goes wrong with one run is told to the clients and tried again.
+    /// Watches until it is stopped. Errors are reported to the clients, and the connection is retried.
     pub fn run(&mut self) {
         let mut last_error = None;
         while !self.stop.load(Ordering::Relaxed) {
@@ -67,7 +67,7 @@ impl Watcher {
             } else if let Err(error) = self.follow() {
                 let text = error.to_string();
                 self.hub.absent(&text);
-                // Once, not four times a second: a daemon that is just starting has no services yet.
+                // Logged once per change: a daemon that is just starting has no services for a while.
                 if last_error.as_ref() != Some(&text) {
                     tracing::warn!("{text}");
                     last_error = Some(text);
@@ -75,8 +75,7 @@ impl Watcher {
             } else {
                 last_error = None;
             }
-            // Signals cut it short.
-            std::thread::sleep(LOOK);
+            std::thread::sleep(CHECK_PERIOD);
         }
     }
 
@@ -87,7 +86,7 @@ impl Watcher {
         }
         let user = rustix::process::geteuid().as_raw();
         let owner = self.instance.owner().filter(|owner| *owner != user)?;
-        Some(format!("the daemon \"{name}\" belongs to user {owner}, this is user {user}"))
+        Some(format!("the daemon \"{name}\" runs as user {owner}, this is user {user}"))
     }
 
     /// Follows one run to its end.
@@ -99,28 +98,28 @@ impl Watcher {
         let results = bus.subscriber(&service::OBSTACLES)?;
         let statuses = bus.subscriber(&service::STATUS)?;
         self.kept = std::array::from_fn(|_| Kept::default());
-        let mut looked = Instant::now();
-        tracing::info!("watching {}", self.instance.name());
+        let mut checked = Instant::now();
+        tracing::info!("connected to the daemon {}", self.instance.name());
         wait::run::<IpcError>(&[&depths, &roads, &results, &statuses], || {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(Next::Stop);
             }
-            if looked.elapsed() >= LOOK {
-                looked = Instant::now();
+            if checked.elapsed() >= CHECK_PERIOD {
+                checked = Instant::now();
                 if !self.instance.is_running() || self.instance.prefix() != prefix {
                     tracing::info!("the daemon has ended");
                     return Ok(Next::Stop);
                 }
             }
             self.take_status(&statuses)?;
-            // Obstacles first: whatever they were made from was sent before, and is there by now.
+            // Obstacles first: the depth and regions that they were computed from were sent earlier.
             let result = results.receive()?;
             self.take_depth(&depths)?;
             self.take_road(&roads)?;
             if let Some(sample) = result {
                 self.take_result(sample.header(), sample.payload());
             }
-            Ok(Next::Wait(LOOK))
+            Ok(Next::Wait(CHECK_PERIOD))
         })
     }
 
@@ -189,7 +188,7 @@ impl Watcher {
 
     fn take_result(&mut self, header: &Header, payload: &[u8]) {
         if header.withdraws == 1 {
-            // The status tells that the alarm is off, and why.
+            // A withdrawn alarm has no frame; the status reports that the alarm is off, and why.
             return;
         }
         let message = match obstacles::view(header, payload) {

@@ -45,7 +45,7 @@ struct Figures {
     rig: Option<String>,
 }
 
-/// With nothing left out.
+/// Result with all views, none rejected (`--cross-validate`).
 #[derive(Serialize)]
 struct AllViews {
     pairs_used: usize,
@@ -114,7 +114,7 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     if args.json || !std::io::stderr().is_terminal() {
         bar.set_draw_target(ProgressDrawTarget::hidden());
     }
-    if let Ok(style) = ProgressStyle::with_template("looking for the board {bar:40} {pos}/{len}") {
+    if let Ok(style) = ProgressStyle::with_template("detecting the board {bar:40} {pos}/{len}") {
         bar.set_style(style);
     }
     let request = Request {
@@ -148,7 +148,7 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
         print(args, &outcome, &figures)?;
     }
     if redo {
-        let kept = if args.out.exists() { " stays as it was" } else { " is not written" };
+        let kept = if args.out.exists() { " is kept unchanged" } else { " is not written" };
         return Err(CommandError::Other(format!("verdict: redo; {}{kept}", args.out.display())));
     }
     Ok(())
@@ -162,20 +162,20 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
     if let Some(c) = &outcome.calibration {
         let held = figures.vertical_heldout_px.map_or("-".into(), |v| format!("{v:.3} px"));
         say(format_args!(
-            "{} of {} pairs used: reprojection error {:.3} px, rows differ by {:.3} px ({held} on views that took no part)",
+            "{} of {} pairs used: reprojection error {:.3} px, mean vertical error {:.3} px ({held} on held-out views)",
             figures.pairs_used, figures.pairs, c.rms_px, c.vertical_mean_px
         ))?;
         if let Some(all) = &figures.all_views {
             let held = all.vertical_heldout_px.map_or("-".into(), |v| format!("{v:.3} px"));
             say(format_args!(
-                "all {} pairs, nothing left out: reprojection error {:.3} px, rows differ by {:.3} px ({held} on the other half of the views)",
+                "all {} pairs, none rejected: reprojection error {:.3} px, mean vertical error {:.3} px ({held} on the other half of the views)",
                 all.pairs_used, all.rms_px, all.vertical_mean_px
             ))?;
         }
         let rig = &c.rectification.rig;
         say(format_args!(
             "baseline {:.2} +- {:.2} mm; rectified focal length {:.2} px; distance in m = {:.4} / disparity in px; \
-             far disparities known to {:.2} px",
+             uncertainty of far disparities {:.2} px",
             rig.baseline_m * 1e3,
             c.uncertainty.baseline_m * 1e3,
             rig.focal_px,
@@ -184,7 +184,7 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
         ))?;
     }
     let picture = match (figures.picture_ms_median, figures.picture_ms_most) {
-        (Some(median), Some(most)) => format!(" ({median:.0} ms a picture, at most {most:.0} ms)"),
+        (Some(median), Some(most)) => format!(" ({median:.0} ms per picture, at most {most:.0} ms)"),
         _ => String::new(),
     };
     say(format_args!("{:.2} s, {:.2} s of processor time{picture}", figures.seconds, figures.cpu_seconds))?;
@@ -197,7 +197,7 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
     Ok(())
 }
 
-/// A time since 1970 in seconds as year-month-day hours:minutes:seconds, UTC.
+/// Formats seconds since 1970 as `year-month-day hours:minutes:seconds`, UTC.
 fn date(seconds: u64) -> String {
     // Days to a date of the Gregorian calendar, years starting in March.
     let (days, rest) = (seconds / 86_400, seconds % 86_400);

@@ -14,13 +14,13 @@ pub const HELP: &str = "Examples:
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others --roc roc.png --json
 
-Every picture in and below the folders is brought to the size of the cascade's window, each pixel
-the mean of what it covers, and classified. Use pictures that the cascade was not trained on. The
-ROC is that of moving all stages' thresholds together.";
+Every picture in the folders, searched recursively, is resized to the cascade's window by area
+averaging and classified. Use pictures that the cascade was not trained on. The ROC shifts the
+thresholds of all stages together.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateDetection {
-    /// Cascade
+    /// OpenCV cascade XML
     pub cascade: PathBuf,
     /// Pictures of one object each
     #[arg(long, value_name = "DIR")]
@@ -31,7 +31,7 @@ pub struct EvaluateDetection {
     /// Threads
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub threads: u16,
-    /// Writes the ROC as a plot
+    /// Write a plot of the ROC
     #[arg(long, value_name = "FILE.png")]
     pub roc: Option<PathBuf>,
     /// Print as JSON
@@ -60,7 +60,7 @@ pub fn run(args: &EvaluateDetection, log: Option<&str>) -> Result<(), CommandErr
         say(format_args!("{:>6} {:>7.2} {:>15.2}", i + 1, 100.0 * p.hit_rate, 100.0 * p.false_alarm_rate))?;
     }
     say(format_args!(
-        "\n{} of {} objects found: {:.2} %; {} false alarms in {}: {:.2} %; balanced accuracy {:.2} %",
+        "\n{} of {} objects detected: {:.2} %; {} false alarms in {}: {:.2} %; balanced accuracy {:.2} %",
         report.hits,
         report.positives,
         100.0 * report.hit_rate,
@@ -70,7 +70,7 @@ pub fn run(args: &EvaluateDetection, log: Option<&str>) -> Result<(), CommandErr
         100.0 * report.balanced_accuracy
     ))?;
     say(format_args!(
-        "all thresholds moved: {:.2} % found at 1 % false alarms, {:.2} % at 2 %; area under the ROC {:.4}",
+        "thresholds shifted: {:.2} % detected at 1 % false alarms, {:.2} % at 2 %; area under the ROC {:.4}",
         100.0 * report.hit_rate_at_1_percent,
         100.0 * report.hit_rate_at_2_percent,
         report.area

@@ -27,17 +27,18 @@ pub const HELP: &str = "Examples:
   lookout evaluate distance 'cone?weather=night' --json
   lookout evaluate distance --set alarm.distance_m=15
 
-A scene with an object in the vehicle's path is an approach: where the object was first found, frames
-in which it was missed after that, and where it was when the alarm came; late counts frames from the
-first in which it was nearer than alarm.distance_m. A scene without one is silent: an alarm there is
-false. What counts as found, false and stray is told by lookout evaluate weather --help.
+A scene with an object in the vehicle's path is an approach. Its line gives the distance at the
+first detection, the frames without a detection after that, and the distance at the alarm; late
+counts frames from the first in which the object was nearer than alarm.distance_m. A scene without
+such an object is silent: any alarm in it is false. True positives, false regions (false) and
+off-road false positives (stray) are defined in lookout evaluate weather --help.
 
---out writes SCENE.png for each approach, a filmstrip (at 30, 20, 10, 5 and 3 m, at the first find and at
-the alarm), and evaluation.json.";
+--out writes SCENE.png for each approach, a filmstrip (at 30, 20, 10, 5 and 3 m, at the first
+detection and at the alarm), and evaluation.json.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateDistance {
-    /// Scenes [default: the approaches and the silent scenes that ship]
+    /// Scenes [default: the built-in approaches and silent scenes]
     #[arg(value_name = "SCENE")]
     pub scenes: Vec<String>,
     #[command(flatten)]
@@ -50,7 +51,7 @@ pub struct EvaluateDistance {
     pub json: bool,
 }
 
-/// The scenes that are looked at when none are named: approaches, then silent ones.
+/// Default scenes: approaches, then silent ones.
 const SCENES: [&str; 18] = [
     "bus",
     "car-body",
@@ -72,10 +73,10 @@ const SCENES: [&str; 18] = [
     "textureless",
 ];
 
-/// Frames of a scene that never ends.
+/// Number of frames that are used of an endless scene.
 const ENDLESS: u64 = 1000;
 
-/// The object that a scene approaches: the nearest named one in the path.
+/// The object that a scene approaches: the first named one in the path that is not a bridge.
 fn target(truth: &SceneTruth) -> Option<u16> {
     let wanted = |o: &&sources::scene::ObjectTruth| o.subject && o.in_path && o.class != ObjectClass::Bridge;
     truth.objects.iter().find(wanted).map(|o| o.id)
@@ -114,7 +115,7 @@ pub fn run(args: &EvaluateDistance, log: Option<&str>) -> Result<(), CommandErro
                 let preset_m = config.alarm.distance_m;
                 report.approaches.push(Approach::new(name, &run.title, preset_m, &frames));
                 if let Some(out) = &args.out {
-                    // Once more, for the pictures alone: which ones was not known before.
+                    // A second run for the pictures: the first one decided which frames to show.
                     let again = SceneRun::new(&config, Scene::open(name)?, run.frames)?;
                     save_strip(again, &frames, &out.join(strip_file(name)))?;
                 }
@@ -141,7 +142,7 @@ fn approach_frames(
         let object = truth.objects.iter().find(|o| o.id == id);
         let by = |object| {
             let regions = result.regions.iter().map(|region| found(region, &rig));
-            // The nearest of several: what the alarm goes by.
+            // The nearest of several matches, as the alarm uses.
             regions
                 .filter(|found| is_match(object, found))
                 .min_by(|a: &Detection, b| a.distance_m.total_cmp(&b.distance_m))
@@ -161,7 +162,7 @@ fn approach_frames(
     Ok(frames)
 }
 
-/// The confirmed track that is an object: the nearest of several.
+/// The confirmed track that matches an object; the nearest of several.
 fn tracked<'a>(object: &ObjectTruth, obstacles: &'a [ObstacleLine]) -> Option<&'a ObstacleLine> {
     let is_it = |o: &&ObstacleLine| {
         let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };

@@ -34,18 +34,19 @@ pub const HELP: &str = "Examples:
   lookout evaluate lidar CARS --out results
   lookout evaluate lidar PAIRS --repeat 5
 
-DIR has folders left, calib and gt_depth_map or gt_depth (16-bit PNG, metres x 256), and right or labels
-or both; the files of a picture have one name. Without a right picture the disparity is made from the
-depth map: what is judged then is the road and the regions, not the matcher.
+DIR has folders left, calib and gt_depth_map or gt_depth (16-bit PNG, metres x 256), and right or
+labels or both; all files of a picture have the same name. Without a right picture the disparity is
+computed from the depth map: this evaluates the road and the regions, not the matcher.
 
-A line for each picture: the camera's height above the road that was seen, regions within 40 m, and
-median and 90 % of their distance error against LiDAR. A line for each label: LiDAR distance of its
-near side, the region that overlaps its box most, and that region's distance. A car is due within 40 m,
-half of it in the picture and at most partly hidden; it is covered by an overlap of 0.4 (shared area
-divided by joint area). What is not due stands in brackets.
+One line per picture: the estimated camera height above the road, regions within 40 m, and median
+and 90th percentile of their distance error against LiDAR. One line per label: LiDAR distance of
+its near side, the region that overlaps its box most, and that region's distance. A car is
+evaluable within 40 m, with half of it in the picture and at most partly occluded; it is covered
+by a region with an overlap (intersection over union) of 0.4. Labels that are not evaluable are in
+brackets.
 
-A picture has no history, so regions.confirm is off; --repeat shows each picture N times in a row with
-regions.confirm as it is configured.
+A single picture has no history, so regions.confirm is off; --repeat processes each picture N
+times in a row with regions.confirm as configured.
 
 --out writes SET/PICTURE.png (the road green, regions red, labels blue) and evaluation.json.";
 
@@ -56,7 +57,7 @@ pub struct EvaluateLidar {
     pub sets: Vec<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Looks at each picture this often, one after the other
+    /// Process each picture this many times in a row
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub repeat: u64,
     /// Folder for pictures and the tables
@@ -69,8 +70,8 @@ pub struct EvaluateLidar {
 
 const BLUE: Colour = [90, 160, 255];
 
-/// A picture in memory, with the disparity that is looked at.
-struct Seen {
+/// A picture in memory, with its disparity.
+struct FramePicture {
     left: Vec<u8>,
     disparity: Vec<u16>,
     confidence: Vec<u8>,
@@ -81,7 +82,7 @@ struct Seen {
 pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "evaluate", Some("warn"))?;
     if args.repeat == 1 {
-        // One look is all there is: what is seen in it counts.
+        // A single frame cannot confirm anything over time.
         config.regions.confirm = false;
     }
     let mut named: Vec<(String, LidarFrame)> = Vec::new();
@@ -103,7 +104,7 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         let rig = calibration_file::read(&frame.calibration, true)?;
         let depth_m = frame.depth_m()?;
         let labels = frame.labels.as_deref().map(label::read).transpose()?.unwrap_or_default();
-        let seen = Seen::new(&config, frame, &rig, &depth_m)?;
+        let seen = FramePicture::new(&config, frame, &rig, &depth_m)?;
         let mut detector =
             SceneDetector::new(scene_parameters(&config), rig, seen.width, seen.height, disparities(&config));
         for _ in 1..args.repeat {
@@ -135,8 +136,8 @@ fn disparities(config: &Config) -> usize {
     usize::try_from(config.stereo.disparities).unwrap_or(0)
 }
 
-impl Seen {
-    /// Matches the pair, or makes the disparity from the depth where there is no right picture.
+impl FramePicture {
+    /// Matches the pair, or computes the disparity from the depth map if there is no right picture.
     fn new(
         config: &Config,
         frame: &LidarFrame,
@@ -147,10 +148,10 @@ impl Seen {
         let Some(right) = &frame.right else {
             let (left, width, height) = read_grey(&frame.left)?;
             check((width, height))?;
-            // What is nearer than the matcher could tell is not known here either.
-            let most = disparities(config) as f64;
+            // Disparities beyond the search range of the matcher are unknown here, too.
+            let limit_px = disparities(config) as f64;
             let steps = |&z: &f32| match rig.disparity_px(f64::from(z)) {
-                px if z > 0.0 && px < most => (px * 256.0).round() as u16,
+                px if z > 0.0 && px < limit_px => (px * 256.0).round() as u16,
                 _ => 0,
             };
             let disparity: Vec<u16> = depth_m.px.iter().map(steps).collect();
@@ -174,7 +175,7 @@ impl Seen {
             .and_then(|map| DepthView::new(map, &self.confidence))
             .ok_or_else(|| {
                 let (path, width, height) = (frame.depth.display(), self.width, self.height);
-                CommandError::Other(format!("{path}: not {width}x{height} pixels, as its picture is"))
+                CommandError::Other(format!("{path}: its size is not {width}x{height}, that of its picture"))
             })
     }
 
@@ -203,7 +204,7 @@ impl Seen {
     }
 }
 
-/// Draws a label's box, with its LiDAR distance below it.
+/// Draws the box of a label, with its LiDAR distance below.
 fn draw(picture: &mut Picture, label: &Label, lidar_m: Option<f64>) {
     let bounds = label_box(label, picture.width(), picture.height());
     picture.frame([bounds.x, bounds.y, bounds.width, bounds.height], BLUE, 1);

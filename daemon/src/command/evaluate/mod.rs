@@ -16,29 +16,29 @@ pub const HELP: &str = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015
   lookout evaluate stereo KITTI MIDDLEBURY --out results --json
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others
-  lookout evaluate weather                       synthetic scenes, six weathers
-  lookout evaluate distance                      approaches, and scenes without danger
-  lookout evaluate lidar DIR                     real pictures with LiDAR depth and labels
+  lookout evaluate weather                       synthetic scenes in six weather conditions
+  lookout evaluate distance                      approaches, and scenes without an alarm
+  lookout evaluate lidar DIR                     recorded images with LiDAR depth and labels
   lookout evaluate stereo --help";
 
 #[derive(Debug, Subcommand)]
 pub enum Evaluate {
-    /// Disparity maps, scored as the KITTI devkit does
+    /// Evaluate disparity maps, scored as by the KITTI devkit
     #[command(after_help = stereo::HELP)]
     Stereo(stereo::EvaluateStereo),
-    /// Obstacles, distances and the road in synthetic scenes, by weather
+    /// Evaluate obstacles, distances and the road in synthetic scenes, by weather
     #[command(after_help = weather::HELP)]
     Weather(weather::EvaluateWeather),
-    /// Approaches to single obstacles, and scenes that must stay silent
+    /// Evaluate approaches to single obstacles, and scenes without anything to alarm about
     #[command(after_help = distance::HELP)]
     Distance(distance::EvaluateDistance),
-    /// Road, regions and labelled cars of real pictures, against LiDAR depth
+    /// Evaluate road, regions and labelled cars in recorded images, against LiDAR depth
     #[command(after_help = lidar::HELP)]
     Lidar(lidar::EvaluateLidar),
-    /// A cascade on patches with and without objects
+    /// Evaluate a cascade on pictures with and without objects
     #[command(after_help = detection::HELP)]
     Detection(detection::EvaluateDetection),
-    /// Running time of cascades: whole pictures and regions, beside the paper's
+    /// Measure the running time of cascades on whole images and on regions, beside the paper's
     #[command(after_help = recognition::HELP)]
     Recognition(recognition::EvaluateRecognition),
 }
@@ -46,7 +46,7 @@ pub enum Evaluate {
 /// Runs an evaluation.
 ///
 /// # Errors
-/// What the user should read.
+/// With a text for the user.
 pub fn run(what: Evaluate, log: Option<&str>) -> Result<(), CommandError> {
     match what {
         Evaluate::Stereo(args) => stereo::run(&args, log),

@@ -20,23 +20,24 @@ pub const HELP: &str = "Examples:
   lookout evaluate recognition lbp.xml models/vehicle.xml
   lookout evaluate recognition lbp.xml --scene drive --frames 50 --json
 
-A scene goes through stereo and road; each cascade then searches each picture, in turns: the whole of it
-and the crops of its regions, with windows of 30 to 90 px that grow by 1.3, and the crops with the
-two sizes that each region's distance makes likely (recognition.window_m, recognition.growth).
-Medians of the pictures' processor time. The paper's table beside it is of its own board.";
+Stereo and road process a scene. Each cascade, in turn, then searches each image three times: the
+whole image, and the crops of its regions, both with windows of 30 to 90 px and a scale factor of
+1.3; and the crops with the two window sizes that the region's distance suggests
+(recognition.window_m, recognition.growth). Times are medians of the processor time per image. The
+paper's table was measured on its own board.";
 
-/// Running time of cascades.
+/// Measures the running time of cascades.
 #[derive(Args, Debug)]
 pub struct EvaluateRecognition {
-    /// Cascades
+    /// OpenCV cascade XML files
     #[arg(required = true, value_name = "CASCADE")]
     pub cascades: Vec<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// What is searched: a scene as in lookout replay scene:NAME
+    /// Scene to search, named as in lookout replay scene:NAME
     #[arg(long, default_value = "street", value_name = "SCENE")]
     pub scene: String,
-    /// Pictures
+    /// Number of images
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub frames: u64,
     /// Print as JSON
@@ -44,10 +45,10 @@ pub struct EvaluateRecognition {
     pub json: bool,
 }
 
-/// Frames after which the regions have settled.
+/// Frames at the start that are not measured, until regions are confirmed.
 const SETTLED: u64 = 20;
 
-/// Milliseconds of processor time.
+/// Processor time of a closure, in milliseconds.
 fn ms(work: impl FnOnce()) -> f64 {
     let begin = process_cpu_ns();
     work();

@@ -1,4 +1,4 @@
-//! Takes a scene through the rooms, frame by frame, with its truth.
+//! Runs a synthetic scene through the stages in this process, frame by frame, with its ground truth.
 
 use crate::command::error::CommandError;
 use crate::in_process::{FrameResult, Pipeline};
@@ -12,7 +12,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use tools::evaluation::scene_match::Detection;
 
-/// The scene that the pipeline draws from and the truth is asked of.
+/// A scene shared by the pipeline, which reads its images, and the evaluation, which reads its truth.
 struct Shared(Rc<RefCell<Scene>>);
 
 impl PairSource for Shared {
@@ -37,46 +37,46 @@ impl PairSource for Shared {
     }
 }
 
-/// A scene on its way through the rooms.
+/// A scene and the pipeline that processes it.
 pub struct SceneRun {
     scene: Rc<RefCell<Scene>>,
     pipeline: Pipeline,
     /// The scene's rig.
     pub rig: Rig,
-    /// Frames that there are.
+    /// Number of frames.
     pub frames: u64,
-    /// Seconds from frame to frame.
+    /// Seconds between frames.
     pub period_s: f64,
-    /// What the scene shows.
+    /// Description of the scene.
     pub title: String,
 }
 
 impl SceneRun {
-    /// Furnishes the rooms for a scene; it is looked at for `most` frames at most.
+    /// Configures the stages for a scene; at most `max_frames` of its frames are used.
     ///
     /// # Errors
-    /// When a room cannot be used.
-    pub fn new(config: &Config, scene: Scene, most: u64) -> Result<Self, CommandError> {
+    /// If a stage cannot be configured.
+    pub fn new(config: &Config, scene: Scene, max_frames: u64) -> Result<Self, CommandError> {
         let no_rig = || CommandError::Other("the scene has no rig".into());
         let rig = scene.rig().ok_or_else(no_rig)?;
-        let frames = scene.count().map_or(most, |count| count.min(most));
+        let frames = scene.count().map_or(max_frames, |count| count.min(max_frames));
         let (period_s, title) = (scene.period_ns() as f64 * 1e-9, scene.title().to_owned());
         let scene = Rc::new(RefCell::new(scene));
         let pipeline = Pipeline::new(config, Box::new(Shared(Rc::clone(&scene))), rig)?;
         Ok(Self { scene, pipeline, rig, frames, period_s, title })
     }
 
-    /// Takes frame `index` through the rooms; frames come in order.
+    /// Processes frame `index`; frames have to be processed in order, because tracking has a memory.
     ///
     /// # Errors
-    /// When the scene has no such frame.
+    /// If the scene has no such frame.
     pub fn frame(&mut self, index: u64) -> Result<(SceneTruth, FrameResult<'_>), CommandError> {
         let truth = self.scene.borrow_mut().truth(index);
         Ok((truth, self.pipeline.frame(index, index)?))
     }
 }
 
-/// A region as it is compared with the truth: box, distance and the distance's standard deviation.
+/// Converts a region for the comparison with the truth: box, distance and its standard deviation.
 pub fn found(region: &RegionRecord, rig: &Rig) -> Detection {
     let [x, y, width, height] = region.bounds;
     Detection {

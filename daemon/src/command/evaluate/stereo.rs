@@ -28,25 +28,26 @@ use tools::reporting::{colour, picture};
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout evaluate stereo ../shared/data/kitti2015
-  lookout evaluate stereo KITTI --pairs odd        choose parameters on these, report --pairs even
+  lookout evaluate stereo KITTI --pairs odd        tune parameters on these, report --pairs even
   lookout evaluate stereo KITTI --out results      error pictures, maps, plots
   lookout evaluate stereo KITTI --maps results     score maps instead of matching
   lookout evaluate stereo KITTI --disturb noise --save-pairs noisy
 
-DIR and what lies below it is searched for KITTI 2012 (image_0, image_1, disp_noc, disp_occ),
-KITTI 2015 (image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map,
-calib) and Middlebury scenes (a folder each, such as im0.png, im1.png, disp0GT.pfm).
+DIR is searched recursively for KITTI 2012 (image_0, image_1, disp_noc, disp_occ), KITTI 2015
+(image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map, calib) and
+Middlebury scenes (a folder each, such as im0.png, im1.png, disp0GT.pfm).
 
-A line for each image and region: all pixels with truth, and noc, those that the right camera sees
-too. In percent: dens, pixels with an estimate; bad1, bad2, bad3, errors above 1, 2, 3 px; D1,
-above 3 px and 5 % of the truth; all of them and epe, the mean error in px, after holes are filled
-with the background of their row as KITTI does; hole3, a hole counts as wrong; val3, holes are
-left out. ms is processor time. mean is that of the images' figures.
+One line per image and region: all, pixels with ground truth; noc, those that are not occluded in
+the right image. In percent: dens, pixels with an estimate; bad1, bad2, bad3, errors above 1, 2, 3
+px; D1, above 3 px and 5 % of the truth. These and epe, the mean error in px, are computed after
+background fill (holes take the background of their row, as in the KITTI devkit); hole3 is bad3
+with holes counted as errors, val3 is bad3 without holes. ms is processor time. mean is the mean
+over the images.
 
---out writes SET/errors/PAIR.png (blue is right, yellow to red is wrong by the rule of D1, occluded
-pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png, subpixel.png,
-roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and disp_occ_0; with
-several sets, below a folder for each.";
+--out writes SET/errors/PAIR.png (blue is correct, yellow to red is wrong by the rule of D1,
+occluded pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png,
+subpixel.png, roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and
+disp_occ_0; for several sets, into a folder for each.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateStereo {
@@ -58,31 +59,31 @@ pub struct EvaluateStereo {
     /// Matcher [default: stereo.method]
     #[arg(long, value_enum, conflicts_with = "maps")]
     pub method: Option<Method>,
-    /// What matches [default: stereo.backend]
+    /// Device that runs the matcher [default: stereo.backend]
     #[arg(long, value_enum, conflicts_with = "maps")]
     pub backend: Option<Backend>,
-    /// Disparities searched, in px
+    /// Number of disparities to search
     #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255), conflicts_with = "maps")]
     pub max_disparity: u16,
-    /// Which pairs of each set, by their position in the table, from 1
+    /// Pairs of each set to use, by their position in the table, from 1
     #[arg(long, value_enum, default_value_t = PairChoice::All)]
     pub pairs: PairChoice,
-    /// Scores maps of this folder instead of matching: SET/PAIR.png, SET/disparity/PAIR.png or
-    /// PAIR.png, 16 bit, disparity x 256, 0 = unknown; pairs without one are left out
+    /// Score the maps in this folder instead of matching: SET/PAIR.png, SET/disparity/PAIR.png or
+    /// PAIR.png, 16 bit, disparity x 256, 0 = unknown; pairs without a map are skipped
     #[arg(long, value_name = "DIR")]
     pub maps: Option<PathBuf>,
-    /// Disturbs the right image: values x 0.7, gamma of 0.6, noise of 5 grey levels, Gaussian blur of
-    /// 1 px, or half a row upwards
+    /// Disturb the right image: values x 0.7, gamma of 0.6, noise of 5 grey levels, Gaussian blur of
+    /// 1 px, or a shift of half a row upwards
     #[arg(long, value_name = "WHAT", conflicts_with = "maps",
         value_parser = PossibleValuesParser::new(Disturbance::NAMES).try_map(|name| name.parse::<Disturbance>()))]
     pub disturb: Option<Disturbance>,
-    /// Writes the grey pairs, as they are matched, and their truth in the layout of KITTI 2015
+    /// Write the grey pairs as they are matched, and their ground truth, in the layout of KITTI 2015
     #[arg(long, value_name = "DIR")]
     pub save_pairs: Option<PathBuf>,
     /// Folder for error pictures, maps and plots
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Matches each pair this often; ms is the median
+    /// Match each pair this many times; ms is the median
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "maps")]
     pub repeat: u32,
     /// Print as JSON
@@ -90,7 +91,7 @@ pub struct EvaluateStereo {
     pub json: bool,
 }
 
-/// Pairs of a set by position: parameters are chosen on one half, figures reported of the other.
+/// Pairs of a set by position, so that parameters are tuned on one half and results reported for the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PairChoice {
     /// Every pair
@@ -102,7 +103,7 @@ pub enum PairChoice {
 }
 
 impl PairChoice {
-    /// Its name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::All => "all",
@@ -127,17 +128,17 @@ struct Images {
     height: usize,
 }
 
-/// What is scored.
+/// The disparity map to score.
 struct Estimate {
     disparity: Vec<u16>,
-    /// Only a matcher tells it.
+    /// `None` for a map from a file.
     confidence: Option<Vec<u8>>,
     cpu_ms: Option<f64>,
 }
 
-/// Where estimates come from.
+/// Source of disparity maps.
 trait Estimator {
-    /// The estimate of a pair; `None` to leave it out.
+    /// The map of a pair; `None` to skip it.
     fn estimate(
         &mut self,
         set: &str,
@@ -145,7 +146,7 @@ trait Estimator {
         images: &Images,
     ) -> Result<Option<Estimate>, CommandError>;
 
-    /// Bytes of the largest matcher.
+    /// Memory of the largest matcher; `None` without one.
     fn workspace_bytes(&self) -> Option<usize>;
 }
 
@@ -165,39 +166,15 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
     }
     let count = sets.iter().map(|set| set.pairs.len() as u64).sum();
     let bar = progress(Some(count), "pairs");
-    let (mut roc, mut subpixel) = (Sparsification::default(), SubpixelHistogram::default());
+    let mut statistics = Statistics::default();
     let mut reports = Vec::new();
     for set in &sets {
         let (mut rows, mut left_out) = (Vec::new(), 0);
         for pair in &set.pairs {
             bar.set_message(pair.name.clone());
-            let (truth, images) = read(pair, args.disturb)?;
-            if let Some(folder) = &args.save_pairs {
-                save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
-            }
-            let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else {
-                left_out += 1;
-                bar.inc(1);
-                continue;
-            };
-            let px = tools::evaluation::pixels(&estimate.disparity);
-            let mut filled = px.clone();
-            interpolate_background(&mut filled, images.width, images.height);
-            for (region, mask) in &truth.regions {
-                rows.push(Row {
-                    name: pair.name.clone(),
-                    region: region.name(),
-                    scores: score(&truth.disparity_px, mask, &px, &filled),
-                    cpu_ms: estimate.cpu_ms,
-                });
-            }
-            subpixel.add(&truth.disparity_px, truth.visible(), &px);
-            if let Some(confidence) = &estimate.confidence {
-                roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
-            }
-            if let Some(out) = &args.out {
-                let max_px = f32::from(args.max_disparity);
-                save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
+            match evaluate_pair(args, &sets, set, pair, estimator.as_mut(), &mut statistics)? {
+                Some(of_pair) => rows.extend(of_pair),
+                None => left_out += 1,
             }
             bar.inc(1);
         }
@@ -221,22 +198,69 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
         repeat: args.repeat,
         workspace_bytes: estimator.workspace_bytes(),
         sets: reports,
-        roc: roc.curve(),
-        subpixel: subpixel.shares(),
+        roc: statistics.roc.curve(),
+        subpixel: statistics.subpixel.shares(),
     };
     if let Some(out) = &args.out {
-        if let Some(shares) = &report.subpixel {
-            shares.plot().save(&out.join("subpixel.png"))?;
-        }
-        if let Some(curve) = &report.roc {
-            curve.plot().save(&out.join("roc.png"))?;
-        }
-        write_report(out, &report)?;
+        write_results(out, &report)?;
     }
     if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
 }
 
-/// The chosen pairs of every set, each set under a name of its own.
+/// Statistics over the pixels of all pairs.
+#[derive(Default)]
+struct Statistics {
+    roc: Sparsification,
+    subpixel: SubpixelHistogram,
+}
+
+/// Scores a pair and writes its files. Returns a row for each region, or `None` if there is no estimate.
+fn evaluate_pair(
+    args: &EvaluateStereo,
+    sets: &[Set],
+    set: &Set,
+    pair: &TruthPair,
+    estimator: &mut dyn Estimator,
+    statistics: &mut Statistics,
+) -> Result<Option<Vec<Row>>, CommandError> {
+    let (truth, images) = read(pair, args.disturb)?;
+    if let Some(folder) = &args.save_pairs {
+        save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
+    }
+    let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else { return Ok(None) };
+    let px = tools::evaluation::pixels(&estimate.disparity);
+    let mut filled = px.clone();
+    interpolate_background(&mut filled, images.width, images.height);
+    let rows = truth.regions.iter().map(|(region, mask)| Row {
+        name: pair.name.clone(),
+        region: region.name(),
+        scores: score(&truth.disparity_px, mask, &px, &filled),
+        cpu_ms: estimate.cpu_ms,
+    });
+    let rows = rows.collect();
+    statistics.subpixel.add(&truth.disparity_px, truth.visible(), &px);
+    if let Some(confidence) = &estimate.confidence {
+        statistics.roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
+    }
+    if let Some(out) = &args.out {
+        let max_px = f32::from(args.max_disparity);
+        save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
+    }
+    Ok(Some(rows))
+}
+
+/// Writes the plots and `evaluation.json`.
+fn write_results(out: &Path, report: &StereoReport) -> Result<(), CommandError> {
+    if let Some(shares) = &report.subpixel {
+        shares.plot().save(&out.join("subpixel.png"))?;
+    }
+    if let Some(curve) = &report.roc {
+        curve.plot().save(&out.join("roc.png"))?;
+    }
+    Ok(write_report(out, report)?)
+}
+
+/// The chosen pairs of every set; each set has a unique name.
 fn sets(args: &EvaluateStereo) -> Result<Vec<Set>, CommandError> {
     let mut sets: Vec<Set> = Vec::new();
     for root in &args.sets {
@@ -266,7 +290,7 @@ fn sets(args: &EvaluateStereo) -> Result<Vec<Set>, CommandError> {
     Ok(sets)
 }
 
-/// A data set's name: its folder's, with a number where that is taken.
+/// Name of a data set: its folder's name, with a number if that is taken.
 pub(super) fn set_name(root: &Path, taken: impl Fn(&str) -> bool) -> String {
     let own =
         root.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
@@ -275,7 +299,7 @@ pub(super) fn set_name(root: &Path, taken: impl Fn(&str) -> bool) -> String {
     names.find(|name| !taken(name)).unwrap_or(own)
 }
 
-/// The truth and the images of a pair, the right one disturbed.
+/// Reads ground truth and images of a pair, and disturbs the right image.
 fn read(pair: &TruthPair, disturb: Option<Disturbance>) -> Result<(Truth, Images), CommandError> {
     let truth = pair.truth()?;
     let (left, mut right, width, height) = read_pair(&pair.left, &pair.right)?;
@@ -286,6 +310,7 @@ fn read(pair: &TruthPair, disturb: Option<Disturbance>) -> Result<(Truth, Images
     Ok((truth, Images { left, right, width, height }))
 }
 
+/// Checks that an image and its ground truth have the same size.
 pub(super) fn check_size(
     path: &Path,
     size: (usize, usize),
@@ -302,7 +327,7 @@ fn roots(sets: &[Set]) -> impl Iterator<Item = &Path> {
     sets.iter().map(|set| set.root.as_path())
 }
 
-/// Estimates by a matcher for each size of image.
+/// Computes disparity maps, with one matcher for each image size.
 struct Matchers<'a> {
     args: &'a EvaluateStereo,
     config: &'a Config,
@@ -348,12 +373,12 @@ impl Estimator for Matchers<'_> {
     }
 }
 
-/// Estimates that are there already.
+/// Reads disparity maps from files.
 struct Maps<'a> {
     folder: &'a Path,
 }
 
-/// Where the map of a pair may lie; the second is where `--out` writes it.
+/// Possible paths of a pair's map; the second is where `--out` writes it.
 fn map_paths(folder: &Path, set: &str, pair: &str) -> [PathBuf; 3] {
     let file = format!("{pair}.png");
     [folder.join(set).join(&file), folder.join(set).join("disparity").join(&file), folder.join(&file)]
@@ -384,7 +409,7 @@ impl Estimator for Maps<'_> {
     }
 }
 
-/// A path without links and dots, whether it exists or not.
+/// The canonical path of a file that may not exist yet.
 fn resolved(path: &Path) -> PathBuf {
     for ancestor in path.ancestors() {
         let start = if ancestor.as_os_str().is_empty() { Path::new(".") } else { ancestor };
@@ -395,23 +420,23 @@ fn resolved(path: &Path) -> PathBuf {
     path.to_owned()
 }
 
-/// Refuses folders of which one would be cleaned for the other.
+/// Rejects folders that contain each other, because output folders are cleaned.
 fn keep_folders_apart(args: &EvaluateStereo) -> Result<(), CommandError> {
     let is_in = |inner: &Option<PathBuf>, outer: &Option<PathBuf>| match (inner, outer) {
         (Some(inner), Some(outer)) => resolved(inner).starts_with(resolved(outer)),
         _ => false,
     };
     let clash = if is_in(&args.maps, &args.out) || is_in(&args.maps, &args.save_pairs) {
-        "--maps lies in the folder that is written: give --out and --save-pairs other folders"
+        "--maps is inside an output folder: give other folders for --out and --save-pairs"
     } else if is_in(&args.save_pairs, &args.out) || is_in(&args.out, &args.save_pairs) {
-        "--save-pairs and --out lie in each other: give each a folder of its own"
+        "--save-pairs and --out contain each other: give separate folders"
     } else {
         return Ok(());
     };
     Err(CommandError::Other(clash.into()))
 }
 
-/// Refuses to write into a data set: results would be taken for truth, or overwrite it.
+/// Refuses to write into a data set: results could be mistaken for ground truth, or overwrite it.
 pub(super) fn keep_out_of<'a>(
     target: &Path,
     mut roots: impl Iterator<Item = &'a Path>,
@@ -421,7 +446,7 @@ pub(super) fn keep_out_of<'a>(
     match roots.find(|root| target_path.starts_with(resolved(root))) {
         None => Ok(()),
         Some(root) => Err(CommandError::Other(format!(
-            "{}: lies in the data set {}: give {option} another folder",
+            "{}: is inside the data set {}: give {option} another folder",
             target.display(),
             root.display()
         ))),
@@ -441,7 +466,7 @@ fn prepare_pictures(out: &Path, sets: &[Set]) -> Result<(), CommandError> {
     Ok(prepare(out, &files)?)
 }
 
-/// Where the pairs of a set are saved: a single set needs no folder of its own.
+/// Folder for the pairs of a set; a single set needs no subfolder.
 fn pair_folder(folder: &Path, sets: usize, name: &str) -> PathBuf {
     if sets == 1 { folder.to_owned() } else { folder.join(name) }
 }
@@ -451,12 +476,12 @@ fn prepare_pairs(folder: &Path, sets: &[Set]) -> Result<(), CommandError> {
     for set in sets {
         let below = pair_folder(Path::new(""), sets.len(), &set.name);
         keep_out_of(&folder.join(&below), roots(sets), "--save-pairs")?;
-        // KITTI's folders are read by their maps of all pixels as soon as there are any.
+        // A KITTI folder with any map of occluded pixels is read by those maps alone.
         let with_all = set.pairs.iter().filter(|pair| pair.regions().contains(&Region::All)).count();
         if with_all != 0 && with_all != set.pairs.len() {
             return Err(CommandError::Other(format!(
-                "{}: only {with_all} of its {} pairs have truth of occluded pixels, which one KITTI folder cannot \
-                 hold: give the folders below it one by one",
+                "{}: only {with_all} of its {} pairs have ground truth for occluded pixels, which the KITTI layout \
+                 cannot represent: give its subfolders one by one",
                 set.root.display(),
                 set.pairs.len()
             )));

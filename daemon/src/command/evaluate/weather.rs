@@ -28,18 +28,20 @@ pub const HELP: &str = "Examples:
   lookout evaluate weather crest-traffic dip-traffic --weather sunny --ablation
   lookout evaluate weather 'street?rig=kitti' my/road.toml --out results
 
-Every frame goes through the same rooms as in the daemon, in one process; its regions are compared
-with the exact truth of the scene. A line for each scene and weather, the paper's accuracy beside it.
+Every frame is processed by the same stages as in the daemon, in one process. Its regions are
+compared with the exact ground truth of the scene. The table has one line per scene and weather,
+with the paper's accuracy beside it.
 
-due: objects that the scene names, 3 to 40 m away (debris to 20 m), at least half of them visible, in
-both images, not cut by the left or right border. detected: share of these with a region at their
-place (box overlap of 0.25, or half of the object in a box up to six times as large) and distance
-(within 1 m or 15 %). false/min: regions within 40 m on the asphalt where nothing stands at their
-distance, each frame counted; tracks/min: confirmed tracks of such; stray/min: the same beside the
-asphalt. road cm: median and 95 % of the road model's height error up to 40 m. covered: share of
-truths within two stated standard deviations.
+due: evaluable objects: named by the scene, 3 to 40 m away (debris to 20 m), at least half
+visible, in both images, not cut by the left or right border. detected: share of these (true
+positives) with a region that matches in place (box overlap of 0.25, or half of the object in a
+box up to six times as large) and distance (within 1 m or 15 %). false/min: false regions within
+40 m on the asphalt, where nothing stands at their distance, each frame counted; tracks/min:
+confirmed tracks of such regions; stray/min: off-road false positives, the same beside the
+asphalt. road cm: median and 95th percentile of the road model's height error up to 40 m. covered:
+share of truths within two stated standard deviations.
 
---out writes SCENE-WEATHER.png (the frame with most objects due) and evaluation.json.";
+--out writes SCENE-WEATHER.png (the frame with most evaluable objects) and evaluation.json.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateWeather {
@@ -48,14 +50,14 @@ pub struct EvaluateWeather {
     pub scenes: Vec<String>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Weathers, in place of the paper's six
+    /// Weather conditions, instead of the paper's six
     #[arg(long, value_name = "LIST", value_delimiter = ',',
         value_parser = PossibleValuesParser::new(Weather::ALL.map(Weather::name)))]
     pub weather: Vec<String>,
-    /// Once more with road.shape = "plane": a single plane in place of the road profile
+    /// Repeat with road.shape = "plane", a single plane instead of the road profile
     #[arg(long)]
     pub ablation: bool,
-    /// Frames of each scene and weather, at most
+    /// Maximum number of frames of each scene and weather
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub frames: u64,
     /// Folder for pictures and the tables
@@ -71,7 +73,7 @@ struct Condition {
     name: String,
     weather: Weather,
     scene: Scene,
-    /// What the road is fitted by, where that is compared: `road.shape`.
+    /// `road.shape` to compare with `--ablation`; `None` for the configured one.
     road: Option<&'static str>,
 }
 
@@ -84,7 +86,7 @@ impl Condition {
     }
 }
 
-/// The scenes of the command line, each in every weather and with every road that was asked for.
+/// Every combination of scene, weather and, with `--ablation`, road shape.
 fn conditions(args: &EvaluateWeather) -> Result<Vec<Condition>, CommandError> {
     let names: Vec<&str> = match &args.weather[..] {
         [] => PAPER.iter().map(|(name, _)| *name).collect(),
@@ -123,7 +125,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
         let mut run = SceneRun::new(&config, condition.scene, args.frames)?;
         let (rig, frames) = (run.rig, run.frames);
         let mut tally = Tally::new(&name, weather, rig, run.period_s);
-        // The frame with most objects due, to be shown.
+        // The frame with most evaluable objects, for the picture.
         let mut best: Option<(usize, Picture)> = None;
         for index in 0..frames {
             let (truth, result) = run.frame(index)?;
@@ -146,7 +148,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                     .on_road
                     > 0
             };
-            // What is out of sight is no region.
+            // A track that was not detected in this frame has no region to compare.
             let false_tracks: Vec<u32> = tracks
                 .iter()
                 .filter(|(o, t)| o.missed == 0 && is_false(&t.found))

@@ -5,26 +5,26 @@ use crate::command::number::{fps, number};
 use clap::Args;
 use std::path::PathBuf;
 
-/// What stands below `lookout soak --help`.
+/// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout soak                                        five minutes of the built-in drive at 12.5 fps
   lookout soak --minutes 20 --out out/soak-20
   lookout soak RECORDING --fps 10 --minutes 600 -c car.toml
-  lookout soak --minutes 20 --faults --seed 7         kills, exits, hangs, stalls and heat at random
+  lookout soak --minutes 20 --faults --seed 7         random kills, exits, hangs, stalls and heat
   lookout soak --kills 1000                           a thousand SIGKILLs, about 20 minutes
-  lookout soak --overload --minutes 10                twice what the daemon sustains
-  lookout soak --tables                               the paper's tables beside ours
-  lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a board that has them
+  lookout soak --overload --minutes 10                twice the rate that the daemon sustains
+  lookout soak --tables                               reproduce the paper's tables
+  lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a suitable board
 
-Starts the daemon with an instance of its own, loops the source, and watches from outside. Budgets are
-in [soak] of the configuration; each is judged, and one that is not kept makes exit code 1. Without -c,
-64 disparities are searched, as the paper's rig needs.
+Starts the daemon as a separate instance, loops the source, and measures from outside. Budgets are
+in [soak] of the configuration; the exit code is 1 if one is exceeded. Without -c, 64 disparities
+are searched, enough for the paper's rig.
 
---out holds soak.md, soak.json, plots as SVG, daemon.toml (the configuration of the run) and daemon.log.
-docs/soak.md tells how to read them. With faults the supervision is set to restart at once and never to
-give up; the report lists what was set.";
+--out receives soak.md, soak.json, plots as SVG, daemon.toml (the configuration of the run) and
+daemon.log; docs/soak.md explains them. With faults, supervision is configured to restart stages at
+once and never to give up; the report lists these settings.";
 
-/// The board's qualification.
+/// Qualifies a board.
 #[derive(Args, Debug)]
 pub struct Soak {
     /// Folder of a recording, or scene:NAME, as for lookout replay [default: the source of the
@@ -32,30 +32,30 @@ pub struct Soak {
     pub source: Option<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Minutes to measure, after the warm-up [default: 5; with --kills until they are made; with
+    /// Minutes to measure, after the warm-up [default: 5; with --kills until all are done; with
     /// --tables 1 for each rate, with --gpu-table 1 for each clock]
     #[arg(long, value_name = "N", value_parser = minutes)]
     pub minutes: Option<f64>,
     /// Pairs per second [default: source.fps, or 12.5]
     #[arg(long, value_name = "N", value_parser = fps)]
     pub fps: Option<f64>,
-    /// Make faults of all kinds at random
+    /// Inject random faults of all kinds
     #[arg(long)]
     pub faults: bool,
-    /// Make this many SIGKILLs, one right after the recovery from the other
+    /// Inject this many SIGKILLs, each right after the recovery from the previous one
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub kills: Option<u64>,
-    /// Seed of the faults [default: of the clock; it is printed]
+    /// Seed of the faults [default: from the clock; it is printed]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Offer twice what the daemon sustains
+    /// Offer pairs at twice the rate that the daemon sustains
     #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "tables"])]
     pub overload: bool,
-    /// Run at 10, 15, 20 and 24 fps and print the paper's tables beside ours
+    /// Run at 10, 15, 20 and 24 fps and print the results beside the paper's tables
     #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed"])]
     pub tables: bool,
-    /// Match on the GPU with its clock at three of its steps and left alone, and print the paper's table of GPU
-    /// frequencies beside ours; needs a board whose GPU has a clock that can be set
+    /// Match on the GPU at three steps of its clock and with the governor, and print the results beside the
+    /// paper's table of GPU frequencies; needs a board whose GPU clock can be set
     #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed", "overload", "tables"])]
     pub gpu_table: bool,
     /// Folder for the report

@@ -1,4 +1,4 @@
-//! `lookout soak --gpu-table`: the paper's table of GPU frequencies beside ours.
+//! `lookout soak --gpu-table`: reproduces the paper's table of GPU frequencies.
 
 use super::arguments::Soak;
 use super::session::{at_rate, line, save, time};
@@ -14,7 +14,7 @@ use tools::soak::budget::Kind;
 use tools::soak::paper::{ClockRun, OFFERED_CLOCKS, Place, clock_table};
 use tools::soak::report::Setting;
 
-/// The GPU's clock: its name in the readings, and its steps.
+/// The GPU clock: its name in the status, and its frequency steps in ascending order.
 pub struct GpuClock {
     name: String,
     steps: Vec<Hertz>,
@@ -29,19 +29,19 @@ impl GpuClock {
     }
 }
 
-/// The clock that is to be set.
+/// The GPU clock of the board.
 ///
 /// # Errors
-/// When the board has none.
+/// If the board has none that can be set.
 pub fn clock(config: &Config) -> Result<GpuClock, CommandError> {
     let (name, steps) = gpu_steps(&config.board).ok_or_else(|| {
-        let way = match config.board.gpu.as_str() {
+        let file = match config.board.gpu.as_str() {
             "tk1" => "kernel/debug/clock/gbus/possible_rates".to_owned(),
             _ => format!("class/devfreq/*/available_frequencies of a device like \"{}\"", config.board.gpu_device),
         };
         CommandError::Other(format!(
-            "--gpu-table: no GPU below {} has a clock with steps ({way}): run it on the board, or correct board.gpu and \
-             board.gpu_device; --tables needs no such clock",
+            "--gpu-table: no GPU below {} has a clock with frequency steps ({file}): run this on the board, or correct \
+             board.gpu and board.gpu_device; --tables needs no GPU clock",
             config.board.sysfs.display()
         ))
     })?;
@@ -63,15 +63,15 @@ pub fn run(
         let (mut config, mut settings) = at_rate(config, settings, fps, "a run of the paper's table");
         let mut put = |key, value: String, why| settings.push(Setting { key, value, why });
         config.stereo.backend = "gpu".into();
-        put("stereo.backend", "gpu".into(), "its clock is what is asked about");
+        put("stereo.backend", "gpu".into(), "the table is about its clock");
         config.clocks.gpu_mhz = set.map_or(0.0, Hertz::mhz);
         put(
             "clocks.gpu_mhz",
             config.clocks.gpu_mhz.to_string(),
-            "a step of the GPU's clock; 0 leaves it alone",
+            "a step of the GPU clock; 0 leaves it to the governor",
         );
         config.clocks.set = "require".into();
-        put("clocks.set", "require".into(), "a clock that is not set is no row");
+        put("clocks.set", "require".into(), "a row is valid only if its clock was set");
         let name = set.map_or("automatic".into(), |set| format!("{:.0}-MHz", set.mhz()));
         let plan = Plan {
             kind: Kind::Steady,
@@ -81,13 +81,13 @@ pub fn run(
             source: source.to_owned(),
             out: args.out.join(format!("{name}-{fps:.0}-fps")),
         };
-        eprintln!("GPU {name}, {fps:.0} pairs a second");
+        eprintln!("GPU {name}, {fps:.0} pairs per second");
         let soaked = soak::run(&config, &plan, stop, &mut |p| eprintln!("{}", line(p)))?;
         if stop.load(Ordering::Relaxed) {
             return Err(CommandError::Other("stopped by a signal: no table".into()));
         }
         if soaked.report.frames == 0 {
-            return Err(CommandError::Other(format!("with the GPU at {name} no result came out")));
+            return Err(CommandError::Other(format!("no results with the GPU at {name}")));
         }
         let read_mhz = soaked.clocks_mhz.get(&clock.name).copied();
         adapter = soaked.device;
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_without_the_clock_is_told_before_anything_runs() {
+    fn a_board_without_the_clock_is_an_error_before_anything_runs() {
         let mut config = config::load(None).unwrap();
         config.board.sysfs = "/no/such/tree".into();
         let error = clock(&config).err().map(|e| e.to_string()).unwrap_or_default();

@@ -30,18 +30,18 @@ use tools::soak::report::Setting;
 /// The paper's rate.
 const PAPER_FPS: f64 = 12.5;
 
-/// The built-in drive, and the paper's rig, need no more.
+/// Enough for the built-in drive and the paper's rig.
 const DISPARITIES: i64 = 64;
 
 /// A recovery that takes longer counts as failed.
-const PATIENCE_NS: u64 = 30_000_000_000;
+const RECOVERY_LIMIT_NS: u64 = 30_000_000_000;
 
-/// What is offered to find out what the daemon sustains.
+/// Rate at which pairs are offered to measure the rate that the daemon sustains.
 const FLOOD_FPS: f64 = 500.0;
 
 pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     let (mut config, mut settings) = prepare(args, log)?;
-    // Before minutes are spent.
+    // Checked first, before minutes are spent.
     let clock = args.gpu_table.then(|| gpu::clock(&config)).transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -49,7 +49,7 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
             .map_err(|e| CommandError::Other(format!("cannot catch signals: {e}")))?;
     }
     let source = source_name(&config);
-    // Removed at the end.
+    // The drawn files are removed when this is dropped.
     let _pairs = draw(args, &mut config, &mut settings)?;
     if let Some(clock) = clock {
         return gpu::run(args, &config, &settings, &source, &clock, &stop);
@@ -63,10 +63,10 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
         plan(args, config, settings, source)?
     };
     eprintln!(
-        "soak of {} at {:.4} pairs a second, {}; report in {}",
+        "soak of {} at {:.4} pairs per second, {}; report in {}",
         plan.source,
         config.source.fps,
-        plan.time.map_or("until the kills are made".into(), |t| format!("{:.1} min", t.as_secs_f64() / 60.0)),
+        plan.time.map_or("until all kills are done".into(), |t| format!("{:.1} min", t.as_secs_f64() / 60.0)),
         plan.out.display()
     );
     if let Some(faults) = &plan.faults {
@@ -86,18 +86,22 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     Ok(())
 }
 
-/// The configuration of the daemon that is soaked, and what was set in it.
+/// The configuration of the daemon under test, and the settings that the soak changed in it.
 fn prepare(args: &Soak, log: Option<&str>) -> Result<(Config, Vec<Setting>), CommandError> {
     let mut config = load(&args.config, log, "soak", Some("warn"))?;
     let mut settings = Vec::new();
     if let Some(source) = &args.source {
         set_source(&mut config, source);
-        settings.push(Setting { key: "source.path", value: source.display().to_string(), why: "as asked" });
+        settings.push(Setting {
+            key: "source.path",
+            value: source.display().to_string(),
+            why: "as requested",
+        });
     }
     if args.config.instance.is_none() {
         config.instance.name = format!("soak-{}", std::process::id());
         let value = config.instance.name.clone();
-        settings.push(Setting { key: "instance.name", value, why: "a daemon of its own" });
+        settings.push(Setting { key: "instance.name", value, why: "a separate daemon" });
     }
     if args.config.config.is_none() && !args.config.set.iter().any(|s| s.starts_with("stereo.disparities")) {
         config.stereo.disparities = DISPARITIES;
@@ -111,7 +115,7 @@ fn prepare(args: &Soak, log: Option<&str>) -> Result<(Config, Vec<Setting>), Com
     Ok((config, settings))
 }
 
-/// Draws the pairs of a scene, and has the daemon read them.
+/// Draws the pairs of a scene to files, and configures the daemon to read them.
 fn draw(
     args: &Soak,
     config: &mut Config,
@@ -127,20 +131,20 @@ fn draw(
     config.source.kind = "folder".into();
     config.source.path.clone_from(&pairs.folder);
     let value = pairs.folder.display().to_string();
-    settings.push(Setting { key: "source.path", value, why: "the scene's pairs, drawn before" });
+    settings.push(Setting { key: "source.path", value, why: "the pairs of the scene, drawn in advance" });
     Ok(Some(pairs))
 }
 
-/// Pairs a second, and why so many.
+/// Pairs per second, and the reason for this rate.
 fn rate(args: &Soak, config: &Config) -> (f64, &'static str) {
     match args.fps {
-        Some(fps) => (fps, "as asked"),
+        Some(fps) => (fps, "as requested"),
         None if config.source.fps > 0.0 => (config.source.fps, "as configured"),
         None => (PAPER_FPS, "the paper's rate"),
     }
 }
 
-/// What the pairs are, in words.
+/// Description of the source.
 fn source_name(config: &Config) -> String {
     let path = config.source.path.display();
     match (config.source.kind.as_str(), config.source.path.as_os_str().is_empty()) {
@@ -173,19 +177,19 @@ fn plan(
         let mut set = |key, value: i64, why| settings.push(Setting { key, value: value.to_string(), why });
         set("supervision.restart_first_ms", c.restart_first_ms, "faults follow each other quickly");
         set("supervision.restart_longest_ms", c.restart_longest_ms, "faults follow each other quickly");
-        set("supervision.restart_window_s", c.restart_window_s, "faults of this run are no crash loop");
-        set("supervision.restart_count", c.restart_count, "no stage is given up for them");
+        set("supervision.restart_window_s", c.restart_window_s, "injected faults are not a crash loop");
+        set("supervision.restart_count", c.restart_count, "no stage is given up because of injected faults");
         set(
             "supervision.liveness_deadline_ms",
             c.liveness_deadline_ms,
-            "hangs count in the time to the next result",
+            "the time to detect a hang is part of the recovery time",
         );
-        set("supervision.heartbeat_ms", c.heartbeat_ms, "goes with the liveness deadline");
+        set("supervision.heartbeat_ms", c.heartbeat_ms, "follows from the liveness deadline");
         let value = gpu_timeout_ms.to_string();
         settings.push(Setting {
             key: "stereo.gpu_timeout_ms",
             value,
-            why: "goes with the liveness deadline",
+            why: "follows from the liveness deadline",
         });
     }
     if args.faults {
@@ -201,7 +205,7 @@ fn plan(
             None => config.soak.fault_pause_ms,
         }),
         liveness_ns: ms(config.supervision.liveness_deadline_ms),
-        patience_ns: PATIENCE_NS,
+        patience_ns: RECOVERY_LIMIT_NS,
         kills: args.kills,
     });
     let minutes = match (args.minutes, args.kills) {
@@ -219,7 +223,7 @@ fn plan(
     Ok((config, plan))
 }
 
-/// Finds out what the daemon sustains, and plans for twice that.
+/// Measures the rate that the daemon sustains, and plans a run at twice that rate.
 fn overload(
     args: &Soak,
     config: Config,
@@ -227,15 +231,15 @@ fn overload(
     source: String,
     stop: &Arc<AtomicBool>,
 ) -> Result<(Config, Plan), CommandError> {
-    eprintln!("finding out what the daemon sustains: {FLOOD_FPS} pairs a second for 10 s");
-    // A source that follows what the stages sustain would never overload them.
+    eprintln!("measuring the rate that the daemon sustains: {FLOOD_FPS} pairs per second for 10 s");
+    // With pacing the source slows down to the rate of the stages and never overloads them.
     let (mut config, mut settings) = (config, settings);
     if config.pacing.follow {
         config.pacing.follow = false;
         settings.push(Setting {
             key: "pacing.follow",
             value: "false".into(),
-            why: "the source does not give way",
+            why: "the source must not slow down",
         });
     }
     let (mut flood, _) = at_rate(&config, &settings, FLOOD_FPS, "");
@@ -252,19 +256,23 @@ fn overload(
     let capacity_fps = soaked.report.rate_hz;
     if soaked.report.dropped == 0 {
         return Err(CommandError::Other(format!(
-            "the source brings {capacity_fps:.1} pairs a second, and the stages keep up: it cannot overload them; \
-             try --set stereo.method=full"
+            "the source delivers {capacity_fps:.1} pairs per second, and the stages keep up: it cannot overload \
+             them; try --set stereo.method=full"
         )));
     }
-    eprintln!("it sustains {capacity_fps:.1}");
-    let (config, settings) =
-        at_rate(&config, &settings, capacity_fps * 2.0, "twice what the daemon was found to sustain");
+    eprintln!("it sustains {capacity_fps:.1} pairs per second");
+    let (config, settings) = at_rate(
+        &config,
+        &settings,
+        capacity_fps * 2.0,
+        "twice the rate that the daemon was measured to sustain",
+    );
     let time = Some(time(args.minutes.unwrap_or(5.0)));
     let plan = Plan { kind: Kind::Overload, time, faults: None, settings, source, out: args.out.clone() };
     Ok((config, plan))
 }
 
-/// Writes the report; gives its text.
+/// Writes the report and its plots; returns the text.
 fn write(soaked: &Soaked, out: &Path) -> Result<String, CommandError> {
     let names: Vec<(String, String)> =
         soaked.plots.iter().map(|(file, title, _)| (file.clone(), title.clone())).collect();

@@ -1,4 +1,4 @@
-//! What all kinds of soak share.
+//! Helpers of all kinds of soak.
 
 use crate::command::error::CommandError;
 use crate::soak::Progress;
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 use tools::soak::report::Setting;
 
-/// The configuration at a rate.
+/// The configuration with the source at a rate, and that setting in the list.
 pub fn at_rate(config: &Config, settings: &[Setting], fps: f64, why: &'static str) -> (Config, Vec<Setting>) {
     let mut config = config.clone();
     config.source.fps = fps;
@@ -21,7 +21,7 @@ pub fn time(minutes: f64) -> Duration {
     Duration::from_secs_f64(minutes * 60.0)
 }
 
-/// How far it is.
+/// A line that shows the progress.
 pub fn line(p: &Progress) -> String {
     let clock = |s: f64| format!("{}:{:02}", (s / 60.0) as u64, s as u64 % 60);
     let at = match (p.measured_s, p.planned_s) {

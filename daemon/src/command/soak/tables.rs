@@ -1,4 +1,4 @@
-//! `lookout soak --tables`: the paper's tables of its section 4.4 beside ours.
+//! `lookout soak --tables`: reproduces the tables of the paper's section 4.4.
 
 use super::arguments::Soak;
 use super::session::{at_rate, line, save, time};
@@ -16,10 +16,10 @@ use tools::soak::budget::Kind;
 use tools::soak::paper::{OFFERED_FPS, Place, RateRun, tables};
 use tools::soak::report::Setting;
 
-/// Size of the paper's pictures.
+/// Size of the paper's images.
 const SIZE: (usize, usize) = (640, 480);
 
-/// Its focal length in px, and a lens that bends as such lenses do.
+/// Focal length of the paper's cameras, in px, and a typical radial distortion (k1) of such lenses.
 const FOCAL_PX: f64 = 879.0;
 const RADIAL: f64 = -0.12;
 
@@ -41,13 +41,13 @@ pub fn run(
             source: source.to_owned(),
             out: args.out.join(format!("{fps:.0}-fps")),
         };
-        eprintln!("{fps:.0} pairs a second");
+        eprintln!("{fps:.0} pairs per second");
         let soaked = soak::run(&config, &plan, stop, &mut |p| eprintln!("{}", line(p)))?;
         if stop.load(Ordering::Relaxed) {
             return Err(CommandError::Other("stopped by a signal: no tables".into()));
         }
         if soaked.report.frames == 0 {
-            return Err(CommandError::Other(format!("at {fps:.0} pairs a second no result came out")));
+            return Err(CommandError::Other(format!("no results at {fps:.0} pairs per second")));
         }
         runs.push(soaked.rate);
     }
@@ -55,7 +55,7 @@ pub fn run(
         processor: processor(),
         cores: std::thread::available_parallelism().map_or(1, usize::from),
         source: source.to_owned(),
-        // There is no GPU whose clock could be set.
+        // These tables are measured on the CPU.
         backend: format!("CPU {} (no GPU clock here)", Level::best().name()),
         rectify_ms: Some(rectify_ms()?),
     };
@@ -66,7 +66,7 @@ pub fn run(
     say(if args.json { json } else { text })
 }
 
-/// Rectifies a pair of the paper's size again and again: median in ms.
+/// Median time to rectify a pair of the paper's size, in ms.
 pub fn rectify_ms() -> Result<f64, CommandError> {
     let (width, height) = SIZE;
     let centre = (width as f64 / 2.0, height as f64 / 2.0);

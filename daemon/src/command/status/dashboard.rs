@@ -1,4 +1,4 @@
-//! `lookout status --watch`: on a terminal a screen that is drawn anew each second, elsewhere a line each.
+//! `lookout status --watch`: a full screen that is redrawn every second on a terminal, otherwise one line each.
 
 use crate::command::error::CommandError;
 use messages::alarm::{ALARM, STANDBY, level_name};
@@ -8,16 +8,16 @@ use messages::status::{ProcessRecord, StatusRecord};
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal, Write};
 
-/// Seconds that the curves show at most.
+/// Number of seconds in the curves.
 const KEPT: usize = 120;
 
-/// Columns, where the terminal does not tell.
+/// Columns, if the terminal does not report its size.
 const COLUMNS: usize = 100;
 
-/// Eighths of a block.
+/// Block characters for the curves, from low to high.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// What a line tells by its colour.
+/// Colour of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Tone {
     Plain,
@@ -27,7 +27,7 @@ enum Tone {
     Bad,
 }
 
-/// The screen, and what was on it.
+/// The screen and the values that its curves show.
 pub struct Dashboard {
     name: String,
     rates: VecDeque<f64>,
@@ -40,11 +40,11 @@ pub struct Dashboard {
 }
 
 impl Dashboard {
-    /// Takes the terminal over, if standard output is one.
+    /// Switches to full screen, if standard output is a terminal.
     pub fn open(name: &str) -> Self {
         let is_screen = io::stdout().is_terminal();
         if is_screen {
-            // A screen of its own, without the cursor: what stood there comes back at the end.
+            // Alternate screen without a cursor; the terminal's contents are restored at the end.
             put("\x1b[?1049h\x1b[?25l");
         }
         Self::new(name, is_screen, is_screen && std::env::var_os("NO_COLOR").is_none())
@@ -67,7 +67,7 @@ impl Dashboard {
     /// Shows a status.
     ///
     /// # Errors
-    /// When standard output cannot be written.
+    /// If standard output cannot be written.
     pub fn show(&mut self, status: &StatusRecord) -> Result<(), CommandError> {
         self.take(status);
         if !self.is_screen {
@@ -158,7 +158,12 @@ impl Dashboard {
             ),
             (
                 alarm_tone,
-                format!("{}  {} obstacles  {} alarms so far", alarm(status), status.obstacles, status.alarms),
+                format!(
+                    "{}  {} obstacles  {} alarms since start",
+                    alarm(status),
+                    status.obstacles,
+                    status.alarms
+                ),
             ),
         ];
         match status.calibration.state() {
@@ -169,7 +174,7 @@ impl Dashboard {
             }
         }
         lines.push((Tone::Plain, String::new()));
-        // Name, curve, figure.
+        // Room for name and value beside the curve.
         let width = columns.saturating_sub(26).min(KEPT);
         for (name, list, unit) in
             [("rate", &self.rates, "fps"), ("CPU", &self.cpu, "%"), ("dropped", &self.drops, "")]
@@ -186,7 +191,7 @@ impl Dashboard {
             "fps",
             "p50 ms",
             "p99 ms",
-            "dropped",
+            "skipped",
             "CPU %",
             "",
             "RSS MiB",
@@ -198,7 +203,7 @@ impl Dashboard {
             lines.push((tone, process(role, p)));
         }
         lines.push((Tone::Plain, String::new()));
-        lines.push((Tone::Faint, "Ctrl-C leaves; the daemon goes on".into()));
+        lines.push((Tone::Faint, "Ctrl-C closes this view; the daemon keeps running".into()));
         lines
     }
 }
@@ -245,7 +250,7 @@ fn alarm(status: &StatusRecord) -> String {
     if status.nearest_m.is_finite() { format!("{level}, nearest {:.1} m", status.nearest_m) } else { level }
 }
 
-/// The last values as bars, the newest right.
+/// The last values as bars, the newest on the right.
 fn curve(list: &VecDeque<f64>, width: usize) -> String {
     let top = list.iter().copied().fold(1e-9, f64::max);
     let bar = |v: &f64| if *v <= 0.0 { ' ' } else { BARS[((v / top * 7.0).round() as usize).min(7)] };
@@ -260,7 +265,7 @@ fn size() -> (usize, usize) {
     }
 }
 
-/// A terminal that is gone is noticed elsewhere.
+/// Writes to the terminal. Errors are ignored: a closed terminal also sends SIGHUP.
 fn put(text: &str) {
     let mut out = io::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
@@ -287,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn the_screen_tells_what_is_wrong() {
+    fn the_screen_marks_problems() {
         let mut dashboard = Dashboard::new("front", false, true);
         dashboard.take(&status(5));
         dashboard.take(&status(8));

@@ -1,4 +1,4 @@
-//! The state of the daemon as a table for people.
+//! The status of the daemon as a text table.
 
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::calibration::CalibrationState;
@@ -7,8 +7,8 @@ use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
 use std::fmt::Write;
 
-/// The alarm's level and why.
-fn alarm_words(status: &StatusRecord) -> String {
+/// The level of the alarm and its reason.
+fn alarm_text(status: &StatusRecord) -> String {
     let level = level_name(status.alarm);
     match (status.alarm, rule_name(status.alarm_rule)) {
         (messages::alarm::OFF, _) if status.alarm_faults != 0 => {
@@ -19,14 +19,14 @@ fn alarm_words(status: &StatusRecord) -> String {
     }
 }
 
-/// The pace, the deadline and what was refused, one line each where there is something to say.
+/// Frame rate and deadline, and for each process the privileges that were refused; empty if there is nothing.
 fn pace_lines(status: &StatusRecord) -> String {
     let mut out = String::new();
     let p = &status.pacing;
     if p.rate_hz > 0.0 {
-        let _ = write!(out, "pace: {:.1} fps of {:.1} wanted", p.rate_hz, p.wanted_hz);
+        let _ = write!(out, "pacing: {:.1} fps of {:.1} requested", p.rate_hz, p.wanted_hz);
         if p.slowest_ms > 0.0 {
-            let _ = write!(out, "; slowest: {}, {:.1} ms for 9 of 10", p.slowest_name(), p.slowest_ms);
+            let _ = write!(out, "; slowest stage: {}, p90 {:.1} ms", p.slowest_name(), p.slowest_ms);
         }
         let _ = writeln!(out, "; {}", status.deadline);
     }
@@ -38,7 +38,7 @@ fn pace_lines(status: &StatusRecord) -> String {
     out
 }
 
-/// The status as a person reads it.
+/// The status as text: a summary and a table of processes.
 pub fn table(name: &str, status: &StatusRecord) -> String {
     let mut out = String::new();
     let reason = status.reason();
@@ -61,7 +61,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
             } else {
                 format!(": {all:.1} ms ({})", times.join(", "))
             };
-            format!("matches on {words}{times}\n")
+            format!("stereo device: {words}{times}\n")
         }
     };
     let nearest = if status.nearest_m.is_finite() {
@@ -72,13 +72,13 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms so far\n{}{calibration}{device}{}",
+         alarm {}{nearest}; {} obstacles, {} alarms since start\n{}{calibration}{device}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,
         status.latency_p50_ms,
         status.latency_p99_ms,
-        alarm_words(status),
+        alarm_text(status),
         status.obstacles,
         status.alarms,
         pace_lines(status),
@@ -120,7 +120,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     out
 }
 
-/// Heat and clocks; nothing where neither is watched.
+/// Temperatures and clocks; empty if neither is monitored.
 fn heat_lines(heat: &HeatRecord) -> String {
     let mut out = String::new();
     if heat.watched == 1 {

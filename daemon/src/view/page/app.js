@@ -1,5 +1,5 @@
-// The connection, and what is to be done with what comes. One question is under way at a time: the next is
-// asked when the last answer has been drawn, so a slow phone gets fewer frames and never old ones.
+// The connection to the viewer, and the handling of its responses. One request is in flight at a time: the next
+// is sent after the last response was drawn, so a slow device gets fewer frames but never old ones.
 "use strict";
 
 const STALE_MS = 2500;
@@ -32,20 +32,20 @@ function connect() {
   };
   socket.onmessage = async (event) => {
     await take(event.data).catch((error) => console.error(error));
-    // Not before the browser has drawn it; hidden pages are not drawn, and need nothing.
+    // Wait until the browser has drawn the frame. Hidden pages are not drawn and need no frames.
     if (document.hidden) setTimeout(ask, 1000);
     else requestAnimationFrame(ask);
   };
   socket.onclose = () => {
     if (page.socket !== socket) return;
     page.socket = null;
-    away("viewer not reachable: trying again");
+    away("viewer not reachable: reconnecting");
     setTimeout(connect, page.wait_ms);
     page.wait_ms = Math.min(page.wait_ms * 2, 5000);
   };
 }
 
-// Asks for what can be seen of the page, and nothing else.
+// Requests only the parts whose panels are visible.
 function ask() {
   const socket = page.socket;
   if (!socket || socket.readyState !== WebSocket.OPEN) return;
@@ -93,8 +93,8 @@ function present() {
 
 async function takeFrame(frame, parts) {
   const pictures = ["left", "disparity", "v_disparity"].filter((name) => parts[name] && parts[name].byteLength);
-  // All pictures of a frame are decoded before any is shown, and the decoded ones take the places of the
-  // old: so boxes and image belong together at every moment.
+  // All pictures of a frame are decoded before any is shown, and then replace the old ones together, so that
+  // boxes and image always belong to the same frame.
   const images = pictures.map((name) => {
     const image = new Image(frame.width, frame.height);
     image.src = URL.createObjectURL(new Blob([parts[name]], { type: "image/jpeg" }));
@@ -131,7 +131,8 @@ async function takeFrame(frame, parts) {
   else setAlarm("off", "alarm off", frame.alarm.reason || "");
 }
 
-// What is shown changes with every frame; what is spoken only when the level does, or an alarm goes on.
+// The visible text changes with every frame. The text for screen readers changes only with the level, and is
+// repeated while an alarm lasts.
 function setAlarm(level, text, more) {
   const element = byId("alarm");
   element.className = level;
@@ -146,19 +147,19 @@ function setAlarm(level, text, more) {
 
 function takeStatus(status, history) {
   const before = page.samples[page.samples.length - 1];
-  // A viewer that was restarted counts anew.
+  // The numbers start over after a restart of the viewer.
   if (before && history.length && history[0].number <= before.number) page.samples = [];
   page.samples = [...page.samples, ...history].slice(-KEPT);
   drawCharts(page.samples, page.stages);
   drawProcesses(status);
   const last = page.samples[page.samples.length - 1];
-  const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames a second, ` : "";
+  const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames per second, ` : "";
   const why = status.reason ? ` (${status.reason})` : "";
   byId("health").textContent =
-    `${status.state}${why}: ${rate}median ${status.latency_p50_ms.toFixed(0)} ms, 99 % ${status.latency_p99_ms.toFixed(0)} ms`;
+    `${status.state}${why}: ${rate}latency p50 ${status.latency_p50_ms.toFixed(0)} ms, p99 ${status.latency_p99_ms.toFixed(0)} ms`;
 }
 
-// An old picture must not pass for the road now.
+// An old picture must not be mistaken for the current road.
 function tellAge() {
   const age = performance.now() - page.frame_at;
   const stale = document.querySelector(".stale");
@@ -166,7 +167,7 @@ function tellAge() {
   stale.hidden = !is_old && !page.is_paused;
   if (is_old || page.is_paused) {
     const why = page.is_paused ? "paused" : "no new frame";
-    const text = `${why}: this is ${(age / 1000).toFixed(0)} s old`;
+    const text = `${why}: last frame ${(age / 1000).toFixed(0)} s ago`;
     if (stale.textContent !== text) stale.textContent = text;
   }
   if (is_old && !page.is_paused && page.live) setAlarm("off", "alarm off", "no new frame");
@@ -176,7 +177,7 @@ function pause() {
   page.is_paused = !page.is_paused;
   const button = byId("pause");
   button.setAttribute("aria-pressed", String(page.is_paused));
-  button.textContent = page.is_paused ? "Go on" : "Pause";
+  button.textContent = page.is_paused ? "Resume" : "Pause";
   tellAge();
 }
 

@@ -1,4 +1,4 @@
-// Draws figures: boxes, bird's-eye view, charts, tables. Knows nothing of the connection.
+// Draws boxes, bird's-eye view, charts and tables. Independent of the connection.
 "use strict";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -16,7 +16,7 @@ function svg(name, attributes, text) {
 const metres = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} m`);
 const seconds = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} s`);
 
-// Boxes over the left image, in its own pixels. The farthest first, so that near ones lie on top.
+// Boxes over the left image, in image pixels. The farthest first, so that near ones lie on top.
 function drawBoxes(frame) {
   const view = byId("boxes");
   view.setAttribute("viewBox", `0 0 ${frame.width} ${frame.height}`);
@@ -44,7 +44,7 @@ function drawBoxes(frame) {
   view.replaceChildren(...boxes);
 }
 
-// A label above each box, the nearest first; what would cover another is left to the table.
+// A label above each box, the nearest first; a label that would cover another is omitted.
 function placeLabels(frame, scale) {
   const placed = new Map();
   for (const o of [...frame.obstacles].sort((a, b) => a.distance_m - b.distance_m)) {
@@ -65,7 +65,7 @@ function drawObstacles(frame) {
   const rows = [...frame.obstacles].sort((a, b) => a.distance_m - b.distance_m).filter((o) => o.confirmed);
   const body = byId("obstacles").tBodies[0];
   if (rows.length === 0) {
-    body.replaceChildren(row(["nothing in sight"], "none"));
+    body.replaceChildren(row(["no obstacles"], "none"));
     return;
   }
   body.replaceChildren(...rows.map((o) => {
@@ -91,7 +91,7 @@ function row(cells, kind) {
   return line;
 }
 
-// The road from above: the camera below the middle, 40 m ahead, as wide as the panel.
+// Bird's-eye view: the camera at the bottom centre, 40 m ahead, as wide as the panel.
 const AHEAD_M = 40;
 
 function drawBirds(frame, points) {
@@ -107,7 +107,7 @@ function drawBirds(frame, points) {
   c.fillRect(0, 0, width, height);
   const perMetre = (height - 14) / AHEAD_M;
   const at = (x, z) => [width / 2 + x * perMetre, height - 6 - z * perMetre];
-  // What the left camera sees.
+  // Field of view of the left camera.
   const reach = AHEAD_M * 1.2;
   const edge = (u) => ((u - frame.cx_px) * reach) / frame.focal_px;
   c.beginPath();
@@ -144,7 +144,7 @@ function drawBirds(frame, points) {
     c.globalAlpha = 1;
     c.lineWidth = isCause ? 3 : 1.5;
     c.strokeRect(x, y, o.width_m * perMetre, depth * perMetre);
-    // Where it will be in a second, as seen from here; and how sure its distance is.
+    // Predicted position in one second, relative to the vehicle, and two standard deviations of the distance.
     if (o.closing_m_s !== null && Math.abs(o.closing_m_s) > 0.5) {
       c.beginPath(); c.moveTo(...at(o.lateral_m, o.distance_m));
       c.lineTo(...at(o.lateral_m, o.distance_m - o.closing_m_s)); c.stroke();
@@ -158,13 +158,13 @@ function drawBirds(frame, points) {
   c.beginPath(); c.moveTo(mx, my - 9); c.lineTo(mx - 6, my + 4); c.lineTo(mx + 6, my + 4); c.fill();
   const near = frame.obstacles.filter((o) => o.confirmed).length;
   const free = freeAhead(frame);
-  const way = free === null ? "no road seen, nothing known to be free" : `free ahead ${free.toFixed(1)} m`;
+  const way = free === null ? "no road detected, free space unknown" : `free ahead ${free.toFixed(1)} m`;
   const text = `${way}; ${near} tracks, ${frame.regions.length} regions, ${points ? points.byteLength / 8 : 0} points`;
   canvas.setAttribute("aria-label", `Road from above: ${text}`);
-  byId("birds-caption").textContent = `${text}; outlined: free; lines from tracks: where they are in a second`;
+  byId("birds-caption").textContent = `${text}; outline: free space; lines from tracks: predicted motion in one second`;
 }
 
-// Corners of the free space, from the left: [x, z] in metres, two for each stretch of columns.
+// Corners of the free space, from the left: [x, z] in metres, two for each group of columns.
 function freeOutline(frame) {
   const x = (u, z) => ((u - frame.cx_px) * z) / frame.focal_px;
   return frame.free_m.flatMap((z, i) => {
@@ -174,8 +174,8 @@ function freeOutline(frame) {
   });
 }
 
-// Where the way is free: as far as the road is seen or something stands. Its rim is a line, so that it
-// can be told without colour.
+// Free space: up to the end of the visible road or the nearest region. It has an outline, so that it is visible
+// without colour.
 function drawFree(c, frame, at) {
   const corners = freeOutline(frame);
   if (!corners.some(([, z]) => z > 0)) return;
@@ -192,7 +192,7 @@ function drawFree(c, frame, at) {
   c.globalAlpha = 1;
 }
 
-// Metres that are free in a lane as wide as a car, straight ahead; null where no road is seen.
+// Free distance straight ahead, in metres, in a lane of the width of a car; null without a detected road.
 const LANE_M = 2;
 
 function freeAhead(frame) {
@@ -205,7 +205,7 @@ function freeAhead(frame) {
   return free;
 }
 
-// Points by their height above the road: what lies on it faint, what stands strong.
+// Points by their height above the road: faint on the road, strong above it.
 function drawPoints(c, frame, points, at) {
   const tilt = frame.road_tilt;
   const height = frame.road ? frame.road.camera_height_m : null;
@@ -230,12 +230,12 @@ function drawPath(frame) {
   const list = frame.profile.map(([y, d]) => `${d.toFixed(2)},${y}`).join(" ");
   view.replaceChildren(svg("polyline", { points: list }));
   byId("v-caption").textContent = frame.road
-    ? `road: camera ${frame.road.camera_height_m.toFixed(2)} m above it, horizon in row ` +
-      `${frame.road.horizon_px.toFixed(0)}, seen in ${(frame.road.confidence * 100).toFixed(0)} % of its rows`
-    : "no road seen";
+    ? `road: camera height ${frame.road.camera_height_m.toFixed(2)} m, horizon in row ` +
+      `${frame.road.horizon_px.toFixed(0)}, detected in ${(frame.road.confidence * 100).toFixed(0)} % of its rows`
+    : "no road detected";
 }
 
-// The colours of the disparity, as the server has them.
+// The colour map of the disparity, as in tools/src/reporting/colour.rs.
 const RAINBOW = [[48, 18, 59], [70, 107, 227], [40, 187, 236], [49, 242, 153], [162, 252, 60], [237, 208, 58],
   [251, 128, 34], [210, 49, 5], [122, 4, 3]];
 
@@ -247,7 +247,7 @@ function drawScale(frame) {
   c.fillStyle = gradient;
   c.fillRect(0, 0, canvas.width, canvas.height);
   const near = (frame.focal_px * frame.baseline_m) / frame.disparities;
-  // The middle of the scale is a quarter of the range: it is that of the square root.
+  // The scale is that of the square root: its middle is a quarter of the disparity range.
   byId("scale-text").textContent = `far · ${(near * 4).toFixed(0)} m · ${near.toFixed(1)} m; black is unknown`;
 }
 
@@ -261,9 +261,9 @@ function drawChart(name, samples, series, unit, least) {
   const values = series.map((s) => samples.map(s.value));
   const known = values.flat().filter((v) => v !== null && v !== undefined && isFinite(v));
   if (known.length === 0) {
-    view.replaceChildren(svg("text", { x: 10, y: 60 }, "nothing to show"));
-    view.setAttribute("aria-label", "nothing to show");
-    byId(`k-${name}`).textContent = "the machine tells none";
+    view.replaceChildren(svg("text", { x: 10, y: 60 }, "no data"));
+    view.setAttribute("aria-label", "no data");
+    byId(`k-${name}`).textContent = "not available on this machine";
     return;
   }
   const top = niceTop(Math.max(...known, least));
@@ -322,7 +322,7 @@ function drawCharts(samples, stages) {
     { name: "longest", colour: "--s5", value: (s) => s.latency_worst_ms }], "ms", 10);
   drawChart("rate", samples, [
     { name: "frames", colour: "--s1", value: (s) => s.rate_hz },
-    { name: "dropped", colour: "--s5", value: (s) => s.dropped }], "a second", 5);
+    { name: "dropped", colour: "--s5", value: (s) => s.dropped }], "per second", 5);
   drawChart("cpu", samples, [{ name: "all processes", colour: "--s1", value: (s) => s.cpu_percent }],
     "% of one core", 20);
   const last = samples[samples.length - 1];
@@ -335,7 +335,7 @@ function drawCharts(samples, stages) {
   drawHealth(samples);
 }
 
-// A bar: one slice for each second.
+// Bars with one slice for each second.
 function drawHealth(samples) {
   const view = byId("c-health");
   view.setAttribute("viewBox", "0 0 300 36");
@@ -344,11 +344,11 @@ function drawHealth(samples) {
   const last = samples[samples.length - 1];
   const fill = { running: "--good", starting: "--warn", stopping: "--warn", degraded: "--bad" };
   const calibrated = { good: "--good", degraded: "--bad", unknown: "--warn", off: "--line" };
-  const rung = (s) => s.rung ?? "not watched";
-  const heat = { normal: "--good", "not watched": "--line", "lower frame rate": "--warn", "lower clocks": "--warn" };
+  const rung = (s) => s.rung ?? "not monitored";
+  const heat = { normal: "--good", "not monitored": "--line", "lower frame rate": "--warn", "lower clocks": "--warn" };
   const hot = (kind) => heat[kind] || "--bad";
   const slices = (value, tint, y) => {
-    // Neighbours of one colour are one slice.
+    // Consecutive seconds of one state are one slice.
     const found = [];
     for (const s of samples) {
       const x = 299 - (last.number - s.number);
@@ -367,9 +367,9 @@ function drawHealth(samples) {
   const of = (table) => (kind) => table[kind] || "--line";
   view.replaceChildren(...slices((s) => s.state, of(fill), 0),
     ...slices((s) => s.calibration, of(calibrated), 13), ...slices(rung, hot, 26));
-  const text = `from above: daemon, now ${last.state}; calibration, now ${last.calibration}; heat, now ${rung(last)}`;
+  const text = `top to bottom: daemon (now ${last.state}), calibration (now ${last.calibration}), heat (now ${rung(last)})`;
   view.setAttribute("aria-label", text);
-  byId("k-health").textContent = `${text}; 5 minutes`;
+  byId("k-health").textContent = `${text}; last 5 minutes`;
 }
 
 function drawProcesses(status) {

@@ -31,7 +31,7 @@ A scene with an object in the vehicle's path is an approach. Its line gives the 
 first detection, the frames without a detection after that, and the distance at the alarm; late
 counts frames from the first in which the object was nearer than alarm.distance_m. A scene without
 such an object is silent: any alarm in it is false. True positives, false regions (false) and
-off-road false positives (stray) are defined in lookout evaluate weather --help.
+off-road false positives are defined in lookout evaluate weather --help.
 
 --out writes SCENE.png for each approach, a filmstrip (at 30, 20, 10, 5 and 3 m, at the first
 detection and at the alarm), and evaluation.json.";

@@ -32,14 +32,14 @@ Every frame is processed by the same stages as in the daemon, in one process. It
 compared with the exact ground truth of the scene. The table has one line per scene and weather,
 with the paper's accuracy beside it.
 
-due: evaluable objects: named by the scene, 3 to 40 m away (debris to 20 m), at least half
-visible, in both images, not cut by the left or right border. detected: share of these (true
-positives) with a region that matches in place (box overlap of 0.25, or half of the object in a
-box up to six times as large) and distance (within 1 m or 15 %). false/min: false regions within
-40 m on the asphalt, where nothing stands at their distance, each frame counted; tracks/min:
-confirmed tracks of such regions; stray/min: off-road false positives, the same beside the
-asphalt. road cm: median and 95th percentile of the road model's height error up to 40 m. covered:
-share of truths within two stated standard deviations.
+evaluable: objects named by the scene, 3 to 40 m away (debris to 20 m), at least half visible, in
+both images, not cut by the left or right border. detected: share of these (true positives) with a
+region that matches in place (box overlap of 0.25, or half of the object in a box up to six times
+as large) and distance (within 1 m or 15 %). false/min: false regions within 40 m on the asphalt,
+where nothing stands at their distance, each frame counted; tracks/min: confirmed tracks of such
+regions; off-road/min: the same beside the asphalt. road cm: median and 95th percentile of the
+road model's height error up to 40 m. covered: share of truths within two stated standard
+deviations.
 
 --out writes SCENE-WEATHER.png (the frame with most evaluable objects) and evaluation.json.";
 

@@ -20,9 +20,9 @@ use perception::road::edges::Edge;
 use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
 
-// What the algorithm gives and what the message holds are the same columns.
+// The message holds the arrays of the algorithm as they are.
 const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
-const _: () = assert!(perception::road::edges::SEGMENTS == regions::STRETCHES);
+const _: () = assert!(perception::road::edges::SEGMENTS == regions::SEGMENTS);
 
 /// Share of a region's size that its crop reaches beyond it on each side: a search window needs
 /// room.

@@ -96,7 +96,7 @@ impl Host {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|e| system("installing a signal handler", e))?;
         }
-        allocation::keep_small_pieces();
+        allocation::keep_small_blocks();
         let realtime = realtime::enter(&launch.config, role, launch.core)?;
         if role.spec().priority.is_none() {
             // A process without a real-time priority may be late.

@@ -84,7 +84,7 @@ pub struct ObstacleRecord {
     pub in_path: u32,
     /// Padding; 0.
     pub reserved: u32,
-    /// Score of the recognised class, positive; 0 if none was recognised.
+    /// Score of the recognised class; 0 if none was recognised.
     pub score: f64,
     /// Name of the class, padded with zeros; `obstacle` if none was recognised.
     pub class: [u8; 16],

@@ -38,7 +38,7 @@ impl Run {
         let moved = moved.then(|| format!("calibration {}", status.calibration));
         self.conditions.set(Condition::Calibration, moved.as_deref());
         self.conditions.set(Condition::Board, self.board.fault().as_deref());
-        let lost = status.device.is_lost().then(|| status.device.words());
+        let lost = status.device.is_lost().then(|| status.device.describe());
         self.conditions.set(Condition::Device, lost.as_deref());
         self.conditions.set(Condition::GivenUp, self.supervisor.given_up_reason().as_deref());
 

@@ -11,7 +11,7 @@ use config::keys::{Key, Reload};
 use messages::pipeline::Role;
 use thiserror::Error;
 
-/// What a reload has to do.
+/// Actions of a reload.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// Keys that changed.
@@ -27,7 +27,7 @@ pub struct Plan {
 #[error("{} cannot change while the daemon runs: restart it", .0.join(", "))]
 pub struct Refused(pub Vec<String>);
 
-/// What a reload has to do to get from one configuration to another.
+/// The actions of a reload from one configuration to another.
 ///
 /// # Errors
 /// The keys that cannot change while the daemon runs.

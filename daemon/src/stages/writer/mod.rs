@@ -8,12 +8,11 @@ use crate::host::{Host, HostError};
 use inline_recorder::InlineRecorder;
 use messages::clock::monotonic_ns;
 use messages::header::Header;
-use messages::obstacles::{Obstacles, ObstaclesMessage};
+use messages::obstacles::Obstacles;
 use messages::port::{Sample, Subscriber};
 use messages::report::Health;
-use messages::typed::Message;
 use messages::wait::{self, Next};
-use messages::{depth, regions, service};
+use messages::{depth, obstacles, regions, service};
 use tools::reporting::output::FrameWriter;
 use tools::reporting::overlay::{EdgePoints, OverlayInput};
 
@@ -102,7 +101,7 @@ impl Writer {
     fn take(&mut self, host: &mut Host, sample: &Sample, missed: u64) -> Result<(), HostError> {
         let begin_ns = monotonic_ns();
         let header = *sample.header();
-        match ObstaclesMessage::view(&header, sample.payload()) {
+        match obstacles::view(&header, sample.payload()) {
             Err(error) => host.refused("obstacles", &error),
             Ok(_) if !host.launch.frames.has_size(&header) => host.refused("obstacles", &WRONG_SIZE),
             // A frame that was repeated after a stage died is written once.

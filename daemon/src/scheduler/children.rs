@@ -101,7 +101,9 @@ impl Drop for Children {
 /// Usual cause of a signal from the kernel or the runtime.
 fn hint(signal: i32) -> &'static str {
     match signal {
-        SIGABRT => " (SIGABRT: it aborted, for example because it ran out of memory; see its last lines in the log)",
+        SIGABRT => {
+            " (SIGABRT: it aborted, for example because it ran out of memory; see its last lines in the log)"
+        }
         SIGBUS => " (SIGBUS: is /dev/shm full?)",
         SIGKILL => " (SIGKILL: by the scheduler, a user, or the kernel because memory was short)",
         SIGSEGV => " (SIGSEGV)",

@@ -127,7 +127,8 @@ impl Pacer {
         let (before, wanted) = (self.period_ns as f64, target as f64);
         let period_ns = if wanted > before * (1.0 + DEAD_BAND) {
             target
-        } else if wanted < before * (1.0 - DEAD_BAND) && now_ns.saturating_sub(self.changed_ns) >= RISE_PAUSE_NS
+        } else if wanted < before * (1.0 - DEAD_BAND)
+            && now_ns.saturating_sub(self.changed_ns) >= RISE_PAUSE_NS
         {
             target.max((before / (1.0 + RISE)) as u64)
         } else {

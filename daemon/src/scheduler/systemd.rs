@@ -55,7 +55,7 @@ impl Run {
                 self.notify.reloaded(&text);
             }
             Err(reason) => {
-                let text = format!("the configuration was read again and is not taken: {reason}");
+                let text = format!("the configuration was read again and refused: {reason}");
                 tracing::error!("{text}");
                 self.notify.reloaded(&text);
             }

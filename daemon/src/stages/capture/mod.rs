@@ -176,8 +176,7 @@ impl Capture<'_> {
     fn step_live(&mut self, host: &mut Host, command: &CommandRecord) -> Result<Option<Duration>, HostError> {
         if command.lockstep == 1 {
             self.state = State::Over;
-            let text =
-                "cameras do not support lock-step: record them, and replay the recording";
+            let text = "cameras do not support lock-step: record them, and replay the recording";
             return host.set_health(Health::Unusable, text).map(|()| None);
         }
         if self.is_at_end(host)? {

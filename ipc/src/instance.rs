@@ -33,7 +33,7 @@ const SOCKET_TAIL: usize = 46;
 const CREATED_BASE: &str = "made its base folder";
 
 /// How long to retry the lock: a reader that tests it holds it for a moment.
-const LOCK_PATIENCE: Duration = Duration::from_millis(200);
+const LOCK_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Name and folder of an instance. It owns no resources.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -309,24 +309,24 @@ impl InstanceLock {
 /// Opens and locks the lock file of an instance. Returns it, and whether the base folder was created.
 fn open_lock(instance: &Instance, prefix: &str) -> Result<(File, bool), InstanceError> {
     let path = instance.lock_path();
-    let mut patience = LOCK_PATIENCE.as_millis() / 10;
+    let mut retries = LOCK_TIMEOUT.as_millis() / 10;
     let mut created_base = false;
     loop {
         created_base |= instance.prepare(prefix)?;
         let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
         let mut lock = match opened {
-            Err(error) if error.kind() == io::ErrorKind::NotFound && patience > 0 => {
+            Err(error) if error.kind() == io::ErrorKind::NotFound && retries > 0 => {
                 // The previous holder has just removed the folder.
-                patience -= 1;
+                retries -= 1;
                 continue;
             }
             opened => opened.map_err(io_error(&path))?,
         };
         match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
-            Err(Errno::WOULDBLOCK) if patience > 0 => {
+            Err(Errno::WOULDBLOCK) if retries > 0 => {
                 // It may only be a reader that tests whether a daemon is running.
-                patience -= 1;
+                retries -= 1;
                 std::thread::sleep(Duration::from_millis(10));
                 continue;
             }

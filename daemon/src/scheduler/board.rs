@@ -1,6 +1,6 @@
 //! The board: its temperature sensors, the thermal ladder, its clocks, and power-off.
 
-use super::clocks::{self, ClockError, ClockWishes, Clocks, Hertz};
+use super::clocks::{self, ClockError, ClockSettings, Clocks, Hertz};
 use super::heat::{Celsius, Heat, HeatAction, HeatParameters, Rung};
 use super::sysfs::{Sensors, Sysfs};
 use config::Config;
@@ -158,17 +158,17 @@ impl Board {
         self.clocks = None;
         self.clock_refused = None;
         let c = &config.clocks;
-        let wish = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
-        let wishes = ClockWishes {
-            cpu: wish(c.cpu_mhz),
-            gpu: wish(c.gpu_mhz),
+        let frequency = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
+        let settings = ClockSettings {
+            cpu: frequency(c.cpu_mhz),
+            gpu: frequency(c.gpu_mhz),
             gpu_by_override: config.board.gpu == "tk1",
             gpu_device: config.board.gpu_device.clone(),
         };
-        if c.set == "off" || (wishes.cpu.is_none() && wishes.gpu.is_none()) {
+        if c.set == "off" || (settings.cpu.is_none() && settings.gpu.is_none()) {
             return Ok(());
         }
-        match Clocks::take(&self.sysfs, &wishes, &clocks::state_file(&self.directory)) {
+        match Clocks::take(&self.sysfs, &settings, &clocks::state_file(&self.directory)) {
             Ok(clocks) => {
                 for (name, target, read) in clocks.readings() {
                     let read = read.map_or("unknown".into(), |r| r.to_string());

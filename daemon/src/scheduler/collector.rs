@@ -456,7 +456,7 @@ mod tests {
         let plan = CorePlan::new(&config::Cores::default(), &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
         assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
-        assert!(collector.traces().is_empty(), "nobody asked for them");
+        assert!(collector.traces().is_empty(), "traces are off by default");
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
         let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();

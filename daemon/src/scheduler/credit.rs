@@ -37,12 +37,12 @@ pub struct Credit {
     /// When a stage last finished a frame.
     moved_ns: u64,
     /// Time without progress after which a frame is lost; in lock-step it is then requested again.
-    patience_ns: u64,
+    timeout_ns: u64,
 }
 
 impl Credit {
     /// The state before the first frame; `roles` are the processes of the run.
-    pub fn new(lockstep: bool, roles: &[Role], period_ns: u64, patience_ns: u64, now_ns: u64) -> Self {
+    pub fn new(lockstep: bool, roles: &[Role], period_ns: u64, timeout_ns: u64, now_ns: u64) -> Self {
         Self {
             command: CommandRecord { lockstep: u32::from(lockstep), period_ns, ..CommandRecord::default() },
             period_ns,
@@ -53,7 +53,7 @@ impl Credit {
             request_again: false,
             all_running: false,
             moved_ns: now_ns,
-            patience_ns,
+            timeout_ns,
         }
     }
 
@@ -131,13 +131,13 @@ impl Credit {
         }
     }
 
-    /// In lock-step, requests the frame again after `patience_ns` without progress. Returns whether the command has
+    /// In lock-step, requests the frame again after `timeout_ns` without progress. Returns whether the command has
     /// changed.
     pub fn tick(&mut self, all_running: bool, now_ns: u64) -> bool {
         let stuck = self.is_lockstep()
             && all_running
             && self.published == Some(self.command.credit)
-            && now_ns.saturating_sub(self.moved_ns) > self.patience_ns;
+            && now_ns.saturating_sub(self.moved_ns) > self.timeout_ns;
         if stuck {
             self.moved_ns = now_ns;
         }
@@ -183,8 +183,8 @@ impl Credit {
     /// which no newer frame replaces.
     pub fn is_empty(&self, all_running: bool, now_ns: u64) -> bool {
         let done = self.published.is_none_or(|last| self.is_done(last));
-        let patience_ns = DRAIN_NS.max(self.patience_ns);
-        let lost = !self.is_lockstep() && all_running && now_ns.saturating_sub(self.moved_ns) > patience_ns;
+        let timeout_ns = DRAIN_NS.max(self.timeout_ns);
+        let lost = !self.is_lockstep() && all_running && now_ns.saturating_sub(self.moved_ns) > timeout_ns;
         done || lost
     }
 }

@@ -131,7 +131,7 @@ impl Run {
         let bus = Bus::join(&instance)?;
         let now = monotonic_ns();
         let parameters = supervisor_parameters(config);
-        let patience_ns = parameters.liveness_deadline_ns;
+        let timeout_ns = parameters.liveness_deadline_ns;
         let mut collector = Collector::new(&all, started_ns);
         if matches!(options.ends, Ends::After(_)) {
             // The demo plots them.
@@ -140,7 +140,7 @@ impl Run {
         let period_ns = input::period_ns(config, source.as_ref());
         let pacer = Pacer::new(pacer_parameters(config, options.lockstep, period_ns), now);
         // In lock-step only the liveness deadline limits the time of a frame.
-        let stale_ns = if options.lockstep { patience_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
+        let stale_ns = if options.lockstep { timeout_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
         let commands = bus.publisher(&service::COMMAND, width, height)?;
         let statuses = bus.publisher(&service::STATUS, width, height)?;
         let results = Results::new(bus.publisher(&service::OBSTACLES, width, height)?, stale_ns);
@@ -149,7 +149,7 @@ impl Run {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
             children: Children::default(),
-            credit: Credit::new(options.lockstep, &roles, pacer.period_ns(), patience_ns, now),
+            credit: Credit::new(options.lockstep, &roles, pacer.period_ns(), timeout_ns, now),
             pacer,
             deadline_monitor: DeadlineMonitor::new(config.pacing.late_frames.unsigned_abs()),
             diagnostics: Diagnostics::default(),

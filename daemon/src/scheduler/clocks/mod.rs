@@ -24,7 +24,7 @@ const CONFIRM: u32 = 3;
 
 /// The configured clocks.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ClockWishes {
+pub struct ClockSettings {
     /// Frequency of all cores; `None` = unchanged.
     pub cpu: Option<Hertz>,
     /// Frequency of the GPU; `None` = unchanged.
@@ -73,14 +73,14 @@ impl Clocks {
     ///
     /// # Errors
     /// If a clock is missing, the kernel refuses, or `file` cannot be used. No clock is changed then.
-    pub fn take(sysfs: &Sysfs, wishes: &ClockWishes, file: &Path) -> Result<Self, ClockError> {
+    pub fn take(sysfs: &Sysfs, settings: &ClockSettings, file: &Path) -> Result<Self, ClockError> {
         if restore(sysfs, file)?.is_some() {
             tracing::warn!("clocks that a killed run had set were restored first");
         }
         let mut clocks = Vec::new();
         let mut saved = Vec::new();
         let missing = |what| ClockError::Missing { what, root: sysfs.path("") };
-        if let Some(wanted) = wishes.cpu {
+        if let Some(wanted) = settings.cpu {
             let devices = device::cpus(sysfs);
             if devices.is_empty() {
                 return Err(missing("cpu"));
@@ -92,8 +92,8 @@ impl Clocks {
                 saved.push(Saved { values: quiet.save(sysfs)?, device: quiet });
             }
         }
-        if let Some(wanted) = wishes.gpu {
-            let device = gpu(sysfs, wishes.gpu_by_override, &wishes.gpu_device);
+        if let Some(wanted) = settings.gpu {
+            let device = gpu(sysfs, settings.gpu_by_override, &settings.gpu_device);
             clocks.push(Clock::new(device.ok_or_else(|| missing("gpu"))?, wanted));
         }
         for clock in &clocks {

@@ -70,14 +70,19 @@ fn steps_of_the_gpu_are_read_from_devfreq_and_debugfs() {
     orin.remove(&file(ORIN_GPU, "available_frequencies"));
     assert_eq!(steps(&board), None);
     board.sysfs = tk1.0.path().to_owned();
-    assert_eq!(steps(&board), None, "devfreq is not there");
+    assert_eq!(steps(&board), None, "the GPU is not in devfreq");
     board.gpu = "tk1".into();
     assert_eq!(steps(&board), Some(("gbus".into(), 15, 72.0, 852.0)));
 }
 
-fn wishes(cpu: f64, gpu: f64) -> ClockWishes {
+fn settings(cpu: f64, gpu: f64) -> ClockSettings {
     let some = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
-    ClockWishes { cpu: some(cpu), gpu: some(gpu), gpu_by_override: false, gpu_device: "*gpu*,*ga10b".into() }
+    ClockSettings {
+        cpu: some(cpu),
+        gpu: some(gpu),
+        gpu_by_override: false,
+        gpu_device: "*gpu*,*ga10b".into(),
+    }
 }
 
 fn snapshot(tree: &Tree) -> Vec<(PathBuf, String)> {
@@ -103,7 +108,7 @@ fn clocks_are_set_read_back_and_restored() {
     let before = snapshot(&tree);
     let state = tempfile::tempdir().unwrap();
     let kept = state_file(state.path());
-    let mut clocks = Clocks::take(&tree.sysfs(), &wishes(1510.4, 625.0), &kept).unwrap();
+    let mut clocks = Clocks::take(&tree.sysfs(), &settings(1510.4, 625.0), &kept).unwrap();
     for (folder, low, high, value) in [
         (POLICY, "scaling_min_freq", "scaling_max_freq", "1510400"),
         (ORIN_GPU, "min_freq", "max_freq", "624750000"),
@@ -157,8 +162,8 @@ fn the_gpu_clocks_of_the_paper_are_steps_of_its_board() {
         let tree = tk1();
         let before = snapshot(&tree);
         let state = tempfile::tempdir().unwrap();
-        let wishes = ClockWishes { gpu_by_override: true, ..wishes(1204.5, f64::from(mhz)) };
-        let mut clocks = Clocks::take(&tree.sysfs(), &wishes, &state_file(state.path())).unwrap();
+        let settings = ClockSettings { gpu_by_override: true, ..settings(1204.5, f64::from(mhz)) };
+        let mut clocks = Clocks::take(&tree.sysfs(), &settings, &state_file(state.path())).unwrap();
         assert_eq!(tree.get(&file(GBUS, "override.gbus/rate")), format!("{mhz}000000"), "{stereo_ms:?}");
         assert_eq!(tree.get(&file(GBUS, "override.gbus/state")), "1");
         assert_eq!(tree.get("devices/system/cpu/cpuquiet/tegra_cpuquiet/enable"), "0");
@@ -196,15 +201,15 @@ fn the_next_run_restores_the_clocks_of_a_killed_one() {
     let state = tempfile::tempdir().unwrap();
     let kept = state_file(state.path());
     // Killed: no drop.
-    std::mem::forget(Clocks::take(&tree.sysfs(), &wishes(1000.0, 408.0), &kept).unwrap());
+    std::mem::forget(Clocks::take(&tree.sysfs(), &settings(1000.0, 408.0), &kept).unwrap());
     assert_ne!(snapshot(&tree), before);
     // The next run must not save the fixed clocks as the original ones.
-    let clocks = Clocks::take(&tree.sysfs(), &wishes(800.0, 0.0), &kept).unwrap();
+    let clocks = Clocks::take(&tree.sysfs(), &settings(800.0, 0.0), &kept).unwrap();
     assert_eq!(tree.get(&file(ORIN_GPU, "max_freq")), "624750000");
     drop(clocks);
     assert_eq!(snapshot(&tree), before);
     // Without another run, restore-clocks restores them.
-    std::mem::forget(Clocks::take(&tree.sysfs(), &wishes(1000.0, 408.0), &kept).unwrap());
+    std::mem::forget(Clocks::take(&tree.sysfs(), &settings(1000.0, 408.0), &kept).unwrap());
     assert_eq!(restore(&tree.sysfs(), &kept).unwrap(), Some(2));
     assert_eq!(snapshot(&tree), before);
     assert_eq!(restore(&tree.sysfs(), &kept).unwrap(), None);
@@ -227,7 +232,7 @@ fn a_state_file_can_name_nothing_but_clocks() {
         std::fs::write(&kept, hostile).unwrap();
         let error = restore(&tree.sysfs(), &kept).unwrap_err().to_string();
         assert!(error.contains("clocks.json") && error.contains("not known"), "{error}");
-        assert!(Clocks::take(&tree.sysfs(), &wishes(800.0, 0.0), &kept).is_err());
+        assert!(Clocks::take(&tree.sysfs(), &settings(800.0, 0.0), &kept).is_err());
     }
     // A missing device is an error, and the file is kept.
     std::fs::write(&kept, r#"[{"kind":"DevFreq","name":"gone.gpu","values":[1,2]}]"#).unwrap();
@@ -241,9 +246,9 @@ fn missing_clocks_and_refusals_say_what_to_do() {
     let state = tempfile::tempdir().unwrap();
     let kept = state_file(state.path());
     let empty = Tree::new(&[]);
-    let error = Clocks::take(&empty.sysfs(), &wishes(800.0, 0.0), &kept).unwrap_err().to_string();
+    let error = Clocks::take(&empty.sysfs(), &settings(800.0, 0.0), &kept).unwrap_err().to_string();
     assert!(error.contains("no cpu clock") && error.contains("clocks.cpu_mhz"), "{error}");
-    let error = Clocks::take(&empty.sysfs(), &wishes(0.0, 500.0), &kept).unwrap_err().to_string();
+    let error = Clocks::take(&empty.sysfs(), &settings(0.0, 500.0), &kept).unwrap_err().to_string();
     assert!(error.contains("no gpu clock"), "{error}");
     assert!(!kept.exists());
     // A folder in place of the file makes the write fail for every user.
@@ -251,18 +256,18 @@ fn missing_clocks_and_refusals_say_what_to_do() {
     let before = snapshot(&tree);
     tree.remove(&file(POLICY, "scaling_max_freq"));
     std::fs::create_dir(tree.0.path().join(file(POLICY, "scaling_max_freq"))).unwrap();
-    let error = Clocks::take(&tree.sysfs(), &wishes(800.0, 408.0), &kept).unwrap_err().to_string();
+    let error = Clocks::take(&tree.sysfs(), &settings(800.0, 408.0), &kept).unwrap_err().to_string();
     assert!(error.contains("scaling_max_freq") && error.contains("docs/operations.md"), "{error}");
     std::fs::remove_dir(tree.0.path().join(file(POLICY, "scaling_max_freq"))).unwrap();
     tree.set(&file(POLICY, "scaling_max_freq"), "1510400");
     assert_eq!(snapshot(&tree), before, "nothing was changed");
     // A frequency below the slowest step gives the slowest step.
-    let clocks = Clocks::take(&tree.sysfs(), &wishes(0.0, 10.0), &kept).unwrap();
+    let clocks = Clocks::take(&tree.sysfs(), &settings(0.0, 10.0), &kept).unwrap();
     assert_eq!(clocks.readings().next().map(|c| c.1), Some(Hertz(306_000_000)));
     // A frequency above the fastest step is a fault.
     drop(clocks);
     tree.set(&file(ORIN_GPU, "cur_freq"), "624750000");
-    let mut clocks = Clocks::take(&tree.sysfs(), &wishes(0.0, 900.0), &kept).unwrap();
+    let mut clocks = Clocks::take(&tree.sysfs(), &settings(0.0, 900.0), &kept).unwrap();
     (0..3).for_each(|_| clocks.check());
     assert_eq!(clocks.fault().as_deref(), Some("clock 17000000.gpu runs at 625 MHz, set to 900 MHz"));
 }

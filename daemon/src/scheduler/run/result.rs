@@ -73,9 +73,9 @@ impl Results {
         period_ns: u64,
         now: u64,
     ) -> Result<Option<Faults>, IpcError> {
-        let patience_ns = self.stale_ns.max(period_ns.saturating_mul(3));
+        let timeout_ns = self.stale_ns.max(period_ns.saturating_mul(3));
         let Some(last) = self.last else { return Ok(None) };
-        if frames_pass && now.saturating_sub(last.at_ns) < patience_ns {
+        if frames_pass && now.saturating_sub(last.at_ns) < timeout_ns {
             return Ok(None);
         }
         self.last = None;

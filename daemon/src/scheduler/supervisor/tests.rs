@@ -98,7 +98,7 @@ fn a_silent_stage_is_killed_once_and_then_restarted() {
 fn a_pause_of_the_whole_machine_extends_the_deadlines() {
     let mut supervisor = started();
     supervisor.tick(2 * S);
-    assert_eq!(supervisor.tick(500 * S), [], "nobody could report");
+    assert_eq!(supervisor.tick(500 * S), [], "no stage could report");
     // After that the deadlines apply again.
     for now in 501..504 {
         assert_eq!(supervisor.tick(now * S), []);
@@ -112,7 +112,7 @@ fn an_intentional_restart_is_not_a_failure() {
     for round in 2..20 {
         let now = round * S;
         assert_eq!(supervisor.renew(Role::Road, now), Some(Action::Terminate(Role::Road)));
-        assert_eq!(supervisor.renew(Role::Road, now), None, "it is on its way");
+        assert_eq!(supervisor.renew(Role::Road, now), None, "already restarting");
         assert!(supervisor.is_renewing(Role::Road));
         assert_eq!(supervisor.exited(Role::Road, "exited with code 0", now), None);
         supervisor.reported(Role::Stereo, now);

@@ -17,12 +17,18 @@ use config::Config;
 use messages::pipeline::Role;
 use stage::{FrameStage, SetupError, Stage, configure};
 
+/// Constructor of a stage: see [`configure`].
+type Configure = fn(&Config, &FrameFormat) -> Result<Box<dyn FrameStage>, SetupError>;
+
+/// Configured stages with their roles.
+type ConfiguredStages = Vec<(Role, Box<dyn FrameStage>)>;
+
 /// How a process of the pipeline is run.
 pub enum Entry {
     /// By the frame loop: one message in, one message out.
     Frames {
         /// See [`configure`].
-        configure: fn(&Config, &FrameFormat) -> Result<Box<dyn FrameStage>, SetupError>,
+        configure: Configure,
         /// See [`Stage::check`].
         check: fn(&Config, &FrameFormat) -> Result<(), SetupError>,
     },
@@ -81,10 +87,7 @@ pub fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
 ///
 /// # Errors
 /// If one of them cannot be configured.
-pub fn configure_all(
-    config: &Config,
-    format: &FrameFormat,
-) -> Result<Vec<(Role, Box<dyn FrameStage>)>, SetupError> {
+pub fn configure_all(config: &Config, format: &FrameFormat) -> Result<ConfiguredStages, SetupError> {
     let mut stages = Vec::new();
     for role in Role::ALL {
         if let Entry::Frames { configure, .. } = entry(role) {

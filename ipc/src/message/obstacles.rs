@@ -205,10 +205,10 @@ impl Message for ObstaclesMessage {
 }
 
 impl Output<'_, ObstaclesMessage> {
-    /// Writes the message; see [`write`].
+    /// Writes the message; see [`write()`].
     ///
     /// # Errors
-    /// As [`write`].
+    /// As [`write()`].
     pub fn write(self, alarm: AlarmRecord, obstacles: &[ObstacleRecord]) -> Result<Written, MessageError> {
         write(self.payload, alarm, obstacles).map(Written)
     }

@@ -68,30 +68,47 @@ fn imports(module: &Module, text: &str, all: &BTreeMap<Module, String>) -> BTree
         all.contains_key(&child)
     };
     let mut found = BTreeSet::new();
-    for statement in text.split(';') {
-        let Some(at) = statement.rfind("use ") else { continue };
-        let before = statement[..at].lines().last().unwrap_or("").trim();
-        if !before.is_empty() {
-            continue;
+    let mut add = |path: &str| {
+        let mut parts: Vec<&str> = path.split("::").collect();
+        let mut base = match parts[0] {
+            "crate" => Vec::new(),
+            "super" | "self" => module.clone(),
+            child if is_child(child) => module.clone(),
+            _ => return,
+        };
+        while let Some("super" | "self" | "crate") = parts.first().copied() {
+            if parts.remove(0) == "super" {
+                base.pop();
+            }
         }
-        for path in expand(&statement[at + 4..]) {
-            let mut parts: Vec<&str> = path.split("::").collect();
-            let mut base = match parts[0] {
-                "crate" => Vec::new(),
-                "super" | "self" => module.clone(),
-                child if is_child(child) => module.clone(),
-                _ => continue,
-            };
-            while let Some("super" | "self" | "crate") = parts.first().copied() {
-                if parts.remove(0) == "super" {
-                    base.pop();
+        base.extend(parts.iter().map(|&part| part.to_owned()));
+        while !all.contains_key(&base) && base.pop().is_some() {}
+        if base != *module {
+            found.insert(base);
+        }
+    };
+    for statement in text.split(';') {
+        // An attribute or a brace may stand before the keyword.
+        let at = statement.rfind("use ").filter(|&at| {
+            let before = statement[..at].lines().last().unwrap_or("").trim();
+            before.is_empty() || before.starts_with("pub")
+        });
+        let Some(at) = at else {
+            // Paths in expressions and types.
+            for (start, _) in statement.match_indices("crate::").chain(statement.match_indices("super::")) {
+                let is_part =
+                    statement[..start].ends_with(|c: char| c.is_alphanumeric() || "_:$".contains(c));
+                let is_path = |c: char| c.is_alphanumeric() || c == '_' || c == ':';
+                let end =
+                    statement[start..].find(|c: char| !is_path(c)).map_or(statement.len(), |n| start + n);
+                if !is_part {
+                    add(statement[start..end].trim_end_matches(':'));
                 }
             }
-            base.extend(parts.iter().map(|&part| part.to_owned()));
-            while !all.contains_key(&base) && base.pop().is_some() {}
-            if base != *module {
-                found.insert(base);
-            }
+            continue;
+        };
+        if statement[..at].lines().last().unwrap_or("").trim().is_empty() {
+            expand(&statement[at + 4..]).iter().for_each(|path| add(path));
         }
     }
     found
@@ -139,7 +156,7 @@ fn an_import_cycle_would_be_found() {
         (Vec::new(), text("pub use a::One;\nmod a;\nmod b;")),
         (module("a"), text("use super::b::{inner::Two, Three};\n")),
         (module("b"), text("pub mod inner;\nuse std::fmt;\n")),
-        (module("b::inner"), text("use crate::a::One; // a remark\n")),
+        (module("b::inner"), text("fn two() -> crate::a::One {} // a remark\n")),
     ]);
     let graph: BTreeMap<_, _> = all.iter().map(|(m, t)| (m.clone(), imports(m, t, &all))).collect();
     assert_eq!(graph[&module("a")], BTreeSet::from([module("b"), module("b::inner")]));

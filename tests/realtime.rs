@@ -57,7 +57,7 @@ fn a_preferred_privilege_that_is_refused_is_logged_and_shown() {
     let mut errors = String::new();
     std::io::Read::read_to_string(daemon.stderr.as_mut().unwrap(), &mut errors).unwrap();
     assert!(daemon.wait().unwrap().success(), "{errors}");
-    assert!(errors.contains("realtime.scheduling was refused, goes on without"), "{errors}");
+    assert!(errors.contains("realtime.scheduling was refused, continuing without"), "{errors}");
     bench.assert_clean();
 }
 

@@ -142,17 +142,17 @@ fn a_reload_restarts_the_affected_stages_and_refuses_fixed_keys() {
     // A key that all stages share, an invalid value, a missing cascade: nothing is applied.
     bench.configure("[source]\nkind = \"scene\"\nseed = 2\n[alarm]\ndistance_m = 5\n");
     let text = answer();
-    assert!(text.contains("is not taken: source.seed cannot change while the daemon runs"), "{text}");
+    assert!(text.contains("and refused: source.seed cannot change while the daemon runs"), "{text}");
     configure("[alarm]\ndistance_m = \"near\"\n");
     let text = answer();
     assert!(
-        text.contains("is not taken") && text.contains("car.toml:17: alarm.distance_m = \"near\""),
+        text.contains("and refused") && text.contains("car.toml:17: alarm.distance_m = \"near\""),
         "{text}"
     );
     assert_eq!(text.lines().count(), 2, "{text}");
     configure("[recognition]\ncascade = \"gone.xml\"\n");
     let text = answer();
-    assert!(text.contains("is not taken: recognition.cascade: gone.xml"), "{text}");
+    assert!(text.contains("and refused: recognition.cascade: gone.xml"), "{text}");
     // So alarm.distance_m is still 14.
     configure("[alarm]\ndistance_m = 14\n");
     let text = answer();

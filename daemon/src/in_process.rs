@@ -1,5 +1,5 @@
-//! The same stages in one process, one after the other: the reference for the daemon's results,
-//! and the quickest way through a recording.
+//! The stages in one process, called one after the other: the reference for the daemon's results, and the fastest way
+//! to process a recording.
 
 use crate::frame_record::frame_record;
 use crate::input::{self, InputError};
@@ -15,27 +15,27 @@ use thiserror::Error;
 use tools::reporting::overlay::OverlayInput;
 use tools::reporting::record::FrameRecord;
 
-/// Why a frame cannot be worked on.
+/// Why a frame cannot be processed.
 #[derive(Debug, Error)]
 pub enum PipelineError {
-    /// No input.
+    /// The source cannot be opened.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A pair.
+    /// A pair cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// A stage.
+    /// A stage cannot be configured.
     #[error(transparent)]
     Setup(#[from] SetupError),
-    /// A frame.
+    /// A stage cannot use a frame.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// A message between two stages.
+    /// A message between two stages is invalid.
     #[error(transparent)]
     Message(#[from] MessageError),
 }
 
-/// Memory of one message, aligned like shared memory.
+/// Memory of one message, aligned to eight bytes as the stages require.
 struct Buffer {
     memory: Vec<u64>,
     bytes: usize,
@@ -60,7 +60,7 @@ struct Slot {
     kind: Kind,
     header: Header,
     buffer: Buffer,
-    /// Bytes of its payload.
+    /// Length of its payload in bytes.
     bytes: usize,
 }
 
@@ -74,15 +74,15 @@ pub struct Pipeline {
     slots: Vec<Slot>,
 }
 
-/// What came out of one frame.
+/// Result of one frame.
 pub struct FrameResult<'a> {
-    /// The record.
+    /// Alarm, road and obstacles.
     pub record: FrameRecord,
-    /// The images for an overlay.
+    /// Images and road for an overlay.
     pub images: OverlayInput<'a>,
-    /// The regions, before they were tracked.
+    /// The regions before tracking.
     pub regions: &'a [regions::RegionRecord],
-    /// Whether a road was seen.
+    /// Whether a road was detected.
     pub road_seen: bool,
 }
 
@@ -90,7 +90,7 @@ impl Pipeline {
     /// Opens the source that the configuration names and configures the stages.
     ///
     /// # Errors
-    /// When the source, its calibration or a stage cannot be used.
+    /// If the source, its calibration or a stage cannot be used.
     pub fn open(config: &Config) -> Result<Self, PipelineError> {
         let source = input::open(config)?;
         let rig = input::rig(config, source.as_ref())?;
@@ -100,7 +100,7 @@ impl Pipeline {
     /// Configures the stages for a source that is already open.
     ///
     /// # Errors
-    /// When a stage cannot be used.
+    /// If a stage cannot be configured.
     pub fn new(
         config: &Config,
         source: Box<dyn PairSource>,
@@ -118,15 +118,15 @@ impl Pipeline {
         Ok(Self { source_period_ns: source.period_ns(), stages, slots, source, format })
     }
 
-    /// Pairs of the source.
+    /// Number of pairs of the source; `None` = unlimited or unknown.
     pub fn count(&self) -> Option<u64> {
         self.source.count()
     }
 
-    /// Takes pair `index` of the source through all stages, as frame `sequence`.
+    /// Processes pair `index` of the source with all stages, as frame `sequence`.
     ///
     /// # Errors
-    /// When the pair cannot be read.
+    /// If the pair cannot be read, or a stage cannot use it.
     pub fn frame(&mut self, sequence: u64, index: u64) -> Result<FrameResult<'_>, PipelineError> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
@@ -168,7 +168,7 @@ impl Pipeline {
     }
 }
 
-/// The slot of a kind of message: there is one for each that carries a frame.
+/// Index of the slot of a kind of message. There is one for each kind that carries a frame.
 fn place(slots: &[Slot], kind: Kind) -> usize {
     slots.iter().position(|slot| slot.kind == kind).unwrap_or(0)
 }

@@ -1,32 +1,32 @@
-//! What a stage is told when it starts: one JSON document on its standard input.
+//! The launch document: the JSON that a stage reads from its standard input when it starts.
 
 use config::Config;
 use perception::rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Everything that a stage needs to know.
+/// The launch document of a stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Launch {
     /// The effective configuration.
     pub config: Config,
-    /// Core to pin to.
+    /// Core to pin to; `None` = not pinned.
     pub core: Option<usize>,
-    /// Process id of the scheduler: a stage ends with it.
+    /// Process id of the scheduler. A stage exits when the scheduler does.
     pub scheduler_pid: u32,
-    /// The frames that will come.
+    /// Size and geometry of the frames.
     pub frames: FrameFormat,
-    /// Whether pairs wait for credit.
+    /// Whether the run is in lock-step.
     pub lockstep: bool,
     /// First pair that capture publishes.
     pub first_sequence: u64,
     /// One past the last pair; `None` = without end.
     pub end_sequence: Option<u64>,
-    /// Time in the scene from one pair to the next, in nanoseconds.
+    /// Source time from one pair to the next, in nanoseconds.
     pub source_period_ns: u64,
-    /// Where the writer writes.
+    /// Folder of the writer's results.
     pub out: Option<PathBuf>,
-    /// Where the writer records.
+    /// File of the writer's recording.
     pub record: Option<PathBuf>,
 }
 
@@ -48,7 +48,7 @@ pub struct FrameFormat {
 }
 
 impl FrameFormat {
-    /// Frames of one size, seen by one rig.
+    /// Frames of `width` × `height` pixels of a rig.
     pub fn new((width, height): (usize, usize), rig: Rig) -> Self {
         let Rig { focal_px, baseline_m, cx_px, cy_px } = rig;
         Self { width, height, focal_px, baseline_m, cx_px, cy_px }

@@ -1,7 +1,8 @@
-//! What a process asks of the system before frames flow: a core, a priority, memory that stays.
+//! Real-time privileges that a process requests before the first frame: a core, a priority, locked memory, prefaulted
+//! shared memory.
 //!
-//! Each can be required, preferred or left alone (`[realtime]`). What is required and refused stops the
-//! process with a reason; what is preferred and refused is logged, and shown in the status.
+//! Each key of `[realtime]` is `require`, `prefer` or `off`. If a required privilege is refused, the process ends with
+//! an error. If a preferred one is refused, that is logged and shown in the status.
 
 use config::Config;
 use messages::bus::{Bus, IpcError};
@@ -12,7 +13,7 @@ use std::fmt::Display;
 use std::io;
 use thiserror::Error;
 
-/// Something required was refused.
+/// A required privilege was refused.
 #[derive(Debug, Error)]
 #[error("realtime.{key} is \"require\", but it was refused: {reason}: {remedy}, or set it to \"prefer\"", key = privilege.name())]
 pub struct Refused {
@@ -21,25 +22,26 @@ pub struct Refused {
     remedy: &'static str,
 }
 
+/// Value of a key of `[realtime]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wish {
+enum Request {
     Off,
     Prefer,
     Require,
 }
 
-impl Wish {
-    /// The word is one of a few: that was checked when the configuration was read.
-    fn of(word: &str) -> Self {
-        match word {
+impl Request {
+    /// The value of a key; the configuration has checked it.
+    fn of(value: &str) -> Self {
+        match value {
             "require" => Self::Require,
             "prefer" => Self::Prefer,
             _ => Self::Off,
         }
     }
 
-    /// Notes what came of an attempt; a refusal of what is required is an error.
-    fn note<E: Display>(
+    /// Records the result of a request. The refusal of a required privilege is an error.
+    fn record<E: Display>(
         self,
         privilege: Privilege,
         remedy: &'static str,
@@ -53,46 +55,46 @@ impl Wish {
             }
             (Err(reason), _) => {
                 record.refuse(privilege);
-                tracing::warn!(%reason, "realtime.{} was refused, goes on without: {remedy}", privilege.name());
+                tracing::warn!(%reason, "realtime.{} was refused, continuing without it: {remedy}", privilege.name());
             }
         }
         Ok(())
     }
 }
 
-/// Asks for what the configuration wishes for this process, in its only thread so far that matters:
-/// threads that it starts later share time as usual.
+/// Requests the configured privileges for the calling thread, except prefaulting ([`reserve`]). Threads that it starts
+/// later do not inherit the priority.
 ///
 /// # Errors
-/// When something is required and refused.
+/// If a required privilege is refused.
 pub fn enter(config: &Config, role: Role, core: Option<usize>) -> Result<RealtimeRecord, Refused> {
     let c = &config.realtime;
     let mut record = RealtimeRecord::default();
     if let Some(core) = core {
         let result = match core_affinity::set_for_current(core_affinity::CoreId { id: core }) {
             true => Ok(()),
-            false => Err(format!("core {core} cannot be had")),
+            false => Err(format!("core {core} is not available")),
         };
-        let remedy = "give another core in [cores], or widen the set of cores of the service";
-        Wish::of(&c.pinning).note(Privilege::Pinning, remedy, result, &mut record)?;
+        let remedy = "give another core in [cores], or allow the service more cores";
+        Request::of(&c.pinning).record(Privilege::Pinning, remedy, result, &mut record)?;
     }
-    let lock = Wish::of(&c.memory_lock);
-    if lock != Wish::Off {
+    let lock = Request::of(&c.memory_lock);
+    if lock != Request::Off {
         let remedy = "give the service CAP_IPC_LOCK or LimitMEMLOCK=infinity";
-        lock.note(Privilege::MemoryLock, remedy, privilege::lock_memory(), &mut record)?;
+        lock.record(Privilege::MemoryLock, remedy, privilege::lock_memory(), &mut record)?;
     }
-    let scheduling = Wish::of(&c.scheduling);
-    if let (true, Some(priority)) = (scheduling != Wish::Off, priority(config, role)) {
+    let scheduling = Request::of(&c.scheduling);
+    if let (true, Some(priority)) = (scheduling != Request::Off, priority(config, role)) {
         let remedy = "give the service CAP_SYS_NICE or LimitRTPRIO=55";
         let result = fifo(priority, c.budget_ms.unsigned_abs());
-        scheduling.note(Privilege::Scheduling, remedy, result, &mut record)?;
+        scheduling.record(Privilege::Scheduling, remedy, result, &mut record)?;
     }
     privilege::prefault_stack();
     record.priority = privilege::fifo_priority();
     Ok(record)
 }
 
-/// The limit comes first: there is no moment in which a process may spin for ever.
+/// Sets the limit of processor time before the priority, so that a real-time process can never spin without limit.
 fn fifo(priority: u32, budget_ms: u64) -> io::Result<()> {
     if budget_ms > 0 {
         privilege::limit_realtime(budget_ms * 1000)?;
@@ -100,19 +102,19 @@ fn fifo(priority: u32, budget_ms: u64) -> io::Result<()> {
     privilege::set_fifo(priority)
 }
 
-/// Makes the message pools of this run real, if that is wished for.
+/// Prefaults the message pools of this run, if that is configured.
 ///
 /// # Errors
-/// When it is required, and /dev/shm is full.
+/// If it is required, and /dev/shm is full.
 pub fn reserve(config: &Config, bus: &Bus, record: &mut RealtimeRecord) -> Result<(), Refused> {
-    let wish = Wish::of(&config.realtime.prefault);
-    if wish == Wish::Off {
+    let request = Request::of(&config.realtime.prefault);
+    if request == Request::Off {
         return Ok(());
     }
     let result: Result<(), IpcError> =
         bus.reserve().map(|bytes| tracing::debug!(bytes, "shared memory reserved"));
     let remedy = "enlarge /dev/shm (mount -o remount,size=…)";
-    wish.note(Privilege::Prefault, remedy, result, record)
+    request.record(Privilege::Prefault, remedy, result, record)
 }
 
 /// SCHED_FIFO priority of a role; `None` for a role that never has one.
@@ -120,10 +122,10 @@ fn priority(config: &Config, role: Role) -> Option<u32> {
     config.realtime.priority(role).and_then(|priority| u32::try_from(priority).ok())
 }
 
-/// The lowest priority that a stage of frames asks for; `None` where time is shared.
+/// The lowest configured priority of the stages; `None` if no real-time priorities are requested.
 pub fn lowest_priority(config: &Config) -> Option<u32> {
-    let asked = Wish::of(&config.realtime.scheduling) != Wish::Off;
-    Role::STAGES.into_iter().filter_map(|role| priority(config, role)).min().filter(|_| asked)
+    let requested = Request::of(&config.realtime.scheduling) != Request::Off;
+    Role::STAGES.into_iter().filter_map(|role| priority(config, role)).min().filter(|_| requested)
 }
 
 #[cfg(test)]
@@ -131,23 +133,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn required_and_refused_stops_preferred_and_refused_is_noted() {
+    fn a_required_refusal_is_an_error_and_a_preferred_one_is_recorded() {
         let mut record = RealtimeRecord::default();
         let refused = || Err("Operation not permitted");
         let error =
-            Wish::Require.note(Privilege::Scheduling, "ask root", refused(), &mut record).unwrap_err();
+            Request::Require.record(Privilege::Scheduling, "ask root", refused(), &mut record).unwrap_err();
         assert_eq!(
             error.to_string(),
             "realtime.scheduling is \"require\", but it was refused: Operation not permitted: ask root, \
              or set it to \"prefer\""
         );
-        Wish::Prefer.note(Privilege::MemoryLock, "", refused(), &mut record).unwrap();
-        Wish::Prefer.note(Privilege::Prefault, "", Ok::<(), &str>(()), &mut record).unwrap();
+        Request::Prefer.record(Privilege::MemoryLock, "", refused(), &mut record).unwrap();
+        Request::Prefer.record(Privilege::Prefault, "", Ok::<(), &str>(()), &mut record).unwrap();
         assert_eq!(record.to_string(), "shared time, prefaulted; refused: memory_lock");
     }
 
     #[test]
-    fn the_writer_has_no_priority_and_later_stages_come_first() {
+    fn the_writer_has_no_priority_and_later_stages_have_higher_ones() {
         let config = config::load(None).unwrap();
         assert_eq!(priority(&config, Role::Writer), None);
         let of = |role| priority(&config, role).unwrap();

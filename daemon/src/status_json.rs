@@ -80,7 +80,7 @@ impl DeviceJson {
             adapter: device.adapter(),
             driver: device.driver(),
             lost: device.is_lost(),
-            text: device.words(),
+            text: device.describe(),
             stages_ms: STAGES.into_iter().zip(device.times_ms().iter().copied()).collect(),
         })
     }

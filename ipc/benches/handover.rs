@@ -1,15 +1,14 @@
-//! What it costs to hand a message over: the daemon's transport, a bare eventfd, bare datagrams (with a name
-//! they are what the transport notifies with), and a copy of a pair of 640 × 480 through a Unix socket, all measured
-//! in one run.
+//! Cost of passing a message between processes: the daemon's transport, a bare eventfd, bare datagrams (the transport
+//! notifies with named ones), and a copy of a pair of 640 × 480 through a Unix socket, all measured in one run.
 //!
 //! ```sh
 //! cargo bench -p lookout-ipc                       # 1000 messages of each kind, 100 a second
 //! cargo bench -p lookout-ipc -- --fifo --count 5000
 //! ```
 //!
-//! Sender and receiver are two processes, on two cores where there are two. Times run from just before the
-//! message is sent until the receiver has it, awake. Processor time is that of both processes together.
-//! Machines stall: compare within a run, and medians rather than tails.
+//! Sender and receiver are two processes, on two cores if the machine has them. A time runs from just before the
+//! message is sent until the awake receiver has it. Processor time is the sum of both processes. Machines stall, so
+//! compare figures of one run, and medians rather than tails.
 
 use lookout_ipc::bus::Bus;
 use lookout_ipc::clock::{monotonic_ns, process_cpu_ns};
@@ -56,8 +55,8 @@ fn main() -> Outcome<()> {
         fifo: arguments.iter().any(|a| a == "--fifo"),
     };
     if let Some(place) = arguments.iter().position(|a| a == "--receive") {
-        let word = |i: usize| arguments.get(place + i).map(String::as_str).unwrap_or_default();
-        return receive(word(1), Path::new(word(2)), options);
+        let argument = |i: usize| arguments.get(place + i).map(String::as_str).unwrap_or_default();
+        return receive(argument(1), Path::new(argument(2)), options);
     }
     if arguments.iter().any(|a| a == "--help") {
         println!("cargo bench -p lookout-ipc -- [--count N] [--hz N] [--fifo]");
@@ -66,8 +65,8 @@ fn main() -> Outcome<()> {
     send_all(options)
 }
 
-/// Its own core, and a priority if asked for.
-fn settle(is_receiver: bool, options: Options) -> Outcome<()> {
+/// Pins the process to a core, and sets its priority with `--fifo`.
+fn enter_realtime(is_receiver: bool, options: Options) -> Outcome<()> {
     let allowed = sched_getaffinity(None)?;
     let mut cores = (0..CpuSet::MAX_CPU).filter(|&c| allowed.is_set(c));
     let (first, second) = (cores.next(), cores.next());
@@ -85,7 +84,7 @@ fn settle(is_receiver: bool, options: Options) -> Outcome<()> {
 // ---- receiver
 
 fn receive(kind: &str, folder: &Path, options: Options) -> Outcome<()> {
-    settle(true, options)?;
+    enter_realtime(true, options)?;
     let mut times = Vec::with_capacity(options.count);
     let ready = || -> Outcome<u64> {
         println!("ready");
@@ -100,7 +99,7 @@ fn receive(kind: &str, folder: &Path, options: Options) -> Outcome<()> {
             wait::run::<Box<dyn Error>>(&[&subscriber], || {
                 while let Some(sample) = subscriber.receive()? {
                     times.push(monotonic_ns());
-                    // The last one ends it, however many were overtaken.
+                    // The last message ends the run, even if earlier ones were overtaken.
                     if sample.header().sequence + 1 >= options.count as u64 {
                         return Ok(Next::Stop);
                     }
@@ -132,7 +131,7 @@ fn receive(kind: &str, folder: &Path, options: Options) -> Outcome<()> {
             let mut pair = vec![0_u8; PAIR_BYTES];
             let before = ready()?;
             for _ in 0..options.count {
-                // Standard input is the socket; as it has a buffer of its own, it is read beside that.
+                // Standard input is the socket; it is read directly, without the buffer of `Stdin`.
                 let mut filled = 0;
                 while filled < PAIR_BYTES {
                     match rustix::io::read(std::io::stdin(), &mut pair[filled..])? {
@@ -169,7 +168,7 @@ fn send_all(options: Options) -> Outcome<()> {
     let instance = Instance::new(NAME, folder.path());
     let _lock = InstanceLock::take(&instance, monotonic_ns() / 1_000_000)?;
     let (publish_us, receive_us) = own_part(&instance)?;
-    settle(false, options)?;
+    enter_realtime(false, options)?;
 
     let bus = Bus::join(&instance)?;
     let publisher = bus.publisher(&PAIR, WIDTH, HEIGHT)?;
@@ -218,11 +217,11 @@ fn send_all(options: Options) -> Outcome<()> {
         println!("{name:<28} {:>10.1} {:>10.1} {:>14.1} {:>9}", f.p50_us, f.p99_us, f.cpu_us, f.received);
     }
     println!(
-        "transport's own part, nobody asleep: publish {publish_us:.2} us, receive {receive_us:.2} us (medians)"
+        "transport within one awake process: publish {publish_us:.2} us, receive {receive_us:.2} us (medians)"
     );
     let against = |row: usize| rows[1].1.p50_us / rows[row].1.p50_us;
     println!(
-        "hand-over of a pair against a bare eventfd: {:.2} times that is read, {:.2} times that is polled; against a named datagram: {:.2} times (medians)",
+        "passing a pair takes {:.2} times as long as a bare eventfd that is read, {:.2} times one that is polled, {:.2} times a named datagram (medians)",
         against(2),
         against(3),
         against(5)
@@ -230,7 +229,7 @@ fn send_all(options: Options) -> Outcome<()> {
     Ok(())
 }
 
-/// Median time of loan, send and notify, and of receive, in µs, with both ends in this process and awake.
+/// Median time of loan, send and notify, and of receive, in µs, with publisher and subscriber in this process, awake.
 fn own_part(instance: &Instance) -> Outcome<(f64, f64)> {
     let bus = Bus::join(instance)?;
     let publisher = bus.publisher(&PAIR, WIDTH, HEIGHT)?;
@@ -244,7 +243,7 @@ fn own_part(instance: &Instance) -> Outcome<(f64, f64)> {
         let sent = monotonic_ns();
         let got = subscriber.receive()?;
         let end = monotonic_ns();
-        assert!(got.is_some(), "what was sent is there");
+        assert!(got.is_some(), "the message has arrived");
         drop(got);
         publish.push(sent - begin);
         receive.push(end - sent);
@@ -261,13 +260,13 @@ fn start(kind: &str, folder: &Path, options: Options, stdin: Stdio) -> Outcome<C
     Ok(command.stdin(stdin).stdout(Stdio::piped()).spawn()?)
 }
 
-/// Sends all messages to a receiver that is ready, and joins its times with ours.
+/// Sends all messages to a receiver that is ready, and combines its times with those of the sender.
 fn measure(mut child: Child, options: Options, mut send: impl FnMut(u64) -> Outcome<()>) -> Outcome<Figures> {
     let mut lines = BufReader::new(child.stdout.take().ok_or("no output")?).lines();
     if lines.next().transpose()?.as_deref() != Some("ready") {
         return Err("the receiver did not get ready".into());
     }
-    // So that it sleeps when the first message comes.
+    // The receiver has to be asleep when the first message arrives.
     std::thread::sleep(Duration::from_millis(100));
     let mut sent = Vec::with_capacity(options.count);
     let cpu_before = process_cpu_ns();
@@ -283,7 +282,7 @@ fn measure(mut child: Child, options: Options, mut send: impl FnMut(u64) -> Outc
     }
     child.wait()?;
     let (cpu_ns, times) = numbers.split_first().ok_or("the receiver died")?;
-    // A message belongs to the last one sent before it: some may have been overtaken.
+    // A received message is the last one that was sent before it: others may have been overtaken.
     let mut taken: Vec<u64> = times
         .iter()
         .filter_map(|time| Some(time - sent[sent.partition_point(|s| s <= time).checked_sub(1)?]))

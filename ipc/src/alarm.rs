@@ -1,58 +1,58 @@
-//! The words of the alarm: its levels, its rules, and why it cannot judge. Part of `obstacles` and `status`.
+//! Levels and rules of the alarm, and the self-checks that switch it off: part of `obstacles` and `status`.
 
 use std::fmt;
 
-/// Names of the levels, by their number in messages.
+/// Names of the levels, indexed by their numbers in messages.
 pub const LEVELS: [&str; 4] = ["off", "standby", "warning", "alarm"];
 
-/// The number of the level `off`: it cannot judge.
+/// The level `off`: a self-check failed, so the system cannot judge.
 pub const OFF: u32 = 0;
 
-/// The number of the level `standby`: it judges, and nothing is dangerous.
+/// The level `standby`: clear; all self-checks pass and no rule applies.
 pub const STANDBY: u32 = 1;
 
-/// The number of the level `alarm`.
+/// The level `alarm`.
 pub const ALARM: u32 = 3;
 
-/// Names of the rules, by their number in messages.
+/// Names of the rules, indexed by their numbers in messages.
 pub const RULES: [&str; 4] = ["none", "distance", "time_to_collision", "deceleration"];
 
-/// The name of a level; what is no level counts as `off`.
+/// Name of a level; an unknown number counts as `off`.
 pub fn level_name(level: u32) -> &'static str {
     LEVELS.get(level as usize).copied().unwrap_or(LEVELS[0])
 }
 
-/// The name of a rule; `None` for none.
+/// Name of a rule; `None` for no rule or an unknown number.
 pub fn rule_name(rule: u32) -> Option<&'static str> {
     RULES.get(rule as usize).copied().filter(|_| rule > 0)
 }
 
-/// Self-checks that failed, each a bit: any of them turns the alarm off.
+/// Self-checks that failed, one bit each. Any of them switches the alarm off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Faults(pub u32);
 
 impl Faults {
-    /// None.
+    /// All self-checks passed.
     pub const NONE: Self = Self(0);
-    /// No road is seen.
+    /// No road was detected.
     pub const NO_ROAD: Self = Self(1);
-    /// A picture is too dark.
+    /// An image is too dark.
     pub const DARK: Self = Self(1 << 1);
-    /// A picture is too bright.
+    /// An image is too bright.
     pub const BRIGHT: Self = Self(1 << 2);
-    /// A picture shows nothing: covered, fogged, out of focus.
+    /// An image has no contrast: the camera is covered, fogged or out of focus.
     pub const BLOCKED: Self = Self(1 << 3);
-    /// The left and the right picture are too unlike.
+    /// The contrast of the left and the right image differs too much.
     pub const UNLIKE: Self = Self(1 << 4);
-    /// The cameras have moved since they were calibrated.
+    /// The epipolar alignment is degraded: the cameras have moved since they were calibrated.
     pub const CALIBRATION: Self = Self(1 << 5);
-    /// Too little of the road can be matched.
+    /// The road has too little texture to be matched.
     pub const SPARSE: Self = Self(1 << 6);
-    /// The frame is too old.
+    /// The frame is older than `alarm.frame_age_max_ms`.
     pub const OLD: Self = Self(1 << 7);
     /// A stage is not running.
     pub const STAGE: Self = Self(1 << 8);
-    /// No result has come for too long.
+    /// There has been no result for longer than `pacing.stale_ms`.
     pub const STALE: Self = Self(1 << 9);
 
     /// Whether all self-checks passed.
@@ -60,26 +60,26 @@ impl Faults {
         self.0 == 0
     }
 
-    /// Whether one of `other` is among these.
+    /// Whether any of `other` failed.
     pub fn has(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
 
-    /// These and those.
+    /// The union of both.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// These when `failed`, else none.
+    /// `self` if `failed`, else none.
     #[must_use]
     pub fn when(self, failed: bool) -> Self {
         if failed { self } else { Self::NONE }
     }
 }
 
-/// The words for each bit.
-const WORDS: [(Faults, &str); 10] = [
+/// Description of each self-check, in the order of display.
+const DESCRIPTIONS: [(Faults, &str); 10] = [
     (Faults::STAGE, "a stage is not running"),
     (Faults::STALE, "no result for too long"),
     (Faults::OLD, "the frame is too old"),
@@ -95,14 +95,14 @@ const WORDS: [(Faults, &str); 10] = [
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut first = true;
-        for (fault, words) in WORDS {
+        for (fault, description) in DESCRIPTIONS {
             if self.has(fault) {
                 f.write_str(if first { "" } else { "; " })?;
-                f.write_str(words)?;
+                f.write_str(description)?;
                 first = false;
             }
         }
-        // A bit that this program does not know still means that something failed.
+        // A bit that this version does not know is a failed self-check, too.
         if first && !self.is_none() { f.write_str("a self-check failed") } else { Ok(()) }
     }
 }
@@ -112,14 +112,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_are_told_in_words() {
+    fn faults_have_descriptions() {
         assert_eq!(Faults::NONE.to_string(), "");
         let two = Faults::NO_ROAD.and(Faults::DARK.when(true)).and(Faults::OLD.when(false));
         assert_eq!(two.to_string(), "the picture is too dark; no road seen");
         assert!(two.has(Faults::NO_ROAD) && !two.has(Faults::OLD) && !two.is_none());
         assert_eq!(Faults(1 << 30).to_string(), "a self-check failed");
-        for (bit, (fault, _)) in WORDS.iter().enumerate() {
-            assert!(WORDS.iter().skip(bit + 1).all(|(other, _)| !fault.has(*other)), "{fault} twice");
+        for (bit, (fault, _)) in DESCRIPTIONS.iter().enumerate() {
+            assert!(DESCRIPTIONS.iter().skip(bit + 1).all(|(other, _)| !fault.has(*other)), "{fault} twice");
         }
         assert_eq!((level_name(ALARM), level_name(OFF), level_name(99)), ("alarm", "off", "off"));
         assert_eq!((rule_name(2), rule_name(0), rule_name(9)), (Some("time_to_collision"), None, None));

@@ -1,48 +1,50 @@
-//! Heap allocations, counted by thread: proof that a stage makes none for a frame.
+//! Heap allocations, counted per thread, to verify that a stage makes none while it processes a frame.
 //!
-//! The transport makes a piece of 48 bytes for each message that is loaned, inside the library, and frees it
-//! when the message is sent. A thread that asks for it ([`keep_small_pieces`]) therefore keeps the few
-//! such pieces that it frees, and gets them back without the heap: no lock, no search, no system call.
+//! iceoryx2 allocates a block of 48 bytes for each loaned message and frees it when the message is sent. A thread that
+//! has called [`keep_small_blocks`] therefore caches the few small blocks that it frees and reuses them without the
+//! heap: no lock, no search, no system call.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ptr;
 
-/// The system's allocator, which counts. The count costs about a nanosecond and is always on, so that
-/// every report tells what its frame has allocated.
+/// The system's allocator with a count of allocations. Counting costs about a nanosecond and is always on, so that
+/// every report states the number of allocations of its frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CountingAllocator;
 
-/// Pieces that a thread keeps.
-const KEPT: usize = 16;
+/// Maximum number of blocks in the cache of a thread.
+const MAX_KEPT: usize = 16;
 
-/// What small pieces are rounded up to, so that each can be used for any other.
+/// Layout of all small blocks: sizes are rounded up to it, so that blocks are interchangeable.
 const SMALL: Layout = match Layout::from_size_align(64, 16) {
     Ok(layout) => layout,
     Err(_) => panic!("16 is a power of two"),
 };
 
-/// Whether a piece is one that is kept: more than half of it is used.
+/// Whether a block is small: it fits [`SMALL`] and uses more than half of it.
 fn is_small(layout: Layout) -> bool {
     (33..=SMALL.size()).contains(&layout.size()) && layout.align() <= SMALL.align()
 }
 
-/// What one thread knows.
+/// Count and cache of one thread.
 struct Local {
     count: Cell<u64>,
+    /// Whether freed small blocks are cached.
     keeps: Cell<bool>,
+    /// Number of cached blocks.
     kept: Cell<usize>,
-    pieces: [Cell<*mut u8>; KEPT],
+    blocks: [Cell<*mut u8>; MAX_KEPT],
 }
 
 thread_local! {
-    // Constant and without a destructor: to use it allocates nothing.
+    // Constant and without a destructor, so that its first use does not allocate.
     static LOCAL: Local = const {
         Local {
             count: Cell::new(0),
             keeps: Cell::new(false),
             kept: Cell::new(0),
-            pieces: [const { Cell::new(ptr::null_mut()) }; KEPT],
+            blocks: [const { Cell::new(ptr::null_mut()) }; MAX_KEPT],
         }
     };
 }
@@ -51,21 +53,21 @@ impl Local {
     fn take(&self) -> Option<*mut u8> {
         let last = self.kept.get().checked_sub(1)?;
         self.kept.set(last);
-        Some(self.pieces[last].get())
+        Some(self.blocks[last].get())
     }
 
     fn keep(&self, pointer: *mut u8) -> bool {
         let next = self.kept.get();
-        let fits = self.keeps.get() && next < KEPT;
+        let fits = self.keeps.get() && next < MAX_KEPT;
         if fits {
-            self.pieces[next].set(pointer);
+            self.blocks[next].set(pointer);
             self.kept.set(next + 1);
         }
         fits
     }
 }
 
-// A thread that is ending has nothing local any more: it goes straight to the heap, uncounted.
+// A thread that is ending may have no thread-local storage any more. It then uses the heap directly, uncounted.
 
 fn count() {
     let _ = LOCAL.try_with(|local| local.count.set(local.count.get().wrapping_add(1)));
@@ -79,22 +81,22 @@ fn keep(pointer: *mut u8) -> bool {
     LOCAL.try_with(|local| local.keep(pointer)).unwrap_or(false)
 }
 
-/// Memory that this thread has asked the heap for so far: each new piece and each that grew or shrank. 0
-/// where [`CountingAllocator`] is not the program's allocator.
+/// Number of heap allocations of this thread so far, including reallocations. 0 if [`CountingAllocator`] is not the
+/// global allocator of the program.
 pub fn by_this_thread() -> u64 {
     LOCAL.try_with(|local| local.count.get()).unwrap_or(0)
 }
 
-/// From now on this thread keeps up to 16 pieces of 33 to 64 bytes that it frees, for its own use. For
-/// threads that live as long as their process: what they keep is not given back.
-pub fn keep_small_pieces() {
+/// Makes this thread cache up to 16 freed blocks of 33 to 64 bytes for reuse. It is meant for threads that live as
+/// long as their process: cached blocks are not freed when the thread ends.
+pub fn keep_small_blocks() {
     let _ = LOCAL.try_with(|local| local.keeps.set(true));
 }
 
-// SAFETY: a piece is either the system's, asked for and given back with the same layout (rounded up to
-// SMALL where `is_small` says so, which depends on the layout alone), or one of those that this thread
-// keeps: freed before, of SMALL's size and alignment, and in one place only. Nothing here touches the heap
-// otherwise, and nothing unwinds.
+// SAFETY: a block comes either from the system's allocator, which allocates and frees it with the same layout (rounded
+// up to SMALL where `is_small` holds, which depends on the layout alone), or from the cache of this thread: it was freed
+// before, has SMALL's size and alignment, and is in the cache once. No other code here uses the heap, and nothing
+// unwinds.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let small = is_small(layout);
@@ -102,14 +104,14 @@ unsafe impl GlobalAlloc for CountingAllocator {
             return pointer;
         }
         count();
-        // SAFETY: the layout is the caller's, whose size is not zero, or a larger one.
+        // SAFETY: the layout is the caller's, whose size is not zero, or SMALL, which is larger.
         unsafe { System.alloc(if small { SMALL } else { layout }) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         let small = is_small(layout);
         if let (true, Some(pointer)) = (small, take()) {
-            // SAFETY: the piece is as long as SMALL, and nobody else has it.
+            // SAFETY: the block has the size of SMALL, and the cache has just given up its only pointer to it.
             unsafe { pointer.write_bytes(0, SMALL.size()) };
             return pointer;
         }
@@ -119,17 +121,18 @@ unsafe impl GlobalAlloc for CountingAllocator {
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller keeps size and alignment within what a layout may be.
+        // SAFETY: the contract of `realloc` requires that size and alignment form a valid layout.
         let new = unsafe { Layout::from_size_align_unchecked(size, layout.align()) };
         match (is_small(layout), is_small(new)) {
             (true, true) => pointer,
             (false, false) => {
                 count();
-                // SAFETY: the piece is the system's, with this very layout.
+                // SAFETY: the block is not small, so the system has allocated it with this layout.
                 unsafe { System.realloc(pointer, layout, size) }
             }
             _ => {
-                // SAFETY: `new` is not empty; both pieces hold what is copied, and do not overlap.
+                // SAFETY: the size of `new` is not zero; both blocks are at least as long as the copied bytes, and
+                // they do not overlap because both are allocated.
                 unsafe {
                     let moved = self.alloc(new);
                     if !moved.is_null() {
@@ -147,7 +150,7 @@ unsafe impl GlobalAlloc for CountingAllocator {
         if small && keep(pointer) {
             return;
         }
-        // SAFETY: the piece is the system's, with this layout.
+        // SAFETY: the system has allocated the block with this layout.
         unsafe { System.dealloc(pointer, if small { SMALL } else { layout }) }
     }
 }
@@ -168,10 +171,10 @@ mod tests {
         numbers.extend(0..16);
         numbers.clear();
         numbers.extend(0..16);
-        assert_eq!(by_this_thread() - before, 1, "what is there is used again");
+        assert_eq!(by_this_thread() - before, 1, "the capacity is reused");
         numbers.push(9);
         assert_eq!(by_this_thread() - before, 2, "it grew");
-        // Other threads have counts of their own.
+        // Each thread has its own count.
         let other = std::thread::spawn(|| {
             let before = by_this_thread();
             black_box(vec![0_u8; 100]);
@@ -181,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn small_pieces_are_kept_by_a_thread_that_wants_to() {
+    fn a_thread_caches_small_blocks_on_request() {
         std::thread::spawn(|| {
             let rounds = || {
                 let before = by_this_thread();
@@ -189,8 +192,8 @@ mod tests {
                 by_this_thread() - before
             };
             assert_eq!(rounds(), 1000, "48 bytes each");
-            keep_small_pieces();
-            assert_eq!(rounds(), 1, "the first is freed, kept, and used again");
+            keep_small_blocks();
+            assert_eq!(rounds(), 1, "the first block is cached and reused");
             assert_eq!(rounds(), 0);
         })
         .join()
@@ -198,10 +201,10 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_asked_for_freed_and_moved_keeps_its_content() {
+    fn blocks_keep_their_content_over_random_allocations_and_reallocations() {
         for seed in 0..4 {
             let run = move || {
-                keep_small_pieces();
+                keep_small_blocks();
                 let mut random = fastrand::Rng::with_seed(seed);
                 let mut held: Vec<Vec<u8>> = Vec::new();
                 for round in 0..20_000_u32 {
@@ -209,7 +212,7 @@ mod tests {
                         0 => held.push(vec![0; random.usize(1..150)]),
                         1 => held.push((0..random.u8(1..150)).collect()),
                         2 if !held.is_empty() => {
-                            // Grows or shrinks over all sizes, small and not.
+                            // Grows or shrinks across the limits of small blocks.
                             let place = random.usize(..held.len());
                             let bytes = &mut held[place];
                             let (rising, length) = (bytes.last() != Some(&0), random.usize(1..150));

@@ -1,4 +1,5 @@
-//! The way into shared memory: one node per process, and the ports of the table of services.
+//! Access to shared memory: one iceoryx2 node per process, and the ports of the services that
+//! [`crate::pipeline`] declares.
 
 use crate::clock::monotonic_ns;
 pub use crate::error::IpcError;
@@ -13,26 +14,26 @@ use rustix::io::Errno;
 use std::cell::Cell;
 use std::fmt;
 
-/// Processes that may use the services at once: ours, and readers from outside.
+/// Maximum number of processes that use the services at a time: the daemon's and external readers.
 const MAX_NODES: usize = 32;
 
-/// A reason in words, shown as it is.
-struct Words(String);
+/// Text whose `Debug` output has no quotes.
+struct PlainText(String);
 
-impl fmt::Debug for Words {
+impl fmt::Debug for PlainText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
     }
 }
 
-/// This process's place among those of the daemon.
+/// The node of this process in a run of the daemon. [`Self::publisher`] and [`Self::subscriber`] open its ports.
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,
     instance: Instance,
 }
 
-/// What a sweep of dead processes found.
+/// Result of [`Bus::sweep`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sweep {
     /// Dead processes whose remains were removed.
@@ -42,10 +43,10 @@ pub struct Sweep {
 }
 
 impl Bus {
-    /// Joins the present run of an instance.
+    /// Joins the current run of an instance.
     ///
     /// # Errors
-    /// When no daemon runs it, or its folders or shared memory cannot be used.
+    /// If the instance is not running, or its folders or shared memory cannot be used.
     pub fn join(instance: &Instance) -> Result<Self, IpcError> {
         let fail = |what: &str, reason: &dyn fmt::Debug| IpcError::new("name", what, reason);
         let root = instance.bus_directory();
@@ -56,8 +57,8 @@ impl Bus {
         let mut config = Config::default();
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|e| fail(&prefix, &e))?;
         config.global.set_root_path(&root);
-        // The scheduler sweeps, once it has reaped: processes that leave at the same time must not
-        // take each other for dead.
+        // Only the scheduler sweeps, after it has reaped its children: processes that exit at the same time must not
+        // treat each other as dead.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
@@ -69,18 +70,18 @@ impl Bus {
         Ok(Self { node, instance: instance.clone() })
     }
 
-    /// Removes what dead processes left, so that their places are free. Dead children must have
-    /// been reaped before.
+    /// Removes the ports of dead processes and so frees their places. Dead children must have been reaped before.
     pub fn sweep(&self) -> Sweep {
         let state = self.node.try_cleanup_dead_nodes();
         Sweep { cleaned: state.cleanups, failed: state.failed_cleanups }
     }
 
-    /// Makes all shared memory of this run real, so that no page of it has to be found when a message
-    /// is written, and none can be missing. Gives how many bytes were not there yet.
+    /// Allocates all pages of this run's shared memory, so that writing a message causes no page allocation, which
+    /// could fail. Returns the number of newly allocated bytes.
     ///
     /// # Errors
-    /// When /dev/shm is full: to write to a page that cannot be had would end the process.
+    /// If /dev/shm is full. Without this check, writing to a page that cannot be allocated would end the process with
+    /// SIGBUS.
     pub fn reserve(&self) -> Result<u64, IpcError> {
         let fail = |path: &std::path::Path, e: &dyn fmt::Debug| {
             IpcError::new("reserve", &path.display().to_string(), e)
@@ -89,7 +90,7 @@ impl Bus {
         for path in self.instance.shared_memory() {
             let file = match std::fs::OpenOptions::new().write(true).open(&path) {
                 Ok(file) => file,
-                // Others come and go.
+                // Another process may have removed the file meanwhile.
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
                 Err(error) => return Err(fail(&path, &error)),
             };
@@ -98,12 +99,12 @@ impl Bus {
             if there >= bytes {
                 continue;
             }
-            // Content that is there stays; only holes are filled.
+            // fallocate keeps existing content and only fills holes.
             match fallocate(&file, FallocateFlags::empty(), 0, bytes) {
                 Ok(()) => reserved += bytes - there,
                 Err(Errno::NOSPC) => {
                     let text = format!("/dev/shm is full: {bytes} bytes more are needed: enlarge it");
-                    return Err(IpcError::new("reserve", &path.display().to_string(), Words(text)));
+                    return Err(IpcError::new("reserve", &path.display().to_string(), PlainText(text)));
                 }
                 Err(error) => return Err(fail(&path, &error)),
             }
@@ -111,7 +112,7 @@ impl Bus {
         Ok(reserved)
     }
 
-    /// Runs `open`; when it fails, sweeps the dead and tries once more.
+    /// Calls `open`; if it fails, sweeps dead processes and calls it once more.
     fn with_sweep<T>(&self, open: impl Fn() -> Result<T, IpcError>) -> Result<T, IpcError> {
         open().or_else(|_| {
             self.sweep();
@@ -119,10 +120,10 @@ impl Bus {
         })
     }
 
-    /// A publisher of a service for images of `width` × `height`.
+    /// Opens a publisher of a service. `width` and `height`, in pixels, determine the size of its message pool.
     ///
     /// # Errors
-    /// When the service exists with other settings, or all its places are taken.
+    /// If the service exists with other settings, or has its maximum number of publishers.
     pub fn publisher(&self, spec: &ServiceSpec, width: usize, height: usize) -> Result<Publisher, IpcError> {
         self.with_sweep(|| {
             let factory = self.data(spec)?;
@@ -130,7 +131,7 @@ impl Bus {
                 .publisher_builder()
                 .initial_max_slice_len(spec.max_payload_bytes(width, height).div_ceil(LINE_BYTES))
                 .max_loaned_samples(LOANED)
-                // With overflow on, a full buffer never blocks; this is for the unforeseen.
+                // With safe overflow a full buffer never blocks; this makes sure that nothing else does.
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
                 .map_err(|e| IpcError::new("publish", spec.name, e))?;
@@ -143,10 +144,10 @@ impl Bus {
         })
     }
 
-    /// A subscriber of a service.
+    /// Opens a subscriber of a service.
     ///
     /// # Errors
-    /// As [`Self::publisher`].
+    /// If the service exists with other settings, or has its maximum number of subscribers.
     pub fn subscriber(&self, spec: &ServiceSpec) -> Result<Subscriber, IpcError> {
         self.with_sweep(|| {
             let port = self
@@ -208,13 +209,13 @@ fn service_name(spec: &ServiceSpec) -> Result<ServiceName, IpcError> {
     ServiceName::new(spec.name).map_err(|e| IpcError::new("name", spec.name, e))
 }
 
-/// Quietens the library: only what it warns of goes to the log.
+/// Limits the log of iceoryx2 to warnings and errors.
 pub fn set_library_log_level() {
     set_log_level(LogLevel::Warn);
 }
 
-/// Quietens it further, for a reader that outlives the daemon's runs: that what it holds of a run has been
-/// removed with the run is no news to it.
+/// Limits the log of iceoryx2 to errors, for a reader that outlives runs of the daemon: iceoryx2 warns about
+/// resources that were removed with their run, which such a reader expects.
 pub fn set_library_log_level_of_reader() {
     set_log_level(LogLevel::Error);
 }

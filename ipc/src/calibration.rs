@@ -1,27 +1,27 @@
-//! Whether the cameras still stand as they were calibrated: part of `report` and `status`.
+//! Epipolar alignment of the cameras, as the stereo stage monitors it: part of `report` and `status`.
 
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
-/// What the check of the calibration says.
+/// State of the calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum CalibrationState {
-    /// It is not checked.
+    /// The epipolar alignment is not monitored.
     Off = 0,
-    /// Too little was seen.
+    /// Too few points have been matched so far.
     Unknown = 1,
-    /// Rows of both pictures match within the bound.
+    /// The vertical offset is within the bound.
     Good = 2,
-    /// They do not: distances and obstacles may be wrong.
+    /// The vertical offset exceeds the bound: distances and obstacles may be wrong.
     Degraded = 3,
 }
 
 impl CalibrationState {
-    /// All states, by their numbers.
+    /// All states, indexed by their numbers.
     pub const ALL: [Self; 4] = [Self::Off, Self::Unknown, Self::Good, Self::Degraded];
 
-    /// The word for it.
+    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
@@ -32,31 +32,32 @@ impl CalibrationState {
     }
 }
 
-/// The calibration's health. Offsets are the row of a point in the right picture less its row in the
-/// left one, in pixels.
+/// Result of monitoring the epipolar alignment. A vertical offset is the row of a point in the right image less its row
+/// in the left image, in pixels. Offsets are 0 until the state is known.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CalibrationRecord {
     /// [`CalibrationState`] as a number.
     pub state: u32,
-    /// Offset in the middle of the picture, as it is matched: after any correction.
+    /// Vertical offset in the middle of the image, in px, after any correction.
     pub offset_px: f32,
-    /// What is added to that from the middle to the right border.
+    /// Change of the offset from the middle to the right border, in px.
     pub across_px: f32,
-    /// What is added from the middle to the lower border.
+    /// Change of the offset from the middle to the lower border, in px.
     pub down_px: f32,
-    /// The largest offset in the picture, without its sign.
+    /// Largest magnitude of the offset in the image, in px, not negative.
     pub worst_px: f32,
-    /// Standard deviation of the offset.
+    /// Standard deviation of `offset_px`, in px.
     pub sigma_px: f32,
-    /// Above this the calibration is degraded.
+    /// Bound of `worst_px`, in px: above it the calibration is degraded (`calibration.bound_px`).
     pub bound_px: f32,
-    /// Rows by which the middle of the right picture is shifted before matching; 0 when it is not.
+    /// Offset by which the rows of the right image are shifted before matching, in px, at the middle of the image;
+    /// 0 = no correction.
     pub corrected_px: f32,
 }
 
 impl CalibrationRecord {
-    /// What the check says; a number that means nothing counts as unknown.
+    /// The state; an unknown number counts as [`CalibrationState::Unknown`].
     pub fn state(&self) -> CalibrationState {
         match self.state {
             0 => CalibrationState::Off,
@@ -85,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_told_in_words() {
+    fn the_text_gives_state_offset_and_correction() {
         let text = |state: u32, corrected_px: f32| {
             let worst_px = 1.43;
             CalibrationRecord { state, worst_px, bound_px: 0.5, corrected_px, ..Default::default() }

@@ -1,13 +1,13 @@
-//! The monotonic clock that all stages share.
+//! The monotonic clock, which all processes share, and the processor time.
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// CLOCK_MONOTONIC in nanoseconds: the same in every process of the machine.
+/// CLOCK_MONOTONIC in nanoseconds; equal in all processes of the machine.
 pub fn monotonic_ns() -> u64 {
     nanoseconds(ClockId::Monotonic)
 }
 
-/// Processor time that this process has used, all threads together, in nanoseconds.
+/// Processor time that all threads of this process have used, in nanoseconds.
 pub fn process_cpu_ns() -> u64 {
     nanoseconds(ClockId::ProcessCPUTime)
 }

@@ -1,27 +1,27 @@
-//! Whether frames come out in time: part of `report` and `status`.
+//! Ages and deadlines of frames, and the rate of the source: part of `report` and `status`.
 
 use crate::pipeline::Role;
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
-/// Ages of frames against the time that they may take, from capture on. Times in nanoseconds.
+/// Age of the last frame and number of late frames.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct DeadlineRecord {
-    /// What a frame may take from capture to obstacles; 0 = as long as it likes.
+    /// Deadline from capture to obstacles (`pacing.deadline_ms`), in ns; 0 = none.
     pub deadline_ns: u64,
-    /// Age of the last frame when the stage had finished with it.
+    /// Age of the last frame when the stage had finished it, in ns since its capture.
     pub age_ns: u64,
-    /// Frames that were older than the deadline by then, since the stage started; in `status` since the
-    /// daemon did, at the end of the way.
+    /// Number of frames that were older than the deadline when the stage had finished them: in a report since the
+    /// stage started, in a status since the daemon started and at the last stage.
     pub late: u64,
-    /// How many of them in a row, up to the last frame; 0 when that was in time.
+    /// Number of late frames in a row, up to the last frame; 0 if that was in time.
     pub late_in_a_row: u64,
 }
 
 impl DeadlineRecord {
-    /// Takes in a frame that was captured and finished at these times. Clocks of other processes are
-    /// not trusted: a frame from the future has the age 0.
+    /// Counts a frame that was captured and finished at these times, in ns of CLOCK_MONOTONIC. Another process has
+    /// written the capture time, so it may have any value: one after `end_ns` gives the age 0.
     pub fn finished(&mut self, capture_ns: u64, end_ns: u64) {
         self.age_ns = end_ns.saturating_sub(capture_ns);
         if self.deadline_ns > 0 && self.age_ns > self.deadline_ns {
@@ -43,24 +43,24 @@ impl fmt::Display for DeadlineRecord {
     }
 }
 
-/// How fast the source runs, and why: part of `status`.
+/// Rate of the source at live rate, and what limits it: part of `status`. All zeros in lock-step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PacingRecord {
-    /// Frames a second that the source is asked for; 0 in lock-step.
+    /// Current target rate, in frames per second.
     pub rate_hz: f64,
-    /// Frames a second that were wanted of it.
+    /// Configured rate (`source.fps`, or that of the source), in frames per second.
     pub wanted_hz: f64,
-    /// 90th percentile of the slowest stage's work, in milliseconds; 0 while it is not known.
+    /// 90th percentile of the slowest stage's work, in milliseconds; 0 until it is known.
     pub slowest_ms: f64,
-    /// [`Role`] of that stage as a number.
+    /// [`Role`] of the slowest stage as a number; 0 until it is known.
     pub slowest: u32,
-    /// 1 when the rate follows what the stages sustain.
+    /// 1 if the rate is adapted to the slowest stage (`pacing.follow`), else 0.
     pub follows: u32,
 }
 
 impl PacingRecord {
-    /// Name of the slowest stage.
+    /// Name of the slowest stage; "unknown" for an unknown number.
     pub fn slowest_name(&self) -> &'static str {
         u8::try_from(self.slowest).ok().and_then(Role::from_raw).map_or("unknown", Role::name)
     }

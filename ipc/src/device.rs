@@ -1,27 +1,26 @@
-//! The device that the stereo stage matches on: part of `report` and `status`.
+//! The GPU that the stereo stage matches on: part of `report` and `status`.
 
 use crate::header::{get_text, put_text};
 use bytemuck::{Pod, Zeroable};
 
-/// The most stages that are timed.
+/// Maximum number of timed steps of the matcher.
 pub const MAX_STAGES: usize = 8;
 
-/// What the stereo stage says of its device.
+/// Device of the stereo stage. All zeros if it matches on the CPU.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct DeviceRecord {
-    /// 0: it matches on the CPU, as it was asked to. 1: on the device. 2: the device is lost, and the CPU
-    /// matches.
+    /// 0 = it matches on the CPU, as configured; 1 = on the device; 2 = the device is lost, and the CPU matches.
     pub state: u32,
-    /// Entries of `stages_ms` that count; 0 where the device has no timestamps.
+    /// Number of valid entries of `stages_ms`; 0 if the device has no timestamps.
     pub stages: u32,
-    /// Time of each stage of the last frame on the device, in milliseconds.
+    /// Time of each step of the matcher for the last frame on the device, in milliseconds.
     pub stages_ms: [f32; MAX_STAGES],
-    /// Name of the adapter.
+    /// Name of the adapter, padded with zeros.
     pub adapter: [u8; 64],
-    /// Its driver and the driver's version.
+    /// Name and version of the driver, padded with zeros.
     pub driver: [u8; 64],
-    /// Why it is lost, in words.
+    /// Reason for the loss of the device, padded with zeros; empty unless it is lost.
     pub loss: [u8; 64],
 }
 
@@ -32,7 +31,7 @@ impl Default for DeviceRecord {
 }
 
 impl DeviceRecord {
-    /// A record of a device that is used, or lost for a reason.
+    /// A record of a device that is in use, or was lost for the reason `loss`.
     pub fn new(adapter: &str, driver: &str, loss: Option<&str>) -> Self {
         let mut record = Self { state: if loss.is_some() { 2 } else { 1 }, ..Self::zeroed() };
         put_text(&mut record.adapter, adapter);
@@ -41,7 +40,7 @@ impl DeviceRecord {
         record
     }
 
-    /// Sets the times of the stages, in nanoseconds.
+    /// Sets the times of the steps, in nanoseconds; those after [`MAX_STAGES`] are ignored.
     pub fn set_times_ns(&mut self, times: impl Iterator<Item = u64>) {
         self.stages = 0;
         for (to, ns) in self.stages_ms.iter_mut().zip(times) {
@@ -50,12 +49,12 @@ impl DeviceRecord {
         }
     }
 
-    /// The times of the stages in milliseconds; empty where there are none.
+    /// Times of the steps in milliseconds; empty if the device has no timestamps.
     pub fn times_ms(&self) -> &[f32] {
         &self.stages_ms[..(self.stages as usize).min(MAX_STAGES)]
     }
 
-    /// Whether it was lost.
+    /// Whether the device was lost.
     pub fn is_lost(&self) -> bool {
         self.state == 2
     }
@@ -65,13 +64,13 @@ impl DeviceRecord {
         get_text(&self.adapter)
     }
 
-    /// Its driver.
+    /// Name and version of the driver.
     pub fn driver(&self) -> String {
         get_text(&self.driver)
     }
 
-    /// The device and how it is, in words; empty on the CPU.
-    pub fn words(&self) -> String {
+    /// Description of the device and its state; empty for the CPU.
+    pub fn describe(&self) -> String {
         let device = format!("{} ({})", self.adapter(), self.driver());
         match self.state {
             0 => String::new(),
@@ -86,17 +85,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_told_in_words() {
-        assert_eq!(DeviceRecord::default().words(), "");
+    fn the_description_names_device_and_loss() {
+        assert_eq!(DeviceRecord::default().describe(), "");
         let mut used = DeviceRecord::new("Orin", "NVIDIA 540", None);
         used.set_times_ns([1_500_000, 250_000].into_iter());
-        assert_eq!((used.words(), used.times_ms()), ("Orin (NVIDIA 540)".into(), &[1.5, 0.25][..]));
+        assert_eq!((used.describe(), used.times_ms()), ("Orin (NVIDIA 540)".into(), &[1.5, 0.25][..]));
         used.set_times_ns([7; 20].into_iter());
         assert_eq!(used.times_ms().len(), MAX_STAGES);
         used.stages = u32::MAX;
-        assert_eq!(used.times_ms().len(), MAX_STAGES, "whatever a message holds");
+        assert_eq!(used.times_ms().len(), MAX_STAGES, "an invalid count is limited");
         let lost = DeviceRecord::new("Orin", "NVIDIA 540", Some("it hangs"));
         assert!(lost.is_lost() && !used.is_lost());
-        assert_eq!(lost.words(), "Orin (NVIDIA 540) is lost: it hangs: the CPU matches");
+        assert_eq!(lost.describe(), "Orin (NVIDIA 540) is lost: it hangs: the CPU matches");
     }
 }

@@ -1,9 +1,9 @@
-//! Why shared memory cannot be used.
+//! Errors of operations on shared memory.
 
 use std::fmt;
 use thiserror::Error;
 
-/// Why shared memory cannot be used.
+/// A failed operation on shared memory: what was tried, on which service, instance or file, and the reason.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("shared memory: cannot {action} \"{name}\": {reason}")]
 pub struct IpcError {

@@ -5,10 +5,10 @@ use crate::pipeline::{PATH_LENGTH, Role};
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
-/// Marks a header as ours.
+/// First field of every header ("LKT1").
 const MAGIC: u32 = 0x4c4b_5431;
 
-/// A cache line: what payloads are made of, so that they are aligned for every kernel.
+/// A cache line. Payloads consist of whole lines, so that they are aligned for all SIMD kernels.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Line(pub(crate) [u8; LINE_BYTES]);
@@ -20,23 +20,23 @@ unsafe impl ZeroCopySend for Line {}
 /// Bytes of a [`Line`].
 pub const LINE_BYTES: usize = 64;
 
-/// The greatest width and height of an image, in pixels.
+/// Maximum width and height of an image, in pixels.
 pub const MAX_SIDE: u32 = 8192;
 
-/// Bits of [`Header::modes`]: what the scheduler wants of the stages, told by capture with each frame, so
-/// that a frame is treated the same way by every stage that looks.
+/// Bits of [`Header::modes`]. The scheduler sends them to capture, and capture writes them into each header, so that
+/// all stages treat a frame in the same way.
 pub mod modes {
-    /// Regions are tracked, but not recognised: the board is too hot.
+    /// Regions are tracked, but not classified, because the board is too hot.
     pub const RECOGNITION_OFF: u32 = 1;
 }
 
-/// When a stage worked on a frame, in nanoseconds of the monotonic clock; 0 = not yet.
+/// When a stage worked on a frame, in nanoseconds of CLOCK_MONOTONIC; 0 = not yet.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
 pub struct Stamp {
-    /// When it took the frame up.
+    /// Start of the work, in ns.
     pub begin_ns: u64,
-    /// When its result was written.
+    /// When its result was complete, in ns.
     pub end_ns: u64,
 }
 
@@ -49,31 +49,32 @@ pub struct Header {
     pub(crate) kind: u16,
     /// Number of the pair in its source, from 0.
     pub sequence: u64,
-    /// Time in the scene: of the recording, or of the camera. Filters run on it.
+    /// Source time: time in the recording, the scene or of the camera, in ns. Filters use it.
     pub source_ns: u64,
-    /// When the pair was captured, on the monotonic clock. Ages and latencies are measured from it.
+    /// When the pair was captured, in ns of CLOCK_MONOTONIC. Ages and latencies are measured from it; 0 where the
+    /// message has no frame.
     pub capture_ns: u64,
-    /// When the message was sent, on the monotonic clock: of two messages that differ, the later holds.
+    /// When the message was sent, in ns of CLOCK_MONOTONIC. Of two contradicting messages, the later one is valid.
     pub issued_ns: u64,
-    /// Number of the message among those of its publisher, from 0: tells readers what they missed.
+    /// Number of the message among those of its publisher, from 0. Gaps are messages that a reader missed.
     pub(crate) serial: u64,
-    /// When the first message of its publisher was sent, on the monotonic clock: who was there by then has been
-    /// sent them all.
+    /// When the first message of its publisher was sent, in ns of CLOCK_MONOTONIC. Subscribers that existed by then
+    /// have been sent all its messages.
     pub(crate) first_ns: u64,
-    /// Which attempt at this frame it is; above 0 only after a stage died in lock-step.
+    /// Number of the attempt at this frame, from 0; above 0 only after a stage died in lock-step.
     pub attempt: u32,
-    /// Bytes of the payload; shared memory holds whole lines.
+    /// Length of the payload in bytes; shared memory holds whole lines of [`LINE_BYTES`].
     pub(crate) payload_bytes: u32,
-    /// 1 when the message takes back what was said of this and all earlier frames: a stage has died, or
-    /// results have stopped. Only the scheduler sends such, on `obstacles`.
+    /// 1 if the message withdraws the results of this and all earlier frames, because a stage has died or results
+    /// have stopped; else 0. Only the scheduler sends 1, on `obstacles`.
     pub withdraws: u32,
-    /// Width of the frame's images in pixels; 0 where there are none.
+    /// Width of the frame's images in pixels, 1 to [`MAX_SIDE`]; 0 where the message has no frame.
     pub width: u32,
-    /// Height of the frame's images in pixels; 0 where there are none.
+    /// Height of the frame's images in pixels, 1 to [`MAX_SIDE`]; 0 where the message has no frame.
     pub height: u32,
-    /// How stages are to treat the frame: bits of [`modes`].
+    /// How stages treat the frame: bits of [`modes`].
     pub modes: u32,
-    /// Self-checks that failed on the frame's way so far: [`crate::alarm::Faults`].
+    /// Self-checks that failed for the frame so far: bits of [`crate::alarm::Faults`].
     pub faults: u32,
     /// Padding; 0.
     pub(crate) reserved: u32,
@@ -81,59 +82,59 @@ pub struct Header {
     pub stamps: [Stamp; PATH_LENGTH],
 }
 
-/// Why a message is not used.
+/// Why a message is refused.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum MessageError {
-    /// Not one of ours.
-    #[error("no lookout message")]
+    /// The header does not start with the magic number.
+    #[error("not a lookout message")]
     Magic,
-    /// Written by another version of the program.
+    /// Another layout version.
     #[error("layout version {0}, this program has {VERSION}")]
     Version(u16),
     /// Another kind than the service carries.
-    #[error("message kind {0} on a service for another")]
+    #[error("message kind {0} does not belong to this service")]
     Kind(u16),
-    /// Image sides out of range.
-    #[error("{width}x{height} pixels")]
+    /// Image size out of range.
+    #[error("image size {width}x{height} is out of range")]
     Size {
-        /// Width that the header claims.
+        /// Width in the header, in pixels.
         width: u32,
-        /// Height that it claims.
+        /// Height in the header, in pixels.
         height: u32,
     },
-    /// The bytes are not as many as the header says.
-    #[error("{given} bytes, its header needs {needed}")]
+    /// The payload has another length than its header requires.
+    #[error("payload of {given} bytes, its header requires {needed}")]
     Length {
-        /// Bytes that came.
+        /// Actual length in bytes.
         given: usize,
-        /// Bytes that the header needs.
+        /// Required length in bytes.
         needed: usize,
     },
-    /// A count or value out of range.
-    #[error("{what} is {value}")]
+    /// A field is out of range.
+    #[error("{what} is out of range: {value}")]
     Value {
         /// Name of the field.
         what: &'static str,
-        /// What it holds.
+        /// Its value; the bits of a floating-point number.
         value: u64,
     },
 }
 
 impl Header {
-    /// A header of a kind, all else zero.
+    /// A header of a kind; all other fields are zero.
     pub fn new(kind: Kind) -> Self {
         Self { magic: MAGIC, version: VERSION, kind: kind as u16, ..Self::default() }
     }
 
-    /// The same frame on its way to the next stage.
+    /// The header of the same frame for a message of another kind.
     pub fn forward(&self, kind: Kind) -> Self {
         Self { kind: kind as u16, ..*self }
     }
 
-    /// Checks that the header is ours, of the expected kind, and of possible size.
+    /// Checks magic number, layout version, kind and image size.
     ///
     /// # Errors
-    /// Says what is wrong; nothing of the message may then be used.
+    /// The first violation; the message must then not be used.
     pub fn check(&self, kind: Kind) -> Result<(), MessageError> {
         if self.magic != MAGIC {
             return Err(MessageError::Magic);
@@ -151,41 +152,41 @@ impl Header {
         Ok(())
     }
 
-    /// Notes when a stage worked on the frame. A stage beside the path leaves no stamp.
+    /// Sets the stamp of a stage. Processes outside [`crate::pipeline::PATH`] have none.
     pub fn set_stamp(&mut self, role: Role, stamp: Stamp) {
         if let Some(place) = role.place() {
             self.stamps[place] = stamp;
         }
     }
 
-    /// When the result of the frame was written; 0 = not yet.
+    /// When the last stage finished the frame, in ns of CLOCK_MONOTONIC; 0 = not yet.
     pub fn result_ns(&self) -> u64 {
         self.stamps[PATH_LENGTH - 1].end_ns
     }
 
-    /// Time from capture to result, in nanoseconds; 0 when the stamps make no sense.
+    /// Time from capture to result, in nanoseconds; 0 if the result precedes the capture.
     pub fn latency_ns(&self) -> u64 {
         self.result_ns().saturating_sub(self.capture_ns)
     }
 
-    /// Pixels of one image of the frame.
+    /// Number of pixels of one image of the frame.
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
     }
 }
 
-/// Checks that a payload is exactly as long as its header needs.
+/// Checks that a payload has exactly the length that its header requires.
 pub(crate) fn check_length(payload: &[u8], needed: usize) -> Result<(), MessageError> {
     if payload.len() == needed { Ok(()) } else { Err(MessageError::Length { given: payload.len(), needed }) }
 }
 
-/// Reads the one plain record that a payload consists of.
+/// Copies the single record that a payload consists of.
 pub(crate) fn record<T: bytemuck::Pod>(payload: &[u8]) -> Result<T, MessageError> {
     check_length(payload, size_of::<T>())?;
     Ok(bytemuck::pod_read_unaligned(payload))
 }
 
-/// Copies text into a field of fixed size, shortened at a character, padded with zeros.
+/// Copies UTF-8 text into a field of fixed size, truncated at a character boundary and padded with zeros.
 pub fn put_text(field: &mut [u8], text: &str) {
     let mut end = text.len().min(field.len());
     while !text.is_char_boundary(end) {
@@ -195,7 +196,7 @@ pub fn put_text(field: &mut [u8], text: &str) {
     field[end..].fill(0);
 }
 
-/// Reads such a field; what is not text is shown as such.
+/// Reads the text of such a field up to the first zero; invalid UTF-8 becomes U+FFFD.
 pub fn get_text(field: &[u8]) -> String {
     let end = field.iter().position(|&b| b == 0).unwrap_or(field.len());
     String::from_utf8_lossy(&field[..end]).into_owned()

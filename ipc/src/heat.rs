@@ -1,15 +1,15 @@
-//! How hot the board is and how fast its clocks run: part of `status`.
+//! Temperatures, thermal ladder and clocks of the board: part of `status`.
 
 use crate::header::{get_text, put_text};
 use bytemuck::{Pod, Zeroable};
 
-/// Most zones that a status shows.
+/// Maximum number of thermal zones in a status.
 pub const MAX_ZONES: usize = 8;
 
-/// Most clocks that a status shows.
+/// Maximum number of clocks in a status.
 pub const MAX_CLOCKS: usize = 8;
 
-/// Words for the rungs of the thermal ladder.
+/// Names of the rungs of the thermal ladder, indexed by their numbers.
 pub const RUNGS: [&str; 6] =
     ["normal", "lower frame rate", "lower clocks", "recognition off", "stopped", "power off"];
 
@@ -17,11 +17,11 @@ pub const RUNGS: [&str; 6] =
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ZoneRecord {
-    /// Its type, as the kernel names it.
+    /// The kernel's name of its type, padded with zeros.
     pub name: [u8; 24],
-    /// Its filtered temperature, in °C.
+    /// Filtered temperature in °C, or its projection.
     pub celsius: f32,
-    /// 1 when it cannot be read: the temperature is what it may have become.
+    /// 1 if the sensor cannot be read and the temperature is projected from its last value; else 0.
     pub projected: u32,
 }
 
@@ -29,31 +29,31 @@ pub struct ZoneRecord {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ClockRecord {
-    /// Its device.
+    /// Name of its device, padded with zeros.
     pub name: [u8; 24],
-    /// What it was set to, in MHz.
+    /// Frequency that was set, in MHz.
     pub wanted_mhz: f32,
-    /// What was read back last, in MHz; 0 when it cannot be read.
+    /// Frequency at the last reading, in MHz; 0 if it cannot be read.
     pub read_mhz: f32,
 }
 
-/// Heat and clocks of the board.
+/// Thermal state and clocks of the board.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct HeatRecord {
-    /// 1 when temperatures are watched.
+    /// 1 if temperatures are monitored, else 0.
     pub watched: u32,
-    /// Rung of the ladder: an index of [`RUNGS`].
+    /// Rung of the thermal ladder: an index into [`RUNGS`].
     pub rung: u32,
-    /// Zones that follow.
+    /// Number of valid entries of `zone`, 0 to [`MAX_ZONES`].
     pub zones: u32,
-    /// Clocks that follow.
+    /// Number of valid entries of `clock`, 0 to [`MAX_CLOCKS`].
     pub clocks: u32,
-    /// Share of the frame rate that heat allows.
+    /// Share of the frame rate that the rung allows, 0 to 1; 0 = no frames.
     pub frame_rate_share: f32,
-    /// Share of the clocks that heat allows.
+    /// Share of the configured clocks that the rung allows, above 0 to 1.
     pub clocks_share: f32,
-    /// Why the rung is what it is, in words.
+    /// Reason for the last change of the rung, padded with zeros; empty before the first.
     pub reason: [u8; 160],
     /// The zones.
     pub zone: [ZoneRecord; MAX_ZONES],
@@ -62,27 +62,27 @@ pub struct HeatRecord {
 }
 
 impl HeatRecord {
-    /// Nothing is watched, nothing is held back.
+    /// A record without zones and clocks, and without limits.
     pub fn empty() -> Self {
         Self { frame_rate_share: 1.0, clocks_share: 1.0, ..Self::zeroed() }
     }
 
-    /// The word for the rung; a number that means nothing counts as the last.
+    /// Name of the rung; an unknown number counts as the last.
     pub fn rung_name(&self) -> &'static str {
         RUNGS[(self.rung as usize).min(RUNGS.len() - 1)]
     }
 
-    /// Why the rung is what it is.
+    /// Reason for the last change of the rung.
     pub fn reason(&self) -> String {
         get_text(&self.reason)
     }
 
-    /// Sets the words.
+    /// Sets the reason, truncated to its field.
     pub fn set_reason(&mut self, text: &str) {
         put_text(&mut self.reason, text);
     }
 
-    /// Adds a zone, if there is room.
+    /// Adds a zone; ignored after [`MAX_ZONES`].
     pub fn add_zone(&mut self, name: &str, celsius: f64, projected: bool) {
         if let Some(place) = self.zone.get_mut(self.zones as usize) {
             put_text(&mut place.name, name);
@@ -92,7 +92,7 @@ impl HeatRecord {
         }
     }
 
-    /// Adds a clock, if there is room.
+    /// Adds a clock; ignored after [`MAX_CLOCKS`].
     pub fn add_clock(&mut self, name: &str, wanted_mhz: f64, read_mhz: f64) {
         if let Some(place) = self.clock.get_mut(self.clocks as usize) {
             put_text(&mut place.name, name);
@@ -102,26 +102,26 @@ impl HeatRecord {
         }
     }
 
-    /// The zones.
+    /// The valid zones.
     pub fn zones(&self) -> &[ZoneRecord] {
         &self.zone[..(self.zones as usize).min(MAX_ZONES)]
     }
 
-    /// The clocks.
+    /// The valid clocks.
     pub fn clocks(&self) -> &[ClockRecord] {
         &self.clock[..(self.clocks as usize).min(MAX_CLOCKS)]
     }
 }
 
 impl ZoneRecord {
-    /// Its type.
+    /// The kernel's name of its type.
     pub fn name(&self) -> String {
         get_text(&self.name)
     }
 }
 
 impl ClockRecord {
-    /// Its device.
+    /// Name of its device.
     pub fn name(&self) -> String {
         get_text(&self.name)
     }

@@ -1,14 +1,14 @@
-//! The last place for the processor: for readers that nobody waits for.
+//! The scheduling policy SCHED_IDLE, for readers without a deadline.
 
 use std::io;
 
-/// Has this thread, and those that it starts from now on, run when no other wants the processor (SCHED_IDLE):
-/// whoever wakes up takes it from them at once, whatever its own niceness.
+/// Puts this thread, and all threads that it starts later, under SCHED_IDLE: they run only when no other thread is
+/// runnable, and any other thread preempts them when it wakes up, whatever its niceness.
 ///
 /// # Errors
-/// When the kernel refuses.
+/// If the kernel refuses.
 pub fn run_when_idle() -> io::Result<()> {
-    // SAFETY: all zeros is a value of this plain C structure, and the priority of this policy.
+    // SAFETY: all zeros is a valid value of this plain C structure, and 0 is the priority that this policy requires.
     let parameters: libc::sched_param = unsafe { std::mem::zeroed() };
     // SAFETY: the structure lives through the call, which only reads it; 0 is the calling thread.
     match unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &raw const parameters) } {
@@ -31,6 +31,6 @@ mod tests {
             (policy(), std::thread::spawn(policy).join().unwrap())
         });
         assert_eq!(first.join().unwrap(), (libc::SCHED_IDLE, libc::SCHED_IDLE));
-        assert_eq!(policy(), before, "this thread is left as it was");
+        assert_eq!(policy(), before, "the policy of this thread has not changed");
     }
 }

@@ -1,10 +1,9 @@
-//! One running daemon on this machine: its name, its folder, its lock and its shared memory.
+//! An instance of the daemon on this machine: its name, its folder, its lock and its shared memory.
 //!
-//! `<directory>/<name>/lock` is held by the scheduler while it lives and tells readers which run is
-//! on. The service registry is `<directory>/<name>/bus`. Everything in /dev/shm that a run makes
-//! starts with a prefix of its own, `lookout.<process>.<generation>.`, and `<prefix>run` there is
-//! held as long as the run lives: so what a dead run left is told from what a live one uses,
-//! whatever their names and folders, and nothing else is ever removed.
+//! The scheduler locks `<directory>/<name>/lock` while it runs; the file names the current run for readers. The
+//! service registry is `<directory>/<name>/bus`. All files of a run in /dev/shm start with a unique prefix,
+//! `lookout.<process>.<generation>.`, and the run holds a lock on its marker `<prefix>run` there. So files of dead
+//! runs are distinguished from those of live ones, independent of names and folders, and no other file is removed.
 
 use rustix::fs::{FlockOperation, flock, statvfs};
 use rustix::io::Errno;
@@ -18,37 +17,37 @@ use thiserror::Error;
 /// Where shared memory lives on Linux.
 const SHM: &str = "/dev/shm";
 
-/// What all our shared memory starts with.
-const OWN: &str = "lookout.";
+/// Prefix of all shared memory of all runs.
+const SHM_PREFIX: &str = "lookout.";
 
-/// Where systemd puts the folder of the service.
+/// Folder of the systemd service (`RuntimeDirectory=lookout`).
 const SERVICE_DIRECTORY: &str = "/run/lookout";
 
-/// The longest path of a socket on Linux, less its terminating zero.
-const LONGEST_SOCKET: usize = 107;
+/// Maximum length of a socket's path on Linux, without its terminating zero.
+const MAX_SOCKET_PATH: usize = 107;
 
-/// What the library adds to prefix and folder in the name of a socket.
+/// Number of characters that iceoryx2 appends to folder and prefix in the name of a socket.
 const SOCKET_TAIL: usize = 46;
 
-/// Third line of the lock when its run made the base folder, and so has to remove it.
-const MADE: &str = "made its base folder";
+/// Third line of the lock file if its run created the base folder, and so has to remove it.
+const CREATED_BASE: &str = "made its base folder";
 
-/// How long a reader that looks at the lock may be in the way of one that takes it.
-const LOCK_PATIENCE: Duration = Duration::from_millis(200);
+/// How long to retry the lock: a reader that tests it holds it for a moment.
+const LOCK_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// Names an instance; owns nothing.
+/// Name and folder of an instance. It owns no resources.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Instance {
     name: String,
     directory: PathBuf,
-    /// The base folder is our own choice, of a name that anybody can guess.
+    /// The base folder is the default below /tmp, whose name other users can predict.
     is_default: bool,
 }
 
 /// Why an instance cannot be used.
 #[derive(Debug, Error)]
 pub enum InstanceError {
-    /// Another daemon has it.
+    /// Another daemon runs it.
     #[error(
         "a daemon named \"{name}\" is already running (process {pid}): stop it, or give this one another \
          name with --instance or instance.name"
@@ -56,10 +55,10 @@ pub enum InstanceError {
     Running {
         /// Its name.
         name: String,
-        /// Its process id, as it wrote it; "unknown" when it did not yet.
+        /// Its process id from the lock file; "unknown" if it is not written yet.
         pid: String,
     },
-    /// There is no daemon.
+    /// No daemon runs it.
     #[error(
         "no daemon named \"{0}\" is running: start one with lookout run, or name another with --instance"
     )]
@@ -67,18 +66,18 @@ pub enum InstanceError {
     /// Its folder or shared memory cannot be used.
     #[error("{}: {source}: give a folder that this user may write with instance.directory", path.display())]
     Io {
-        /// What was opened.
+        /// The file or folder.
         path: PathBuf,
-        /// Why it failed.
+        /// The cause.
         source: io::Error,
     },
-    /// Its folder belongs to somebody else.
-    #[error("{}: belongs to another user, may be changed by one, or is a link: give another folder with instance.directory", path.display())]
+    /// Its folder is not safe to use.
+    #[error("{}: is owned by another user, writable by others, or a link: give another folder with instance.directory", path.display())]
     Foreign {
         /// The folder.
         path: PathBuf,
     },
-    /// The path of a socket would be too long.
+    /// The path of its sockets would be too long.
     #[error(
         "{} is {excess} characters too long for the sockets in it: shorten instance.directory or instance.name",
         path.display()
@@ -86,7 +85,7 @@ pub enum InstanceError {
     TooLong {
         /// The folder.
         path: PathBuf,
-        /// By how much.
+        /// Number of characters above the maximum.
         excess: usize,
     },
     /// Too little shared memory.
@@ -95,9 +94,9 @@ pub enum InstanceError {
          (mount -o remount,size=…), or lower the image size"
     )]
     Memory {
-        /// Bytes that are free.
+        /// Free bytes.
         free: u64,
-        /// Bytes that the pools need.
+        /// Bytes that the pools require.
         needed: u64,
     },
 }
@@ -108,8 +107,8 @@ fn io_error(path: &Path) -> impl FnOnce(io::Error) -> InstanceError {
 }
 
 impl Instance {
-    /// The instance `name`. An empty `directory` takes `$RUNTIME_DIRECTORY` (set by systemd), else
-    /// a folder of this user's under /tmp.
+    /// The instance `name`. If `directory` is empty, its base folder is `$RUNTIME_DIRECTORY` (set by systemd), else
+    /// `/tmp/lookout-<user id>`.
     pub fn new(name: &str, directory: &Path) -> Self {
         let mut is_default = false;
         let base = if !directory.as_os_str().is_empty() {
@@ -123,8 +122,7 @@ impl Instance {
         Self { name: name.to_owned(), directory: base.join(name), is_default }
     }
 
-    /// The instance as a reader finds it: where it would be started from here, else where the
-    /// service has it.
+    /// The instance for a reader: as [`Self::new`] if its folder exists, else in the folder of the systemd service.
     pub fn find(name: &str, directory: &Path) -> Self {
         let here = Self::new(name, directory);
         if here.owner().is_some() || !directory.as_os_str().is_empty() {
@@ -134,7 +132,7 @@ impl Instance {
         if service.owner().is_some() { service } else { here }
     }
 
-    /// The user who runs it, or has run it last; `None` when its folder is not there.
+    /// User id of the owner of its folder; `None` if the folder does not exist.
     pub fn owner(&self) -> Option<u32> {
         std::fs::symlink_metadata(&self.directory).ok().map(|m| m.uid())
     }
@@ -144,7 +142,7 @@ impl Instance {
         &self.name
     }
 
-    /// Its folder, which only this instance uses.
+    /// Its folder, which no other instance uses.
     pub fn directory(&self) -> &Path {
         &self.directory
     }
@@ -154,24 +152,24 @@ impl Instance {
         self.directory.join("bus")
     }
 
-    /// What the shared memory of the present run starts with; `None` when there is none.
+    /// Prefix of the shared memory of the current run; `None` if there is no run.
     pub fn prefix(&self) -> Option<String> {
         let text = std::fs::read_to_string(self.lock_path()).ok()?;
         let run = text.lines().nth(1)?;
-        run.starts_with(OWN).then(|| run.to_owned())
+        run.starts_with(SHM_PREFIX).then(|| run.to_owned())
     }
 
-    /// Files in shared memory that belong to the present run.
+    /// Files in /dev/shm of the current run.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
         self.prefix().map_or_else(Vec::new, |prefix| shared_files(&prefix))
     }
 
-    /// Bytes of memory that they take: pages that were touched, not what is reserved.
+    /// Memory that these files take, in bytes: allocated pages only.
     pub fn shared_bytes(&self) -> u64 {
         self.shared_memory().iter().filter_map(|p| std::fs::metadata(p).ok()).map(|m| m.blocks() * 512).sum()
     }
 
-    /// Whether a daemon holds this instance.
+    /// Whether a daemon holds the lock of this instance.
     pub fn is_running(&self) -> bool {
         let Ok(file) = File::open(self.lock_path()) else { return false };
         flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
@@ -181,19 +179,19 @@ impl Instance {
         self.directory.join("lock")
     }
 
-    /// Makes the folder, and makes sure that it is ours and short enough.
+    /// Creates the folder, and checks its owner and the length of its path. Returns whether the base folder was created.
     fn prepare(&self, prefix: &str) -> Result<bool, InstanceError> {
         let length = self.bus_directory().as_os_str().len() + 1 + prefix.len() + SOCKET_TAIL;
-        if length > LONGEST_SOCKET {
+        if length > MAX_SOCKET_PATH {
             let path = self.directory.clone();
-            return Err(InstanceError::TooLong { path, excess: length - LONGEST_SOCKET });
+            return Err(InstanceError::TooLong { path, excess: length - MAX_SOCKET_PATH });
         }
         let base = self.directory.parent().unwrap_or(Path::new("/"));
-        let made_base = !base.exists();
+        let created_base = !base.exists();
         let uid = rustix::process::getuid().as_raw();
         let mut builder = DirBuilder::new();
         builder.recursive(true).mode(0o750).create(&self.directory).map_err(io_error(&self.directory))?;
-        // Where anybody may make folders, only one that nobody else can change will do.
+        // In /tmp another user could have created the folder first: it must be ours and writable only by us.
         let safe_base = |m: std::fs::Metadata| m.is_dir() && m.uid() == uid && m.mode() & 0o022 == 0;
         if self.is_default && !std::fs::symlink_metadata(base).is_ok_and(safe_base) {
             return Err(InstanceError::Foreign { path: base.to_owned() });
@@ -202,12 +200,11 @@ impl Instance {
         if metadata.uid() != uid || !metadata.is_dir() {
             return Err(InstanceError::Foreign { path: self.directory.clone() });
         }
-        Ok(made_base)
+        Ok(created_base)
     }
 }
 
-/// Files in shared memory whose names start with a prefix: those of a run, or of all of them
-/// (`lookout.`).
+/// Files in /dev/shm whose names start with `prefix`: the prefix of a run, or `lookout.` for all runs.
 pub fn shared_entries(prefix: &str) -> Vec<PathBuf> {
     shared_files(prefix)
 }
@@ -220,13 +217,13 @@ fn shared_files(prefix: &str) -> Vec<PathBuf> {
     entries.flatten().map(|entry| entry.path()).filter(ours).collect()
 }
 
-/// The mark of a run in shared memory.
+/// The marker of a run in /dev/shm. A live run holds a lock on it.
 fn mark_path(prefix: &str) -> PathBuf {
     Path::new(SHM).join(format!("{prefix}run"))
 }
 
-/// Removes all shared memory of a run, its mark last, so that a removal that is cut short is taken
-/// up again. Gives how many files.
+/// Removes all shared memory of a run and returns the number of files. The marker is removed last, so that the next
+/// sweep completes an interrupted removal.
 fn remove_run(prefix: &str) -> usize {
     let mark = mark_path(prefix);
     let mut files = shared_files(prefix);
@@ -234,10 +231,10 @@ fn remove_run(prefix: &str) -> usize {
     files.iter().filter(|file| std::fs::remove_file(file).is_ok()).count()
 }
 
-/// Removes what runs left that are dead: those whose mark nobody holds. Gives how many files.
+/// Removes the shared memory of dead runs, whose markers are not locked. Returns the number of files.
 fn sweep_dead_runs() -> usize {
     let mut removed = 0;
-    for path in shared_files(OWN) {
+    for path in shared_files(SHM_PREFIX) {
         let Some(prefix) = path.file_name().and_then(|n| n.to_str()).and_then(|n| n.strip_suffix(".run"))
         else {
             continue;
@@ -250,99 +247,58 @@ fn sweep_dead_runs() -> usize {
     removed
 }
 
-/// The right to run an instance: held by the scheduler while it lives. Taking it removes what dead
-/// runs left behind, dropping it removes everything that this one made.
+/// The lock of an instance, held by the scheduler while it runs. Taking it removes the remains of dead runs; dropping
+/// it removes everything that this run created.
 #[derive(Debug)]
 pub struct InstanceLock {
     instance: Instance,
     lock: File,
-    /// Held as long as the run lives.
+    /// The locked marker of the run.
     _mark: File,
     prefix: String,
-    made_base: bool,
-    /// Remains of dead runs that were removed.
+    created_base: bool,
+    /// Number of files of dead runs that were removed.
     pub stale: usize,
 }
 
 impl InstanceLock {
-    /// Takes the instance over. `generation` tells runs of one process apart.
+    /// Takes the lock of an instance. `generation` distinguishes the runs of one process.
     ///
     /// # Errors
-    /// When another daemon runs it, or its folder cannot be used.
+    /// If another daemon runs the instance, or its folder cannot be used.
     pub fn take(instance: &Instance, generation: u64) -> Result<Self, InstanceError> {
-        let prefix = format!("{OWN}{}.{:04x}.", std::process::id(), generation & 0xffff);
+        let prefix = format!("{SHM_PREFIX}{}.{:04x}.", std::process::id(), generation & 0xffff);
         let path = instance.lock_path();
-        let mut patience = LOCK_PATIENCE.as_millis() / 10;
-        let mut made_base = false;
-        loop {
-            made_base |= instance.prepare(&prefix)?;
-            let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
-            let mut lock = match opened {
-                Err(error) if error.kind() == io::ErrorKind::NotFound && patience > 0 => {
-                    // The holder before has just removed the folder.
-                    patience -= 1;
-                    continue;
-                }
-                opened => opened.map_err(io_error(&path))?,
-            };
-            match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
-                Ok(()) => {}
-                Err(Errno::WOULDBLOCK) if patience > 0 => {
-                    // Perhaps only a reader that looks whether a daemon is there.
-                    patience -= 1;
-                    std::thread::sleep(Duration::from_millis(10));
-                    continue;
-                }
-                Err(Errno::WOULDBLOCK) => {
-                    let mut text = String::new();
-                    let known = lock.read_to_string(&mut text).is_ok();
-                    let pid = text.lines().next().filter(|_| known).unwrap_or("unknown").to_owned();
-                    return Err(InstanceError::Running { name: instance.name.clone(), pid });
-                }
-                Err(error) => return Err(io_error(&path)(error.into())),
-            }
-            // The holder before may have removed the file while we waited for it.
-            let ours = lock.metadata().map_err(io_error(&path))?.ino();
-            if !std::fs::metadata(&path).is_ok_and(|there| there.ino() == ours) {
-                continue;
-            }
-            // A run that was killed could not remove the folder that it had made. Its prefix is
-            // forgotten before its memory goes, so that no reader joins it.
-            let mut before = String::new();
-            let known = lock.read_to_string(&mut before).is_ok();
-            made_base |= known && before.lines().nth(2) == Some(MADE);
-            lock.set_len(0).map_err(io_error(&path))?;
-            lock.rewind().map_err(io_error(&path))?;
-            let mut stale = sweep_dead_runs();
-            let bus = instance.bus_directory();
-            if std::fs::symlink_metadata(&bus).is_ok() {
-                std::fs::remove_dir_all(&bus).map_err(io_error(&bus))?;
-                stale += 1;
-            }
-            // Held before it bears its name: a sweep takes a mark that nobody holds for a dead run's.
-            let new_path = Path::new(SHM).join(format!("{prefix}new"));
-            let mark_path = mark_path(&prefix);
-            let mut mark = File::create(&new_path).map_err(io_error(&new_path))?;
-            flock(&mark, FlockOperation::NonBlockingLockExclusive)
-                .map_err(|e| io_error(&mark_path)(e.into()))?;
-            writeln!(mark, "{}", instance.name).map_err(io_error(&new_path))?;
-            std::fs::rename(&new_path, &mark_path).map_err(io_error(&mark_path))?;
-            let made = if made_base { MADE } else { "" };
-            lock.write_all(format!("{}\n{prefix}\n{made}\n", std::process::id()).as_bytes())
-                .map_err(io_error(&path))?;
-            return Ok(Self { instance: instance.clone(), lock, _mark: mark, prefix, made_base, stale });
+        let (mut lock, mut created_base) = open_lock(instance, &prefix)?;
+        // A killed run could not remove the base folder that it had created. Its prefix is erased before its memory
+        // is removed, so that no reader joins it.
+        let mut before = String::new();
+        let known = lock.read_to_string(&mut before).is_ok();
+        created_base |= known && before.lines().nth(2) == Some(CREATED_BASE);
+        lock.set_len(0).map_err(io_error(&path))?;
+        lock.rewind().map_err(io_error(&path))?;
+        let mut stale = sweep_dead_runs();
+        let bus = instance.bus_directory();
+        if std::fs::symlink_metadata(&bus).is_ok() {
+            std::fs::remove_dir_all(&bus).map_err(io_error(&bus))?;
+            stale += 1;
         }
+        let mark = create_mark(instance, &prefix)?;
+        let created = if created_base { CREATED_BASE } else { "" };
+        lock.write_all(format!("{}\n{prefix}\n{created}\n", std::process::id()).as_bytes())
+            .map_err(io_error(&path))?;
+        Ok(Self { instance: instance.clone(), lock, _mark: mark, prefix, created_base, stale })
     }
 
-    /// What the shared memory of this run starts with.
+    /// Prefix of the shared memory of this run.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
 
-    /// Checks that shared memory has room for `needed` bytes more.
+    /// Checks that `needed` bytes are free in /dev/shm.
     ///
     /// # Errors
-    /// When it has not.
+    /// If they are not, or /dev/shm cannot be examined.
     pub fn check_memory(&self, needed: u64) -> Result<(), InstanceError> {
         let stat = statvfs(SHM).map_err(|e| io_error(Path::new(SHM))(e.into()))?;
         let free = stat.f_bavail.saturating_mul(stat.f_frsize);
@@ -350,17 +306,69 @@ impl InstanceLock {
     }
 }
 
+/// Opens and locks the lock file of an instance. Returns it, and whether the base folder was created.
+fn open_lock(instance: &Instance, prefix: &str) -> Result<(File, bool), InstanceError> {
+    let path = instance.lock_path();
+    let mut retries = LOCK_TIMEOUT.as_millis() / 10;
+    let mut created_base = false;
+    loop {
+        created_base |= instance.prepare(prefix)?;
+        let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+        let mut lock = match opened {
+            Err(error) if error.kind() == io::ErrorKind::NotFound && retries > 0 => {
+                // The previous holder has just removed the folder.
+                retries -= 1;
+                continue;
+            }
+            opened => opened.map_err(io_error(&path))?,
+        };
+        match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(Errno::WOULDBLOCK) if retries > 0 => {
+                // It may only be a reader that tests whether a daemon is running.
+                retries -= 1;
+                std::thread::sleep(Duration::from_millis(10));
+                continue;
+            }
+            Err(Errno::WOULDBLOCK) => {
+                let mut text = String::new();
+                let known = lock.read_to_string(&mut text).is_ok();
+                let pid = text.lines().next().filter(|_| known).unwrap_or("unknown").to_owned();
+                return Err(InstanceError::Running { name: instance.name.clone(), pid });
+            }
+            Err(error) => return Err(io_error(&path)(error.into())),
+        }
+        // The previous holder may have removed the file between the opening and the locking.
+        let ours = lock.metadata().map_err(io_error(&path))?.ino();
+        if std::fs::metadata(&path).is_ok_and(|there| there.ino() == ours) {
+            return Ok((lock, created_base));
+        }
+    }
+}
+
+/// Creates the marker of a run and locks it.
+fn create_mark(instance: &Instance, prefix: &str) -> Result<File, InstanceError> {
+    // It is locked before it gets its final name, because a sweep treats an unlocked marker as that of a dead run.
+    let new_path = Path::new(SHM).join(format!("{prefix}new"));
+    let mark_path = mark_path(prefix);
+    let mut mark = File::create(&new_path).map_err(io_error(&new_path))?;
+    flock(&mark, FlockOperation::NonBlockingLockExclusive).map_err(|e| io_error(&mark_path)(e.into()))?;
+    writeln!(mark, "{}", instance.name).map_err(io_error(&new_path))?;
+    std::fs::rename(&new_path, &mark_path).map_err(io_error(&mark_path))?;
+    Ok(mark)
+}
+
 impl Drop for InstanceLock {
-    /// Best effort: what cannot be removed now is removed by the next run.
+    /// Best effort: the next run removes whatever remains.
     fn drop(&mut self) {
         remove_run(&self.prefix);
         let _ = std::fs::remove_dir_all(self.instance.bus_directory());
         let _ = std::fs::remove_file(self.instance.lock_path());
         let _ = std::fs::remove_dir(&self.instance.directory);
         if let (true, Some(base)) =
-            (self.made_base || self.instance.is_default, self.instance.directory.parent())
+            (self.created_base || self.instance.is_default, self.instance.directory.parent())
         {
-            // Only when it is empty.
+            // This fails if the folder is not empty.
             let _ = std::fs::remove_dir(base);
         }
         let _ = flock(&self.lock, FlockOperation::Unlock);

@@ -1,12 +1,38 @@
-//! Every message that crosses a process boundary, and the services that carry them.
+//! All messages between processes of lookout, and the services that carry them through shared memory.
 //!
-//! All services share one form: a [`header::Header`] and a slice of bytes in shared memory. What
-//! the bytes mean is laid down by one module per message (`pair`, `depth`, `regions`, `obstacles`,
-//! `report`, `command`, `status`). A publisher loans a sample, writes it in place and sends it; a
-//! subscriber reads it in place. Nothing is copied, and nothing is trusted before it is checked.
+//! ```
+//! use lookout_ipc::bus::Bus;
+//! use lookout_ipc::command::{self, CommandRecord};
+//! use lookout_ipc::header::{Header, Kind};
+//! use lookout_ipc::instance::{Instance, InstanceLock};
+//! use lookout_ipc::service::COMMAND;
 //!
-//! iceoryx2 is used in this crate only, in its non-generic ports, so that its generic code is
-//! compiled once.
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let folder = tempfile::tempdir()?;
+//! let instance = Instance::new("example", folder.path());
+//! let _lock = InstanceLock::take(&instance, 1)?; // the scheduler holds it while the daemon runs
+//! let bus = Bus::join(&instance)?;
+//! let publisher = bus.publisher(&COMMAND, 0, 0)?; // this message has no images
+//! let subscriber = bus.subscriber(&COMMAND)?;
+//!
+//! let sent = CommandRecord { period_ns: 50_000_000, ..CommandRecord::default() };
+//! publisher.send_record(Header::new(Kind::Command), &sent)?;
+//! let sample = subscriber.receive()?.ok_or("no message")?;
+//! let received = command::view(sample.header(), sample.payload())?;
+//! assert_eq!(received, sent);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Every message is a [`header::Header`] and a payload, a slice of bytes. One module per message declares the layout of
+//! the payload (`pair`, `depth`, `regions`, `obstacles`, `report`, `command`, `status`). A publisher loans a sample,
+//! writes it in place and sends it; a subscriber reads it in place, so nothing is copied. The `view` function of each
+//! message checks header and payload before their content is used.
+//!
+//! [`pipeline`] declares the services and the processes. [`bus`] opens the ports ([`port`]), [`wait`] blocks until
+//! messages arrive, [`instance`] manages names, locks and the files of a run.
+//!
+//! Only this crate uses iceoryx2, with its non-generic ports, so that its generic code is compiled once.
 
 pub mod alarm;
 pub mod allocation;

@@ -11,7 +11,7 @@ use std::str::FromStr;
 /// Version of the layout of all messages: increased whenever one of them, or a table below, changes.
 pub const VERSION: u16 = 5;
 
-/// One service. The newest message wins everywhere: a full buffer drops its oldest message.
+/// One service. Every service keeps the newest messages: a full buffer drops its oldest message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ServiceSpec {
     /// The message that it carries.
@@ -20,16 +20,16 @@ pub struct ServiceSpec {
     pub name: &'static str,
     /// Whether its messages belong to a frame: the header then holds a valid image size.
     pub carries_frame: bool,
-    /// Maximum number of simultaneous publishers: one more than there are, for the moment in which the port of a
-    /// dead process is not yet removed.
+    /// Maximum number of simultaneous publishers: one more than the processes that publish, because the port of a
+    /// dead process stays until it is swept.
     pub publishers: usize,
-    /// Maximum number of simultaneous subscribers: our own stages, and places for external readers.
+    /// Maximum number of simultaneous subscribers: the daemon's processes and external readers.
     pub subscribers: usize,
-    /// Messages that wait for one subscriber.
+    /// Capacity of the buffer of one subscriber, in messages.
     pub buffer: usize,
-    /// Messages that one subscriber may hold.
+    /// Maximum number of messages that one subscriber may borrow at a time.
     pub borrowed: usize,
-    /// Messages that a late subscriber still gets.
+    /// Number of past messages that a new subscriber receives.
     pub history: usize,
 }
 
@@ -40,7 +40,7 @@ pub enum Starts {
     First,
     /// With every run.
     Always,
-    /// Only when its output is asked for.
+    /// Only when a command requests its output.
     OnRequest,
 }
 
@@ -53,7 +53,7 @@ pub enum Core {
     With(Role),
 }
 
-/// One process of the daemon. What is not said of a stage here is the same for all.
+/// One process of the daemon. Everything that this table does not declare is the same for all stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StageSpec {
     /// Its role.
@@ -73,9 +73,10 @@ pub struct StageSpec {
     pub priority: Option<u16>,
     /// Deadline of its first report, in milliseconds; `None` = `supervision.startup_deadline_ms`.
     pub startup_deadline_ms: Option<u32>,
-    /// It is killed after this time without a report, in milliseconds; `None` = `supervision.liveness_deadline_ms`.
+    /// Longest time between two reports, after which it is killed, in milliseconds;
+    /// `None` = `supervision.liveness_deadline_ms`.
     pub liveness_deadline_ms: Option<u32>,
-    /// Tables of the configuration that it reads: when one of their keys changes, it is restarted.
+    /// Tables of the configuration that it reads. It is restarted when a reload changes one of their keys.
     pub config_tables: &'static [&'static str],
 }
 
@@ -111,13 +112,13 @@ macro_rules! stages {
             $($(#[$doc])* $role = $number,)*
         }
 
-        /// All processes; the place of each is the number of its role.
+        /// All processes, indexed by the number of the role.
         pub const PROCESSES: &[StageSpec] = &[$(StageSpec { role: Role::$role, $($field: $value,)* ..STAGE }),*];
     };
 }
 
-/// Places for external readers: two viewers and a recorder. They cost nothing while nobody uses them: pages of
-/// a pool that are never written stay unallocated.
+/// Subscribers reserved for external readers: two viewers and a recorder. Unused ones take no memory: pages of a
+/// pool that are never written stay unallocated.
 const READERS: usize = 3;
 
 const FRAMES: ServiceSpec = ServiceSpec {
@@ -151,15 +152,16 @@ services! {
     DEPTH = Depth(2) { name: "depth", subscribers: 3 + READERS, }
     /// Road model, regions and their crops: road → recognition, writer, readers.
     REGIONS = Regions(3) { name: "regions", subscribers: 3 + READERS, }
-    /// Tracked obstacles and the alarm: recognition → scheduler, writer, vehicle, readers; and scheduler → all but
-    /// itself, to withdraw the last result of a stage that is dead or silent. So a late subscriber may get two
-    /// messages from the history: the one that was issued later holds ([`crate::obstacles::Newest`]).
+    /// Tracked obstacles and the alarm: recognition → scheduler, writer, vehicle, readers. The scheduler publishes
+    /// here, too, to withdraw the last result of a stage that is dead or silent. A new subscriber may therefore
+    /// receive two messages from the history; the one that was issued later is valid
+    /// ([`crate::obstacles::Newest`]).
     OBSTACLES = Obstacles(4) { name: "obstacles", publishers: 3, subscribers: 8 + READERS, history: 1, }
     /// State of a stage: every stage → scheduler.
     REPORT = Report(5) { name: "report", carries_frame: false, publishers: 12, subscribers: 2, buffer: 64, }
-    /// What the source has to do: scheduler → capture.
+    /// Rate, credit and modes of the source: scheduler → capture.
     COMMAND = Command(6) { name: "command", carries_frame: false, subscribers: 2, history: 1, }
-    /// State of the daemon: scheduler → anyone.
+    /// State of the daemon: scheduler → all readers.
     STATUS = Status(7) { name: "status", carries_frame: false, subscribers: 8 + READERS, history: 1, }
 }
 
@@ -171,7 +173,7 @@ stages! {
         core: Core::Own(0),
         priority: Some(55),
     }
-    /// Publishes pairs of the source.
+    /// Publishes the pairs of the source.
     Capture = 1 {
         name: "capture",
         output: Some(&PAIR),
@@ -216,10 +218,10 @@ stages! {
 /// The service whose messages are the daemon's results.
 pub const RESULTS: ServiceSpec = OBSTACLES;
 
-/// The stages that a frame passes from the source to the result, in order; a header holds one stamp for each.
+/// The stages that a frame passes from the source to the result, in order. A header holds one stamp for each.
 pub const PATH: [Role; PATH_LENGTH] = path();
 
-/// Stages from the source to the result.
+/// Number of stages from the source to the result.
 pub const PATH_LENGTH: usize = {
     let (mut length, mut stage) = (1, producer(RESULTS.kind));
     while let Some(input) = stage.input {
@@ -229,7 +231,7 @@ pub const PATH_LENGTH: usize = {
     length
 };
 
-/// The stage that publishes messages of a kind on the way of a frame.
+/// The stage that publishes messages of a kind.
 const fn producer(kind: Kind) -> &'static StageSpec {
     let mut i = 0;
     while i < PROCESSES.len() {
@@ -270,7 +272,7 @@ impl Role {
     /// Number of processes.
     pub const COUNT: usize = PROCESSES.len();
 
-    /// All processes; the place of each is its number.
+    /// All roles, indexed by their numbers.
     pub const ALL: [Role; Self::COUNT] = {
         let mut all = [Role::Scheduler; Self::COUNT];
         let mut i = 0;
@@ -282,7 +284,7 @@ impl Role {
         all
     };
 
-    /// The stages of every run.
+    /// The stages that start with every run.
     pub const STAGES: [Role; STAGE_COUNT] = {
         let mut stages = [Role::Scheduler; STAGE_COUNT];
         let (mut count, mut i) = (0, 0);
@@ -296,7 +298,7 @@ impl Role {
         stages
     };
 
-    /// Their names.
+    /// Names of [`Self::STAGES`].
     pub const STAGE_NAMES: [&str; STAGE_COUNT] = {
         let mut names = [""; STAGE_COUNT];
         let mut i = 0;
@@ -323,13 +325,13 @@ impl Role {
         self.spec().name
     }
 
-    /// Its place on the way of a frame, from 0; `None` where it is not on it.
+    /// Its index in [`PATH`]; `None` if frames do not pass it.
     pub fn place(self) -> Option<usize> {
         PATH.iter().position(|&role| role == self)
     }
 
-    /// Whether a frame is done only when this process has finished it: the last stage of the path, and every
-    /// process beside the path.
+    /// Whether a frame counts as finished only after this process has finished it: the last stage of [`PATH`], and
+    /// every process outside [`PATH`] except the scheduler.
     pub fn finishes_frames(self) -> bool {
         self == Self::LAST || (self != Self::Scheduler && self.place().is_none())
     }
@@ -352,7 +354,7 @@ impl FromStr for Role {
     fn from_str(name: &str) -> Result<Self, String> {
         Role::ALL.into_iter().find(|role| role.name() == name).ok_or_else(|| {
             let names = Role::ALL.map(Role::name).join(", ");
-            format!("\"{name}\" is no role: give one of {names}")
+            format!("unknown role \"{name}\": expected one of {names}")
         })
     }
 }
@@ -365,7 +367,7 @@ mod tests {
     fn a_frame_passes_the_stages_from_the_source_to_the_result() {
         assert_eq!(PATH.map(Role::name), ["capture", "stereo", "road", "recognition"]);
         assert_eq!((Role::SOURCE, Role::LAST), (Role::Capture, Role::Recognition));
-        assert_eq!(Role::STAGES, PATH, "no stage stands beside the path");
+        assert_eq!(Role::STAGES, PATH, "every stage is on the path of a frame");
         let finishing: Vec<Role> = Role::ALL.into_iter().filter(|r| r.finishes_frames()).collect();
         assert_eq!(finishing, [Role::Recognition, Role::Writer]);
     }
@@ -390,7 +392,7 @@ mod tests {
 
     #[test]
     fn priorities_finish_a_frame_before_the_next_begins() {
-        // On a shared core, what follows stereo comes first; whatever spins can be killed by the scheduler.
+        // On a shared core, later stages preempt earlier ones, and the scheduler can kill a stage that spins.
         let priority = |role: Role| role.spec().priority.expect("a real-time process");
         assert!(PATH[1..].windows(2).all(|pair| priority(pair[0]) < priority(pair[1])));
         assert!(PROCESSES.iter().filter_map(|p| p.priority).all(|p| (10..=55).contains(&p)));

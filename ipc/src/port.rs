@@ -1,4 +1,4 @@
-//! Publishing and subscribing without copies.
+//! Zero-copy publishers and subscribers.
 
 use crate::clock::monotonic_ns;
 use crate::error::IpcError;
@@ -14,18 +14,18 @@ use iceoryx2::sample::Sample as IoxSample;
 use iceoryx2::sample_mut::SampleMut;
 use std::cell::Cell;
 
-/// Writes messages in place and wakes their readers.
+/// Sends messages that were written in place, and notifies their subscribers.
 #[derive(Debug)]
 pub struct Publisher {
     pub(crate) port: IoxPublisher<ipc::Service, [Line], Header>,
     pub(crate) notifier: Notifier<ipc::Service>,
     pub(crate) name: &'static str,
     pub(crate) serial: Cell<u64>,
-    /// When the first message was sent, on the monotonic clock.
+    /// When the first message was sent, in ns of CLOCK_MONOTONIC; `None` before it.
     pub(crate) first_ns: Cell<Option<u64>>,
 }
 
-/// A message that is being written.
+/// A message in shared memory that is being written.
 #[derive(Debug)]
 pub struct Loan {
     sample: SampleMut<ipc::Service, [Line], Header>,
@@ -33,24 +33,23 @@ pub struct Loan {
 }
 
 impl Publisher {
-    /// Borrows `bytes` bytes of shared memory for the next message. Their content is what an
-    /// earlier message left there.
+    /// Borrows `bytes` bytes of shared memory for the next message. They hold the content of an earlier message.
     ///
     /// # Errors
-    /// When the message is longer than the service allows, or the last one was not yet sent.
+    /// If the message is longer than the service allows, or the previous loan was not yet sent.
     pub fn loan(&self, bytes: usize) -> Result<Loan, IpcError> {
         let lines = bytes.div_ceil(LINE_BYTES);
         let sample = self.port.loan_slice_uninit(lines).map_err(|e| IpcError::new("loan", self.name, e))?;
-        // SAFETY: the payload lies in a memory-mapped file, whose bytes the kernel has initialised
-        // (to zero, or by an earlier message), and every bit pattern is a valid Line.
+        // SAFETY: the payload lies in a memory-mapped file, whose bytes are initialised (to zero by the kernel, or by
+        // an earlier message), and every bit pattern is a valid Line.
         let sample = unsafe { sample.assume_init() };
         Ok(Loan { sample, bytes })
     }
 
-    /// Hands a message over and wakes the readers.
+    /// Sends a message and notifies the subscribers.
     ///
     /// # Errors
-    /// When it cannot be delivered. That a reader has died is no error.
+    /// If it cannot be delivered. A dead subscriber is not an error.
     pub fn send(&self, mut loan: Loan) -> Result<(), IpcError> {
         let bytes = loan.bytes as u32;
         let header = loan.header_mut();
@@ -63,7 +62,7 @@ impl Publisher {
         self.notify()
     }
 
-    /// Sends a header with the bytes of a plain record.
+    /// Sends a header with a plain record as payload.
     ///
     /// # Errors
     /// As [`Self::loan`] and [`Self::send`].
@@ -74,10 +73,10 @@ impl Publisher {
         self.send(loan)
     }
 
-    /// Connects readers that came since, and gives them the history.
+    /// Connects new subscribers and sends them the history.
     ///
     /// # Errors
-    /// When a connection cannot be made.
+    /// If a connection cannot be made.
     pub fn refresh(&self) -> Result<(), IpcError> {
         self.port.update_connections().map_err(|e| IpcError::new("connect", self.name, e))
     }
@@ -88,23 +87,23 @@ impl Publisher {
 }
 
 impl Loan {
-    /// The header, to be written.
+    /// The header, for writing.
     pub fn header_mut(&mut self) -> &mut Header {
         self.sample.user_header_mut()
     }
 
-    /// Sends only the first `bytes` bytes of what was loaned.
+    /// Shortens the payload to its first `bytes` bytes.
     pub fn truncate(&mut self, bytes: usize) {
         self.bytes = self.bytes.min(bytes);
     }
 
-    /// The payload, to be written; it starts at a multiple of 64 bytes.
+    /// The payload, for writing; its address is a multiple of 64 bytes.
     pub fn payload_mut(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(self.sample.payload_mut())[..self.bytes]
     }
 }
 
-/// Reads messages in place.
+/// Receives messages, to be read in place.
 #[derive(Debug)]
 pub struct Subscriber {
     pub(crate) port: IoxSubscriber<ipc::Service, [Line], Header>,
@@ -112,24 +111,24 @@ pub struct Subscriber {
     pub(crate) name: &'static str,
     /// Publisher and serial number of the last message.
     pub(crate) last: Cell<Option<(UniquePublisherId, u64)>>,
-    /// When it began, or when its last message was sent, on the monotonic clock: what a publisher sent that is
-    /// younger, it has been sent from the first message on.
+    /// When the subscriber was created, or its last message was sent, in ns of CLOCK_MONOTONIC. A publisher whose
+    /// first message is younger has sent all its messages to this subscriber.
     pub(crate) known_ns: Cell<u64>,
     pub(crate) missed: Cell<u64>,
 }
 
-/// A message that is being read; it stays as it is until it is dropped.
+/// A received message. Its content does not change until it is dropped.
 #[derive(Debug)]
 pub struct Sample {
     sample: IoxSample<ipc::Service, [Line], Header>,
 }
 
 impl Subscriber {
-    /// The next message, if there is one. Of services with a buffer of one it is the newest.
-    /// The message before must have been dropped.
+    /// The next message, if there is one; with a buffer of one, the newest. The previous message must have been
+    /// dropped.
     ///
     /// # Errors
-    /// When more messages are held than the service allows, or the connection is broken.
+    /// If more messages are held than the service allows, or the connection is broken.
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
         let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
         if let Some(sample) = &sample {
@@ -139,7 +138,7 @@ impl Subscriber {
                 Some((publisher, before)) if publisher == origin => {
                     serial.saturating_sub(before).saturating_sub(1)
                 }
-                // Of one that is older, it cannot tell what came before the reader, or before another's message.
+                // The publisher is older: the messages before this one may precede the subscriber, so none counts.
                 _ if header.first_ns < self.known_ns.get() => 0,
                 _ => serial,
             };
@@ -149,24 +148,24 @@ impl Subscriber {
         Ok(sample.map(|sample| Sample { sample }))
     }
 
-    /// Messages that newer ones overtook before they were received, since the last call.
+    /// Number of messages since the last call that newer ones overtook before they were received.
     pub fn take_missed(&self) -> u64 {
         self.missed.take()
     }
 }
 
 impl Sample {
-    /// Whether this process has sent it itself.
+    /// Whether `publisher` has sent it.
     pub fn is_from(&self, publisher: &Publisher) -> bool {
         self.sample.origin() == publisher.port.id()
     }
 
-    /// The header; to be checked before it is used.
+    /// The header; call [`Header::check`] before using it.
     pub fn header(&self) -> &Header {
         self.sample.user_header()
     }
 
-    /// The payload, as long as its header says, but never longer than what is there.
+    /// The payload, with the length that its header states, limited to the received bytes.
     pub fn payload(&self) -> &[u8] {
         let bytes: &[u8] = bytemuck::cast_slice(self.sample.payload());
         &bytes[..bytes.len().min(self.header().payload_bytes as usize)]

@@ -1,27 +1,26 @@
-//! The system calls of real time: priority, locked memory, memory that is there before it is used.
+//! System calls for real-time operation: scheduling policy, memory locks, prefaulting.
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 use std::io;
 
-/// Stack that is touched beforehand, in bytes: more than any stage uses.
+/// Size of the prefaulted stack in bytes; more than any stage uses.
 const STACK_BYTES: usize = 256 << 10;
 
-/// The least and the greatest priority that is asked for. Above them the kernel's own threads run:
-/// interrupts, watchdogs.
+/// Range of SCHED_FIFO priorities that the daemon uses. Threads of the kernel (interrupts, watchdogs) run above it.
 pub const PRIORITIES: std::ops::RangeInclusive<u32> = 10..=55;
 
-/// Puts this thread under SCHED_FIFO. Processes and threads that it starts begin under the usual
-/// time-sharing again (SCHED_RESET_ON_FORK).
+/// Puts this thread under SCHED_FIFO. Processes and threads that it starts do not inherit the policy
+/// (SCHED_RESET_ON_FORK).
 ///
 /// # Errors
-/// When `priority` is out of [`PRIORITIES`], or the process may not (CAP_SYS_NICE or RLIMIT_RTPRIO).
+/// If `priority` is out of [`PRIORITIES`], or the process lacks CAP_SYS_NICE and RLIMIT_RTPRIO.
 pub fn set_fifo(priority: u32) -> io::Result<()> {
     if !PRIORITIES.contains(&priority) {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("priority {priority}")));
     }
-    // SAFETY: all zeros is a value of this plain C structure.
+    // SAFETY: all zeros is a valid value of this plain C structure.
     let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
     parameters.sched_priority = priority as libc::c_int;
     let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
@@ -32,11 +31,11 @@ pub fn set_fifo(priority: u32) -> io::Result<()> {
     }
 }
 
-/// The SCHED_FIFO priority that this thread has, as the kernel says; 0 = another policy.
+/// The SCHED_FIFO priority of this thread, read from the kernel; 0 = another policy.
 pub fn fifo_priority() -> u32 {
-    // SAFETY: all zeros is a value of this plain C structure.
+    // SAFETY: all zeros is a valid value of this plain C structure.
     let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
-    // SAFETY: takes no pointer; 0 is the calling thread.
+    // SAFETY: the call takes no pointer; 0 is the calling thread.
     let policy = unsafe { libc::sched_getscheduler(0) };
     // SAFETY: the structure lives through the call, which fills it.
     let known = unsafe { libc::sched_getparam(0, &raw mut parameters) } == 0;
@@ -47,24 +46,24 @@ pub fn fifo_priority() -> u32 {
     }
 }
 
-/// Has the kernel end this process when a real-time thread of it runs for `microseconds` without once
-/// sleeping (RLIMIT_RTTIME): a stage that spins must not take its core along.
+/// Limits the processor time that a real-time thread of this process may use without sleeping to `microseconds`
+/// (RLIMIT_RTTIME). The kernel then ends the process, so that a stage that spins does not block its core.
 ///
 /// # Errors
-/// When the limit cannot be lowered.
+/// If the limit cannot be lowered.
 pub fn limit_realtime(microseconds: u64) -> io::Result<()> {
-    // First SIGXCPU, which tells why; should that be caught, SIGKILL. Both are looked at by ticks of the
-    // kernel, several milliseconds apart, so they must not be close together.
+    // The soft limit sends SIGXCPU, which names the cause; the hard limit sends SIGKILL, should SIGXCPU be caught.
+    // The kernel checks both at its ticks, which are several milliseconds apart, so the limits need some distance.
     let limit = Rlimit { current: Some(microseconds), maximum: Some(microseconds + 1_000_000) };
     Ok(setrlimit(Resource::Rttime, limit)?)
 }
 
-/// Locks all memory of this process, now and later, as it is touched: nothing of it is paged out, and
-/// nothing is made resident that nobody uses.
+/// Locks all current and future memory of this process when it is touched (MCL_ONFAULT): it is never paged out, and
+/// unused pages do not become resident.
 ///
 /// # Errors
-/// When the process may not: it needs CAP_IPC_LOCK, or RLIMIT_MEMLOCK without limit. Within a limit it
-/// is refused, too: memory that is asked for later would not be had, which ends a process.
+/// Without CAP_IPC_LOCK and an unlimited RLIMIT_MEMLOCK. A finite limit is an error, too: a later allocation could
+/// exceed it, which would end the process.
 pub fn lock_memory() -> io::Result<()> {
     let may = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
     if let (false, Some(bytes)) = (may, getrlimit(Resource::Memlock).current) {
@@ -74,7 +73,7 @@ pub fn lock_memory() -> io::Result<()> {
     Ok(mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT)?)
 }
 
-/// Touches the stack below this frame, so that no page of it has to be found while a frame is worked on.
+/// Touches the pages of the stack below this function, so that no page fault occurs there while a frame is processed.
 #[inline(never)]
 pub fn prefault_stack() {
     let mut stack = [0_u8; STACK_BYTES];
@@ -89,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn priorities_beyond_the_range_are_refused_before_the_kernel_is_asked() {
+    fn priorities_out_of_range_are_refused_without_a_system_call() {
         for priority in [0, 9, 56, 99, u32::MAX] {
             assert_eq!(set_fifo(priority).unwrap_err().kind(), io::ErrorKind::InvalidInput, "{priority}");
         }
@@ -97,13 +96,13 @@ mod tests {
 
     #[test]
     fn a_granted_priority_is_read_back_and_not_inherited() {
-        // A thread of its own: the others of this test program stay as they are.
+        // In a separate thread, so that the other tests of this program keep their policy.
         std::thread::scope(|scope| {
             scope.spawn(|| match set_fifo(12) {
                 Ok(()) => {
                     assert_eq!(fifo_priority(), 12);
                     let child = std::thread::spawn(fifo_priority).join().unwrap();
-                    assert_eq!(child, 0, "what it starts begins at normal priority");
+                    assert_eq!(child, 0, "a child thread has no real-time priority");
                 }
                 Err(error) => {
                     println!("refused here: {error}");

@@ -1,27 +1,27 @@
-//! What a process got of what real time needs: part of `report` and `status`.
+//! Real-time privileges of a process: part of `report` and `status`.
 
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
-/// Something that the system may refuse.
+/// A privilege that the system may refuse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Privilege {
-    /// A real-time priority.
+    /// A real-time priority (SCHED_FIFO).
     Scheduling = 1,
-    /// Memory that is never paged out.
+    /// Locked memory, which is never paged out.
     MemoryLock = 2,
-    /// Memory that is there before it is used.
+    /// Prefaulted shared memory: its pages are allocated before they are used.
     Prefault = 4,
-    /// A core of its own choice.
+    /// Pinning to a core.
     Pinning = 8,
 }
 
 impl Privilege {
-    /// All of them.
+    /// All privileges.
     pub const ALL: [Self; 4] = [Self::Scheduling, Self::MemoryLock, Self::Prefault, Self::Pinning];
 
-    /// The key of the configuration that asks for it.
+    /// The key in the table `[realtime]` that requests it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Scheduling => "scheduling",
@@ -32,55 +32,55 @@ impl Privilege {
     }
 }
 
-/// What a process got, as it reads it back.
+/// Privileges of a process.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct RealtimeRecord {
-    /// SCHED_FIFO priority; 0 = the usual time-sharing.
+    /// SCHED_FIFO priority, read back from the kernel; 0 = another policy.
     pub priority: u32,
-    /// [`Privilege`]s that it has, each a bit.
+    /// [`Privilege`]s that were granted, one bit each.
     pub granted: u32,
-    /// Those that were preferred and refused.
+    /// [`Privilege`]s that were requested with `prefer` and refused, one bit each.
     pub refused: u32,
     /// Padding; 0.
     pub reserved: u32,
-    /// Lines of its log that were dropped because nobody read them fast enough.
+    /// Number of log lines that were dropped because the queue to standard error was full.
     pub log_dropped: u64,
 }
 
 impl RealtimeRecord {
-    /// Notes that something was granted.
+    /// Records that a privilege was granted.
     pub fn grant(&mut self, privilege: Privilege) {
         self.granted |= privilege as u32;
     }
 
-    /// Notes that something was refused.
+    /// Records that a privilege was refused.
     pub fn refuse(&mut self, privilege: Privilege) {
         self.refused |= privilege as u32;
     }
 
-    /// Whether it was granted.
+    /// Whether a privilege was granted.
     pub fn has(&self, privilege: Privilege) -> bool {
         self.granted & privilege as u32 != 0
     }
 
-    /// Names of what was preferred and refused.
+    /// Names of the refused privileges.
     pub fn refusals(&self) -> impl Iterator<Item = &'static str> {
         let refused = self.refused;
         Privilege::ALL.into_iter().filter(move |p| refused & *p as u32 != 0).map(Privilege::name)
     }
 }
 
-/// As in "FIFO 40, locked; refused: pinning".
+/// For example "FIFO 40, locked; refused: pinning".
 impl fmt::Display for RealtimeRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.priority {
             0 => f.write_str("shared time")?,
             priority => write!(f, "FIFO {priority}")?,
         }
-        for (privilege, word) in [(Privilege::MemoryLock, "locked"), (Privilege::Prefault, "prefaulted")] {
+        for (privilege, name) in [(Privilege::MemoryLock, "locked"), (Privilege::Prefault, "prefaulted")] {
             if self.has(privilege) {
-                write!(f, ", {word}")?;
+                write!(f, ", {name}")?;
             }
         }
         for (i, name) in self.refusals().enumerate() {
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_told_in_words() {
+    fn the_text_lists_what_was_granted_and_refused() {
         let mut record = RealtimeRecord::default();
         assert_eq!(record.to_string(), "shared time");
         record.priority = 40;

@@ -1,34 +1,34 @@
-//! How much shared memory the services take.
+//! Payload and pool sizes of the services.
 
 use crate::header::{Header, LINE_BYTES};
 use crate::message;
 pub use crate::pipeline::{COMMAND, DEPTH, OBSTACLES, PAIR, REGIONS, REPORT, SERVICES, STATUS, ServiceSpec};
 use crate::pipeline::{Kind, PROCESSES};
 
-/// A publisher writes one message at a time.
+/// Maximum number of messages that a publisher writes at a time.
 pub const LOANED: usize = 1;
 
 impl ServiceSpec {
-    /// The longest payload for images of `width` × `height`, in bytes.
+    /// Maximum length of the payload for images of `width` × `height` pixels, in bytes.
     pub fn max_payload_bytes(&self, width: usize, height: usize) -> usize {
         message::max_payload_bytes(self.kind, width, height)
     }
 
-    /// Samples in the pool of one publisher: subscribers × (buffer + borrowed) + history + loaned.
+    /// Number of samples in the pool of one publisher: subscribers × (buffer + borrowed) + history + loaned.
     pub const fn pool_samples(&self) -> usize {
         self.subscribers * (self.buffer + self.borrowed) + self.history + LOANED
     }
 
-    /// Bytes of the pool of one publisher, with headers and alignment.
+    /// Size of the pool of one publisher, with headers and alignment, in bytes.
     pub fn pool_bytes(&self, width: usize, height: usize) -> usize {
-        // iceoryx2's own header takes less than 128 bytes.
+        // The header of iceoryx2 takes less than 128 bytes.
         let sample = self.max_payload_bytes(width, height) + size_of::<Header>() + 128 + LINE_BYTES;
         self.pool_samples() * sample.next_multiple_of(LINE_BYTES)
     }
 }
 
-/// Bytes of all pools of a daemon with `stages` reporting processes, for images of
-/// `width` × `height`.
+/// Total size of the pools of a daemon with `stages` reporting processes, for images of `width` × `height` pixels, in
+/// bytes.
 pub fn total_pool_bytes(width: usize, height: usize, stages: usize) -> usize {
     SERVICES
         .iter()
@@ -36,7 +36,7 @@ pub fn total_pool_bytes(width: usize, height: usize, stages: usize) -> usize {
             let publishing = PROCESSES.iter().filter(|p| p.output == Some(s)).count();
             let publishers = match s.kind {
                 Kind::Report => stages,
-                // The scheduler withdraws results on it.
+                // The scheduler publishes here, too, to withdraw results.
                 Kind::Obstacles => publishing + 1,
                 _ => publishing.max(1),
             };

@@ -1,12 +1,12 @@
-//! Messages by type: what a stage reads is checked once, and what it writes has the form of its service.
+//! Typed messages: the input of a stage is checked once, and its output has the layout of its service.
 
 use crate::header::{Header, MessageError};
 use crate::pipeline::Kind;
 use std::marker::PhantomData;
 
-/// A message on a service. The implementing types are empty: they name the message in types.
+/// A message on a service. The implementing types are empty marker types.
 pub trait Message: 'static {
-    /// The kind, which names the service.
+    /// The kind, which determines the service.
     const KIND: Kind;
 
     /// A checked message, read in place.
@@ -15,33 +15,33 @@ pub trait Message: 'static {
     /// Checks a message.
     ///
     /// # Errors
-    /// When header or payload are not sound.
+    /// If the header or the payload is invalid.
     fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError>;
 
-    /// The longest payload for images of `width` × `height`, in bytes.
+    /// Maximum length of the payload for images of `width` × `height` pixels, in bytes.
     fn max_payload_bytes(width: usize, height: usize) -> usize;
 }
 
-/// The payload of a message that is to be written in place. The module of each message says how.
+/// The payload of a message, to be written in place with the methods that the module of the message defines.
 #[derive(Debug)]
 pub struct Output<'a, M> {
     pub(crate) payload: &'a mut [u8],
     message: PhantomData<M>,
 }
 
-/// Bytes of a payload that were written: only the writers of the messages make it.
+/// Number of payload bytes that were written. Only the writers of the messages create it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Written(pub(crate) usize);
 
 impl Written {
-    /// The bytes.
+    /// Length of the payload in bytes.
     pub fn bytes(self) -> usize {
         self.0
     }
 }
 
 impl<'a, M: Message> Output<'a, M> {
-    /// A payload of [`Message::max_payload_bytes`] or more, aligned to eight bytes.
+    /// Wraps a payload of at least [`Message::max_payload_bytes`] bytes, aligned to eight bytes.
     pub fn new(payload: &'a mut [u8]) -> Self {
         Self { payload, message: PhantomData }
     }

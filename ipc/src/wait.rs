@@ -1,9 +1,9 @@
-//! Sleeping until a message comes, a time is reached or a signal arrives.
+//! Waiting for a message, a timeout or a signal.
 //!
-//! The library's wait set allocates at each wake-up, so the listeners' descriptors are waited for
-//! directly. That also closes a gap: a notification that is sent while a listener is emptied can lose its
-//! byte in the socket while it stays marked as sent, and then no later one wakes anybody. Listeners are
-//! therefore emptied until they have nothing more to tell before the process sleeps.
+//! The wait set of iceoryx2 allocates at each wake-up, so this module polls the descriptors of the listeners
+//! directly. That also avoids a lost wake-up: a notification that is sent while a listener is drained can lose its
+//! byte in the socket while it stays marked as sent, and then no later notification wakes the reader. Listeners are
+//! therefore drained until they are empty before the process sleeps.
 
 use crate::error::IpcError;
 use crate::port::Subscriber;
@@ -22,13 +22,13 @@ pub enum Next {
     Stop,
 }
 
-/// Calls `step` at once, and again whenever one of the subscribers is notified, the time that it
-/// asked for has passed or a signal has arrived, until it says [`Next::Stop`]. The process sleeps
-/// in between. `step` must take all messages that it wants to see: a notification that comes
-/// while it runs wakes it again, but one message may stand for several notifications.
+/// Calls `step` immediately, and again after each notification of a subscriber, after the timeout that `step`
+/// returned, and after a signal, until it returns [`Next::Stop`]. The process sleeps in between. `step` must
+/// receive all messages that it needs: a notification during `step` causes another call, but one notification may
+/// stand for several messages.
 ///
 /// # Errors
-/// When the subscribers cannot be waited for, or `step` fails.
+/// If the subscribers cannot be polled, or `step` fails.
 pub fn run<E: From<IpcError>>(
     subscribers: &[&Subscriber],
     step: impl FnMut() -> Result<Next, E>,
@@ -36,7 +36,7 @@ pub fn run<E: From<IpcError>>(
     run_with(subscribers, None, step)
 }
 
-/// As [`run`]; wakes also while `other` can be read, which `step` has to empty.
+/// As [`run`], and also wakes up while `other` is readable. `step` has to drain it.
 ///
 /// # Errors
 /// As [`run`].
@@ -62,21 +62,20 @@ pub fn run_with<E: From<IpcError>>(
         let timeout =
             Timespec { tv_sec: timeout.as_secs().min(86_400) as i64, tv_nsec: timeout.subsec_nanos().into() };
         match poll(&mut descriptors, Some(&timeout)) {
-            // A signal: its handler has run, step looks at what it left.
+            // After a signal its handler has run; `step` checks the flag that it has set.
             Ok(_) | Err(Errno::INTR) => {}
             Err(error) => return Err(IpcError::new("wait for", "messages", error).into()),
         }
-        // The message comes first, its notification is taken after it: that saves its reader two calls.
+        // `step` receives the message first and the notification is drained after it: that saves two system calls.
     }
 }
 
 fn descriptor(subscriber: &Subscriber) -> BorrowedFd<'_> {
-    // SAFETY: the listener owns the descriptor and is borrowed as long as the result.
+    // SAFETY: the listener owns the descriptor, and it is borrowed for as long as the result.
     unsafe { BorrowedFd::borrow_raw(subscriber.listener.file_descriptor().native_handle()) }
 }
 
-/// Empties the listeners; what they were notified of is found in the subscribers. Gives whether there
-/// was anything.
+/// Drains the listeners. Returns whether there was a notification; the messages are in the subscribers.
 fn take_notifications(subscribers: &[&Subscriber]) -> Result<bool, IpcError> {
     let mut any = false;
     for subscriber in subscribers {

@@ -1,4 +1,4 @@
-//! The bus: newest wins, history, checks, waiting; and nothing left behind.
+//! The bus: the newest message replaces older ones, history, checks, waiting, cleaning up.
 
 use lookout_ipc::bus::{Bus, IpcError};
 use lookout_ipc::header::{Header, Kind, LINE_BYTES, MessageError};
@@ -10,10 +10,10 @@ use lookout_ipc::{command, pair};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Tells the runs of this process apart.
+/// Distinguishes the runs of this process.
 static GENERATION: AtomicU64 = AtomicU64::new(100);
 
-/// An instance of its own for each test, and the folder that it lives in.
+/// A separate instance for each test, and its temporary folder.
 fn instance(name: &str) -> (tempfile::TempDir, Instance) {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(name, folder.path());
@@ -34,7 +34,7 @@ fn publish(publisher: &Publisher, sequence: u64) {
 }
 
 #[test]
-fn the_newest_message_wins_and_nothing_is_left_behind() {
+fn the_newest_message_replaces_older_ones_and_nothing_is_left_behind() {
     let (_folder, instance) = instance("newest");
     let lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
     let bus = Bus::join(&instance).unwrap();
@@ -46,11 +46,11 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
     }
     let sample = subscriber.receive().unwrap().unwrap();
     assert_eq!(sample.header().sequence, 9);
-    // It was there before the first of them was sent.
+    // The subscriber existed before the first of them was sent.
     assert_eq!(subscriber.take_missed(), 9);
     let images = pair::view(sample.header(), sample.payload()).unwrap();
     assert_eq!((images.left, images.right), (&[9_u8; 8][..], &[9_u8; 8][..]));
-    // What is being read does not change while newer ones are sent.
+    // A message that is being read does not change while newer ones are sent.
     for sequence in 10..20 {
         publish(&publisher, sequence);
     }
@@ -58,13 +58,13 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
     drop(sample);
     assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 19);
     assert_eq!((subscriber.take_missed(), subscriber.take_missed()), (9, 0));
-    // Who comes later has missed nothing of what was sent before.
+    // A later subscriber does not count messages that were sent before it existed.
     let late = bus.subscriber(&PAIR).unwrap();
     publish(&publisher, 20);
     assert_eq!(late.receive().unwrap().unwrap().header().sequence, 20);
     assert_eq!(late.take_missed(), 0);
     assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 20);
-    // A publisher that takes the place of another counts anew, and so do its readers.
+    // A new publisher starts its serial numbers at 0, and subscribers follow.
     drop(publisher);
     let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
     for sequence in 21..24 {
@@ -72,7 +72,7 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
     }
     assert_eq!(subscriber.receive().unwrap().unwrap().header().sequence, 23);
     assert_eq!(subscriber.take_missed(), 2);
-    // The pool is as large as the table says, and no larger.
+    // The pool has the size that the table gives.
     let pools = PAIR.pool_bytes(4, 2) as u64;
     assert!(instance.shared_bytes() < pools + 100_000, "{} for {pools}", instance.shared_bytes());
     assert!(subscriber.receive().unwrap().is_none());
@@ -85,7 +85,7 @@ fn the_newest_message_wins_and_nothing_is_left_behind() {
 }
 
 #[test]
-fn nothing_is_missed_when_two_send_in_turns() {
+fn nothing_is_missed_when_two_publishers_take_turns() {
     let (_folder, instance) = instance("turns");
     let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
     let bus = Bus::join(&instance).unwrap();
@@ -97,7 +97,7 @@ fn nothing_is_missed_when_two_send_in_turns() {
         senders[sender].send(loan).unwrap();
         assert!(subscriber.receive().unwrap().is_some());
     };
-    // One sends many, the other a word in between, as recognition and the scheduler do.
+    // One sends many messages, the other a few in between, as recognition and the scheduler do.
     for sender in [0, 0, 0, 0, 1, 0, 0, 1, 1, 0] {
         send(sender);
     }
@@ -120,7 +120,7 @@ fn late_readers_get_the_history_and_long_messages_are_refused() {
 }
 
 #[test]
-fn a_message_that_lies_is_refused_by_its_check() {
+fn a_header_that_does_not_fit_its_payload_is_refused() {
     let (_folder, instance) = instance("lies");
     let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
     let bus = Bus::join(&instance).unwrap();
@@ -142,7 +142,7 @@ fn waiting_ends_with_a_message_a_time_or_a_stop() {
     let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
     let subscriber = bus.subscriber(&PAIR).unwrap();
     let (mut calls, mut seen) = (0, Vec::new());
-    // A lost wake-up would sleep for an hour: end the test instead.
+    // A lost wake-up would make the test sleep for an hour: abort it instead.
     let (done, watched) = std::sync::mpsc::channel::<()>();
     std::thread::spawn(move || {
         if watched.recv_timeout(Duration::from_secs(60)) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {

@@ -1,4 +1,4 @@
-//! The lock of an instance, and what it removes and leaves alone.
+//! The lock of an instance, and which files it removes.
 
 use lookout_ipc::instance::{Instance, InstanceError, InstanceLock};
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ fn an_instance_is_held_once_and_leaves_nothing() {
     let lock = InstanceLock::take(&instance, 1).unwrap();
     assert!(instance.is_running() && instance.owner().is_some());
     assert_eq!(instance.prefix().as_deref(), Some(lock.prefix()));
-    assert_eq!(instance.shared_memory().len(), 1, "the mark of the run");
+    assert_eq!(instance.shared_memory().len(), 1, "the marker of the run");
     let error = InstanceLock::take(&instance, 2).unwrap_err().to_string();
     assert!(error.contains("already running") && error.contains(&std::process::id().to_string()), "{error}");
     lock.check_memory(1).unwrap();
@@ -21,7 +21,7 @@ fn an_instance_is_held_once_and_leaves_nothing() {
     drop(lock);
     assert!(!instance.is_running() && !base.exists());
     assert!(!Path::new("/dev/shm").join(format!("{prefix}run")).exists());
-    // A base that was there before stays.
+    // A base folder that existed before is kept.
     drop(InstanceLock::take(&Instance::new("lock-test", folder.path()), 3).unwrap());
     assert!(folder.path().exists());
 }
@@ -29,7 +29,7 @@ fn an_instance_is_held_once_and_leaves_nothing() {
 #[test]
 fn remains_of_a_dead_run_are_removed_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
-    // A run of another name and folder that lives, and one that is dead: nobody holds its mark.
+    // A live run with another name and folder, and a dead one, whose marker is not locked.
     let living = InstanceLock::take(&Instance::new("living", folder.path()), 10).unwrap();
     let shm = |name: String| PathBuf::from("/dev/shm").join(name);
     let (kept, dead) = (shm(format!("{}data", living.prefix())), "lookout.1.beef.");
@@ -45,14 +45,14 @@ fn remains_of_a_dead_run_are_removed_and_nothing_else() {
     assert!(lock.stale >= 3, "{}", lock.stale);
     assert!(!gone.exists() && !mark.exists() && kept.exists() && foreign.exists());
     drop(lock);
-    assert!(instance.directory().join("mine.txt").exists(), "only what is ours is removed");
+    assert!(instance.directory().join("mine.txt").exists(), "files of the user are kept");
     std::fs::remove_file(foreign).unwrap();
     drop(living);
     assert!(!kept.exists());
 }
 
 #[test]
-fn folders_that_cannot_serve_are_refused() {
+fn unusable_folders_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let long = Instance::new("x", &folder.path().join("a".repeat(80)));
     assert!(matches!(InstanceLock::take(&long, 1), Err(InstanceError::TooLong { .. })));

@@ -1,4 +1,4 @@
-//! Every message wakes its reader, however sending and emptying interleave.
+//! Every message wakes its reader, for any interleaving of sending and draining.
 
 use lookout_ipc::bus::{Bus, IpcError};
 use lookout_ipc::header::{Header, Kind};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 const MESSAGES: u64 = 50_000;
 
-/// A reader that sleeps this long though its message is there was not woken.
+/// A reader that sleeps this long although a message is there was not woken.
 const LONG: Duration = Duration::from_secs(10);
 
 #[test]
@@ -20,8 +20,8 @@ fn no_wake_up_is_lost() {
     let _lock = InstanceLock::take(&instance, 1).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let subscriber = bus.subscriber(&COMMAND).unwrap();
-    // The number of messages that were taken: the next is sent the moment it grows, while the reader is
-    // still busy with the notification of the last.
+    // Number of received messages. The next one is sent as soon as it grows, while the reader still drains the
+    // notification of the last one.
     let taken = AtomicU64::new(0);
     std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -50,7 +50,7 @@ fn no_wake_up_is_lost() {
             while let Some(sample) = subscriber.receive()? {
                 let sequence = sample.header().sequence;
                 if slept >= LONG {
-                    // Lets the other thread end before this one panics.
+                    // Ends the other thread before this one panics.
                     taken.store(MESSAGES, Ordering::Release);
                     panic!("message {sequence} did not wake its reader");
                 }

@@ -23,24 +23,24 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use thiserror::Error;
 
-/// How often a stage looks at its memory, in nanoseconds.
+/// Time between two readings of a stage's memory, in nanoseconds.
 const MEMORY_PERIOD_NS: u64 = 500_000_000;
 
-/// Why a stage ends before it is asked to.
+/// Why a stage ends with an error.
 #[derive(Debug, Error)]
 pub enum HostError {
     /// Standard input held no launch document.
     #[error("a stage is started by the scheduler, not by hand: {0}")]
     Launch(String),
-    /// The operating system refused something.
+    /// A system call failed.
     #[error("{what}: {source}")]
     System {
         /// What was tried.
         what: &'static str,
-        /// Why it failed.
+        /// The cause.
         source: io::Error,
     },
-    /// Something that real time needs was required and refused.
+    /// A required real-time privilege was refused.
     #[error(transparent)]
     Refused(#[from] Refused),
     /// Shared memory cannot be used.
@@ -60,9 +60,9 @@ pub enum HostError {
 /// The process of a stage: its shared memory, its reports, its signals.
 pub struct Host {
     role: Role,
-    /// What it was told.
+    /// Its launch document.
     pub launch: Launch,
-    /// Its way into shared memory.
+    /// Its node in shared memory.
     pub bus: Bus,
     reports: Publisher,
     report: ReportRecord,
@@ -72,34 +72,34 @@ pub struct Host {
     next_memory_ns: u64,
     heartbeat: Duration,
     warned_ns: Option<u64>,
-    /// Heap allocations up to the last frame.
+    /// Number of heap allocations up to the last frame.
     allocations: u64,
-    /// Frame that is reported on; heartbeats carry the last one.
+    /// Header of the last frame; heartbeats carry it, too.
     header: Header,
 }
 
 impl Host {
-    /// Sets the process of a stage up: signals, privileges, shared memory.
+    /// Sets up the process of a stage: signals, privileges, shared memory.
     ///
     /// # Errors
-    /// When the scheduler is gone, or something required is refused.
+    /// If the scheduler has exited, a required privilege is refused, or shared memory cannot be used.
     pub fn new(role: Role, launch: Launch) -> Result<Self, HostError> {
         let system = |what, source: io::Error| HostError::System { what, source };
-        // A stage without its scheduler would hold shared memory for nobody.
+        // Without its scheduler a stage would only occupy shared memory.
         set_parent_process_death_signal(Some(Signal::KILL))
-            .map_err(|e| system("asking to end with the scheduler", e.into()))?;
+            .map_err(|e| system("setting the parent-death signal", e.into()))?;
         if getppid().map(|p| p.as_raw_nonzero().get() as u32) != Some(launch.scheduler_pid) {
-            return Err(HostError::Launch("its scheduler is gone".into()));
+            return Err(HostError::Launch("its scheduler has exited".into()));
         }
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGTERM, SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|e| system("installing a signal handler", e))?;
         }
-        allocation::keep_small_pieces();
+        allocation::keep_small_blocks();
         let realtime = realtime::enter(&launch.config, role, launch.core)?;
         if role.spec().priority.is_none() {
-            // A process without a real-time priority may be late.
+            // A process without a real-time priority has no deadline.
             let _ = rustix::process::nice(10);
         }
         let instance = Instance::new(&launch.config.instance.name, &launch.config.instance.directory);
@@ -132,34 +132,34 @@ impl Host {
         self.role
     }
 
-    /// Whether the stage was asked to stop.
+    /// Whether SIGTERM or SIGINT has arrived.
     pub fn should_stop(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// The stage has all its ports and can take frames.
+    /// Reports that the stage has opened its ports and can process frames.
     ///
     /// # Errors
-    /// When the report cannot be sent, or shared memory is required to be there and is not.
+    /// If the report cannot be sent, or required prefaulting fails.
     pub fn ready(&mut self) -> Result<(), HostError> {
         realtime::reserve(&self.launch.config, &self.bus, &mut self.report.realtime)?;
         self.report.set_health(Health::Ready, "");
         self.send_report(false)
     }
 
-    /// The stage has nothing more to do, or cannot do anything; the text says why.
+    /// Reports a change of health, with its reason.
     ///
     /// # Errors
-    /// When the report cannot be sent.
+    /// If the report cannot be sent.
     pub fn set_health(&mut self, health: Health, text: &str) -> Result<(), HostError> {
         self.report.set_health(health, text);
         self.send_report(false)
     }
 
-    /// A frame is done: how old it was when it was taken up, and how long the work took.
+    /// Reports a finished frame: its age when the stage took it, and the time of the work, both in nanoseconds.
     ///
     /// # Errors
-    /// When the report cannot be sent.
+    /// If the report cannot be sent.
     pub fn frame_done(&mut self, header: &Header, age_ns: u64, work_ns: u64) -> Result<(), HostError> {
         self.report.frames += 1;
         self.report.age_ns = age_ns;
@@ -169,22 +169,22 @@ impl Host {
         self.send_report(true)
     }
 
-    /// What the next report says of the calibration.
+    /// Sets the calibration of the following reports.
     pub fn set_calibration(&mut self, calibration: CalibrationRecord) {
         self.report.calibration = calibration;
     }
 
-    /// What the next report says of the device.
+    /// Sets the device of the following reports.
     pub fn set_device(&mut self, device: DeviceRecord) {
         self.report.device = device;
     }
 
-    /// Counts frames that newer ones overtook.
+    /// Counts frames that newer ones overtook before this stage took them.
     pub fn skipped(&mut self, count: u64) {
         self.report.skipped = self.report.skipped.saturating_add(count);
     }
 
-    /// Counts a message that was refused, and logs the first of each second.
+    /// Counts a refused message, and logs at most one per second.
     pub fn refused(&mut self, service: &str, reason: &dyn std::fmt::Display) {
         self.report.refused += 1;
         self.report.set_health(self.report.health(), &format!("{service}: {reason}"));
@@ -195,10 +195,10 @@ impl Host {
         }
     }
 
-    /// Sends a heartbeat when one is due; gives the time until the next.
+    /// Sends a heartbeat if one is due. Returns the time until the next.
     ///
     /// # Errors
-    /// When the report cannot be sent.
+    /// If the report cannot be sent.
     pub fn heartbeat(&mut self) -> Result<Duration, HostError> {
         let now = monotonic_ns();
         if now >= self.next_beat_ns {
@@ -217,7 +217,7 @@ impl Host {
         self.report.realtime.log_dropped = crate::logging::dropped();
         self.report.cpu_ns = process_cpu_ns();
         let now = monotonic_ns();
-        // Reading it costs more than the rest of a report.
+        // Reading the memory costs more than the rest of a report, so it is not read for each one.
         if now >= self.next_memory_ns
             && let Some(memory) = self.memory.read()
         {

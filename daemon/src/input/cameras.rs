@@ -1,4 +1,4 @@
-//! Cameras as the configuration describes them.
+//! The camera source and its settings from the configuration.
 
 use super::error::InputError;
 use crate::stages::whole_number::whole;
@@ -7,10 +7,10 @@ use sources::camera::connection::ConnectionParameters;
 use sources::camera::exposure::ExposureParameters;
 use sources::camera::{CameraSource, Exposure, ExposureMode, Opener, Settings};
 
-/// The cameras; they are opened when the first pair is waited for.
+/// The camera source. The cameras are opened by the first wait for a pair.
 ///
 /// # Errors
-/// When this build cannot open such cameras, or the configuration leaves something out.
+/// If this build lacks the backend, or the configuration names no device.
 pub fn source(config: &Config) -> Result<CameraSource, InputError> {
     let c = &config.camera;
     if c.left.as_os_str().is_empty() || (!c.side_by_side && c.right.as_os_str().is_empty()) {
@@ -44,7 +44,7 @@ fn settings(config: &Config) -> Settings {
     }
 }
 
-/// What is opened: the left one, and the right one unless the left gives both.
+/// The devices to open: left and right, or only the left if it delivers both images side by side.
 #[cfg(any(feature = "v4l2", feature = "gstreamer"))]
 fn devices(config: &Config) -> Vec<String> {
     let c = &config.camera;
@@ -73,7 +73,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn the_configuration_describes_the_cameras() {
+    fn settings_follow_the_configuration() {
         let text = "[source]\nkind = \"camera\"\n[camera]\nwidth = 320\nheight = 240\nfps = 20\nskew_ms = 2.5\n\
                     exposure = \"matched\"\nexposure_us = 4000\ngain = 8\n";
         let config = config::parse(text, Path::new("car.toml")).unwrap();

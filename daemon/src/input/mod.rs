@@ -12,10 +12,10 @@ use sources::rectified::RectifiedSource;
 use sources::scene::{Drive, Scene};
 use sources::{PairSource, SourceError, calibration_file};
 
-/// Opens the source, rectifying if that is configured.
+/// Opens the source, with rectification if that is configured.
 ///
 /// # Errors
-/// When it, or the rig file, cannot be opened.
+/// If the source or the rig file cannot be opened.
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     let source = open_raw(config)?;
     if !config.source.rectify {
@@ -50,16 +50,16 @@ fn open_raw(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
         }
         _ => {
             let drive = Drive::paper(source.seed.unsigned_abs());
-            // A scene can be seen at any rate; its time is that of the rate.
+            // A scene can be rendered at any rate; its source time follows the rate.
             Box::new(if source.fps > 0.0 { drive.at_rate(source.fps) } else { drive })
         }
     })
 }
 
-/// The rig of the run: that of the configuration, else the source's own.
+/// The rig of the run: from `source.rig`, else that of the source.
 ///
 /// # Errors
-/// When there is none, or its file cannot be read.
+/// If there is none, or its file cannot be read.
 pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> {
     if !config.source.rig.as_os_str().is_empty() {
         return Ok(calibration_file::read(&config.source.rig, true)?);
@@ -71,7 +71,7 @@ pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> 
     source.rig().ok_or_else(|| InputError::NoRig(name()))
 }
 
-/// Time between pairs, in nanoseconds: as configured, else the source's own.
+/// Time between pairs, in nanoseconds: from `source.fps`, else that of the source. At least 1.
 pub fn period_ns(config: &Config, source: &dyn PairSource) -> u64 {
     if config.source.fps > 0.0 { (1e9 / config.source.fps) as u64 } else { source.period_ns() }.max(1)
 }

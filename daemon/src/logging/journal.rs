@@ -1,5 +1,5 @@
-//! The journal of systemd, in its own protocol: every field of an event is a field of the entry, so that
-//! `journalctl LOOKOUT_PROCESS=stereo` and `journalctl -o json` find what they look for.
+//! Logging to the systemd journal in its native protocol. Every field of an event becomes a field of the entry, for
+//! `journalctl LOOKOUT_PROCESS=stereo` and `journalctl -o json`.
 
 use super::queue::Output;
 use std::fmt::{self, Write};
@@ -10,23 +10,23 @@ use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// Where it listens.
+/// Socket of the journal.
 const SOCKET: &str = "/run/systemd/journal/socket";
 
-/// The longest message that is sent: datagrams have a limit, and beyond that no line is read.
+/// Maximum length of the value of a field, in bytes: the size of datagrams is limited.
 const MAX_MESSAGE: usize = 32 * 1024;
 
 /// Writes events to the journal.
 pub struct Journal {
     socket: UnixDatagram,
     process: &'static str,
-    /// For what the journal does not take at once.
+    /// Fallback for entries that the journal does not accept immediately.
     lines: Output,
 }
 
 impl Journal {
-    /// The journal, when standard error goes there: `$JOURNAL_STREAM` is its device and inode. Else, or
-    /// when the socket is not there, `None`: lines on standard error then do.
+    /// Connects to the journal if standard error is connected to it, which `$JOURNAL_STREAM` (device and inode) tells.
+    /// `None` otherwise, or if the socket does not exist; log lines then go to standard error.
     pub fn open(process: &'static str, lines: Output) -> Option<Self> {
         let stream = std::env::var("JOURNAL_STREAM").ok()?;
         let stat = rustix::fs::fstat(std::io::stderr()).ok()?;
@@ -42,11 +42,11 @@ impl Journal {
     }
 }
 
-/// Gathers the fields of an event.
+/// Collects the fields of an event.
 #[derive(Default)]
 struct Fields {
     message: String,
-    /// ` key=value` for each other field, as on a terminal.
+    /// ` key=value` for each field but the message, as on a terminal.
     tail: String,
     entry: Vec<u8>,
 }
@@ -67,16 +67,16 @@ impl Visit for Fields {
     }
 }
 
-/// The journal takes capitals, digits and `_`.
+/// Name of a field in the journal, which accepts capitals, digits and `_`.
 fn key(name: &str) -> String {
     let fit = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' };
     let mut key = String::from("LOOKOUT_");
-    // The journal takes 64 characters and refuses more.
+    // The journal accepts at most 64 characters.
     key.extend(name.trim_start_matches("r#").chars().map(fit).take(56));
     key
 }
 
-/// `KEY=value`; with a line break in it, the key, the length and the value.
+/// Appends `KEY=value`, or, if the value has line breaks, the key, the length of the value and the value.
 fn put(entry: &mut Vec<u8>, key: &str, value: &str) {
     let mut end = value.len().min(MAX_MESSAGE);
     while !value.is_char_boundary(end) {
@@ -107,13 +107,13 @@ impl<S: Subscriber> Layer<S> for Journal {
         put(&mut entry, "LOOKOUT_PROCESS", self.process);
         put(&mut entry, "LOOKOUT_TARGET", event.metadata().target());
         if self.socket.send(&entry).is_err() {
-            // The journal is busy, or being restarted: what goes to standard error reaches it later.
+            // The journal is busy or restarting. It reads standard error later.
             self.lines.line(format!("<{priority}>{message}\n").as_bytes());
         }
     }
 }
 
-/// The priority of sd-daemon(3).
+/// The priority of a level, as in sd-daemon(3).
 pub fn priority(level: tracing::Level) -> u8 {
     match level {
         tracing::Level::ERROR => 3,
@@ -129,7 +129,7 @@ mod tests {
     use std::collections::HashMap;
     use tracing_subscriber::layer::SubscriberExt;
 
-    /// Reads an entry as the journal does.
+    /// Parses an entry as the journal does.
     fn parse(mut bytes: &[u8]) -> HashMap<String, String> {
         let mut fields = HashMap::new();
         while !bytes.is_empty() {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_arrive_as_fields() {
+    fn fields_of_events_become_fields_of_entries() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("socket");
         let receiver = UnixDatagram::bind(&path).unwrap();

@@ -1,5 +1,5 @@
-//! Log lines: readable on a terminal; under systemd entries of the journal with fields, or lines with
-//! priorities where only standard error goes there. Never a wait for who writes them.
+//! Logging: readable lines on a terminal; under systemd, entries of the journal with fields, or lines with priorities
+//! if only standard error is connected to the journal. Logging never blocks a process of the daemon.
 
 mod journal;
 mod queue;
@@ -26,20 +26,20 @@ struct Lines {
     colour: bool,
 }
 
-/// Changes the least severe level that is logged.
+/// Handle for changing the level.
 static LEVEL: OnceLock<reload::Handle<LevelFilter, Registry>> = OnceLock::new();
 
-/// Logs from `level` on, from now on.
+/// Sets the least severe level that is logged.
 pub fn set_level(level: &str) {
     if let (Some(handle), Ok(filter)) = (LEVEL.get(), level.parse::<LevelFilter>()) {
-        // Fails only when logging is gone.
+        // This fails only if the subscriber has been dropped.
         let _ = handle.reload(filter);
     }
 }
 
-/// Starts logging to standard error. `process` leads every line; `level` is one of `error`, `warn`,
-/// `info`, `debug` and `trace`. Processes of the daemon never wait for their lines to be written; what
-/// runs at a desk does.
+/// Starts logging to the journal or to standard error. Every line starts with `process`; `level` is one of `error`,
+/// `warn`, `info`, `debug` and `trace`. Processes of the daemon put their lines into a queue that never blocks; other
+/// commands write them directly.
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
     messages::bus::set_library_log_level();
@@ -47,7 +47,7 @@ pub fn start(process: &'static str, level: &str) {
     let output = if is_daemon(process) { Output::queued() } else { Output::direct() };
     if let Some(journal) = Journal::open(process, output) {
         let subscriber = tracing_subscriber::registry().with(filter).with(journal);
-        // Fails only when logging was started before.
+        // This fails only if logging was started before.
         if tracing::subscriber::set_global_default(subscriber).is_ok() {
             let _ = LEVEL.set(handle);
         }
@@ -61,7 +61,7 @@ pub fn start(process: &'static str, level: &str) {
         colour,
     });
     let subscriber = tracing_subscriber::registry().with(filter).with(lines);
-    // Fails only when logging was started before.
+    // This fails only if logging was started before.
     if tracing::subscriber::set_global_default(subscriber).is_ok() {
         let _ = LEVEL.set(handle);
     }

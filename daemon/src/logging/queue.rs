@@ -1,4 +1,4 @@
-//! The way of log lines out of the process: a queue that never makes the writer of a line wait.
+//! A queue of log lines that never blocks the thread that logs.
 
 use rustix::fs::{OFlags, fcntl_setfl};
 use std::io::{self, PipeReader, PipeWriter, Read, Write};
@@ -7,37 +7,41 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tracing_subscriber::fmt::MakeWriter;
 
-/// A line that is longer is cut: the kernel takes up to this many bytes whole or not at all (PIPE_BUF).
-const LONGEST_LINE: usize = 4096;
+/// Maximum length of a line in bytes; longer lines are truncated. The kernel writes up to this many bytes to a pipe
+/// atomically (PIPE_BUF).
+const MAX_LINE: usize = 4096;
 
-/// How long a process that ends waits for its last lines to be written.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Maximum time that a process waits at its end for its last lines to be written.
+const FINISH_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Lines on their way to standard error: a pipe of this process's own, which takes a line at once or
-/// not at all, and a thread without priority that empties it. So a terminal that is stopped or a
-/// journal that is busy costs lines, which are counted, and never time.
+/// The queue: a non-blocking pipe within this process, which accepts a whole line or nothing, and a thread without
+/// real-time priority that copies it to standard error. If a terminal is stopped or the journal is busy, lines are
+/// dropped and counted.
 struct Queue {
     pipe: PipeWriter,
+    /// Bytes that were put into the pipe.
     queued: AtomicU64,
+    /// Bytes that were copied to standard error.
     written: AtomicU64,
+    /// Number of dropped lines.
     dropped: AtomicU64,
-    /// Dropped lines that were spoken of.
-    said: AtomicU64,
+    /// Number of dropped lines that the log has reported.
+    reported: AtomicU64,
 }
 
 static QUEUE: OnceLock<Queue> = OnceLock::new();
 
-/// Lines of this process that were dropped so far.
+/// Number of lines of this process that were dropped so far.
 pub fn dropped() -> u64 {
     QUEUE.get().map_or(0, |queue| queue.dropped.load(Ordering::Relaxed))
 }
 
-/// Waits until all lines are written, but not for ever.
+/// Waits until all lines are written, for at most [`FINISH_TIMEOUT`].
 pub fn finish() {
     let Some(queue) = QUEUE.get() else { return };
     let start = Instant::now();
     while queue.written.load(Ordering::Acquire) < queue.queued.load(Ordering::Acquire)
-        && start.elapsed() < LAST_WORDS
+        && start.elapsed() < FINISH_TIMEOUT
     {
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -48,10 +52,10 @@ impl Queue {
         let (reader, pipe) = io::pipe()?;
         fcntl_setfl(&pipe, OFlags::NONBLOCK)?;
         let zero = || AtomicU64::new(0);
-        Ok((Self { pipe, queued: zero(), written: zero(), dropped: zero(), said: zero() }, reader))
+        Ok((Self { pipe, queued: zero(), written: zero(), dropped: zero(), reported: zero() }, reader))
     }
 
-    /// Puts a line in, if there is room.
+    /// Puts a line into the pipe. Returns false if it is full.
     fn put(&self, line: &[u8]) -> bool {
         let fits = matches!((&self.pipe).write(line), Ok(length) if length == line.len());
         if fits {
@@ -61,39 +65,39 @@ impl Queue {
     }
 
     fn line(&self, line: &[u8]) {
-        let whole = line.len() <= LONGEST_LINE;
-        let put = if whole {
+        let put = if line.len() <= MAX_LINE {
             self.put(line)
         } else {
-            let mut cut = [b'\n'; LONGEST_LINE];
-            cut[..LONGEST_LINE - 1].copy_from_slice(&line[..LONGEST_LINE - 1]);
-            self.put(&cut)
+            let mut truncated = [b'\n'; MAX_LINE];
+            truncated[..MAX_LINE - 1].copy_from_slice(&line[..MAX_LINE - 1]);
+            self.put(&truncated)
         };
         if !put {
             self.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        // There is room again.
-        let (dropped, said) = (self.dropped.load(Ordering::Relaxed), self.said.load(Ordering::Relaxed));
-        if dropped > said {
+        // The pipe has room again: report the lines that were dropped since the last report.
+        let dropped = self.dropped.load(Ordering::Relaxed);
+        let reported = self.reported.load(Ordering::Relaxed);
+        if dropped > reported {
             let mut text = [0; 80];
             let mut rest = &mut text[..];
-            let _ = writeln!(rest, "{} lines of the log were dropped", dropped - said);
+            let _ = writeln!(rest, "{} lines of the log were dropped", dropped - reported);
             let left = rest.len();
             if self.put(&text[..text.len() - left]) {
-                self.said.store(dropped, Ordering::Relaxed);
+                self.reported.store(dropped, Ordering::Relaxed);
             }
         }
     }
 }
 
-/// Writes what comes out of the pipe.
+/// Copies the pipe to standard error.
 fn drain(mut reader: PipeReader, queue: &Queue, mut buffer: Vec<u8>) {
     loop {
         match reader.read(&mut buffer) {
             Ok(0) | Err(_) => return,
             Ok(length) => {
-                // Where it cannot be written there is nobody to be told.
+                // An error of standard error cannot be reported anywhere.
                 let _ = io::stderr().write_all(&buffer[..length]);
                 queue.written.fetch_add(length as u64, Ordering::Release);
             }
@@ -101,7 +105,7 @@ fn drain(mut reader: PipeReader, queue: &Queue, mut buffer: Vec<u8>) {
     }
 }
 
-/// Where lines go: through the queue, or straight to standard error.
+/// Output of log lines: the queue, or standard error directly.
 #[derive(Clone, Copy)]
 pub struct Output(Option<&'static Queue>);
 
@@ -114,17 +118,17 @@ impl<'a> MakeWriter<'a> for Output {
 }
 
 impl Output {
-    /// Through the queue.
+    /// Output through the queue.
     pub(super) fn queued() -> Self {
         Self(queue())
     }
 
-    /// Straight to standard error.
+    /// Output to standard error directly.
     pub fn direct() -> Self {
         Self(None)
     }
 
-    /// Writes a line, which ends with a line break.
+    /// Writes a line, which has to end with a line break.
     pub fn line(&self, line: &[u8]) {
         match self.0 {
             Some(queue) => queue.line(line),
@@ -149,13 +153,13 @@ impl Write for Output {
     }
 }
 
-/// Starts the queue and its thread; `None` when the system gives none.
+/// Starts the queue and its thread; `None` if the system refuses a pipe or a thread.
 fn queue() -> Option<&'static Queue> {
     if QUEUE.get().is_none() {
         let (queue, reader) = Queue::open().ok()?;
         let queue = QUEUE.get_or_init(|| queue);
-        // Made here: a thread that allocates gets 64 MiB of address space for a heap of its own.
-        let buffer = vec![0; 16 * LONGEST_LINE];
+        // Allocated here, because a thread that allocates gets an arena of 64 MiB of address space.
+        let buffer = vec![0; 16 * MAX_LINE];
         std::thread::Builder::new()
             .name("log".into())
             .stack_size(256 << 10)
@@ -170,10 +174,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_queue_drops_lines_counts_them_and_says_so_when_there_is_room() {
+    fn a_full_queue_drops_and_counts_lines_and_reports_them_once_there_is_room() {
         let (queue, mut reader) = Queue::open().unwrap();
         let line = [b'x'; 1000];
-        // Nobody reads: it fills up and goes on at once.
+        // Nobody reads: the queue fills up without blocking.
         for _ in 0..200 {
             queue.line(&line);
         }
@@ -186,9 +190,9 @@ mod tests {
         let length = reader.read(&mut text).unwrap();
         let got = String::from_utf8_lossy(&text[..length]).into_owned();
         assert_eq!(got, format!("again\n{dropped} lines of the log were dropped\n"));
-        // A line that is too long is cut, so that it stays whole in the pipe.
-        queue.line(&[b'y'; 3 * LONGEST_LINE]);
+        // A line that is too long is truncated, so that it is written atomically.
+        queue.line(&[b'y'; 3 * MAX_LINE]);
         let length = reader.read(&mut text).unwrap();
-        assert_eq!((length, text[length - 1]), (LONGEST_LINE, b'\n'));
+        assert_eq!((length, text[length - 1]), (MAX_LINE, b'\n'));
     }
 }

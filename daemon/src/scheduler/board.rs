@@ -1,6 +1,6 @@
-//! The board under the daemon: its sensors, the thermal ladder, its clocks, and what switches it off.
+//! The board: its temperature sensors, the thermal ladder, its clocks, and power-off.
 
-use super::clocks::{self, ClockError, ClockWishes, Clocks, Hertz};
+use super::clocks::{self, ClockError, ClockSettings, Clocks, Hertz};
 use super::heat::{Celsius, Heat, HeatAction, HeatParameters, Rung};
 use super::sysfs::{Sensors, Sysfs};
 use config::Config;
@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use thiserror::Error;
 
-/// The file that `lookout-poweroff.path` waits for.
+/// The file that triggers the unit `lookout-poweroff.path`.
 const REQUEST: &str = "power-off";
 
-/// A board that is still on after this is asked again, in nanoseconds.
-const ASK_AGAIN_NS: u64 = 60_000_000_000;
+/// Time after which power-off is requested again if the board is still on, in nanoseconds.
+const REPEAT_NS: u64 = 60_000_000_000;
 
 /// Why the daemon does not start on this board.
 #[derive(Debug, Error)]
@@ -47,7 +47,7 @@ pub enum BoardError {
     Clock(#[from] ClockError),
 }
 
-/// How the board is switched off.
+/// Method of switching the board off.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum PowerOff {
     None,
@@ -66,26 +66,26 @@ pub struct Board {
     readings: Vec<Option<Celsius>>,
     heat: Option<Heat>,
     clocks: Option<Clocks>,
-    /// Why clocks that should be set are not.
+    /// Why preferred clocks could not be set.
     clock_refused: Option<String>,
     power_off: PowerOff,
     sample_ns: u64,
     sample_due_ns: u64,
     check_ns: u64,
     check_due_ns: u64,
-    asked_ns: Option<u64>,
+    requested_ns: Option<u64>,
     child: Option<Child>,
     config: BoardConfig,
 }
 
-/// The tables that this module reads.
+/// The tables of the configuration that this module reads.
 type BoardConfig = (config::Heat, config::Clocks, config::Board);
 
 impl Board {
-    /// Looks at the sensors, and sets the clocks. `directory` is the folder of the instance.
+    /// Reads the sensors and sets the clocks. `directory` is the folder of the instance.
     ///
     /// # Errors
-    /// When the board is too hot, or what is required is not there.
+    /// If the board is too hot, or a required sensor or clock is missing.
     pub fn start(config: &Config, directory: &Path, now_ns: u64) -> Result<Self, BoardError> {
         let mut board = Self {
             sysfs: Sysfs::new(&config.board.sysfs),
@@ -100,7 +100,7 @@ impl Board {
             sample_due_ns: now_ns,
             check_ns: 0,
             check_due_ns: now_ns,
-            asked_ns: None,
+            requested_ns: None,
             child: None,
             config: (config.heat.clone(), config.clocks.clone(), config.board.clone()),
         };
@@ -143,32 +143,32 @@ impl Board {
             if config.heat.watch == "require" {
                 return Err(error);
             }
-            tracing::warn!("heat is not watched: {error}");
+            tracing::warn!("temperatures are not monitored: {error}");
             return Ok(());
         }
         for (name, _) in self.sensors.names().iter().zip(&self.readings).filter(|(_, r)| r.is_none()) {
-            tracing::warn!(zone = name, "thermal zone cannot be read; it is watched from when it can");
+            tracing::warn!(zone = name, "thermal zone cannot be read; it counts as soon as it can");
         }
         self.heat = Some(Heat::new(heat_parameters(config), self.sensors.names()));
         Ok(())
     }
 
     fn set_clocks(&mut self, config: &Config) -> Result<(), BoardError> {
-        // First, so that what was there is back before it is read.
+        // Dropped first, so that the original values are restored before they are read.
         self.clocks = None;
         self.clock_refused = None;
         let c = &config.clocks;
-        let wish = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
-        let wishes = ClockWishes {
-            cpu: wish(c.cpu_mhz),
-            gpu: wish(c.gpu_mhz),
+        let frequency = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
+        let settings = ClockSettings {
+            cpu: frequency(c.cpu_mhz),
+            gpu: frequency(c.gpu_mhz),
             gpu_by_override: config.board.gpu == "tk1",
             gpu_device: config.board.gpu_device.clone(),
         };
-        if c.set == "off" || (wishes.cpu.is_none() && wishes.gpu.is_none()) {
+        if c.set == "off" || (settings.cpu.is_none() && settings.gpu.is_none()) {
             return Ok(());
         }
-        match Clocks::take(&self.sysfs, &wishes, &clocks::state_file(&self.directory)) {
+        match Clocks::take(&self.sysfs, &settings, &clocks::state_file(&self.directory)) {
             Ok(clocks) => {
                 for (name, target, read) in clocks.readings() {
                     let read = read.map_or("unknown".into(), |r| r.to_string());
@@ -188,10 +188,10 @@ impl Board {
         Ok(())
     }
 
-    /// Takes over the tables `[heat]`, `[clocks]` and `[board]` of a configuration that was read again.
+    /// Applies the tables `[heat]`, `[clocks]` and `[board]` of a new configuration.
     ///
     /// # Errors
-    /// When what is required is not there; the board is then as it was.
+    /// If a required sensor or clock is missing. Without a required sensor nothing is changed.
     pub fn reload(&mut self, config: &Config) -> Result<(), BoardError> {
         let (heat, clocks, board) = &self.config;
         let new_clocks = *clocks != config.clocks || *board != config.board;
@@ -215,8 +215,8 @@ impl Board {
         Ok(())
     }
 
-    /// Samples, climbs the ladder, reads clocks back; to be called often. Gives what is left of the
-    /// work when that changes.
+    /// Samples temperatures, updates the thermal ladder and reads clocks back, when due; has to be called often. Returns
+    /// the new limits if the rung has changed.
     pub fn tick(&mut self, now_ns: u64) -> Option<HeatAction> {
         if now_ns >= self.check_due_ns {
             self.check_due_ns = now_ns + self.check_ns;
@@ -249,8 +249,8 @@ impl Board {
                 tracing::warn!(%error, "clocks cannot be lowered");
             }
         }
-        if action.power_off && self.asked_ns.is_none_or(|at| now_ns - at >= ASK_AGAIN_NS) {
-            self.asked_ns = Some(now_ns);
+        if action.power_off && self.requested_ns.is_none_or(|at| now_ns - at >= REPEAT_NS) {
+            self.requested_ns = Some(now_ns);
             self.switch_off();
         }
         changed.then_some(action)
@@ -291,7 +291,7 @@ impl Board {
         self.child = None;
     }
 
-    /// Why the board does not give all it has; `None` when it does.
+    /// Why the board does not run at full performance; `None` if it does.
     pub fn fault(&self) -> Option<String> {
         let hot = self.heat.as_ref().filter(|heat| heat.rung() > Rung::Normal);
         let fault = || self.clocks.as_ref().and_then(Clocks::fault);
@@ -304,7 +304,7 @@ impl Board {
         zones.map(|zone| zone.1).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// What a status message says of heat and clocks.
+    /// Temperatures, ladder and clocks for a status message.
     pub fn record(&self) -> HeatRecord {
         let mut record = HeatRecord::empty();
         if let Some(heat) = &self.heat {
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_from_normal_to_power_off_on_a_made_up_board() {
+    fn a_simulated_board_climbs_from_normal_to_power_off() {
         let (tree, run) = (tree(60.0), tempfile::tempdir().unwrap());
         let instance = run.path().join("lookout");
         std::fs::create_dir(&instance).unwrap();
@@ -405,7 +405,7 @@ mod tests {
         let action = next(&mut board);
         assert_eq!((action.frame_rate_share, action.clocks_share), (0.5, 0.6));
         assert_eq!(tree.get(&format!("{POLICY}/scaling_max_freq")), "1440000");
-        // No sensor any more: projected, and the stages wait.
+        // The sensor is lost: the temperature is projected, and the stages stop.
         tree.remove(TEMP);
         assert!(!next(&mut board).run);
         assert_eq!((board.record().zones()[0].projected, board.record().rung), (1, 4));
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hot_or_blind_start_is_refused_before_anything_is_changed() {
+    fn a_start_when_hot_or_without_sensors_is_refused_before_any_change() {
         let (tree, run) = (tree(91.0), tempfile::tempdir().unwrap());
         let error = Board::start(&config(&tree, ""), run.path(), 0).unwrap_err().to_string();
         assert!(error.contains("cpu-thermal is at 91.0 °C, the daemon starts below 85.0 °C"), "{error}");
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reload_moves_limits_and_clocks() {
+    fn a_reload_changes_limits_and_clocks() {
         let (tree, run) = (tree(70.0), tempfile::tempdir().unwrap());
         let mut board = Board::start(&config(&tree, ""), run.path(), 0).unwrap();
         assert_eq!(board.tick(S), None);
@@ -451,13 +451,13 @@ mod tests {
         let mut blind = slower.clone();
         blind.heat.zones = "gpu*".into();
         assert!(board.reload(&blind).is_err());
-        assert_eq!(board.record().zones().len(), 1, "the old zones are still watched");
+        assert_eq!(board.record().zones().len(), 1, "the old zones are still monitored");
         drop(board);
         assert_eq!(tree.get(&format!("{POLICY}/scaling_min_freq")), "600000");
     }
 
     #[test]
-    fn clocks_that_are_only_preferred_are_a_fault_with_its_reason() {
+    fn preferred_clocks_that_cannot_be_set_are_a_fault_with_a_reason() {
         let (tree, run) = (tree(60.0), tempfile::tempdir().unwrap());
         let mut config = config(&tree, "");
         config.clocks.gpu_mhz = 852.0;

@@ -16,47 +16,47 @@ pub struct Children {
 }
 
 impl Children {
-    /// Starts a stage and tells it what it needs to know.
+    /// Starts a stage and writes its launch document to its standard input. Returns its process id.
     ///
     /// # Errors
-    /// When the process cannot be started.
+    /// If the process cannot be started.
     pub fn spawn(&mut self, role: Role, launch: &Launch) -> io::Result<u32> {
         let document = serde_json::to_vec(launch)?;
-        // This very program, even when its file was replaced by an upgrade.
+        // The running program, even if an upgrade has replaced its file.
         let mut child = Command::new("/proc/self/exe")
             .arg0("lookout")
             .args(["stage", role.name()])
-            // Only the scheduler talks to systemd.
+            // Only the scheduler notifies systemd.
             .env_remove(VARIABLES[0])
             .env_remove(VARIABLES[1])
             .env_remove(VARIABLES[2])
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
-            // A group of its own: Ctrl-C in a terminal reaches the scheduler alone.
+            // A separate process group, so that Ctrl-C in a terminal reaches only the scheduler.
             .process_group(0)
             .spawn()?;
         let pid = child.id();
         if let Some(mut stdin) = child.stdin.take()
             && let Err(error) = stdin.write_all(&document)
         {
-            // It died at once; its exit tells why.
+            // It died immediately; its exit status gives the reason.
             tracing::debug!(%role, %error, "the launch document was not read");
         }
         self.running.push((role, child));
         Ok(pid)
     }
 
-    /// Process id of a role, while it is not reaped.
+    /// Process id of a role until its process is reaped.
     pub fn pid(&self, role: Role) -> Option<u32> {
         self.running.iter().find(|(r, _)| *r == role).map(|(_, child)| child.id())
     }
 
-    /// Asks a stage to stop.
+    /// Asks a stage to stop (SIGTERM).
     pub fn terminate(&self, role: Role) {
         self.signal(role, Signal::TERM);
     }
 
-    /// Kills a stage.
+    /// Kills a stage (SIGKILL).
     pub fn kill(&self, role: Role) {
         self.signal(role, Signal::KILL);
     }
@@ -70,7 +70,7 @@ impl Children {
         }
     }
 
-    /// Reaps the children that have ended, each with how it did.
+    /// Reaps the children that have ended, each with a description of its exit.
     pub fn reap(&mut self) -> Vec<(Role, String)> {
         let mut ended = Vec::new();
         self.running.retain_mut(|(role, child)| match child.try_wait() {
@@ -89,7 +89,7 @@ impl Children {
 }
 
 impl Drop for Children {
-    /// No stage outlives the scheduler.
+    /// Kills all stages, so that none outlives the scheduler.
     fn drop(&mut self) {
         for (_, child) in &mut self.running {
             let _ = child.kill();
@@ -98,14 +98,16 @@ impl Drop for Children {
     }
 }
 
-/// What a signal that the kernel or the runtime sends usually means.
+/// Usual cause of a signal from the kernel or the runtime.
 fn hint(signal: i32) -> &'static str {
     match signal {
-        SIGABRT => " (SIGABRT: it gave up by itself, out of memory for one; see its last lines in the log)",
+        SIGABRT => {
+            " (SIGABRT: it aborted, for example because it ran out of memory; see its last lines in the log)"
+        }
         SIGBUS => " (SIGBUS: is /dev/shm full?)",
-        SIGKILL => " (SIGKILL: by the scheduler, by hand, or because memory was short)",
+        SIGKILL => " (SIGKILL: by the scheduler, a user, or the kernel because memory was short)",
         SIGSEGV => " (SIGSEGV)",
-        SIGXCPU => " (SIGXCPU: it ran for longer than realtime.budget_ms without a pause)",
+        SIGXCPU => " (SIGXCPU: it ran for longer than realtime.budget_ms without sleeping)",
         _ => "",
     }
 }

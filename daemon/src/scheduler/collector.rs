@@ -1,4 +1,4 @@
-//! Figures of a run, from the reports of the stages.
+//! Statistics of a run, collected from the reports of the stages.
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
@@ -15,37 +15,37 @@ use tools::reporting::summary::{
     AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary,
 };
 
-/// Frames whose times are kept one by one where they are drawn.
-const KEPT_TRACES: usize = 20_000;
+/// Maximum number of frames whose times are kept individually.
+const MAX_TRACES: usize = 20_000;
 
-/// Changes of the calibration's state that are kept.
-const KEPT_CHANGES: usize = 100;
+/// Maximum number of changes of the alarm, and of the calibration, that are kept.
+const MAX_CHANGES: usize = 100;
 
 /// Times of one frame, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameTrace {
-    /// Its number.
+    /// Sequence of the frame.
     pub sequence: u64,
     /// Work of each stage, in the order of [`messages::pipeline::PATH`].
     pub work_ms: [f64; PATH_LENGTH],
-    /// Capture to obstacles.
+    /// Latency from capture to obstacles.
     pub latency_ms: f64,
 }
 
-/// What is known of one role, over all processes that had it.
+/// Statistics of one role over all its processes.
 #[derive(Clone, Debug)]
 struct RoleFigures {
     role: Role,
     last: ReportRecord,
     alive: bool,
-    /// Totals of processes that are gone.
+    /// Totals of the earlier processes.
     before: Totals,
     work: Latency,
     age: Latency,
     private_bytes: u64,
-    /// Heap allocations for frames once each process was warm.
+    /// Number of heap allocations for frames after the first [`WARM_FRAMES`] of each process.
     allocations: u64,
-    /// Totals at the last status, for rates.
+    /// Totals at the last status, for the rates.
     at_status: Totals,
 }
 
@@ -70,7 +70,7 @@ impl RoleFigures {
     }
 }
 
-/// Gathers the figures.
+/// The statistics of a run.
 #[derive(Clone, Debug)]
 pub struct Collector {
     roles: Vec<RoleFigures>,
@@ -82,21 +82,21 @@ pub struct Collector {
     last_result_ns: u64,
     results: u64,
     last_sequence: Option<u64>,
-    /// How often the alarm was raised to its highest level.
+    /// Number of times that the level `alarm` was entered.
     pub alarms: u32,
-    /// Level and rule of the alarm that were told last.
-    alarm_said: Option<(u32, u32)>,
+    /// Level and rule of the alarm that were logged last.
+    alarm_logged: Option<(u32, u32)>,
     alarm_changes: Vec<AlarmChange>,
     status_ns: u64,
     calibration: CalibrationRecord,
-    /// Good or degraded, whichever was said last.
-    calibration_said: CalibrationState,
+    /// The state that was logged last: good or degraded; unknown before the first.
+    calibration_logged: CalibrationState,
     calibration_changes: Vec<CalibrationChange>,
     device: DeviceRecord,
 }
 
 impl Collector {
-    /// An empty collection for a run that starts now.
+    /// Empty statistics for a run that starts now.
     pub fn new(roles: &[Role], now_ns: u64) -> Self {
         let figures = |&role| RoleFigures {
             role,
@@ -120,17 +120,17 @@ impl Collector {
             results: 0,
             last_sequence: None,
             alarms: 0,
-            alarm_said: None,
+            alarm_logged: None,
             alarm_changes: Vec::new(),
             status_ns: now_ns,
             calibration: CalibrationRecord::default(),
-            calibration_said: CalibrationState::Unknown,
+            calibration_logged: CalibrationState::Unknown,
             calibration_changes: Vec::new(),
             device: DeviceRecord::default(),
         }
     }
 
-    /// Takes in a report. Gives whether it is the first of its process.
+    /// Adds a report. Returns whether it is the first of its process.
     pub fn report(&mut self, header: &Header, report: &ReportRecord, now_ns: u64) -> bool {
         let Some(role) = report.role() else { return false };
         let Some(figures) = self.roles.iter_mut().find(|f| f.role == role) else { return false };
@@ -160,7 +160,7 @@ impl Collector {
         is_new
     }
 
-    /// The process of a role has ended; its totals stay.
+    /// The process of a role has ended. Its totals are kept.
     pub fn ended(&mut self, role: Role) {
         if let Some(figures) = self.roles.iter_mut().find(|f| f.role == role) {
             figures.alive = false;
@@ -168,7 +168,7 @@ impl Collector {
     }
 
     fn result(&mut self, header: &Header, now_ns: u64) {
-        // A frame that came again after a stage died is one result.
+        // A frame that was repeated after a stage died is one result.
         if self.last_sequence == Some(header.sequence) {
             return;
         }
@@ -178,7 +178,7 @@ impl Collector {
         self.results += 1;
         self.first_result_ns.get_or_insert(now_ns);
         self.last_result_ns = now_ns;
-        if self.keeps_traces && self.traces.len() < KEPT_TRACES {
+        if self.keeps_traces && self.traces.len() < MAX_TRACES {
             self.traces.push(FrameTrace {
                 sequence: header.sequence,
                 work_ms: header.stamps.map(|s| s.end_ns.saturating_sub(s.begin_ns) as f64 * 1e-6),
@@ -190,8 +190,8 @@ impl Collector {
     fn take_calibration(&mut self, sequence: u64, calibration: CalibrationRecord) {
         self.calibration = calibration;
         let state = calibration.state();
-        let is_verdict = matches!(state, CalibrationState::Good | CalibrationState::Degraded);
-        if !is_verdict || state == self.calibration_said {
+        let is_known = matches!(state, CalibrationState::Good | CalibrationState::Degraded);
+        if !is_known || state == self.calibration_logged {
             return;
         }
         if state == CalibrationState::Degraded {
@@ -202,8 +202,8 @@ impl Collector {
         } else {
             tracing::info!(sequence, "calibration {calibration}");
         }
-        self.calibration_said = state;
-        if self.calibration_changes.len() < KEPT_CHANGES {
+        self.calibration_logged = state;
+        if self.calibration_changes.len() < MAX_CHANGES {
             self.calibration_changes.push(CalibrationChange {
                 sequence,
                 state: state.name().into(),
@@ -214,17 +214,17 @@ impl Collector {
         }
     }
 
-    /// What the last frame says of the calibration.
+    /// Epipolar alignment after the last frame.
     pub fn calibration(&self) -> CalibrationRecord {
         self.calibration
     }
 
-    /// The device that the last frame was matched on.
+    /// The device on which the last frame was matched.
     pub fn device(&self) -> &DeviceRecord {
         &self.device
     }
 
-    /// Whether results come in time: the last one, and how many did not since the daemon started.
+    /// Age of the last result, and the number of late ones since the daemon started.
     pub fn deadline(&self) -> DeadlineRecord {
         let figures = self.roles.iter().find(|f| f.role == Role::LAST);
         figures.map_or_else(DeadlineRecord::default, |f| DeadlineRecord {
@@ -233,13 +233,13 @@ impl Collector {
         })
     }
 
-    /// Takes in the alarm of a frame, and logs it when it says something new.
+    /// Adds the alarm of a frame, and logs it if its level or rule has changed.
     pub fn alarm(&mut self, sequence: u64, record: &AlarmRecord) {
         let now = (record.level, record.rule);
-        if self.alarm_said == Some(now) {
+        if self.alarm_logged == Some(now) {
             return;
         }
-        let before = self.alarm_said.replace(now).map_or(alarm::OFF, |(level, _)| level);
+        let before = self.alarm_logged.replace(now).map_or(alarm::OFF, |(level, _)| level);
         let (level, rule) = (alarm::level_name(record.level), alarm::rule_name(record.rule));
         let reason = match record.level {
             alarm::OFF => Faults(record.faults).to_string(),
@@ -264,14 +264,14 @@ impl Collector {
         if record.level == alarm::ALARM && before != alarm::ALARM {
             self.alarms += 1;
         }
-        if self.alarm_changes.len() < KEPT_CHANGES {
+        if self.alarm_changes.len() < MAX_CHANGES {
             self.alarm_changes.push(change);
         }
     }
 
-    /// The alarm is off for a reason that no frame tells; nothing when there is none.
+    /// The scheduler has switched the alarm off because of `faults`. Without faults, nothing changes.
     pub fn alarm_off(&mut self, faults: Faults) {
-        if !faults.is_none() && self.alarm_said.is_some_and(|(level, _)| level != alarm::OFF) {
+        if !faults.is_none() && self.alarm_logged.is_some_and(|(level, _)| level != alarm::OFF) {
             let record = AlarmRecord {
                 faults: faults.0,
                 nearest_m: f64::INFINITY,
@@ -282,33 +282,33 @@ impl Collector {
         }
     }
 
-    /// When the first result came, if one did.
+    /// When the first result arrived, in ns of CLOCK_MONOTONIC.
     pub fn first_result_ns(&self) -> Option<u64> {
         self.first_result_ns
     }
 
-    /// Results so far.
+    /// Number of results so far.
     pub fn results(&self) -> u64 {
         self.results
     }
 
-    /// Capture to obstacles.
+    /// Latency from capture to obstacles.
     pub fn latency(&self) -> Percentiles {
         self.latency.percentiles()
     }
 
-    /// Keeps the times of each frame. A daemon that runs for days has no use for them.
+    /// Keeps the times of each frame, for short runs.
     pub fn keep_traces(&mut self) {
         self.keeps_traces = true;
         self.traces.reserve(1024);
     }
 
-    /// Times frame by frame, where they are kept.
+    /// Times of each frame; empty without [`Self::keep_traces`].
     pub fn traces(&self) -> &[FrameTrace] {
         &self.traces
     }
 
-    /// The processes as a status message shows them. Rates are since the last call.
+    /// The processes for a status message. Rates refer to the time since the previous call.
     pub fn processes(
         &mut self,
         supervisor: &Supervisor,
@@ -322,11 +322,11 @@ impl Collector {
             let before = std::mem::replace(&mut figures.at_status, totals);
             let work = figures.work.percentiles();
             let mut state = [0; 24];
-            let word = match supervisor.state(figures.role) {
-                Some(state) => state.word(),
+            let name = match supervisor.state(figures.role) {
+                Some(state) => state.name(),
                 None => "running",
             };
-            put_text(&mut state, word);
+            put_text(&mut state, name);
             ProcessRecord {
                 role: figures.role as u32,
                 pid: if figures.alive { figures.last.pid } else { 0 },
@@ -380,7 +380,7 @@ impl Collector {
             })
             .collect();
         let offered = self.roles.iter().find(|f| f.role == Role::SOURCE).map_or(0, |f| f.totals().frames);
-        // What a process on request skips is no frame lost to the vehicle.
+        // Frames that a process on request skips still reach the vehicle, so they do not count.
         let always = |f: &&RoleFigures| f.role.spec().starts == Starts::Always;
         let dropped = self.roles.iter().filter(always).map(|f| f.totals().skipped).sum();
         RunSummary {
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn totals_go_on_over_restarts() {
+    fn totals_continue_over_restarts() {
         let roles = [Role::Capture, Role::Stereo, Role::Recognition];
         let mut collector = Collector::new(&roles, 0);
         let mut header = Header::new(Kind::Report);
@@ -432,12 +432,12 @@ mod tests {
         assert!(collector.report(&header, &report(Role::Recognition, 10, 3), 1_000_000_000));
         header.sequence = 2;
         assert!(!collector.report(&header, &report(Role::Recognition, 10, 4), 2_000_000_000));
-        // The same frame once more is no new result.
+        // A repeated frame is not a new result.
         collector.report(&header, &report(Role::Recognition, 10, 4), 2_500_000_000);
         header.sequence = 4;
         assert!(collector.report(&header, &report(Role::Recognition, 11, 1), 3_000_000_000));
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
-        // Changes of the calibration alone are kept; not to know is no change.
+        // Only changes between good and degraded are kept; unknown is not a change.
         for (sequence, state) in [(0, 1), (1, 2), (2, 2), (3, 3), (4, 1), (5, 3), (6, 2)] {
             let calibration = CalibrationRecord { state, worst_px: 0.75, ..CalibrationRecord::default() };
             header.sequence = sequence;
@@ -456,7 +456,7 @@ mod tests {
         let plan = CorePlan::new(&config::Cores::default(), &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
         assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
-        assert!(collector.traces().is_empty(), "nobody asked for them");
+        assert!(collector.traces().is_empty(), "traces are off by default");
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
         let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();

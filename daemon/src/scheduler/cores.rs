@@ -1,4 +1,4 @@
-//! Which process runs on which core.
+//! Assignment of processes to cores.
 
 use config::Cores;
 use messages::pipeline::Role;
@@ -10,9 +10,8 @@ pub struct CorePlan {
 }
 
 impl CorePlan {
-    /// Gives every role its core of the `available` ones. A core that the machine lacks is
-    /// replaced: its number modulo how many there are. Without `pin`, or when no core is known,
-    /// nothing is pinned.
+    /// Assigns each role its configured core. If the core is not in `available`, it is replaced by entry (number modulo
+    /// count) of `available`. Without `pin`, or if `available` is empty, no process is pinned.
     pub fn new(wanted: &Cores, available: &[usize]) -> Self {
         let core = |number: i64| {
             let number = usize::try_from(number).unwrap_or(0);
@@ -27,12 +26,12 @@ impl CorePlan {
         Self { cores: Role::ALL.map(|role| (role, core(wanted.of(role)))).to_vec() }
     }
 
-    /// The core of a role; `None` when it is not pinned.
+    /// The core of a role; `None` if it is not pinned.
     pub fn core(&self, role: Role) -> Option<usize> {
         self.cores.iter().find(|(r, _)| *r == role).and_then(|(_, core)| *core)
     }
 
-    /// In words, which roles share a core: "core 0: scheduler, capture; core 1: stereo".
+    /// Description of the assignment, for example "core 0: scheduler, capture; core 1: stereo".
     pub fn describe(&self, roles: &[Role]) -> String {
         let mut groups: Vec<(usize, Vec<&str>)> = Vec::new();
         for &role in roles {
@@ -65,18 +64,18 @@ mod tests {
     }
 
     #[test]
-    fn on_fewer_cores_roles_are_doubled_up_and_it_says_how() {
+    fn on_fewer_cores_roles_share_cores_and_the_description_lists_them() {
         let plan = CorePlan::new(&Cores::default(), &[0, 1]);
         assert_eq!(plan.core(Role::Recognition), Some(1));
         let text = plan.describe(&Role::ALL);
         assert_eq!(text, "core 0: scheduler, capture, road, writer; core 1: stereo, recognition");
-        // Cores of a cpuset need not start at 0.
+        // The cores of a cpuset need not start at 0.
         let plan = CorePlan::new(&Cores::default(), &[4, 6]);
         assert_eq!((plan.core(Role::Capture), plan.core(Role::Stereo)), (Some(4), Some(6)));
     }
 
     #[test]
-    fn nothing_is_pinned_when_that_is_off_or_impossible() {
+    fn nothing_is_pinned_if_pinning_is_off_or_no_core_is_known() {
         let plan = CorePlan::new(&Cores { pin: false, ..Cores::default() }, &[0, 1]);
         assert_eq!(plan.core(Role::Stereo), None);
         assert_eq!(plan.describe(&Role::ALL), "no process is pinned");

@@ -1,47 +1,48 @@
-//! Where frames are, and what the source may do next: a pure state machine. Time is passed in.
+//! Progress of the frames, and the command for the source: a pure state machine. Time is passed in.
 //!
-//! At live rate the source runs freely. In lock-step it may publish up to `credit`; the credit grows
-//! when that frame has gone all the way. When a stage died it may have taken the frame along: then
-//! the source is asked for it once more, by a higher `attempt`; stages that had already worked on it
-//! give the same answer again.
+//! At live rate the source runs freely. In lock-step it may publish up to `credit`, which grows when that frame is
+//! finished. If a stage died, the frame may be lost with it: the source is then requested to publish it again, by a
+//! higher `attempt`. Stages that have already processed it repeat their result.
 
 use super::heat::HeatAction;
 use messages::command::CommandRecord;
 use messages::header::modes;
 use messages::pipeline::Role;
 
-/// How long the last frame may be on its way once the source has stopped.
+/// Maximum time to wait for the last frame after the source has stopped, in nanoseconds.
 pub const DRAIN_NS: u64 = 3_000_000_000;
 
-/// Frames by which a stage's report may be read before the source's own.
+/// Number of frames by which the reports of a stage may be ahead of those of the source: reports of different stages
+/// are read in any order.
 const MAX_AHEAD: u64 = 1024;
 
-/// The frames of a run.
+/// Progress of the frames of a run.
 #[derive(Clone, Debug)]
 pub struct Credit {
     command: CommandRecord,
-    /// Time between pairs when the board is not hot.
+    /// Time between pairs before the thermal ladder, in nanoseconds.
     period_ns: u64,
-    /// What heat leaves of the frame rate.
+    /// Share of the frame rate that the thermal ladder allows.
     rate_share: f64,
     /// Last pair that the source published.
     published: Option<u64>,
-    /// Last frame of each process without which no frame is done.
+    /// Last frame of each process that has to finish a frame ([`Role::finishes_frames`]).
     finishing: Vec<(Role, Option<u64>)>,
+    /// Whether the source has ended.
     finished: bool,
-    /// A stage died; the frame in flight is to be asked for again once all are there.
-    ask_again: bool,
+    /// A stage died: the frame in flight is requested again once all stages are running.
+    request_again: bool,
     /// No stage has died since all were last running.
-    all_there: bool,
-    /// When any frame last moved.
+    all_running: bool,
+    /// When a stage last finished a frame.
     moved_ns: u64,
-    /// A frame that no stage finishes for this long is lost; in lock-step it is asked for again.
-    patience_ns: u64,
+    /// Time without progress after which a frame is lost; in lock-step it is then requested again.
+    timeout_ns: u64,
 }
 
 impl Credit {
-    /// No frame has moved yet; `roles` are the processes of the run.
-    pub fn new(lockstep: bool, roles: &[Role], period_ns: u64, patience_ns: u64, now_ns: u64) -> Self {
+    /// The state before the first frame; `roles` are the processes of the run.
+    pub fn new(lockstep: bool, roles: &[Role], period_ns: u64, timeout_ns: u64, now_ns: u64) -> Self {
         Self {
             command: CommandRecord { lockstep: u32::from(lockstep), period_ns, ..CommandRecord::default() },
             period_ns,
@@ -49,14 +50,14 @@ impl Credit {
             published: None,
             finishing: roles.iter().filter(|r| r.finishes_frames()).map(|&r| (r, None)).collect(),
             finished: false,
-            ask_again: false,
-            all_there: false,
+            request_again: false,
+            all_running: false,
             moved_ns: now_ns,
-            patience_ns,
+            timeout_ns,
         }
     }
 
-    /// What the source is to do.
+    /// The current command for the source.
     pub fn command(&self) -> CommandRecord {
         self.command
     }
@@ -65,15 +66,15 @@ impl Credit {
         self.command.lockstep == 1
     }
 
-    /// A stage finished frame `sequence`. Gives whether the source has to be told something new.
+    /// A stage finished frame `sequence`. Returns whether the command has changed.
     pub fn frame_done(&mut self, role: Role, sequence: u64, now_ns: u64) -> bool {
-        // Reports of different stages are read in any order, but nobody runs far ahead of the source.
-        let most = if self.is_lockstep() {
+        // A frame that the source cannot have published is ignored.
+        let max = if self.is_lockstep() {
             self.command.credit
         } else {
             self.published.unwrap_or(0).saturating_add(MAX_AHEAD)
         };
-        if sequence > most && role != Role::SOURCE {
+        if sequence > max && role != Role::SOURCE {
             return false;
         }
         self.moved_ns = now_ns;
@@ -91,15 +92,15 @@ impl Credit {
             self.command.attempt = 0;
             return true;
         }
-        // A stage died and came back before this frame was published; it may have missed it.
-        role == Role::SOURCE && self.all_there && std::mem::take(&mut self.ask_again) && self.ask()
+        // A stage died and was restarted before this frame was published, so it may have missed the frame.
+        role == Role::SOURCE && self.all_running && std::mem::take(&mut self.request_again) && self.request()
     }
 
     fn is_done(&self, sequence: u64) -> bool {
         self.finishing.iter().all(|(_, last)| *last >= Some(sequence))
     }
 
-    fn ask(&mut self) -> bool {
+    fn request(&mut self) -> bool {
         self.command.attempt += 1;
         true
     }
@@ -116,46 +117,45 @@ impl Credit {
 
     /// A stage died.
     pub fn stage_died(&mut self) {
-        self.ask_again = true;
-        self.all_there = false;
+        self.request_again = true;
+        self.all_running = false;
     }
 
-    /// All stages are there: the source is to be told what to do. In lock-step, a frame that a dead
-    /// stage may have taken along is asked for again.
+    /// All stages are running. In lock-step, a frame that may be lost with a dead stage is requested again.
     pub fn all_running(&mut self, now_ns: u64) {
         self.moved_ns = now_ns;
-        self.all_there = true;
-        if self.is_lockstep() && self.ask_again && self.published == Some(self.command.credit) {
-            self.ask_again = false;
-            self.ask();
+        self.all_running = true;
+        if self.is_lockstep() && self.request_again && self.published == Some(self.command.credit) {
+            self.request_again = false;
+            self.request();
         }
     }
 
-    /// In lock-step, asks for the frame again when it has not moved for long. Gives whether the
-    /// source has to be told.
+    /// In lock-step, requests the frame again after `timeout_ns` without progress. Returns whether the command has
+    /// changed.
     pub fn tick(&mut self, all_running: bool, now_ns: u64) -> bool {
         let stuck = self.is_lockstep()
             && all_running
             && self.published == Some(self.command.credit)
-            && now_ns.saturating_sub(self.moved_ns) > self.patience_ns;
+            && now_ns.saturating_sub(self.moved_ns) > self.timeout_ns;
         if stuck {
             self.moved_ns = now_ns;
         }
-        stuck && self.ask()
+        stuck && self.request()
     }
 
-    /// Whether any pair has come.
+    /// Whether the source has published a pair.
     pub fn has_pair(&self) -> bool {
         self.published.is_some()
     }
 
-    /// The time between two pairs, in nanoseconds, when the board is not hot.
+    /// Sets the time between two pairs before the thermal ladder, in nanoseconds.
     pub fn set_period(&mut self, period_ns: u64) {
         self.period_ns = period_ns;
         self.command.period_ns = (period_ns as f64 / self.rate_share) as u64;
     }
 
-    /// What heat leaves of the work. Gives whether the source has to be told.
+    /// Applies the limits of the thermal ladder. Returns whether the command has changed.
     pub fn limit(&mut self, heat: &HeatAction) -> bool {
         let before = self.command;
         self.rate_share = heat.frame_rate_share;
@@ -165,12 +165,12 @@ impl Credit {
         self.command != before
     }
 
-    /// The source is to stop.
+    /// Makes the source stop.
     pub fn drain(&mut self) {
         self.command.drain = 1;
     }
 
-    /// Where a restarted source goes on.
+    /// First sequence of a restarted source.
     pub fn resume_at(&self) -> u64 {
         match self.published {
             _ if self.is_lockstep() => self.command.credit,
@@ -179,12 +179,12 @@ impl Credit {
         }
     }
 
-    /// Whether the last pair has come out at the end, or will not come any more: at live rate the
-    /// newest frame is only lost when a stage dies with it, for it has no successor.
+    /// Whether the last pair is finished, or is lost: at live rate that happens when a stage dies with the last frame,
+    /// which no newer frame replaces.
     pub fn is_empty(&self, all_running: bool, now_ns: u64) -> bool {
         let done = self.published.is_none_or(|last| self.is_done(last));
-        let patience_ns = DRAIN_NS.max(self.patience_ns);
-        let lost = !self.is_lockstep() && all_running && now_ns.saturating_sub(self.moved_ns) > patience_ns;
+        let timeout_ns = DRAIN_NS.max(self.timeout_ns);
+        let lost = !self.is_lockstep() && all_running && now_ns.saturating_sub(self.moved_ns) > timeout_ns;
         done || lost
     }
 }
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn credit_grows_when_the_frame_has_gone_all_the_way() {
+    fn credit_grows_when_the_frame_is_finished() {
         let mut flow = flow(true, true);
         assert_eq!(flow.command().credit, 0);
         assert!(!flow.frame_done(Role::Capture, 0, 1));
@@ -215,13 +215,13 @@ mod tests {
         assert!(!flow.frame_done(Role::Writer, 1, 5) && flow.frame_done(Role::Recognition, 1, 6));
         assert_eq!(flow.command().credit, 2);
         assert!(flow.is_empty(true, 7));
-        // A frame that nobody was allowed to publish is a lie.
+        // A frame that the source was not allowed to publish is ignored.
         assert!(!flow.frame_done(Role::Recognition, u64::MAX, 8));
         assert_eq!(flow.command().credit, 2);
     }
 
     #[test]
-    fn a_frame_that_died_with_a_stage_is_asked_for_again() {
+    fn a_frame_that_was_lost_with_a_stage_is_requested_again() {
         let mut flow = flow(true, false);
         flow.all_running(0);
         assert_eq!(flow.command().attempt, 0, "nothing was lost at the start");
@@ -231,31 +231,31 @@ mod tests {
         assert_eq!((flow.command().credit, flow.command().attempt), (0, 1));
         assert!(flow.frame_done(Role::Recognition, 0, 3));
         assert_eq!((flow.command().credit, flow.command().attempt), (1, 0));
-        // Died before the source had published: asked for when it has.
+        // A stage that died before the source published: the frame is requested again after its publication.
         flow.stage_died();
         flow.all_running(4);
         assert_eq!(flow.command().attempt, 0);
         assert!(flow.frame_done(Role::Capture, 1, 5));
         assert_eq!(flow.command().attempt, 1);
-        assert!(!flow.frame_done(Role::Capture, 1, 6), "asked for once");
+        assert!(!flow.frame_done(Role::Capture, 1, 6), "requested once");
         assert_eq!(flow.resume_at(), 1);
     }
 
     #[test]
-    fn a_frame_that_was_published_while_a_stage_was_away_is_asked_for_when_it_is_back() {
+    fn a_frame_that_was_published_while_a_stage_was_down_is_requested_after_its_restart() {
         let mut flow = flow(true, false);
         flow.all_running(0);
         flow.frame_done(Role::Capture, 0, 1);
         flow.stage_died();
-        // The others finish frame 0, and the source goes on before the dead one is back.
+        // The others finish frame 0, and the source continues before the dead stage is running again.
         assert!(flow.frame_done(Role::Recognition, 0, 2));
-        assert!(!flow.frame_done(Role::Capture, 1, 3), "asked for now it would be lost again");
+        assert!(!flow.frame_done(Role::Capture, 1, 3), "requested now, it would be lost again");
         flow.all_running(4);
         assert_eq!((flow.command().credit, flow.command().attempt), (1, 1));
     }
 
     #[test]
-    fn a_frame_that_does_not_move_is_asked_for_again() {
+    fn a_frame_without_progress_is_requested_again() {
         let mut flow = flow(true, false);
         flow.frame_done(Role::Capture, 0, S);
         assert!(!flow.tick(true, 6 * S));
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn heat_takes_its_share_of_whatever_period_is_set() {
+    fn the_thermal_ladder_scales_every_period() {
         let mut flow = flow(false, false);
         let cool = HeatAction {
             frame_rate_share: 1.0,
@@ -278,7 +278,7 @@ mod tests {
         assert!(!flow.limit(&cool));
         assert!(flow.limit(&hot) && !flow.limit(&hot));
         assert_eq!(flow.command().period_ns, 200);
-        // The pacer changes its mind while the board is hot, and the board cools down after that.
+        // The pacer changes the period while the board is hot, and the board cools down after that.
         flow.set_period(150);
         assert_eq!(flow.command().period_ns, 300);
         assert!(!flow.limit(&hot) && flow.limit(&cool));
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn at_live_rate_the_last_frame_is_awaited_but_not_for_ever() {
+    fn at_live_rate_the_wait_for_the_last_frame_is_limited() {
         let mut flow = flow(false, true);
         assert!(flow.is_empty(true, 0), "nothing was published");
         flow.frame_done(Role::Capture, 9, S);
@@ -296,7 +296,7 @@ mod tests {
         assert!(flow.is_finished() && !flow.is_empty(true, 2 * S));
         flow.frame_done(Role::Recognition, 9, 2 * S);
         assert!(!flow.is_empty(true, 3 * S));
-        assert!(!flow.is_empty(false, 60 * S), "a stage is coming back");
+        assert!(!flow.is_empty(false, 60 * S), "a stage is restarting");
         assert!(!flow.is_empty(true, 7 * S) && flow.is_empty(true, 8 * S), "the frame is lost");
         flow.frame_done(Role::Writer, 9, 3 * S);
         assert!(flow.is_empty(true, 3 * S));

@@ -1,23 +1,23 @@
-//! Whether results keep coming too late: a pure state machine. One late frame is chance, a run of
-//! them is a state, and it takes as long a run of good ones to leave it.
+//! Whether results are persistently late: a pure state machine with hysteresis. `run` late frames in a row enter the
+//! state, and as many frames in time leave it, so that single late frames have no effect.
 
-/// See the module.
+/// The state machine.
 #[derive(Clone, Debug)]
 pub struct DeadlineMonitor {
-    /// Frames in a row that change the state.
+    /// Number of frames in a row that change the state.
     run: u64,
-    /// Frames in a row that speak against the state.
+    /// Number of frames in a row that contradict the state.
     against: u64,
     is_late: bool,
 }
 
 impl DeadlineMonitor {
-    /// In time, until `run` frames in a row are not.
+    /// Starts in time.
     pub fn new(run: u64) -> Self {
         Self { run: run.max(1), against: 0, is_late: false }
     }
 
-    /// A frame came out, in time or not. Gives whether that changed the state.
+    /// Adds a result. Returns whether the state has changed.
     pub fn frame(&mut self, was_late: bool) -> bool {
         if was_late == self.is_late {
             self.against = 0;
@@ -32,7 +32,7 @@ impl DeadlineMonitor {
         true
     }
 
-    /// Whether results keep coming too late.
+    /// Whether results are persistently late.
     pub fn is_late(&self) -> bool {
         self.is_late
     }
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_run_of_late_frames_is_a_state_and_so_is_a_run_of_good_ones() {
+    fn runs_of_late_and_timely_frames_change_the_state() {
         let mut monitor = DeadlineMonitor::new(3);
         for late in [true, true, false, true, true] {
             assert!(!monitor.frame(late) && !monitor.is_late());

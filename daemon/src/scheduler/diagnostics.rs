@@ -1,46 +1,46 @@
-//! What is wrong while the daemon goes on: each condition by itself, with its reason.
+//! Conditions that make the daemon degraded, each with its reason.
 
-/// Something that makes the daemon degraded. The order is that of weight: it is how reasons are told.
+/// A condition that makes the daemon degraded, in descending order of importance, which is the order of the reasons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Condition {
-    /// A stage was given up, and has not come back yet.
+    /// A stage was given up and does not run yet.
     GivenUp,
-    /// The source cannot be read, or brings nothing.
+    /// The source cannot be read, or gives no pairs.
     Source,
-    /// Results come later than they may.
+    /// Results are late.
     Late,
     /// The board is too hot, or its sensors or clocks fail.
     Board,
-    /// The cameras do not stand as they were calibrated.
+    /// The epipolar alignment is degraded.
     Calibration,
-    /// The device that matched is lost.
+    /// The device of the matcher is lost.
     Device,
 }
 
 impl Condition {
-    /// Whether it counts only while frames flow: a stage that starts anew has nothing to be late with.
+    /// Whether it counts only while frames are processed: while a stage restarts, its last value is out of date.
     fn needs_frames(self) -> bool {
         matches!(self, Self::Late | Self::Board | Self::Calibration | Self::Device)
     }
 }
 
-/// The conditions that hold.
+/// The active conditions.
 #[derive(Clone, Debug, Default)]
-pub struct Conditions {
-    holding: Vec<(Condition, String)>,
+pub struct Diagnostics {
+    active: Vec<(Condition, String)>,
 }
 
-impl Conditions {
-    /// A condition holds, for this reason, or does not (`None`). Gives whether that is new.
+impl Diagnostics {
+    /// Activates a condition with a reason, or clears it (`None`). Returns whether that changes anything.
     pub fn set(&mut self, condition: Condition, reason: Option<&str>) -> bool {
-        let place = self.holding.iter().position(|(c, _)| *c == condition);
+        let place = self.active.iter().position(|(c, _)| *c == condition);
         match (place, reason) {
             (None, None) => return false,
             (Some(place), None) => {
-                self.holding.remove(place);
+                self.active.remove(place);
             }
             (Some(place), Some(reason)) => {
-                let text = &mut self.holding[place].1;
+                let text = &mut self.active[place].1;
                 if text == reason {
                     return false;
                 }
@@ -48,21 +48,21 @@ impl Conditions {
                 text.push_str(reason);
             }
             (None, Some(reason)) => {
-                self.holding.push((condition, reason.to_owned()));
-                self.holding.sort_by_key(|(c, _)| *c);
+                self.active.push((condition, reason.to_owned()));
+                self.active.sort_by_key(|(c, _)| *c);
             }
         }
         true
     }
 
-    /// Whether the daemon is degraded, while frames flow or do not.
+    /// Whether the daemon is degraded. Without `frames_pass`, conditions that need frames are ignored.
     pub fn is_degraded(&self, frames_pass: bool) -> bool {
-        self.holding.iter().any(|(c, _)| frames_pass || !c.needs_frames())
+        self.active.iter().any(|(c, _)| frames_pass || !c.needs_frames())
     }
 
-    /// All reasons, the weightiest first.
+    /// All reasons, the most important first.
     pub fn reason(&self) -> String {
-        let texts: Vec<&str> = self.holding.iter().map(|(_, text)| &text[..]).collect();
+        let texts: Vec<&str> = self.active.iter().map(|(_, text)| &text[..]).collect();
         texts.join("; ")
     }
 }
@@ -72,17 +72,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reasons_come_and_go_each_by_itself() {
-        let mut conditions = Conditions::default();
-        assert!(!conditions.set(Condition::Source, None) && !conditions.is_degraded(true));
-        assert!(conditions.set(Condition::Late, Some("late")));
-        assert!(conditions.is_degraded(true) && !conditions.is_degraded(false));
-        assert!(conditions.set(Condition::Source, Some("a.png is missing")));
-        assert!(!conditions.set(Condition::Source, Some("a.png is missing")), "nothing new");
-        assert!(conditions.is_degraded(false));
-        assert_eq!(conditions.reason(), "a.png is missing; late");
-        assert!(conditions.set(Condition::Source, Some("b.png is missing")));
-        assert!(conditions.set(Condition::Late, None));
-        assert_eq!(conditions.reason(), "b.png is missing");
+    fn conditions_are_set_and_cleared_independently() {
+        let mut diagnostics = Diagnostics::default();
+        assert!(!diagnostics.set(Condition::Source, None) && !diagnostics.is_degraded(true));
+        assert!(diagnostics.set(Condition::Late, Some("late")));
+        assert!(diagnostics.is_degraded(true) && !diagnostics.is_degraded(false));
+        assert!(diagnostics.set(Condition::Source, Some("a.png is missing")));
+        assert!(!diagnostics.set(Condition::Source, Some("a.png is missing")), "unchanged");
+        assert!(diagnostics.is_degraded(false));
+        assert_eq!(diagnostics.reason(), "a.png is missing; late");
+        assert!(diagnostics.set(Condition::Source, Some("b.png is missing")));
+        assert!(diagnostics.set(Condition::Late, None));
+        assert_eq!(diagnostics.reason(), "b.png is missing");
     }
 }

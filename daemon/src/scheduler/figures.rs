@@ -1,4 +1,4 @@
-//! The figures of a run in the log, once a minute: fields of the journal for whoever keeps no metrics.
+//! Figures of a run in the log, once a minute: fields of the journal for users without a metrics database.
 
 use messages::pipeline::Role;
 use messages::status::StatusRecord;
@@ -6,14 +6,14 @@ use messages::status::StatusRecord;
 /// Time between two lines.
 const PERIOD_NS: u64 = 60_000_000_000;
 
-/// When the next line is due.
+/// Timer of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MinuteFigures {
     written_ns: u64,
 }
 
 impl MinuteFigures {
-    /// Whether a line is due, `uptime_ns` after the start; it counts as written then.
+    /// Whether a line is due `uptime_ns` after the start. If so, the timer restarts.
     fn is_due(&mut self, uptime_ns: u64) -> bool {
         let is_due = uptime_ns.saturating_sub(self.written_ns) >= PERIOD_NS;
         if is_due {
@@ -22,7 +22,7 @@ impl MinuteFigures {
         is_due
     }
 
-    /// Writes a line when one is due.
+    /// Writes a line if one is due.
     pub fn tick(&mut self, status: &StatusRecord) {
         if !self.is_due(status.uptime_ns) {
             return;

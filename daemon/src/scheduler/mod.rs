@@ -1,4 +1,4 @@
-//! The scheduler: starts, paces, watches and stops the stages, and sums up what they report.
+//! The scheduler: starts, paces, supervises and stops the stages, and collects their reports.
 
 pub mod board;
 pub mod children;
@@ -27,22 +27,22 @@ use messages::wait;
 pub use options::{Ends, RunError, RunOptions, RunOutcome};
 use run::Run;
 
-/// Runs the daemon until it ends; `watch` sees every status.
+/// Runs the daemon until it ends. `watch` is called with every status.
 ///
 /// # Errors
-/// When it cannot start. What goes wrong later is in the outcome.
+/// If it cannot start. Later failures are in the outcome.
 pub fn run(
     config: &Config,
     options: &RunOptions,
     watch: &mut dyn FnMut(&StatusRecord),
 ) -> Result<RunOutcome, RunError> {
-    run_service(config, options, &mut || Err("this run does not read its configuration again".into()), watch)
+    run_service(config, options, &mut || Err("this run does not reload its configuration".into()), watch)
 }
 
-/// The same; with [`Ends::Never`], SIGHUP takes over what `reload` reads.
+/// As [`run`]. With [`Ends::Never`], SIGHUP applies the configuration that `reload` reads.
 ///
 /// # Errors
-/// When it cannot start. What goes wrong later is in the outcome.
+/// If it cannot start. Later failures are in the outcome.
 pub fn run_service(
     config: &Config,
     options: &RunOptions,

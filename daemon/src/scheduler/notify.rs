@@ -1,44 +1,43 @@
-//! What systemd is told, by its notification protocol (sd_notify(3)): ready, status, reloading, stopping,
-//! and that the watchdog need not bite.
+//! Notifications to systemd by sd_notify(3): ready, status, reloading, stopping, watchdog.
 //!
-//! When is a pure state machine; time is passed in. The watchdog is fed by the scheduler alone, and
-//! only while its loop turns and all stages are live: a stage that hangs is the supervisor's
-//! business, a supervisor that does not get it going again is systemd's.
+//! A pure state machine decides when to send them; time is passed in. Only the scheduler feeds the watchdog, and only
+//! while its loop runs and all stages are live: the supervisor restarts a stage that hangs, and systemd restarts the
+//! daemon if the supervisor does not succeed.
 
 use rustix::time::{ClockId, clock_gettime};
 use std::io;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
-/// What the environment names the socket.
+/// The environment variable with the address of the socket.
 pub const SOCKET: &str = "NOTIFY_SOCKET";
 
-/// All that is told to the main process alone: stages are started without.
+/// Environment variables of the notification protocol, which stages do not inherit.
 pub const VARIABLES: [&str; 3] = [SOCKET, "WATCHDOG_USEC", "WATCHDOG_PID"];
 
-/// Without a first pair, stages that have been live for this long are all that can be had.
+/// Without a first pair, the daemon is ready when all stages have been live for this long, in nanoseconds.
 const NO_SOURCE_NS: u64 = 3_000_000_000;
 
-/// How often a status whose words alone change is told: every message wakes process 1.
+/// Minimum time between two status lines of the same state, in nanoseconds: every message wakes process 1.
 const STATUS_NS: u64 = 10_000_000_000;
 
-/// What the scheduler knows.
+/// State of the daemon.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct View {
-    /// A frame has come out at the end.
+    /// There has been a result.
     pub has_result: bool,
     /// A pair has been published.
     pub has_pair: bool,
-    /// All stages that frames pass report.
+    /// All stages are reporting; the writer may be down.
     pub all_live: bool,
-    /// The run ends.
+    /// The run is stopping.
     pub is_stopping: bool,
 }
 
-/// When to tell what.
+/// The state machine.
 #[derive(Clone, Debug)]
 struct Protocol {
-    /// Half of what the watchdog allows; `None` = there is none.
+    /// Half of the watchdog's timeout; `None` = no watchdog.
     period_ns: Option<u64>,
     fed_ns: Option<u64>,
     live_since_ns: Option<u64>,
@@ -61,7 +60,7 @@ impl Protocol {
         }
     }
 
-    /// What is due, as lines of the protocol.
+    /// The notification that is due, as lines of the protocol.
     fn step(&mut self, now_ns: u64, view: View) -> Option<&'static str> {
         if view.all_live {
             self.live_since_ns.get_or_insert(now_ns);
@@ -86,7 +85,7 @@ impl Protocol {
         None
     }
 
-    /// Whether to tell a status: at once when the `state` changes, else every ten seconds.
+    /// Whether a status line is due: at once when `state` changes, else every ten seconds.
     fn status_due(&mut self, now_ns: u64, state: &str) -> bool {
         let due = self.state != state || self.status_ns.is_none_or(|at| now_ns - at >= STATUS_NS);
         if due {
@@ -97,7 +96,7 @@ impl Protocol {
     }
 }
 
-/// The way to systemd; does nothing where there is none.
+/// The connection to systemd. Without systemd all methods do nothing.
 #[derive(Debug)]
 pub struct Notify {
     socket: Option<(UnixDatagram, SocketAddr)>,
@@ -105,51 +104,51 @@ pub struct Notify {
 }
 
 impl Notify {
-    /// As the environment says. An address that cannot be used is logged.
+    /// Connects to the socket that the environment names. An unusable address is logged.
     pub fn from_environment() -> Self {
         let number = |name| std::env::var(name).ok().and_then(|text: String| text.parse::<u64>().ok());
         let socket = std::env::var(SOCKET).ok().filter(|name| !name.is_empty());
         let socket = socket.and_then(|name| {
-            open(&name).map_err(|error| tracing::warn!(name, %error, "systemd cannot be told")).ok()
+            open(&name).map_err(|error| tracing::warn!(name, %error, "systemd cannot be notified")).ok()
         });
-        // Set for another process, as after a shell in between.
+        // The variables may be meant for another process, for example a shell that has started this one.
         let is_ours = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
         let watchdog_us = number("WATCHDOG_USEC").filter(|&us| us > 0 && is_ours && socket.is_some());
         Self { socket, protocol: Protocol::new(watchdog_us.map(|us| us.saturating_mul(1000))) }
     }
 
-    /// Tells what is due; to be called in every turn of the loop.
+    /// Sends the notification that is due; has to be called in every iteration of the loop.
     pub fn step(&mut self, now_ns: u64, view: View) {
         if let Some(line) = self.protocol.step(now_ns, view) {
             self.send(line);
         }
     }
 
-    /// Tells a status line. `state` is what matters of it.
+    /// Sends a status line if one is due. A change of `state` is sent at once.
     pub fn status(&mut self, now_ns: u64, state: &str, text: impl FnOnce() -> String) {
         if self.socket.is_some() && self.protocol.status_due(now_ns, state) {
             self.send(&format!("STATUS={}", one_line(&text())));
         }
     }
 
-    /// The configuration is about to be read again.
+    /// A reload begins.
     pub fn reloading(&self) {
         let now = clock_gettime(ClockId::Monotonic);
         let us = now.tv_sec as u64 * 1_000_000 + now.tv_nsec as u64 / 1000;
         self.send(&format!("RELOADING=1\nMONOTONIC_USEC={us}"));
     }
 
-    /// It was, or was refused.
+    /// The reload has ended, successfully or not.
     pub fn reloaded(&self, text: &str) {
         self.send(&format!("READY=1\nSTATUS={}", one_line(text)));
     }
 
-    /// Never waits: a status that is lost is told again, and nothing here is worth a late frame.
+    /// Sends without blocking. A lost status is sent again later, and no notification is worth a late frame.
     fn send(&self, text: &str) {
         if let Some((socket, address)) = &self.socket
             && let Err(error) = socket.send_to_addr(text.as_bytes(), address)
         {
-            tracing::debug!(%error, text, "systemd was not told");
+            tracing::debug!(%error, text, "systemd was not notified");
         }
     }
 }
@@ -164,7 +163,7 @@ fn open(name: &str) -> io::Result<(UnixDatagram, SocketAddr)> {
     Ok((socket, address))
 }
 
-/// The protocol parts its fields by line ends.
+/// Replaces line breaks, which separate the fields of the protocol.
 fn one_line(text: &str) -> String {
     text.replace('\n', "; ")
 }
@@ -181,7 +180,7 @@ mod tests {
         let mut protocol = Protocol::new(None);
         let waiting = View { has_result: false, ..LIVE };
         for second in 0..60 {
-            // Pairs flow: the first result will come.
+            // Pairs are published, so a result will follow.
             assert_eq!(protocol.step(second * S, waiting), None);
         }
         assert_eq!(protocol.step(60 * S, LIVE), Some("READY=1"));
@@ -189,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_source_ready_means_that_all_stages_are_there() {
+    fn without_a_source_ready_means_that_all_stages_are_live() {
         let mut protocol = Protocol::new(None);
         let idle = View { has_result: false, has_pair: false, ..LIVE };
         assert_eq!(protocol.step(0, View { all_live: false, ..idle }), None);
@@ -218,12 +217,12 @@ mod tests {
     }
 
     #[test]
-    fn a_status_is_told_when_it_changes_or_is_old() {
+    fn a_status_is_sent_when_it_changes_or_is_old() {
         let mut protocol = Protocol::new(None);
-        let told: Vec<u64> = (0..30)
+        let sent: Vec<u64> = (0..30)
             .filter(|&s| protocol.status_due(s * S, if s < 5 { "starting" } else { "running" }))
             .collect();
-        assert_eq!(told, [0, 5, 15, 25]);
+        assert_eq!(sent, [0, 5, 15, 25]);
         assert_eq!(one_line("a\nREADY=1"), "a; READY=1");
     }
 }

@@ -1,4 +1,4 @@
-//! How the daemon runs, what came of it, and why it cannot.
+//! Options, outcome and errors of a run.
 
 use super::board::BoardError;
 use super::collector::FrameTrace;
@@ -15,16 +15,16 @@ use tools::reporting::summary::RunSummary;
 /// Why the daemon cannot run.
 #[derive(Debug, Error)]
 pub enum RunError {
-    /// No input.
+    /// The source cannot be opened.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Another daemon, or no room in memory.
+    /// Another daemon runs the instance, or there is too little shared memory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
     /// Shared memory cannot be used.
     #[error(transparent)]
     Ipc(#[from] IpcError),
-    /// Something that real time needs was required and refused.
+    /// A required real-time privilege was refused.
     #[error(transparent)]
     Refused(#[from] crate::realtime::Refused),
     /// The frames cannot be matched.
@@ -32,10 +32,10 @@ pub enum RunError {
     Frames {
         /// The source.
         source_name: String,
-        /// Why.
+        /// The cause.
         error: MatcherError,
     },
-    /// A side of the frames is longer than messages allow.
+    /// The frames are larger than messages allow.
     #[error(
         "{source_name}: {width}x{height} pixels: messages hold images of up to {most} pixels a side: scale them down"
     )]
@@ -46,7 +46,7 @@ pub enum RunError {
         width: usize,
         /// Height in pixels.
         height: usize,
-        /// The most.
+        /// Maximum width and height in pixels.
         most: u32,
     },
     /// A stage cannot be configured.
@@ -58,51 +58,51 @@ pub enum RunError {
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] tools::reporting::output::OutputError),
-    /// The stages cannot be told what to do.
-    #[error("a path of the configuration is not text: {0}")]
+    /// The launch document cannot be serialised.
+    #[error("a path in the configuration is not valid UTF-8: {0}")]
     Launch(#[from] serde_json::Error),
-    /// The board is too hot, or lacks what is required of it.
+    /// The board is too hot, or lacks a required sensor or clock.
     #[error(transparent)]
     Board(#[from] BoardError),
-    /// Signals or /proc.
+    /// Signal handlers or /proc.
     #[error("{0}")]
     System(#[from] std::io::Error),
 }
 
-/// When a run ends by itself.
+/// When a run ends without a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ends {
-    /// Never: it runs until it is stopped, degraded if need be.
+    /// Never: failures make it degraded.
     Never,
-    /// When the source does, or a stage is given up.
+    /// At the end of the source, or when a stage is given up.
     WithSource,
-    /// This long after the first result, or as above.
+    /// This long after the first result, at the end of the source, or when a stage is given up.
     After(Duration),
 }
 
-/// How to run.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Every frame, one at a time.
+    /// Whether to process every frame, one at a time.
     pub lockstep: bool,
-    /// At most this many pairs.
+    /// Maximum number of pairs; `None` = unlimited.
     pub limit: Option<u64>,
-    /// Where to write results.
+    /// Folder for the results; `None` = not written.
     pub out: Option<PathBuf>,
-    /// Where to record the run.
+    /// File for a recording of the run; `None` = not recorded.
     pub record: Option<PathBuf>,
     /// When to end.
     pub ends: Ends,
 }
 
-/// What a run came to.
+/// Outcome of a run.
 #[derive(Clone, Debug)]
 pub struct RunOutcome {
-    /// Its figures.
+    /// Its summary.
     pub summary: RunSummary,
-    /// Times frame by frame, of a run that ends after a set time.
+    /// Times of each frame; empty unless the run ends with [`Ends::After`].
     pub traces: Vec<FrameTrace>,
-    /// Why it failed, if it did.
+    /// Reason for its failure; `None` if it succeeded.
     pub failure: Option<String>,
     /// Whether a signal ended it.
     pub was_stopped: bool,

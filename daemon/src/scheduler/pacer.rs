@@ -1,41 +1,41 @@
-//! How fast the source may run: a pure state machine. Time is passed in.
+//! Rate control of the source: a pure state machine. Time is passed in.
 //!
-//! The time between two pairs follows the stage that takes longest for 9 of 10 frames, with some
-//! headroom. It grows at once, for a queue would overtake frames, and shrinks in small steps with pauses,
-//! so that a stage whose time scatters does not drive the rate up and down. It never goes below what
-//! was wanted (the source's own period, or `source.fps`) nor out of the bounds.
+//! The period between two pairs follows the slowest stage by the 90th percentile of its work, plus headroom. It grows
+//! at once, because frames would be overtaken otherwise, and shrinks in small steps with pauses, so that a stage with
+//! varying times does not make the rate oscillate. It is never shorter than the configured period (that of the source,
+//! or `source.fps`) and stays within the bounds.
 
 use messages::pipeline::Role;
 
-/// Frames of each stage that are looked at.
+/// Number of recent frames of each stage that are evaluated.
 const WINDOW: usize = 64;
-/// Frames that a stage must have finished before its time counts.
+/// Minimum number of finished frames before a stage counts.
 const MIN_FRAMES: usize = 8;
-/// How often the rate is looked at, in nanoseconds.
-const LOOK_NS: u64 = 1_000_000_000;
-/// A change of the period below this share is none.
+/// Time between two evaluations, in nanoseconds.
+const EVALUATION_NS: u64 = 1_000_000_000;
+/// Smaller relative changes of the period are ignored.
 const DEAD_BAND: f64 = 0.02;
-/// The rate rises at most by this share at a time,
+/// Maximum relative increase of the rate in one step.
 const RISE: f64 = 0.10;
-/// and then not again before this has passed, in nanoseconds.
+/// Minimum time between two increases of the rate, in nanoseconds.
 const RISE_PAUSE_NS: u64 = 3_000_000_000;
 
-/// What is wanted, and the bounds; times in nanoseconds.
+/// Parameters of the pacer; times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PacerParameters {
-    /// Whether the rate follows the stages at all.
+    /// Whether the rate follows the stages.
     pub follow: bool,
-    /// Time between pairs that is wanted.
+    /// Configured time between pairs.
     pub wanted_ns: u64,
-    /// Shortest time between pairs: 1 / `max_fps`.
+    /// Minimum time between pairs: 1 / `max_fps`.
     pub shortest_ns: u64,
-    /// Longest: 1 / `min_fps`.
+    /// Maximum time between pairs: 1 / `min_fps`.
     pub longest_ns: u64,
-    /// What is added to the slowest stage's time, as a share of it.
+    /// Headroom, as a share of the slowest stage's time.
     pub headroom: f64,
 }
 
-/// The latest times of one stage.
+/// The most recent times of one stage.
 #[derive(Clone, Debug)]
 struct Window {
     times_ns: [u64; WINDOW],
@@ -59,25 +59,25 @@ impl Window {
     }
 }
 
-/// See the module.
+/// The rate control.
 #[derive(Clone, Debug)]
 pub struct Pacer {
     parameters: PacerParameters,
     windows: [Window; Role::STAGES.len()],
     period_ns: u64,
-    looked_ns: u64,
+    evaluated_ns: u64,
     changed_ns: u64,
 }
 
 impl Pacer {
-    /// Begins with what is wanted, within the bounds.
+    /// Starts with the configured period, within the bounds.
     pub fn new(parameters: PacerParameters, now_ns: u64) -> Self {
         let window = || Window { times_ns: [0; WINDOW], count: 0 };
         let mut pacer = Self {
             parameters,
             windows: std::array::from_fn(|_| window()),
             period_ns: parameters.wanted_ns,
-            looked_ns: now_ns,
+            evaluated_ns: now_ns,
             changed_ns: now_ns,
         };
         if parameters.follow {
@@ -91,43 +91,44 @@ impl Pacer {
         self.period_ns
     }
 
-    /// What was asked for.
+    /// The parameters.
     pub fn parameters(&self) -> PacerParameters {
         self.parameters
     }
 
-    /// A stage has worked on a frame for `work_ns`.
+    /// Adds the work of a stage on a frame, in nanoseconds.
     pub fn work(&mut self, role: Role, work_ns: u64) {
         if let Some(place) = Role::STAGES.iter().position(|r| *r == role) {
             self.windows[place].add(work_ns);
         }
     }
 
-    /// The stage that takes longest for 9 of 10 frames, and how long, in nanoseconds.
+    /// The slowest stage by the 90th percentile of its work, and this percentile in nanoseconds.
     pub fn slowest(&self) -> Option<(Role, u64)> {
         let times = Role::STAGES.into_iter().zip(&self.windows).filter_map(|(r, w)| Some((r, w.p90_ns()?)));
         times.max_by_key(|(_, ns)| *ns)
     }
 
-    /// Never faster than wanted; within the bounds as far as that allows.
+    /// Limits a period: not shorter than the configured one, and within the bounds as far as that allows.
     fn bounded(&self, ns: u64) -> u64 {
         let p = &self.parameters;
         let shortest = p.wanted_ns.max(p.shortest_ns);
         ns.clamp(shortest, p.longest_ns.max(shortest))
     }
 
-    /// To be called often; gives the period when it has changed.
+    /// Evaluates the times if that is due; has to be called often. Returns the period if it has changed.
     pub fn tick(&mut self, now_ns: u64) -> Option<u64> {
-        if !self.parameters.follow || now_ns.saturating_sub(self.looked_ns) < LOOK_NS {
+        if !self.parameters.follow || now_ns.saturating_sub(self.evaluated_ns) < EVALUATION_NS {
             return None;
         }
-        self.looked_ns = now_ns;
+        self.evaluated_ns = now_ns;
         let (_, slowest_ns) = self.slowest()?;
         let target = self.bounded((slowest_ns as f64 * (1.0 + self.parameters.headroom)) as u64);
-        let (before, wish) = (self.period_ns as f64, target as f64);
-        let period_ns = if wish > before * (1.0 + DEAD_BAND) {
+        let (before, wanted) = (self.period_ns as f64, target as f64);
+        let period_ns = if wanted > before * (1.0 + DEAD_BAND) {
             target
-        } else if wish < before * (1.0 - DEAD_BAND) && now_ns.saturating_sub(self.changed_ns) >= RISE_PAUSE_NS
+        } else if wanted < before * (1.0 - DEAD_BAND)
+            && now_ns.saturating_sub(self.changed_ns) >= RISE_PAUSE_NS
         {
             target.max((before / (1.0 + RISE)) as u64)
         } else {
@@ -156,15 +157,15 @@ mod tests {
         }
     }
 
-    /// What a pipeline did that takes the newest pair when it is free.
+    /// Result of a simulated pipeline that takes the newest pair when it is free.
     struct Outcome {
         processed_hz: f64,
         dropped: u32,
         changes: u32,
     }
 
-    /// `seconds` of a pipeline whose slowest stage takes what `stage_ms` says, the rest little. Figures
-    /// are those of the second half: by then the rate has settled.
+    /// Simulates `seconds` of a pipeline whose slowest stage takes `stage_ms` of the time. The result covers the second
+    /// half, when the rate has settled.
     fn simulate(pacer: &mut Pacer, seconds: u64, mut stage_ms: impl FnMut(u64) -> f64) -> Outcome {
         let (mut now, mut free_at, mut busy_with) = (0_u64, 0_u64, None::<u64>);
         let mut waiting = false;
@@ -172,7 +173,7 @@ mod tests {
         let mut processed = 0;
         while now < seconds * S {
             let counts = now >= seconds * S / 2;
-            // A pair comes; what still waits is overtaken.
+            // A new pair overtakes one that is still waiting.
             outcome.dropped += u32::from(waiting && counts);
             waiting = true;
             let next = now + pacer.period_ns();
@@ -195,8 +196,8 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_table_is_reached_without_dropping_frames() {
-        // Its system sustains 13.1 to 13.5 frames a second: some 72 ms in the slowest stage.
+    fn the_rates_of_the_paper_are_reached_without_dropping_frames() {
+        // The paper's system sustains 13.1 to 13.5 frames a second: about 72 ms in the slowest stage.
         let mut random = fastrand::Rng::with_seed(11);
         for (offered_hz, paper_hz) in [(10.0, 9.7), (15.0, 12.9), (20.0, 12.9)] {
             let mut pacer = Pacer::new(parameters(offered_hz), 0);
@@ -208,33 +209,33 @@ mod tests {
             );
             assert_eq!(outcome.dropped, 0, "{offered_hz} offered");
         }
-        // Without pacing, what is offered beyond capacity is overtaken.
+        // Without pacing, frames beyond the capacity are overtaken.
         let mut free = Pacer::new(PacerParameters { follow: false, ..parameters(20.0) }, 0);
         let outcome = simulate(&mut free, 120, |_| 72.0);
         assert!(outcome.dropped > 300, "{}", outcome.dropped);
     }
 
     #[test]
-    fn it_slows_down_at_once_and_comes_back_in_steps() {
+    fn the_rate_falls_at_once_and_rises_in_steps() {
         let mut pacer = Pacer::new(parameters(20.0), 0);
         assert_eq!(pacer.period_ns(), 50 * MS);
         let feed = |pacer: &mut Pacer, ms: u64| (0..WINDOW).for_each(|_| pacer.work(Role::Stereo, ms * MS));
         feed(&mut pacer, 100);
-        assert_eq!(pacer.tick(S / 2), None, "not so soon");
+        assert_eq!(pacer.tick(S / 2), None, "before the next evaluation");
         assert_eq!(pacer.tick(S), Some(105 * MS));
         feed(&mut pacer, 20);
-        assert_eq!(pacer.tick(2 * S), None, "it may be slow again");
+        assert_eq!(pacer.tick(2 * S), None, "within the pause");
         let mut periods = Vec::new();
         for second in 3..60 {
             periods.extend(pacer.tick(second * S));
         }
-        assert_eq!(periods.last(), Some(&(50 * MS)), "never faster than wanted: {periods:?}");
+        assert_eq!(periods.last(), Some(&(50 * MS)), "never faster than configured: {periods:?}");
         assert!(periods.len() >= 7 && periods.windows(2).all(|w| w[1] < w[0]), "{periods:?}");
         assert!(periods.windows(2).all(|w| (w[0] as f64) < w[1] as f64 * 1.11), "{periods:?}");
     }
 
     #[test]
-    fn bounds_hold_and_a_slower_source_is_left_alone() {
+    fn bounds_hold_and_a_slower_source_keeps_its_rate() {
         let mut pacer = Pacer::new(parameters(100.0), 0);
         assert_eq!(pacer.period_ns(), S / 30, "max_fps");
         (0..WINDOW).for_each(|_| pacer.work(Role::Road, 900 * MS));
@@ -243,17 +244,17 @@ mod tests {
         let mut slow = Pacer::new(parameters(1.0), 0);
         (0..WINDOW).for_each(|_| slow.work(Role::Road, 2 * MS));
         assert_eq!((slow.tick(S), slow.period_ns()), (None, S));
-        // The writer may be as slow as it likes.
+        // The writer does not count.
         (0..WINDOW).for_each(|_| slow.work(Role::Writer, 2000 * MS));
         assert_eq!(slow.slowest(), Some((Role::Road, 2 * MS)));
     }
 
     #[test]
-    fn chance_does_not_drive_the_rate_up_and_down() {
+    fn random_variation_does_not_make_the_rate_oscillate() {
         for seed in 0..50 {
             let mut random = fastrand::Rng::with_seed(seed);
             let mut pacer = Pacer::new(parameters(20.0), 0);
-            // Every tenth frame or so takes twice as long.
+            // One of 16 frames takes 1.5 times as long.
             let outcome = simulate(&mut pacer, 300, |_| {
                 let base = 60.0 + 3.0 * random.f64();
                 if random.u8(..16) == 0 { 1.5 * base } else { base }

@@ -1,17 +1,17 @@
 //! Reload: the configuration is read again while the daemon runs.
 //!
-//! The declaration of each key says what a change of its value requires ([`Reload`]). A stage is configured once, at start,
-//! from its launch document, so a stage that reads a changed key is restarted: in the same way as at any restart, but
-//! without delay and without counting as a failure. The scheduler applies the tables of the board at once. All other
-//! keys determine what all processes share (memory, names, frames): a configuration that changes one of them is
-//! refused as a whole.
+//! The declaration of each key states what a change of its value requires ([`Reload`]). A stage is configured once, at
+//! start, from its launch document, so a stage that reads a changed key is restarted: in the same way as at any
+//! restart, but without delay and without counting as a failure. The scheduler applies the tables of the board at once.
+//! All other keys determine what all processes share (memory, names, frames): a configuration that changes one of them
+//! is refused as a whole.
 
 use config::Config;
 use config::keys::{Key, Reload};
 use messages::pipeline::Role;
 use thiserror::Error;
 
-/// What a reload has to do.
+/// Actions of a reload.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// Keys that changed.
@@ -27,7 +27,7 @@ pub struct Plan {
 #[error("{} cannot change while the daemon runs: restart it", .0.join(", "))]
 pub struct Refused(pub Vec<String>);
 
-/// What a reload has to do to get from one configuration to another.
+/// The actions of a reload from one configuration to another.
 ///
 /// # Errors
 /// The keys that cannot change while the daemon runs.

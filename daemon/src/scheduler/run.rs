@@ -1,6 +1,7 @@
-//! One run of the daemon: the scheduler's state and what it does at each wake-up.
+//! One run of the daemon: the state of the scheduler and its actions at each wake-up.
 
 mod result;
+mod start;
 mod state;
 
 use super::board::Board;
@@ -9,57 +10,56 @@ use super::collector::Collector;
 use super::cores::CorePlan;
 use super::credit::{Credit, DRAIN_NS};
 use super::deadline_monitor::DeadlineMonitor;
-use super::diagnostics::{Condition, Conditions};
+use super::diagnostics::{Condition, Diagnostics};
 use super::figures::MinuteFigures;
 use super::notify::Notify;
 use super::options::{Ends, RunError, RunOptions, RunOutcome};
-use super::pacer::{Pacer, PacerParameters};
-use super::supervisor::{Action, Supervisor, SupervisorParameters};
+use super::pacer::Pacer;
+use super::supervisor::{Action, Supervisor};
 use crate::input;
-use crate::launch::{FrameFormat, Launch};
+use crate::launch::Launch;
 use crate::memory::MemoryProbe;
 use crate::realtime;
-use crate::stages;
 use config::Config;
 use messages::bus::{Bus, IpcError};
 use messages::clock::monotonic_ns;
-use messages::header::{Header, Kind, MAX_SIDE};
+use messages::header::{Header, Kind};
 use messages::instance::{Instance, InstanceLock};
-use messages::pipeline::{Role, Starts};
+use messages::pipeline::Role;
 use messages::port::{Publisher, Sample, Subscriber};
 use messages::realtime::RealtimeRecord;
 use messages::report::{Health, ReportRecord};
 use messages::status::StatusRecord;
 use messages::wait::Next;
 use messages::{obstacles, report, service};
-use perception::stereo::Mpv;
 use result::Results;
-use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM, SIGUSR1};
-use sources::PairSource;
+use start::{
+    Signals, check_memory, launch, open_source, pacer_parameters, prepare_outputs, roles,
+    supervisor_parameters,
+};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tools::recording::RecordError;
 
-/// How often the scheduler looks at its clocks.
+/// Maximum time between two wake-ups of the scheduler.
 const TICK: Duration = Duration::from_millis(50);
 
-/// How often it publishes its status.
+/// Time between two status messages, in nanoseconds.
 const STATUS_PERIOD_NS: u64 = 1_000_000_000;
 
-/// What the run is doing.
+/// Phase of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     Running,
-    /// The source is asked to stop; frames in flight come out until then.
+    /// The source has stopped. Frames in flight are processed, at most until this time.
     Draining {
         until_ns: u64,
     },
-    /// The stages are asked to stop.
+    /// The stages are stopping.
     Stopping,
 }
 
-/// See the module.
+/// The state of the scheduler.
 pub struct Run {
     options: RunOptions,
     pub(super) launch: Launch,
@@ -71,14 +71,14 @@ pub struct Run {
     pub(super) phase: Phase,
     pub(super) board: Board,
     pub(super) notify: Notify,
-    /// SIGHUP has come.
+    /// Set by SIGHUP.
     pub(super) hangup: Arc<AtomicBool>,
     pacer: Pacer,
     deadline_monitor: DeadlineMonitor,
-    conditions: Conditions,
+    diagnostics: Diagnostics,
     realtime: RealtimeRecord,
     failure: Option<String>,
-    /// Why it is stopping, if it is.
+    /// Why the run is stopping; else empty.
     reason: String,
     stop: Arc<AtomicBool>,
     retry: Arc<AtomicBool>,
@@ -88,28 +88,28 @@ pub struct Run {
     status_due_ns: u64,
     shared_bytes: u64,
     figures: MinuteFigures,
-    // Last, in this order: the ports go before the bus, the bus before what it lives in.
+    // The last fields, in this order: ports are dropped before the bus, the bus before the instance.
     results: Results,
     commands: Publisher,
     statuses: Publisher,
-    /// The way into shared memory.
+    /// The scheduler's node in shared memory.
     pub bus: Bus,
     instance: Instance,
     _lock: InstanceLock,
 }
 
 impl Run {
-    /// Checks everything that can be known to be wrong, then takes the instance over.
+    /// Checks configuration, source and memory, takes the instance, and sets up the run.
     pub fn start(config: &Config, options: &RunOptions) -> Result<Self, RunError> {
         let started_ns = monotonic_ns();
         let (source, frames) = open_source(config)?;
         let (width, height) = (frames.width, frames.height);
-        // Before anything is made that a signal would leave behind.
+        // Signal handlers come before any file is created that a signal would leave behind.
         let signals = Signals::register(options.ends)?;
         let instance = Instance::new(&config.instance.name, &config.instance.directory);
         let lock = InstanceLock::take(&instance, started_ns / 1_000_000)?;
         if lock.stale > 0 {
-            tracing::warn!(files = lock.stale, "removed what a dead run had left behind");
+            tracing::warn!(files = lock.stale, "removed files of a dead run");
         }
         let board = Board::start(config, instance.directory(), started_ns)?;
         prepare_outputs(options)?;
@@ -121,26 +121,26 @@ impl Run {
         let plan = CorePlan::new(&config.cores, &available);
         let all: Vec<Role> = std::iter::once(Role::Scheduler).chain(roles.iter().copied()).collect();
         tracing::info!(cores = available.len(), "{}", plan.describe(&all));
-        // What it is refused, its stages will be, too.
+        // The scheduler requests its privileges first: if they are refused, those of the stages will be, too.
         let mut realtime = realtime::enter(config, Role::Scheduler, plan.core(Role::Scheduler))?;
         tracing::info!("scheduler: {realtime}");
 
         let launch = launch(config, options, source.as_ref(), frames);
-        // Found now, not when the first stage is started.
+        // Detects an unserialisable document before the first stage is started.
         serde_json::to_vec(&launch)?;
         let bus = Bus::join(&instance)?;
         let now = monotonic_ns();
         let parameters = supervisor_parameters(config);
-        let patience_ns = parameters.liveness_deadline_ns;
+        let timeout_ns = parameters.liveness_deadline_ns;
         let mut collector = Collector::new(&all, started_ns);
         if matches!(options.ends, Ends::After(_)) {
-            // The demo draws them.
+            // The demo plots them.
             collector.keep_traces();
         }
         let period_ns = input::period_ns(config, source.as_ref());
         let pacer = Pacer::new(pacer_parameters(config, options.lockstep, period_ns), now);
-        // In lock-step a frame may take as long as it takes.
-        let stale_ns = if options.lockstep { patience_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
+        // In lock-step only the liveness deadline limits the time of a frame.
+        let stale_ns = if options.lockstep { timeout_ns } else { (config.pacing.stale_ms * 1e6) as u64 };
         let commands = bus.publisher(&service::COMMAND, width, height)?;
         let statuses = bus.publisher(&service::STATUS, width, height)?;
         let results = Results::new(bus.publisher(&service::OBSTACLES, width, height)?, stale_ns);
@@ -149,10 +149,10 @@ impl Run {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
             children: Children::default(),
-            credit: Credit::new(options.lockstep, &roles, pacer.period_ns(), patience_ns, now),
+            credit: Credit::new(options.lockstep, &roles, pacer.period_ns(), timeout_ns, now),
             pacer,
             deadline_monitor: DeadlineMonitor::new(config.pacing.late_frames.unsigned_abs()),
-            conditions: Conditions::default(),
+            diagnostics: Diagnostics::default(),
             realtime,
             phase: Phase::Running,
             board,
@@ -206,7 +206,7 @@ impl Run {
             self.act(action, now);
         }
         if self.retry.swap(false, Ordering::Relaxed) {
-            tracing::info!("asked to try the stages that were given up");
+            tracing::info!("retrying the stages that were given up, on request");
             self.supervisor.retry(now);
         }
         if let Some(period_ns) = self.pacer.tick(now) {
@@ -215,7 +215,7 @@ impl Run {
             self.send_command()?;
         }
         if self.credit.tick(self.supervisor.all_running(), now) {
-            tracing::warn!("the frame in lock-step does not move: asking for it again");
+            tracing::warn!("no progress of the frame in lock-step: requesting it again");
             self.send_command()?;
         }
         if let Some(heat) = self.board.tick(now)
@@ -238,7 +238,7 @@ impl Run {
             watch(&status);
             self.figures.tick(&status);
         } else {
-            // Late comers get the last one.
+            // New subscribers receive the last status.
             self.statuses.refresh()?;
         }
         self.results.refresh()?;
@@ -248,7 +248,7 @@ impl Run {
         Ok(Next::Wait(TICK))
     }
 
-    /// A message of the last stage.
+    /// Handles a message of the last stage.
     fn take_result(&mut self, sample: &Sample) {
         let header = *sample.header();
         match obstacles::view(&header, sample.payload()) {
@@ -264,7 +264,7 @@ impl Run {
     fn take_report(&mut self, header: &Header, report: &ReportRecord) -> Result<(), IpcError> {
         let Some(role) = report.role() else { return Ok(()) };
         if self.children.pid(role) != Some(report.pid) {
-            // The last words of a process that was replaced.
+            // It comes from a process that was replaced.
             return Ok(());
         }
         let now = monotonic_ns();
@@ -272,7 +272,7 @@ impl Run {
         self.collector.report(header, report, now);
         self.take_health(role, report, now);
         if self.options.lockstep && report.refused > 0 {
-            // The frame will never come out: that is no lock-step any more.
+            // The frame is lost, which contradicts lock-step.
             self.fail(format!("the {role} stage refused a message: {}", report.text()), now);
         }
         if report.health() == Health::Starting {
@@ -285,8 +285,8 @@ impl Run {
             self.credit.all_running(now);
             self.send_command()?;
         } else if role == Role::SOURCE && report.is_frame == 0 && report.frames == 0 {
-            // It has just come up and knows nothing yet. Before all stages are there it stays so:
-            // what it published would be lost.
+            // Capture has just started and has no command yet. It gets one only when all stages are running:
+            // pairs that it published before would be lost.
             if is_running || self.supervisor.given_up().is_some() {
                 self.send_command()?;
             }
@@ -310,20 +310,19 @@ impl Run {
         self.commands.send_record(Header::new(Kind::Command), &self.credit.command())
     }
 
-    /// How a stage says that it is. A daemon that is to go on for ever waits for a source that is away;
-    /// a replay has failed.
+    /// Handles the health of a stage. A service waits for a source that cannot be read; any other run fails.
     fn take_health(&mut self, role: Role, report: &ReportRecord, now: u64) {
-        let goes_on = role == Role::SOURCE && self.options.ends == Ends::Never;
+        let waits = role == Role::SOURCE && self.options.ends == Ends::Never;
         let reason = match report.health() {
-            Health::Unusable if !goes_on => return self.fail(report.text(), now),
+            Health::Unusable if !waits => return self.fail(report.text(), now),
             Health::Unusable | Health::Stalled if role == Role::SOURCE => Some(report.text()),
             _ if role == Role::SOURCE => None,
             _ => return,
         };
-        if self.conditions.set(Condition::Source, reason.as_deref()) {
+        if self.diagnostics.set(Condition::Source, reason.as_deref()) {
             match reason {
                 Some(reason) => tracing::warn!("source: {reason}"),
-                None => tracing::info!("source: it goes on"),
+                None => tracing::info!("source: it has recovered"),
             }
         }
     }
@@ -342,7 +341,7 @@ impl Run {
                 Some(reason) => tracing::warn!("{reason}"),
                 None => tracing::info!("results are in time again"),
             }
-            self.conditions.set(Condition::Late, reason.as_deref());
+            self.diagnostics.set(Condition::Late, reason.as_deref());
         }
     }
 
@@ -350,17 +349,17 @@ impl Run {
         if self.phase == Phase::Stopping || self.supervisor.is_renewing(role) {
             tracing::debug!(%role, how, "stage ended");
         } else {
-            tracing::warn!(%role, how, "stage ended unasked");
+            tracing::warn!(%role, how, "stage ended unexpectedly");
         }
         self.credit.stage_died();
         self.collector.ended(role);
-        // Only reaped children count as dead; now their places can be freed.
+        // The child has been reaped, so iceoryx2 treats it as dead and frees its ports.
         let sweep = self.bus.sweep();
         if sweep.failed > 0 {
             tracing::warn!(?sweep, "shared memory of a dead stage could not be removed");
         }
         if matches!(self.phase, Phase::Draining { .. }) {
-            // Asked to stop as a group, perhaps: nothing more will come out, nothing is restarted.
+            // The whole process group may have been stopped: no more results follow, and nothing is restarted.
             self.stop_stages(now);
         }
         if let Some(action) = self.supervisor.exited(role, how, now) {
@@ -403,7 +402,7 @@ impl Run {
         }
     }
 
-    /// The run cannot come to a good end; the first reason counts.
+    /// Fails the run and stops the stages. Only the first reason is kept.
     fn fail(&mut self, reason: String, now: u64) {
         if self.failure.is_none() && self.phase != Phase::Stopping {
             tracing::error!("{reason}");
@@ -412,10 +411,10 @@ impl Run {
         }
     }
 
-    /// Ends the run when it is time to.
+    /// Advances the phase: drains or stops the run if that is due.
     fn advance(&mut self, now: u64) -> Result<(), IpcError> {
         let is_empty = self.credit.is_empty(self.supervisor.all_running(), now);
-        // Taken, so that a second signal is told from the first.
+        // The flag is reset to detect a second signal, which skips draining.
         let asked = self.stop.swap(false, Ordering::Relaxed);
         self.was_stopped |= asked;
         match self.phase {
@@ -453,163 +452,18 @@ impl Run {
         }
     }
 
-    /// The figures of the run, once all stages have ended.
+    /// The outcome of the run, once all stages have ended.
     pub fn finish(mut self) -> RunOutcome {
         let now = monotonic_ns();
         self.status(now);
         let mut failure = self.failure.take();
         let may_be_empty = self.options.ends == Ends::Never || self.was_stopped;
         if failure.is_none() && !may_be_empty && self.collector.results() == 0 {
-            failure = Some("no frame came out at the end: see the log for why".into());
+            failure = Some("there was no result: see the log for the reason".into());
         }
         let summary = self.collector.summary(&self.supervisor, &self.plan, self.shared_bytes, now);
         tracing::info!(frames = summary.frames, dropped = summary.dropped, lost = summary.lost, "stopped");
         let traces = self.collector.traces().to_vec();
         RunOutcome { summary, traces, failure, was_stopped: self.was_stopped }
-    }
-}
-
-/// Opens the source, and checks that the stages can be configured for its frames.
-fn open_source(config: &Config) -> Result<(Box<dyn PairSource>, FrameFormat), RunError> {
-    let source = input::open(config)?;
-    let rig = input::rig(config, source.as_ref())?;
-    let (width, height) = source.size();
-    let source_name = || match config.source.kind.as_str() {
-        "folder" | "recording" => config.source.path.display().to_string(),
-        kind => kind.to_owned(),
-    };
-    if width.max(height) > MAX_SIDE as usize {
-        return Err(RunError::Side { source_name: source_name(), width, height, most: MAX_SIDE });
-    }
-    let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-    Mpv::check(width, height, disparities)
-        .map_err(|error| RunError::Frames { source_name: source_name(), error })?;
-    let frames = FrameFormat::new((width, height), rig);
-    stages::check(config, &frames)?;
-    let nearest_m = rig.distance_m(disparities as f64 - 1.0);
-    if nearest_m > config.alarm.distance_m {
-        tracing::warn!(
-            nearest_m,
-            alarm_distance_m = config.alarm.distance_m,
-            "nothing nearer than nearest_m can be seen: raise stereo.disparities"
-        );
-    }
-    Ok((source, frames))
-}
-
-/// Signals that have come.
-struct Signals {
-    stop: Arc<AtomicBool>,
-    hangup: Arc<AtomicBool>,
-    retry: Arc<AtomicBool>,
-}
-
-impl Signals {
-    fn register(ends: Ends) -> Result<Self, RunError> {
-        let flag = || Arc::new(AtomicBool::new(false));
-        let signals = Self { stop: flag(), hangup: flag(), retry: flag() };
-        for signal in [SIGTERM, SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&signals.stop))?;
-        }
-        if ends == Ends::Never {
-            signal_hook::flag::register(SIGHUP, Arc::clone(&signals.hangup))?;
-        } else if !ignores_hangup() {
-            // nohup means: go on when the terminal is gone.
-            signal_hook::flag::register(SIGHUP, Arc::clone(&signals.stop))?;
-        }
-        signal_hook::flag::register(SIGUSR1, Arc::clone(&signals.retry))?;
-        // Only to be woken when a child ends.
-        signal_hook::flag::register(SIGCHLD, flag())?;
-        Ok(signals)
-    }
-}
-
-/// Makes the folder of the results, and sees that no recording is overwritten.
-fn prepare_outputs(options: &RunOptions) -> Result<(), RunError> {
-    if let Some(out) = &options.out {
-        tools::reporting::output::prepare(out)?;
-    }
-    if let Some(path) = options.record.as_ref().filter(|path| path.exists()) {
-        return Err(RecordError::Exists { path: path.clone() }.into());
-    }
-    Ok(())
-}
-
-/// The processes of the run, the scheduler apart.
-fn roles(options: &RunOptions) -> Vec<Role> {
-    let has_writer = options.out.is_some() || options.record.is_some();
-    let asked = |role: &Role| has_writer && role.spec().starts == Starts::OnRequest;
-    Role::STAGES.into_iter().chain(Role::ALL.into_iter().filter(asked)).collect()
-}
-
-/// Sees that /dev/shm has room for the pools of all services.
-fn check_memory(
-    lock: &InstanceLock,
-    instance: &Instance,
-    frames: &FrameFormat,
-    processes: usize,
-) -> Result<(), RunError> {
-    let (width, height) = (frames.width, frames.height);
-    let pool_bytes = service::total_pool_bytes(width, height, processes) as u64;
-    lock.check_memory(pool_bytes)?;
-    for spec in service::SERVICES {
-        let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
-        tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
-    }
-    tracing::info!(instance = instance.name(), width, height, pool_bytes, prefix = lock.prefix(), "starting");
-    Ok(())
-}
-
-/// What every stage is told; its core and first frame are set when it is started.
-fn launch(config: &Config, options: &RunOptions, source: &dyn PairSource, frames: FrameFormat) -> Launch {
-    let count = if config.source.repeat { None } else { source.count() };
-    Launch {
-        config: config.clone(),
-        core: None,
-        scheduler_pid: std::process::id(),
-        frames,
-        lockstep: options.lockstep,
-        first_sequence: 0,
-        end_sequence: match (count, options.limit) {
-            (Some(count), Some(limit)) => Some(count.min(limit)),
-            (count, limit) => count.or(limit),
-        },
-        source_period_ns: source.period_ns(),
-        out: options.out.clone(),
-        record: options.record.clone(),
-    }
-}
-
-/// Whether this process was started to ignore SIGHUP (signal 1, the lowest bit of the mask).
-fn ignores_hangup() -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok()).is_some_and(|m| m & 1 == 1)
-}
-
-fn supervisor_parameters(config: &Config) -> SupervisorParameters {
-    let c = &config.supervision;
-    let ms = |v: i64| v.unsigned_abs() * 1_000_000;
-    SupervisorParameters {
-        startup_deadline_ns: ms(c.startup_deadline_ms),
-        liveness_deadline_ns: ms(c.liveness_deadline_ms),
-        restart_first_ns: ms(c.restart_first_ms),
-        restart_longest_ns: ms(c.restart_longest_ms),
-        restart_count: usize::try_from(c.restart_count).unwrap_or(0),
-        restart_window_ns: ms(c.restart_window_s) * 1000,
-        retry_ns: ms(c.retry_s) * 1000,
-        stop_grace_ns: ms(c.stop_grace_ms),
-    }
-}
-
-fn pacer_parameters(config: &Config, lockstep: bool, wanted_ns: u64) -> PacerParameters {
-    let c = &config.pacing;
-    PacerParameters {
-        // In lock-step the credit is the pace.
-        follow: c.follow && !lockstep,
-        wanted_ns,
-        shortest_ns: (1e9 / c.max_fps) as u64,
-        longest_ns: (1e9 / c.min_fps) as u64,
-        headroom: c.headroom_percent * 1e-2,
     }
 }

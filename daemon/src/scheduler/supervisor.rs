@@ -1,89 +1,88 @@
-//! Which stage to start, kill or give up: a pure state machine. Time is passed in.
+//! When to start, kill or give up a stage: a pure state machine. Time is passed in.
 //!
 //! ```text
 //!          Spawn                 first report              silent, or killed from outside
 //! Waiting ───────▶ Starting ──────────────▶ Running ──────────────────────────▶ Waiting
 //!    ▲                │ start-up deadline       │ liveness deadline                │
 //!    ├──── exit ──────┴──────── Kill ───────────┘               too many restarts ─┴─▶ GivenUp
-//!    └───────────────────── long pause, or asked for ──────────────────────────────────┘
+//!    └───────────────────── long pause, or on request ─────────────────────────────────┘
 //! ```
 //!
-//! A stage that was given up is tried again after a long pause, once: until it has lived as long as
-//! the window of restarts, its next failure gives it up again. So a fault that goes away by itself
-//! (memory that was short, a device that was unplugged) needs nobody, and one that stays costs one
-//! start in each pause.
+//! A stage that was given up is retried once after a long pause. If it fails before it has run for the length of the
+//! restart window, it is given up again. So the daemon recovers from temporary faults (short memory, an unplugged
+//! device) without a user, and a permanent fault costs one start per pause.
 
 use messages::pipeline::Role;
 
-/// How patient the supervisor is; all times in nanoseconds.
+/// Deadlines and limits of the supervisor; all times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SupervisorParameters {
-    /// A stage must report for the first time within this.
+    /// Deadline of the first report of a stage.
     pub startup_deadline_ns: u64,
-    /// A stage that is silent for longer is killed.
+    /// A stage without a report for this long is killed.
     pub liveness_deadline_ns: u64,
-    /// Wait before the first restart; it doubles with each restart in the window.
+    /// Delay of the first restart; it doubles with each restart in the window.
     pub restart_first_ns: u64,
-    /// The longest wait.
+    /// Maximum delay of a restart.
     pub restart_longest_ns: u64,
-    /// More restarts than this in the window give the stage up.
+    /// Maximum number of restarts in the window; after more failures the stage is given up.
     pub restart_count: usize,
-    /// Length of the window.
+    /// Length of the restart window.
     pub restart_window_ns: u64,
-    /// A stage that was given up is tried again after this; 0 = never by itself.
+    /// Pause after which a stage that was given up is retried; 0 = only on request.
     pub retry_ns: u64,
-    /// A stage that was asked to stop is killed after this.
+    /// Time from the request to stop until a stage is killed.
     pub stop_grace_ns: u64,
 }
 
-/// What the scheduler has to do.
+/// An action of the scheduler.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Start the stage.
     Spawn(Role),
     /// Ask it to stop (SIGTERM).
     Terminate(Role),
-    /// Kill it (SIGKILL); why.
+    /// Kill it (SIGKILL), for this reason.
     Kill(Role, &'static str),
-    /// It is not started again until the long pause is over; why.
+    /// Do not start it before the long pause is over, for this reason.
     GiveUp(Role, String),
 }
 
-/// What a stage is doing, as far as the supervisor knows.
+/// State of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StageState {
-    /// To be started at this time.
+    /// Waiting for its start.
     Waiting {
-        /// When.
+        /// Time of the start.
         at_ns: u64,
     },
-    /// Started, not yet heard of.
+    /// Started, without a report so far.
     Starting {
-        /// When it must have reported.
+        /// Deadline of the first report.
         deadline_ns: u64,
     },
     /// Reporting.
     Running {
-        /// When it must report again.
+        /// Deadline of the next report.
         deadline_ns: u64,
     },
-    /// Killed, or asked to stop; its exit is awaited.
+    /// Killed, or asked to stop, and not yet exited.
     Ending {
-        /// When it is killed (once more).
+        /// When it is killed (again).
         kill_ns: u64,
     },
-    /// Ended for good.
+    /// Stopped, and not restarted.
     Ended,
     /// Failed too often.
     GivenUp {
-        /// When it is tried again, if it is.
+        /// Time of the retry; `None` = only on request.
         retry_ns: Option<u64>,
     },
 }
 
 impl StageState {
-    /// The word for status displays.
-    pub fn word(&self) -> &'static str {
+    /// Name for status displays.
+    pub fn name(&self) -> &'static str {
         match self {
             StageState::Waiting { .. } => "waiting to start",
             StageState::Starting { .. } => "starting",
@@ -102,13 +101,13 @@ struct Stage {
     /// Times of the restarts within the window.
     recent: Vec<u64>,
     restarts: u32,
-    /// Asked to end so that it starts anew: no failure.
+    /// Stopped for an intentional restart, which is not a failure.
     renewing: bool,
-    /// Tried again after it was given up: its next failure within the window gives it up again.
+    /// Retried after it was given up: its next failure within the window gives it up again.
     probation: bool,
     /// When it was last started.
     started_ns: u64,
-    /// Why it was given up; kept until it runs again.
+    /// Why it was given up; empty once it runs again.
     reason: String,
 }
 
@@ -121,7 +120,7 @@ impl Stage {
     }
 }
 
-/// Watches over the stages.
+/// The supervisor of all stages.
 #[derive(Clone, Debug)]
 pub struct Supervisor {
     parameters: SupervisorParameters,
@@ -131,7 +130,7 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// A supervisor of stages that are to be started at once.
+    /// A supervisor whose stages are started at the first [`Self::tick`].
     pub fn new(parameters: SupervisorParameters, roles: &[Role], now_ns: u64) -> Self {
         let stage = |&role| Stage {
             role,
@@ -150,12 +149,12 @@ impl Supervisor {
         self.stages.iter_mut().find(|s| s.role == role)
     }
 
-    /// What a stage is doing; `None` for a role that is not supervised.
+    /// State of a stage; `None` for a role that is not supervised.
     pub fn state(&self, role: Role) -> Option<StageState> {
         self.stages.iter().find(|s| s.role == role).map(|s| s.state)
     }
 
-    /// How often a stage was restarted.
+    /// Number of restarts of a stage.
     pub fn restarts(&self, role: Role) -> u32 {
         self.stages.iter().find(|s| s.role == role).map_or(0, |s| s.restarts)
     }
@@ -165,30 +164,30 @@ impl Supervisor {
         self.stages.iter().all(|s| matches!(s.state, StageState::Running { .. }))
     }
 
-    /// Whether every stage that frames pass is reporting; files may be written or not.
+    /// Whether every stage of [`Role::STAGES`] is reporting; the writer may be down.
     pub fn frames_pass(&self) -> bool {
         let running = |s: &Stage| matches!(s.state, StageState::Running { .. });
         self.stages.iter().filter(|s| Role::STAGES.contains(&s.role)).all(running)
     }
 
-    /// Whether every stage has ended for good.
+    /// Whether every stage has ended or was given up.
     pub fn all_ended(&self) -> bool {
         self.stages.iter().all(|s| matches!(s.state, StageState::Ended | StageState::GivenUp { .. }))
     }
 
-    /// A stage that failed too often, if there is one.
+    /// The first stage that was given up, if there is one.
     pub fn given_up(&self) -> Option<Role> {
         self.stages.iter().find(|s| matches!(s.state, StageState::GivenUp { .. })).map(|s| s.role)
     }
 
-    /// Why stages were given up that do not run yet again, in words; `None` when there are none.
+    /// Why stages were given up that are not running again; `None` if there are none.
     pub fn given_up_reason(&self) -> Option<String> {
         let reasons: Vec<&str> =
             self.stages.iter().map(|s| &s.reason[..]).filter(|r| !r.is_empty()).collect();
         (!reasons.is_empty()).then(|| reasons.join("; "))
     }
 
-    /// Tries the stages that were given up now, not after their pause.
+    /// Retries all stages that were given up now, without waiting for the end of their pause.
     pub fn retry(&mut self, now_ns: u64) {
         if self.stopping {
             return;
@@ -200,7 +199,7 @@ impl Supervisor {
         }
     }
 
-    /// A stage was started, or could not be (then its exit follows).
+    /// A stage was started. Must also be called if its start failed; [`Self::exited`] then follows.
     pub fn spawned(&mut self, role: Role, now_ns: u64) {
         let own = role.spec().startup_deadline_ms;
         let deadline_ns = now_ns + deadline_ns(own, self.parameters.startup_deadline_ns);
@@ -210,7 +209,7 @@ impl Supervisor {
         }
     }
 
-    /// A living stage reported.
+    /// A stage has sent a report.
     pub fn reported(&mut self, role: Role, now_ns: u64) {
         let own = role.spec().liveness_deadline_ms;
         let deadline_ns = now_ns + deadline_ns(own, self.parameters.liveness_deadline_ns);
@@ -222,11 +221,11 @@ impl Supervisor {
         }
     }
 
-    /// A stage has exited and was reaped; `how` says how.
+    /// A stage has exited and was reaped; `how` describes its exit.
     pub fn exited(&mut self, role: Role, how: &str, now_ns: u64) -> Option<Action> {
         let (p, stopping) = (self.parameters, self.stopping);
         let stage = self.stage_mut(role)?;
-        // Of a stage that has no process there is nothing to hear.
+        // In all other states it has no process.
         if !matches!(
             stage.state,
             StageState::Starting { .. } | StageState::Running { .. } | StageState::Ending { .. }
@@ -247,7 +246,7 @@ impl Supervisor {
             let retry_ns = (p.retry_ns > 0).then(|| now_ns.saturating_add(p.retry_ns));
             stage.state = StageState::GivenUp { retry_ns };
             stage.reason = if stage.probation {
-                format!("{role} was given up, and failed again when it was tried once more: it {how}")
+                format!("{role} was given up, and failed again when it was retried: it {how}")
             } else {
                 format!(
                     "{role} failed {} times in {} s, the last time it {how}",
@@ -264,8 +263,8 @@ impl Supervisor {
         None
     }
 
-    /// Ends a stage and starts it anew at once, for a new launch document. That is no failure; one that was
-    /// given up gets another chance.
+    /// Restarts a stage at once, for a new launch document. This does not count as a failure. A stage that was given up
+    /// is started, too, with a new window.
     pub fn renew(&mut self, role: Role, now_ns: u64) -> Option<Action> {
         let kill_ns = now_ns + self.parameters.stop_grace_ns;
         let stopping = self.stopping;
@@ -286,12 +285,12 @@ impl Supervisor {
         }
     }
 
-    /// Whether a stage was asked to end so that it starts anew.
+    /// Whether a stage is being restarted by [`Self::renew`].
     pub fn is_renewing(&self, role: Role) -> bool {
         self.stages.iter().any(|s| s.role == role && s.renewing)
     }
 
-    /// Asks all stages to stop; none is started any more.
+    /// Stops all stages. None is started afterwards.
     pub fn stop(&mut self, now_ns: u64) -> Vec<Action> {
         if self.stopping {
             return Vec::new();
@@ -312,14 +311,15 @@ impl Supervisor {
         actions
     }
 
-    /// What is due at `now_ns`; to be called often. After a long gap (the machine was suspended, or
-    /// the scheduler starved) the stages get the same time again: they could not report either.
+    /// The actions that are due at `now_ns`; has to be called often. After a long gap between calls (the machine was
+    /// suspended, or the scheduler did not run) the deadlines are extended by the gap, because the stages could not
+    /// report either.
     pub fn tick(&mut self, now_ns: u64) -> Vec<Action> {
         let mut actions = Vec::new();
         let gap = now_ns.saturating_sub(self.last_tick_ns);
         let pause = if gap > self.parameters.liveness_deadline_ns / 2 { gap } else { 0 };
         self.last_tick_ns = now_ns;
-        // A kill may be in vain, should the process be stuck in the kernel: it is repeated.
+        // A process that is blocked in the kernel does not end when it is killed; the kill is repeated.
         let ending = StageState::Ending { kill_ns: now_ns + self.parameters.stop_grace_ns };
         for stage in &mut self.stages {
             let role = stage.role;

@@ -1,15 +1,14 @@
-//! The kernel's files about the board, below a root that the configuration names: `/sys`, or a made-up
-//! tree in tests.
+//! Access to sysfs below the configured root: `/sys`, or a temporary tree in tests.
 
 use super::heat::Celsius;
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Beyond these, in °C, a sensor is broken.
+/// Plausible temperatures in °C. A sensor with other values is treated as broken.
 const PLAUSIBLE: std::ops::RangeInclusive<f64> = -55.0..=150.0;
 
-/// A root.
+/// A sysfs tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sysfs {
     root: PathBuf,
@@ -21,7 +20,7 @@ impl Sysfs {
         Self { root: root.to_owned() }
     }
 
-    /// Where a file is, for messages.
+    /// Path of a file, for messages.
     pub fn path(&self, file: &str) -> PathBuf {
         self.root.join(file)
     }
@@ -29,21 +28,22 @@ impl Sysfs {
     /// The text of a file, trimmed.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// If it cannot be read.
     pub fn text(&self, file: &str) -> io::Result<String> {
         std::fs::read_to_string(self.path(file)).map(|text| text.trim().to_owned())
     }
 
-    /// The whole number in a file.
+    /// The integer in a file.
     ///
     /// # Errors
-    /// When it cannot be read, or holds none.
+    /// If it cannot be read, or is not an integer.
     pub fn number(&self, file: &str) -> io::Result<u64> {
         let text = self.text(file)?;
-        text.parse().map_err(|_| io::Error::new(io::ErrorKind::InvalidData, format!("{text:?} is no number")))
+        text.parse()
+            .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, format!("{text:?} is not a number")))
     }
 
-    /// All whole numbers in a file, ascending; none when it cannot be read.
+    /// All integers in a file, ascending; empty if it cannot be read.
     pub fn numbers(&self, file: &str) -> Vec<u64> {
         let text = self.text(file).unwrap_or_default();
         let mut numbers: Vec<u64> = text.split_ascii_whitespace().filter_map(|n| n.parse().ok()).collect();
@@ -51,22 +51,22 @@ impl Sysfs {
         numbers
     }
 
-    /// Writes a whole number into a file that is there.
+    /// Writes an integer into an existing file.
     ///
     /// # Errors
-    /// When the file is not there or the kernel refuses.
+    /// If the file does not exist, or the kernel refuses.
     pub fn write(&self, file: &str, number: u64) -> io::Result<()> {
         let mut open = OpenOptions::new().write(true).truncate(true).open(self.path(file))?;
-        // In one call: the kernel takes each write for a whole value.
+        // In one call, because the kernel treats each write as a complete value.
         open.write_all(format!("{number}\n").as_bytes())
     }
 
-    /// Whether a file or folder is there.
+    /// Whether a file or folder exists.
     pub fn has(&self, file: &str) -> bool {
         self.path(file).exists()
     }
 
-    /// Names in a folder that start with `prefix`, by their numbers: zone2 comes before zone10.
+    /// Names in a folder that start with `prefix`, sorted by their numbers: zone2 comes before zone10.
     pub fn names(&self, folder: &str, prefix: &str) -> Vec<String> {
         let Ok(entries) = std::fs::read_dir(self.path(folder)) else { return Vec::new() };
         let mut names: Vec<String> = entries
@@ -79,7 +79,7 @@ impl Sysfs {
     }
 }
 
-/// The thermal zones that are watched.
+/// The monitored thermal zones.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     sysfs: Sysfs,
@@ -104,13 +104,13 @@ impl Sensors {
         Self { sysfs: sysfs.clone(), folders, names }
     }
 
-    /// Their types, numbered where several are of one.
+    /// Types of the zones; those of the same type are numbered (`cpu-thermal#2`).
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// Reads all, in thousandths of a degree as the kernel gives them. One that cannot be read, or
-    /// shows what no chip can have, is `None`.
+    /// Reads all zones (the kernel's unit is 1/1000 °C). A zone that cannot be read, or has an implausible value, is
+    /// `None`.
     pub fn read(&self, readings: &mut Vec<Option<Celsius>>) {
         readings.clear();
         readings.extend(self.folders.iter().map(|folder| {
@@ -121,8 +121,7 @@ impl Sensors {
     }
 }
 
-/// Whether a name matches one of several patterns, parted by commas. `*` stands for any text; case does
-/// not count.
+/// Whether a name matches one of several patterns, separated by commas. `*` stands for any text; case is ignored.
 pub fn matches(patterns: &str, name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     patterns.split(',').any(|pattern| matches_one(&pattern.trim().to_ascii_lowercase(), &name))
@@ -138,7 +137,7 @@ fn matches_one(pattern: &str, name: &str) -> bool {
 pub mod tests {
     use super::*;
 
-    /// A made-up tree.
+    /// A temporary sysfs tree.
     pub struct Tree(pub tempfile::TempDir);
 
     impl Tree {

@@ -1,4 +1,4 @@
-//! The run as a service: what systemd is told, and a configuration that is read again.
+//! The run as a systemd service: notifications and reload.
 
 use super::notify::View;
 use super::reload;
@@ -10,19 +10,19 @@ use messages::status::StatusRecord;
 use std::sync::atomic::Ordering;
 
 impl Run {
-    /// Tells systemd what is due.
+    /// Sends the notifications that are due.
     pub(super) fn notify(&mut self, now: u64) {
         let view = View {
             has_result: self.collector.results() > 0,
             has_pair: self.credit.has_pair(),
-            // A writer that was given up is no reason to start everything anew.
+            // The watchdog must not restart the daemon because the writer was given up.
             all_live: self.supervisor.frames_pass(),
             is_stopping: self.phase != Phase::Running,
         };
         self.notify.step(now, view);
     }
 
-    /// Tells systemd how the daemon is doing.
+    /// Sends the state of the daemon to systemd.
     pub(super) fn notify_status(&mut self, status: &StatusRecord, now: u64) {
         let state = format!("{} {}", status.state_name(), status.reason());
         let hottest = self.board.hottest();
@@ -41,13 +41,12 @@ impl Run {
         });
     }
 
-    /// Whether SIGHUP has come since the last call.
+    /// Whether SIGHUP has arrived since the last call.
     pub fn takes_reload(&self) -> bool {
         self.hangup.swap(false, Ordering::Relaxed) && self.phase == Phase::Running
     }
 
-    /// Takes over a configuration that was read again; one that cannot be used leaves everything as
-    /// it was, and says why.
+    /// Reads and applies the configuration. An error is logged, and the old configuration stays in use.
     pub fn reload(&mut self, read: impl FnOnce() -> Result<Config, String>, now: u64) {
         self.notify.reloading();
         match read().and_then(|new| self.take_over(new, now)) {
@@ -56,7 +55,7 @@ impl Run {
                 self.notify.reloaded(&text);
             }
             Err(reason) => {
-                let text = format!("the configuration was read again and is not taken: {reason}");
+                let text = format!("the configuration was read again and refused: {reason}");
                 tracing::error!("{text}");
                 self.notify.reloaded(&text);
             }
@@ -68,7 +67,7 @@ impl Run {
         if plan.keys.is_empty() {
             return Ok("the configuration was read again: nothing has changed".into());
         }
-        // What it names must be there before a stage is asked to end.
+        // The new configuration has to be usable before any stage is stopped.
         stages::check(&new, &self.launch.frames).map_err(|error| error.to_string())?;
         if plan.board {
             self.board.reload(&new).map_err(|error| error.to_string())?;

@@ -271,7 +271,7 @@ impl Observer {
             director.restarted(stage);
         }
         if role == Role::Stereo && report.is_frame == 1 && self.base.is_some() {
-            self.device = report.device.words();
+            self.device = report.device.describe();
             let ms: f32 = report.device.times_ms().iter().sum();
             if ms > 0.0 {
                 self.device_time.add_ns((f64::from(ms) * 1e6) as u64);

@@ -1,4 +1,4 @@
-//! The loop of a stage with one input and one output.
+//! The main loop of a stage with one input and one output.
 
 use super::stage::FrameStage;
 use crate::host::{Host, HostError};
@@ -7,30 +7,30 @@ use messages::clock::monotonic_ns;
 use messages::header::Stamp;
 use messages::wait::{self, Next};
 
-/// Takes the newest message of the stage's input, lets the stage work on it in shared memory, sends the result,
-/// reports, and sleeps until the next.
+/// Receives the newest message of the stage's input, calls the stage, which writes its output in shared memory, sends
+/// the output, reports, and sleeps until the next message.
 ///
 /// # Errors
-/// When shared memory cannot be used.
+/// If shared memory cannot be used.
 pub fn run(mut host: Host, mut stage: Box<dyn FrameStage>) -> Result<(), HostError> {
     let (input, output) = (stage.input().service(), stage.output().service());
     let format = host.launch.frames;
     let max_bytes = output.max_payload_bytes(format.width, format.height);
-    // In lock-step a frame may have any age: the source waits for the slowest stage.
+    // In lock-step the source waits for the slowest stage, so a frame may have any age.
     let max_ms = host.launch.config.alarm.frame_age_max_ms.unsigned_abs();
     let max_age_ns = if host.launch.lockstep || max_ms == 0 { u64::MAX } else { max_ms * 1_000_000 };
     let messages = host.bus.subscriber(input)?;
     let publisher = host.bus.publisher(output, format.width, format.height)?;
     host.ready()?;
     wait::run(&[&messages], || {
-        // One frame at a time, so that a request to stop is noticed between two.
+        // A request to stop takes effect between two frames.
         while !host.should_stop()
             && let Some(sample) = messages.receive()?
         {
             let begin_ns = monotonic_ns();
             let missed = messages.take_missed();
             host.skipped(missed);
-            // The capture time was written by another process: it may have any value.
+            // Another process has written the capture time, so it may have any value.
             let age_ns = begin_ns.saturating_sub(sample.header().capture_ns);
             let mut header = *sample.header();
             header.faults |= Faults::OLD.when(age_ns > max_age_ns).0;
@@ -50,7 +50,7 @@ pub fn run(mut host: Host, mut stage: Box<dyn FrameStage>) -> Result<(), HostErr
                 }
                 Err(error) => {
                     host.refused(input.name, &error);
-                    // The stage is alive, however many unsound messages arrive.
+                    // Invalid messages must not delay the heartbeat.
                     host.heartbeat()?;
                 }
             }

@@ -1,5 +1,6 @@
-//! The stages: a folder each, with its adapter between messages and algorithms, its parameters from the
-//! configuration, and its tests. [`entry`] names the constructor of each entry of [`messages::pipeline`]'s table.
+//! The stages. Each folder holds one stage: its adapter between messages and algorithms, the mapping from the
+//! configuration to parameters, and its tests. [`entry`] gives the constructor for each entry of the table in
+//! [`messages::pipeline`].
 
 pub mod capture;
 mod frame_loop;
@@ -16,18 +17,24 @@ use config::Config;
 use messages::pipeline::Role;
 use stage::{FrameStage, SetupError, Stage, configure};
 
-/// How a process of the pipeline works.
+/// Constructor of a stage: see [`configure`].
+type Configure = fn(&Config, &FrameFormat) -> Result<Box<dyn FrameStage>, SetupError>;
+
+/// Configured stages with their roles.
+type ConfiguredStages = Vec<(Role, Box<dyn FrameStage>)>;
+
+/// How a process of the pipeline is run.
 pub enum Entry {
-    /// One message in, one message out.
+    /// By the frame loop: one message in, one message out.
     Frames {
         /// See [`configure`].
-        configure: fn(&Config, &FrameFormat) -> Result<Box<dyn FrameStage>, SetupError>,
+        configure: Configure,
         /// See [`Stage::check`].
         check: fn(&Config, &FrameFormat) -> Result<(), SetupError>,
     },
-    /// A loop of its own.
+    /// By its own main loop.
     Process(fn(Host) -> Result<(), HostError>),
-    /// The scheduler, which is no stage.
+    /// The scheduler, which is not a stage.
     Scheduler,
 }
 
@@ -47,10 +54,10 @@ fn frames<S: Stage + 'static>() -> Entry {
     Entry::Frames { configure: configure::<S>, check: S::check }
 }
 
-/// Runs a stage until it is asked to stop.
+/// Runs a stage until SIGTERM or SIGINT.
 ///
 /// # Errors
-/// When it cannot work at all; the scheduler then restarts it.
+/// If the stage cannot be configured, or shared memory cannot be used. The scheduler then restarts it.
 pub fn run(role: Role, launch: Launch) -> Result<(), HostError> {
     let host = Host::new(role, launch)?;
     match entry(role) {
@@ -59,14 +66,14 @@ pub fn run(role: Role, launch: Launch) -> Result<(), HostError> {
             frame_loop::run(host, stage)
         }
         Entry::Process(run) => run(host),
-        Entry::Scheduler => Err(HostError::Launch("the scheduler is no stage".into())),
+        Entry::Scheduler => Err(HostError::Launch("the scheduler is not a stage".into())),
     }
 }
 
-/// Checks what the stages would refuse, before any of them is started.
+/// Calls [`Stage::check`] of all stages, before any of them is started.
 ///
 /// # Errors
-/// The first refusal.
+/// The first error.
 pub fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
     for role in Role::ALL {
         if let Entry::Frames { check, .. } = entry(role) {
@@ -76,21 +83,18 @@ pub fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
     Ok(())
 }
 
-/// All stages that turn one message into another, each after the one that it reads from.
+/// Configures all stages with one input and one output, in the order of the pipeline.
 ///
 /// # Errors
-/// When one of them cannot be configured.
-pub fn configure_all(
-    config: &Config,
-    format: &FrameFormat,
-) -> Result<Vec<(Role, Box<dyn FrameStage>)>, SetupError> {
+/// If one of them cannot be configured.
+pub fn configure_all(config: &Config, format: &FrameFormat) -> Result<ConfiguredStages, SetupError> {
     let mut stages = Vec::new();
     for role in Role::ALL {
         if let Entry::Frames { configure, .. } = entry(role) {
             stages.push((role, configure(config, format)?));
         }
     }
-    // A stage is at most as many steps from the source as there are stages.
+    // Distance from the source. The bound ends the loop if the table has a cycle.
     let steps = |role: Role| {
         let mut steps = 0;
         let mut input = role.spec().input;
@@ -110,7 +114,7 @@ mod tests {
     use perception::rig::Rig;
 
     #[test]
-    fn each_stage_reads_and_writes_what_the_table_says() {
+    fn inputs_and_outputs_of_the_stages_are_those_of_the_table() {
         let config = config::parse("", std::path::Path::new("x.toml")).unwrap();
         let rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 80.0, cy_px: 60.0 };
         let stages = configure_all(&config, &FrameFormat::new((160, 120), rig)).unwrap();

@@ -1,4 +1,4 @@
-//! What a stage of the pipeline is: a message in, a message out, without knowing of processes.
+//! The trait [`Stage`]: one message in, one message out, independent of processes and shared memory.
 
 use crate::launch::FrameFormat;
 use crate::stages::recognition::cascade::CascadeError;
@@ -23,10 +23,10 @@ pub trait Stage: Sized {
     /// Configures the stage for the frames of a run and allocates its memory.
     ///
     /// # Errors
-    /// When the configuration or a file that it names cannot be used.
+    /// If the configuration or a file that it names cannot be used.
     fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError>;
 
-    /// Checks at start, in the scheduler, what [`Self::new`] would refuse, as far as that costs little.
+    /// Checks cheaply, in the scheduler and before the start, whether [`Self::new`] would fail.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -34,10 +34,10 @@ pub trait Stage: Sized {
         Ok(())
     }
 
-    /// Works on one message and writes the next in place.
+    /// Processes one message and writes the output in place.
     ///
     /// # Errors
-    /// When the content of the message cannot be used; the frame is skipped and counted.
+    /// If the content of the message cannot be used. The message is then refused and counted.
     fn process(
         &mut self,
         frame: &FrameContext,
@@ -45,41 +45,41 @@ pub trait Stage: Sized {
         output: Output<'_, Self::Out>,
     ) -> Result<Written, FrameError>;
 
-    /// State of the calibration after the last frame; zeros where it is not checked.
+    /// Epipolar alignment after the last frame; all zeros if it is not monitored.
     fn calibration(&self) -> CalibrationRecord {
         CalibrationRecord::default()
     }
 
-    /// Self-checks that failed on the last frame; its header carries them to the following stages.
+    /// Self-checks that failed for the last frame; its header carries them to the following stages.
     fn faults(&self) -> Faults {
         Faults::NONE
     }
 
-    /// The device that the stage computes on; zeros for the CPU.
+    /// The device that the stage computes on; all zeros for the CPU.
     fn device(&self) -> DeviceRecord {
         DeviceRecord::default()
     }
 }
 
-/// What a stage knows of the frame besides its message.
+/// Properties of a frame apart from the content of its message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameContext {
     /// Number of the frame in its source, from 0.
     pub sequence: u64,
     /// When the pair was captured, in nanoseconds of CLOCK_MONOTONIC.
     pub capture_ns: u64,
-    /// Time of the recording or of the camera, in nanoseconds. Filters run on it.
+    /// Source time: time in the recording, the scene or of the camera, in nanoseconds. Filters use it.
     pub source_ns: u64,
-    /// Messages before this one that the stage has not received, because newer ones replaced them.
+    /// Number of messages directly before this one that the stage has not received, because newer ones overtook them.
     pub missed: u64,
-    /// How the frame is to be treated: bits of [`messages::header::modes`].
+    /// How stages treat the frame: bits of [`messages::header::modes`].
     pub modes: u32,
     /// Self-checks that failed in earlier stages.
     pub faults: Faults,
 }
 
 impl FrameContext {
-    /// The context of a message.
+    /// The context of a message with this header.
     pub fn of(header: &Header, missed: u64) -> Self {
         Self {
             sequence: header.sequence,
@@ -92,7 +92,7 @@ impl FrameContext {
     }
 }
 
-/// A [`Stage`] behind the bytes of its messages: what the frame loop and the in-process run hold.
+/// A [`Stage`] with untyped messages, for the frame loop and the in-process run.
 pub trait FrameStage {
     /// Kind of the message that it reads.
     fn input(&self) -> Kind;
@@ -100,11 +100,10 @@ pub trait FrameStage {
     /// Kind of the message that it writes.
     fn output(&self) -> Kind;
 
-    /// Checks a message, works on it, and writes the payload of the next to the start of `output`. Returns its
-    /// length in bytes.
+    /// Checks a message, processes it, and writes the output to the start of `output`. Returns its length in bytes.
     ///
     /// # Errors
-    /// When the message is not sound, or see [`Stage::process`].
+    /// If the message is invalid, or see [`Stage::process`].
     fn work(
         &mut self,
         header: &Header,
@@ -123,7 +122,7 @@ pub trait FrameStage {
     fn device(&self) -> DeviceRecord;
 }
 
-/// A stage together with the frame size that it was configured for.
+/// A stage and the frame format that it was configured for.
 struct Configured<S> {
     stage: S,
     format: FrameFormat,
@@ -185,7 +184,7 @@ impl<S: Stage> FrameStage for Configured<S> {
 /// Why a stage cannot be configured. The text names the key or file and the remedy.
 #[derive(Debug, Error)]
 pub enum SetupError {
-    /// The matcher refuses the size or the disparities, or its backend cannot be used.
+    /// The matcher does not support the size or the disparities, or its backend cannot be used.
     #[error(transparent)]
     Matcher(#[from] BackendError),
     /// The cascade cannot be used.
@@ -193,10 +192,10 @@ pub enum SetupError {
     Cascade(#[from] CascadeError),
 }
 
-/// Why a frame cannot be used. The frame is skipped and counted.
+/// Why a frame cannot be used. Its message is refused and counted.
 #[derive(Debug, Error)]
 pub enum FrameError {
-    /// The message is not sound.
+    /// The message is invalid.
     #[error(transparent)]
     Message(#[from] MessageError),
     /// The frame has another size than the run.
@@ -214,10 +213,10 @@ pub enum FrameError {
     /// The matcher refuses the images.
     #[error(transparent)]
     Match(#[from] MatchError),
-    /// The right image cannot be shifted.
+    /// The row offsets of the right image cannot be corrected.
     #[error(transparent)]
     Remap(#[from] perception::rectify::RemapError),
-    /// The bytes are no image.
+    /// The bytes are not an image of the expected size.
     #[error(transparent)]
     Image(#[from] perception::image::ImageError),
 }

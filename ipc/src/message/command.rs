@@ -1,38 +1,39 @@
-//! `command`: scheduler → capture. How fast to bring pairs, and in lock-step how far to go.
+//! `command`: scheduler → capture. The rate of the source and, in lock-step, its credit.
 
 use crate::header::{Header, Kind, MessageError, record};
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
-/// What the scheduler wants of the source.
+/// Control of the source. A newer command replaces the previous one.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CommandRecord {
-    /// 1 in lock-step: a pair is published only when `credit` allows it.
+    /// 1 in lock-step: a pair is published only if `credit` allows it; 0 at live rate.
     pub lockstep: u32,
-    /// 1 once no more pairs are wanted.
+    /// 1 from the time when the daemon stops: no more pairs are published; else 0.
     pub drain: u32,
-    /// In lock-step, the highest sequence number that may be published.
+    /// In lock-step, the highest sequence that may be published; 0 at live rate.
     pub credit: u64,
-    /// Grows when the pair `credit` is to be published once more, because a stage died with it.
+    /// In lock-step, number of the attempt at the pair `credit`, from 0. It grows when the pair is requested again
+    /// because a stage died with it.
     pub attempt: u32,
-    /// 1 while no pairs are wanted: the board is too hot.
+    /// 1 while the board is too hot for any pair to be published; else 0.
     pub hold: u32,
-    /// Time between pairs at live rate, in nanoseconds.
+    /// Time between pairs at live rate, in ns, above 0; any value in lock-step.
     pub period_ns: u64,
-    /// What every header says of how the frame is to be treated: bits of [`crate::header::modes`].
+    /// Value of [`Header::modes`] for all frames: bits of [`crate::header::modes`].
     pub modes: u32,
     /// Padding; 0.
     pub reserved: u32,
 }
 
-/// Bytes of the payload.
+/// Length of the payload in bytes.
 pub const PAYLOAD_BYTES: usize = size_of::<CommandRecord>();
 
 /// Checks a message and copies its record.
 ///
 /// # Errors
-/// When the header, the length or the period is wrong.
+/// If the header, the length or the period is invalid.
 pub fn view(header: &Header, payload: &[u8]) -> Result<CommandRecord, MessageError> {
     header.check(Kind::Command)?;
     let command: CommandRecord = record(payload)?;
@@ -42,7 +43,7 @@ pub fn view(header: &Header, payload: &[u8]) -> Result<CommandRecord, MessageErr
     Ok(command)
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct CommandMessage;
 

@@ -1,44 +1,44 @@
-//! `depth`: stereo → road. Disparity (u16, 1/256 px, 0 = unknown), left image, confidence (u8), right
-//! image as it was matched, each width × height values.
+//! `depth`: stereo → road. Disparity (u16, 1/256 px, 0 = unknown), left image (u8), confidence (u8) and the right
+//! image as it was matched (u8), each width × height values, row after row.
 
 use crate::header::{Header, Kind, MessageError, check_length};
 use crate::typed::{Message, Output, Written};
 
-/// Bytes of the payload for images of `width` × `height`.
+/// Length of the payload in bytes for images of `width` × `height` pixels.
 pub fn payload_bytes(width: usize, height: usize) -> usize {
     5 * width * height
 }
 
-/// The maps of a message.
+/// The maps of a message, each width × height values, row after row.
 #[derive(Clone, Copy, Debug)]
 pub struct Depth<'a> {
-    /// Disparity in 1/256 px, 0 = unknown.
+    /// Disparity in 1/256 px; 0 = unknown.
     pub disparity: &'a [u16],
-    /// Left image.
+    /// Left image, grey values.
     pub left: &'a [u8],
-    /// Confidence, 0 to 255.
+    /// Confidence of the disparity, 1 to 255; 0 where it is unknown.
     pub confidence: &'a [u8],
-    /// Right image, its rows those of the left.
+    /// Right image as it was matched: after the correction of row offsets, if one is active.
     pub right: &'a [u8],
 }
 
-/// The maps of a message, to be written.
+/// As [`Depth`], for writing.
 #[derive(Debug)]
 pub struct DepthMut<'a> {
-    /// Disparity in 1/256 px, 0 = unknown.
+    /// Disparity in 1/256 px; 0 = unknown.
     pub disparity: &'a mut [u16],
-    /// Left image.
+    /// Left image, grey values.
     pub left: &'a mut [u8],
-    /// Confidence, 0 to 255.
+    /// Confidence of the disparity, 1 to 255; 0 where it is unknown.
     pub confidence: &'a mut [u8],
-    /// Right image, its rows those of the left.
+    /// Right image as it was matched: after the correction of row offsets, if one is active.
     pub right: &'a mut [u8],
 }
 
-/// Checks a message and sees its maps.
+/// Checks a message and returns its maps.
 ///
 /// # Errors
-/// When the header or the length is wrong.
+/// If the header, the length or the alignment is invalid.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, MessageError> {
     header.check(Kind::Depth)?;
     let pixels = header.pixels();
@@ -51,10 +51,10 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, Message
     Ok(Depth { disparity, left, confidence, right })
 }
 
-/// The maps of a payload for `pixels` pixels, to be written.
+/// The maps of a payload for images of `pixels` pixels, for writing.
 ///
 /// # Errors
-/// When the payload has another length or is not aligned to two bytes.
+/// If the payload has another length, or is not aligned to two bytes.
 pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, MessageError> {
     check_length(payload, 5 * pixels)?;
     let at = payload.as_ptr() as u64;
@@ -66,7 +66,7 @@ pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, Mess
     Ok(DepthMut { disparity, left, confidence, right })
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthMessage;
 
@@ -84,10 +84,10 @@ impl Message for DepthMessage {
 }
 
 impl<'a> Output<'a, DepthMessage> {
-    /// Lets `fill` write the maps of a frame of `pixels` pixels.
+    /// Calls `fill` to write the maps of a frame of `pixels` pixels.
     ///
     /// # Errors
-    /// When the payload is too short, or whatever `fill` gives.
+    /// If the payload is too short, or the error of `fill`.
     pub fn write<E: From<MessageError>>(
         self,
         pixels: usize,

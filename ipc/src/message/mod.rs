@@ -1,4 +1,4 @@
-//! All messages. A new one is a module of its own and one line here.
+//! All messages. To add one, write a module and add it to the list below.
 
 use crate::pipeline::Kind;
 use crate::typed::Message;
@@ -7,7 +7,7 @@ macro_rules! messages {
     ($($module:ident::$message:ident,)*) => {
         $(pub mod $module;)*
 
-        /// The longest payload of a kind of message for images of `width` × `height`, in bytes.
+        /// Maximum length of the payload of a kind of message for images of `width` × `height` pixels, in bytes.
         pub(crate) fn max_payload_bytes(kind: Kind, width: usize, height: usize) -> usize {
             match kind {
                 $(<$module::$message as Message>::KIND => $module::$message::max_payload_bytes(width, height),)*

@@ -1,4 +1,4 @@
-//! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road in brief
+//! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road model
 //! and up to [`MAX_COUNT`] tracked obstacles.
 
 use crate::alarm::{LEVELS, RULES};
@@ -6,108 +6,108 @@ use crate::header::{Header, Kind, MessageError};
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
-/// The most obstacles of a message.
+/// Maximum number of obstacles in a message.
 pub const MAX_COUNT: usize = 128;
 
-/// The alarm and the road of a frame.
+/// Alarm and road model of a frame.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct AlarmRecord {
-    /// 0 = off (cannot judge), 1 = standby, 2 = warning, 3 = alarm: [`crate::alarm::LEVELS`].
+    /// Level of the alarm: 0 = off (a self-check failed), 1 = standby, 2 = warning, 3 = alarm
+    /// ([`crate::alarm::LEVELS`]).
     pub level: u32,
-    /// The rule that raised it: [`crate::alarm::RULES`].
+    /// The rule that raised it: an index into [`crate::alarm::RULES`]; 0 = none.
     pub rule: u32,
-    /// The track that caused it; 0 = none.
+    /// The track that caused it, from 1; 0 = none.
     pub track: u32,
-    /// Self-checks that failed: [`crate::alarm::Faults`]; not 0 while the level is off.
+    /// Self-checks that failed: bits of [`crate::alarm::Faults`]; not 0 while the level is off.
     pub faults: u32,
-    /// 1 when the level is another than in the frame before.
+    /// 1 if the level differs from that of the previous frame, else 0.
     pub changed: u32,
-    /// Unused.
+    /// Padding; 0.
     pub reserved: u32,
-    /// Nearest obstacle in the path, in metres; infinite when there is none.
+    /// Distance of the nearest obstacle in the path, in metres; infinite if there is none.
     pub nearest_m: f64,
-    /// The track's time to collision, in seconds; infinite when it does not close in, or is gone.
+    /// Time to collision of `track`, in seconds; infinite if its distance does not decrease, or it is lost.
     pub time_to_collision_s: f64,
-    /// Braking that would stop the vehicle before the track, in m/s²; 0 when none is needed.
+    /// Deceleration that stops the vehicle before `track`, in m/s², positive; 0 if none is required.
     pub required_deceleration_m_s2: f64,
-    /// 1 when a road was seen.
+    /// 1 if a road was detected, else 0. The fields of the road below are then 0.
     pub road_seen: u32,
-    /// Obstacles that follow.
+    /// Number of obstacles that follow, 0 to [`MAX_COUNT`].
     pub obstacles: u32,
-    /// Slope of the road in v-disparity, px per row.
+    /// Slope of the road in v-disparity, px of disparity per row.
     pub slope: f64,
-    /// Row of the horizon, in px.
+    /// Row of the horizon in the left image, in px; may lie outside the image.
     pub horizon_px: f64,
-    /// Share of rows in which the road is supported, 0 to 1.
+    /// Share of rows whose disparities support the road, 0 to 1.
     pub confidence: f64,
     /// Height of the camera above the road, in metres.
     pub camera_height_m: f64,
 }
 
-/// One tracked obstacle. The box is in pixels of the left image.
+/// One tracked obstacle. The box is in pixels of the left image; z is the camera's axis.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ObstacleRecord {
-    /// Its track, from 1.
+    /// Number of its track, from 1.
     pub track: u32,
-    /// 1 when it was seen often enough to count.
+    /// 1 if the track is confirmed: only then it can raise the alarm; else 0.
     pub confirmed: u32,
-    /// Frames in which it was seen.
+    /// Number of frames in which it was detected.
     pub seen: u32,
-    /// Frames in a row in which it was not.
+    /// Number of frames in a row, up to this one, in which it was not detected; its place is then the prediction.
     pub missed: u32,
-    /// The box: left, top, width, height.
+    /// The box: left, top, width, height, in px; within the image.
     pub bounds: [u32; 4],
-    /// Distance along z, filtered, in metres.
+    /// Filtered distance along z, in metres.
     pub distance_m: f64,
-    /// One standard deviation of that.
+    /// Standard deviation of the distance, in metres.
     pub distance_sigma_m: f64,
-    /// Metres right of the camera axis.
+    /// Lateral position of its centre, in metres; positive to the right of the camera's axis.
     pub lateral_m: f64,
     /// Width in metres.
     pub width_m: f64,
     /// Height in metres.
     pub height_m: f64,
-    /// Speed to the right of the camera axis, in m/s.
+    /// Lateral speed in m/s; positive to the right.
     pub across_m_s: f64,
-    /// Closing speed in m/s, above zero while it comes nearer.
+    /// Closing speed in m/s; positive while the distance decreases.
     pub closing_m_s: f64,
-    /// One standard deviation of that.
+    /// Standard deviation of the closing speed, in m/s.
     pub closing_sigma_m_s: f64,
-    /// Time to collision in seconds; infinite when it does not close in.
+    /// Time to collision in seconds; infinite if the distance does not decrease.
     pub time_to_collision_s: f64,
-    /// One standard deviation of that; 0 when it does not close in.
+    /// Standard deviation of the time to collision, in seconds; 0 if the distance does not decrease.
     pub time_to_collision_sigma_s: f64,
-    /// 1 when the vehicle would meet it in its path.
+    /// 1 if it is in the path of the vehicle, else 0.
     pub in_path: u32,
-    /// Unused.
+    /// Padding; 0.
     pub reserved: u32,
-    /// Score of the recognised class; 0 when none was.
+    /// Score of the recognised class; 0 if none was recognised.
     pub score: f64,
-    /// Name of the class, padded with zeros.
+    /// Name of the class, padded with zeros; `obstacle` if none was recognised.
     pub class: [u8; 16],
 }
 
 /// The parts of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Obstacles<'a> {
-    /// The alarm and the road.
+    /// Alarm and road model.
     pub alarm: AlarmRecord,
-    /// The obstacles, oldest track first.
+    /// The obstacles, in the order of their tracks: the oldest first.
     pub obstacles: &'a [ObstacleRecord],
 }
 
-/// Bytes of the payload with `count` obstacles.
+/// Length of the payload with `count` obstacles, in bytes.
 pub fn payload_bytes(count: usize) -> usize {
     size_of::<AlarmRecord>() + count * size_of::<ObstacleRecord>()
 }
 
-/// Writes the message to the start of a payload. Gives how many bytes it takes:
-/// [`payload_bytes`]`(obstacles.len())`.
+/// Writes the message to the start of a payload. Returns its length in bytes, [`payload_bytes`]`(obstacles.len())`.
 ///
 /// # Errors
-/// When the payload is too short, or there are too many obstacles.
+/// If the payload is too short, or there are more than [`MAX_COUNT`] obstacles.
 pub fn write(
     payload: &mut [u8],
     alarm: AlarmRecord,
@@ -124,10 +124,10 @@ pub fn write(
     Ok(needed)
 }
 
-/// Checks a message and sees its parts.
+/// Checks a message and returns its parts. All boxes then lie within the image, and all positions and sizes are finite.
 ///
 /// # Errors
-/// When anything is out of range.
+/// If the header, the length or any field is invalid.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, MessageError> {
     header.check(Kind::Obstacles)?;
     let short = MessageError::Length { given: payload.len(), needed: size_of::<AlarmRecord>() };
@@ -154,7 +154,7 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
         if x + width > u64::from(header.width) || y + height > u64::from(header.height) {
             return Err(MessageError::Value { what: "box of an obstacle", value: x });
         }
-        // Times may be infinite; where a thing is may not, and nothing may be no number.
+        // Positions and sizes must be finite; times may be infinite; nothing may be NaN.
         let places = [obstacle.distance_m, obstacle.lateral_m, obstacle.width_m, obstacle.height_m];
         let rest =
             [obstacle.distance_sigma_m, obstacle.closing_m_s, obstacle.time_to_collision_s, obstacle.score];
@@ -168,16 +168,16 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, Mes
     Ok(Obstacles { alarm, obstacles })
 }
 
-/// Keeps a reader of `obstacles` to what holds: messages of two senders may reach it in any order,
-/// and a late comer gets the last one of each.
+/// Selects the valid messages of `obstacles`: messages of its two publishers (the last stage and the scheduler) can
+/// arrive in any order, and a new subscriber receives the last message of each.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Newest {
     issued_ns: u64,
 }
 
 impl Newest {
-    /// Whether a message was issued after all that were accepted so far. One that was not is out of
-    /// date and to be passed over.
+    /// Whether a message was not issued before one that was already accepted. Otherwise it is out of date and must be
+    /// ignored.
     pub fn accepts(&mut self, header: &Header) -> bool {
         let newer = header.issued_ns >= self.issued_ns;
         if newer {
@@ -187,7 +187,7 @@ impl Newest {
     }
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct ObstaclesMessage;
 
@@ -205,10 +205,10 @@ impl Message for ObstaclesMessage {
 }
 
 impl Output<'_, ObstaclesMessage> {
-    /// Writes the message.
+    /// Writes the message; see [`write()`].
     ///
     /// # Errors
-    /// When the payload is too short, or there are too many obstacles.
+    /// As [`write()`].
     pub fn write(self, alarm: AlarmRecord, obstacles: &[ObstacleRecord]) -> Result<Written, MessageError> {
         write(self.payload, alarm, obstacles).map(Written)
     }
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_issued_last_holds_in_whatever_order_it_comes() {
+    fn the_message_that_was_issued_last_is_valid_in_any_order_of_arrival() {
         let at = |issued_ns| Header { issued_ns, ..Header::new(Kind::Obstacles) };
         let mut newest = Newest::default();
         let accepted = [5, 9, 7, 9, 10].map(|ns| newest.accepts(&at(ns)));
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_and_anything_else_refused() {
+    fn written_messages_are_read_and_invalid_ones_refused() {
         let header = Header { width: 100, height: 80, ..Header::new(Kind::Obstacles) };
         let obstacle = ObstacleRecord { track: 3, bounds: [10, 10, 20, 20], ..ObstacleRecord::default() };
         let mut memory = vec![0_u64; payload_bytes(2) / 8];

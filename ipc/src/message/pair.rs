@@ -1,9 +1,9 @@
-//! `pair`: capture → stereo. Left image, then right image, each width × height grey bytes.
+//! `pair`: capture → stereo. Left image, then right image, each width × height grey values (u8), row after row.
 
 use crate::header::{Header, Kind, MessageError, check_length};
 use crate::typed::Message;
 
-/// Bytes of the payload for images of `width` × `height`.
+/// Length of the payload in bytes for images of `width` × `height` pixels.
 pub fn payload_bytes(width: usize, height: usize) -> usize {
     2 * width * height
 }
@@ -11,16 +11,16 @@ pub fn payload_bytes(width: usize, height: usize) -> usize {
 /// The images of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<'a> {
-    /// Left image, row after row.
+    /// Left image, grey values row after row.
     pub left: &'a [u8],
-    /// Right image, row after row.
+    /// Right image, grey values row after row.
     pub right: &'a [u8],
 }
 
-/// Checks a message and sees its images.
+/// Checks a message and returns its images.
 ///
 /// # Errors
-/// When the header or the length is wrong.
+/// If the header or the length is invalid.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Pair<'a>, MessageError> {
     header.check(Kind::Pair)?;
     check_length(payload, 2 * header.pixels())?;
@@ -28,12 +28,12 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Pair<'a>, MessageE
     Ok(Pair { left, right })
 }
 
-/// The two images of a payload, to be written.
+/// The left and the right image of a payload, for writing.
 pub fn split_mut(payload: &mut [u8]) -> (&mut [u8], &mut [u8]) {
     payload.split_at_mut(payload.len() / 2)
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct PairMessage;
 

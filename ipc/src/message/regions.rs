@@ -1,104 +1,106 @@
-//! `regions`: road → recognition. The road, up to [`MAX_COUNT`] regions, and their crops.
+//! `regions`: road → recognition. The road model, up to [`MAX_COUNT`] regions, and their crops of the left image.
 //!
-//! Payload: [`RoadRecord`], the road's profile (f32 per image row), the free space (f32 per
-//! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey bytes).
+//! Payload: [`RoadRecord`], the road profile (f32 per image row), the free space (f32 per
+//! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey values, u8).
 
 use crate::header::{Header, Kind, MessageError};
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
-/// The most regions of a message.
+/// Maximum number of regions in a message.
 pub const MAX_COUNT: usize = 64;
 
-/// Columns that share one distance of the free space.
+/// Number of image columns per distance of the free space.
 pub const FREE_COLUMNS: usize = 8;
 
-/// Stretches of the road that have edges of their own.
-pub const STRETCHES: usize = 8;
+/// Number of segments of the road ahead. Each has a left and a right edge.
+pub const SEGMENTS: usize = 8;
 
-/// No number of an edge is larger.
+/// Maximum magnitude of any field of [`EdgeRecord`].
 const MAX_EDGE: f32 = 1e6;
 
-/// The road's edge on one side of a stretch: a kerb, or what else steps up there.
+/// Edge of the road on one side of a segment: a step up in height, such as a kerb.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct EdgeRecord {
-    /// How much higher it is outside, in metres; 0 where no edge is seen, and all else with it.
+    /// Height of the step from the road outwards, in metres, positive; 0 if no edge was detected, and then all other
+    /// fields are 0.
     pub step_m: f32,
-    /// Metres right of the camera axis.
+    /// Lateral position in metres; positive to the right of the camera's axis.
     pub lateral_m: f32,
-    /// Metres ahead.
+    /// Distance along z, in metres.
     pub distance_m: f32,
-    /// Where that is in the left image, on the road; it may lie outside.
+    /// Column of its foot on the road in the left image, in px; may lie outside the image.
     pub x_px: f32,
-    /// Its row.
+    /// Row of its foot, in px; may lie outside the image.
     pub y_px: f32,
 }
 
 impl EdgeRecord {
-    /// Column and row of the edge, if it is seen.
+    /// Column and row of the edge, rounded to whole pixels; `None` if it was not detected.
     fn point(&self) -> Option<(i32, i32)> {
         (self.step_m > 0.0).then(|| (self.x_px.round() as i32, self.y_px.round() as i32))
     }
 }
 
-/// The road as it was seen.
+/// The road model of a frame.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RoadRecord {
-    /// 1 when a road was seen; all else is 0 otherwise.
+    /// 1 if a road was detected; else 0, and then all other fields but `regions` are 0.
     pub seen: u32,
-    /// Regions that follow.
+    /// Number of regions that follow, 0 to [`MAX_COUNT`].
     pub regions: u32,
-    /// Slope of the road in v-disparity, px per row.
+    /// Slope of the road in v-disparity, px of disparity per row.
     pub slope: f64,
-    /// Row of the horizon, in px.
+    /// Row of the horizon in the left image, in px; may lie outside the image.
     pub horizon_px: f64,
-    /// Roll: disparity that one column to the right adds, px per px.
+    /// Roll: change of the road's disparity per column to the right, px per px.
     pub roll: f64,
-    /// Share of rows in which the road is supported, 0 to 1.
+    /// Share of rows whose disparities support the road, 0 to 1.
     pub confidence: f64,
     /// Height of the camera above the road, in metres.
     pub camera_height_m: f64,
-    /// Its left and right edges, the nearest stretch first.
-    pub edges: [[EdgeRecord; 2]; STRETCHES],
+    /// Left and right edge of each segment, the nearest segment first.
+    pub edges: [[EdgeRecord; 2]; SEGMENTS],
 }
 
-/// One region. Boxes are in pixels of the left image.
+/// One region. Boxes are in pixels of the left image; all numbers are finite.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RegionRecord {
-    /// Disparity of the near side, in px.
+    /// Disparity of the near side, in px, above 0.
     pub disparity_px: f64,
-    /// One standard deviation of that.
+    /// Standard deviation of the disparity, in px.
     pub disparity_sigma_px: f64,
-    /// Distance of the near side, in metres.
+    /// Distance of the near side along z, in metres.
     pub distance_m: f64,
-    /// Middle of the box, metres right of the camera axis.
+    /// Lateral position of the middle of the box, in metres; positive to the right of the camera's axis.
     pub lateral_m: f64,
-    /// Width, in metres.
+    /// Width in metres.
     pub width_m: f64,
-    /// Height, in metres.
+    /// Height in metres.
     pub height_m: f64,
     /// Mean confidence of its disparities, 0 to 1.
     pub confidence: f64,
-    /// The box: left, top, width, height.
+    /// The box: left, top, width, height, in px; within the image.
     pub bounds: [u32; 4],
-    /// The crop, a margin around the box: left, top, width, height. All 0 when there was no room.
+    /// The crop, which is the box with a margin: left, top, width, height, in px; within the image. All 0 if the
+    /// payload had no room for it.
     pub crop: [u32; 4],
-    /// Where the crop's bytes start, from the first crop on.
+    /// Offset of the crop's first byte from the start of the crops.
     pub crop_offset: u32,
-    /// Obstacle pixels in the region.
+    /// Number of obstacle pixels in the region.
     pub pixels: u32,
 }
 
-/// Bytes of the payload for images of `width` × `height` at its longest.
+/// Maximum length of the payload for images of `width` × `height` pixels, in bytes.
 pub fn max_payload_bytes(width: usize, height: usize) -> usize {
     fixed_bytes(width, height) + MAX_COUNT * size_of::<RegionRecord>() + width * height
 }
 
 fn fixed_bytes(width: usize, height: usize) -> usize {
-    // Padded to eight bytes, so that the records behind are aligned.
+    // Padded to a multiple of eight bytes, so that the records that follow are aligned.
     let numbers = (height + width.div_ceil(FREE_COLUMNS)).next_multiple_of(2);
     size_of::<RoadRecord>() + numbers * size_of::<f32>()
 }
@@ -106,11 +108,12 @@ fn fixed_bytes(width: usize, height: usize) -> usize {
 /// The parts of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Regions<'a> {
-    /// The road.
+    /// The road model.
     pub road: RoadRecord,
-    /// Disparity of the road in each row, in px; 0 above it.
+    /// Disparity of the road in each row, in px; 0 above the road.
     pub profile_px: &'a [f32],
-    /// Metres that are free ahead of each [`FREE_COLUMNS`] columns, from the left; 0 without a road.
+    /// Free space: distance that is free ahead of each [`FREE_COLUMNS`] columns, from the left, in metres; 0 without a
+    /// road.
     pub free_m: &'a [f32],
     /// The regions, nearest first.
     pub regions: &'a [RegionRecord],
@@ -118,12 +121,12 @@ pub struct Regions<'a> {
 }
 
 impl<'a> Regions<'a> {
-    /// Columns and rows of the road's edges, where they are seen.
-    pub fn edge_points(&self) -> [[Option<(i32, i32)>; 2]; STRETCHES] {
+    /// Column and row of each edge of the road, in px; `None` where none was detected.
+    pub fn edge_points(&self) -> [[Option<(i32, i32)>; 2]; SEGMENTS] {
         self.road.edges.map(|sides| sides.map(|edge| edge.point()))
     }
 
-    /// The grey pixels of a region's crop, rows without gaps; `None` when it has none.
+    /// Grey values of a region's crop, rows without padding; `None` if it has no crop.
     pub fn crop(&self, region: &RegionRecord) -> Option<&'a [u8]> {
         let [_, _, width, height] = region.crop.map(|v| v as usize);
         let start = region.crop_offset as usize;
@@ -131,10 +134,10 @@ impl<'a> Regions<'a> {
     }
 }
 
-/// Checks a message and sees its parts. All boxes and crops lie within the image and the payload.
+/// Checks a message and returns its parts. All boxes and crops then lie within the image and the payload.
 ///
 /// # Errors
-/// When anything is out of range.
+/// If the header, the length or any field is invalid.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, MessageError> {
     header.check(Kind::Regions)?;
     let (width, height) = (header.width as usize, header.height as usize);
@@ -192,11 +195,11 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
     Ok(Regions { road, profile_px, free_m, regions, crops })
 }
 
-/// Writes a message piece by piece into a payload of [`max_payload_bytes`].
+/// Writes a message incrementally into a payload of [`max_payload_bytes`].
 #[derive(Debug)]
 pub struct Writer<'a> {
     payload: &'a mut [u8],
-    /// Bytes before the records.
+    /// Length of the part before the records, in bytes.
     fixed: usize,
     records: usize,
     count: usize,
@@ -204,11 +207,11 @@ pub struct Writer<'a> {
 }
 
 impl<'a> Writer<'a> {
-    /// Starts a message with the road, its profile, the free space and how many regions will come (at most
-    /// [`MAX_COUNT`]; the rest is left out).
+    /// Starts a message with the road model, its profile, the free space and the number of regions that will be
+    /// pushed. Regions after the first [`MAX_COUNT`] are omitted.
     ///
     /// # Errors
-    /// When the payload is too short.
+    /// If the payload is too short.
     pub fn new(
         payload: &'a mut [u8],
         road: RoadRecord,
@@ -234,13 +237,13 @@ impl<'a> Writer<'a> {
         Ok(Self { payload, fixed, records, count: 0, crop_bytes: 0 })
     }
 
-    /// Bytes of the payload that were used.
+    /// Length of the message so far, in bytes.
     pub fn bytes(&self) -> usize {
         self.fixed + self.records * size_of::<RegionRecord>() + self.crop_bytes
     }
 
-    /// Adds a region and the rows of its crop. Where the crop no longer fits, the region goes
-    /// without. Returns whether it fitted.
+    /// Adds a region and the rows of its crop. Without room for the crop, the region is added without it. Returns
+    /// whether the crop was added.
     pub fn push<'r>(&mut self, region: RegionRecord, mut crop: impl Iterator<Item = &'r [u8]>) -> bool {
         if self.count == self.records {
             return false;
@@ -269,7 +272,7 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct RegionsMessage;
 
@@ -287,10 +290,10 @@ impl Message for RegionsMessage {
 }
 
 impl<'a> Output<'a, RegionsMessage> {
-    /// Starts a message: see [`Writer::new`].
+    /// Starts a message; see [`Writer::new`].
     ///
     /// # Errors
-    /// When the payload is too short.
+    /// As [`Writer::new`].
     pub fn begin(
         self,
         road: RoadRecord,
@@ -329,7 +332,7 @@ mod tests {
         let mut writer = Writer::new(payload, road, &profile, &[30.0, 12.5], 2).unwrap();
         let pixels = [7_u8; 20];
         assert!(writer.push(region(1, [1, 2, 4, 5]), pixels.chunks(4)));
-        // This crop is larger than what is left.
+        // This crop is larger than the rest of the payload.
         assert!(!writer.push(region(2, [0, 0, 4096, 4096]), std::iter::empty()));
         assert!(!writer.push(region(3, [0; 4]), std::iter::empty()), "more than announced");
         assert_eq!(writer.bytes(), fixed_bytes(16, 9) + 2 * size_of::<RegionRecord>() + 20);
@@ -350,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn hostile_bytes_are_refused_or_harmless() {
+    fn corrupted_messages_are_refused_or_stay_within_bounds() {
         let (header, memory) = message();
         let good: Vec<u8> = bytemuck::cast_slice(&memory).to_vec();
         let mut random = fastrand::Rng::with_seed(11);

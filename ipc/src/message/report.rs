@@ -1,4 +1,4 @@
-//! `report`: every stage → scheduler. One record per frame, and a heartbeat when idle.
+//! `report`: every stage → scheduler. One record per frame, and a heartbeat while the stage is idle.
 
 use crate::calibration::CalibrationRecord;
 use crate::deadline::DeadlineRecord;
@@ -9,23 +9,23 @@ use crate::pipeline::Role;
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
-/// How a stage is doing.
+/// Health of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Health {
-    /// Starting, not yet able to take frames.
+    /// Starting, not yet able to process frames.
     Starting = 0,
-    /// Working, or ready to.
+    /// Able to process frames.
     Ready = 1,
     /// The source has no more pairs.
     Finished = 2,
-    /// The input cannot be used; a restart would not help. The text says why.
+    /// The input cannot be used, and a restart would not help. The text gives the reason.
     Unusable = 3,
-    /// The stage is alive, and waits for a source that brings nothing. The text says since when.
+    /// The stage is alive, and its source gives no pairs. The text says since when.
     Stalled = 4,
 }
 
-/// What a stage reports.
+/// Report of a stage.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ReportRecord {
@@ -33,65 +33,65 @@ pub struct ReportRecord {
     pub role: u32,
     /// [`Health`] as a number.
     pub health: u32,
-    /// Its process id: reports of a process that was replaced are told apart.
+    /// Its process id, which identifies reports of a process that was replaced.
     pub pid: u32,
-    /// 1 when this reports a frame, 0 for a heartbeat.
+    /// 1 if the report is about a frame, 0 for a heartbeat.
     pub is_frame: u32,
-    /// Frames finished since the stage started.
+    /// Number of frames finished since the stage started.
     pub frames: u64,
-    /// Frames that newer ones overtook before the stage took them up.
+    /// Number of frames that newer ones overtook before the stage took them.
     pub skipped: u64,
-    /// Messages refused by their check.
+    /// Number of messages that failed their check.
     pub refused: u64,
-    /// Processor time used so far, in nanoseconds.
+    /// Processor time used since the process started, in ns.
     pub cpu_ns: u64,
-    /// Resident memory of its own, in bytes.
+    /// Private resident memory, in bytes.
     pub private_bytes: u64,
     /// Resident pages of the program file, in bytes; all stages share them.
     pub file_bytes: u64,
     /// Resident shared memory, in bytes.
     pub shared_bytes: u64,
-    /// Age of the frame when the stage took it up, in nanoseconds.
+    /// Age of the last frame when the stage took it, in ns since its capture; 0 from capture.
     pub age_ns: u64,
-    /// Time of the stage's own work on the frame, in nanoseconds.
+    /// Time that the stage spent on the last frame, in ns.
     pub work_ns: u64,
-    /// Heap allocations of the stage's own thread since its last frame.
+    /// Number of heap allocations of the stage's thread since the previous frame.
     pub allocations: u64,
-    /// Whether its frames are in time.
+    /// Age of the last frame at its end, and the number of late frames.
     pub deadline: DeadlineRecord,
-    /// What it got of what real time needs.
+    /// Real-time privileges of the process.
     pub realtime: RealtimeRecord,
-    /// What the stereo stage says of the calibration; zeros from the others.
+    /// Epipolar alignment, from the stereo stage; all zeros from the others.
     pub calibration: CalibrationRecord,
-    /// The device that matches; zeros from stages that do not.
+    /// Device that the stereo stage matches on; all zeros from the others.
     pub device: DeviceRecord,
-    /// Why, in words, padded with zeros.
+    /// Reason for the health, padded with zeros; may be empty.
     pub text: [u8; 256],
 }
 
 impl ReportRecord {
-    /// An empty report of a stage.
+    /// A report of this process with all counts zero.
     pub fn new(role: Role) -> Self {
         Self { role: role as u32, pid: std::process::id(), ..Self::zeroed() }
     }
 
-    /// Sets the health and the words that go with it.
+    /// Sets the health and its reason, truncated to its field.
     pub fn set_health(&mut self, health: Health, text: &str) {
         self.health = health as u32;
         put_text(&mut self.text, text);
     }
 
-    /// The words.
+    /// Reason for the health.
     pub fn text(&self) -> String {
         get_text(&self.text)
     }
 
-    /// The role; `view` has made sure that there is one.
+    /// The role; [`view`] refuses a report without a known role.
     pub fn role(&self) -> Option<Role> {
         u8::try_from(self.role).ok().and_then(Role::from_raw)
     }
 
-    /// The health; `view` has made sure that it is one.
+    /// The health; [`view`] refuses unknown values.
     pub fn health(&self) -> Health {
         match self.health {
             1 => Health::Ready,
@@ -103,13 +103,13 @@ impl ReportRecord {
     }
 }
 
-/// Bytes of the payload.
+/// Length of the payload in bytes.
 pub const PAYLOAD_BYTES: usize = size_of::<ReportRecord>();
 
 /// Checks a message and copies its record.
 ///
 /// # Errors
-/// When the header, the length, the role or the health is wrong.
+/// If the header, the length, the role or the health is invalid.
 pub fn view(header: &Header, payload: &[u8]) -> Result<ReportRecord, MessageError> {
     header.check(Kind::Report)?;
     let report: ReportRecord = record(payload)?;
@@ -122,7 +122,7 @@ pub fn view(header: &Header, payload: &[u8]) -> Result<ReportRecord, MessageErro
     Ok(report)
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct ReportMessage;
 

@@ -1,4 +1,4 @@
-//! `status`: scheduler → anyone. How the daemon is doing, once a second and for late comers.
+//! `status`: scheduler → all readers. The state of the daemon, once a second. New subscribers receive the last one.
 
 use crate::calibration::CalibrationRecord;
 use crate::deadline::{DeadlineRecord, PacingRecord};
@@ -11,120 +11,120 @@ use crate::pipeline::Role;
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
-/// Frames after which a stage has all the memory that it needs.
+/// Number of frames after which a stage must have allocated all its memory.
 pub const WARM_FRAMES: u64 = 50;
 
-/// One process.
+/// State of one process.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ProcessRecord {
     /// [`Role`] as a number.
     pub role: u32,
-    /// Process id; 0 when it is not running.
+    /// Process id; 0 if it is not running.
     pub pid: u32,
-    /// Core that it is pinned to, or −1.
+    /// Core that it is pinned to; −1 = none.
     pub core: i32,
-    /// How often it was restarted.
+    /// Number of restarts since the daemon started.
     pub restarts: u32,
-    /// Frames finished, since the daemon started.
+    /// Number of frames finished since the daemon started.
     pub frames: u64,
-    /// Frames overtaken by newer ones, since the daemon started.
+    /// Number of frames that newer ones overtook before the stage took them, since the daemon started.
     pub skipped: u64,
-    /// Messages refused, since the daemon started.
+    /// Number of messages that failed their check, since the daemon started.
     pub refused: u64,
-    /// Share of one core, in percent, over the last second.
+    /// Processor time since the last status, in percent of one core.
     pub cpu_percent: f32,
-    /// Frames per second over the last second.
+    /// Frames per second since the last status.
     pub rate_hz: f32,
-    /// Median time per frame, in milliseconds.
+    /// Median of the work per frame, in milliseconds.
     pub p50_ms: f32,
-    /// 99th percentile of that.
+    /// 99th percentile of the work per frame, in milliseconds.
     pub p99_ms: f32,
-    /// Resident memory of its own, in bytes.
+    /// Private resident memory, in bytes; 0 if it is not running.
     pub private_bytes: u64,
-    /// Resident shared memory, in bytes.
+    /// Resident shared memory, in bytes; 0 if it is not running.
     pub shared_bytes: u64,
-    /// Heap allocations for frames after the first [`WARM_FRAMES`] of each process; 0 is as it should be.
+    /// Number of heap allocations for frames after the first [`WARM_FRAMES`] of each process; expected to be 0.
     pub allocations: u64,
-    /// What it got of what real time needs.
+    /// Real-time privileges of the process.
     pub realtime: RealtimeRecord,
-    /// In words: running, starting, waiting to restart, given up.
+    /// Name of its state, padded with zeros: `waiting to start`, `starting`, `running`, `ending`, `ended`, `given up`.
     pub state: [u8; 24],
 }
 
-/// The daemon.
+/// State of the daemon.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct StatusRecord {
     /// Process id of the scheduler.
     pub pid: u32,
-    /// Processes that follow.
+    /// Number of valid entries of `process`.
     pub processes: u32,
-    /// 0 = starting, 1 = running, 2 = degraded (the reason says why), 3 = stopping.
+    /// 0 = starting, 1 = running, 2 = degraded (see `reason`), 3 = stopping: an index into [`Self::STATES`].
     pub state: u32,
-    /// Alarm level of the last frame: [`crate::alarm::LEVELS`].
+    /// Alarm level of the last result: an index into [`crate::alarm::LEVELS`]; 0 = off if there is no valid result.
     pub alarm: u32,
-    /// The rule that raised it: [`crate::alarm::RULES`].
+    /// The rule that raised it: an index into [`crate::alarm::RULES`]; 0 = none.
     pub alarm_rule: u32,
-    /// Why it is off: [`crate::alarm::Faults`].
+    /// Self-checks that failed: bits of [`crate::alarm::Faults`]; not 0 while the alarm is off.
     pub alarm_faults: u32,
-    /// Alarms that were raised so far.
+    /// Number of times that the level `alarm` was entered.
     pub alarms: u32,
-    /// Obstacles confirmed in the last frame.
+    /// Number of confirmed obstacles in the last result.
     pub obstacles: u32,
-    /// Nanoseconds since the daemon started.
+    /// Time since the daemon started, in ns.
     pub uptime_ns: u64,
-    /// Frames that came out at the end.
+    /// Number of results.
     pub frames: u64,
-    /// Nearest obstacle in the path, in metres; infinite when there is none.
+    /// Distance of the nearest obstacle in the path, in metres; infinite if there is none.
     pub nearest_m: f64,
-    /// Capture to obstacles: median, in milliseconds.
+    /// Median of the latency from capture to obstacles, in milliseconds; 0 before the first result.
     pub latency_p50_ms: f32,
-    /// 99th percentile of that.
+    /// 99th percentile of the latency, in milliseconds; 0 before the first result.
     pub latency_p99_ms: f32,
-    /// Whether results come in time.
+    /// Age of the last result, and the number of late ones.
     pub deadline: DeadlineRecord,
-    /// How fast the source runs.
+    /// Rate of the source; all zeros in lock-step.
     pub pacing: PacingRecord,
-    /// Whether the cameras still stand as they were calibrated.
+    /// Epipolar alignment of the cameras.
     pub calibration: CalibrationRecord,
-    /// How hot the board is, and how fast its clocks run.
+    /// Temperatures, thermal ladder and clocks of the board.
     pub heat: HeatRecord,
-    /// What the frames are, and what turns their disparities into metres.
+    /// Frame size and rectified rig.
     pub rig: RigRecord,
-    /// The device that matches; zeros where the CPU does.
+    /// Device that pairs are matched on; all zeros for the CPU.
     pub device: DeviceRecord,
-    /// Why the daemon is in its state, in words.
+    /// Reason for the state, padded with zeros; may be empty.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].
     pub process: [ProcessRecord; Role::COUNT],
 }
 
 impl StatusRecord {
-    /// Names of the states, by their numbers.
+    /// Names of the states, indexed by their numbers.
     pub const STATES: [&str; 4] = ["starting", "running", "degraded", "stopping"];
 
-    /// A status without processes; all else zero.
+    /// A status without processes; all counts are zero.
     pub fn empty() -> Self {
         Self { heat: HeatRecord::empty(), ..Self::zeroed() }
     }
 
-    /// Sets the words for the state.
+    /// Sets the reason for the state, truncated to its field.
     pub fn set_reason(&mut self, text: &str) {
         put_text(&mut self.reason, text);
     }
 
-    /// The words for the state.
+    /// Reason for the state.
     pub fn reason(&self) -> String {
         get_text(&self.reason)
     }
 
-    /// The word for the state.
+    /// Name of the state; an unknown number counts as the last.
     pub fn state_name(&self) -> &'static str {
         Self::STATES[self.state.min(3) as usize]
     }
 
-    /// The processes with their roles.
+    /// The valid entries of `process` with their roles.
     pub fn processes(&self) -> impl Iterator<Item = (Role, &ProcessRecord)> {
         let count = (self.processes as usize).min(self.process.len());
         self.process[..count].iter().filter_map(|p| Some((Role::from_raw(u8::try_from(p.role).ok()?)?, p)))
@@ -132,25 +132,25 @@ impl StatusRecord {
 }
 
 impl ProcessRecord {
-    /// The word for its state.
+    /// Name of its state.
     pub fn state(&self) -> String {
         get_text(&self.state)
     }
 }
 
-/// Bytes of the payload.
+/// Length of the payload in bytes.
 pub const PAYLOAD_BYTES: usize = size_of::<StatusRecord>();
 
 /// Checks a message and copies its record.
 ///
 /// # Errors
-/// When the header or the length is wrong.
+/// If the header or the length is invalid.
 pub fn view(header: &Header, payload: &[u8]) -> Result<StatusRecord, MessageError> {
     header.check(Kind::Status)?;
     record(payload)
 }
 
-/// The message in types.
+/// The typed message.
 #[derive(Clone, Copy, Debug)]
 pub struct StatusMessage;
 

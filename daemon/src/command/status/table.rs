@@ -47,7 +47,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         CalibrationState::Off => String::new(),
         _ => format!("calibration: {}\n", status.calibration),
     };
-    let device = match status.device.words() {
+    let device = match status.device.describe() {
         words if words.is_empty() => words,
         words => {
             let times: Vec<String> = STAGES

@@ -1,10 +1,10 @@
-//! One device with a clock, and the files through which the kernel shows it.
+//! A device with a clock, and its files in sysfs.
 
 use super::hertz::{ClockError, Hertz};
 use crate::scheduler::sysfs::Sysfs;
 use serde::{Deserialize, Serialize};
 
-/// How the kernel shows a clock.
+/// Interface of the kernel to a clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DeviceKind {
     /// Cores that share a clock: cpufreq, in kHz.
@@ -13,20 +13,20 @@ pub enum DeviceKind {
     DevFreq,
     /// A clock of the Jetson TK1 (Linux for Tegra R21): an override in debugfs, in Hz.
     Override,
-    /// Not a clock: what lets the TK1's kernel take cores away.
+    /// Not a clock: the switch of the TK1's kernel that switches idle cores off.
     CpuQuiet,
 }
 
 /// A device.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Device {
-    /// How it is shown.
+    /// Its interface.
     pub kind: DeviceKind,
-    /// Its name there.
+    /// Its name in that interface.
     pub name: String,
 }
 
-/// All groups of cores with a clock of their own.
+/// All groups of cores that share a clock.
 pub fn cpus(sysfs: &Sysfs) -> Vec<Device> {
     let devices = |names: Vec<String>| -> Vec<Device> {
         let devices = names.iter().map(|name| Device::new(DeviceKind::CpuFreq, name));
@@ -36,7 +36,7 @@ pub fn cpus(sysfs: &Sysfs) -> Vec<Device> {
     if !policies.is_empty() {
         return policies;
     }
-    // Kernels before 4.3; there the cores of one clock show the same.
+    // Kernels before 4.3 have one entry per core; cores that share a clock have equal values.
     devices(sysfs.names("devices/system/cpu", "cpu"))
 }
 
@@ -59,12 +59,12 @@ impl Device {
         }
     }
 
-    /// Hertz in one unit of its files.
+    /// Unit of its files in Hz.
     fn unit(&self) -> u64 {
         if self.kind == DeviceKind::CpuFreq { 1000 } else { 1 }
     }
 
-    /// The files that are changed.
+    /// The files that setting the clock changes.
     fn changed(&self) -> &'static [&'static str] {
         match self.kind {
             DeviceKind::CpuFreq => &["scaling_min_freq", "scaling_max_freq"],
@@ -79,7 +79,7 @@ impl Device {
         self.changed().iter().all(|file| sysfs.has(&self.file(file)))
     }
 
-    /// Whether name and values can be those of such a device: they come from a file.
+    /// Whether name and values, which come from a file, are valid for such a device.
     pub fn is_sound(&self, values: &[u64]) -> bool {
         let is_name = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-' | b':');
         let name = self.name.as_bytes();
@@ -89,10 +89,10 @@ impl Device {
             && values.len() == self.changed().len()
     }
 
-    /// The values of the files that are changed.
+    /// The values of the files that setting the clock changes.
     ///
     /// # Errors
-    /// When one cannot be read.
+    /// If one cannot be read.
     pub fn save(&self, sysfs: &Sysfs) -> Result<Vec<u64>, ClockError> {
         let read = |file: &&str| {
             let file = self.file(file);
@@ -106,7 +106,7 @@ impl Device {
         sysfs.write(&file, value).map_err(|source| ClockError::Refused { path: sysfs.path(&file), source })
     }
 
-    /// Puts saved values back.
+    /// Restores saved values.
     ///
     /// # Errors
     /// When the kernel refuses.
@@ -117,21 +117,21 @@ impl Device {
         }
     }
 
-    /// Sets the least and the greatest clock in the order in which neither is ever above the other:
-    /// the kernel would refuse.
+    /// Sets minimum and maximum in an order in which the minimum never exceeds the maximum, which the kernel would
+    /// refuse.
     fn set_range(&self, sysfs: &Sysfs, min: u64, max: u64) -> Result<(), ClockError> {
-        let [least, greatest] = [self.changed()[0], self.changed()[1]];
-        let now = sysfs.number(&self.file(greatest)).unwrap_or(0);
+        let [min_file, max_file] = [self.changed()[0], self.changed()[1]];
+        let now = sysfs.number(&self.file(max_file)).unwrap_or(0);
         if min > now {
-            self.write(sysfs, greatest, max)?;
-            self.write(sysfs, least, min)
+            self.write(sysfs, max_file, max)?;
+            self.write(sysfs, min_file, min)
         } else {
-            self.write(sysfs, least, min)?;
-            self.write(sysfs, greatest, max)
+            self.write(sysfs, min_file, min)?;
+            self.write(sysfs, max_file, max)
         }
     }
 
-    /// Fixes the clock.
+    /// Fixes the clock at a frequency.
     ///
     /// # Errors
     /// When the kernel refuses.
@@ -147,10 +147,10 @@ impl Device {
         }
     }
 
-    /// What the clock is.
+    /// The current frequency.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// If it cannot be read.
     pub fn read(&self, sysfs: &Sysfs) -> std::io::Result<Hertz> {
         let file = match self.kind {
             DeviceKind::CpuFreq => self.file("scaling_cur_freq"),
@@ -160,7 +160,7 @@ impl Device {
         Ok(Hertz(sysfs.number(&file)?.saturating_mul(self.unit())))
     }
 
-    /// The steps that the device tells, ascending.
+    /// The frequencies that the device supports, ascending; empty if it has no list.
     pub fn steps(&self, sysfs: &Sysfs) -> Vec<Hertz> {
         let (steps, unit) = match self.kind {
             DeviceKind::CpuFreq => (sysfs.numbers(&self.file("scaling_available_frequencies")), 1000),
@@ -172,13 +172,13 @@ impl Device {
         steps.into_iter().map(|step| Hertz(step.saturating_mul(unit))).collect()
     }
 
-    /// The fastest step of the device that is not above `wanted`, but for a hundredth (a configured
-    /// 1900 MHz means a step of 1900.8); its slowest when all are.
+    /// The fastest step of the device that is at most 1 % above `wanted` (a configured 1900 MHz means a step of
+    /// 1900.8 MHz), or its slowest step. Without a list of steps, `wanted` within the limits of the device.
     pub fn step(&self, sysfs: &Sysfs, wanted: Hertz) -> Hertz {
         let steps = self.steps(sysfs);
-        let most = wanted.times(1.01);
+        let max = wanted.times(1.01);
         if let Some(first) = steps.first() {
-            return *steps.iter().rev().find(|step| **step <= most).unwrap_or(first);
+            return *steps.iter().rev().find(|step| **step <= max).unwrap_or(first);
         }
         let limit = |file| sysfs.number(&self.file(file)).ok().map(|v| Hertz(v * self.unit()));
         let (low, high) = (limit("cpuinfo_min_freq"), limit("cpuinfo_max_freq"));

@@ -1,4 +1,4 @@
-//! Frequencies of clocks, and why they cannot be set.
+//! Frequencies of clocks, and errors of setting them.
 
 use std::fmt;
 use std::io;
@@ -32,13 +32,13 @@ impl fmt::Display for Hertz {
     }
 }
 
-/// Why clocks cannot be set or put back.
+/// Why clocks cannot be set or restored.
 #[derive(Debug, Error)]
 pub enum ClockError {
     /// The board has no such clock.
     #[error("no {what} clock below {}: set clocks.{what}_mhz to 0, or correct [board]", root.display())]
     Missing {
-        /// Whose.
+        /// `cpu` or `gpu`.
         what: &'static str,
         /// The root that was searched.
         root: PathBuf,
@@ -48,15 +48,15 @@ pub enum ClockError {
     Refused {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// The file that keeps the former values cannot be used.
-    #[error("{}: {reason}: the former clocks are not known; a restart of the board brings them back", path.display())]
+    /// The file with the original values cannot be used.
+    #[error("{}: {reason}: the original clocks are not known; a restart of the board restores them", path.display())]
     State {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         reason: String,
     },
 }

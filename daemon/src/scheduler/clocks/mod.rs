@@ -1,8 +1,8 @@
-//! Clocks of the board: set to what is configured, read back, and put back as they were.
+//! Clocks of the board: set to the configured frequencies, read back, and restored at the end.
 //!
-//! What was there before is kept in a file beside the lock while the clocks are ours, so that
-//! `lookout restore-clocks` can put it back after a daemon that was killed. The file names devices and
-//! numbers, no paths: whoever may write it can move clocks, but nothing else.
+//! While the daemon controls the clocks, the original values are kept in a file beside the lock, so that
+//! `lookout restore-clocks` can restore them after a daemon was killed. The file holds devices and numbers, no paths:
+//! a user who can write it can change clocks, but no other file.
 
 mod device;
 mod hertz;
@@ -16,22 +16,22 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A clock that reads less than this share of what it was set to runs too slowly.
+/// A clock that reads less than this share of its target is too slow.
 const MIN_SHARE: f64 = 0.98;
 
-/// Low readings in a row that are no coincidence.
+/// Number of low readings in a row that count as a fault.
 const CONFIRM: u32 = 3;
 
-/// Which clocks, and how fast.
+/// The configured clocks.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ClockWishes {
-    /// All cores; `None` leaves them alone.
+pub struct ClockSettings {
+    /// Frequency of all cores; `None` = unchanged.
     pub cpu: Option<Hertz>,
-    /// The GPU; `None` leaves it alone.
+    /// Frequency of the GPU; `None` = unchanged.
     pub gpu: Option<Hertz>,
-    /// Whether the GPU's clock is set the TK1's way, in debugfs.
+    /// Whether the clock of the GPU is set in debugfs, as on the Jetson TK1.
     pub gpu_by_override: bool,
-    /// Patterns for the GPU's name in devfreq.
+    /// Patterns of the GPU's name in devfreq.
     pub gpu_device: String,
 }
 
@@ -43,20 +43,21 @@ struct Saved {
     values: Vec<u64>,
 }
 
-/// A clock that is ours.
+/// A controlled clock.
 #[derive(Clone, Debug)]
 pub struct Clock {
     device: Device,
     configured: Hertz,
-    /// What it is set to now.
+    /// Frequency that is set now.
     target: Hertz,
-    /// What was read back last.
+    /// Last reading; `None` if it could not be read.
     read: Option<Hertz>,
+    /// Number of low readings in a row.
     low: u32,
     refused: Option<String>,
 }
 
-/// All clocks that are ours; dropping them puts back what was there.
+/// All controlled clocks. Dropping them restores the original values.
 #[derive(Debug)]
 pub struct Clocks {
     sysfs: Sysfs,
@@ -67,33 +68,32 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Finds the clocks, keeps their values in `file`, and sets them. A file that is there already is
-    /// of a run that was killed: what it says is put back first.
+    /// Finds the clocks, saves their values in `file`, and sets them. If `file` exists, a run was killed; its values are
+    /// restored first.
     ///
     /// # Errors
-    /// When a clock is missing, the kernel refuses, or `file` cannot be used; then nothing is
-    /// changed.
-    pub fn take(sysfs: &Sysfs, wishes: &ClockWishes, file: &Path) -> Result<Self, ClockError> {
+    /// If a clock is missing, the kernel refuses, or `file` cannot be used. No clock is changed then.
+    pub fn take(sysfs: &Sysfs, settings: &ClockSettings, file: &Path) -> Result<Self, ClockError> {
         if restore(sysfs, file)?.is_some() {
-            tracing::warn!("clocks that a killed run had set were put back first");
+            tracing::warn!("clocks that a killed run had set were restored first");
         }
         let mut clocks = Vec::new();
         let mut saved = Vec::new();
         let missing = |what| ClockError::Missing { what, root: sysfs.path("") };
-        if let Some(wanted) = wishes.cpu {
+        if let Some(wanted) = settings.cpu {
             let devices = device::cpus(sysfs);
             if devices.is_empty() {
                 return Err(missing("cpu"));
             }
             clocks.extend(devices.into_iter().map(|device| Clock::new(device, wanted)));
-            // The TK1's kernel takes cores away when it sees no need for them.
+            // The kernel of the TK1 switches idle cores off (cpuquiet).
             let quiet = Device::new(DeviceKind::CpuQuiet, "tegra_cpuquiet");
             if quiet.is_there(sysfs) {
                 saved.push(Saved { values: quiet.save(sysfs)?, device: quiet });
             }
         }
-        if let Some(wanted) = wishes.gpu {
-            let device = gpu(sysfs, wishes.gpu_by_override, &wishes.gpu_device);
+        if let Some(wanted) = settings.gpu {
+            let device = gpu(sysfs, settings.gpu_by_override, &settings.gpu_device);
             clocks.push(Clock::new(device.ok_or_else(|| missing("gpu"))?, wanted));
         }
         for clock in &clocks {
@@ -104,16 +104,16 @@ impl Clocks {
         for quiet in all.saved.iter().filter(|saved| saved.device.kind == DeviceKind::CpuQuiet) {
             quiet.device.restore(sysfs, &[0])?;
         }
-        // After a refusal, what was changed is put back by the drop.
+        // If the kernel refuses, dropping `all` restores the changed values.
         all.set(1.0)?;
         all.check();
         Ok(all)
     }
 
-    /// Sets all clocks to a share of what is configured, or the next step below that they have.
+    /// Sets all clocks to a share of the configured frequency, rounded down to a step of the device.
     ///
     /// # Errors
-    /// The first refusal; the other clocks are set all the same, and [`Self::fault`] tells, too.
+    /// The first refusal; the other clocks are set nevertheless. [`Self::fault`] reports it, too.
     pub fn set(&mut self, share: f64) -> Result<(), ClockError> {
         self.share = share;
         let mut result = Ok(());
@@ -127,18 +127,18 @@ impl Clocks {
         result
     }
 
-    /// Reads all clocks back; to be called about once a second.
+    /// Reads all clocks back; has to be called about once a second.
     pub fn check(&mut self) {
         for clock in &mut self.clocks {
             clock.read = clock.device.read(&self.sysfs).ok();
-            // At the full share, the configured clock counts: the board may not have it.
+            // At the full share the reading is compared with the configured clock, which the board may not have.
             let expected = if self.share < 1.0 { clock.target } else { clock.configured };
             let is_low = clock.read.is_none_or(|read| read < expected.times(MIN_SHARE));
             clock.low = if is_low { clock.low.saturating_add(1) } else { 0 };
         }
     }
 
-    /// What is wrong with the clocks, in words.
+    /// Description of the first fault of a clock; `None` if there is none.
     pub fn fault(&self) -> Option<String> {
         self.clocks.iter().find_map(|clock| {
             let name = &clock.device.name;
@@ -154,7 +154,7 @@ impl Clocks {
         })
     }
 
-    /// Name, target and last reading of each.
+    /// Name, target and last reading of each clock.
     pub fn readings(&self) -> impl Iterator<Item = (&str, Hertz, Option<Hertz>)> {
         self.clocks.iter().map(|clock| (clock.device.name.as_str(), clock.target, clock.read))
     }
@@ -163,9 +163,9 @@ impl Clocks {
 impl Drop for Clocks {
     fn drop(&mut self) {
         match restore(&self.sysfs, &self.file) {
-            Ok(Some(count)) => tracing::debug!(count, "clocks were put back"),
+            Ok(Some(count)) => tracing::debug!(count, "clocks were restored"),
             Ok(None) => {}
-            Err(error) => tracing::error!(%error, "clocks could not be put back"),
+            Err(error) => tracing::error!(%error, "clocks could not be restored"),
         }
     }
 }
@@ -195,12 +195,12 @@ pub fn gpu_steps(board: &config::Board) -> Option<(String, Vec<Hertz>)> {
     (!steps.is_empty()).then_some((device.name, steps))
 }
 
-/// Where an instance keeps the clocks as they were.
+/// The file with the original values of an instance's clocks.
 pub fn state_file(directory: &Path) -> PathBuf {
     directory.join("clocks.json")
 }
 
-/// Writes what was there, whole or not at all.
+/// Writes the original values atomically.
 fn keep(file: &Path, saved: &[Saved]) -> Result<(), ClockError> {
     let state = |reason: String| ClockError::State { path: file.to_owned(), reason };
     let text = serde_json::to_vec(saved).map_err(|error| state(error.to_string()))?;
@@ -208,10 +208,10 @@ fn keep(file: &Path, saved: &[Saved]) -> Result<(), ClockError> {
     std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, file)).map_err(|e| state(e.to_string()))
 }
 
-/// Puts back what `file` holds and removes it. Gives how many devices, or `None` without a file.
+/// Restores the values in `file` and removes it. Returns the number of devices, or `None` without a file.
 ///
 /// # Errors
-/// When the file is not sound, or the kernel refuses: the file then stays.
+/// If the file is invalid, or the kernel refuses. The file is then kept.
 pub fn restore(sysfs: &Sysfs, file: &Path) -> Result<Option<usize>, ClockError> {
     let state = |reason: String| ClockError::State { path: file.to_owned(), reason };
     let text = match std::fs::read(file) {
@@ -221,9 +221,9 @@ pub fn restore(sysfs: &Sysfs, file: &Path) -> Result<Option<usize>, ClockError> 
     };
     let saved: Vec<Saved> = serde_json::from_slice(&text).map_err(|error| state(error.to_string()))?;
     if let Some(wrong) = saved.iter().find(|saved| !saved.device.is_sound(&saved.values)) {
-        return Err(state(format!("\"{}\" is no device that was changed", wrong.device.name)));
+        return Err(state(format!("invalid name or values of device \"{}\"", wrong.device.name)));
     }
-    // The last first; all of them, even when one is refused.
+    // In reverse order; all of them, even if one is refused.
     let results: Vec<_> = saved.iter().rev().map(|s| s.device.restore(sysfs, &s.values)).collect();
     results.into_iter().collect::<Result<(), _>>()?;
     std::fs::remove_file(file).map_err(|error| state(error.to_string()))?;

@@ -1,4 +1,4 @@
-//! Clocks on made-up boards: set, read back, lowered, put back.
+//! Tests of clocks on simulated boards: set, read back, lowered, restored.
 
 use super::*;
 use crate::scheduler::sysfs::tests::Tree;
@@ -58,7 +58,7 @@ fn tk1() -> Tree {
 }
 
 #[test]
-fn steps_of_the_gpu_are_told_in_both_ways() {
+fn steps_of_the_gpu_are_read_from_devfreq_and_debugfs() {
     let mut board = config::load(None).unwrap().board;
     let steps = |board: &config::Board| {
         let (name, steps) = gpu_steps(board)?;
@@ -70,14 +70,19 @@ fn steps_of_the_gpu_are_told_in_both_ways() {
     orin.remove(&file(ORIN_GPU, "available_frequencies"));
     assert_eq!(steps(&board), None);
     board.sysfs = tk1.0.path().to_owned();
-    assert_eq!(steps(&board), None, "devfreq is not there");
+    assert_eq!(steps(&board), None, "the GPU is not in devfreq");
     board.gpu = "tk1".into();
     assert_eq!(steps(&board), Some(("gbus".into(), 15, 72.0, 852.0)));
 }
 
-fn wishes(cpu: f64, gpu: f64) -> ClockWishes {
+fn settings(cpu: f64, gpu: f64) -> ClockSettings {
     let some = |mhz: f64| (mhz > 0.0).then(|| Hertz::from_mhz(mhz));
-    ClockWishes { cpu: some(cpu), gpu: some(gpu), gpu_by_override: false, gpu_device: "*gpu*,*ga10b".into() }
+    ClockSettings {
+        cpu: some(cpu),
+        gpu: some(gpu),
+        gpu_by_override: false,
+        gpu_device: "*gpu*,*ga10b".into(),
+    }
 }
 
 fn snapshot(tree: &Tree) -> Vec<(PathBuf, String)> {
@@ -98,12 +103,12 @@ fn snapshot(tree: &Tree) -> Vec<(PathBuf, String)> {
 }
 
 #[test]
-fn clocks_are_set_read_back_and_put_back() {
+fn clocks_are_set_read_back_and_restored() {
     let tree = orin();
     let before = snapshot(&tree);
     let state = tempfile::tempdir().unwrap();
     let kept = state_file(state.path());
-    let mut clocks = Clocks::take(&tree.sysfs(), &wishes(1510.4, 625.0), &kept).unwrap();
+    let mut clocks = Clocks::take(&tree.sysfs(), &settings(1510.4, 625.0), &kept).unwrap();
     for (folder, low, high, value) in [
         (POLICY, "scaling_min_freq", "scaling_max_freq", "1510400"),
         (ORIN_GPU, "min_freq", "max_freq", "624750000"),
@@ -114,7 +119,7 @@ fn clocks_are_set_read_back_and_put_back() {
         );
     }
     assert!(kept.exists());
-    // They do not take: the cores stay where they were.
+    // The setting has no effect on the cores.
     tree.set(&file(ORIN_GPU, "cur_freq"), "624750000");
     clocks.check();
     assert_eq!(clocks.fault(), None, "one or two low readings are no fault");
@@ -131,7 +136,7 @@ fn clocks_are_set_read_back_and_put_back() {
             ("17000000.gpu".to_owned(), Some(Hertz(624_750_000)))
         ]
     );
-    // It is throttled, or its file is gone.
+    // The GPU is throttled, or its file is missing.
     tree.set(&file(ORIN_GPU, "cur_freq"), "510000000");
     (0..3).for_each(|_| clocks.check());
     assert_eq!(clocks.fault().as_deref(), Some("clock 17000000.gpu runs at 510 MHz, set to 625 MHz"));
@@ -151,14 +156,14 @@ fn clocks_are_set_read_back_and_put_back() {
 }
 
 #[test]
-fn the_papers_gpu_clocks_are_steps_of_its_board() {
-    // Its table: stereo in ms at 24 pairs a second, three runs each.
+fn the_gpu_clocks_of_the_paper_are_steps_of_its_board() {
+    // The paper's table: stereo in ms at 24 pairs a second, three runs each.
     for (mhz, stereo_ms) in [(324, [96, 93, 96]), (648, [58, 57, 59]), (852, [55, 50, 52])] {
         let tree = tk1();
         let before = snapshot(&tree);
         let state = tempfile::tempdir().unwrap();
-        let wishes = ClockWishes { gpu_by_override: true, ..wishes(1204.5, f64::from(mhz)) };
-        let mut clocks = Clocks::take(&tree.sysfs(), &wishes, &state_file(state.path())).unwrap();
+        let settings = ClockSettings { gpu_by_override: true, ..settings(1204.5, f64::from(mhz)) };
+        let mut clocks = Clocks::take(&tree.sysfs(), &settings, &state_file(state.path())).unwrap();
         assert_eq!(tree.get(&file(GBUS, "override.gbus/rate")), format!("{mhz}000000"), "{stereo_ms:?}");
         assert_eq!(tree.get(&file(GBUS, "override.gbus/state")), "1");
         assert_eq!(tree.get("devices/system/cpu/cpuquiet/tegra_cpuquiet/enable"), "0");
@@ -190,21 +195,21 @@ fn the_papers_gpu_clocks_are_steps_of_its_board() {
 }
 
 #[test]
-fn what_a_killed_run_left_is_put_back_by_the_next() {
+fn the_next_run_restores_the_clocks_of_a_killed_one() {
     let tree = orin();
     let before = snapshot(&tree);
     let state = tempfile::tempdir().unwrap();
     let kept = state_file(state.path());
     // Killed: no drop.
-    std::mem::forget(Clocks::take(&tree.sysfs(), &wishes(1000.0, 408.0), &kept).unwrap());
+    std::mem::forget(Clocks::take(&tree.sysfs(), &settings(1000.0, 408.0), &kept).unwrap());
     assert_ne!(snapshot(&tree), before);
-    // The next run must not take the fixed clocks for the board's own.
-    let clocks = Clocks::take(&tree.sysfs(), &wishes(800.0, 0.0), &kept).unwrap();
+    // The next run must not save the fixed clocks as the original ones.
+    let clocks = Clocks::take(&tree.sysfs(), &settings(800.0, 0.0), &kept).unwrap();
     assert_eq!(tree.get(&file(ORIN_GPU, "max_freq")), "624750000");
     drop(clocks);
     assert_eq!(snapshot(&tree), before);
-    // Or nobody starts, and restore-clocks does it.
-    std::mem::forget(Clocks::take(&tree.sysfs(), &wishes(1000.0, 408.0), &kept).unwrap());
+    // Without another run, restore-clocks restores them.
+    std::mem::forget(Clocks::take(&tree.sysfs(), &settings(1000.0, 408.0), &kept).unwrap());
     assert_eq!(restore(&tree.sysfs(), &kept).unwrap(), Some(2));
     assert_eq!(snapshot(&tree), before);
     assert_eq!(restore(&tree.sysfs(), &kept).unwrap(), None);
@@ -227,9 +232,9 @@ fn a_state_file_can_name_nothing_but_clocks() {
         std::fs::write(&kept, hostile).unwrap();
         let error = restore(&tree.sysfs(), &kept).unwrap_err().to_string();
         assert!(error.contains("clocks.json") && error.contains("not known"), "{error}");
-        assert!(Clocks::take(&tree.sysfs(), &wishes(800.0, 0.0), &kept).is_err());
+        assert!(Clocks::take(&tree.sysfs(), &settings(800.0, 0.0), &kept).is_err());
     }
-    // A device that is gone is a refusal, with the file kept.
+    // A missing device is an error, and the file is kept.
     std::fs::write(&kept, r#"[{"kind":"DevFreq","name":"gone.gpu","values":[1,2]}]"#).unwrap();
     assert!(restore(&tree.sysfs(), &kept).unwrap_err().to_string().contains("gone.gpu"));
     assert!(kept.exists());
@@ -241,28 +246,28 @@ fn missing_clocks_and_refusals_say_what_to_do() {
     let state = tempfile::tempdir().unwrap();
     let kept = state_file(state.path());
     let empty = Tree::new(&[]);
-    let error = Clocks::take(&empty.sysfs(), &wishes(800.0, 0.0), &kept).unwrap_err().to_string();
+    let error = Clocks::take(&empty.sysfs(), &settings(800.0, 0.0), &kept).unwrap_err().to_string();
     assert!(error.contains("no cpu clock") && error.contains("clocks.cpu_mhz"), "{error}");
-    let error = Clocks::take(&empty.sysfs(), &wishes(0.0, 500.0), &kept).unwrap_err().to_string();
+    let error = Clocks::take(&empty.sysfs(), &settings(0.0, 500.0), &kept).unwrap_err().to_string();
     assert!(error.contains("no gpu clock"), "{error}");
     assert!(!kept.exists());
-    // A folder where the file should be: the kernel says no, whoever asks.
+    // A folder in place of the file makes the write fail for every user.
     let tree = orin();
     let before = snapshot(&tree);
     tree.remove(&file(POLICY, "scaling_max_freq"));
     std::fs::create_dir(tree.0.path().join(file(POLICY, "scaling_max_freq"))).unwrap();
-    let error = Clocks::take(&tree.sysfs(), &wishes(800.0, 408.0), &kept).unwrap_err().to_string();
+    let error = Clocks::take(&tree.sysfs(), &settings(800.0, 408.0), &kept).unwrap_err().to_string();
     assert!(error.contains("scaling_max_freq") && error.contains("docs/operations.md"), "{error}");
     std::fs::remove_dir(tree.0.path().join(file(POLICY, "scaling_max_freq"))).unwrap();
     tree.set(&file(POLICY, "scaling_max_freq"), "1510400");
     assert_eq!(snapshot(&tree), before, "nothing was changed");
-    // Slower than the slowest: the slowest.
-    let clocks = Clocks::take(&tree.sysfs(), &wishes(0.0, 10.0), &kept).unwrap();
+    // A frequency below the slowest step gives the slowest step.
+    let clocks = Clocks::take(&tree.sysfs(), &settings(0.0, 10.0), &kept).unwrap();
     assert_eq!(clocks.readings().next().map(|c| c.1), Some(Hertz(306_000_000)));
-    // Faster than the fastest is noticed.
+    // A frequency above the fastest step is a fault.
     drop(clocks);
     tree.set(&file(ORIN_GPU, "cur_freq"), "624750000");
-    let mut clocks = Clocks::take(&tree.sysfs(), &wishes(0.0, 900.0), &kept).unwrap();
+    let mut clocks = Clocks::take(&tree.sysfs(), &settings(0.0, 900.0), &kept).unwrap();
     (0..3).for_each(|_| clocks.check());
     assert_eq!(clocks.fault().as_deref(), Some("clock 17000000.gpu runs at 625 MHz, set to 900 MHz"));
 }

@@ -1,18 +1,17 @@
-//! The thermal ladder: how much of the work the board's heat leaves. A pure state machine: readings and
-//! time are passed in.
+//! The thermal ladder: sheds load as the temperature of the board rises. A pure state machine: readings and time are
+//! passed in.
 //!
 //! ```text
 //! normal ─▶ lower frame rate ─▶ lower clocks ─▶ recognition off ─▶ stopped ─▶ power off
 //!        ◀─                  ◀─              ◀─                 ◀─
 //! ```
 //!
-//! - Each zone is filtered by itself, seeded by its first sample: no ramp from zero at the start.
-//!   The hottest counts.
-//! - Up goes straight to the rung that the temperature asks for, down one rung at a time and only
-//!   `hysteresis` below where it was entered. From change to change at least `dwell_ns` pass. Only
-//!   the last rung is entered at once, when raw samples in a row say so, and never left.
-//! - A zone that cannot be read any more is taken to warm up as fast as it ever can, from its last
-//!   value on, until it can be read again.
+//! - Each zone has its own low-pass filter, which starts at the first sample. The hottest zone counts.
+//! - The ladder climbs directly to the rung of the temperature. It descends one rung at a time, when the temperature is
+//!   `hysteresis_k` below the limit of the rung. Changes are at least `dwell_ns` apart, except that the last rung is
+//!   entered at once, after several raw samples in a row above its limit, and is never left.
+//! - The temperature of a zone that cannot be read is projected from its last value with the maximum rate of rise
+//!   (`slew_c_per_s`) until it can be read again.
 
 #[cfg(test)]
 mod tests;
@@ -29,24 +28,24 @@ impl fmt::Display for Celsius {
     }
 }
 
-/// Raw samples in a row above the highest limit that make it so: one may be a glitch of the sensor.
+/// Number of raw samples in a row above the highest limit that enter the last rung; a single one may be a glitch.
 const CONFIRM: u32 = 3;
 
 /// A rung of the ladder, coolest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Rung {
-    /// Everything runs.
+    /// No limits.
     Normal = 0,
-    /// Fewer pairs a second.
+    /// Lower frame rate.
     FrameRate = 1,
-    /// Slower clocks, too.
+    /// Also lower clocks.
     Clocks = 2,
-    /// No recognition, too: obstacles are tracked and raise alarms, but have no class.
+    /// Also no recognition: obstacles are tracked and raise alarms, but have no class.
     Recognition = 3,
-    /// No pairs: the stages wait.
+    /// No frames: the stages wait.
     Stopped = 4,
-    /// The board is to be switched off.
+    /// The board is switched off.
     PowerOff = 5,
 }
 
@@ -55,7 +54,7 @@ impl Rung {
     const LADDER: [Rung; 5] =
         [Rung::FrameRate, Rung::Clocks, Rung::Recognition, Rung::Stopped, Rung::PowerOff];
 
-    /// The word for it.
+    /// Its name.
     pub fn name(self) -> &'static str {
         messages::heat::RUNGS[self as usize]
     }
@@ -74,17 +73,17 @@ impl Rung {
 /// Limits and times of the ladder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeatParameters {
-    /// Above these the rungs from [`Rung::FrameRate`] on are entered; ascending.
+    /// Temperatures above which the rungs from [`Rung::FrameRate`] to [`Rung::PowerOff`] are entered; ascending.
     pub limits: [Celsius; 5],
-    /// A rung is left this many kelvins below where it is entered.
+    /// A rung is left this far below the temperature at which it is entered, in kelvins.
     pub hysteresis_k: f64,
-    /// Least time from change to change.
+    /// Minimum time between two changes, in nanoseconds.
     pub dwell_ns: u64,
-    /// Time constant of the filter; 0 = none.
+    /// Time constant of the filter, in nanoseconds; 0 = no filter.
     pub filter_ns: u64,
-    /// How fast a zone can warm up, in °C a second.
+    /// Maximum rate of rise of a zone, in °C per second.
     pub slew_c_per_s: f64,
-    /// The daemon does not start with a zone at or above this.
+    /// The daemon does not start if a zone is at or above this temperature.
     pub start_below: Celsius,
     /// Whether the board can be switched off; without it the ladder ends at [`Rung::Stopped`].
     pub powers_off: bool,
@@ -96,18 +95,18 @@ pub struct HeatParameters {
     pub clocks_share: f64,
 }
 
-/// What a rung leaves of the work.
+/// Limits of a rung.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeatAction {
-    /// Share of the frame rate, above 0.
+    /// Share of the frame rate, above 0 to 1.
     pub frame_rate_share: f64,
-    /// Share of the configured clocks, above 0.
+    /// Share of the configured clocks, above 0 to 1.
     pub clocks_share: f64,
-    /// Whether regions are recognised.
+    /// Whether tracks are classified.
     pub recognition: bool,
-    /// Whether pairs are wanted at all.
+    /// Whether frames are processed at all.
     pub run: bool,
-    /// Whether the board is to be switched off.
+    /// Whether the board is switched off.
     pub power_off: bool,
 }
 
@@ -115,11 +114,11 @@ pub struct HeatAction {
 #[derive(Clone, Debug)]
 struct Zone {
     name: String,
-    /// Filtered, or projected.
+    /// Filtered or projected temperature in °C.
     celsius: f64,
-    /// The last real sample, and when it came; `None` while the zone was never read.
+    /// The last measured sample in °C, and its time in ns; `None` until the zone has been read.
     last: Option<(f64, u64)>,
-    /// Samples in a row above the highest limit.
+    /// Number of samples in a row above the highest limit.
     over: u32,
     is_projected: bool,
 }
@@ -153,28 +152,28 @@ impl Heat {
         }
     }
 
-    /// Other limits, from now on: for a configuration that was read again.
+    /// Sets other parameters, for a reload.
     pub fn set_parameters(&mut self, parameters: HeatParameters) {
         self.parameters = parameters;
     }
 
-    /// Where the ladder is.
+    /// The current rung.
     pub fn rung(&self) -> Rung {
         self.rung
     }
 
-    /// Why the last change was made; empty before the first.
+    /// Reason for the last change; empty before the first.
     pub fn reason(&self) -> &str {
         &self.reason
     }
 
-    /// Zones that were ever read: name, temperature, whether that is projected.
+    /// All zones that have been read at least once: name, temperature, whether it is projected.
     pub fn zones(&self) -> impl Iterator<Item = (&str, Celsius, bool)> {
-        let seen = self.zones.iter().filter(|zone| zone.last.is_some());
-        seen.map(|zone| (zone.name.as_str(), Celsius(zone.celsius), zone.is_projected))
+        let read = self.zones.iter().filter(|zone| zone.last.is_some());
+        read.map(|zone| (zone.name.as_str(), Celsius(zone.celsius), zone.is_projected))
     }
 
-    /// What the rung leaves of the work.
+    /// Limits of the current rung.
     pub fn action(&self) -> HeatAction {
         let p = &self.parameters;
         HeatAction {
@@ -186,8 +185,8 @@ impl Heat {
         }
     }
 
-    /// Takes one sample of each zone, in the order of their names; `None` could not be read. Gives
-    /// whether the rung changed; [`Self::reason`] then says why.
+    /// Adds one sample of each zone, in the order of their names; `None` = it could not be read. Returns whether the
+    /// rung has changed; [`Self::reason`] then gives the reason.
     pub fn update(&mut self, now_ns: u64, readings: &[Option<Celsius>]) -> bool {
         let p = self.parameters;
         for (zone, reading) in self.zones.iter_mut().zip(readings) {
@@ -209,19 +208,19 @@ impl Heat {
         if self.changed_ns.is_some_and(|at| now_ns.saturating_sub(at) < p.dwell_ns) {
             return false;
         }
-        let seen = self.zones.iter().filter(|zone| zone.last.is_some());
-        let Some(hottest) = seen.max_by(|a, b| a.celsius.total_cmp(&b.celsius)) else { return false };
-        let asked = Rung::LADDER[..4].iter().rev().find(|rung| hottest.celsius > p.limit(**rung).0);
-        let asked = asked.copied().unwrap_or(Rung::Normal);
-        let words = hottest.describe(Celsius(hottest.celsius), now_ns);
-        if asked > self.rung {
-            let text = format!("{words} is above {}", p.limit(asked));
-            self.change(asked, &text, now_ns);
+        let read = self.zones.iter().filter(|zone| zone.last.is_some());
+        let Some(hottest) = read.max_by(|a, b| a.celsius.total_cmp(&b.celsius)) else { return false };
+        let target = Rung::LADDER[..4].iter().rev().find(|rung| hottest.celsius > p.limit(**rung).0);
+        let target = target.copied().unwrap_or(Rung::Normal);
+        let description = hottest.describe(Celsius(hottest.celsius), now_ns);
+        if target > self.rung {
+            let text = format!("{description} is above {}", p.limit(target));
+            self.change(target, &text, now_ns);
             return true;
         }
         let leave = Celsius(p.limit(self.rung).0 - p.hysteresis_k);
         if self.rung > Rung::Normal && hottest.celsius < leave.0 {
-            let text = format!("{words} is below {leave}");
+            let text = format!("{description} is below {leave}");
             self.change(self.rung.below(), &text, now_ns);
             return true;
         }
@@ -236,7 +235,7 @@ impl Heat {
 }
 
 impl HeatParameters {
-    /// Above this a rung is entered; nothing is below the first.
+    /// Temperature above which a rung is entered; −∞ for [`Rung::Normal`].
     fn limit(&self, rung: Rung) -> Celsius {
         match rung {
             Rung::Normal => Celsius(f64::NEG_INFINITY),
@@ -244,7 +243,7 @@ impl HeatParameters {
         }
     }
 
-    /// The zone that forbids a start, with its temperature.
+    /// The hottest zone that is too hot for a start, with its temperature; `None` if the daemon may start.
     pub fn too_hot_to_start<'a>(
         &self,
         names: &'a [String],
@@ -260,7 +259,7 @@ impl Zone {
     fn take(&mut self, reading: Option<Celsius>, now_ns: u64, p: &HeatParameters) {
         let Some(Celsius(raw)) = reading else {
             let Some((last, at_ns)) = self.last else { return };
-            // From what was measured, not from the filter that trails behind it.
+            // Projected from the last sample, because the filtered value lags behind it while it rises.
             let seconds = now_ns.saturating_sub(at_ns) as f64 * 1e-9;
             let from = if self.is_projected { last } else { last.max(self.celsius) };
             self.last = Some((from, at_ns));
@@ -270,7 +269,7 @@ impl Zone {
             self.over = if is_over { self.over + 1 } else { 0 };
             return;
         };
-        // A projection is no measurement: the filter starts again from what is one.
+        // After a projection, the filter starts again at the first sample.
         let restart = self.is_projected || p.filter_ns == 0;
         self.celsius = match self.last {
             Some((_, at_ns)) if !restart => {
@@ -287,7 +286,7 @@ impl Zone {
     fn describe(&self, at: Celsius, now_ns: u64) -> String {
         match self.last {
             Some((last, at_ns)) if self.is_projected => format!(
-                "{} cannot be read for {:.0} s (last {}); {at}, as it may have become,",
+                "{} cannot be read for {:.0} s (last {}); {at}, projected,",
                 self.name,
                 now_ns.saturating_sub(at_ns) as f64 * 1e-9,
                 Celsius(last)

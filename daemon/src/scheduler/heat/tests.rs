@@ -1,4 +1,4 @@
-//! The ladder over made-up temperatures: ramps, waves, lost sensors, random walks, the paper's table.
+//! Tests of the ladder with simulated temperatures: ramps, waves, lost sensors, random walks, the paper's table.
 
 use super::*;
 
@@ -24,8 +24,8 @@ fn ladder() -> Heat {
     Heat::new(PARAMETERS, &["cpu".into(), "gpu".into()])
 }
 
-/// Samples both zones twice a second for `seconds`; `celsius` gives what each shows at a time. Gives
-/// the changes: second and rung.
+/// Samples both zones twice a second for `seconds`; `celsius` gives their temperatures at a time. Returns the changes:
+/// time in seconds and rung.
 fn drive(
     heat: &mut Heat,
     from_s: f64,
@@ -47,7 +47,7 @@ fn both(celsius: f64) -> [Option<f64>; 2] {
     [Some(celsius - 3.0), Some(celsius)]
 }
 
-/// Up and down between `low` and `high`, `period` seconds a wave.
+/// A triangle wave between `low` and `high` with a period of `period` seconds.
 fn wave(low: f64, high: f64, period: f64) -> impl Fn(f64) -> f64 {
     move |at| {
         let phase = (at / period).fract() * 2.0;
@@ -56,8 +56,8 @@ fn wave(low: f64, high: f64, period: f64) -> impl Fn(f64) -> f64 {
 }
 
 #[test]
-fn at_the_papers_ambient_temperatures_everything_runs() {
-    // Its table: ambient, and the range of the chip at full load.
+fn there_are_no_limits_at_the_ambient_temperatures_of_the_paper() {
+    // The paper's table: ambient temperature, and the range of the chip at full load.
     for (ambient, low, high) in
         [(20.0, 45.0, 50.0), (55.0, 70.0, 80.0), (60.0, 80.0, 85.0), (65.0, 85.0, 90.0)]
     {
@@ -105,27 +105,27 @@ fn a_slow_ramp_climbs_rung_by_rung_and_powers_off_above_95() {
 #[test]
 fn a_fast_ramp_to_96_powers_off_without_waiting() {
     let mut heat = ladder();
-    // Two degrees a second: the first rung, then 30 s may not pass before the last.
+    // Two degrees a second: the first rung, and then the last without waiting for 30 s.
     let changes = drive(&mut heat, 0.0, 60.0, |at| both((80.0 + 2.0 * at).min(96.0)));
     assert_eq!(changes.last().map(|c| c.1), Some(Rung::PowerOff));
     assert!(changes.last().is_some_and(|c| c.0 <= 8.0 + 1.5), "{changes:?}");
-    // It is never left, whatever the sensors say then.
+    // The last rung is never left, even if the sensors cool down.
     assert_eq!(drive(&mut heat, 60.0, 600.0, |_| both(20.0)), []);
     assert_eq!(heat.rung(), Rung::PowerOff);
 }
 
 #[test]
-fn one_wild_sample_is_no_reason_to_switch_off() {
+fn one_outlier_does_not_switch_the_board_off() {
     let mut heat = ladder();
     let changes = drive(&mut heat, 0.0, 60.0, |at| both(if at == 20.0 || at == 20.5 { 120.0 } else { 60.0 }));
     assert_eq!(changes, []);
-    // Three in a row are no glitch.
+    // Three samples in a row count.
     let changes = drive(&mut heat, 60.0, 60.0, |at| both(if at < 61.5 { 96.0 } else { 60.0 }));
     assert_eq!(changes, [(61.0, Rung::PowerOff)]);
 }
 
 #[test]
-fn without_a_way_to_power_off_the_ladder_ends_at_stopped_and_comes_back() {
+fn without_power_off_the_ladder_ends_at_stopped_and_descends_again() {
     let mut heat =
         Heat::new(HeatParameters { powers_off: false, ..PARAMETERS }, &["cpu".into(), "gpu".into()]);
     let changes = drive(&mut heat, 0.0, 30.0, |_| both(97.0));
@@ -138,13 +138,13 @@ fn without_a_way_to_power_off_the_ladder_ends_at_stopped_and_comes_back() {
 }
 
 #[test]
-fn flapping_is_held_to_one_change_in_30_seconds_and_five_degrees() {
-    // A wave across the first limit that stays within the hysteresis: one change, for good.
+fn changes_are_limited_by_dwell_time_and_hysteresis() {
+    // A wave across the first limit that stays within the hysteresis: a single change.
     let mut heat = ladder();
     let swing = wave(85.5, 91.5, 40.0);
     let changes = drive(&mut heat, 0.0, 3600.0, |at| both(swing(at)));
     assert_eq!(changes.iter().map(|c| c.1).collect::<Vec<_>>(), [Rung::FrameRate]);
-    // A wave across everything but the last limit.
+    // A wave across all limits but the last.
     let mut heat = ladder();
     let swing = wave(60.0, 94.8, 200.0);
     let changes = drive(&mut heat, 0.0, 3600.0, |at| both(swing(at)));
@@ -181,18 +181,18 @@ fn a_sensor_that_vanishes_is_projected_and_then_too_hot() {
     );
     let gpu = heat.zones().nth(1).map(|z| z.2);
     assert_eq!(gpu, Some(true));
-    // When it is back, what it says counts at once, and the way down begins.
+    // When it can be read again, its sample counts at once, and the ladder descends.
     let changes = drive(&mut heat, 400.0, 200.0, |_| [Some(60.0), Some(71.0)]);
     assert_eq!(changes[0], (400.0, Rung::Recognition));
     assert_eq!(heat.rung(), Rung::Normal);
-    // Short gaps are nothing: one sample in ten is lost.
+    // Short gaps have no effect: one sample in ten is lost.
     let mut heat = ladder();
     assert_eq!(drive(&mut heat, 0.0, 3600.0, |at| [Some(80.0), (at % 5.0 != 0.0).then_some(88.0)]), []);
-    // One that never was there is nobody's loss.
+    // A zone that has never been read is ignored.
     let mut heat = ladder();
     assert_eq!(drive(&mut heat, 0.0, 3600.0, |_| [Some(60.0), None]), []);
     assert_eq!(heat.zones().count(), 1);
-    // On wish a lost sensor switches off.
+    // With `missing_powers_off`, a lost sensor switches the board off.
     let strict = HeatParameters { missing_powers_off: true, ..PARAMETERS };
     let mut heat = Heat::new(strict, &["cpu".into(), "gpu".into()]);
     let changes = drive(&mut heat, 0.0, 400.0, run);
@@ -224,7 +224,7 @@ impl Board {
 }
 
 #[test]
-fn the_ladder_keeps_a_board_alive_in_more_heat_than_the_paper_and_does_not_hunt() {
+fn the_ladder_keeps_a_board_running_in_more_heat_than_the_paper_without_oscillating() {
     for (ambient, expected) in [
         (20.0, Rung::Normal),
         (55.0, Rung::Normal),
@@ -247,7 +247,7 @@ fn the_ladder_keeps_a_board_alive_in_more_heat_than_the_paper_and_does_not_hunt(
         }
         println!("{ambient} °C: {highest:?}, at the end {:.1} °C, {changes:?}", board.celsius);
         assert_eq!(highest, expected, "{ambient} °C: {changes:?}");
-        // An hour long: no more than a change in three minutes.
+        // In an hour, at most one change in three minutes.
         assert!(changes.len() <= 20, "{ambient} °C: {changes:?}");
     }
 }

@@ -1,9 +1,8 @@
-//! The last result, and taking it back when it does not hold any more.
+//! The last result, and its withdrawal when it is out of date.
 //!
-//! A message on `obstacles` stays readable after the stage that sent it has died, and for whoever comes
-//! late. So the scheduler has a place of its own on that service: when a stage that frames pass is away,
-//! or results have stopped, it sends one message that says "off", has no obstacles, and withdraws what
-//! was said before. The first result after that speaks for itself.
+//! A message on `obstacles` stays readable after the stage that sent it has died, also for new subscribers. The
+//! scheduler therefore publishes on that service, too: when a stage is not running, or results have stopped, it sends
+//! one message with the level `off`, without obstacles, that withdraws the earlier results. The next result replaces it.
 
 use messages::alarm::{self, Faults};
 use messages::bus::IpcError;
@@ -12,7 +11,7 @@ use messages::header::{Header, Kind};
 use messages::obstacles::{self, AlarmRecord, Newest};
 use messages::port::{Publisher, Sample};
 
-/// What the last result said.
+/// The last result.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LastResult {
     pub(super) alarm: AlarmRecord,
@@ -21,14 +20,14 @@ pub(super) struct LastResult {
     at_ns: u64,
 }
 
-/// See the module.
+/// The last result, and the publisher that withdraws it.
 #[derive(Debug)]
 pub(super) struct Results {
     publisher: Publisher,
     newest: Newest,
-    /// `None` once it does not hold any more.
+    /// `None` before the first result and after a withdrawal.
     last: Option<LastResult>,
-    /// A result says nothing about the road this long after it came.
+    /// Age from which a result is out of date, in nanoseconds.
     stale_ns: u64,
 }
 
@@ -37,12 +36,12 @@ impl Results {
         Self { publisher, newest: Newest::default(), last: None, stale_ns }
     }
 
-    /// Whether a message is one of the scheduler's own.
+    /// Whether the scheduler itself has sent a message.
     pub(super) fn is_own(&self, sample: &Sample) -> bool {
         sample.is_from(&self.publisher)
     }
 
-    /// Takes in a result of the last stage. Gives whether it is newer than all before.
+    /// Stores a result of the last stage. Returns whether it is newer than all earlier ones.
     pub(super) fn take(&mut self, header: Header, message: &obstacles::Obstacles<'_>) -> bool {
         let is_newer = self.newest.accepts(&header);
         if is_newer {
@@ -56,27 +55,27 @@ impl Results {
         is_newer
     }
 
-    /// What holds now, if anything does.
+    /// The last result, unless it was withdrawn.
     pub(super) fn last(&self) -> Option<&LastResult> {
         self.last.as_ref()
     }
 
-    /// Late comers are told, too.
+    /// Sends the last withdrawal to new subscribers.
     pub(super) fn refresh(&self) -> Result<(), IpcError> {
         self.publisher.refresh()
     }
 
-    /// Takes the last result back when frames do not pass, or none has come for long: for `stale_ns`, and
-    /// three periods of a slow source. Gives why, when there was something to take back.
+    /// Withdraws the last result if a stage is not running (`frames_pass` is false), or if it is older than both
+    /// `stale_ns` and three periods of the source. Returns the failed self-check if a result was withdrawn.
     pub(super) fn withdraw_stale(
         &mut self,
         frames_pass: bool,
         period_ns: u64,
         now: u64,
     ) -> Result<Option<Faults>, IpcError> {
-        let patience_ns = self.stale_ns.max(period_ns.saturating_mul(3));
+        let timeout_ns = self.stale_ns.max(period_ns.saturating_mul(3));
         let Some(last) = self.last else { return Ok(None) };
-        if frames_pass && now.saturating_sub(last.at_ns) < patience_ns {
+        if frames_pass && now.saturating_sub(last.at_ns) < timeout_ns {
             return Ok(None);
         }
         self.last = None;
@@ -92,17 +91,16 @@ impl Results {
         let mut loan = self.publisher.loan(obstacles::payload_bytes(0))?;
         *loan.header_mut() = last.header.forward(Kind::Obstacles);
         loan.header_mut().withdraws = 1;
-        // The payload is as long as that needs.
         if let Err(error) = obstacles::write(loan.payload_mut(), off, &[]) {
-            tracing::error!(%error, "the alarm could not be taken back");
+            tracing::error!(%error, "the last result could not be withdrawn");
             return Ok(Some(faults));
         }
-        tracing::debug!(sequence = last.header.sequence, frames_pass, "the last result is taken back");
+        tracing::debug!(sequence = last.header.sequence, frames_pass, "the last result is withdrawn");
         self.publisher.send(loan)?;
         Ok(Some(faults))
     }
 
-    /// Why nothing holds: a stage is away, or no result has come.
+    /// The self-check that fails without a valid result: a stage is not running, or there is no result.
     pub(super) fn faults(frames_pass: bool) -> Faults {
         if frames_pass { Faults::STALE } else { Faults::STAGE }
     }

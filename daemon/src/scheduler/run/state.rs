@@ -1,4 +1,4 @@
-//! How the daemon is doing, in one record.
+//! Assembly of the status message.
 
 use super::result::Results;
 use super::{Phase, Run};
@@ -14,7 +14,7 @@ use messages::rig::RigRecord;
 use messages::status::StatusRecord;
 
 impl Run {
-    /// The status now. Rates are since the last call.
+    /// The current status. Rates refer to the time since the previous call.
     pub(super) fn status(&mut self, now: u64) -> StatusRecord {
         let mut own = ReportRecord::new(Role::Scheduler);
         own.cpu_ns = process_cpu_ns();
@@ -36,20 +36,20 @@ impl Run {
         status.pacing = self.pacing();
         let moved = status.calibration.state() == CalibrationState::Degraded;
         let moved = moved.then(|| format!("calibration {}", status.calibration));
-        self.conditions.set(Condition::Calibration, moved.as_deref());
-        self.conditions.set(Condition::Board, self.board.fault().as_deref());
-        let lost = status.device.is_lost().then(|| status.device.words());
-        self.conditions.set(Condition::Device, lost.as_deref());
-        self.conditions.set(Condition::GivenUp, self.supervisor.given_up_reason().as_deref());
+        self.diagnostics.set(Condition::Calibration, moved.as_deref());
+        self.diagnostics.set(Condition::Board, self.board.fault().as_deref());
+        let lost = status.device.is_lost().then(|| status.device.describe());
+        self.diagnostics.set(Condition::Device, lost.as_deref());
+        self.diagnostics.set(Condition::GivenUp, self.supervisor.given_up_reason().as_deref());
 
         status.pid = std::process::id();
         let is_running = self.phase == Phase::Running && self.supervisor.all_running();
         status.state = match self.phase {
             Phase::Draining { .. } | Phase::Stopping => 3,
-            Phase::Running if self.conditions.is_degraded(is_running) => 2,
+            Phase::Running if self.diagnostics.is_degraded(is_running) => 2,
             Phase::Running => u32::from(self.collector.results() > 0 && is_running),
         };
-        // What an old frame said is no judgement of the road now.
+        // While the run is stopping, the last result does not describe the road any more.
         let last = self.results.last().filter(|_| self.phase == Phase::Running);
         let frames_pass = self.phase == Phase::Running && self.supervisor.frames_pass();
         status.alarm = last.map_or(alarm::OFF, |last| last.alarm.level);
@@ -64,7 +64,7 @@ impl Run {
         status.latency_p50_ms = latency.p50_ms as f32;
         status.latency_p99_ms = latency.p99_ms as f32;
         match self.failure.as_ref().unwrap_or(&self.reason) {
-            reason if reason.is_empty() => status.set_reason(&self.conditions.reason()),
+            reason if reason.is_empty() => status.set_reason(&self.diagnostics.reason()),
             reason => status.set_reason(reason),
         }
         let processes = self.collector.processes(&self.supervisor, &self.plan, now);
@@ -97,7 +97,7 @@ impl Run {
         let parameters = self.pacer.parameters();
         let slowest = self.pacer.slowest();
         PacingRecord {
-            // Heat may leave less than the pacer would allow.
+            // The thermal ladder may allow less than the pacer.
             rate_hz: 1e9 / self.credit.command().period_ns.max(1) as f64,
             wanted_hz: 1e9 / parameters.wanted_ns.max(1) as f64,
             slowest_ms: slowest.map_or(0.0, |(_, ns)| ns as f64 * 1e-6),

@@ -1,4 +1,4 @@
-//! The supervisor by example; `properties` throws chance at it.
+//! Tests of the supervisor by example; `properties` has random tests.
 
 mod properties;
 
@@ -86,7 +86,7 @@ fn a_silent_stage_is_killed_once_and_then_restarted() {
     let kill = Action::Kill(Role::Stereo, "it was silent beyond its liveness deadline");
     assert_eq!(tick_until(&mut supervisor, 6 * S), [kill]);
     assert_eq!(tick_until(&mut supervisor, 7 * S), []);
-    // A late report of the dying process does not bring it back.
+    // A late report of the dying process has no effect.
     supervisor.reported(Role::Stereo, 7 * S);
     assert!(!supervisor.all_running());
     supervisor.exited(Role::Stereo, "was killed", 8 * S);
@@ -101,11 +101,11 @@ fn a_silent_stage_is_killed_once_and_then_restarted() {
 }
 
 #[test]
-fn a_pause_of_the_whole_machine_is_no_fault_of_the_stages() {
+fn a_pause_of_the_whole_machine_extends_the_deadlines() {
     let mut supervisor = started();
     supervisor.tick(2 * S);
-    assert_eq!(supervisor.tick(500 * S), [], "nobody could report");
-    // From now on the deadlines hold again.
+    assert_eq!(supervisor.tick(500 * S), [], "no stage could report");
+    // After that the deadlines apply again.
     for now in 501..504 {
         assert_eq!(supervisor.tick(now * S), []);
     }
@@ -113,12 +113,12 @@ fn a_pause_of_the_whole_machine_is_no_fault_of_the_stages() {
 }
 
 #[test]
-fn a_stage_that_starts_anew_has_not_failed() {
+fn an_intentional_restart_is_not_a_failure() {
     let mut supervisor = started();
     for round in 2..20 {
         let now = round * S;
         assert_eq!(supervisor.renew(Role::Road, now), Some(Action::Terminate(Role::Road)));
-        assert_eq!(supervisor.renew(Role::Road, now), None, "it is on its way");
+        assert_eq!(supervisor.renew(Role::Road, now), None, "already restarting");
         assert!(supervisor.is_renewing(Role::Road));
         assert_eq!(supervisor.exited(Role::Road, "exited with code 0", now), None);
         supervisor.reported(Role::Stereo, now);
@@ -127,7 +127,7 @@ fn a_stage_that_starts_anew_has_not_failed() {
         supervisor.reported(Role::Road, now);
     }
     assert_eq!((supervisor.restarts(Role::Road), supervisor.all_running()), (0, true));
-    // One that does not end is killed, and still no failure.
+    // A stage that does not end is killed, which is not a failure, either.
     supervisor.renew(Role::Road, 20 * S);
     supervisor.reported(Role::Stereo, 25 * S);
     let kill = Action::Kill(Role::Road, "it did not stop when asked");
@@ -139,7 +139,7 @@ fn a_stage_that_starts_anew_has_not_failed() {
 }
 
 #[test]
-fn stopping_is_polite_first_and_final() {
+fn stopping_terminates_first_then_kills_and_restarts_nothing() {
     let mut supervisor = started();
     supervisor.exited(Role::Road, "was killed", 2 * S);
     assert_eq!(supervisor.stop(2 * S), [Action::Terminate(Role::Stereo)]);
@@ -173,23 +173,23 @@ fn a_stage_that_was_given_up_is_tried_again_once_in_each_pause() {
     assert!(!spawns(&mut supervisor, now + 599 * S));
     now += 600 * S;
     assert!(spawns(&mut supervisor, now));
-    // Its failure gives it up at once.
+    // Its next failure gives it up at once.
     supervisor.spawned(Role::Stereo, now);
     let Some(Action::GiveUp(_, reason)) = supervisor.exited(Role::Stereo, "exited with code 1", now + S)
     else {
         panic!("it was on probation")
     };
     assert!(reason.contains("failed again") && reason.contains("code 1"), "{reason}");
-    // Somebody who knows better need not wait.
+    // On request it is retried without waiting.
     supervisor.retry(now + 2 * S);
     assert!(spawns(&mut supervisor, now + 2 * S));
     supervisor.spawned(Role::Stereo, now + 2 * S);
-    assert!(supervisor.given_up_reason().is_some(), "until it runs it is said why it did not");
+    assert!(supervisor.given_up_reason().is_some(), "the reason is kept until it runs");
     supervisor.reported(Role::Stereo, now + 3 * S);
     assert_eq!((supervisor.given_up_reason(), supervisor.given_up()), (None, None));
-    // It has lived as long as the window: its faults are forgotten.
+    // It has run for the length of the window: its failures are forgotten.
     assert_eq!(supervisor.exited(Role::Stereo, "was killed", now + 303 * S), None);
-    // Without a pause nothing is tried.
+    // Without a configured pause there is no retry.
     let mut supervisor = Supervisor::new(
         SupervisorParameters { retry_ns: 0, restart_count: 0, ..PARAMETERS },
         &[Role::Road],
@@ -201,7 +201,7 @@ fn a_stage_that_was_given_up_is_tried_again_once_in_each_pause() {
 }
 
 #[test]
-fn a_kill_that_does_nothing_is_repeated() {
+fn a_kill_without_effect_is_repeated() {
     let mut supervisor = started();
     supervisor.reported(Role::Road, 6 * S);
     assert_eq!(tick_until(&mut supervisor, 6 * S).len(), 1);

@@ -1,7 +1,6 @@
-//! Brings pairs from the source into shared memory, at a rate or by credit.
+//! The stage capture: publishes the pairs of the source in shared memory, at a rate or by credit.
 //!
-//! A source that fails or brings nothing does not end the stage: it says so, goes on reporting, and
-//! tries again.
+//! If the source fails or gives no pairs, the stage reports that, keeps sending heartbeats, and retries.
 
 mod reader;
 
@@ -19,21 +18,21 @@ use reader::Reader;
 use sources::{PairSource, Readiness};
 use std::time::Duration;
 
-/// How long a live source is waited for at a time: commands and signals are heard in between.
-const LIVE_PATIENCE: Duration = Duration::from_millis(20);
+/// Maximum time of one wait for a live source; commands and signals are handled in between.
+const LIVE_TIMEOUT: Duration = Duration::from_millis(20);
 
-/// Before it is waited for again.
-const SOON: Duration = Duration::from_micros(50);
+/// Minimum pause of the loop.
+const MIN_PAUSE: Duration = Duration::from_micros(50);
 
-/// Wait before a pair that could not be read is tried again; it doubles with each try.
+/// Time before the first retry of a pair that could not be read; it doubles with each retry.
 const RETRY_FIRST_NS: u64 = 1_000_000_000;
-/// The longest wait.
-const RETRY_LONGEST_NS: u64 = 30_000_000_000;
+/// Maximum time before a retry.
+const RETRY_MAX_NS: u64 = 30_000_000_000;
 
 /// Runs the stage.
 ///
 /// # Errors
-/// When shared memory cannot be used.
+/// If shared memory cannot be used.
 pub fn run(mut host: Host) -> Result<(), HostError> {
     let format = host.launch.frames;
     let commands = host.bus.subscriber(&service::COMMAND)?;
@@ -53,7 +52,7 @@ pub fn run(mut host: Host) -> Result<(), HostError> {
         pairs,
         state: State::Flowing,
     };
-    // In this order: the scheduler answers the first report with a command.
+    // The subscriber has to exist before the first report, which the scheduler answers with a command.
     host.ready()?;
     wait::run_with(&[&commands], reader.as_ref().map(Reader::descriptor), || {
         if host.should_stop() {
@@ -74,37 +73,38 @@ pub fn run(mut host: Host) -> Result<(), HostError> {
     })
 }
 
+/// State of the source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Flowing,
-    /// The next pair is wanted, and not there since then.
+    /// The next pair is due and has not been read yet.
     Missing {
         since_ns: u64,
-        is_said: bool,
+        is_reported: bool,
     },
     /// The next pair could not be read.
     Failed {
-        /// When it is tried again.
+        /// Time of the next retry.
         retry_ns: u64,
-        /// The wait after that.
+        /// Time from that retry to the one after it.
         wait_ns: u64,
-        /// The reader is at it.
+        /// Whether the reader is retrying now.
         trying: bool,
     },
     /// Finished: nothing more is published.
     Over,
 }
 
-/// Where pairs come from.
+/// Input of the stage.
 enum Input<'a> {
-    /// Read ahead; the next pair is there or not.
+    /// A recorded or synthetic source, whose pairs a thread reads ahead.
     Recorded(&'a Reader),
-    /// Cameras; `None` until they are open.
+    /// Cameras; `None` until they are opened.
     Live(Option<Box<dyn PairSource>>),
 }
 
 impl Input<'_> {
-    /// Pair `sequence` of a recorded source is not needed any more.
+    /// Releases pair `sequence` of a recorded source.
     fn release(&self, sequence: u64) {
         if let Self::Recorded(reader) = self {
             reader.release(sequence);
@@ -116,23 +116,23 @@ struct Capture<'a> {
     input: Input<'a>,
     pairs: Publisher,
     command: Option<CommandRecord>,
-    /// The next pair.
+    /// Sequence of the next pair.
     next: u64,
-    /// Sequence and attempt that were published last; the reader keeps that pair.
+    /// Sequence and attempt of the last published pair; the reader keeps this pair.
     published: Option<(u64, u32)>,
-    /// When the next pair is due, at live rate.
+    /// When the next pair is due at live rate, in ns of CLOCK_MONOTONIC; 0 before the first.
     due_ns: u64,
-    /// A pair that is this late makes the source a stalled one.
+    /// Lateness of a pair from which the source counts as stalled, in nanoseconds.
     stall_ns: u64,
     state: State,
 }
 
 impl Capture<'_> {
-    /// Publishes what may be published now; gives the time until something is due, if that is known.
+    /// Publishes all pairs that may be published now. Returns the time until the next action is due, if it is known.
     fn step(&mut self, host: &mut Host) -> Result<Option<Duration>, HostError> {
         let Some(command) = self.command else { return Ok(None) };
         if command.lockstep == 1 && command.hold == 0 {
-            // Even when it is over: a stage may have died with the last frame.
+            // Also after the end of the source: a stage may have died with the last frame.
             self.repeat(host, &command)?;
         }
         if self.state == State::Over {
@@ -165,19 +165,18 @@ impl Capture<'_> {
         if !self.publish_next(host, 0)? {
             return Ok(self.patience());
         }
-        // A source that cannot keep up is not hurried afterwards.
+        // After a delay the lost time is not made up: the next pair is due at most one period early.
         let after = monotonic_ns();
         self.due_ns =
             self.due_ns.saturating_add(command.period_ns).max(after.saturating_sub(command.period_ns));
-        Ok(Some(Duration::from_nanos(self.due_ns.saturating_sub(after)).max(Duration::from_micros(50))))
+        Ok(Some(Duration::from_nanos(self.due_ns.saturating_sub(after)).max(MIN_PAUSE)))
     }
 
-    /// Takes what the cameras bring; they run by themselves.
+    /// Waits for a pair of the cameras, which run at their own rate, and publishes it.
     fn step_live(&mut self, host: &mut Host, command: &CommandRecord) -> Result<Option<Duration>, HostError> {
         if command.lockstep == 1 {
             self.state = State::Over;
-            let text =
-                "cameras run by themselves and know no lock-step: record them, and replay the recording";
+            let text = "cameras do not support lock-step: record them, and replay the recording";
             return host.set_health(Health::Unusable, text).map(|()| None);
         }
         if self.is_at_end(host)? {
@@ -187,22 +186,22 @@ impl Capture<'_> {
             return Ok(self.patience());
         }
         let Input::Live(Some(source)) = &mut self.input else { return Ok(None) };
-        match source.live().map_or(Readiness::Nothing, |live| live.wait(LIVE_PATIENCE)) {
+        match source.live().map_or(Readiness::Nothing, |live| live.wait(LIVE_TIMEOUT)) {
             Readiness::Pair { capture_ns } => self.publish_live(host, capture_ns, command.period_ns)?,
             Readiness::Trouble(text) => {
                 tracing::warn!("{text}");
                 host.set_health(Health::Stalled, &text)?;
             }
             Readiness::Recovered => {
-                tracing::info!("pairs come again");
+                tracing::info!("the cameras give pairs again");
                 host.set_health(Health::Ready, "")?;
             }
             Readiness::Nothing => {}
         }
-        Ok(Some(SOON))
+        Ok(Some(MIN_PAUSE))
     }
 
-    /// Opens the cameras unless they are open. Gives false when they cannot be, and says why.
+    /// Opens the cameras unless they are open. If that fails, reports the reason and returns false.
     fn open_live(&mut self, host: &mut Host) -> Result<bool, HostError> {
         let Input::Live(source @ None) = &mut self.input else { return Ok(true) };
         if matches!(self.state, State::Failed { retry_ns, .. } if monotonic_ns() < retry_ns) {
@@ -218,13 +217,13 @@ impl Capture<'_> {
         }
     }
 
-    /// Publishes the pair that has come, unless the cameras are faster than pairs are wanted.
+    /// Publishes the pair that has arrived, unless it is too early for the current rate.
     fn publish_live(&mut self, host: &mut Host, capture_ns: u64, period_ns: u64) -> Result<(), HostError> {
-        // Half a period early is in time: cameras keep their own.
+        // Cameras have their own clock, so a pair may be up to half a period early.
         if capture_ns.saturating_add(period_ns / 2) < self.due_ns {
             return Ok(());
         }
-        // What was late is not made up for.
+        // A delay of more than a period is not made up for.
         let is_late = capture_ns > self.due_ns.saturating_add(period_ns);
         self.due_ns = if is_late { capture_ns } else { self.due_ns }.saturating_add(period_ns);
         let Input::Live(Some(source)) = &mut self.input else { return Ok(()) };
@@ -233,13 +232,13 @@ impl Capture<'_> {
         let mut loan = self.pairs.loan(pair::payload_bytes(format.width, format.height))?;
         let (left, right) = pair::split_mut(loan.payload_mut());
         if let Err(error) = source.read(self.next, left, right) {
-            // Opened anew for the next try.
+            // The retry opens the cameras again.
             self.input = Input::Live(None);
             return self.fail(host, &error.to_string());
         }
         let source_ns = source.time_ns(self.next);
         let stamp = Stamp { begin_ns, end_ns: monotonic_ns() };
-        // A camera's pair is captured when it was exposed.
+        // The capture time of a camera's pair is the time of its exposure.
         let mut header = Header::new(Kind::Pair);
         header.sequence = self.next;
         header.source_ns = source_ns;
@@ -247,18 +246,17 @@ impl Capture<'_> {
         self.send(host, loan, header, stamp, 0)
     }
 
-    /// How long to wait for a pair that is not there before something has to be done about it; the
-    /// reader wakes the stage when it comes.
+    /// Time until a missing pair has to be reported or retried. The reader wakes the stage when a pair arrives.
     fn patience(&self) -> Option<Duration> {
         let at_ns = match self.state {
-            State::Missing { since_ns, is_said: false } => since_ns.saturating_add(self.stall_ns),
+            State::Missing { since_ns, is_reported: false } => since_ns.saturating_add(self.stall_ns),
             State::Failed { retry_ns, trying: false, .. } => retry_ns,
             _ => return None,
         };
-        Some(Duration::from_nanos(at_ns.saturating_sub(monotonic_ns())).max(Duration::from_micros(50)))
+        Some(Duration::from_nanos(at_ns.saturating_sub(monotonic_ns())).max(MIN_PAUSE))
     }
 
-    /// Publishes the frame of the credit once more when the scheduler asks for another attempt.
+    /// Publishes the pair `credit` again if the scheduler requests another attempt.
     fn repeat(&mut self, host: &mut Host, command: &CommandRecord) -> Result<(), HostError> {
         match self.published {
             Some((sequence, attempt)) if sequence == command.credit && attempt < command.attempt => {
@@ -273,14 +271,14 @@ impl Capture<'_> {
         host.set_health(Health::Finished, text)
     }
 
-    /// Nothing is wanted: what is not there is not missing.
+    /// No pairs are due: a pair that was missing is not missing any more.
     fn hold(&mut self, host: &mut Host) -> Result<(), HostError> {
-        let State::Missing { is_said, .. } = self.state else { return Ok(()) };
+        let State::Missing { is_reported, .. } = self.state else { return Ok(()) };
         self.state = State::Flowing;
-        if is_said { host.set_health(Health::Ready, "") } else { Ok(()) }
+        if is_reported { host.set_health(Health::Ready, "") } else { Ok(()) }
     }
 
-    /// Whether all pairs that are wanted have been published; then it says so.
+    /// Whether all pairs of the run have been published; then it is reported.
     fn is_at_end(&mut self, host: &mut Host) -> Result<bool, HostError> {
         let is_over = host.launch.end_sequence.is_some_and(|end| self.next >= end);
         if is_over {
@@ -289,7 +287,7 @@ impl Capture<'_> {
         Ok(is_over)
     }
 
-    /// Publishes the next pair. Gives false when it is not there, and says so in time.
+    /// Publishes the next pair. Returns false if it is not available.
     fn publish_next(&mut self, host: &mut Host, attempt: u32) -> Result<bool, HostError> {
         if self.is_at_end(host)? {
             return Ok(false);
@@ -306,20 +304,22 @@ impl Capture<'_> {
         if !self.publish(host, self.next, attempt)? {
             return Ok(false);
         }
-        if !matches!(self.state, State::Flowing | State::Missing { is_said: false, .. }) {
+        if !matches!(self.state, State::Flowing | State::Missing { is_reported: false, .. }) {
             host.set_health(Health::Ready, "")?;
         }
         self.state = State::Flowing;
         Ok(true)
     }
 
-    /// The next pair is not there yet.
+    /// The next pair is not available yet. Reports a stall once `stall_ns` have passed.
     fn miss(&mut self, host: &mut Host) -> Result<(), HostError> {
         let now = monotonic_ns();
         match self.state {
-            State::Flowing => self.state = State::Missing { since_ns: now, is_said: false },
-            State::Missing { since_ns, is_said: false } if now.saturating_sub(since_ns) >= self.stall_ns => {
-                self.state = State::Missing { since_ns, is_said: true };
+            State::Flowing => self.state = State::Missing { since_ns: now, is_reported: false },
+            State::Missing { since_ns, is_reported: false }
+                if now.saturating_sub(since_ns) >= self.stall_ns =>
+            {
+                self.state = State::Missing { since_ns, is_reported: true };
                 let seconds = self.stall_ns as f64 * 1e-9;
                 let text = format!("the source has stalled: pair {} is late by {seconds} s", self.next);
                 host.set_health(Health::Stalled, &text)?;
@@ -329,7 +329,7 @@ impl Capture<'_> {
         Ok(())
     }
 
-    /// The next pair cannot be read: says why, and when it is tried again.
+    /// The next pair cannot be read: reports the reason and schedules a retry.
     fn fail(&mut self, host: &mut Host, reason: &str) -> Result<(), HostError> {
         let wait_ns = match self.state {
             State::Failed { wait_ns, .. } => wait_ns,
@@ -337,13 +337,13 @@ impl Capture<'_> {
         };
         self.state = State::Failed {
             retry_ns: monotonic_ns() + wait_ns,
-            wait_ns: (2 * wait_ns).min(RETRY_LONGEST_NS),
+            wait_ns: (2 * wait_ns).min(RETRY_MAX_NS),
             trying: false,
         };
         host.set_health(Health::Unusable, reason)
     }
 
-    /// Copies a pair into shared memory. Gives false when it is not there, or cannot be read.
+    /// Copies a pair to shared memory and sends it. Returns false if it is not available or cannot be read.
     fn publish(&mut self, host: &mut Host, sequence: u64, attempt: u32) -> Result<bool, HostError> {
         let Input::Recorded(reader) = self.input else { return Ok(false) };
         let Some(pair) = reader.pair(sequence) else {
@@ -363,7 +363,7 @@ impl Capture<'_> {
         let (source_ns, read_ns) = (pair.source_ns, pair.read_ns);
         drop(pair);
         let end_ns = monotonic_ns();
-        // A recorded pair is "captured" when it is whole in shared memory.
+        // The capture time of a recorded pair is the time when it is complete in shared memory.
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
         header.attempt = attempt;
@@ -372,7 +372,7 @@ impl Capture<'_> {
         self.send(host, loan, header, Stamp { begin_ns, end_ns }, read_ns).map(|()| true)
     }
 
-    /// Hands a pair over and reports it. To have read it ahead was this stage's work, too: `read_ns`.
+    /// Sends a pair and reports it. `read_ns` is the time of reading it ahead, which counts as work of this stage.
     fn send(
         &mut self,
         host: &mut Host,
@@ -395,7 +395,7 @@ impl Capture<'_> {
         }
         self.next = self.next.max(sequence.saturating_add(1));
         if attempt > 0 {
-            // The same frame once more is no new one.
+            // A repeated frame is not counted again.
             return Ok(());
         }
         host.frame_done(&header, 0, stamp.end_ns - stamp.begin_ns + read_ns)

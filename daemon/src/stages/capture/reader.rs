@@ -1,5 +1,5 @@
-//! Reads pairs ahead, in a thread without priority. Decoding allocates and may wait for a disk or a
-//! network; the capture stage does neither: it copies a pair that is whole.
+//! Reads pairs ahead, in a thread without real-time priority. Decoding allocates and may block on a disk or a network;
+//! the capture stage itself does neither and only copies complete pairs.
 
 use crate::input;
 use crate::launch::Launch;
@@ -12,26 +12,26 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::Thread;
 
-/// The pair that was published last, which may be asked for again, and the next.
+/// Number of pairs in memory: the last published one, which may be requested again, and the next.
 const SLOTS: usize = 2;
 
-/// One pair, or why it cannot be had.
+/// One pair, or the reason why it cannot be read.
 #[derive(Debug)]
 pub struct Pair {
     sequence: u64,
-    /// Left image, row after row.
+    /// Left image, grey values row after row.
     pub left: Vec<u8>,
-    /// Right image.
+    /// Right image, grey values row after row.
     pub right: Vec<u8>,
-    /// Its time in the scene, in nanoseconds; a source that repeats goes on from round to round.
+    /// Source time in nanoseconds; it continues when a source repeats.
     pub source_ns: u64,
-    /// The text names the file and the remedy.
+    /// Error text with file and remedy, if the pair cannot be read.
     pub result: Result<(), String>,
-    /// How long it took, in nanoseconds.
+    /// Time of reading, in nanoseconds.
     pub read_ns: u64,
 }
 
-/// A place for a pair. Its lock is never waited for: whose turn it is stands in `is_full`.
+/// Memory of a pair. `is_full` states whether the stage or the reader owns it, so the lock never blocks.
 #[derive(Debug)]
 struct Slot {
     is_full: AtomicBool,
@@ -53,10 +53,10 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Begins to read from the pair that the launch document names first.
+    /// Starts reading at the first sequence of the launch document.
     ///
     /// # Errors
-    /// When the system gives no thread or descriptor.
+    /// If the system refuses a thread or a descriptor.
     pub fn start(launch: &Launch) -> io::Result<Self> {
         let pixels = launch.frames.width * launch.frames.height;
         let slot = || Slot {
@@ -76,29 +76,28 @@ impl Reader {
             let (slots, ready, launch) = (Arc::clone(&slots), Arc::clone(&ready), launch.clone());
             std::thread::Builder::new().name("reader".into()).spawn(move || fill(&launch, &slots, &ready))?
         };
-        // Never joined: it may hang in a read for ever, and must not keep the stage from ending.
+        // The thread is never joined: it may block in a read, and must not prevent the stage from ending.
         Ok(Self { slots, ready, thread: thread.thread().clone() })
     }
 
-    /// Can be read when a pair has become ready.
+    /// A descriptor that is readable when a pair has become available.
     pub fn descriptor(&self) -> BorrowedFd<'_> {
         self.ready.as_fd()
     }
 
-    /// Empties the descriptor.
+    /// Drains the descriptor.
     pub fn take_notifications(&self) {
         let _ = rustix::io::read(&self.ready, &mut [0_u8; 8]);
     }
 
-    /// Pair `sequence`, if it is there.
+    /// Pair `sequence`, if it is available.
     pub fn pair(&self, sequence: u64) -> Option<MutexGuard<'_, Pair>> {
         let slot = &self.slots[place(sequence)];
         let pair = slot.is_full.load(Ordering::Acquire).then(|| slot.lock())?;
         (pair.sequence == sequence).then_some(pair)
     }
 
-    /// Pair `sequence` is not needed any more: its place can be filled. One that could not be read is
-    /// tried again.
+    /// Releases the slot of pair `sequence` for the next pair. If the pair could not be read, it is retried.
     pub fn release(&self, sequence: u64) {
         self.slots[place(sequence)].is_full.store(false, Ordering::Release);
         self.thread.unpark();
@@ -109,7 +108,7 @@ fn place(sequence: u64) -> usize {
     (sequence % SLOTS as u64) as usize
 }
 
-/// The thread: fills each place as soon as it is free, until the end.
+/// The thread: fills each slot as soon as it is free, until the end of the run.
 fn fill(launch: &Launch, slots: &[Slot; SLOTS], ready: &OwnedFd) {
     let mut source = None;
     let mut sequence = launch.first_sequence;
@@ -125,7 +124,7 @@ fn fill(launch: &Launch, slots: &[Slot; SLOTS], ready: &OwnedFd) {
         pair.read_ns = monotonic_ns() - begin_ns;
         match pair.result {
             Ok(()) => sequence += 1,
-            // Opened anew for the next try: the folder itself may have been away.
+            // The retry opens the source again: its folder itself may have been missing.
             Err(_) => source = None,
         }
         drop(pair);

@@ -1,4 +1,4 @@
-//! The recogniser that the configuration names.
+//! Loading of the configured cascade.
 
 use crate::stages::whole_number::whole;
 use config::Config;
@@ -20,21 +20,21 @@ pub enum CascadeError {
     File {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// It is not a cascade.
+    /// The file is not a cascade.
     #[error("recognition.cascade: {}: {source}", path.display())]
     Content {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: xml::CascadeError,
     },
 }
 
-/// The text of a cascade that ships with the daemon, by its name. It is no part of the program and
-/// has its own terms: see models/README.md.
+/// The XML of a cascade that ships with the daemon, by its name. It is not part of the program and has its own licence:
+/// see models/README.md.
 fn shipped(name: &Path) -> Option<&'static str> {
     #[cfg(feature = "models")]
     if name == Path::new("vehicle") {
@@ -44,11 +44,11 @@ fn shipped(name: &Path) -> Option<&'static str> {
     None
 }
 
-/// The recogniser that the configuration names, for crops of up to `width` × `height`; `None`
-/// when it names none.
+/// The recogniser with the configured cascade, for crops of up to `width` × `height` pixels; `None` if
+/// `recognition.cascade` is empty.
 ///
 /// # Errors
-/// When the cascade cannot be read.
+/// If the cascade cannot be read.
 pub fn recogniser(
     config: &Config,
     width: usize,

@@ -1,4 +1,4 @@
-//! Regions to tracked obstacles and the alarm.
+//! The stage recognition: `regions` to `obstacles` (tracks, classes and the alarm).
 
 pub mod cascade;
 pub mod parameters;
@@ -22,37 +22,38 @@ use perception::tracking::classification_schedule::ScheduleParameters;
 use perception::tracking::scale_change::ScaleChangeMeter;
 use perception::tracking::{Track, Tracker};
 
-/// The word for what no class recognised.
+/// Name of the class of obstacles that were not recognised.
 pub const UNRECOGNISED: &str = "obstacle";
 
-/// Regions narrower or lower than this share of the recogniser's window are parts at most and are
-/// not looked at: posts, kerbs.
+/// Minimum width and height of a region that is classified, as a share of the recogniser's window. Smaller regions
+/// (posts, kerbs) can only be parts of an object.
 const MIN_SHARE: f64 = 0.35;
 
-/// Recogniser, tracker and alarm between their messages.
+/// Adapter of recogniser, tracker and alarm.
 pub struct RecognitionStage {
     recogniser: Option<Box<dyn Recogniser>>,
     label: String,
-    /// Least width and height of a region that is looked at, in metres.
+    /// Minimum width and height of a region that is classified, in metres.
     min_m: f64,
-    looks: ScheduleParameters,
+    schedule: ScheduleParameters,
     tracker: Tracker,
     scale_change: ScaleChangeMeter,
     alarm: Alarm,
     path_width_m: f64,
-    /// When a road was seen last, in the scene's time, and for how long an alarm goes on without.
+    /// Source time of the last frame with a road.
     road_ns: u64,
+    /// How long a raised alarm stays on without a road, in nanoseconds.
     hold_ns: u64,
     rig: Rig,
     regions: Vec<Region>,
     records: Vec<ObstacleRecord>,
-    /// Sequence and alarm of the last frame: a frame that comes again gets the same answer.
+    /// Sequence and alarm of the last frame: a frame that is repeated in lock-step gets the same result.
     last: Option<(u64, AlarmRecord)>,
 }
 
 impl RecognitionStage {
-    /// Tracks and recognises the regions of a message, to `records`; gives the alarm.
-    fn judge(&mut self, frame: &FrameContext, message: &Regions<'_>) -> AlarmRecord {
+    /// Tracks and classifies the regions of a message, writes the obstacles to `records`, and returns the alarm.
+    fn update(&mut self, frame: &FrameContext, message: &Regions<'_>) -> AlarmRecord {
         if let Some((sequence, alarm)) = self.last
             && sequence == frame.sequence
         {
@@ -77,7 +78,7 @@ impl RecognitionStage {
         if road.seen == 1 || frame.source_ns < self.road_ns {
             self.road_ns = frame.source_ns;
         }
-        // What the alarm is about may itself cover the road.
+        // The obstacle that raised the alarm may itself hide the road.
         let is_raised = matches!(self.last, Some((_, alarm)) if alarm.track > 0);
         let is_covered = is_raised && frame.source_ns - self.road_ns <= self.hold_ns;
         let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
@@ -109,7 +110,7 @@ impl RecognitionStage {
         alarm
     }
 
-    /// Lets the recogniser look at some of the tracks. A crop that cannot be used is not recognised.
+    /// Classifies the tracks that the schedule selects. Tracks without a usable crop are not classified.
     fn recognise(&mut self, message: &regions::Regions<'_>) {
         let Some(recogniser) = &mut self.recogniser else { return };
         let (min_m, baseline_m) = (self.min_m, self.rig.baseline_m);
@@ -117,7 +118,7 @@ impl RecognitionStage {
         let may = |track: &Track| {
             record(track).is_some_and(|r| r.width_m.min(r.height_m) >= min_m && message.crop(r).is_some())
         };
-        self.tracker.classify(self.looks, may, |track| {
+        self.tracker.classify(self.schedule, may, |track| {
             let record = record(track)?;
             let [_, _, width, height] = record.crop.map(|v| v as usize);
             let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
@@ -138,7 +139,7 @@ impl Stage for RecognitionStage {
             recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
             label: config.recognition.label.clone(),
             min_m: MIN_SHARE * config.recognition.window_m,
-            looks: schedule_parameters(config),
+            schedule: schedule_parameters(config),
             tracker: Tracker::new(tracker_parameters(config), rig, size),
             scale_change: ScaleChangeMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
@@ -163,7 +164,7 @@ impl Stage for RecognitionStage {
         message: Regions<'_>,
         output: Output<'_, ObstaclesMessage>,
     ) -> Result<Written, FrameError> {
-        let alarm = self.judge(frame, &message);
+        let alarm = self.update(frame, &message);
         Ok(output.write(alarm, &self.records)?)
     }
 }
@@ -218,7 +219,7 @@ mod tests {
     use perception::alarm::{AlarmLevel, AlarmRule};
 
     #[test]
-    fn levels_and_rules_have_the_numbers_of_their_names() {
+    fn numbers_of_levels_and_rules_match_their_names() {
         let levels = [AlarmLevel::Off, AlarmLevel::Standby, AlarmLevel::Warning, AlarmLevel::Alarm];
         assert_eq!(levels.map(|l| level_name(l as u32)), LEVELS);
         assert_eq!(levels[3] as u32, messages::alarm::ALARM);

@@ -1,4 +1,4 @@
-//! The parameters of tracker, alarm and classification from the configuration.
+//! Parameters of tracker, alarm and classification from the configuration.
 
 use crate::stages::whole_number::whole;
 use config::Config;
@@ -6,7 +6,7 @@ use perception::alarm::AlarmParameters;
 use perception::tracking::TrackerParameters;
 use perception::tracking::classification_schedule::ScheduleParameters;
 
-/// The tracker's parameters.
+/// Parameters of the tracker.
 pub fn tracker_parameters(config: &Config) -> TrackerParameters {
     let c = &config.tracking;
     TrackerParameters {
@@ -17,7 +17,7 @@ pub fn tracker_parameters(config: &Config) -> TrackerParameters {
     }
 }
 
-/// The alarm's parameters.
+/// Parameters of the alarm.
 pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     let c = &config.alarm;
     AlarmParameters {
@@ -33,7 +33,7 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     }
 }
 
-/// How often tracks are classified.
+/// Parameters of the classification schedule.
 pub fn schedule_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
     ScheduleParameters { max_per_frame: whole(c.looks_max), repeat_frames: whole(c.again_frames) }
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_configuration_gives_the_defaults_of_the_algorithms() {
+    fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
         let config = Config::default();
         assert_eq!(tracker_parameters(&config), TrackerParameters::default());
         assert_eq!(alarm_parameters(&config), AlarmParameters::default());

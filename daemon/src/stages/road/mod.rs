@@ -1,4 +1,4 @@
-//! Depth to regions.
+//! The stage road: `depth` to `regions`.
 
 pub mod parameters;
 
@@ -20,23 +20,23 @@ use perception::road::edges::Edge;
 use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
 
-// What the algorithm gives and what the message holds are the same columns.
+// The message holds the arrays of the algorithm as they are.
 const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
-const _: () = assert!(perception::road::edges::SEGMENTS == regions::STRETCHES);
+const _: () = assert!(perception::road::edges::SEGMENTS == regions::SEGMENTS);
 
-/// Share of a region's size that its crop reaches beyond it on each side: a search window needs
-/// room.
+/// Margin of a crop on each side of its region, as a share of the region's size: room for the search windows of the
+/// cascade.
 const CROP_MARGIN: f64 = 0.2;
 
-/// Least side of a crop, in pixels.
+/// Minimum width and height of a crop, in pixels.
 const MIN_CROP: u32 = 32;
 
-/// The road detector between its messages.
+/// Adapter of the scene detector (road model and regions).
 pub struct RoadStage {
     detector: SceneDetector,
     rig: Rig,
     path_width_m: f64,
-    /// Whether the road has texture to be matched by, if it is asked for.
+    /// Self-check whether the road has enough texture for matching; `None` without `alarm.self_check`.
     texture: Option<TextureMonitor>,
     is_sparse: bool,
     width: usize,
@@ -115,13 +115,13 @@ impl Stage for RoadStage {
     }
 }
 
-/// The edge as a message holds it.
+/// The record of an edge.
 fn edge_record(edge: Edge) -> EdgeRecord {
     let Edge { lateral_m, step_m, distance_m, x_px, y_px } = edge;
     EdgeRecord { step_m, lateral_m, distance_m, x_px, y_px }
 }
 
-/// The region as a message holds it, with the box of its crop.
+/// The record of a region, with the box of its crop.
 fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
     let b = region.bounds;
     let grow = |start: u32, side: u32, limit: u32| {

@@ -1,4 +1,4 @@
-//! The parameters of road model and detection from the configuration.
+//! Parameters of road model and detection from the configuration.
 
 use crate::stages::whole_number::whole;
 use config::Config;
@@ -6,7 +6,7 @@ use perception::detection::RegionParameters;
 use perception::road::{RoadParameters, Shape};
 use perception::scene::SceneParameters;
 
-/// The parameters of the road model and of the regions.
+/// Parameters of the road model and of the regions.
 pub fn scene_parameters(config: &Config) -> SceneParameters {
     let (c, r) = (&config.road, &config.regions);
     SceneParameters {
@@ -34,7 +34,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_configuration_gives_the_defaults_of_the_algorithms() {
+    fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
         assert_eq!(scene_parameters(&Config::default()), SceneParameters::default());
     }
 }

@@ -1,5 +1,5 @@
-//! Whether rows of both pictures still match, looked at beside the matching, and the shift of rows
-//! that makes small offsets good.
+//! Monitoring of the epipolar alignment, and correction of small vertical offsets by shifting the rows of the right
+//! image.
 
 use config::Config;
 use messages::calibration::{CalibrationRecord, CalibrationState};
@@ -9,29 +9,30 @@ use perception::simd::Level;
 use perception::stereo::DisparityView;
 use perception::stereo::epipolar::{EpipolarCheck, EpipolarHealth, EpipolarParameters, EpipolarState};
 
-/// Looks at a degraded calibration before it is corrected: until then the estimate has settled.
+/// Number of checks in a row with a degraded calibration before it is corrected, so that the estimate has settled.
 const SETTLED: u32 = 4;
 
-/// The check of a run, and its correction.
+/// Epipolar check and correction of a run.
 pub struct CalibrationMonitor {
     check: EpipolarCheck,
     size: (usize, usize),
     every: u64,
     frames: u64,
-    /// The greatest offset that is corrected; 0 corrects nothing.
+    /// Maximum offset that is corrected, in px; 0 = no correction.
     correct_px: f64,
-    /// Looks in a row that found the calibration degraded.
+    /// Number of checks in a row with a degraded calibration.
     degraded: u32,
-    /// The whole shift of rows, and its table; made anew when the shift changes, not by frames.
+    /// The total correction of the rows.
     correction: EpipolarHealth,
+    /// Its remap table, computed when the correction changes.
     table: Option<Remap>,
+    /// The right image after the correction.
     shifted: Vec<u8>,
     record: CalibrationRecord,
 }
 
 impl CalibrationMonitor {
-    /// The check that the configuration asks for, of frames of `width` × `height`; `None` when it asks
-    /// for none.
+    /// The configured monitor for frames of `width` × `height` pixels; `None` without `calibration.check`.
     pub fn new(config: &Config, width: usize, height: usize) -> Option<Self> {
         let c = &config.calibration;
         let parameters = EpipolarParameters { bound_px: c.bound_px, ..EpipolarParameters::default() };
@@ -54,15 +55,15 @@ impl CalibrationMonitor {
         })
     }
 
-    /// What the frames so far say.
+    /// State and offsets after the frames so far.
     pub fn record(&self) -> CalibrationRecord {
         self.record
     }
 
-    /// The right picture as it is to be matched: its rows shifted, if they are corrected.
+    /// The right image for the matcher, with its rows shifted if a correction is active.
     ///
     /// # Errors
-    /// When it has another size than the run.
+    /// If it has another size than the run.
     pub fn right<'a>(&'a mut self, right: GreyView<'a>) -> Result<GreyView<'a>, RemapError> {
         let Some(table) = &self.table else { return Ok(right) };
         table.apply(right, &mut self.shifted)?;
@@ -70,7 +71,8 @@ impl CalibrationMonitor {
         Ok(GreyView::new(&self.shifted, width, height, width).unwrap_or(right))
     }
 
-    /// Looks at a pair that was matched; `right` as the source gave it.
+    /// Checks a pair after matching, at every `calibration.every_frames`-th call. `right` is the image of the source,
+    /// before any correction.
     pub fn update(
         &mut self,
         left: GreyView<'_>,
@@ -84,12 +86,12 @@ impl CalibrationMonitor {
             return;
         }
         let (width, height) = self.size;
-        let seen = match &self.table {
-            // Still there from the matching.
+        let matched = match &self.table {
+            // Computed by `right` before the matching.
             Some(_) => GreyView::new(&self.shifted, width, height, width).unwrap_or(right),
             None => right,
         };
-        let health = self.check.update(left, seen, disparity, confidence);
+        let health = self.check.update(left, matched, disparity, confidence);
         self.record.offset_px = health.offset_px as f32;
         self.record.across_px = health.across_px as f32;
         self.record.down_px = health.down_px as f32;
@@ -98,7 +100,7 @@ impl CalibrationMonitor {
         let state = match health.state {
             EpipolarState::Good => CalibrationState::Good,
             EpipolarState::Degraded => CalibrationState::Degraded,
-            // Freshly corrected: degraded until it is seen to be good.
+            // After a correction it stays degraded until a check finds it good.
             EpipolarState::Unknown if self.record.state() == CalibrationState::Degraded => {
                 CalibrationState::Degraded
             }
@@ -112,7 +114,7 @@ impl CalibrationMonitor {
         }
     }
 
-    /// Shifts the rows by what is left of the offset, unless that makes too large a shift.
+    /// Adds the remaining offset to the correction, unless the total would exceed `correct_px`.
     fn correct(&mut self, rest: EpipolarHealth) {
         let correction = EpipolarHealth {
             offset_px: self.correction.offset_px + rest.offset_px,
@@ -124,7 +126,7 @@ impl CalibrationMonitor {
         if worst_px > self.correct_px {
             return;
         }
-        tracing::info!(offset_px = correction.offset_px, "the right picture's rows are shifted");
+        tracing::info!(offset_px = correction.offset_px, "rows of the right image are shifted");
         let (width, height) = self.size;
         let source = |x, y| Some(correction.corrected((width, height), x, y));
         self.table = Some(Remap::new(Level::best(), width, height, source));

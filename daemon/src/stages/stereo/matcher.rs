@@ -1,4 +1,4 @@
-//! Makes matchers by the names of their method and their backend.
+//! Construction of matchers from method and backend.
 
 use super::parameters::mpv_parameters;
 use clap::ValueEnum;
@@ -33,7 +33,7 @@ impl Backend {
 /// Why there is no matcher.
 #[derive(Debug, Error)]
 pub enum BackendError {
-    /// The size or the disparities do not fit.
+    /// The matcher does not support the size or the disparities.
     #[error(transparent)]
     Matcher(#[from] MatcherError),
     /// This build has no GPU matcher.
@@ -79,11 +79,10 @@ impl Method {
         }
     }
 
-    /// A matcher for pairs of `width` × `height`.
+    /// A matcher for pairs of `width` × `height` pixels and `disparities` disparities.
     ///
     /// # Errors
-    /// When the images are too small or too large, the disparities do not fit, or the GPU that was asked
-    /// for cannot be used.
+    /// If the matcher does not support the size or the disparities, or [`Backend::Gpu`] cannot be used.
     pub fn matcher(
         self,
         backend: Backend,
@@ -99,10 +98,10 @@ impl Method {
     }
 }
 
-/// Checks at start what can be known of the configured backend without making a matcher.
+/// Checks the configured backend at start, without creating a matcher.
 ///
 /// # Errors
-/// When a GPU was asked for and there is none, its limits are too low, or the build does not know it.
+/// If the GPU is configured and there is none, its limits are too low, or the build lacks the feature.
 pub fn check(config: &Config, width: usize, height: usize) -> Result<(), BackendError> {
     if Backend::configured(config) != Backend::Gpu {
         return Ok(());
@@ -132,7 +131,7 @@ fn on_gpu(
 fn options(backend: Backend, config: &Config) -> perception::stereo::gpu::GpuOptions {
     perception::stereo::gpu::GpuOptions {
         adapter: config.stereo.adapter.clone(),
-        // Who asks for a GPU and has one in software gets it; nobody else wants it.
+        // A software adapter is slower than the CPU matcher, so it is used only if the GPU is configured explicitly.
         software: backend == Backend::Gpu,
         patience: std::time::Duration::from_secs_f64(config.stereo.gpu_timeout_ms * 1e-3),
     }
@@ -152,7 +151,7 @@ fn check_gpu(
         .map_err(BackendError::Gpu)
 }
 
-/// A matcher on the GPU with one on the CPU to take over; None where the CPU is to match.
+/// A matcher on the GPU that falls back to the CPU if the device is lost; `None` if the CPU has to match.
 #[cfg(feature = "gpu")]
 fn on_gpu(
     search: Search,
@@ -181,7 +180,7 @@ fn on_gpu(
             Ok(Some(Box::new(Fallback::new(Box::new(gpu), Box::new(replacement)))))
         }
         Err(error) if backend == Backend::Auto => {
-            tracing::info!(%error, "the CPU matches");
+            tracing::info!(%error, "matching on the CPU");
             Ok(None)
         }
         Err(error) => Err(BackendError::Gpu(error)),

@@ -1,4 +1,4 @@
-//! Pair to depth.
+//! The stage stereo: `pair` to `depth`.
 
 mod calibration;
 pub mod matcher;
@@ -20,21 +20,21 @@ use perception::image_quality::{ImageFaults, ImageMonitor};
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use std::time::{Duration, Instant};
 
-/// The matcher between its messages.
+/// Adapter of the matcher, with the self-checks of images and calibration.
 pub struct StereoStage {
     matcher: Box<dyn Matcher>,
     calibration: Option<CalibrationMonitor>,
-    /// Looks at the pictures themselves, if it is asked for.
-    sight: Option<ImageMonitor>,
-    seen: ImageFaults,
-    /// A frame gets no more time than this; None is all that it takes.
+    /// Self-check of the image quality; `None` without `alarm.self_check`.
+    image_monitor: Option<ImageMonitor>,
+    image_faults: ImageFaults,
+    /// Maximum time for matching a frame; `None` = unlimited.
     budget: Option<Duration>,
-    /// Frames that were given at a coarser scale, for want of time.
+    /// Number of frames whose map has a coarser scale because the time ran out.
     coarse: u64,
     width: usize,
     height: usize,
-    /// Whether the loss of the device was logged.
-    loss_told: bool,
+    /// Whether the loss of the device has been logged.
+    loss_logged: bool,
 }
 
 impl StereoStage {
@@ -43,8 +43,8 @@ impl StereoStage {
         out.left.copy_from_slice(pair.left);
         let view = |data| GreyView::new(data, self.width, self.height, self.width);
         let (left, right) = (view(pair.left)?, view(pair.right)?);
-        if let Some(sight) = &mut self.sight {
-            self.seen = sight.update(left, right);
+        if let Some(monitor) = &mut self.image_monitor {
+            self.image_faults = monitor.update(left, right);
         }
         let shifted = match &mut self.calibration {
             Some(calibration) => calibration.right(right)?,
@@ -56,27 +56,27 @@ impl StereoStage {
         let output = MatchOutput { disparity: &mut *out.disparity, confidence: &mut *out.confidence };
         let started = Instant::now();
         let budget = self.budget;
-        let mut go_on = || budget.is_none_or(|budget| started.elapsed() < budget);
-        let halved = self.matcher.compute_within(left, shifted, output, &mut go_on)?;
-        if !self.loss_told
+        let mut has_time = || budget.is_none_or(|budget| started.elapsed() < budget);
+        let halved = self.matcher.compute_within(left, shifted, output, &mut has_time)?;
+        if !self.loss_logged
             && let Some(device) = self.matcher.device()
             && let Some(loss) = device.loss
         {
-            self.loss_told = true;
+            self.loss_logged = true;
             tracing::error!(adapter = device.adapter, %loss, sequence = frame.sequence, "the CPU matches from this frame on");
         }
         if halved > 0 {
             self.coarse += 1;
-            // The first, then ever more rarely: a log must not grow with every frame.
+            // Logged at counts 1, 2, 4, 8, …: the log must not grow with every frame.
             if self.coarse.is_power_of_two() {
                 tracing::warn!(
                     scale = format_args!("1/{}", 1 << halved),
                     frames = self.coarse,
-                    "out of time: a coarser map was given; raise stereo.budget_ms or lower stereo.disparities"
+                    "out of time: the map has a coarser scale; raise stereo.budget_ms or lower stereo.disparities"
                 );
             }
         }
-        // A coarse map is too blunt to find points by.
+        // A map of a coarser scale is too inaccurate for the epipolar check.
         if let (Some(calibration), 0) = (&mut self.calibration, halved)
             && let Some(map) = DisparityView::new(out.disparity, self.width, self.height)
         {
@@ -96,15 +96,22 @@ impl Stage for StereoStage {
         let backend = Backend::configured(config);
         let matcher = Method::configured(config).matcher(backend, config, width, height, disparities)?;
         if let Some(device) = matcher.device() {
-            tracing::info!(adapter = device.adapter, driver = device.driver, "matches on a GPU");
+            tracing::info!(adapter = device.adapter, driver = device.driver, "matching on a GPU");
         }
         let budget =
             (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
         let calibration = CalibrationMonitor::new(config, width, height);
-        let sight = config.alarm.self_check.then(ImageMonitor::default);
-        let seen = ImageFaults::default();
-        let (coarse, loss_told) = (0, false);
-        Ok(Self { matcher, calibration, sight, seen, budget, coarse, width, height, loss_told })
+        Ok(Self {
+            matcher,
+            calibration,
+            image_monitor: config.alarm.self_check.then(ImageMonitor::default),
+            image_faults: ImageFaults::default(),
+            budget,
+            coarse: 0,
+            width,
+            height,
+            loss_logged: false,
+        })
     }
 
     fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
@@ -122,7 +129,7 @@ impl Stage for StereoStage {
 
     fn device(&self) -> DeviceRecord {
         let Some(device) = self.matcher.device() else { return DeviceRecord::default() };
-        // No text is made of a loss before there is one: this is asked for every frame.
+        // Called for every frame, so a text is only formatted if there is a loss.
         let loss = device.loss.map(|loss| loss.to_string());
         let mut record = DeviceRecord::new(device.adapter, device.driver, loss.as_deref());
         record.set_times_ns(device.stages.iter().map(|stage| stage.ns));
@@ -134,7 +141,7 @@ impl Stage for StereoStage {
     }
 
     fn faults(&self) -> Faults {
-        let ImageFaults { dark, bright, blocked, contrast_mismatch } = self.seen;
+        let ImageFaults { dark, bright, blocked, contrast_mismatch } = self.image_faults;
         let is_degraded = self.calibration().state() == CalibrationState::Degraded;
         Faults::DARK
             .when(dark)

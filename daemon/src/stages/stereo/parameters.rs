@@ -1,4 +1,4 @@
-//! The matcher's parameters from the configuration.
+//! Parameters of the matcher from the configuration.
 
 use crate::stages::whole_number::whole;
 use config::Config;
@@ -10,7 +10,7 @@ use perception::stereo::speckle::SpeckleParameters;
 use perception::stereo::viterbi::Merge;
 use perception::stereo::winner::{SubPixel, WinnerParameters};
 
-/// The matcher's parameters.
+/// Parameters of the matcher.
 pub fn mpv_parameters(config: &Config) -> MpvParameters {
     let c = &config.stereo;
     let default = MpvParameters::default();
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_configuration_gives_the_defaults_of_the_algorithms() {
+    fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
         assert_eq!(mpv_parameters(&Config::default()), MpvParameters::default());
     }
 }

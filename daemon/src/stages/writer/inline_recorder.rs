@@ -1,5 +1,5 @@
-//! Records a run from inside of it: the writer's part of `lookout replay --record`. In lock-step the
-//! next pair waits until this one is in the file, so nothing is lost.
+//! Recording of a run by its writer, for `lookout replay --record`. In lock-step the next pair is published only after
+//! this one is in the file, so the recording is complete.
 
 use crate::host::{Host, HostError};
 use crate::recorder::{Feed, Plan};
@@ -10,21 +10,24 @@ use messages::{pair, service, status};
 use std::path::Path;
 use tools::recording::{Choice, ImageForm, Limits};
 
-/// See the module.
+/// Why a message with other images is refused.
+pub(super) const WRONG_SIZE: &str = "its size is not that of the run";
+
+/// The recorder of the writer.
 pub struct InlineRecorder {
     statuses: Subscriber,
     feed: Feed,
 }
 
 impl InlineRecorder {
-    /// Starts the file. A writer that takes over from one that died finds its file, and goes on in a
-    /// numbered one.
+    /// Creates the file. If it exists, a previous writer of the run has died, and the recording continues in a numbered
+    /// file.
     ///
     /// # Errors
-    /// When it cannot be written, or shared memory cannot be used.
+    /// If the file cannot be written, or shared memory cannot be used.
     pub fn start(host: &Host, path: &Path) -> Result<Self, HostError> {
-        let goes_on = path.exists();
-        let limits = Limits { split_ns: goes_on.then_some(u64::MAX), ..Limits::default() };
+        let continues = path.exists();
+        let limits = Limits { split_ns: continues.then_some(u64::MAX), ..Limits::default() };
         let instance = host.launch.config.instance.name.clone();
         let plan = Plan { form: ImageForm::Raw, topics: Choice::default(), limits, instance };
         let frames = host.launch.frames;
@@ -35,16 +38,16 @@ impl InlineRecorder {
         })
     }
 
-    /// Takes the pairs and the status that have come.
+    /// Records the pairs and the status messages that have arrived.
     ///
     /// # Errors
-    /// When shared memory cannot be used.
+    /// If shared memory cannot be used.
     pub fn follow(&mut self, host: &mut Host, pairs: &Subscriber) -> Result<(), HostError> {
         while let Some(sample) = pairs.receive()? {
             match pair::view(sample.header(), sample.payload()) {
                 Err(error) => host.refused("pair", &error),
                 Ok(_) if !host.launch.frames.has_size(sample.header()) => {
-                    host.refused("pair", &"another size than the run's");
+                    host.refused("pair", &WRONG_SIZE);
                 }
                 Ok(pair) => {
                     if let Err(error) = self.feed.pair(sample.header(), &pair) {
@@ -62,26 +65,26 @@ impl InlineRecorder {
         Ok(())
     }
 
-    /// Whether a frame's pair has been taken.
+    /// Whether the last recorded pair is that of frame `sequence`.
     pub fn has_pair(&self, sequence: u64) -> bool {
         self.feed.last_pair() == Some(sequence)
     }
 
-    /// Takes what came out of a frame.
+    /// Records the result of a frame.
     pub fn result(&mut self, header: &Header, message: &Obstacles<'_>, missed: u64) {
         self.feed.missed("obstacles", missed);
         self.feed.obstacles(header, message);
     }
 
-    /// Whether the recording has ended by itself.
+    /// Whether the recording has ended before the run.
     pub fn is_over(&self) -> bool {
         self.feed.is_over()
     }
 
-    /// Ends the file.
+    /// Completes the file.
     ///
     /// # Errors
-    /// Why it ended early.
+    /// The reason if the recording ended early.
     pub fn finish(self) -> Result<(), HostError> {
         self.feed.finish("the run has ended")?;
         Ok(())

@@ -1,26 +1,26 @@
-//! Whatever happens, in whatever order: no storm of restarts, no lost child, no silent stop.
+//! Properties of the supervisor under random events: no excess restarts, no lost child process, no stage that stops
+//! without a reported reason.
 //!
-//! A small world of processes obeys the supervisor's actions and otherwise does what chance says. All
-//! three properties are looked at after every step. Each failure prints its seed; `WORLD_SEED=n`
-//! runs that one alone.
+//! A simulated set of processes follows the supervisor's actions and otherwise behaves randomly. All three properties
+//! are checked after every step. Each failure prints its seed; `WORLD_SEED=n` runs that seed alone.
 
 use super::*;
 use std::collections::VecDeque;
 
-/// Worlds that are run.
+/// Number of simulations.
 const WORLDS: u64 = 400;
-/// Steps of each.
+/// Number of steps of each simulation.
 const STEPS: usize = 1500;
 
 const ROLES: [Role; 3] = [Role::Capture, Role::Stereo, Role::Road];
 
-/// How a process behaves, until it does otherwise.
+/// Current behaviour of a process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Habit {
     Healthy,
-    /// Alive, and not heard of: stopped, hung, or out of processor time.
+    /// Alive, without reports: stopped, hung, or without processor time.
     Silent,
-    /// As silent, and deaf to SIGTERM.
+    /// As silent, and ignores SIGTERM.
     Deaf,
 }
 
@@ -28,7 +28,7 @@ enum Habit {
 struct Process {
     habit: Habit,
     started_ns: u64,
-    /// When it was last heard of, or started.
+    /// When it last reported, or was started.
     heard_ns: u64,
     /// It has been sent a signal that will end it.
     dying: bool,
@@ -40,14 +40,14 @@ struct World {
     supervisor: Supervisor,
     now: u64,
     processes: [Option<Process>; 3],
-    /// Starts of each role, with the time since which it had no process.
+    /// Times of the starts of each role.
     starts: [VecDeque<u64>; 3],
     ended_ns: [Option<u64>; 3],
     given_up: [bool; 3],
-    /// Since when the scheduler has not been asleep for long, so that deadlines hold as they stand.
+    /// Time since which the scheduler has run without a long pause, so that deadlines were not extended.
     awake_ns: u64,
     stopping: bool,
-    /// How often a retry was asked for, out of turn.
+    /// Number of retries on request.
     asked: usize,
 }
 
@@ -89,12 +89,12 @@ impl World {
                 Action::Spawn(role) => self.spawn(role),
                 Action::Terminate(role) => {
                     let process = self.processes[Self::index(role)].as_mut();
-                    let process = process.expect("only what lives is asked to stop");
+                    let process = process.expect("only a live process is asked to stop");
                     process.dying |= process.habit == Habit::Healthy;
                 }
                 Action::Kill(role, _) => {
                     let process = self.processes[Self::index(role)].as_mut();
-                    process.expect("only what lives is killed").dying = true;
+                    process.expect("only a live process is killed").dying = true;
                 }
                 Action::GiveUp(role, reason) => {
                     assert!(reason.contains(role.name()), "a reason names its stage: {reason}");
@@ -138,7 +138,7 @@ impl World {
         }
     }
 
-    /// Time goes on; now and then the whole machine was asleep.
+    /// Advances the time; now and then the whole machine was suspended.
     fn pass(&mut self) {
         let step = match self.random.u16(..1000) {
             0 => self.random.u64(10..=3000) * S,
@@ -150,11 +150,11 @@ impl World {
         }
     }
 
-    /// What processes do of their own accord.
+    /// Random behaviour of the processes.
     fn live(&mut self, calm: bool) {
         for i in 0..3 {
             let Some(mut process) = self.processes[i] else {
-                // The exit of something that is long gone is told twice, or a dead one reports.
+                // A second exit of a process that has ended, or a late report of a dead one.
                 if !calm && self.random.u8(..50) == 0 {
                     self.supervisor.reported(ROLES[i], self.now);
                 }
@@ -190,8 +190,8 @@ impl World {
         let p = self.parameters;
         for i in 0..3 {
             let (role, state) = (ROLES[i], self.supervisor.state(ROLES[i]).unwrap());
-            // No storm: in any window no more starts than restarts are allowed, the first one, and one
-            // for each long pause.
+            // No excess restarts: in any window at most the allowed restarts, the first start, and one start for each
+            // long pause.
             while self.starts[i].front().is_some_and(|&at| self.now - at >= p.restart_window_ns) {
                 self.starts[i].pop_front();
             }
@@ -202,7 +202,7 @@ impl World {
                 self.starts[i].len(),
                 p.restart_count
             );
-            // No lost child: who has a process is watched over, who is watched over has one.
+            // No lost child: a role has a process exactly if its state says so.
             let watched = matches!(
                 state,
                 StageState::Starting { .. } | StageState::Running { .. } | StageState::Ending { .. }
@@ -212,23 +212,23 @@ impl World {
                 let patience = p.startup_deadline_ns.max(p.liveness_deadline_ns) + S;
                 let since = process.heard_ns.max(process.started_ns).max(self.awake_ns);
                 let silent = self.now - since;
-                // Deadlines move with pauses of the machine, so only silence while it was awake counts.
+                // Pauses of the machine extend the deadlines, so only silence while it was running counts.
                 assert!(
                     process.dying || silent <= 2 * patience,
                     "{role} has been silent for {silent} ns, and nothing was done"
                 );
             }
-            // No silent stop: who has none is about to be started, or it was said why not.
+            // No unreported stop: a role without a process is about to be started, or was given up with a reason.
             match state {
                 StageState::Waiting { at_ns } => {
                     assert!(at_ns <= self.now + p.restart_longest_ns.max(p.restart_first_ns));
                 }
                 StageState::GivenUp { retry_ns } => {
-                    assert!(self.given_up[i], "{role} was given up without a word");
+                    assert!(self.given_up[i], "{role} was given up without a reason");
                     assert_eq!(retry_ns.is_some(), p.retry_ns > 0);
                     assert!(self.supervisor.given_up_reason().is_some_and(|r| r.contains(role.name())));
                 }
-                StageState::Ended => assert!(self.stopping, "{role} ended while the daemon goes on"),
+                StageState::Ended => assert!(self.stopping, "{role} ended while the daemon is running"),
                 _ => {}
             }
         }
@@ -252,7 +252,7 @@ fn run(seed: u64) {
             world.supervisor.retry(world.now);
         }
     }
-    // Once nothing fails any more, all stages come back, unless they were given up for good.
+    // Once nothing fails any more, all stages recover, unless they were given up without a retry.
     let mut calm = 0;
     let healed = |world: &World| {
         ROLES.iter().enumerate().all(|(i, role)| match world.supervisor.state(*role) {
@@ -263,24 +263,24 @@ fn run(seed: u64) {
     };
     while !healed(&world) {
         calm += 1;
-        assert!(calm < 20_000, "the stages never came back: {:?}", world.supervisor);
+        assert!(calm < 20_000, "the stages did not recover: {:?}", world.supervisor);
         world.step(true);
     }
-    // And a stop always comes to an end, however deaf they are.
+    // A stop always completes, even if stages ignore SIGTERM.
     world.stopping = true;
     let actions = world.supervisor.stop(world.now);
     world.obey(actions);
     let mut steps = 0;
     while !world.supervisor.all_ended() {
         steps += 1;
-        assert!(steps < 5_000, "the stop never ended: {:?}", world.supervisor);
+        assert!(steps < 5_000, "the stop did not complete: {:?}", world.supervisor);
         world.step(false);
     }
     assert!(world.processes.iter().all(Option::is_none), "a process outlived the stop");
 }
 
 #[test]
-fn no_storm_no_lost_child_no_silent_stop() {
+fn no_excess_restarts_no_lost_child_no_unreported_stop() {
     let seeds = match std::env::var("WORLD_SEED").ok().and_then(|s| s.parse().ok()) {
         Some(seed) => seed..seed + 1,
         None => 0..WORLDS,
@@ -295,8 +295,8 @@ fn no_storm_no_lost_child_no_silent_stop() {
 }
 
 #[test]
-fn the_world_finds_a_supervisor_that_storms() {
-    // Without a wait before the first restart, the world's own rule of half a second must break.
+fn the_simulation_detects_excess_restarts() {
+    // Without a delay of the first restart, the check of the minimum delay (half a second) must fail.
     let result = std::panic::catch_unwind(|| {
         let mut world = World::new(1);
         world.supervisor = Supervisor::new(

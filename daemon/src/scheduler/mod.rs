@@ -39,7 +39,7 @@ pub fn run(
     run_service(config, options, &mut || Err("this run does not reload its configuration".into()), watch)
 }
 
-/// As [`run`]. With [`Ends::Never`], SIGHUP applies the configuration that `reload` reads.
+/// As [`run()`]. With [`Ends::Never`], SIGHUP applies the configuration that `reload` reads.
 ///
 /// # Errors
 /// If it cannot start. Later failures are in the outcome.

@@ -1,4 +1,4 @@
-//! The tests that `cargo test` runs, in one program: linking the daemon's libraries once takes less time than once for
+//! The quick tests that run the binary, linked as one program: linking the daemon's libraries once takes less time than once for
 //! each of them. A module that takes long goes to `slow.rs`; its line is all that moves.
 
 mod architecture;

@@ -1,7 +1,7 @@
 //! Keys that exist once for each process: `cores.<stage>` and `realtime.priority_<stage>`. The processes and the
 //! defaults are those of [`messages::pipeline`].
 
-use messages::pipeline::{self, PROCESSES, Role, StageSpec};
+use messages::pipeline::{self, PROCESSES, ProcessSpec, Role};
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt;
@@ -14,7 +14,7 @@ pub trait StageKey {
     /// Smallest and largest value.
     const RANGE: (i64, i64);
     /// Default of a process; `None` where it has no such key.
-    fn default(stage: &StageSpec) -> Option<i64>;
+    fn default(stage: &ProcessSpec) -> Option<i64>;
 }
 
 /// `cores.<stage>`.
@@ -24,7 +24,7 @@ pub struct Core;
 impl StageKey for Core {
     const PREFIX: &'static str = "";
     const RANGE: (i64, i64) = (0, 1023);
-    fn default(stage: &StageSpec) -> Option<i64> {
+    fn default(stage: &ProcessSpec) -> Option<i64> {
         match stage.core {
             pipeline::Core::Own(core) => Some(core.into()),
             pipeline::Core::With(_) => None,
@@ -39,7 +39,7 @@ pub struct Priority;
 impl StageKey for Priority {
     const PREFIX: &'static str = "priority_";
     const RANGE: (i64, i64) = (10, 55);
-    fn default(stage: &StageSpec) -> Option<i64> {
+    fn default(stage: &ProcessSpec) -> Option<i64> {
         stage.priority.map(i64::from)
     }
 }

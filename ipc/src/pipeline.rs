@@ -20,7 +20,7 @@ pub struct ServiceSpec {
     pub name: &'static str,
     /// Whether its messages belong to a frame: the header then holds a valid image size.
     pub carries_frame: bool,
-    /// Maximum number of simultaneous publishers: one more than the processes that publish, because the port of a
+    /// Maximum number of simultaneous publishers: at least one more than the processes that publish, because the port of a
     /// dead process stays until it is swept.
     pub publishers: usize,
     /// Maximum number of simultaneous subscribers: the daemon's processes and external readers.
@@ -55,7 +55,7 @@ pub enum Core {
 
 /// One process of the daemon. Everything that this table does not declare is the same for all stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StageSpec {
+pub struct ProcessSpec {
     /// Its role.
     pub role: Role,
     /// Its name on the command line, in logs, in the status and in configuration keys.
@@ -76,7 +76,7 @@ pub struct StageSpec {
     /// Longest time between two reports, after which it is killed, in milliseconds;
     /// `None` = `supervision.liveness_deadline_ms`.
     pub liveness_deadline_ms: Option<u32>,
-    /// Tables of the configuration that it reads. It is restarted when a reload changes one of their keys.
+    /// Tables of the configuration whose keys restart it at a reload. A key that more stages read says so itself.
     pub config_tables: &'static [&'static str],
 }
 
@@ -96,14 +96,14 @@ macro_rules! services {
             }
         }
 
-        $($(#[$doc])* pub const $constant: ServiceSpec = ServiceSpec { kind: Kind::$kind, $($field: $value,)* ..FRAMES };)*
+        $($(#[$doc])* pub const $constant: ServiceSpec = ServiceSpec { kind: Kind::$kind, $($field: $value,)* ..SERVICE_DEFAULTS };)*
 
         /// All services.
         pub const SERVICES: &[ServiceSpec] = &[$($constant),*];
     };
 }
 
-macro_rules! stages {
+macro_rules! processes {
     ($($(#[$doc:meta])* $role:ident = $number:literal { $($field:ident: $value:expr,)* } )*) => {
         /// What a process of the daemon does.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -113,7 +113,7 @@ macro_rules! stages {
         }
 
         /// All processes, indexed by the number of the role.
-        pub const PROCESSES: &[StageSpec] = &[$(StageSpec { role: Role::$role, $($field: $value,)* ..STAGE }),*];
+        pub const PROCESSES: &[ProcessSpec] = &[$(ProcessSpec { role: Role::$role, $($field: $value,)* ..PROCESS_DEFAULTS }),*];
     };
 }
 
@@ -121,7 +121,7 @@ macro_rules! stages {
 /// pool that are never written stay unallocated.
 const READERS: usize = 3;
 
-const FRAMES: ServiceSpec = ServiceSpec {
+const SERVICE_DEFAULTS: ServiceSpec = ServiceSpec {
     kind: Kind::Pair,
     name: "",
     carries_frame: true,
@@ -132,7 +132,7 @@ const FRAMES: ServiceSpec = ServiceSpec {
     history: 0,
 };
 
-const STAGE: StageSpec = StageSpec {
+const PROCESS_DEFAULTS: ProcessSpec = ProcessSpec {
     role: Role::Scheduler,
     name: "",
     starts: Starts::Always,
@@ -146,7 +146,7 @@ const STAGE: StageSpec = StageSpec {
 };
 
 services! {
-    /// Two rectified grey images: capture → stereo, recorder.
+    /// Two rectified grey images: capture → stereo, writer or `record`, `calibrate --live`.
     PAIR = Pair(1) { name: "pair", subscribers: 3, }
     /// Left image, disparity and confidence: stereo → road, writer, readers.
     DEPTH = Depth(2) { name: "depth", subscribers: 3 + READERS, }
@@ -157,7 +157,7 @@ services! {
     /// receive two messages from the history; the one that was issued later is valid
     /// ([`crate::obstacles::Newest`]).
     OBSTACLES = Obstacles(4) { name: "obstacles", publishers: 3, subscribers: 8 + READERS, history: 1, }
-    /// State of a stage: every stage → scheduler.
+    /// State of a stage: every stage → scheduler, soak.
     REPORT = Report(5) { name: "report", carries_frame: false, publishers: 12, subscribers: 2, buffer: 64, }
     /// Rate, credit and modes of the source: scheduler → capture.
     COMMAND = Command(6) { name: "command", carries_frame: false, subscribers: 2, history: 1, }
@@ -165,7 +165,7 @@ services! {
     STATUS = Status(7) { name: "status", carries_frame: false, subscribers: 8 + READERS, history: 1, }
 }
 
-stages! {
+processes! {
     /// Starts, supervises and stops the others.
     Scheduler = 0 {
         name: "scheduler",
@@ -232,7 +232,7 @@ pub const PATH_LENGTH: usize = {
 };
 
 /// The stage that publishes messages of a kind.
-const fn producer(kind: Kind) -> &'static StageSpec {
+const fn producer(kind: Kind) -> &'static ProcessSpec {
     let mut i = 0;
     while i < PROCESSES.len() {
         if let Some(output) = PROCESSES[i].output
@@ -316,7 +316,7 @@ impl Role {
     pub const LAST: Role = PATH[PATH_LENGTH - 1];
 
     /// Its entry in the table.
-    pub const fn spec(self) -> &'static StageSpec {
+    pub const fn spec(self) -> &'static ProcessSpec {
         &PROCESSES[self as usize]
     }
 

@@ -52,7 +52,7 @@ pub trait LiveSource {
 pub enum Readiness {
     /// A pair is ready.
     Pair {
-        /// Exposure time on the monotonic clock, in nanoseconds.
+        /// Time of the exposure on the monotonic clock, in nanoseconds.
         capture_ns: u64,
     },
     /// No pair arrived.

@@ -8,7 +8,7 @@ table! {
     /// Rules of warnings and alarms.
     pub struct Alarm, reload: Reload::Readers;
 
-    /// Alarm if an obstacle in the path is nearer than this.
+    /// Alarm if an obstacle in the path is nearer than this. Cannot be disabled.
     distance_m: Number(0.5, 200.0) in "m" = Rules::default().distance_m;
 
     /// Warning if the time to collision with an obstacle in the path, at constant closing speed, is less than
@@ -26,25 +26,25 @@ table! {
     /// rule.
     deceleration_alarm_m_s2: Number(0.0, 20.0) in "m/s²" = Rules::default().deceleration_alarm_m_s2;
 
-    /// Width of the vehicle's path.
-    path_width_m: Number(0.5, 20.0) in "m" = Rules::default().path_width_m;
+    /// Width of the vehicle's path, centred on the camera axis; an obstacle is in it if any part of it is.
+    path_width_m: Number(0.5, 20.0) in "m" = Rules::default().path_width_m, reload: Reload::AllStages;
 
     /// Number of consecutive frames in which a rule must hold. Rules are evaluated on the prediction for the
     /// end of that time.
     confirm_frames: Whole(1, 100) in "frames" = Rules::default().confirm_frames;
 
-    /// Hysteresis: a raised level ends when its limit is missed by this fraction. Larger values are steadier and
+    /// Hysteresis: a raised level ends when its limit is missed by this share of it (0.15 = 15 %). Larger values are steadier and
     /// keep the level longer.
     clear_share: Number(0.0, 2.0) = Rules::default().clear_share;
 
     /// A level is held for this time after its cause has gone.
     hold_ms: Whole(0, 60_000) in "ms" = Rules::default().hold_ns / 1_000_000;
 
-    /// The alarm is off for frames that are older than this when a stage receives them; 0 allows any age. Not in
-    /// lock-step.
-    frame_age_max_ms: Whole(0, 60_000) in "ms" = 500;
+    /// The alarm is off for frames that are older than this when a stage receives them; 0 allows any age. Lock-step
+    /// ignores this key.
+    frame_age_max_ms: Whole(0, 60_000) in "ms" = 500, reload: Reload::AllStages;
 
     /// Turns the alarm off, with the reason, while the images are too dark, too bright, blocked or too different
     /// from each other, or the road has too little texture.
-    self_check: Switch = true;
+    self_check: Switch = true, reload: Reload::AllStages;
 }

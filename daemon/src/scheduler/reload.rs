@@ -81,6 +81,8 @@ mod tests {
         let planned = plan(&old, &config("[soak]\nwarm_up_s = 2\n")).unwrap();
         assert_eq!((planned.keys.len(), planned.board, planned.roles.len()), (1, false, 0));
         assert_eq!(plan(&old, &config("[log]\nlevel = \"debug\"\n")).unwrap().roles, Role::STAGES);
+        // Several stages read this one of the alarm's keys.
+        assert_eq!(plan(&old, &config("[alarm]\nself_check = false\n")).unwrap().roles, Role::STAGES);
     }
 
     #[test]

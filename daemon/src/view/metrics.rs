@@ -50,7 +50,7 @@ const METRICS: &[Metric] = &[
     gauge("alarm", "Level of the alarm: 1 for the current one.", |s, out| status(s, |status| {
         out.one_of("level", &LEVELS, status.alarm.min(3) as usize);
     })),
-    counter("alarms_total", "Alarms raised.", |s, out| status(s, |status| out.one(status.alarms.into()))),
+    counter("alarms_total", "Times that the level alarm was entered.", |s, out| status(s, |status| out.one(status.alarms.into()))),
     gauge("uptime_seconds", "Time since the daemon started.", |s, out| status(s, |status| {
         out.one(status.uptime_ns as f64 * 1e-9);
     })),
@@ -80,10 +80,10 @@ const METRICS: &[Metric] = &[
     counter("process_skipped_frames_total", "Frames replaced by newer ones before the process read them.", |s, out| {
         each(s, out, |p| p.skipped as f64);
     }),
-    counter("process_refused_messages_total", "Messages that failed their check.", |s, out| {
+    counter("process_refused_messages_total", "Messages that failed a check of the process.", |s, out| {
         each(s, out, |p| p.refused as f64);
     }),
-    counter("process_restarts_total", "Restarts.", |s, out| each(s, out, |p| p.restarts.into())),
+    counter("process_restarts_total", "Restarts of the process.", |s, out| each(s, out, |p| p.restarts.into())),
     gauge("process_frame_rate_hertz", "Frames per second, over the last second.", |s, out| {
         each(s, out, |p| p.rate_hz.into());
     }),
@@ -101,14 +101,14 @@ const METRICS: &[Metric] = &[
             }
         }
     }),
-    gauge("temperature_celsius", "Temperatures.", |s, out| sensors(s, out, |second| &second.temperatures)),
+    gauge("temperature_celsius", "Temperature of each sensor.", |s, out| sensors(s, out, |second| &second.temperatures)),
     gauge("frequency_hertz", "Clocks of processors and devices.", |s, out| sensors(s, out, |second| &second.clocks)),
     gauge("viewer_clients", "Open pages.", |s, out| out.one(s.hub.clients() as f64)),
     counter("viewer_frames_total", "Frames that could be shown.", |s, out| count(out, &s.hub.counters.frames)),
     counter("viewer_incomplete_frames_total", "Results whose images were replaced before they were read.", |s, out| {
         count(out, &s.hub.counters.incomplete);
     }),
-    counter("viewer_refused_messages_total", "Messages that failed their check.", |s, out| {
+    counter("viewer_refused_messages_total", "Messages that failed a check of the viewer.", |s, out| {
         count(out, &s.hub.counters.refused);
     }),
     counter("viewer_sent_messages_total", "Messages sent to pages.", |s, out| count(out, &s.hub.counters.sent)),

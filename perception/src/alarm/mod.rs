@@ -335,7 +335,7 @@ impl Alarm {
         let lead_s = if c.is_reliable() && !is_held { lead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
         let distance_m = c.distance_m - closing * lead_s;
-        if level == AlarmLevel::Alarm && distance_m < p.distance_m * hysteresis {
+        if level == AlarmLevel::Alarm && p.distance_m > 0.0 && distance_m < p.distance_m * hysteresis {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
@@ -351,7 +351,7 @@ impl Alarm {
             AlarmLevel::Alarm => (p.ttc_alarm_s, p.deceleration_alarm_m_s2),
             _ => (p.ttc_warning_s, p.deceleration_warning_m_s2),
         };
-        if ttc.seconds - lead_s < ttc_s * hysteresis {
+        if ttc_s > 0.0 && ttc.seconds - lead_s < ttc_s * hysteresis {
             return Some(AlarmRule::TimeToCollision);
         }
         let needed = c.required_deceleration_m_s2() * c.distance_m / distance_m.max(0.1);
@@ -407,6 +407,24 @@ mod tests {
             }
         }
         found
+    }
+
+    #[test]
+    fn a_limit_of_0_disables_its_rule_at_any_distance() {
+        let none = AlarmParameters {
+            distance_m: 0.0,
+            ttc_warning_s: 0.0,
+            ttc_alarm_s: 0.0,
+            deceleration_warning_m_s2: 0.0,
+            deceleration_alarm_m_s2: 0.0,
+            ..AlarmParameters::default()
+        };
+        let mut alarm = Alarm::new(none);
+        for frame in 0..10 {
+            // So near that the predicted distance is negative.
+            let state = alarm.update(frame * PERIOD_NS, true, [at(1.0, 20.0)]);
+            assert!(state.level < AlarmLevel::Warning, "{state:?}");
+        }
     }
 
     #[test]

@@ -38,6 +38,13 @@ const MIN_CONFIDENCE: u8 = 100;
 /// from column to column than on such a side is a discontinuity between two surfaces.
 const MIN_SIDE_OFFSET_M: f64 = 0.9;
 
+/// A stixel may be lower than a region, by this share of its minimum height: the rest may be hidden or unknown.
+const STIXEL_HEIGHT_SHARE: f64 = 0.4;
+/// A stixel rises above the road by at least this number of standard deviations of its disparity, and by this many
+/// px of disparity. Both are low: regions are judged by all their stixels together.
+const STIXEL_SIGMAS: f64 = 0.3;
+const STIXEL_RISE_PX: f64 = 0.2;
+
 /// Finds obstacle regions in disparity maps of one size; memory is allocated once.
 #[derive(Debug)]
 pub struct ObstacleDetector {
@@ -80,9 +87,9 @@ impl ObstacleDetector {
     ) -> &[Region] {
         let p = &self.parameters;
         let stixel_parameters = StixelParameters {
-            min_height_m: 0.4 * p.min_height_m,
-            sigmas: 0.3,
-            min_rise_px: 0.2,
+            min_height_m: STIXEL_HEIGHT_SHARE * p.min_height_m,
+            sigmas: STIXEL_SIGMAS,
+            min_rise_px: STIXEL_RISE_PX,
             max_height_m: p.max_height_m,
             min_disparity_px: self.rig.disparity_px(p.max_distance_m),
             min_confidence: MIN_CONFIDENCE,

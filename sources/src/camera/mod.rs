@@ -4,7 +4,6 @@
 //! scripted cameras in tests. Everything else is common to all devices and depends on neither device nor
 //! clock: [`pairing`] matches frames by timestamp, [`connection`] decides when a lost camera is reopened,
 //! [`exposure`] keeps both images equally bright.
-//! decides when a lost camera is opened again, [`exposure`] keeps both equally bright.
 
 pub mod connection;
 pub mod exposure;
@@ -26,7 +25,7 @@ use thiserror::Error;
 /// Metadata of a captured frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// Exposure time on the monotonic clock, in nanoseconds: as stamped by the device, else the time of
+    /// Time of the exposure on the monotonic clock, in nanoseconds: as stamped by the device, else the time of
     /// arrival.
     pub time_ns: u64,
     /// The device's frame number; gaps are frames that the device dropped.

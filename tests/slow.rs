@@ -2,11 +2,13 @@
 //! has become quick goes to `quick.rs`; its line is all that moves.
 
 mod calibration_health;
+mod damaged_memory;
 mod faults_lockstep;
 mod fuzz;
 mod realtime_load;
 mod recording_readers;
 mod scene_approaches;
+mod second_user;
 mod shifted_view;
 mod soak;
 mod support;

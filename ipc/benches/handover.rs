@@ -166,7 +166,7 @@ struct Figures {
 fn send_all(options: Options) -> Outcome<()> {
     let folder = tempfile::tempdir()?;
     let instance = Instance::new(NAME, folder.path());
-    let _lock = InstanceLock::take(&instance, monotonic_ns() / 1_000_000)?;
+    let _lock = InstanceLock::take(&instance)?;
     let (publish_us, receive_us) = own_part(&instance)?;
     enter_realtime(false, options)?;
 

@@ -6,10 +6,12 @@ pub use crate::error::IpcError;
 use crate::header::{Header, LINE_BYTES, Line};
 use crate::instance::Instance;
 use crate::port::{Publisher, Subscriber};
+use crate::run_files::open_own;
 use crate::service::{LOANED, ServiceSpec};
+use crate::stall::{self, Call, DropBegins, DropEnds, Guard};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
-use rustix::fs::{FallocateFlags, fallocate};
+use rustix::fs::{FallocateFlags, OFlags, fallocate};
 use rustix::io::Errno;
 use std::cell::Cell;
 use std::fmt;
@@ -29,8 +31,10 @@ impl fmt::Debug for PlainText {
 /// The node of this process in a run of the daemon. [`Self::publisher`] and [`Self::subscriber`] open its ports.
 #[derive(Debug)]
 pub struct Bus {
+    _drop_begins: DropBegins,
     node: Node<ipc::Service>,
     instance: Instance,
+    _drop_ends: DropEnds,
 }
 
 /// Result of [`Bus::sweep`].
@@ -55,23 +59,27 @@ impl Bus {
         let prefix =
             instance.prefix().ok_or_else(|| IpcError::new("join", instance.name(), "no daemon runs it"))?;
         let mut config = Config::default();
-        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|e| fail(&prefix, &e))?;
+        config.global.prefix =
+            FileName::new(prefix.as_str().as_bytes()).map_err(|e| fail(prefix.as_str(), &e))?;
         config.global.set_root_path(&root);
         // Only the scheduler sweeps, after it has reaped its children: processes that exit at the same time must not
         // treat each other as dead.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
+        stall::watch().map_err(|e| IpcError::new("join", instance.name(), e))?;
+        let _guard = Guard::enter(Call::Join);
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| IpcError::new("join", instance.name(), e))?;
-        Ok(Self { node, instance: instance.clone() })
+        Ok(Self { _drop_begins: DropBegins, node, instance: instance.clone(), _drop_ends: DropEnds })
     }
 
     /// Removes the ports of dead processes and so frees their places. Dead children must have been reaped before.
     pub fn sweep(&self) -> Sweep {
+        let _guard = Guard::enter(Call::Sweep);
         let state = self.node.try_cleanup_dead_nodes();
         Sweep { cleaned: state.cleanups, failed: state.failed_cleanups }
     }
@@ -88,7 +96,7 @@ impl Bus {
         };
         let mut reserved = 0;
         for path in self.instance.shared_memory() {
-            let file = match std::fs::OpenOptions::new().write(true).open(&path) {
+            let file = match open_own(&path, OFlags::WRONLY) {
                 Ok(file) => file,
                 // Another process may have removed the file meanwhile.
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
@@ -114,9 +122,13 @@ impl Bus {
 
     /// Calls `open`; if it fails, sweeps dead processes and calls it once more.
     fn with_sweep<T>(&self, open: impl Fn() -> Result<T, IpcError>) -> Result<T, IpcError> {
-        open().or_else(|_| {
-            self.sweep();
+        let guarded = || {
+            let _guard = Guard::enter(Call::Open);
             open()
+        };
+        guarded().or_else(|_| {
+            self.sweep();
+            guarded()
         })
     }
 
@@ -140,7 +152,15 @@ impl Bus {
                 .notifier_builder()
                 .create()
                 .map_err(|e| IpcError::new("notify", spec.name, e))?;
-            Ok(Publisher { port, notifier, name: spec.name, serial: Cell::new(0), first_ns: Cell::new(None) })
+            Ok(Publisher {
+                _drop_begins: DropBegins,
+                port,
+                notifier,
+                name: spec.name,
+                serial: Cell::new(0),
+                first_ns: Cell::new(None),
+                _drop_ends: DropEnds,
+            })
         })
     }
 
@@ -162,7 +182,16 @@ impl Bus {
                 .create()
                 .map_err(|e| IpcError::new("listen to", spec.name, e))?;
             let (last, known_ns) = (Cell::new(None), Cell::new(monotonic_ns()));
-            Ok(Subscriber { port, listener, name: spec.name, last, known_ns, missed: Cell::new(0) })
+            Ok(Subscriber {
+                _drop_begins: DropBegins,
+                port,
+                listener,
+                name: spec.name,
+                last,
+                known_ns,
+                missed: Cell::new(0),
+                _drop_ends: DropEnds,
+            })
         })
     }
 

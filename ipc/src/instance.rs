@@ -1,24 +1,20 @@
 //! An instance of the daemon on this machine: its name, its folder, its lock and its shared memory.
 //!
 //! The scheduler locks `<directory>/<name>/lock` while it runs; the file names the current run for readers. The
-//! service registry is `<directory>/<name>/bus`. All files of a run in /dev/shm start with a unique prefix,
-//! `lookout.<process>.<generation>.`, and the run holds a lock on its marker `<prefix>run` there. So files of dead
-//! runs are distinguished from those of live ones, independent of names and folders, and no other file is removed.
+//! service registry is `<directory>/<name>/bus`. All files of a run in /dev/shm start with a prefix of its own, and the
+//! run holds a lock on its mark there ([`crate::run_files`]). So files of dead runs are distinguished from those of live
+//! ones, independent of names and folders, and no other file is removed.
 
-use rustix::fs::{FlockOperation, flock, statvfs};
+use crate::node_counter;
+use crate::run_files::{Inventory, RunMark, RunPrefix, SHM, open_regular, sweep_dead_runs};
+use rustix::fs::{FlockOperation, Mode, OFlags, fchmod, flock, open, statvfs};
 use rustix::io::Errno;
-use std::fs::{DirBuilder, File, OpenOptions};
+use std::fs::{DirBuilder, File, Metadata};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
-
-/// Where shared memory lives on Linux.
-const SHM: &str = "/dev/shm";
-
-/// Prefix of all shared memory of all runs.
-const SHM_PREFIX: &str = "lookout.";
 
 /// Folder of the systemd service (`RuntimeDirectory=lookout`).
 const SERVICE_DIRECTORY: &str = "/run/lookout";
@@ -31,6 +27,15 @@ const SOCKET_TAIL: usize = 46;
 
 /// Third line of the lock file if its run created the base folder, and so has to remove it.
 const CREATED_BASE: &str = "made its base folder";
+
+/// Maximum number of bytes that are read of a lock file.
+const MAX_LOCK_BYTES: u64 = 4096;
+
+/// Mode of the folders that are created: members of the group may look inside.
+const FOLDER_MODE: u32 = 0o750;
+
+/// Bits of a mode that let others write.
+const WRITABLE_BY_OTHERS: u32 = 0o022;
 
 /// How long to retry the lock: a reader that tests it holds it for a moment.
 const LOCK_TIMEOUT: Duration = Duration::from_millis(200);
@@ -153,15 +158,14 @@ impl Instance {
     }
 
     /// Prefix of the shared memory of the current run; `None` if there is no run.
-    pub fn prefix(&self) -> Option<String> {
-        let text = std::fs::read_to_string(self.lock_path()).ok()?;
-        let run = text.lines().nth(1)?;
-        run.starts_with(SHM_PREFIX).then(|| run.to_owned())
+    pub fn prefix(&self) -> Option<RunPrefix> {
+        let lock = open_regular(&self.lock_path(), OFlags::RDONLY).ok()?;
+        read_lock(&lock).lines().nth(1).and_then(RunPrefix::parse)
     }
 
     /// Files in /dev/shm of the current run.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
-        self.prefix().map_or_else(Vec::new, |prefix| shared_files(&prefix))
+        self.prefix().map_or_else(Vec::new, |prefix| prefix.files())
     }
 
     /// Memory that these files take, in bytes: allocated pages only.
@@ -171,7 +175,7 @@ impl Instance {
 
     /// Whether a daemon holds the lock of this instance.
     pub fn is_running(&self) -> bool {
-        let Ok(file) = File::open(self.lock_path()) else { return false };
+        let Ok(file) = open_regular(&self.lock_path(), OFlags::RDONLY) else { return false };
         flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
     }
 
@@ -179,72 +183,72 @@ impl Instance {
         self.directory.join("lock")
     }
 
-    /// Creates the folder, and checks its owner and the length of its path. Returns whether the base folder was created.
-    fn prepare(&self, prefix: &str) -> Result<bool, InstanceError> {
-        let length = self.bus_directory().as_os_str().len() + 1 + prefix.len() + SOCKET_TAIL;
+    /// Creates the folder, and checks the length of its path and that nobody else can change what lies in it. Returns
+    /// whether the base folder was created.
+    fn prepare(&self) -> Result<bool, InstanceError> {
+        let length = self.bus_directory().as_os_str().len() + 1 + RunPrefix::LENGTH + SOCKET_TAIL;
         if length > MAX_SOCKET_PATH {
             let path = self.directory.clone();
             return Err(InstanceError::TooLong { path, excess: length - MAX_SOCKET_PATH });
         }
         let base = self.directory.parent().unwrap_or(Path::new("/"));
+        check_trusted(base)?;
         let created_base = !base.exists();
-        let uid = rustix::process::getuid().as_raw();
-        let mut builder = DirBuilder::new();
-        builder.recursive(true).mode(0o750).create(&self.directory).map_err(io_error(&self.directory))?;
-        // In /tmp another user could have created the folder first: it must be ours and writable only by us.
-        let safe_base = |m: std::fs::Metadata| m.is_dir() && m.uid() == uid && m.mode() & 0o022 == 0;
-        if self.is_default && !std::fs::symlink_metadata(base).is_ok_and(safe_base) {
+        DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(base).map_err(io_error(base))?;
+        // In /tmp another user could have created it first.
+        if self.is_default && !is_own_folder(base) {
             return Err(InstanceError::Foreign { path: base.to_owned() });
         }
-        let metadata = std::fs::symlink_metadata(&self.directory).map_err(io_error(&self.directory))?;
-        if metadata.uid() != uid || !metadata.is_dir() {
-            return Err(InstanceError::Foreign { path: self.directory.clone() });
+        match DirBuilder::new().mode(FOLDER_MODE).create(&self.directory) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+                return Err(io_error(&self.directory)(error));
+            }
+            _ if is_own_folder(&self.directory) => Ok(created_base),
+            _ => Err(InstanceError::Foreign { path: self.directory.clone() }),
         }
-        Ok(created_base)
     }
 }
 
-/// Files in /dev/shm whose names start with `prefix`: the prefix of a run, or `lookout.` for all runs.
-pub fn shared_entries(prefix: &str) -> Vec<PathBuf> {
-    shared_files(prefix)
-}
-
-fn shared_files(prefix: &str) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(SHM) else { return Vec::new() };
-    let ours = |path: &PathBuf| {
-        path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(prefix.as_bytes()))
+/// Whether it is a folder, not a link to one, that belongs to this user and that no other may write.
+fn is_own_folder(path: &Path) -> bool {
+    let is_own = |m: Metadata| {
+        m.is_dir() && m.uid() == rustix::process::geteuid().as_raw() && m.mode() & WRITABLE_BY_OTHERS == 0
     };
-    entries.flatten().map(|entry| entry.path()).filter(ours).collect()
+    std::fs::symlink_metadata(path).is_ok_and(is_own)
 }
 
-/// The marker of a run in /dev/shm. A live run holds a lock on it.
-fn mark_path(prefix: &str) -> PathBuf {
-    Path::new(SHM).join(format!("{prefix}run"))
-}
-
-/// Removes all shared memory of a run and returns the number of files. The marker is removed last, so that the next
-/// sweep completes an interrupted removal.
-fn remove_run(prefix: &str) -> usize {
-    let mark = mark_path(prefix);
-    let mut files = shared_files(prefix);
-    files.sort_by_key(|file| *file == mark);
-    files.iter().filter(|file| std::fs::remove_file(file).is_ok()).count()
-}
-
-/// Removes the shared memory of dead runs, whose markers are not locked. Returns the number of files.
-fn sweep_dead_runs() -> usize {
-    let mut removed = 0;
-    for path in shared_files(SHM_PREFIX) {
-        let Some(prefix) = path.file_name().and_then(|n| n.to_str()).and_then(|n| n.strip_suffix(".run"))
-        else {
-            continue;
-        };
-        let Ok(mark) = File::open(&path) else { continue };
-        if flock(&mark, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            removed += remove_run(&format!("{prefix}."));
+/// Checks that no other user can replace what lies in a folder: it, the folders above it and the links on its path
+/// belong to this user or root, and where everybody may write, names can be removed by their owners alone (the sticky
+/// bit). What does not exist yet is not checked.
+fn check_trusted(path: &Path) -> Result<(), InstanceError> {
+    const WRITABLE_BY_ALL: u32 = 0o002;
+    const STICKY: u32 = 0o1000;
+    // In a user namespace root's files may belong to another number.
+    let root = std::fs::metadata("/").map_or(0, |m| m.uid());
+    let trusted = [0, root, rustix::process::geteuid().as_raw()];
+    let is_foreign = |m: Metadata| {
+        let replaceable = m.is_dir() && m.mode() & WRITABLE_BY_ALL != 0 && m.mode() & STICKY == 0;
+        !trusted.contains(&m.uid()) || replaceable
+    };
+    // From the root on: nothing behind a foreign link is examined.
+    let ancestors: Vec<&Path> = path.ancestors().filter(|path| !path.as_os_str().is_empty()).collect();
+    for path in ancestors.into_iter().rev() {
+        // The link itself, then where it leads to.
+        let foreign = |metadata: io::Result<Metadata>| metadata.is_ok_and(is_foreign);
+        if foreign(std::fs::symlink_metadata(path)) || foreign(std::fs::metadata(path)) {
+            return Err(InstanceError::Foreign { path: path.to_owned() });
         }
     }
-    removed
+    Ok(())
+}
+
+/// Text of a lock file; empty if it cannot be read.
+fn read_lock(lock: &File) -> String {
+    let mut text = String::new();
+    match lock.take(MAX_LOCK_BYTES).read_to_string(&mut text) {
+        Ok(_) => text,
+        Err(_) => String::new(),
+    }
 }
 
 /// The lock of an instance, held by the scheduler while it runs. Taking it removes the remains of dead runs; dropping
@@ -253,28 +257,25 @@ fn sweep_dead_runs() -> usize {
 pub struct InstanceLock {
     instance: Instance,
     lock: File,
-    /// The locked marker of the run.
-    _mark: File,
-    prefix: String,
+    _mark: RunMark,
+    prefix: RunPrefix,
+    inventory: Inventory,
     created_base: bool,
     /// Number of files of dead runs that were removed.
     pub stale: usize,
 }
 
 impl InstanceLock {
-    /// Takes the lock of an instance. `generation` distinguishes the runs of one process.
+    /// Takes the lock of an instance and starts a new run.
     ///
     /// # Errors
     /// If another daemon runs the instance, or its folder cannot be used.
-    pub fn take(instance: &Instance, generation: u64) -> Result<Self, InstanceError> {
-        let prefix = format!("{SHM_PREFIX}{}.{:04x}.", std::process::id(), generation & 0xffff);
+    pub fn take(instance: &Instance) -> Result<Self, InstanceError> {
         let path = instance.lock_path();
-        let (mut lock, mut created_base) = open_lock(instance, &prefix)?;
+        let (mut lock, mut created_base) = open_lock(instance)?;
         // A killed run could not remove the base folder that it had created. Its prefix is erased before its memory
         // is removed, so that no reader joins it.
-        let mut before = String::new();
-        let known = lock.read_to_string(&mut before).is_ok();
-        created_base |= known && before.lines().nth(2) == Some(CREATED_BASE);
+        created_base |= read_lock(&lock).lines().nth(2) == Some(CREATED_BASE);
         lock.set_len(0).map_err(io_error(&path))?;
         lock.rewind().map_err(io_error(&path))?;
         let mut stale = sweep_dead_runs();
@@ -283,15 +284,32 @@ impl InstanceLock {
             std::fs::remove_dir_all(&bus).map_err(io_error(&bus))?;
             stale += 1;
         }
-        let mark = create_mark(instance, &prefix)?;
+        let prefix = RunPrefix::new().map_err(io_error(Path::new(SHM)))?;
+        let failed = |(path, error): (PathBuf, io::Error)| io_error(&path)(error);
+        let mark = RunMark::create(&prefix, &instance.name).map_err(failed)?;
+        node_counter::create(&prefix).map_err(failed)?;
+        // From here on readers can join.
         let created = if created_base { CREATED_BASE } else { "" };
-        lock.write_all(format!("{}\n{prefix}\n{created}\n", std::process::id()).as_bytes())
+        lock.write_all(format!("{}\n{}\n{created}\n", std::process::id(), prefix.as_str()).as_bytes())
             .map_err(io_error(&path))?;
-        Ok(Self { instance: instance.clone(), lock, _mark: mark, prefix, created_base, stale })
+        let inventory = Inventory::take([]);
+        Ok(Self { instance: instance.clone(), lock, _mark: mark, prefix, inventory, created_base, stale })
+    }
+
+    /// Records the files that exist now: lock, service registry, and the shared memory of the caller. All of them stay
+    /// as long as the run.
+    pub fn record_files(&mut self) {
+        let own = [self.instance.lock_path(), self.instance.bus_directory()];
+        self.inventory = Inventory::take(self.prefix.files().into_iter().chain(own));
+    }
+
+    /// A recorded file that another program has removed or replaced. Without it no process can join any more.
+    pub fn missing_file(&self) -> Option<&Path> {
+        self.inventory.missing()
     }
 
     /// Prefix of the shared memory of this run.
-    pub fn prefix(&self) -> &str {
+    pub fn prefix(&self) -> &RunPrefix {
         &self.prefix
     }
 
@@ -307,14 +325,13 @@ impl InstanceLock {
 }
 
 /// Opens and locks the lock file of an instance. Returns it, and whether the base folder was created.
-fn open_lock(instance: &Instance, prefix: &str) -> Result<(File, bool), InstanceError> {
+fn open_lock(instance: &Instance) -> Result<(File, bool), InstanceError> {
     let path = instance.lock_path();
     let mut retries = LOCK_TIMEOUT.as_millis() / 10;
     let mut created_base = false;
     loop {
-        created_base |= instance.prepare(prefix)?;
-        let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
-        let mut lock = match opened {
+        created_base |= instance.prepare()?;
+        let lock = match open_lock_file(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound && retries > 0 => {
                 // The previous holder has just removed the folder.
                 retries -= 1;
@@ -331,9 +348,7 @@ fn open_lock(instance: &Instance, prefix: &str) -> Result<(File, bool), Instance
                 continue;
             }
             Err(Errno::WOULDBLOCK) => {
-                let mut text = String::new();
-                let known = lock.read_to_string(&mut text).is_ok();
-                let pid = text.lines().next().filter(|_| known).unwrap_or("unknown").to_owned();
+                let pid = read_lock(&lock).lines().next().unwrap_or("unknown").to_owned();
                 return Err(InstanceError::Running { name: instance.name.clone(), pid });
             }
             Err(error) => return Err(io_error(&path)(error.into())),
@@ -346,22 +361,20 @@ fn open_lock(instance: &Instance, prefix: &str) -> Result<(File, bool), Instance
     }
 }
 
-/// Creates the marker of a run and locks it.
-fn create_mark(instance: &Instance, prefix: &str) -> Result<File, InstanceError> {
-    // It is locked before it gets its final name, because a sweep treats an unlocked marker as that of a dead run.
-    let new_path = Path::new(SHM).join(format!("{prefix}new"));
-    let mark_path = mark_path(prefix);
-    let mut mark = File::create(&new_path).map_err(io_error(&new_path))?;
-    flock(&mark, FlockOperation::NonBlockingLockExclusive).map_err(|e| io_error(&mark_path)(e.into()))?;
-    writeln!(mark, "{}", instance.name).map_err(io_error(&new_path))?;
-    std::fs::rename(&new_path, &mark_path).map_err(io_error(&mark_path))?;
-    Ok(mark)
+/// Opens the lock file for writing, or creates it. Only this user may read it: a shared lock of another user's process
+/// would keep the daemon from starting.
+fn open_lock_file(path: &Path) -> io::Result<File> {
+    let flags = OFlags::RDWR | OFlags::CREATE | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let mode = Mode::RUSR | Mode::WUSR;
+    let file = File::from(open(path, flags, mode)?);
+    fchmod(&file, mode)?;
+    Ok(file)
 }
 
 impl Drop for InstanceLock {
     /// Best effort: the next run removes whatever remains.
     fn drop(&mut self) {
-        remove_run(&self.prefix);
+        self.prefix.remove_files();
         let _ = std::fs::remove_dir_all(self.instance.bus_directory());
         let _ = std::fs::remove_file(self.instance.lock_path());
         let _ = std::fs::remove_dir(&self.instance.directory);

@@ -10,7 +10,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let folder = tempfile::tempdir()?;
 //! let instance = Instance::new("example", folder.path());
-//! let _lock = InstanceLock::take(&instance, 1)?; // the scheduler holds it while the daemon runs
+//! let _lock = InstanceLock::take(&instance)?; // the scheduler holds it while the daemon runs
 //! let bus = Bus::join(&instance)?;
 //! let publisher = bus.publisher(&COMMAND, 0, 0)?; // this message has no images
 //! let subscriber = bus.subscriber(&COMMAND)?;
@@ -47,12 +47,15 @@ pub mod heat;
 pub mod idle;
 pub mod instance;
 mod message;
+mod node_counter;
 pub mod pipeline;
 pub mod port;
 pub mod privilege;
 pub mod realtime;
 pub mod rig;
+pub mod run_files;
 pub mod service;
+pub mod stall;
 pub mod typed;
 pub mod wait;
 

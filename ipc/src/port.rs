@@ -3,6 +3,7 @@
 use crate::clock::monotonic_ns;
 use crate::error::IpcError;
 use crate::header::{Header, LINE_BYTES, Line};
+use crate::stall::{Call, DropBegins, DropEnds, Guard};
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -17,12 +18,14 @@ use std::cell::Cell;
 /// Sends messages that were written in place, and notifies their subscribers.
 #[derive(Debug)]
 pub struct Publisher {
+    pub(crate) _drop_begins: DropBegins,
     pub(crate) port: IoxPublisher<ipc::Service, [Line], Header>,
     pub(crate) notifier: Notifier<ipc::Service>,
     pub(crate) name: &'static str,
     pub(crate) serial: Cell<u64>,
     /// When the first message was sent, in ns of CLOCK_MONOTONIC; `None` before it.
     pub(crate) first_ns: Cell<Option<u64>>,
+    pub(crate) _drop_ends: DropEnds,
 }
 
 /// A message in shared memory that is being written.
@@ -38,6 +41,7 @@ impl Publisher {
     /// # Errors
     /// If the message is longer than the service allows, or the previous loan was not yet sent.
     pub fn loan(&self, bytes: usize) -> Result<Loan, IpcError> {
+        let _guard = Guard::enter(Call::Loan);
         let lines = bytes.div_ceil(LINE_BYTES);
         let sample = self.port.loan_slice_uninit(lines).map_err(|e| IpcError::new("loan", self.name, e))?;
         // SAFETY: the payload lies in a memory-mapped file, whose bytes are initialised (to zero by the kernel, or by
@@ -58,8 +62,9 @@ impl Publisher {
         header.first_ns = self.first_ns.get().unwrap_or(header.issued_ns);
         self.first_ns.set(Some(header.first_ns));
         header.serial = self.serial.replace(self.serial.get() + 1);
+        let _guard = Guard::enter(Call::Send);
         loan.sample.send().map_err(|e| IpcError::new("send", self.name, e))?;
-        self.notify()
+        self.notifier.notify().map(|_| ()).map_err(|e| IpcError::new("notify", self.name, e))
     }
 
     /// Sends a header with a plain record as payload.
@@ -78,11 +83,8 @@ impl Publisher {
     /// # Errors
     /// If a connection cannot be made.
     pub fn refresh(&self) -> Result<(), IpcError> {
+        let _guard = Guard::enter(Call::Connect);
         self.port.update_connections().map_err(|e| IpcError::new("connect", self.name, e))
-    }
-
-    fn notify(&self) -> Result<(), IpcError> {
-        self.notifier.notify().map(|_| ()).map_err(|e| IpcError::new("notify", self.name, e))
     }
 }
 
@@ -106,6 +108,7 @@ impl Loan {
 /// Receives messages, to be read in place.
 #[derive(Debug)]
 pub struct Subscriber {
+    pub(crate) _drop_begins: DropBegins,
     pub(crate) port: IoxSubscriber<ipc::Service, [Line], Header>,
     pub(crate) listener: Listener<ipc::Service>,
     pub(crate) name: &'static str,
@@ -115,6 +118,7 @@ pub struct Subscriber {
     /// first message is younger has sent all its messages to this subscriber.
     pub(crate) known_ns: Cell<u64>,
     pub(crate) missed: Cell<u64>,
+    pub(crate) _drop_ends: DropEnds,
 }
 
 /// A received message. Its content does not change until it is dropped.
@@ -130,6 +134,7 @@ impl Subscriber {
     /// # Errors
     /// If more messages are held than the service allows, or the connection is broken.
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
+        let _guard = Guard::enter(Call::Receive);
         let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
         if let Some(sample) = &sample {
             let (origin, header) = (sample.origin(), sample.user_header());

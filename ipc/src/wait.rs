@@ -7,6 +7,7 @@
 
 use crate::error::IpcError;
 use crate::port::Subscriber;
+use crate::stall::{Call, Guard};
 use iceoryx2::prelude::FileDescriptorBased;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::BorrowedFd;
@@ -77,6 +78,7 @@ fn descriptor(subscriber: &Subscriber) -> BorrowedFd<'_> {
 
 /// Drains the listeners. Returns whether there was a notification; the messages are in the subscribers.
 fn take_notifications(subscribers: &[&Subscriber]) -> Result<bool, IpcError> {
+    let _guard = Guard::enter(Call::Listen);
     let mut any = false;
     for subscriber in subscribers {
         let count = subscriber

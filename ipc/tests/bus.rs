@@ -7,11 +7,10 @@ use lookout_ipc::port::Publisher;
 use lookout_ipc::service::{COMMAND, OBSTACLES, PAIR, ServiceSpec};
 use lookout_ipc::wait::{self, Next};
 use lookout_ipc::{command, pair};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
 
 /// Distinguishes the runs of this process.
-static GENERATION: AtomicU64 = AtomicU64::new(100);
 
 /// A separate instance for each test, and its temporary folder.
 fn instance(name: &str) -> (tempfile::TempDir, Instance) {
@@ -36,7 +35,7 @@ fn publish(publisher: &Publisher, sequence: u64) {
 #[test]
 fn the_newest_message_replaces_older_ones_and_nothing_is_left_behind() {
     let (_folder, instance) = instance("newest");
-    let lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
     let subscriber = bus.subscriber(&PAIR).unwrap();
@@ -76,18 +75,24 @@ fn the_newest_message_replaces_older_ones_and_nothing_is_left_behind() {
     let pools = PAIR.pool_bytes(4, 2) as u64;
     assert!(instance.shared_bytes() < pools + 100_000, "{} for {pools}", instance.shared_bytes());
     assert!(subscriber.receive().unwrap().is_none());
-    assert!(!instance.shared_memory().is_empty());
-    let prefix = lock.prefix().to_owned();
+    let files = instance.shared_memory();
+    assert!(files.iter().any(|f| f.to_string_lossy().ends_with("_node.0_10_0.global_mgmt")), "{files:?}");
+    for file in &files {
+        // Also the node counter, which iceoryx2 would open to every user.
+        let mode = std::fs::metadata(file).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600, "{}", file.display());
+    }
+    let prefix = lock.prefix().clone();
     drop((publisher, subscriber, late, bus, lock));
     let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
-    assert_eq!(left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix)).count(), 0);
+    assert_eq!(left.filter(|e| e.file_name().to_string_lossy().starts_with(prefix.as_str())).count(), 0);
     assert!(!instance.directory().exists());
 }
 
 #[test]
 fn nothing_is_missed_when_two_publishers_take_turns() {
     let (_folder, instance) = instance("turns");
-    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let subscriber = bus.subscriber(&OBSTACLES).unwrap();
     let senders = [(); 2].map(|()| bus.publisher(&OBSTACLES, 4, 2).unwrap());
@@ -107,7 +112,7 @@ fn nothing_is_missed_when_two_publishers_take_turns() {
 #[test]
 fn late_readers_get_the_history_and_long_messages_are_refused() {
     let (_folder, instance) = instance("history");
-    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let publisher = bus.publisher(&COMMAND, 0, 0).unwrap();
     let record = command::CommandRecord { period_ns: 5, ..Default::default() };
@@ -122,7 +127,7 @@ fn late_readers_get_the_history_and_long_messages_are_refused() {
 #[test]
 fn a_header_that_does_not_fit_its_payload_is_refused() {
     let (_folder, instance) = instance("lies");
-    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
     let subscriber = bus.subscriber(&PAIR).unwrap();
@@ -137,7 +142,7 @@ fn a_header_that_does_not_fit_its_payload_is_refused() {
 #[test]
 fn waiting_ends_with_a_message_a_time_or_a_stop() {
     let (_folder, instance) = instance("wait");
-    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let publisher = bus.publisher(&PAIR, 4, 2).unwrap();
     let subscriber = bus.subscriber(&PAIR).unwrap();
@@ -171,7 +176,7 @@ fn waiting_ends_with_a_message_a_time_or_a_stop() {
 #[test]
 fn a_service_with_other_settings_is_an_error() {
     let (_folder, instance) = instance("settings");
-    let _lock = InstanceLock::take(&instance, GENERATION.fetch_add(1, Ordering::Relaxed)).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let _first = bus.publisher(&OBSTACLES, 4, 2).unwrap();
     let other = ServiceSpec { buffer: 9, ..OBSTACLES };

@@ -1,6 +1,7 @@
 //! The lock of an instance, and which files it removes.
 
 use lookout_ipc::instance::{Instance, InstanceError, InstanceLock};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 #[test]
@@ -9,20 +10,20 @@ fn an_instance_is_held_once_and_leaves_nothing() {
     let base = folder.path().join("run");
     let instance = Instance::new("lock-test", &base);
     assert!(!instance.is_running() && instance.prefix().is_none());
-    let lock = InstanceLock::take(&instance, 1).unwrap();
+    let lock = InstanceLock::take(&instance).unwrap();
     assert!(instance.is_running() && instance.owner().is_some());
-    assert_eq!(instance.prefix().as_deref(), Some(lock.prefix()));
-    assert_eq!(instance.shared_memory().len(), 1, "the marker of the run");
-    let error = InstanceLock::take(&instance, 2).unwrap_err().to_string();
+    assert_eq!(instance.prefix().as_ref(), Some(lock.prefix()));
+    assert_eq!(instance.shared_memory().len(), 2, "the mark of the run and the node counter");
+    let error = InstanceLock::take(&instance).unwrap_err().to_string();
     assert!(error.contains("already running") && error.contains(&std::process::id().to_string()), "{error}");
     lock.check_memory(1).unwrap();
     assert!(lock.check_memory(u64::MAX).unwrap_err().to_string().contains("/dev/shm"));
-    let prefix = lock.prefix().to_owned();
+    let prefix = lock.prefix().clone();
     drop(lock);
     assert!(!instance.is_running() && !base.exists());
-    assert!(!Path::new("/dev/shm").join(format!("{prefix}run")).exists());
+    assert!(!Path::new("/dev/shm").join(format!("{}run", prefix.as_str())).exists());
     // A base folder that existed before is kept.
-    drop(InstanceLock::take(&Instance::new("lock-test", folder.path()), 3).unwrap());
+    drop(InstanceLock::take(&Instance::new("lock-test", folder.path())).unwrap());
     assert!(folder.path().exists());
 }
 
@@ -30,23 +31,26 @@ fn an_instance_is_held_once_and_leaves_nothing() {
 fn remains_of_a_dead_run_are_removed_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     // A live run with another name and folder, and a dead one, whose marker is not locked.
-    let living = InstanceLock::take(&Instance::new("living", folder.path()), 10).unwrap();
+    let living = InstanceLock::take(&Instance::new("living", folder.path())).unwrap();
     let shm = |name: String| PathBuf::from("/dev/shm").join(name);
-    let (kept, dead) = (shm(format!("{}data", living.prefix())), "lookout.1.beef.");
+    let (kept, dead) = (shm(format!("{}data", living.prefix().as_str())), "lookout.aaaaaaaaaaaa.");
     let (gone, mark) = (shm(format!("{dead}data")), shm(format!("{dead}run")));
     let foreign = shm(format!("lookout-foreign-{}", std::process::id()));
-    for path in [&kept, &gone, &mark, &foreign] {
+    // The name of a mark without a prefix of the right form: it would stand for the files of all runs.
+    let trap = shm("lookout.run".into());
+    for path in [&kept, &gone, &mark, &foreign, &trap] {
         std::fs::write(path, b"x").unwrap();
     }
     let instance = Instance::new("taker", folder.path());
     std::fs::create_dir_all(instance.bus_directory().join("services/old")).unwrap();
     std::fs::write(instance.directory().join("mine.txt"), b"a user's file").unwrap();
-    let lock = InstanceLock::take(&instance, 11).unwrap();
+    let lock = InstanceLock::take(&instance).unwrap();
     assert!(lock.stale >= 3, "{}", lock.stale);
-    assert!(!gone.exists() && !mark.exists() && kept.exists() && foreign.exists());
+    assert!(!gone.exists() && !mark.exists() && kept.exists() && foreign.exists() && trap.exists());
     drop(lock);
     assert!(instance.directory().join("mine.txt").exists(), "files of the user are kept");
     std::fs::remove_file(foreign).unwrap();
+    std::fs::remove_file(trap).unwrap();
     drop(living);
     assert!(!kept.exists());
 }
@@ -55,12 +59,39 @@ fn remains_of_a_dead_run_are_removed_and_nothing_else() {
 fn unusable_folders_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let long = Instance::new("x", &folder.path().join("a".repeat(80)));
-    assert!(matches!(InstanceLock::take(&long, 1), Err(InstanceError::TooLong { .. })));
+    assert!(matches!(InstanceLock::take(&long), Err(InstanceError::TooLong { .. })));
     std::os::unix::fs::symlink("/tmp", folder.path().join("link")).unwrap();
     let linked = Instance::new("link", folder.path());
-    assert!(matches!(InstanceLock::take(&linked, 1), Err(InstanceError::Foreign { .. })));
+    assert!(matches!(InstanceLock::take(&linked), Err(InstanceError::Foreign { .. })));
     std::fs::write(folder.path().join("file"), b"x").unwrap();
     let file = Instance::new("x", &folder.path().join("file"));
-    let error = InstanceLock::take(&file, 1).unwrap_err().to_string();
+    let error = InstanceLock::take(&file).unwrap_err().to_string();
     assert!(error.contains("instance.directory"), "{error}");
+    // Another user could replace everything below a base folder that everybody may write.
+    let open = folder.path().join("open");
+    std::fs::create_dir(&open).unwrap();
+    std::fs::set_permissions(&open, std::fs::Permissions::from_mode(0o777)).unwrap();
+    let inside = Instance::new("x", &open);
+    assert!(matches!(InstanceLock::take(&inside), Err(InstanceError::Foreign { .. })));
+    assert!(!inside.directory().exists());
+    std::fs::set_permissions(&open, std::fs::Permissions::from_mode(0o1777)).unwrap();
+    drop(InstanceLock::take(&inside).unwrap());
+}
+
+#[test]
+fn a_removed_file_of_the_run_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new("eroded", folder.path());
+    let mut lock = InstanceLock::take(&instance).unwrap();
+    std::fs::create_dir(instance.bus_directory()).unwrap();
+    lock.record_files();
+    assert_eq!(lock.missing_file(), None);
+    for path in instance.shared_memory() {
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(lock.missing_file(), Some(path.as_path()));
+        lock.record_files();
+        assert_eq!(lock.missing_file(), None);
+    }
+    std::fs::remove_dir(instance.bus_directory()).unwrap();
+    assert_eq!(lock.missing_file(), Some(instance.bus_directory().as_path()));
 }

@@ -17,7 +17,7 @@ const LONG: Duration = Duration::from_secs(10);
 fn no_wake_up_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new("wake", folder.path());
-    let _lock = InstanceLock::take(&instance, 1).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let subscriber = bus.subscriber(&COMMAND).unwrap();
     // Number of received messages. The next one is sent as soon as it grows, while the reader still drains the

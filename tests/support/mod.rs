@@ -210,7 +210,7 @@ impl Bench {
         assert_eq!(self.run_prefix(), None, "a run of this instance is still marked");
         let names = shared_names();
         for name in &names {
-            let run: String = name.splitn(4, '.').take(3).map(|part| format!("{part}.")).collect();
+            let run: String = name.splitn(3, '.').take(2).map(|part| format!("{part}.")).collect();
             // Other instances start and end meanwhile.
             let marked = names.contains(&format!("{run}run"));
             assert!(marked || !shared_names().contains(name), "{name} is left without its run");

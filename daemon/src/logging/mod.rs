@@ -43,6 +43,10 @@ pub fn set_level(level: &str) {
 pub fn start(process: &'static str, level: &str) {
     let filter: LevelFilter = level.parse().unwrap_or(LevelFilter::INFO);
     messages::bus::set_library_log_level();
+    messages::stall::set_report(|text| {
+        tracing::error!("{text}");
+        finish();
+    });
     let (filter, handle) = reload::Layer::new(filter);
     let output = if is_daemon(process) { Output::queued() } else { Output::direct() };
     if let Some(journal) = Journal::open(process, output) {

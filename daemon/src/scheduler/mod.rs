@@ -25,7 +25,12 @@ use messages::service;
 use messages::status::StatusRecord;
 use messages::wait;
 pub use options::{Ends, RunError, RunOptions, RunOutcome};
-use run::Run;
+use run::{Process, Run};
+use std::time::Duration;
+
+/// How long a service waits before it starts anew, so that a program that removes its files again and again does not
+/// keep a core busy.
+const ANEW_DELAY: Duration = Duration::from_secs(1);
 
 /// Runs the daemon until it ends. `watch` is called with every status.
 ///
@@ -49,15 +54,27 @@ pub fn run_service(
     reload: &mut dyn FnMut() -> Result<Config, String>,
     watch: &mut dyn FnMut(&StatusRecord),
 ) -> Result<RunOutcome, RunError> {
-    let mut run = Run::start(config, options)?;
-    let reports = run.bus.subscriber(&service::REPORT)?;
-    let results = run.bus.subscriber(&service::OBSTACLES)?;
-    wait::run(&[&reports, &results], || {
-        if run.takes_reload() {
-            run.reload(&mut *reload, monotonic_ns());
+    let mut process = Process::new();
+    let mut run = Run::start(config, options, &mut process)?;
+    loop {
+        let reports = run.bus.subscriber(&service::REPORT)?;
+        let results = run.bus.subscriber(&service::OBSTACLES)?;
+        let ended = wait::run(&[&reports, &results], || {
+            if run.takes_reload() {
+                run.reload(&mut *reload, monotonic_ns());
+            }
+            run.step(&reports, &results, watch)
+        });
+        drop((reports, results));
+        if let (Ends::Never, Some(path)) = (options.ends, run.look_for_loss()) {
+            // An error of shared memory may be a consequence.
+            tracing::error!(path = %path.display(), "another program has removed a file of this run: starting anew");
+            let config = run.abandon();
+            std::thread::sleep(ANEW_DELAY);
+            run = Run::start(&config, options, &mut process)?;
+            continue;
         }
-        run.step(&reports, &results, watch)
-    })?;
-    drop((reports, results));
-    Ok(run.finish())
+        ended?;
+        return Ok(run.finish());
+    }
 }

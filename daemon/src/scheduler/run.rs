@@ -33,10 +33,11 @@ use messages::status::StatusRecord;
 use messages::wait::Next;
 use messages::{obstacles, report, service};
 use result::Results;
+pub use start::Process;
 use start::{
-    Signals, check_memory, launch, open_source, pacer_parameters, prepare_outputs, roles,
-    supervisor_parameters,
+    check_memory, launch, open_source, pacer_parameters, prepare_outputs, roles, supervisor_parameters,
 };
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -78,6 +79,8 @@ pub struct Run {
     diagnostics: Diagnostics,
     realtime: RealtimeRecord,
     failure: Option<String>,
+    /// A file of this run that another program has removed.
+    lost: Option<PathBuf>,
     /// Why the run is stopping; else empty.
     reason: String,
     stop: Arc<AtomicBool>,
@@ -95,19 +98,19 @@ pub struct Run {
     /// The scheduler's node in shared memory.
     pub bus: Bus,
     instance: Instance,
-    _lock: InstanceLock,
+    lock: InstanceLock,
 }
 
 impl Run {
     /// Checks configuration, source and memory, takes the instance, and sets up the run.
-    pub fn start(config: &Config, options: &RunOptions) -> Result<Self, RunError> {
+    pub fn start(config: &Config, options: &RunOptions, process: &mut Process) -> Result<Self, RunError> {
         let started_ns = monotonic_ns();
         let (source, frames) = open_source(config)?;
         let (width, height) = (frames.width, frames.height);
         // Signal handlers come before any file is created that a signal would leave behind.
-        let signals = Signals::register(options.ends)?;
+        let signals = process.signals(options.ends)?;
         let instance = Instance::new(&config.instance.name, &config.instance.directory);
-        let lock = InstanceLock::take(&instance, started_ns / 1_000_000)?;
+        let mut lock = InstanceLock::take(&instance)?;
         if lock.stale > 0 {
             tracing::warn!(files = lock.stale, "removed files of a dead run");
         }
@@ -116,11 +119,9 @@ impl Run {
         let roles = roles(options);
         check_memory(&lock, &instance, &frames, roles.len())?;
 
-        let available: Vec<usize> =
-            core_affinity::get_core_ids().unwrap_or_default().iter().map(|core| core.id).collect();
-        let plan = CorePlan::new(&config.cores, &available);
+        let plan = CorePlan::new(&config.cores, &process.cores);
         let all: Vec<Role> = std::iter::once(Role::Scheduler).chain(roles.iter().copied()).collect();
-        tracing::info!(cores = available.len(), "{}", plan.describe(&all));
+        tracing::info!(cores = process.cores.len(), "{}", plan.describe(&all));
         // The scheduler requests its privileges first: if they are refused, those of the stages will be, too.
         let mut realtime = realtime::enter(config, Role::Scheduler, plan.core(Role::Scheduler))?;
         tracing::info!("scheduler: {realtime}");
@@ -145,6 +146,7 @@ impl Run {
         let statuses = bus.publisher(&service::STATUS, width, height)?;
         let results = Results::new(bus.publisher(&service::OBSTACLES, width, height)?, stale_ns);
         realtime::reserve(config, &bus, &mut realtime)?;
+        lock.record_files();
         Ok(Self {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
@@ -158,6 +160,7 @@ impl Run {
             board,
             notify: Notify::from_environment(),
             hangup: signals.hangup,
+            lost: None,
             failure: None,
             reason: String::new(),
             stop: signals.stop,
@@ -176,7 +179,7 @@ impl Run {
             statuses,
             bus,
             instance,
-            _lock: lock,
+            lock,
         })
     }
 
@@ -237,6 +240,9 @@ impl Run {
             self.notify_status(&status, now);
             watch(&status);
             self.figures.tick(&status);
+            if self.look_for_loss().is_some() {
+                return Ok(Next::Stop);
+            }
         } else {
             // New subscribers receive the last status.
             self.statuses.refresh()?;
@@ -246,6 +252,15 @@ impl Run {
             return Ok(Next::Stop);
         }
         Ok(Next::Wait(TICK))
+    }
+
+    /// A file of this run that another program has removed. No process can join the run any more, so its stages cannot
+    /// be restarted.
+    pub fn look_for_loss(&mut self) -> Option<&Path> {
+        if self.lost.is_none() && self.phase == Phase::Running {
+            self.lost = self.lock.missing_file().map(Path::to_owned);
+        }
+        self.lost.as_deref()
     }
 
     /// Handles a message of the last stage.
@@ -452,11 +467,19 @@ impl Run {
         }
     }
 
+    /// Gives the run up without an orderly end, and returns the configuration in use.
+    pub fn abandon(self) -> Config {
+        self.launch.config.clone()
+    }
+
     /// The outcome of the run, once all stages have ended.
     pub fn finish(mut self) -> RunOutcome {
         let now = monotonic_ns();
         self.status(now);
         let mut failure = self.failure.take();
+        if let (None, Some(path)) = (&failure, &self.lost) {
+            failure = Some(format!("{}: another program has removed it during the run", path.display()));
+        }
         let may_be_empty = self.options.ends == Ends::Never || self.was_stopped;
         if failure.is_none() && !may_be_empty && self.collector.results() == 0 {
             failure = Some("there was no result: see the log for the reason".into());

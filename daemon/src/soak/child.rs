@@ -5,6 +5,7 @@ use config::Config;
 use messages::bus::Bus;
 use messages::clock::monotonic_ns;
 use messages::instance::Instance;
+use messages::run_files::RunPrefix;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::File;
 use std::os::unix::process::CommandExt;
@@ -67,7 +68,7 @@ impl DaemonChild {
     }
 
     /// Connects to the daemon as soon as its shared memory exists. Also returns the prefix of its run.
-    pub fn join(&mut self, stop: &AtomicBool) -> Result<(Bus, String), SoakError> {
+    pub fn join(&mut self, stop: &AtomicBool) -> Result<(Bus, RunPrefix), SoakError> {
         let start = Instant::now();
         loop {
             self.expect_running()?;

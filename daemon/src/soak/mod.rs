@@ -33,7 +33,7 @@ pub fn run(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Soaked, SoakError> {
     std::fs::create_dir_all(&plan.out).map_err(SoakError::io(&plan.out))?;
-    let entries_before = messages::instance::shared_entries("lookout.").len() as u64;
+    let entries_before = messages::run_files::files_of_all_runs().len() as u64;
     let mut daemon = DaemonChild::start(config, &plan.out)?;
     let (bus, prefix) = daemon.join(stop)?;
     let mut observer = Observer::new(config, plan, &daemon);
@@ -51,7 +51,7 @@ pub fn run(
         Ok(status) => reasons.push(format!("the daemon ended with {status} after SIGTERM")),
         Err(error) => reasons.push(error.to_string()),
     }
-    let left = messages::instance::shared_entries(&prefix).len() + entries_below(&folder);
+    let left = prefix.files().len() + entries_below(&folder);
     Ok(observer.conclude(plan, config, entries_before, left as u64, reasons))
 }
 

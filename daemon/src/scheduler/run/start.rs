@@ -46,7 +46,33 @@ pub(super) fn open_source(config: &Config) -> Result<(Box<dyn PairSource>, Frame
     Ok((source, frames))
 }
 
+/// What outlives a run, if the process starts another.
+pub struct Process {
+    signals: Option<Signals>,
+    /// The cores that this process may use, before it pins itself to one of them.
+    pub(super) cores: Vec<usize>,
+}
+
+impl Process {
+    /// Examines this process.
+    pub fn new() -> Self {
+        let cores = core_affinity::get_core_ids().unwrap_or_default().iter().map(|core| core.id).collect();
+        Self { signals: None, cores }
+    }
+
+    /// The flags of the signals, whose handlers are installed by the first call.
+    pub(super) fn signals(&mut self, ends: Ends) -> Result<Signals, RunError> {
+        if let Some(signals) = &self.signals {
+            return Ok(signals.clone());
+        }
+        let signals = Signals::register(ends)?;
+        self.signals = Some(signals.clone());
+        Ok(signals)
+    }
+}
+
 /// Flags that signals set.
+#[derive(Clone)]
 pub(super) struct Signals {
     pub(super) stop: Arc<AtomicBool>,
     pub(super) hangup: Arc<AtomicBool>,
@@ -54,7 +80,7 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    pub(super) fn register(ends: Ends) -> Result<Self, RunError> {
+    fn register(ends: Ends) -> Result<Self, RunError> {
         let flag = || Arc::new(AtomicBool::new(false));
         let signals = Self { stop: flag(), hangup: flag(), retry: flag() };
         for signal in [SIGTERM, SIGINT] {
@@ -105,7 +131,14 @@ pub(super) fn check_memory(
         let (samples, bytes) = (spec.pool_samples(), spec.pool_bytes(width, height));
         tracing::debug!(service = spec.name, samples, bytes, "pool of one publisher");
     }
-    tracing::info!(instance = instance.name(), width, height, pool_bytes, prefix = lock.prefix(), "starting");
+    tracing::info!(
+        instance = instance.name(),
+        width,
+        height,
+        pool_bytes,
+        prefix = lock.prefix().as_str(),
+        "starting"
+    );
     Ok(())
 }
 

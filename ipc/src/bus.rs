@@ -5,6 +5,7 @@ use crate::clock::monotonic_ns;
 pub use crate::error::IpcError;
 use crate::header::{Header, LINE_BYTES, Line};
 use crate::instance::Instance;
+use crate::node_counter;
 use crate::port::{Publisher, Subscriber};
 use crate::run_files::open_own;
 use crate::service::{LOANED, ServiceSpec};
@@ -58,6 +59,10 @@ impl Bus {
             .map_err(|e| fail(&root.display().to_string(), &e))?;
         let prefix =
             instance.prefix().ok_or_else(|| IpcError::new("join", instance.name(), "no daemon runs it"))?;
+        // It would create files that nobody removes.
+        if !prefix.has_mark() || !node_counter::exists(&prefix) {
+            return Err(IpcError::new("join", instance.name(), PlainText("its run is ending".into())));
+        }
         let mut config = Config::default();
         config.global.prefix =
             FileName::new(prefix.as_str().as_bytes()).map_err(|e| fail(prefix.as_str(), &e))?;

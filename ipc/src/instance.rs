@@ -296,11 +296,11 @@ impl InstanceLock {
         Ok(Self { instance: instance.clone(), lock, _mark: mark, prefix, inventory, created_base, stale })
     }
 
-    /// Records the files that exist now: lock, service registry, and the shared memory of the caller. All of them stay
-    /// as long as the run.
+    /// Records the files that have to stay as long as the run: lock, service registry, mark, and the shared memory that
+    /// this process has mapped.
     pub fn record_files(&mut self) {
         let own = [self.instance.lock_path(), self.instance.bus_directory()];
-        self.inventory = Inventory::take(self.prefix.files().into_iter().chain(own));
+        self.inventory = Inventory::take(self.prefix.lasting_files().into_iter().chain(own));
     }
 
     /// A recorded file that another program has removed or replaced. Without it no process can join any more.

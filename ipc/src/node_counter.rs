@@ -4,7 +4,7 @@
 //! who truncates it makes every later node creation, and the cleanup of dead nodes, wait forever. iceoryx2 uses an
 //! existing file as it is, so the run creates it first, with mode 0600.
 
-use crate::run_files::{RunPrefix, create_own};
+use crate::run_files::{RunPrefix, create_own, is_own_file};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -16,6 +16,11 @@ const VERSION: u64 = 10 << 16;
 
 /// Number of bytes of the file: the version, the counter (32 bits), and padding.
 const BYTES: usize = 16;
+
+/// Whether the run of `prefix` still has the file. A process that joined without it would create it, open to everybody.
+pub(crate) fn exists(prefix: &RunPrefix) -> bool {
+    std::fs::symlink_metadata(prefix.path(NAME)).is_ok_and(|m| is_own_file(&m))
+}
 
 /// Creates the file for the run of `prefix`.
 ///

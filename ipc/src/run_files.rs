@@ -68,6 +68,23 @@ impl RunPrefix {
         files(&self.0)
     }
 
+    /// Files of the run that last as long as the process that maps them: the mark, and of what this process has mapped
+    /// the pools of its publishers and the services that it has opened. Connections come and go with their readers.
+    pub(crate) fn lasting_files(&self) -> Vec<PathBuf> {
+        const LASTING: [&str; 2] = [".data", ".dynamic"];
+        let start = self.path("").into_os_string().into_string().unwrap_or_default();
+        let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
+        // Address, permissions, offset, device, inode, path: proc_pid_maps(5).
+        let mapped = maps.lines().filter_map(|line| line.split_ascii_whitespace().nth(5));
+        let lasting = |path: &&str| path.starts_with(&start) && LASTING.iter().any(|end| path.ends_with(end));
+        mapped.filter(lasting).map(PathBuf::from).chain([self.path(MARK)]).collect()
+    }
+
+    /// Whether the run still has its mark.
+    pub(crate) fn has_mark(&self) -> bool {
+        std::fs::symlink_metadata(self.path(MARK)).is_ok_and(|m| is_own_file(&m))
+    }
+
     /// Removes all files of the run and returns their number. The mark is removed last, so that the next sweep
     /// completes an interrupted removal.
     pub(crate) fn remove_files(&self) -> usize {

@@ -1,6 +1,8 @@
 //! The lock of an instance, and which files it removes.
 
+use lookout_ipc::bus::Bus;
 use lookout_ipc::instance::{Instance, InstanceError, InstanceLock};
+use lookout_ipc::service::COMMAND;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
@@ -86,12 +88,35 @@ fn a_removed_file_of_the_run_is_noticed() {
     std::fs::create_dir(instance.bus_directory()).unwrap();
     lock.record_files();
     assert_eq!(lock.missing_file(), None);
-    for path in instance.shared_memory() {
+    // A file of a reader comes and goes.
+    let passing = PathBuf::from("/dev/shm").join(format!("{}reader.connection", lock.prefix().as_str()));
+    std::fs::write(&passing, b"x").unwrap();
+    lock.record_files();
+    std::fs::remove_file(&passing).unwrap();
+    assert_eq!(lock.missing_file(), None);
+    let bus = Bus::join(&instance).unwrap();
+    let publisher = bus.publisher(&COMMAND, 0, 0).unwrap();
+    lock.record_files();
+    assert_eq!(lock.missing_file(), None);
+    let is_lasting = |path: &PathBuf| {
+        let name = path.to_string_lossy();
+        name.ends_with(".data") || name.ends_with(".dynamic") || name.ends_with(".run")
+    };
+    let lasting: Vec<PathBuf> = instance.shared_memory().into_iter().filter(is_lasting).collect();
+    assert!(lasting.len() >= 4, "pool, two services, mark: {lasting:?}");
+    for path in lasting {
         std::fs::remove_file(&path).unwrap();
         assert_eq!(lock.missing_file(), Some(path.as_path()));
         lock.record_files();
         assert_eq!(lock.missing_file(), None);
     }
+    // A process that joined now would leave files that nobody removes.
+    let error = Bus::join(&instance).unwrap_err().to_string();
+    assert!(error.contains("its run is ending"), "{error}");
+    drop((publisher, bus));
+    std::fs::remove_dir_all(instance.bus_directory()).unwrap();
+    std::fs::create_dir(instance.bus_directory()).unwrap();
+    lock.record_files();
     std::fs::remove_dir(instance.bus_directory()).unwrap();
     assert_eq!(lock.missing_file(), Some(instance.bus_directory().as_path()));
 }

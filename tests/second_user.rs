@@ -71,7 +71,7 @@ impl Machine {
     }
 
     /// A command of the shell, as the second user.
-    fn attack(&self, script: &str) -> Output {
+    fn second_user(&self, script: &str) -> Command {
         let mut command = self.enter();
         command.args([
             "setpriv",
@@ -84,7 +84,16 @@ impl Machine {
             "-c",
             script,
         ]);
-        command.output().expect("setpriv runs")
+        command
+    }
+
+    fn attack(&self, script: &str) -> Output {
+        self.second_user(script).output().expect("setpriv runs")
+    }
+
+    /// An attack that goes on.
+    fn attacker(&self, script: &str) -> Child {
+        self.second_user(script).stderr(Stdio::null()).spawn().expect("setpriv runs")
     }
 
     fn attack_succeeds(&self, script: &str) {
@@ -247,10 +256,10 @@ fn a_second_user_cannot_keep_the_files_of_a_dead_run() {
     let Some(machine) = Machine::new() else { return };
     let daemon = machine.start(&["run"]);
     machine.running();
-    // Whoever could open the mark could hold a shared lock on it for ever: the files would look alive.
-    let output =
-        machine.attack("for f in /dev/shm/lookout.*.run; do flock -s -n $f true && exit 1; done; exit 0");
-    assert!(output.status.success());
+    // Whoever can open the mark can wait for a shared lock on it: when the run has died, its files look alive.
+    let mut waiting =
+        machine.attacker("for f in /dev/shm/lookout.*.run; do flock -s $f sleep 1000 & done; wait");
+    std::thread::sleep(Duration::from_millis(500));
     drop(daemon);
     let left = machine.shared();
     assert!(left.len() > 20, "{left:?}");
@@ -259,4 +268,6 @@ fn a_second_user_cannot_keep_the_files_of_a_dead_run() {
     assert!(machine.shared().iter().all(|name| !left.contains(name)));
     again.stop();
     assert_eq!(machine.shared(), Vec::<String>::new());
+    let _ = waiting.kill();
+    let _ = waiting.wait();
 }

@@ -53,6 +53,7 @@ pub mod privilege;
 pub mod realtime;
 pub mod rig;
 pub mod service;
+pub mod source_time;
 pub mod typed;
 pub mod wait;
 

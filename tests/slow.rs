@@ -9,6 +9,7 @@ mod recording_readers;
 mod scene_approaches;
 mod shifted_view;
 mod soak;
+mod source_time;
 mod support;
 mod survival;
 mod viewer;

@@ -49,7 +49,10 @@ impl fmt::Display for SourceTimeRecord {
             return Ok(());
         }
         let Self { gaps, steps_back, repeats, dropped_obstacles } = self;
-        write!(f, "{gaps} gaps, {steps_back} steps back, {repeats} repeats, {dropped_obstacles} obstacles dropped")
+        write!(
+            f,
+            "{gaps} gaps, {steps_back} steps back, {repeats} repeats, {dropped_obstacles} obstacles dropped"
+        )
     }
 }
 

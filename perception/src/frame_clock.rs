@@ -142,7 +142,7 @@ mod tests {
         let mut clock = FrameClock::default();
         let steps = [0, 200_000, 400_000, 600_000].map(|ns| clock.step(S + ns));
         assert_eq!(steps[1..3], [TimeStep::Repeated; 2]);
-        assert_eq!(steps[3], TimeStep::Forward { elapsed_s: 0.0006 });
+        assert!((steps[3].elapsed_s() - 0.0006).abs() < 1e-12, "{:?}", steps[3]);
     }
 
     #[test]
@@ -165,7 +165,11 @@ mod tests {
         }
         assert!(frames <= HISTORY_FRAMES, "{frames}");
         // Steps that are all too long.
-        let slow = (0..10).map(|k| (clock.step(time + 2 * S * k), clock.is_unreliable()).1);
-        assert_eq!(slow.filter(|unreliable| *unreliable).count(), 7);
+        let mut slow = Vec::new();
+        for k in 1..=6 {
+            clock.step(time + 2 * S * k);
+            slow.push(clock.is_unreliable());
+        }
+        assert_eq!(slow[2..], [true; 4]);
     }
 }

@@ -11,6 +11,7 @@ mod scene_approaches;
 mod second_user;
 mod shifted_view;
 mod soak;
+mod source_time;
 mod support;
 mod survival;
 mod viewer;

@@ -9,6 +9,7 @@ use crate::stages::stage::{FrameError, FrameStage, SetupError};
 use config::Config;
 use messages::header::{Header, Kind, MessageError};
 use messages::pipeline::SERVICES;
+use messages::source_time::SourceTimeRecord;
 use messages::{depth, obstacles, pair, regions};
 use sources::{PairSource, SourceError};
 use thiserror::Error;
@@ -118,6 +119,12 @@ impl Pipeline {
         Ok(Self { source_period_ns: source.period_ns(), stages, slots, source, format })
     }
 
+    /// What was wrong with the source time so far.
+    pub fn source_time(&self) -> SourceTimeRecord {
+        let counts = self.stages.iter().map(|stage| stage.source_time());
+        counts.fold(SourceTimeRecord::default(), |sum, one| sum.plus(&one))
+    }
+
     /// Number of pairs of the source; `None` = unlimited or unknown.
     pub fn count(&self) -> Option<u64> {
         self.source.count()
@@ -128,10 +135,24 @@ impl Pipeline {
     /// # Errors
     /// If the pair cannot be read, or a stage cannot use it.
     pub fn frame(&mut self, sequence: u64, index: u64) -> Result<FrameResult<'_>, PipelineError> {
+        let rounds = sequence.saturating_sub(index).saturating_mul(self.source_period_ns);
+        let source_ns = rounds.saturating_add(self.source.time_ns(index));
+        self.frame_at(sequence, index, source_ns)
+    }
+
+    /// The same, with another source time, in ns.
+    ///
+    /// # Errors
+    /// See [`Self::frame`].
+    pub fn frame_at(
+        &mut self,
+        sequence: u64,
+        index: u64,
+        source_ns: u64,
+    ) -> Result<FrameResult<'_>, PipelineError> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
-        let rounds = sequence.saturating_sub(index).saturating_mul(self.source_period_ns);
-        header.source_ns = rounds.saturating_add(self.source.time_ns(index));
+        header.source_ns = source_ns;
         header.width = self.format.width as u32;
         header.height = self.format.height as u32;
         let pair = place(&self.slots, Kind::Pair);

@@ -26,6 +26,7 @@ pub struct StatusJson {
     obstacles: u32,
     nearest_m: Option<f64>,
     deadline: DeadlineJson,
+    source_time: SourceTimeJson,
     pacing: PacingJson,
     calibration: CalibrationJson,
     heat: HeatJson,
@@ -40,6 +41,14 @@ struct DeadlineJson {
     age_ms: f64,
     late: u64,
     late_in_a_row: u64,
+}
+
+#[derive(Serialize)]
+struct SourceTimeJson {
+    gaps: u64,
+    steps_back: u64,
+    repeats: u64,
+    dropped_obstacles: u64,
 }
 
 #[derive(Serialize)]
@@ -134,6 +143,12 @@ impl StatusJson {
                 age_ms: status.deadline.age_ns as f64 * 1e-6,
                 late: status.deadline.late,
                 late_in_a_row: status.deadline.late_in_a_row,
+            },
+            source_time: SourceTimeJson {
+                gaps: status.source_time.gaps,
+                steps_back: status.source_time.steps_back,
+                repeats: status.source_time.repeats,
+                dropped_obstacles: status.source_time.dropped_obstacles,
             },
             pacing: PacingJson {
                 rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),

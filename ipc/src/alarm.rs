@@ -55,6 +55,9 @@ impl Faults {
     /// There has been no result for longer than `pacing.stale_ms`.
     pub const STALE: Self = Self(1 << 9);
 
+    /// The time of the source stands still or jumps too often.
+    pub const TIME: Self = Self(1 << 10);
+
     /// Whether all self-checks passed.
     pub fn is_none(self) -> bool {
         self.0 == 0
@@ -79,10 +82,11 @@ impl Faults {
 }
 
 /// Description of each self-check, in the order of display.
-const DESCRIPTIONS: [(Faults, &str); 10] = [
+const DESCRIPTIONS: [(Faults, &str); 11] = [
     (Faults::STAGE, "a stage is not running"),
     (Faults::STALE, "no result for too long"),
     (Faults::OLD, "the frame is too old"),
+    (Faults::TIME, "the time of the source stands still, jumps, or steps by more than a second"),
     (Faults::DARK, "the picture is too dark"),
     (Faults::BRIGHT, "the picture is too bright"),
     (Faults::BLOCKED, "the picture shows nothing: is a camera covered?"),

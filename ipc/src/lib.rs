@@ -55,6 +55,7 @@ pub mod realtime;
 pub mod rig;
 pub mod run_files;
 pub mod service;
+pub mod source_time;
 pub mod stall;
 pub mod typed;
 pub mod wait;

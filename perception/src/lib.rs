@@ -22,6 +22,7 @@ pub mod alarm;
 pub mod calibration;
 pub mod depth;
 pub mod detection;
+pub mod frame_clock;
 pub mod image;
 pub mod image_quality;
 pub mod point_cloud;

@@ -109,6 +109,12 @@ impl SceneDetector {
         self.road.v_disparity()
     }
 
+    /// Forgets what was seen before, as after a gap or a step back in time ([`crate::frame_clock`]): the confirmation
+    /// of regions over frames. The road is estimated in each map anew.
+    pub fn reset(&mut self) {
+        self.obstacles.reset();
+    }
+
     /// Detects the road in a map, then the obstacles on it.
     ///
     /// # Panics

@@ -15,6 +15,7 @@ use messages::pipeline::Role;
 use messages::port::Publisher;
 use messages::report::{Health, ReportRecord};
 use messages::service;
+use messages::source_time::SourceTimeRecord;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io;
@@ -177,6 +178,11 @@ impl Host {
     /// Sets the device of the following reports.
     pub fn set_device(&mut self, device: DeviceRecord) {
         self.report.device = device;
+    }
+
+    /// Sets what was wrong with the time of the source, in the following reports.
+    pub fn set_source_time(&mut self, source_time: SourceTimeRecord) {
+        self.report.source_time = source_time;
     }
 
     /// Counts frames that newer ones overtook before this stage took them.

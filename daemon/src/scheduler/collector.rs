@@ -10,9 +10,10 @@ use messages::header::{Header, put_text};
 use messages::obstacles::AlarmRecord;
 use messages::pipeline::{PATH_LENGTH, Role, Starts};
 use messages::report::ReportRecord;
+use messages::source_time::SourceTimeRecord;
 use messages::status::{ProcessRecord, WARM_FRAMES};
 use tools::reporting::summary::{
-    AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary,
+    AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary, SourceTimeSummary,
 };
 
 /// Maximum number of frames whose times are kept individually.
@@ -56,6 +57,7 @@ struct Totals {
     refused: u64,
     cpu_ns: u64,
     late: u64,
+    source_time: SourceTimeRecord,
 }
 
 impl RoleFigures {
@@ -66,6 +68,7 @@ impl RoleFigures {
             refused: self.before.refused + self.last.refused,
             cpu_ns: self.before.cpu_ns + self.last.cpu_ns,
             late: self.before.late + self.last.deadline.late,
+            source_time: self.before.source_time.plus(&self.last.source_time),
         }
     }
 }
@@ -233,6 +236,12 @@ impl Collector {
         })
     }
 
+    /// What was wrong with the time of the source since the daemon started.
+    pub fn source_time(&self) -> SourceTimeRecord {
+        let each = self.roles.iter().map(|figures| figures.totals().source_time);
+        each.fold(SourceTimeRecord::default(), |sum, one| sum.plus(&one))
+    }
+
     /// Adds the alarm of a frame, and logs it if its level or rule has changed.
     pub fn alarm(&mut self, sequence: u64, record: &AlarmRecord) {
         let now = (record.level, record.rule);
@@ -395,6 +404,7 @@ impl Collector {
             latency: self.latency.percentiles(),
             late: self.deadline().late,
             restarts: processes.iter().map(|p| p.restarts).sum(),
+            source_time: source_time_summary(&self.source_time()),
             processes,
             shared_bytes,
             alarms: self.alarms,
@@ -402,6 +412,12 @@ impl Collector {
             calibration: self.calibration_changes.clone(),
         }
     }
+}
+
+/// The counts for the summary of a run.
+fn source_time_summary(counts: &SourceTimeRecord) -> SourceTimeSummary {
+    let SourceTimeRecord { gaps, steps_back, repeats, dropped_obstacles } = *counts;
+    SourceTimeSummary { gaps, steps_back, repeats, dropped_obstacles }
 }
 
 #[cfg(test)]
@@ -435,7 +451,13 @@ mod tests {
         // A repeated frame is not a new result.
         collector.report(&header, &report(Role::Recognition, 10, 4), 2_500_000_000);
         header.sequence = 4;
-        assert!(collector.report(&header, &report(Role::Recognition, 11, 1), 3_000_000_000));
+        let source_time = SourceTimeRecord { gaps: 2, ..SourceTimeRecord::default() };
+        let last = ReportRecord { source_time, ..report(Role::Recognition, 10, 4) };
+        assert!(!collector.report(&header, &last, 2_700_000_000));
+        header.sequence = 5;
+        let first = ReportRecord { source_time, ..report(Role::Recognition, 11, 1) };
+        assert!(collector.report(&header, &first, 3_000_000_000));
+        assert_eq!(collector.source_time().gaps, 4, "the counts of both processes");
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
         // Only changes between good and degraded are kept; unknown is not a change.
         for (sequence, state) in [(0, 1), (1, 2), (2, 2), (3, 3), (4, 1), (5, 3), (6, 2)] {
@@ -455,7 +477,8 @@ mod tests {
         let supervisor = Supervisor::new(PARAMETERS, &roles, 0);
         let plan = CorePlan::new(&config::Cores::default(), &[0]);
         let summary = collector.summary(&supervisor, &plan, 77, 4_000_000_000);
-        assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 3, 2));
+        assert_eq!((summary.offered, summary.frames, summary.alarms), (8, 4, 2));
+        assert_eq!(summary.source_time.gaps, 4);
         assert!(collector.traces().is_empty(), "traces are off by default");
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);

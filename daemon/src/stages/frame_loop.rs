@@ -46,6 +46,7 @@ pub fn run(mut host: Host, mut stage: Box<dyn FrameStage>) -> Result<(), HostErr
                     publisher.send(loan)?;
                     host.set_calibration(stage.calibration());
                     host.set_device(stage.device());
+                    host.set_source_time(stage.source_time());
                     host.frame_done(&header, age_ns, end_ns - begin_ns)?;
                 }
                 Err(error) => {

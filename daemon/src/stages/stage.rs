@@ -8,6 +8,7 @@ use messages::alarm::Faults;
 use messages::calibration::CalibrationRecord;
 use messages::device::DeviceRecord;
 use messages::header::{Header, Kind, MessageError};
+use messages::source_time::SourceTimeRecord;
 use messages::typed::{Message, Output, Written};
 use perception::stereo::MatchError;
 use thiserror::Error;
@@ -58,6 +59,11 @@ pub trait Stage: Sized {
     /// The device that the stage computes on; all zeros for the CPU.
     fn device(&self) -> DeviceRecord {
         DeviceRecord::default()
+    }
+
+    /// What was wrong with the time of the source so far; all zeros if the stage does not count it.
+    fn source_time(&self) -> SourceTimeRecord {
+        SourceTimeRecord::default()
     }
 }
 
@@ -120,6 +126,9 @@ pub trait FrameStage {
 
     /// See [`Stage::device`].
     fn device(&self) -> DeviceRecord;
+
+    /// See [`Stage::source_time`].
+    fn source_time(&self) -> SourceTimeRecord;
 }
 
 /// A stage and the frame format that it was configured for.
@@ -178,6 +187,10 @@ impl<S: Stage> FrameStage for Configured<S> {
 
     fn device(&self) -> DeviceRecord {
         self.stage.device()
+    }
+
+    fn source_time(&self) -> SourceTimeRecord {
+        self.stage.source_time()
     }
 }
 

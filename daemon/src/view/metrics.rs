@@ -67,6 +67,11 @@ const METRICS: &[Metric] = &[
         out.labelled(&[("quantile", "0.5")], f64::from(status.latency_p50_ms) * 1e-3);
         out.labelled(&[("quantile", "0.99")], f64::from(status.latency_p99_ms) * 1e-3);
     })),
+    counter("source_time_faults_total", "What was wrong with the time of the source, by kind.", |s, out| status(s, |status| {
+        for (kind, count) in status.source_time.counts() {
+            out.labelled(&[("kind", kind)], count as f64);
+        }
+    })),
     gauge("calibration", "State of the calibration: 1 for the current one.", |s, out| status(s, |status| {
         let states = CalibrationState::ALL;
         let holds = states.iter().position(|state| *state == status.calibration.state()).unwrap_or(1);

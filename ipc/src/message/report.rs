@@ -6,6 +6,7 @@ use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::realtime::RealtimeRecord;
 use crate::pipeline::Role;
+use crate::source_time::SourceTimeRecord;
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
@@ -65,6 +66,8 @@ pub struct ReportRecord {
     pub calibration: CalibrationRecord,
     /// Device that the stereo stage matches on; all zeros from the others.
     pub device: DeviceRecord,
+    /// What was wrong with the time of the source, from the recognition stage; all zeros from the others.
+    pub source_time: SourceTimeRecord,
     /// Reason for the health, padded with zeros; may be empty.
     pub text: [u8; 256],
 }

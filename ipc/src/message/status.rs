@@ -8,6 +8,7 @@ use crate::heat::HeatRecord;
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
 use crate::pipeline::Role;
+use crate::source_time::SourceTimeRecord;
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
@@ -94,6 +95,8 @@ pub struct StatusRecord {
     pub rig: RigRecord,
     /// Device that pairs are matched on; all zeros for the CPU.
     pub device: DeviceRecord,
+    /// What was wrong with the time of the source.
+    pub source_time: SourceTimeRecord,
     /// Reason for the state, padded with zeros; may be empty.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].

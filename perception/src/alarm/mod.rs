@@ -10,12 +10,16 @@
 //! - **Time to collision**: at constant closing speed the collision would occur within a preset time.
 //! - **Deceleration**: avoiding the collision would need more than a preset deceleration, v²/(2z).
 //!
+//! Only an obstacle that is detected in the frame raises a level. One that is not detected keeps a level at most for the
+//! hold time, counted from its last detection. A gap or a step back in time ([`crate::frame_clock`]) ends all levels.
+//!
 //! A level must be triggered in several consecutive frames before it is raised. Rules are evaluated ahead in
 //! time by the duration of this confirmation, so that it causes no delay while motion continues unchanged. A
 //! level is lowered only when its rule is missed by a margin, and not before a hold time has passed.
 
 pub mod path;
 
+use crate::frame_clock::{FrameClock, TimeStep};
 use crate::tracking::Track;
 use crate::tracking::filter::TimeToCollision;
 use path::LateralMotion;
@@ -98,6 +102,8 @@ pub struct Candidate {
     pub seen: u32,
     /// Consecutive frames with a detection, up to this one; 0 if it is not detected.
     pub consecutive_frames: u32,
+    /// Time since the last detection, in seconds; 0 if it is detected in this frame.
+    pub unseen_s: f64,
     /// Mean absolute log ratio of its width from frame to frame.
     pub width_jitter: f64,
     /// Distance, in metres.
@@ -117,6 +123,7 @@ impl Candidate {
             track: track.id,
             seen: track.seen,
             consecutive_frames: track.consecutive_frames,
+            unseen_s: track.unseen_s,
             width_jitter: track.width_jitter,
             distance_m: track.distance_m(),
             closing_m_s: track.closing_m_s(),
@@ -130,9 +137,9 @@ impl Candidate {
         }
     }
 
-    /// Whether its position is reliable in this frame: it was detected, or it has been tracked for long.
-    fn is_reliable(&self) -> bool {
-        self.consecutive_frames > 0 || self.seen >= MIN_SEEN_FRAMES
+    /// Whether it is detected in this frame. A place that is only predicted raises nothing.
+    fn is_detected(&self) -> bool {
+        self.consecutive_frames > 0
     }
 
     /// Whether the vehicle would collide with it in a path of this width (in metres).
@@ -208,7 +215,9 @@ pub struct Alarm {
     track: Option<u32>,
     /// The level is held until this time.
     until_ns: u64,
-    last_ns: u64,
+    clock: FrameClock,
+    /// The state of the previous frame.
+    last: AlarmState,
     counts: Vec<RuleCounts>,
     before: Vec<RuleCounts>,
 }
@@ -222,31 +231,46 @@ impl Alarm {
             rule: AlarmRule::None,
             track: None,
             until_ns: 0,
-            last_ns: 0,
+            clock: FrameClock::default(),
+            last: AlarmState::default(),
             counts: Vec::with_capacity(CAPACITY),
             before: Vec::with_capacity(CAPACITY),
         }
     }
 
-    /// Evaluates one frame. If `can_judge` is false, the alarm is off regardless of the candidates. A time
-    /// that decreases means a new recording: no level is held over.
+    /// Evaluates one frame. If `can_judge` is false, the alarm is off regardless of the candidates. No level is held
+    /// over a gap or a step back in time; a repeated time adds nothing.
     pub fn update(
         &mut self,
         time_ns: u64,
         can_judge: bool,
         candidates: impl IntoIterator<Item = Candidate>,
     ) -> AlarmState {
+        let state = self.evaluate_frame(time_ns, can_judge, candidates);
+        self.last = state;
+        state
+    }
+
+    fn evaluate_frame(
+        &mut self,
+        time_ns: u64,
+        can_judge: bool,
+        candidates: impl IntoIterator<Item = Candidate>,
+    ) -> AlarmState {
         let before = self.level;
-        if time_ns < self.last_ns {
+        let step = self.clock.step(time_ns);
+        if step.is_discontinuity() {
             self.silence(AlarmLevel::Standby);
         }
-        let elapsed_s = time_ns.saturating_sub(self.last_ns) as f64 * 1e-9;
-        self.last_ns = time_ns;
         if !can_judge {
             self.silence(AlarmLevel::Off);
             let changed = before != AlarmLevel::Off;
             return AlarmState { changed, ..AlarmState::default() };
         }
+        if step == TimeStep::Repeated && before != AlarmLevel::Off {
+            return AlarmState { changed: false, ..self.last };
+        }
+        let elapsed_s = step.elapsed_s();
         // Time by which rules are evaluated ahead: the duration of confirmation, or 0 after a gap.
         let lead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
         let lead_s = if lead <= 0.5 { lead } else { 0.0 };
@@ -291,7 +315,10 @@ impl Alarm {
             self.level = wanted;
             self.rule = cause.map_or(AlarmRule::None, |c| c.rule);
             self.track = cause.map(|c| c.candidate.track);
-            self.until_ns = time_ns.saturating_add(if cause.is_some() { self.parameters.hold_ns } else { 0 });
+            self.until_ns = cause.map_or(time_ns, |c| {
+                let unseen_ns = (c.candidate.unseen_s * 1e9) as u64;
+                time_ns.saturating_add(self.parameters.hold_ns.saturating_sub(unseen_ns))
+            });
         }
     }
 
@@ -307,8 +334,8 @@ impl Alarm {
             .or(alarm);
         for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {
-                // An undetected new track does not add to the count, but does not reset it either.
-                Some(_) => count.saturating_add(u32::from(candidate.is_reliable())),
+                // An undetected track does not add to the count, but does not reset it either.
+                Some(_) => count.saturating_add(u32::from(candidate.is_detected())),
                 None => 0,
             };
         }
@@ -332,7 +359,7 @@ impl Alarm {
     ) -> Option<AlarmRule> {
         let p = &self.parameters;
         let hysteresis = if is_held { 1.0 + p.clear_share } else { 1.0 };
-        let lead_s = if c.is_reliable() && !is_held { lead_s } else { 0.0 };
+        let lead_s = if c.is_detected() && !is_held { lead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
         let distance_m = c.distance_m - closing * lead_s;
         if level == AlarmLevel::Alarm && p.distance_m > 0.0 && distance_m < p.distance_m * hysteresis {
@@ -371,6 +398,7 @@ mod tests {
             track: 7,
             seen: 20,
             consecutive_frames: 20,
+            unseen_s: 0.0,
             width_jitter: 0.1,
             distance_m,
             closing_m_s,

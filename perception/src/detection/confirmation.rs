@@ -123,6 +123,11 @@ impl Confirmation {
         }
     }
 
+    /// Forgets all candidates.
+    pub fn reset(&mut self) {
+        self.candidates.clear();
+    }
+
     /// Filters the regions of a frame (nearest first, one entry of `evidence` each): keeps those that are
     /// confirmed and appends coasted candidates as far as the capacity of `regions` allows. `size` is the
     /// width and height of the image. `verify` returns the evidence of the images alone for a predicted

@@ -78,6 +78,12 @@ impl ObstacleDetector {
         }
     }
 
+    /// Forgets what was seen before.
+    pub fn reset(&mut self) {
+        self.finder.reset();
+        self.small.reset();
+    }
+
     /// Finds the obstacles on the road, nearest first.
     pub fn detect(
         &mut self,

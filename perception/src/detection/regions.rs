@@ -135,6 +135,11 @@ impl RegionFinder {
         }
     }
 
+    /// Forgets what was seen before.
+    pub fn reset(&mut self) {
+        self.confirmation.reset();
+    }
+
     /// Groups stixels into regions, nearest first; only the nearest `max_count` are kept. `size` is the width
     /// and height of the image; `verifier` is `None` if the images are not available.
     pub fn find(

@@ -104,6 +104,11 @@ impl SmallObstacleFinder {
         }
     }
 
+    /// Forgets what was seen before.
+    pub fn reset(&mut self) {
+        self.confirmation.reset();
+    }
+
     /// Finds small obstacles in a rectified pair, except where `regions` are already known.
     pub fn find(
         &mut self,

@@ -5,6 +5,8 @@
 //! (m), closing speed (m/s), time to collision (s) and lateral motion (m, m/s), each with its standard
 //! deviation.
 //!
+//! A gap or a step back in time ([`crate::frame_clock`]) ends all tracks; a repeated time changes none.
+//!
 //! Regions are assigned to tracks by minimum total cost ([`assign`]) of disparity difference, box overlap and
 //! size. Each track has Kalman filters for distance and lateral position ([`filter`]). The paper measures
 //! distances in single frames (section 4.3); tracking extends that.
@@ -15,6 +17,7 @@ pub mod classification_schedule;
 pub mod filter;
 pub mod scale_change;
 
+use crate::frame_clock::{FrameClock, TimeStep};
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use assign::Assignment;
@@ -42,6 +45,8 @@ pub struct Track {
     pub seen: u32,
     /// Consecutive frames without a detection.
     pub missed: u32,
+    /// Time since the last detection, in seconds; 0 if it is detected in this frame.
+    pub unseen_s: f64,
     /// Consecutive frames with a detection, up to this one.
     pub consecutive_frames: u32,
     /// Smoothed change of the width from frame to frame: mean absolute log ratio.
@@ -70,6 +75,30 @@ impl Track {
         self.longitudinal.time_to_collision()
     }
 
+    /// Whether all its numbers mean something: finite, and within what a stereo camera can measure.
+    fn is_plausible(&self) -> bool {
+        let (longitudinal, lateral) = (&self.longitudinal, &self.lateral);
+        let lengths_m = [
+            longitudinal.distance_m(),
+            longitudinal.distance_sigma_m(),
+            lateral.lateral_m(),
+            self.width_m,
+            self.height_m,
+            self.region.height_m,
+        ];
+        let speeds_m_s = [
+            longitudinal.closing_m_s(),
+            longitudinal.closing_sigma_m_s(),
+            lateral.speed_m_s(),
+            lateral.speed_sigma_m_s(),
+        ];
+        // A comparison with NaN is false.
+        lengths_m.iter().all(|m| m.abs() <= MAX_LENGTH_M)
+            && speeds_m_s.iter().all(|v| v.abs() <= MAX_SPEED_M_S)
+            && longitudinal.distance_m() > 0.0
+            && self.width_jitter.is_finite()
+    }
+
     /// Predicted box as left, top, right, bottom in px: the last box, scaled and moved to the predicted
     /// distance and lateral position.
     fn expected(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
@@ -94,8 +123,8 @@ impl Track {
 pub struct TrackerParameters {
     /// Number of detections after which a track is confirmed as an obstacle.
     pub confirm_frames: u32,
-    /// Consecutive misses after which a confirmed track is deleted; an unconfirmed one is deleted at its
-    /// first miss.
+    /// Consecutive misses after which a confirmed track is deleted, at the latest after [`MAX_UNSEEN_S`]; an
+    /// unconfirmed one is deleted at its first miss.
     pub forget_frames: u32,
     /// Smallest box overlap for an assignment, 0 to 1.
     pub min_overlap: f64,
@@ -108,6 +137,18 @@ impl Default for TrackerParameters {
         Self { confirm_frames: 3, forget_frames: 5, min_overlap: 0.2, max_count: 128 }
     }
 }
+
+/// Longest time for which a track is predicted without a detection, in seconds: as the longest step of the time that
+/// is bridged ([`crate::frame_clock::MAX_STEP_NS`]), and for the same reason.
+pub const MAX_UNSEEN_S: f64 = 1.0;
+
+/// Tracks with a larger distance, lateral position, size or standard deviation of the distance are dropped, in metres:
+/// a hundred times the range of a stereo camera.
+const MAX_LENGTH_M: f64 = 10_000.0;
+/// Regions with a larger disparity or standard deviation of it are dropped, in px: the largest width of an image.
+const MAX_DISPARITY_PX: f64 = 8192.0;
+/// Tracks with a larger speed or standard deviation of it are dropped, in m/s: several times that of any vehicle.
+const MAX_SPEED_M_S: f64 = 1_000.0;
 
 /// Largest number of regions per frame; the nearest are used.
 const MAX_DETECTIONS: usize = 64;
@@ -153,7 +194,8 @@ pub struct Tracker {
     matched: Vec<bool>,
     order: Vec<(f64, u32)>,
     next_id: u32,
-    last_ns: Option<u64>,
+    clock: FrameClock,
+    dropped: u64,
 }
 
 impl Tracker {
@@ -168,7 +210,8 @@ impl Tracker {
             rig,
             size: (size.0 as u32, size.1 as u32),
             next_id: 1,
-            last_ns: None,
+            clock: FrameClock::default(),
+            dropped: 0,
         }
     }
 
@@ -182,23 +225,37 @@ impl Tracker {
         track.seen >= self.parameters.confirm_frames
     }
 
-    /// Updates the tracks with the regions of the frame at `time_ns`; returns all tracks, oldest first. A
-    /// time that does not increase resets the tracker.
+    /// Number of tracks and regions that were dropped because their numbers meant nothing: not finite, or beyond what
+    /// can be measured.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Drops and counts the tracks whose numbers mean nothing. [`Self::update`] and
+    /// [`Self::measure_scale_change`] end with it.
+    fn drop_implausible(&mut self) {
+        let before = self.tracks.len();
+        self.tracks.retain(Track::is_plausible);
+        self.dropped += (before - self.tracks.len()) as u64;
+    }
+
+    /// Updates the tracks with the regions of the frame at `time_ns`; returns all tracks, oldest first. A gap or a
+    /// step back in time ends all tracks first; a repeated time changes nothing.
     pub fn update(&mut self, time_ns: u64, regions: &[Region]) -> &[Track] {
-        let elapsed_s = match self.last_ns {
-            Some(last) if time_ns > last => (time_ns - last) as f64 * 1e-9,
-            Some(_) => {
-                self.tracks.clear();
-                0.0
-            }
-            None => 0.0,
-        };
-        self.last_ns = Some(time_ns);
+        let step = self.clock.step(time_ns);
+        if step == TimeStep::Repeated {
+            return &self.tracks;
+        }
+        if step.is_discontinuity() {
+            self.tracks.clear();
+        }
+        let elapsed_s = step.elapsed_s();
         let regions = &regions[..regions.len().min(MAX_DETECTIONS)];
         for track in &mut self.tracks {
             track.longitudinal.predict(elapsed_s);
             track.lateral.predict(elapsed_s);
             track.missed += 1;
+            track.unseen_s += elapsed_s;
             track.detection = None;
         }
         self.set_costs(regions);
@@ -212,15 +269,25 @@ impl Tracker {
             update_track(&mut self.tracks[t as usize], d, &regions[d], edges);
         }
         let (forget, confirm) = (self.parameters.forget_frames, self.parameters.confirm_frames);
-        self.tracks.retain(|t| t.missed == 0 || (t.seen >= confirm && t.missed < forget));
+        self.tracks.retain(|t| {
+            let is_bridged = t.missed < forget && t.unseen_s <= MAX_UNSEEN_S;
+            t.missed == 0 || (t.seen >= confirm && is_bridged)
+        });
+        self.drop_implausible();
         for track in self.tracks.iter_mut().filter(|t| t.missed > 0) {
             track.consecutive_frames = 0;
             track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
         }
         for (d, region) in regions.iter().enumerate() {
-            if !self.matched[d] && self.tracks.len() < self.parameters.max_count {
+            if !is_plausible(region) {
+                self.dropped += 1;
+            } else if !self.matched[d] && self.tracks.len() < self.parameters.max_count {
                 let track = self.begin(d, region);
-                self.tracks.push(track);
+                if track.is_plausible() {
+                    self.tracks.push(track);
+                } else {
+                    self.dropped += 1;
+                }
             }
         }
         &self.tracks
@@ -233,7 +300,7 @@ impl Tracker {
             let expected = track.expected(&self.rig, self.size);
             let disparity = track.longitudinal.disparity_px();
             let spread_px = track.longitudinal.disparity_sigma_px();
-            for (d, region) in regions.iter().enumerate() {
+            for (d, region) in regions.iter().enumerate().filter(|(_, region)| is_plausible(region)) {
                 let spread = spread_px.hypot(region.disparity_sigma_px);
                 let innovation = (region.disparity_px - disparity).abs();
                 if innovation > GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * disparity {
@@ -269,10 +336,23 @@ impl Tracker {
             is_truncated,
             seen: 1,
             missed: 0,
+            unseen_s: 0.0,
             classification: Classification::default(),
             last: (region.bounds, region.distance_m),
         }
     }
+}
+
+/// Whether the numbers of a region mean something: finite, and within what a stereo camera can measure.
+fn is_plausible(region: &Region) -> bool {
+    // A comparison with NaN is false.
+    region.disparity_px > 0.0
+        && region.disparity_px <= MAX_DISPARITY_PX
+        && (0.0..=MAX_DISPARITY_PX).contains(&region.disparity_sigma_px)
+        && region.distance_m > 0.0
+        && [region.distance_m, region.lateral_m, region.width_m, region.height_m]
+            .iter()
+            .all(|m| m.abs() <= MAX_LENGTH_M)
 }
 
 /// Standard deviation of a region's disparity for the filter, in px.
@@ -311,7 +391,7 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
     track.last = (region.bounds, region.distance_m);
     track.seen = track.seen.saturating_add(1);
     track.consecutive_frames = track.consecutive_frames.saturating_add(1);
-    track.missed = 0;
+    (track.missed, track.unseen_s) = (0, 0.0);
 }
 
 /// Whether a box touches the left and the right border of the area that both cameras see. On the left, the

@@ -191,6 +191,14 @@ impl ScaleChangeMeter {
         Self { templates: (0..MAX_TRACKS).map(template).collect(), reduced }
     }
 
+    /// Forgets all templates.
+    pub fn reset(&mut self) {
+        for template in &mut self.templates {
+            (template.track, template.time_ns, template.last_used_ns) = (0, 0, 0);
+            template.points.clear();
+        }
+    }
+
     /// Compares the image of a track at `time_ns` with its template, and replaces the template. `crop` starts
     /// at `origin` of the image. `None` if there is no template yet, if it is too recent, or if registration
     /// fails.
@@ -382,6 +390,7 @@ impl Tracker {
                 track.longitudinal.update_scale_rate(rate);
             }
         }
+        self.drop_implausible();
     }
 }
 

@@ -240,6 +240,146 @@ fn scores_are_votes_and_a_jump_back_in_time_resets() {
     assert_eq!((tracks.len(), tracks[0].seen), (1, 1));
 }
 
+const S: u64 = 1_000_000_000;
+
+/// A tracker and an alarm that have seen, for twenty frames, a car in the path that approaches with 8 m/s and one beside it,
+/// and the time of the last frame. Both are beyond the limits of the alarm.
+fn followed() -> (Tracker, Alarm, u64) {
+    let (mut tracker, mut alarm) = (tracker(), Alarm::new(AlarmParameters::default()));
+    let mut time = S;
+    for frame in 0..20 {
+        time = S + frame * PERIOD_NS;
+        let ahead = 38.0 - 8.0 * 0.08 * frame as f64;
+        let level = process_frame(&mut tracker, &mut alarm, time, &[region(ahead, 0.0), region(ahead, -3.4)]);
+        assert_eq!(level, AlarmLevel::Standby);
+    }
+    (tracker, alarm, time)
+}
+
+#[test]
+fn a_gap_in_time_ends_all_tracks_and_raises_nothing() {
+    for gap_ns in [S + 1, 3 * S, 10 * S, 60 * S, S * S, u64::MAX - 3 * S] {
+        let (mut tracker, mut alarm, time) = followed();
+        for frame in 0..20 {
+            let time = (time + gap_ns).saturating_add(frame * PERIOD_NS);
+            let level = process_frame(&mut tracker, &mut alarm, time, &[]);
+            assert_eq!(
+                (level, tracker.tracks().len()),
+                (AlarmLevel::Standby, 0),
+                "{gap_ns} ns, frame {frame}"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_is_not_seen_raises_nothing_and_ends_after_a_second() {
+    for step_ns in [80_000_000, 300_000_000, 900_000_000, S] {
+        let (mut tracker, mut alarm, time) = followed();
+        for frame in 1..20 {
+            let level = process_frame(&mut tracker, &mut alarm, time + frame * step_ns, &[]);
+            assert_eq!(level, AlarmLevel::Standby, "steps of {step_ns} ns, frame {frame}");
+            let unseen_s = (frame * step_ns) as f64 * 1e-9;
+            let is_over = unseen_s > 1.0 + 1e-9 || frame >= 5;
+            assert_eq!(tracker.tracks().is_empty(), is_over, "{unseen_s} s unseen");
+        }
+    }
+}
+
+#[test]
+fn an_alarm_is_kept_at_most_for_the_hold_time_without_a_detection() {
+    let car = [region(8.0, 0.0)];
+    let hold_ns = AlarmParameters::default().hold_ns;
+    let (mut tracker, mut alarm) = (tracker(), Alarm::new(AlarmParameters::default()));
+    for frame in 0..20 {
+        process_frame(&mut tracker, &mut alarm, frame * PERIOD_NS, &car);
+    }
+    let last_ns = 19 * PERIOD_NS;
+    for frame in 20..40 {
+        let time = frame * PERIOD_NS;
+        let level = process_frame(&mut tracker, &mut alarm, time, &[]);
+        let expected = if time - last_ns < hold_ns { AlarmLevel::Alarm } else { AlarmLevel::Standby };
+        assert_eq!(level, expected, "{} ns after the last detection", time - last_ns);
+    }
+}
+
+#[test]
+fn a_step_back_starts_anew_and_a_repeated_time_adds_nothing() {
+    let car = [region(8.0, 0.0)];
+    for back_ns in [1, 1_000_000, S] {
+        let (mut tracker, mut alarm, time) = followed();
+        let level = process_frame(&mut tracker, &mut alarm, time - back_ns, &car);
+        assert_eq!((level, tracker.tracks().len(), tracker.tracks()[0].seen), (AlarmLevel::Standby, 1, 1));
+    }
+    // One sighting of a car that comes from the side, repeated: neither track nor alarm is confirmed by it.
+    let (mut tracker, mut alarm, time) = followed();
+    process_frame(&mut tracker, &mut alarm, time + PERIOD_NS, &car);
+    let tracks = tracker.tracks().to_vec();
+    for repeat_ns in [0, 1, 400_000] {
+        let level = process_frame(&mut tracker, &mut alarm, time + PERIOD_NS + repeat_ns, &car);
+        assert_eq!((level, tracker.tracks()), (AlarmLevel::Standby, &tracks[..]));
+    }
+}
+
+/// Frames until a standing car at 8 m raises the alarm, from time `from_ns` on.
+fn frames_to_alarm(tracker: &mut Tracker, alarm: &mut Alarm, from_ns: u64) -> u64 {
+    let is_raised = |frame: &u64| {
+        let time = from_ns + frame * PERIOD_NS;
+        process_frame(tracker, alarm, time, &[region(8.0, 0.0)]) == AlarmLevel::Alarm
+    };
+    (0..50).find(is_raised).expect("the car raises the alarm")
+}
+
+#[test]
+fn after_a_reset_the_alarm_is_raised_as_quickly_as_at_the_start() {
+    let fresh = frames_to_alarm(&mut tracker(), &mut Alarm::new(AlarmParameters::default()), 0);
+    let nexts: [fn(u64) -> u64; 4] = [|t| t + 3 * S, |t| t + S * S, |t| t - S, |_| 0];
+    for next in nexts {
+        let (mut tracker, mut alarm, time) = followed();
+        assert_eq!(frames_to_alarm(&mut tracker, &mut alarm, next(time)), fresh);
+    }
+}
+
+#[test]
+fn an_approach_through_gaps_raises_the_alarm() {
+    for (gap_ns, every) in [(300_000_000, 10), (S, 10), (2 * S, 12)] {
+        let (mut tracker, mut alarm) = (tracker(), Alarm::new(AlarmParameters::default()));
+        let (mut time, mut ahead_m, mut raised_m) = (S, 64.0, None);
+        let mut frame = 0;
+        while ahead_m > 2.0 && raised_m.is_none() {
+            frame += 1;
+            let step = if frame % every == 0 { gap_ns } else { PERIOD_NS };
+            (time, ahead_m) = (time + step, ahead_m - 4.0 * step as f64 * 1e-9);
+            let level = process_frame(&mut tracker, &mut alarm, time, &[region(ahead_m.max(1.0), 0.0)]);
+            raised_m = (level == AlarmLevel::Alarm).then_some(ahead_m);
+        }
+        // At 10 m, or as soon as it is confirmed after a gap of up to 8 m.
+        let raised_m = raised_m.unwrap_or_else(|| panic!("no alarm with gaps of {gap_ns} ns"));
+        assert!((2.0..=12.0).contains(&raised_m), "{raised_m} m");
+    }
+}
+
+#[test]
+fn regions_whose_numbers_mean_nothing_are_dropped_and_counted() {
+    let wrong = [
+        Region { distance_m: f64::NAN, disparity_px: f64::NAN, ..region(20.0, 0.0) },
+        Region { disparity_px: 0.0, ..region(20.0, 0.0) },
+        Region { lateral_m: f64::INFINITY, ..region(20.0, 0.0) },
+        Region { lateral_m: 5e6, ..region(20.0, 0.0) },
+        Region { width_m: f64::NAN, ..region(20.0, 0.0) },
+        Region { disparity_sigma_px: 1e30, ..region(20.0, 0.0) },
+    ];
+    for wrong in wrong {
+        let mut tracker = tracker();
+        for frame in 0..10 {
+            let tracks = tracker.update(frame * PERIOD_NS, &[wrong, region(20.0, 0.0)]);
+            assert!(tracks.iter().all(|t| t.is_plausible()), "{wrong:?}: {tracks:?}");
+        }
+        assert!(tracker.dropped() > 0, "{wrong:?}");
+        assert!(tracker.tracks().iter().any(|t| t.seen >= 5), "the other one is tracked: {wrong:?}");
+    }
+}
+
 #[test]
 fn arbitrary_regions_cause_no_invalid_track() {
     let mut random = fastrand::Rng::with_seed(9);

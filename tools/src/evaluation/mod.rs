@@ -15,6 +15,8 @@ pub mod running_time;
 pub mod scene_match;
 pub mod score;
 pub mod subpixel;
+pub mod time_faults;
+pub mod time_score;
 pub mod weather;
 
 /// Converts a map (1/256 px, 0 = unknown) to px, −1 = unknown.

@@ -155,6 +155,19 @@ impl fmt::Display for AlarmChange {
     }
 }
 
+/// What was wrong with the time of the source, and obstacles that meant nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SourceTimeSummary {
+    /// Gaps, after which tracks and alarm started anew.
+    pub gaps: u64,
+    /// Steps back, after which tracks and alarm started anew.
+    pub steps_back: u64,
+    /// Frames with the time of the frame before, which added nothing.
+    pub repeats: u64,
+    /// Obstacles that were dropped, because their numbers were not finite or beyond what can be measured.
+    pub dropped_obstacles: u64,
+}
+
 /// Summary of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunSummary {
@@ -185,6 +198,9 @@ pub struct RunSummary {
     pub file_bytes: u64,
     /// Number of alarms.
     pub alarms: u32,
+    /// What was wrong with the time of the source.
+    #[serde(default)]
+    pub source_time: SourceTimeSummary,
     /// Restarts of all stages.
     pub restarts: u32,
     /// Changes of the calibration monitor's state, up to one hundred.
@@ -260,6 +276,14 @@ impl fmt::Display for RunSummary {
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
         )?;
+        if self.source_time != SourceTimeSummary::default() {
+            let SourceTimeSummary { gaps, steps_back, repeats, dropped_obstacles } = self.source_time;
+            write!(
+                f,
+                "\ntime of the source: {gaps} gaps, {steps_back} steps back, {repeats} repeats; {dropped_obstacles} \
+                 obstacles dropped"
+            )?;
+        }
         // Reported only when the state was ever different from good.
         if self.calibration.iter().any(|change| change.state != "good") {
             for change in &self.calibration {

@@ -6,6 +6,7 @@ mod lidar;
 mod recognition;
 mod scene_run;
 mod stereo;
+mod time;
 mod weather;
 
 use crate::command::error::CommandError;
@@ -18,6 +19,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate detection vehicle.xml --positives vehicles --negatives others
   lookout evaluate weather                       synthetic scenes in six weather conditions
   lookout evaluate distance                      approaches, and scenes without an alarm
+  lookout evaluate time                          gaps, jumps and repeats in the source's time
   lookout evaluate lidar DIR                     recorded images with LiDAR depth and labels
   lookout evaluate stereo --help";
 
@@ -32,6 +34,9 @@ pub enum Evaluate {
     /// Evaluate approaches to single obstacles, and scenes without anything to alarm about
     #[command(after_help = distance::HELP)]
     Distance(distance::EvaluateDistance),
+    /// Evaluate alarms under gaps, jumps and repeats in the source's time
+    #[command(after_help = time::HELP)]
+    Time(time::EvaluateTime),
     /// Evaluate road, regions and labelled cars in recorded images, against LiDAR depth
     #[command(after_help = lidar::HELP)]
     Lidar(lidar::EvaluateLidar),
@@ -52,6 +57,7 @@ pub fn run(what: Evaluate, log: Option<&str>) -> Result<(), CommandError> {
         Evaluate::Stereo(args) => stereo::run(&args, log),
         Evaluate::Weather(args) => weather::run(&args, log),
         Evaluate::Distance(args) => distance::run(&args, log),
+        Evaluate::Time(args) => time::run(&args, log),
         Evaluate::Lidar(args) => lidar::run(&args, log),
         Evaluate::Detection(args) => detection::run(&args, log),
         Evaluate::Recognition(args) => recognition::run(&args, log),

@@ -4,6 +4,7 @@ use crate::command::error::CommandError;
 use crate::in_process::{FrameResult, Pipeline};
 use config::Config;
 use messages::regions::RegionRecord;
+use messages::source_time::SourceTimeRecord;
 use perception::region::PixelBox;
 use perception::rig::Rig;
 use sources::scene::{Scene, SceneTruth};
@@ -73,6 +74,29 @@ impl SceneRun {
     pub fn frame(&mut self, index: u64) -> Result<(SceneTruth, FrameResult<'_>), CommandError> {
         let truth = self.scene.borrow_mut().truth(index);
         Ok((truth, self.pipeline.frame(index, index)?))
+    }
+
+    /// Continues with another scene, which needs the same cameras.
+    pub fn change(&mut self, scene: Scene) {
+        *self.scene.borrow_mut() = scene;
+    }
+
+    /// Processes frame `index` of the scene as frame `sequence` with the source time `source_ns`, without its truth.
+    ///
+    /// # Errors
+    /// If the scene has no such frame.
+    pub fn frame_at(
+        &mut self,
+        sequence: u64,
+        index: u64,
+        source_ns: u64,
+    ) -> Result<FrameResult<'_>, CommandError> {
+        Ok(self.pipeline.frame_at(sequence, index, source_ns)?)
+    }
+
+    /// What was wrong with the source time so far.
+    pub fn source_time(&self) -> SourceTimeRecord {
+        self.pipeline.source_time()
     }
 }
 

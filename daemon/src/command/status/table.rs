@@ -30,6 +30,9 @@ fn pace_lines(status: &StatusRecord) -> String {
         }
         let _ = writeln!(out, "; {}", status.deadline);
     }
+    if status.source_time != messages::source_time::SourceTimeRecord::default() {
+        let _ = writeln!(out, "time of the source: {}", status.source_time);
+    }
     for (role, process) in status.processes() {
         if process.realtime.refused != 0 {
             let _ = writeln!(out, "{role}: {}", process.realtime);

@@ -33,6 +33,7 @@ impl Run {
         status.rig = self.rig_record();
         status.device = *self.collector.device();
         status.deadline = self.collector.deadline();
+        status.source_time = self.collector.source_time();
         status.pacing = self.pacing();
         let moved = status.calibration.state() == CalibrationState::Degraded;
         let moved = moved.then(|| format!("calibration {}", status.calibration));

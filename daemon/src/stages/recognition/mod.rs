@@ -11,9 +11,11 @@ use messages::alarm::Faults;
 use messages::header::{modes, put_text};
 use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
 use messages::regions::{self, RegionRecord, Regions, RegionsMessage};
+use messages::source_time::SourceTimeRecord;
 use messages::typed::{Output, Written};
 use parameters::{alarm_parameters, schedule_parameters, tracker_parameters};
 use perception::alarm::{Alarm, Candidate};
+use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;
 use perception::recognition::Recogniser;
 use perception::region::{PixelBox, Region};
@@ -39,6 +41,8 @@ pub struct RecognitionStage {
     tracker: Tracker,
     scale_change: ScaleChangeMeter,
     alarm: Alarm,
+    clock: FrameClock,
+    source_time: SourceTimeRecord,
     path_width_m: f64,
     /// Source time of the last frame with a road.
     road_ns: u64,
@@ -59,19 +63,18 @@ impl RecognitionStage {
         {
             return alarm;
         }
-        self.regions.clear();
-        self.regions.extend(message.regions.iter().map(region));
-        self.tracker.update(frame.source_ns, &self.regions);
-        let crop = |track: &Track| {
-            let record = message.regions.get(track.detection?)?;
-            let [x, y, width, height] = record.crop;
-            let pixels = message.crop(record)?;
-            Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
-        };
-        self.tracker.measure_scale_change(&mut self.scale_change, frame.source_ns, crop);
-        if frame.modes & modes::RECOGNITION_OFF == 0 {
-            self.recognise(message);
+        let step = self.clock.step(frame.source_ns);
+        self.count(frame.sequence, step);
+        if step.is_discontinuity() {
+            // What was raised before says nothing about this frame.
+            (self.last, self.road_ns) = (None, frame.source_ns);
+            self.scale_change.reset();
         }
+        // A repeated time leaves tracks and classes as they are: their detections belong to the frame before.
+        if step != TimeStep::Repeated {
+            self.track(frame, message);
+        }
+        self.source_time.dropped_obstacles = self.tracker.dropped();
         let tracker = &self.tracker;
         let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
         let road = &message.road;
@@ -82,7 +85,7 @@ impl RecognitionStage {
         let is_raised = matches!(self.last, Some((_, alarm)) if alarm.track > 0);
         let is_covered = is_raised && frame.source_ns - self.road_ns <= self.hold_ns;
         let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
-        let faults = frame.faults.and(no_road);
+        let faults = frame.faults.and(no_road).and(Faults::TIME.when(self.clock.is_unreliable()));
         let state = self.alarm.update(frame.source_ns, faults.is_none(), candidates);
         let alarm = AlarmRecord {
             level: state.level as u32,
@@ -108,6 +111,53 @@ impl RecognitionStage {
         }
         self.last = Some((frame.sequence, alarm));
         alarm
+    }
+
+    /// Updates tracks and classes from the regions of a message.
+    fn track(&mut self, frame: &FrameContext, message: &Regions<'_>) {
+        self.regions.clear();
+        self.regions.extend(message.regions.iter().map(region));
+        self.tracker.update(frame.source_ns, &self.regions);
+        let crop = |track: &Track| {
+            let record = message.regions.get(track.detection?)?;
+            let [x, y, width, height] = record.crop;
+            let pixels = message.crop(record)?;
+            Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
+        };
+        self.tracker.measure_scale_change(&mut self.scale_change, frame.source_ns, crop);
+        if frame.modes & modes::RECOGNITION_OFF == 0 {
+            self.recognise(message);
+        }
+    }
+
+    /// Counts a step of the time that is not normal. Logs it at counts 1, 2, 4, 8, …: a time that is wrong in each frame
+    /// must not fill the log.
+    fn count(&mut self, sequence: u64, step: TimeStep) {
+        let counts = &mut self.source_time;
+        match step {
+            TimeStep::First | TimeStep::Forward { .. } => {}
+            TimeStep::Gap { elapsed_s } => {
+                counts.gaps += 1;
+                if counts.gaps.is_power_of_two() {
+                    let total = counts.gaps;
+                    tracing::warn!(sequence, elapsed_s, total, "gap in the source's time: tracks start anew");
+                }
+            }
+            TimeStep::Back { by_s } => {
+                counts.steps_back += 1;
+                if counts.steps_back.is_power_of_two() {
+                    let total = counts.steps_back;
+                    tracing::warn!(sequence, by_s, total, "the source's time went back: tracks start anew");
+                }
+            }
+            TimeStep::Repeated => {
+                counts.repeats += 1;
+                if counts.repeats.is_power_of_two() {
+                    let total = counts.repeats;
+                    tracing::warn!(sequence, total, "the source's time is that of the frame before");
+                }
+            }
+        }
     }
 
     /// Classifies the tracks that the schedule selects. Tracks without a usable crop are not classified.
@@ -143,6 +193,8 @@ impl Stage for RecognitionStage {
             tracker: Tracker::new(tracker_parameters(config), rig, size),
             scale_change: ScaleChangeMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
+            clock: FrameClock::default(),
+            source_time: SourceTimeRecord::default(),
             road_ns: 0,
             hold_ns: alarm_parameters(config).hold_ns,
             path_width_m: config.alarm.path_width_m,
@@ -166,6 +218,10 @@ impl Stage for RecognitionStage {
     ) -> Result<Written, FrameError> {
         let alarm = self.update(frame, &message);
         Ok(output.write(alarm, &self.records)?)
+    }
+
+    fn source_time(&self) -> SourceTimeRecord {
+        self.source_time
     }
 }
 

@@ -12,6 +12,7 @@ use messages::regions;
 use messages::regions::{EdgeRecord, RegionRecord, RegionsMessage, RoadRecord};
 use messages::typed::{Output, Written};
 use perception::depth::DepthView;
+use perception::frame_clock::FrameClock;
 use perception::image::GreyView;
 use perception::image_quality::{TextureMonitor, road_texture};
 use perception::region::Region;
@@ -34,6 +35,7 @@ const MIN_CROP: u32 = 32;
 /// Adapter of the scene detector (road model and regions).
 pub struct RoadStage {
     detector: SceneDetector,
+    clock: FrameClock,
     rig: Rig,
     path_width_m: f64,
     /// Self-check whether the road has enough texture for matching; `None` without `alarm.self_check`.
@@ -59,6 +61,7 @@ impl Stage for RoadStage {
         );
         Ok(Self {
             detector,
+            clock: FrameClock::default(),
             rig: format.rig(),
             path_width_m: config.alarm.path_width_m,
             texture: config.alarm.self_check.then(TextureMonitor::default),
@@ -70,7 +73,7 @@ impl Stage for RoadStage {
 
     fn process(
         &mut self,
-        _frame: &FrameContext,
+        frame: &FrameContext,
         depth: Depth<'_>,
         output: Output<'_, RegionsMessage>,
     ) -> Result<Written, FrameError> {
@@ -84,6 +87,9 @@ impl Stage for RoadStage {
                 given: depth.confidence.len(),
                 needed: self.width * self.height,
             })?;
+        if self.clock.step(frame.source_ns).is_discontinuity() {
+            self.detector.reset();
+        }
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);

@@ -55,6 +55,9 @@ impl Faults {
     /// There has been no result for longer than `pacing.stale_ms`.
     pub const STALE: Self = Self(1 << 9);
 
+    /// All self-checks.
+    pub const ALL: Self = Self((1 << DESCRIPTIONS.len()) - 1);
+
     /// Whether all self-checks passed.
     pub fn is_none(self) -> bool {
         self.0 == 0

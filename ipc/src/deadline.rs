@@ -1,6 +1,7 @@
 //! Ages and deadlines of frames, and the rate of the source: part of `report` and `status`.
 
 use crate::pipeline::Role;
+use crate::range::{CLOCK_NS, COUNT, FLAG, MAX_MS, MAX_RATE_HZ, ranges, within};
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
@@ -17,6 +18,15 @@ pub struct DeadlineRecord {
     pub late: u64,
     /// Number of late frames in a row, up to the last frame; 0 if that was in time.
     pub late_in_a_row: u64,
+}
+
+ranges! {
+    DeadlineRecord as "deadline" {
+        deadline_ns: CLOCK_NS,
+        age_ns: CLOCK_NS,
+        late: COUNT,
+        late_in_a_row: COUNT,
+    }
 }
 
 impl DeadlineRecord {
@@ -57,6 +67,16 @@ pub struct PacingRecord {
     pub slowest: u32,
     /// 1 if the rate is adapted to the slowest stage (`pacing.follow`), else 0.
     pub follows: u32,
+}
+
+ranges! {
+    PacingRecord as "pacing" {
+        rate_hz: within(0.0, MAX_RATE_HZ),
+        wanted_hz: within(0.0, MAX_RATE_HZ),
+        slowest_ms: within(0.0, MAX_MS as f64),
+        slowest: within(0, Role::COUNT as u32 - 1),
+        follows: FLAG,
+    }
 }
 
 impl PacingRecord {

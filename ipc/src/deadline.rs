@@ -35,8 +35,8 @@ impl DeadlineRecord {
     pub fn finished(&mut self, capture_ns: u64, end_ns: u64) {
         self.age_ns = end_ns.saturating_sub(capture_ns);
         if self.deadline_ns > 0 && self.age_ns > self.deadline_ns {
-            self.late += 1;
-            self.late_in_a_row += 1;
+            self.late = self.late.saturating_add(1);
+            self.late_in_a_row = self.late_in_a_row.saturating_add(1);
         } else {
             self.late_in_a_row = 0;
         }

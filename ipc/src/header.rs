@@ -1,9 +1,9 @@
 //! The header of every message, and its check.
 
-pub use crate::pipeline::{Kind, VERSION};
 use crate::alarm::Faults;
 use crate::clock::monotonic_ns;
 use crate::copied::copy_out;
+pub use crate::pipeline::{Kind, VERSION};
 use crate::pipeline::{PATH_LENGTH, Role};
 use crate::range::{
     ANY_U32, CLOCK_NS, COUNT, Each, FLAG, MAX_SOURCE_NS, Nested, Number, PADDING, Ranged, ranges, within,
@@ -220,7 +220,10 @@ impl Header {
         }
         Ranged::check(self)?;
         if self.issued_ns > monotonic_ns() {
-            return Err(MessageError::Value { what: "header: issued_ns, in the future,", value: self.issued_ns });
+            return Err(MessageError::Value {
+                what: "header: issued_ns, in the future,",
+                value: self.issued_ns,
+            });
         }
         Ok(())
     }

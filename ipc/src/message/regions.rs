@@ -249,6 +249,15 @@ fn check_all(values: &[f32], range: Within<f32>, name: &'static str) -> Result<(
     values.iter().try_for_each(|value| range.check(value, field))
 }
 
+/// The nearest valid number; 0, which stands for "unknown", for one that is not finite.
+fn valid(mut value: f32, range: Within<f32>) -> f32 {
+    if !value.is_finite() {
+        return 0.0;
+    }
+    range.limit(&mut value);
+    value
+}
+
 /// Writes a message incrementally into a payload of [`max_payload_bytes`].
 #[derive(Debug)]
 pub struct Writer<'a> {
@@ -262,7 +271,8 @@ pub struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     /// Starts a message with the road model, its profile, the free space and the number of regions that will be
-    /// pushed. Regions after the first [`MAX_COUNT`] are omitted.
+    /// pushed. Regions after the first [`MAX_COUNT`] are omitted. Numbers of profile and free space are moved into their
+    /// ranges.
     ///
     /// # Errors
     /// If the payload is too short.
@@ -283,11 +293,12 @@ impl<'a> Writer<'a> {
         let road = RoadRecord { regions: records as u32, ..road };
         let (start, rest) = payload.split_at_mut(size_of::<RoadRecord>());
         start.copy_from_slice(bytemuck::bytes_of(&road));
-        let profile: &[u8] = bytemuck::cast_slice(profile_px);
-        let free: &[u8] = bytemuck::cast_slice(free_m);
-        rest[..profile.len()].copy_from_slice(profile);
-        rest[profile.len()..][..free.len()].copy_from_slice(free);
-        rest[profile.len() + free.len()..numbers * size_of::<f32>()].fill(0);
+        let valid = profile_px.iter().map(|&v| valid(v, PROFILE_PX)).chain(free_m.iter().map(|&v| valid(v, FREE_M)));
+        let padded = valid.chain(std::iter::repeat(0.0));
+        let (places, _) = rest[..numbers * size_of::<f32>()].as_chunks_mut();
+        for (place, value) in places.iter_mut().zip(padded) {
+            *place = f32::to_ne_bytes(value);
+        }
         Ok(Self { payload, fixed, records, count: 0, crop_bytes: 0 })
     }
 

@@ -183,7 +183,7 @@ impl Tracker {
     }
 
     /// Updates the tracks with the regions of the frame at `time_ns`; returns all tracks, oldest first. A
-    /// time that does not increase resets the tracker.
+    /// time that does not increase resets the tracker. Regions that are not valid are ignored.
     pub fn update(&mut self, time_ns: u64, regions: &[Region]) -> &[Track] {
         let elapsed_s = match self.last_ns {
             Some(last) if time_ns > last => (time_ns - last) as f64 * 1e-9,
@@ -218,7 +218,7 @@ impl Tracker {
             track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
         }
         for (d, region) in regions.iter().enumerate() {
-            if !self.matched[d] && self.tracks.len() < self.parameters.max_count {
+            if !self.matched[d] && region.is_valid() && self.tracks.len() < self.parameters.max_count {
                 let track = self.begin(d, region);
                 self.tracks.push(track);
             }
@@ -233,7 +233,7 @@ impl Tracker {
             let expected = track.expected(&self.rig, self.size);
             let disparity = track.longitudinal.disparity_px();
             let spread_px = track.longitudinal.disparity_sigma_px();
-            for (d, region) in regions.iter().enumerate() {
+            for (d, region) in regions.iter().enumerate().filter(|(_, region)| region.is_valid()) {
                 let spread = spread_px.hypot(region.disparity_sigma_px);
                 let innovation = (region.disparity_px - disparity).abs();
                 if innovation > GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * disparity {

@@ -72,7 +72,7 @@ impl Run {
             *place = process;
             status.processes += 1;
         }
-        status
+        status.limited()
     }
 
     fn rig_record(&self) -> RigRecord {

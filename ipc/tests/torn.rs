@@ -35,8 +35,10 @@ fn read_while_written(
     let subscriber = bus.subscriber(spec).unwrap();
     let mut loan = publisher.loan(payload.len()).unwrap();
     let (sequence, source_ns) = (0x12_3456_789a_bcde_u64, 0x0bad_cafe_f00d_u64);
-    *loan.header_mut() =
-        Header { sequence, source_ns, width: WIDTH, height: HEIGHT, ..Header::new(spec.kind) };
+    let mut header = Header::new(spec.kind);
+    (header.sequence, header.source_ns) = (sequence, source_ns);
+    (header.width, header.height) = (WIDTH, HEIGHT);
+    *loan.header_mut() = header;
     loan.payload_mut().copy_from_slice(payload);
     publisher.send(loan).unwrap();
     let sample: Sample = subscriber.receive().unwrap().unwrap();

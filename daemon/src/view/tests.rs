@@ -45,6 +45,13 @@ impl Message {
     }
 }
 
+/// The header of a frame.
+fn header(kind: Kind, format: &FrameFormat) -> Header {
+    let mut header = Header::new(kind);
+    (header.width, header.height) = (format.width as u32, format.height as u32);
+    header
+}
+
 /// The output of a stage for a message; `None` if it refuses the message.
 fn work(stage: &mut dyn FrameStage, input: &Message) -> Option<Message> {
     let (width, height) = (input.header.width as usize, input.header.height as usize);
@@ -67,13 +74,8 @@ fn drive(config: &Config, format: &FrameFormat, source: &mut dyn PairSource) -> 
     let mut stages = configure_all(config, format).expect("the stages can be configured");
     let mut frames = Vec::new();
     for index in 0..8 {
-        let header = Header {
-            sequence: index,
-            source_ns: source.time_ns(index),
-            width: format.width as u32,
-            height: format.height as u32,
-            ..Header::new(Kind::Pair)
-        };
+        let mut header = header(Kind::Pair, format);
+        (header.sequence, header.source_ns) = (index, source.time_ns(index));
         let mut message = Message::new(header, pair::payload_bytes(format.width, format.height));
         let (left, right) = pair::split_mut(message.payload_mut());
         source.read(index, left, right).expect("the source gives a pair");
@@ -103,8 +105,9 @@ const ODD: [f64; 12] = [
     10_000.0,
 ];
 
-/// Changes the floating-point number at `at`: most often a little.
-fn change_real(random: &mut Rng, bytes: &mut [u8], at: usize) {
+/// Changes one of the `count` floating-point numbers from `start` on: most often a little.
+fn change_real(random: &mut Rng, bytes: &mut [u8], start: usize, count: usize) {
+    let at = start + 8 * random.usize(0..count);
     let value: f64 = pod_read_unaligned(&bytes[at..at + 8]);
     let new = match random.u8(0..8) {
         0 => ODD[random.usize(0..ODD.len())],
@@ -115,8 +118,9 @@ fn change_real(random: &mut Rng, bytes: &mut [u8], at: usize) {
     bytes[at..at + 8].copy_from_slice(&new.to_ne_bytes());
 }
 
-/// Changes the whole number at `at`: most often a little.
-fn change_whole(random: &mut Rng, bytes: &mut [u8], at: usize) {
+/// Changes one of the `count` whole numbers from `start` on: most often a little.
+fn change_whole(random: &mut Rng, bytes: &mut [u8], start: usize, count: usize) {
+    let at = start + 4 * random.usize(0..count);
     let value: u32 = pod_read_unaligned(&bytes[at..at + 4]);
     let new = match random.u8(0..6) {
         0 => random.u32(..),
@@ -137,20 +141,20 @@ fn change_regions(random: &mut Rng, message: &mut Message) {
     for _ in 0..random.usize(1..4) {
         match random.u8(0..8) {
             // Slope to height of the camera stand one after the other.
-            0 => change_real(random, bytes_of_mut(&mut road), 8 + 8 * random.usize(0..5)),
-            1 => change_whole(random, bytes_of_mut(&mut road), 48 + 4 * random.usize(0..80)),
+            0 => change_real(random, bytes_of_mut(&mut road), 8, 5),
+            1 => change_whole(random, bytes_of_mut(&mut road), 48, 80),
             2 => {
                 // A number of the profile or of the free space.
                 let numbers = (fixed - size_of::<RoadRecord>()) / 4;
-                change_whole(random, payload, size_of::<RoadRecord>() + 4 * random.usize(0..numbers));
+                change_whole(random, payload, size_of::<RoadRecord>(), numbers);
             }
             _ if count > 0 => {
                 let at = fixed + random.usize(0..count) * size_of::<RegionRecord>();
                 // Seven measures, and then two boxes, an offset and a count.
                 if random.bool() {
-                    change_real(random, payload, at + 8 * random.usize(0..7));
+                    change_real(random, payload, at, 7);
                 } else {
-                    change_whole(random, payload, at + 56 + 4 * random.usize(0..10));
+                    change_whole(random, payload, at + 56, 10);
                 }
             }
             _ => {}
@@ -253,14 +257,12 @@ fn stages_survive_a_process_that_writes_their_messages() {
     let mut config = Config::default();
     config.stereo.disparities = 48;
     let mut random = Rng::with_seed(29);
-    let size = (width as u32, height as u32);
-    let header = |kind| Header { width: size.0, height: size.1, ..Header::new(kind) };
-    let mut message = Message::new(header(Kind::Pair), pair::payload_bytes(width, height));
+    let mut message = Message::new(header(Kind::Pair, &format), pair::payload_bytes(width, height));
     message.payload_mut().fill_with(|| random.u8(..));
     for role in [Role::Stereo, Role::Road, Role::Recognition] {
         // Some regions in the way, whatever the road stage finds in noise.
         if role == Role::Recognition {
-            message = regions_message(header(Kind::Regions), &mut random);
+            message = regions_message(header(Kind::Regions, &format), &mut random);
         }
         let mut stage = stage(role, &config, &format);
         let next = work(stage.as_mut(), &message).expect("a valid message");

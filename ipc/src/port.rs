@@ -5,7 +5,7 @@
 //! A payload is a slice over shared memory. Forming it is sound only while nobody writes that memory, and this crate
 //! cannot enforce that. It relies on the following.
 //!
-//! - Only processes of the same user can open the memory: the files of a run have mode 0600 or less. Subscribers map
+//! - Only processes of the same user can open the memory: the files of a run have mode 0600. Subscribers map
 //!   the pools of publishers read-only.
 //! - A publisher writes a sample only between its loan and its sending, and iceoryx2 lends no sample that a subscriber
 //!   holds.

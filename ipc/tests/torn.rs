@@ -16,10 +16,13 @@ use std::time::{Duration, Instant};
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
 
+/// Smallest number of accepted messages. How many are refused depends on how the system shares the processor.
+const MIN_ACCEPTED: u32 = 30;
+
 /// Looks at a value that was checked, for as long as a stage does.
 const LOOKS: usize = 300;
 
-/// Sends a message, and reads it for a second while its header and its payload are overwritten. `read` returns whether
+/// Sends a message, and reads it for two seconds while its header and its payload are overwritten. `read` returns whether
 /// it was accepted.
 fn read_while_written(
     name: &str,
@@ -51,7 +54,7 @@ fn read_while_written(
     all.extend(places(&files, payload));
     assert_eq!(all.len(), 2);
     let flipper = Flipper::start(all, 8);
-    let until = Instant::now() + Duration::from_secs(1);
+    let until = Instant::now() + Duration::from_secs(2);
     let (mut accepted, mut rounds) = (0_u32, 0_u32);
     while Instant::now() < until {
         accepted += u32::from(read(sample.header(), sample.payload()));
@@ -61,7 +64,7 @@ fn read_while_written(
     }
     drop(flipper);
     println!("{name}: {accepted} of {rounds} accepted");
-    assert!(accepted * 10 > rounds && accepted < rounds, "{accepted} of {rounds}");
+    assert!(accepted >= MIN_ACCEPTED && accepted < rounds, "{accepted} of {rounds}");
     drop((sample, subscriber, publisher, bus));
 }
 

@@ -268,7 +268,8 @@ fn stages_survive_a_process_that_writes_their_messages() {
         let next = work(stage.as_mut(), &message).expect("a valid message");
         let (accepted, rounds) = under_fire(stage.as_mut(), &message, &next);
         println!("{role}: {accepted} of {rounds} accepted");
-        assert!(accepted * 10 > rounds, "{role}: {accepted} of {rounds}");
+        // How many are refused depends on how the system shares the processor.
+        assert!(accepted >= 30, "{role}: {accepted} of {rounds}");
         message = next;
     }
 }

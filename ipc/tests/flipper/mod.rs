@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// Bytes of shared memory that are overwritten: file, first byte, what they hold.
 pub struct Place {
@@ -64,10 +65,12 @@ impl Flipper {
                                 std::iter::repeat_with(|| random.u8(..)).take(length).collect();
                             place.file.write_all_at(&bytes, place.at + at as u64).expect("it is written");
                         }
-                        for _ in 0..random.usize(0..2000) {
+                        for _ in 0..random.usize(0..500) {
                             std::hint::spin_loop();
                         }
                         place.file.write_all_at(&place.content, place.at).expect("it is written");
+                        // So that messages are accepted and then change.
+                        std::thread::sleep(Duration::from_micros(random.u64(0..300)));
                     }
                 }
             }

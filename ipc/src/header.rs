@@ -6,7 +6,7 @@ use crate::copied::copy_out;
 pub use crate::pipeline::{Kind, VERSION};
 use crate::pipeline::{PATH_LENGTH, Role};
 use crate::range::{
-    ANY_U32, CLOCK_NS, COUNT, Each, FLAG, MAX_SOURCE_NS, Nested, Number, PADDING, Ranged, ranges, within,
+    ANY_U32, CLOCK_NS, COUNT, Each, FLAG, MAX_SOURCE_NS, Nested, PADDING, RangeError, Ranged, ranges, within,
 };
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
@@ -154,19 +154,8 @@ pub enum MessageError {
         needed: usize,
     },
     /// A number is out of range.
-    #[error("{record}: {field} is {value}, valid is {min} to {max}")]
-    Range {
-        /// Message or record.
-        record: &'static str,
-        /// Name of the field.
-        field: &'static str,
-        /// Its value.
-        value: Number,
-        /// Its smallest valid value.
-        min: Number,
-        /// Its largest valid value; a field that may be infinite may also have that value.
-        max: Number,
-    },
+    #[error(transparent)]
+    Range(#[from] RangeError),
     /// A number contradicts another one.
     #[error("{what} is out of range: {value}")]
     Value {

@@ -61,4 +61,4 @@ pub mod wait;
 
 pub use copied::Records;
 pub use message::*;
-pub use range::{MAX_CLOCK_NS, MAX_COUNT, MAX_CPU_NS, MAX_SOURCE_NS, Number};
+pub use range::{MAX_CLOCK_NS, MAX_COUNT, MAX_CPU_NS, MAX_SOURCE_NS, Number, RangeError};

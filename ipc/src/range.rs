@@ -4,8 +4,8 @@
 //! left out does not compile. What is derived from it: the check where a message is read, the limits where one is
 //! written, and the tests of both.
 
-use crate::header::MessageError;
 use std::fmt;
+use thiserror::Error;
 
 /// Maximum source time, in ns: Unix time in nanoseconds stays below it until 2096, and it is below 2^62, so that no
 /// sum of two times overflows.
@@ -64,6 +64,22 @@ impl fmt::Display for Number {
     }
 }
 
+/// A number is out of range.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[error("{record}: {field} is {value}, valid is {min} to {max}")]
+pub struct RangeError {
+    /// Message or record.
+    pub record: &'static str,
+    /// Name of the field.
+    pub field: &'static str,
+    /// Its value.
+    pub value: Number,
+    /// Its smallest valid value.
+    pub min: Number,
+    /// Its largest valid value; a field that may be infinite may also have that value.
+    pub max: Number,
+}
+
 /// The field that a number belongs to, for error texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
@@ -76,7 +92,7 @@ pub struct Field {
 /// Which values of a field are valid.
 pub(crate) trait Rule<T> {
     /// Refuses a value that is not valid.
-    fn check(&self, value: &T, field: Field) -> Result<(), MessageError>;
+    fn check(&self, value: &T, field: Field) -> Result<(), RangeError>;
 
     /// Moves a number to the nearest valid one. What is not a number stays, and is refused where it is read.
     fn limit(&self, value: &mut T);
@@ -92,7 +108,7 @@ pub(crate) trait Ranged: Copy {
     ///
     /// # Errors
     /// The first field that is out of range.
-    fn check(&self) -> Result<(), MessageError>;
+    fn check(&self) -> Result<(), RangeError>;
 
     /// Moves every number to the nearest valid one.
     fn limit(&mut self);
@@ -206,12 +222,12 @@ impl<T: Primitive> Within<T> {
 
 impl<T: Primitive> Rule<T> for Within<T> {
     #[inline]
-    fn check(&self, value: &T, Field { record, name }: Field) -> Result<(), MessageError> {
+    fn check(&self, value: &T, Field { record, name }: Field) -> Result<(), RangeError> {
         if self.is_valid(*value) {
             return Ok(());
         }
         let [value, min, max] = [*value, self.min, self.max].map(Primitive::number);
-        Err(MessageError::Range { record, field: name, value, min, max })
+        Err(RangeError { record, field: name, value, min, max })
     }
 
     fn limit(&self, value: &mut T) {
@@ -235,7 +251,7 @@ impl<T: Primitive> Rule<T> for Within<T> {
 pub(crate) struct AnyBytes;
 
 impl<const N: usize> Rule<[u8; N]> for AnyBytes {
-    fn check(&self, _: &[u8; N], _: Field) -> Result<(), MessageError> {
+    fn check(&self, _: &[u8; N], _: Field) -> Result<(), RangeError> {
         Ok(())
     }
 
@@ -251,7 +267,7 @@ impl<const N: usize> Rule<[u8; N]> for AnyBytes {
 pub(crate) struct Nested;
 
 impl<T: Ranged> Rule<T> for Nested {
-    fn check(&self, value: &T, _: Field) -> Result<(), MessageError> {
+    fn check(&self, value: &T, _: Field) -> Result<(), RangeError> {
         value.check()
     }
 
@@ -269,7 +285,7 @@ impl<T: Ranged> Rule<T> for Nested {
 pub(crate) struct Each<R>(pub(crate) R);
 
 impl<T: Copy, R: Rule<T>, const N: usize> Rule<[T; N]> for Each<R> {
-    fn check(&self, values: &[T; N], field: Field) -> Result<(), MessageError> {
+    fn check(&self, values: &[T; N], field: Field) -> Result<(), RangeError> {
         values.iter().try_for_each(|value| self.0.check(value, field))
     }
 
@@ -293,7 +309,7 @@ impl<T: Copy, R: Rule<T>, const N: usize> Rule<[T; N]> for Each<R> {
 macro_rules! ranges {
     ($record:ident as $name:literal { $($field:ident: $rule:expr,)* }) => {
         impl $crate::range::Ranged for $record {
-            fn check(&self) -> Result<(), $crate::header::MessageError> {
+            fn check(&self) -> Result<(), $crate::range::RangeError> {
                 use $crate::range::{Field, Rule};
                 let Self { $($field),* } = self;
                 $($rule.check($field, Field { record: $name, name: stringify!($field) })?;)*

@@ -246,7 +246,8 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
 /// Checks the numbers of a list.
 fn check_all(values: &[f32], range: Within<f32>, name: &'static str) -> Result<(), MessageError> {
     let field = Field { record: "regions", name };
-    values.iter().try_for_each(|value| range.check(value, field))
+    values.iter().try_for_each(|value| range.check(value, field))?;
+    Ok(())
 }
 
 /// The nearest valid number; 0, which stands for "unknown", for one that is not finite.

@@ -6,7 +6,7 @@ use messages::obstacles::Obstacles;
 use tools::reporting::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
 
 /// The record of a frame. Values that the message marks as absent become `None`.
-pub fn frame_record(header: &Header, message: &Obstacles<'_>) -> FrameRecord {
+pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
     let alarm = &message.alarm;
     FrameRecord {
         sequence: header.sequence,

@@ -9,8 +9,9 @@ use crate::stages::stage::{FrameError, FrameStage, SetupError};
 use config::Config;
 use messages::header::{Header, Kind, MessageError};
 use messages::pipeline::SERVICES;
+use messages::regions::RegionRecord;
 use messages::source_time::SourceTimeRecord;
-use messages::{depth, obstacles, pair, regions};
+use messages::{Records, depth, obstacles, pair, regions};
 use sources::{PairSource, SourceError};
 use thiserror::Error;
 use tools::reporting::overlay::OverlayInput;
@@ -82,7 +83,7 @@ pub struct FrameResult<'a> {
     /// Images and road for an overlay.
     pub images: OverlayInput<'a>,
     /// The regions before tracking.
-    pub regions: &'a [regions::RegionRecord],
+    pub regions: Records<RegionRecord, { regions::MAX_COUNT }>,
     /// Whether a road was detected.
     pub road_seen: bool,
 }

@@ -57,6 +57,8 @@ impl Faults {
 
     /// The time of the source stands still or jumps too often.
     pub const TIME: Self = Self(1 << 10);
+    /// All self-checks.
+    pub const ALL: Self = Self((1 << DESCRIPTIONS.len()) - 1);
 
     /// Whether all self-checks passed.
     pub fn is_none(self) -> bool {

@@ -1,5 +1,7 @@
 //! Epipolar alignment of the cameras, as the stereo stage monitors it: part of `report` and `status`.
 
+use crate::header::MAX_SIDE;
+use crate::range::{Within, ranges, within};
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
@@ -54,6 +56,26 @@ pub struct CalibrationRecord {
     /// Offset by which the rows of the right image are shifted before matching, in px, at the middle of the image;
     /// 0 = no correction.
     pub corrected_px: f32,
+}
+
+/// Maximum magnitude of offsets, in px: the size of the largest image.
+const MAX_OFFSET_PX: f32 = MAX_SIDE as f32;
+
+/// Offsets with a sign, and magnitudes.
+const OFFSET_PX: Within<f32> = within(-MAX_OFFSET_PX, MAX_OFFSET_PX);
+const MAGNITUDE_PX: Within<f32> = within(0.0, MAX_OFFSET_PX);
+
+ranges! {
+    CalibrationRecord as "calibration" {
+        state: within(0, CalibrationState::ALL.len() as u32 - 1),
+        offset_px: OFFSET_PX,
+        across_px: OFFSET_PX,
+        down_px: OFFSET_PX,
+        worst_px: MAGNITUDE_PX,
+        sigma_px: MAGNITUDE_PX,
+        bound_px: MAGNITUDE_PX,
+        corrected_px: OFFSET_PX,
+    }
 }
 
 impl CalibrationRecord {

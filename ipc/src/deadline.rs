@@ -1,6 +1,7 @@
 //! Ages and deadlines of frames, and the rate of the source: part of `report` and `status`.
 
 use crate::pipeline::Role;
+use crate::range::{CLOCK_NS, COUNT, FLAG, MAX_MS, MAX_RATE_HZ, ranges, within};
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
@@ -19,14 +20,23 @@ pub struct DeadlineRecord {
     pub late_in_a_row: u64,
 }
 
+ranges! {
+    DeadlineRecord as "deadline" {
+        deadline_ns: CLOCK_NS,
+        age_ns: CLOCK_NS,
+        late: COUNT,
+        late_in_a_row: COUNT,
+    }
+}
+
 impl DeadlineRecord {
     /// Counts a frame that was captured and finished at these times, in ns of CLOCK_MONOTONIC. Another process has
     /// written the capture time, so it may have any value: one after `end_ns` gives the age 0.
     pub fn finished(&mut self, capture_ns: u64, end_ns: u64) {
         self.age_ns = end_ns.saturating_sub(capture_ns);
         if self.deadline_ns > 0 && self.age_ns > self.deadline_ns {
-            self.late += 1;
-            self.late_in_a_row += 1;
+            self.late = self.late.saturating_add(1);
+            self.late_in_a_row = self.late_in_a_row.saturating_add(1);
         } else {
             self.late_in_a_row = 0;
         }
@@ -57,6 +67,16 @@ pub struct PacingRecord {
     pub slowest: u32,
     /// 1 if the rate is adapted to the slowest stage (`pacing.follow`), else 0.
     pub follows: u32,
+}
+
+ranges! {
+    PacingRecord as "pacing" {
+        rate_hz: within(0.0, MAX_RATE_HZ),
+        wanted_hz: within(0.0, MAX_RATE_HZ),
+        slowest_ms: within(0.0, MAX_MS as f64),
+        slowest: within(0, Role::COUNT as u32 - 1),
+        follows: FLAG,
+    }
 }
 
 impl PacingRecord {

@@ -1,6 +1,7 @@
 //! The GPU that the stereo stage matches on: part of `report` and `status`.
 
 use crate::header::{get_text, put_text};
+use crate::range::{AnyBytes, Each, MS, ranges, within};
 use bytemuck::{Pod, Zeroable};
 
 /// Maximum number of timed steps of the matcher.
@@ -22,6 +23,17 @@ pub struct DeviceRecord {
     pub driver: [u8; 64],
     /// Reason for the loss of the device, padded with zeros; empty unless it is lost.
     pub loss: [u8; 64],
+}
+
+ranges! {
+    DeviceRecord as "device" {
+        state: within(0, 2),
+        stages: within(0, MAX_STAGES as u32),
+        stages_ms: Each(MS),
+        adapter: AnyBytes,
+        driver: AnyBytes,
+        loss: AnyBytes,
+    }
 }
 
 impl Default for DeviceRecord {

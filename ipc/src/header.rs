@@ -1,7 +1,13 @@
 //! The header of every message, and its check.
 
+use crate::alarm::Faults;
+use crate::clock::monotonic_ns;
+use crate::copied::copy_out;
 pub use crate::pipeline::{Kind, VERSION};
 use crate::pipeline::{PATH_LENGTH, Role};
+use crate::range::{
+    ANY_U32, CLOCK_NS, COUNT, Each, FLAG, MAX_SOURCE_NS, Nested, PADDING, RangeError, Ranged, ranges, within,
+};
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
@@ -28,6 +34,9 @@ pub const MAX_SIDE: u32 = 8192;
 pub mod modes {
     /// Regions are tracked, but not classified, because the board is too hot.
     pub const RECOGNITION_OFF: u32 = 1;
+
+    /// All bits that have a meaning.
+    pub const ALL: u32 = RECOGNITION_OFF;
 }
 
 /// When a stage worked on a frame, in nanoseconds of CLOCK_MONOTONIC; 0 = not yet.
@@ -38,6 +47,13 @@ pub struct Stamp {
     pub begin_ns: u64,
     /// When its result was complete, in ns.
     pub end_ns: u64,
+}
+
+ranges! {
+    Stamp as "header: stamp" {
+        begin_ns: CLOCK_NS,
+        end_ns: CLOCK_NS,
+    }
 }
 
 /// The header of every message.
@@ -82,8 +98,35 @@ pub struct Header {
     pub stamps: [Stamp; PATH_LENGTH],
 }
 
+/// Maximum length of a payload, in bytes: the maps of `depth`, with room for the records of a message.
+const MAX_PAYLOAD_BYTES: u32 = 6 * MAX_SIDE * MAX_SIDE;
+
+ranges! {
+    Header as "header" {
+        // `check` compares the first three with what is expected.
+        magic: ANY_U32,
+        version: within(0, u16::MAX),
+        kind: within(0, u16::MAX),
+        sequence: COUNT,
+        source_ns: within(0, MAX_SOURCE_NS),
+        capture_ns: CLOCK_NS,
+        issued_ns: CLOCK_NS,
+        serial: COUNT,
+        first_ns: CLOCK_NS,
+        attempt: ANY_U32,
+        payload_bytes: within(0, MAX_PAYLOAD_BYTES),
+        withdraws: FLAG,
+        width: within(0, MAX_SIDE),
+        height: within(0, MAX_SIDE),
+        modes: within(0, modes::ALL),
+        faults: within(0, Faults::ALL.0),
+        reserved: PADDING,
+        stamps: Each(Nested),
+    }
+}
+
 /// Why a message is refused.
-#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum MessageError {
     /// The header does not start with the magic number.
     #[error("not a lookout message")]
@@ -110,12 +153,15 @@ pub enum MessageError {
         /// Required length in bytes.
         needed: usize,
     },
-    /// A field is out of range.
+    /// A number is out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// A number contradicts another one.
     #[error("{what} is out of range: {value}")]
     Value {
         /// Name of the field.
         what: &'static str,
-        /// Its value; the bits of a floating-point number.
+        /// Its value.
         value: u64,
     },
 }
@@ -131,7 +177,8 @@ impl Header {
         Self { kind: kind as u16, ..*self }
     }
 
-    /// Checks magic number, layout version, kind and image size.
+    /// Checks magic number, layout version, kind, image size, the ranges of all other fields, and that the message was
+    /// not issued in the future: of two messages of `obstacles` the one that was issued later is valid.
     ///
     /// # Errors
     /// The first violation; the message must then not be used.
@@ -148,6 +195,24 @@ impl Header {
         let side = 1..=MAX_SIDE;
         if kind.service().carries_frame && !(side.contains(&self.width) && side.contains(&self.height)) {
             return Err(MessageError::Size { width: self.width, height: self.height });
+        }
+        self.check_ranges()
+    }
+
+    /// Checks everything but kind and image size.
+    pub(crate) fn check_ranges(&self) -> Result<(), MessageError> {
+        if self.magic != MAGIC {
+            return Err(MessageError::Magic);
+        }
+        if self.version != VERSION {
+            return Err(MessageError::Version(self.version));
+        }
+        Ranged::check(self)?;
+        if self.issued_ns > monotonic_ns() {
+            return Err(MessageError::Value {
+                what: "header: issued_ns, in the future,",
+                value: self.issued_ns,
+            });
         }
         Ok(())
     }
@@ -175,15 +240,29 @@ impl Header {
     }
 }
 
+/// Checks that a box (left, top, width, height, in px) lies within the frame's images.
+pub(crate) fn check_box(what: &'static str, header: &Header, bounds: &[u32; 4]) -> Result<(), MessageError> {
+    let [x, y, width, height] = bounds.map(u64::from);
+    for (end, side) in [(x + width, header.width), (y + height, header.height)] {
+        if end > u64::from(side) {
+            return Err(MessageError::Value { what, value: end });
+        }
+    }
+    Ok(())
+}
+
 /// Checks that a payload has exactly the length that its header requires.
 pub(crate) fn check_length(payload: &[u8], needed: usize) -> Result<(), MessageError> {
     if payload.len() == needed { Ok(()) } else { Err(MessageError::Length { given: payload.len(), needed }) }
 }
 
-/// Copies the single record that a payload consists of.
-pub(crate) fn record<T: bytemuck::Pod>(payload: &[u8]) -> Result<T, MessageError> {
-    check_length(payload, size_of::<T>())?;
-    Ok(bytemuck::pod_read_unaligned(payload))
+/// Copies the single record that a payload consists of, and checks the copy.
+pub(crate) fn record<T: bytemuck::Pod + Ranged>(payload: &[u8]) -> Result<T, MessageError> {
+    let needed = size_of::<T>();
+    check_length(payload, needed)?;
+    let record: T = copy_out(payload).ok_or(MessageError::Length { given: payload.len(), needed })?;
+    record.check()?;
+    Ok(record)
 }
 
 /// Copies UTF-8 text into a field of fixed size, truncated at a character boundary and padded with zeros.
@@ -219,6 +298,19 @@ mod tests {
             let header = Header { width, height, ..good };
             assert!(matches!(header.check(Kind::Pair), Err(MessageError::Size { .. })));
         }
+        // As in the attack: obstacles of the age of the universe.
+        let late = Header { source_ns: 1 << 62, ..good };
+        let error = late.check(Kind::Pair).unwrap_err().to_string();
+        assert_eq!(error, "header: source_ns is 4611686018427387904, valid is 0 to 4000000000000000000");
+        // Unix time is a source time, too.
+        assert_eq!(Header { source_ns: 1_800_000_000_000_000_000, ..good }.check(Kind::Pair), Ok(()));
+        for (field, wrong) in good.invalid() {
+            assert!(wrong.check(Kind::Pair).is_err(), "{field}: {wrong:?}");
+        }
+        // A message of tomorrow would outlive all results until then.
+        let tomorrow = Header { issued_ns: monotonic_ns() + 86_400_000_000_000, ..good };
+        assert!(tomorrow.check(Kind::Pair).is_err());
+        assert_eq!(Header { issued_ns: monotonic_ns(), ..good }.check(Kind::Pair), Ok(()));
         // Messages without images have no size.
         assert_eq!(Header::new(Kind::Report).check(Kind::Report), Ok(()));
     }

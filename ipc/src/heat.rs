@@ -1,6 +1,7 @@
 //! Temperatures, thermal ladder and clocks of the board: part of `status`.
 
 use crate::header::{get_text, put_text};
+use crate::range::{AnyBytes, Each, FLAG, Nested, ranges, within};
 use bytemuck::{Pod, Zeroable};
 
 /// Maximum number of thermal zones in a status.
@@ -25,6 +26,21 @@ pub struct ZoneRecord {
     pub projected: u32,
 }
 
+/// Range of temperatures in °C: absolute zero, and far above any chip that still reports.
+const MIN_CELSIUS: f32 = -273.15;
+const MAX_CELSIUS: f32 = 1000.0;
+
+/// Maximum frequency of a clock, in MHz: 1 THz.
+const MAX_MHZ: f32 = 1e6;
+
+ranges! {
+    ZoneRecord as "heat: zone" {
+        name: AnyBytes,
+        celsius: within(MIN_CELSIUS, MAX_CELSIUS),
+        projected: FLAG,
+    }
+}
+
 /// One clock.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -35,6 +51,14 @@ pub struct ClockRecord {
     pub wanted_mhz: f32,
     /// Frequency at the last reading, in MHz; 0 if it cannot be read.
     pub read_mhz: f32,
+}
+
+ranges! {
+    ClockRecord as "heat: clock" {
+        name: AnyBytes,
+        wanted_mhz: within(0.0, MAX_MHZ),
+        read_mhz: within(0.0, MAX_MHZ),
+    }
 }
 
 /// Thermal state and clocks of the board.
@@ -59,6 +83,20 @@ pub struct HeatRecord {
     pub zone: [ZoneRecord; MAX_ZONES],
     /// The clocks.
     pub clock: [ClockRecord; MAX_CLOCKS],
+}
+
+ranges! {
+    HeatRecord as "heat" {
+        watched: FLAG,
+        rung: within(0, RUNGS.len() as u32 - 1),
+        zones: within(0, MAX_ZONES as u32),
+        clocks: within(0, MAX_CLOCKS as u32),
+        frame_rate_share: within(0.0_f32, 1.0),
+        clocks_share: within(0.0_f32, 1.0),
+        reason: AnyBytes,
+        zone: Each(Nested),
+        clock: Each(Nested),
+    }
 }
 
 impl HeatRecord {

@@ -26,8 +26,9 @@
 //!
 //! Every message is a [`header::Header`] and a payload, a slice of bytes. One module per message declares the layout of
 //! the payload (`pair`, `depth`, `regions`, `obstacles`, `report`, `command`, `status`). A publisher loans a sample,
-//! writes it in place and sends it; a subscriber reads it in place, so nothing is copied. The `view` function of each
-//! message checks header and payload before their content is used.
+//! writes it in place and sends it; a subscriber reads images in place, so they are not copied. The `view` function of
+//! each message copies header and records, and checks every number of them against its range before it is used;
+//! [`port`] says what is relied on when another process writes the same memory.
 //!
 //! [`pipeline`] declares the services and the processes. [`bus`] opens the ports ([`port`]), [`wait`] blocks until
 //! messages arrive, [`instance`] manages names, locks and the files of a run.
@@ -39,6 +40,7 @@ pub mod allocation;
 pub mod bus;
 pub mod calibration;
 pub mod clock;
+mod copied;
 pub mod deadline;
 pub mod device;
 mod error;
@@ -51,6 +53,7 @@ mod node_counter;
 pub mod pipeline;
 pub mod port;
 pub mod privilege;
+mod range;
 pub mod realtime;
 pub mod rig;
 pub mod run_files;
@@ -60,4 +63,6 @@ pub mod stall;
 pub mod typed;
 pub mod wait;
 
+pub use copied::Records;
 pub use message::*;
+pub use range::{MAX_CLOCK_NS, MAX_COUNT, MAX_CPU_NS, MAX_SOURCE_NS, Number, RangeError};

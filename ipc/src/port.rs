@@ -1,4 +1,27 @@
 //! Zero-copy publishers and subscribers.
+//!
+//! # Memory that another process may write
+//!
+//! A payload is a slice over shared memory. Forming it is sound only while nobody writes that memory, and this crate
+//! cannot enforce that. It relies on the following.
+//!
+//! - Only processes of the same user can open the memory: the files of a run have mode 0600. Subscribers map
+//!   the pools of publishers read-only.
+//! - A publisher writes a sample only between its loan and its sending, and iceoryx2 lends no sample that a subscriber
+//!   holds.
+//!
+//! A process of the same user that keeps to neither, or a publisher with a defect, can change a sample while it is
+//! read. Strictly, that is a data race, of which Rust promises nothing; it cannot be prevented without copying the
+//! images. What this crate does is to leave such a change nothing to harm:
+//!
+//! - Header and records are copied out once, by volatile reads, and the copies are checked and used.
+//!   Every length, count, index and offset comes from a copy.
+//! - Images and disparities, road profile and free space are read in place. Every value is valid for them, no address
+//!   and no length depends on them unchecked, and nothing relies on reading the same value twice.
+//!
+//! iceoryx2's own structures in shared memory (connections, indices of samples, lengths of slices) are not checked, as
+//! no program that uses it can. Garbage in them ends the processes that read it; the service manager brings the daemon
+//! back (docs/operations.md).
 
 use crate::clock::monotonic_ns;
 use crate::error::IpcError;
@@ -45,7 +68,8 @@ impl Publisher {
         let lines = bytes.div_ceil(LINE_BYTES);
         let sample = self.port.loan_slice_uninit(lines).map_err(|e| IpcError::new("loan", self.name, e))?;
         // SAFETY: the payload lies in a memory-mapped file, whose bytes are initialised (to zero by the kernel, or by
-        // an earlier message), and every bit pattern is a valid Line.
+        // an earlier message), and every bit pattern is a valid Line. iceoryx2 lends the sample to nobody else; the
+        // documentation of the module says what happens if another process writes it nevertheless.
         let sample = unsafe { sample.assume_init() };
         Ok(Loan { sample, bytes })
     }
@@ -121,10 +145,12 @@ pub struct Subscriber {
     pub(crate) _drop_ends: DropEnds,
 }
 
-/// A received message. Its content does not change until it is dropped.
+/// A received message. Publishers do not change its payload until it is dropped.
 #[derive(Debug)]
 pub struct Sample {
     sample: IoxSample<ipc::Service, [Line], Header>,
+    /// Copy of the header in shared memory: what was checked does not change.
+    header: Header,
 }
 
 impl Subscriber {
@@ -136,8 +162,13 @@ impl Subscriber {
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
         let _guard = Guard::enter(Call::Receive);
         let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
-        if let Some(sample) = &sample {
-            let (origin, header) = (sample.origin(), sample.user_header());
+        let Some(sample) = sample else { return Ok(None) };
+        // SAFETY: the reference is valid for reads, and every bit pattern is a valid `Header`, which consists of whole
+        // numbers. The read is volatile: the compiler may not read shared memory again in place of the copy.
+        let header = unsafe { std::ptr::read_volatile(sample.user_header()) };
+        // Garbage counts nothing; whoever checks the message refuses it.
+        if header.check_ranges().is_ok() {
+            let origin = sample.origin();
             let serial = header.serial;
             let gap = match self.last.replace(Some((origin, serial))) {
                 Some((publisher, before)) if publisher == origin => {
@@ -150,7 +181,7 @@ impl Subscriber {
             self.known_ns.set(header.issued_ns);
             self.missed.set(self.missed.get().saturating_add(gap));
         }
-        Ok(sample.map(|sample| Sample { sample }))
+        Ok(Some(Sample { sample, header }))
     }
 
     /// Number of messages since the last call that newer ones overtook before they were received.
@@ -165,14 +196,14 @@ impl Sample {
         self.sample.origin() == publisher.port.id()
     }
 
-    /// The header; call [`Header::check`] before using it.
+    /// A copy of the header; call [`Header::check`] before using it.
     pub fn header(&self) -> &Header {
-        self.sample.user_header()
+        &self.header
     }
 
     /// The payload, with the length that its header states, limited to the received bytes.
     pub fn payload(&self) -> &[u8] {
         let bytes: &[u8] = bytemuck::cast_slice(self.sample.payload());
-        &bytes[..bytes.len().min(self.header().payload_bytes as usize)]
+        &bytes[..bytes.len().min(self.header.payload_bytes as usize)]
     }
 }

@@ -1,5 +1,6 @@
 //! Real-time privileges of a process: part of `report` and `status`.
 
+use crate::range::{COUNT, PADDING, ranges, within};
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
@@ -46,6 +47,22 @@ pub struct RealtimeRecord {
     pub reserved: u32,
     /// Number of log lines that were dropped because the queue to standard error was full.
     pub log_dropped: u64,
+}
+
+/// Maximum priority of SCHED_FIFO.
+const MAX_PRIORITY: u32 = 99;
+
+/// All bits of [`Privilege`].
+const ALL_PRIVILEGES: u32 = (1 << Privilege::ALL.len()) - 1;
+
+ranges! {
+    RealtimeRecord as "realtime" {
+        priority: within(0, MAX_PRIORITY),
+        granted: within(0, ALL_PRIVILEGES),
+        refused: within(0, ALL_PRIVILEGES),
+        reserved: PADDING,
+        log_dropped: COUNT,
+    }
 }
 
 impl RealtimeRecord {

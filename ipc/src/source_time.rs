@@ -1,5 +1,6 @@
 //! What was wrong with the time of the source: part of `report` and `status`.
 
+use crate::range::{COUNT, ranges};
 use bytemuck::{Pod, Zeroable};
 use std::fmt;
 
@@ -16,6 +17,15 @@ pub struct SourceTimeRecord {
     pub repeats: u64,
     /// Number of obstacles that were dropped, because their numbers were not finite or beyond what can be measured.
     pub dropped_obstacles: u64,
+}
+
+ranges! {
+    SourceTimeRecord as "source time" {
+        gaps: COUNT,
+        steps_back: COUNT,
+        repeats: COUNT,
+        dropped_obstacles: COUNT,
+    }
 }
 
 impl SourceTimeRecord {

@@ -216,7 +216,9 @@ fn fit_group(tile: &mut RemapTile, at: usize, positions: &[Position], width: usi
     if x1 as usize + 1 >= left + WINDOW || y1 as usize > top + 1 {
         return false;
     }
-    tile.windows[at / GROUP] = [left as u16, top as u16];
+    // A window farther out does not fit into the tile's numbers.
+    let (Ok(window_x), Ok(window_y)) = (u16::try_from(left), u16::try_from(top)) else { return false };
+    tile.windows[at / GROUP] = [window_x, window_y];
     for (k, p) in positions.iter().enumerate() {
         let column = (p.x as usize - left) as u8;
         tile.pairs[at + k] = [column, column + 1];
@@ -280,6 +282,18 @@ mod tests {
                     let out = map.applied(image.view()).unwrap();
                     assert!(out.as_slice() == expected, "{width}x{height}, map {kind}, {}", level.name());
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn windows_beyond_16_bits_are_remapped_too() {
+        // Wider, and higher, than a tile's numbers reach.
+        for (width, height) in [(66_000, 3), (16, 66_000)] {
+            let image = noise(width, height, 5);
+            for level in Level::available() {
+                let map = Remap::new(level, width, height, |x, y| Some((x as f64, y as f64)));
+                assert!(map.applied(image.view()).unwrap() == image, "{width}x{height}, {}", level.name());
             }
         }
     }

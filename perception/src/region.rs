@@ -51,7 +51,24 @@ pub struct Region {
     pub confidence: f64,
 }
 
+/// Maximum magnitude of a measure of a valid region, in its unit: far above all that cameras see, and so small that no
+/// arithmetic of the tracker overflows.
+const MAX_MEASURE: f64 = 1e6;
+
 impl Region {
+    /// Whether all numbers are such as a detection may have: finite, not extreme, sizes and standard deviation not
+    /// negative, disparity above 0, and a box whose sides are numbers.
+    pub fn is_valid(&self) -> bool {
+        let sizes = [self.disparity_sigma_px, self.distance_m, self.width_m, self.height_m];
+        let PixelBox { x, y, width, height } = self.bounds;
+        self.disparity_px > 1.0 / MAX_MEASURE
+            && self.disparity_px <= MAX_MEASURE
+            && self.lateral_m.abs() <= MAX_MEASURE
+            && sizes.iter().all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && x.checked_add(width).is_some()
+            && y.checked_add(height).is_some()
+    }
+
     /// Sets the first column of the box and the column after its last one; updates width and lateral
     /// position.
     pub(crate) fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {

@@ -113,7 +113,7 @@ fn child(
     let path = folder.join("read");
     let mut random = fastrand::Rng::with_seed(seed);
     let (mut seen, mut corpus) = (HashSet::new(), seeds.clone());
-    let (mut runs, mut slowest_ns) = (0_u64, 0);
+    let (mut runs, mut accepted, mut slowest_ns) = (0_u64, 0_u64, 0);
     let until = Instant::now() + Duration::from_secs(seconds());
     while Instant::now() < until {
         let input = match seeds.get(runs as usize) {
@@ -133,9 +133,10 @@ fn child(
             corpus.push(input);
         }
         runs += 1;
+        accepted += u64::from(answer.starts_with("ok"));
     }
     println!(
-        "fuzz {name}: seed {seed}, {runs} inputs, {} different answers, slowest {:.1} ms",
+        "fuzz {name}: seed {seed}, {runs} inputs, {accepted} accepted, {} different answers, slowest {:.1} ms",
         seen.len(),
         slowest_ns as f64 * 1e-6
     );

@@ -1,10 +1,9 @@
 //! Messages: headers and payloads as a broken or hostile process might leave them in shared memory.
 
-use super::harness::fuzz;
+use super::harness::{fuzz, is_child};
 use fastrand::Rng;
 use messages::header::{Header, Kind, Stamp};
 use messages::{command, depth, obstacles, pair, pipeline, regions, report, status};
-use std::path::Path;
 
 /// Bytes of the fields of a header that anybody may write.
 const HEADER_BYTES: usize = 48;
@@ -42,8 +41,52 @@ fn message(input: &[u8]) -> Option<(Kind, Header, Vec<u64>, usize)> {
     Some((kind, header, memory, payload.len()))
 }
 
+/// In the first byte of an input: the rest is a recipe, which changes some numbers of the valid message of that kind.
+const RECIPE: u8 = 0x80;
+
+/// Bytes of a change in a recipe: where (two bytes), how (one byte), a value of eight bytes.
+const CHANGE_BYTES: usize = 11;
+
+/// The input that a recipe stands for: a valid one, in which whole fields have other values.
+fn follow(recipe: &[u8], seeds: &[Vec<u8>]) -> Option<Vec<u8>> {
+    let (&kind, changes) = recipe.split_first()?;
+    let mut input = seeds.get((kind & !RECIPE) as usize % KINDS.len())?.clone();
+    let (changes, _) = changes.as_chunks::<CHANGE_BYTES>();
+    // More would refuse every message.
+    for [low, high, how, value @ ..] in changes.iter().take(3) {
+        let wide = how % 2 == 0;
+        let size = if wide { 8 } else { 4 };
+        let places = (input.len() - 1) / size;
+        let at = 1 + size * (usize::from(u16::from_le_bytes([*low, *high])) % places);
+        let field = &mut input[at..at + size];
+        let number = u64::from_le_bytes(*value);
+        let share = f64::from(value[0]) / 128.0;
+        match (how / 2 % 6, wide) {
+            (0, _) => field.copy_from_slice(&value[..size]),
+            (1 | 2, true) => {
+                let old = f64::from_le_bytes(field.try_into().expect("eight bytes"));
+                field.copy_from_slice(&(old * share).to_le_bytes());
+            }
+            (1 | 2, false) => {
+                let old = f32::from_le_bytes(field.try_into().expect("four bytes"));
+                field.copy_from_slice(&(old * share as f32).to_le_bytes());
+            }
+            (3, true) => field.copy_from_slice(&(number as f64 * 1e-15).to_le_bytes()),
+            (_, true) => {
+                let old = u64::from_le_bytes(field.try_into().expect("eight bytes"));
+                field.copy_from_slice(&old.wrapping_add(number % 5).to_le_bytes());
+            }
+            (_, false) => {
+                let old = u32::from_le_bytes(field.try_into().expect("four bytes"));
+                field.copy_from_slice(&old.wrapping_add(number as u32 % 5).to_le_bytes());
+            }
+        }
+    }
+    Some(input)
+}
+
 /// Reads a message as its reader does, and everything in it.
-fn read(bytes: &[u8], _: &Path) -> String {
+fn read(bytes: &[u8]) -> String {
     let Some((kind, header, memory, length)) = message(bytes) else { return "short".into() };
     let payload: &[u8] = &bytemuck::cast_slice::<u64, u8>(&memory)[..length];
     let said = match kind {
@@ -53,7 +96,12 @@ fn read(bytes: &[u8], _: &Path) -> String {
             d.left.len()
         }),
         Kind::Regions => regions::view(&header, payload).map(|r| {
-            for region in r.regions {
+            assert!(r.profile_px.iter().chain(r.free_m).all(|v| v.is_finite() && *v >= 0.0));
+            for region in &r.regions {
+                let measures =
+                    [region.distance_m, region.width_m, region.height_m, region.disparity_sigma_px];
+                assert!(measures.iter().all(|v| (0.0..=1e4).contains(v)), "{region:?}");
+                assert!(region.disparity_px > 0.0 && region.lateral_m.abs() <= 1e4, "{region:?}");
                 let [x, y, width, height] = region.bounds;
                 assert!(x + width <= header.width && y + height <= header.height, "{region:?}");
                 if let Some(crop) = r.crop(region) {
@@ -62,7 +110,18 @@ fn read(bytes: &[u8], _: &Path) -> String {
             }
             r.profile_px.len().min(2) + r.regions.len()
         }),
-        Kind::Obstacles => obstacles::view(&header, payload).map(|o| o.obstacles.len()),
+        Kind::Obstacles => obstacles::view(&header, payload).map(|o| {
+            for obstacle in &o.obstacles {
+                let measures =
+                    [obstacle.distance_m, obstacle.distance_sigma_m, obstacle.width_m, obstacle.height_m];
+                assert!(measures.iter().all(|v| (0.0..=1e4).contains(v)), "{obstacle:?}");
+                assert!(
+                    obstacle.closing_m_s.abs() <= 1e3 && obstacle.across_m_s.abs() <= 1e3,
+                    "{obstacle:?}"
+                );
+            }
+            o.obstacles.len()
+        }),
         Kind::Report => report::view(&header, payload).map(|r| {
             assert!(r.role().is_some());
             r.text().len() + r.calibration.to_string().len()
@@ -75,6 +134,7 @@ fn read(bytes: &[u8], _: &Path) -> String {
                 + s.processes().map(|(_, p)| p.state().len()).sum::<usize>()
         }),
     };
+    assert!(said.is_err() || header.source_ns < 1 << 62, "{header:?}");
     match said {
         Ok(_) => format!("ok {kind:?}"),
         Err(error) => format!("{kind:?} {error}"),
@@ -124,11 +184,43 @@ fn seeds() -> Vec<Vec<u8>> {
     seeds
 }
 
+/// Recipes that change little, for the corpus: one for each kind and way to change a number.
+fn recipes() -> Vec<Vec<u8>> {
+    let mut random = Rng::with_seed(4);
+    let mut recipes = Vec::new();
+    for kind in 0..KINDS.len() as u8 {
+        for how in 0..12 {
+            let mut recipe = vec![kind | RECIPE];
+            for _ in 0..random.usize(1..3) {
+                recipe.extend(random.u16(..).to_le_bytes());
+                recipe.push(how);
+                recipe.extend(random.u64(..).to_le_bytes());
+            }
+            recipes.push(recipe);
+        }
+    }
+    recipes
+}
+
 #[test]
 fn message_views() {
-    // Every seed is valid.
-    for seed in seeds() {
-        assert!(read(&seed, Path::new("")).starts_with("ok"), "{}", read(&seed, Path::new("")));
+    let valid = seeds();
+    for seed in &valid {
+        assert!(read(seed).starts_with("ok"), "{}", read(seed));
     }
-    fuzz("messages::message_views", seeds(), 1 << 16, read);
+    let corpus = [valid.clone(), recipes()].concat();
+    let (mut accepted, mut runs) = (0_u64, 0_u64);
+    fuzz("messages::message_views", corpus, 1 << 16, |input, _| {
+        let is_recipe = input.first().is_some_and(|kind| kind & RECIPE > 0);
+        let said = match is_recipe.then(|| follow(input, &valid)) {
+            Some(input) => input.map_or("short".into(), |input| read(&input)),
+            None => read(input),
+        };
+        runs += 1;
+        accepted += u64::from(said.starts_with("ok"));
+        said
+    });
+    if is_child() {
+        assert!(accepted * 10 > runs, "{accepted} of {runs} accepted");
+    }
 }

@@ -192,7 +192,7 @@ impl Host {
 
     /// Counts a refused message, and logs at most one per second.
     pub fn refused(&mut self, service: &str, reason: &dyn std::fmt::Display) {
-        self.report.refused += 1;
+        self.report.refused = self.report.refused.saturating_add(1);
         self.report.set_health(self.report.health(), &format!("{service}: {reason}"));
         let now = monotonic_ns();
         if self.warned_ns.is_none_or(|at| now - at > 1_000_000_000) {
@@ -233,7 +233,7 @@ impl Host {
             self.report.shared_bytes = memory.shared_bytes;
         }
         self.next_beat_ns = now + self.heartbeat.as_nanos() as u64;
-        self.reports.send_record(self.header, &self.report)?;
+        self.reports.send_record(self.header, &self.report.limited())?;
         Ok(())
     }
 }

@@ -175,7 +175,7 @@ impl Feed {
     }
 
     /// Records the results of a frame.
-    pub fn obstacles(&mut self, header: &Header, message: &Obstacles<'_>) {
+    pub fn obstacles(&mut self, header: &Header, message: &Obstacles) {
         // A withdrawal is not a result; the status contains its reason.
         if header.withdraws == 1 || self.last_result == Some(header.sequence) {
             return;

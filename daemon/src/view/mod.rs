@@ -16,3 +16,6 @@ mod request;
 pub mod server;
 mod session;
 pub mod watcher;
+
+#[cfg(test)]
+mod tests;

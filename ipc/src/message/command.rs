@@ -1,6 +1,7 @@
 //! `command`: scheduler → capture. The rate of the source and, in lock-step, its credit.
 
-use crate::header::{Header, Kind, MessageError, record};
+use crate::header::{Header, Kind, MessageError, modes, record};
+use crate::range::{ANY_U32, CLOCK_NS, FLAG, PADDING, ranges, within};
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
@@ -19,12 +20,26 @@ pub struct CommandRecord {
     pub attempt: u32,
     /// 1 while the board is too hot for any pair to be published; else 0.
     pub hold: u32,
-    /// Time between pairs at live rate, in ns, above 0; any value in lock-step.
+    /// Time between pairs, in ns; at live rate above 0.
     pub period_ns: u64,
     /// Value of [`Header::modes`] for all frames: bits of [`crate::header::modes`].
     pub modes: u32,
     /// Padding; 0.
     pub reserved: u32,
+}
+
+ranges! {
+    CommandRecord as "command" {
+        lockstep: FLAG,
+        drain: FLAG,
+        // The credit ends nothing but the source, whose sequences are bounded by the header.
+        credit: within(0, u64::MAX),
+        attempt: ANY_U32,
+        hold: FLAG,
+        period_ns: CLOCK_NS,
+        modes: within(0, modes::ALL),
+        reserved: PADDING,
+    }
 }
 
 /// Length of the payload in bytes.
@@ -33,12 +48,12 @@ pub const PAYLOAD_BYTES: usize = size_of::<CommandRecord>();
 /// Checks a message and copies its record.
 ///
 /// # Errors
-/// If the header, the length or the period is invalid.
+/// If the header, the length or any field is invalid.
 pub fn view(header: &Header, payload: &[u8]) -> Result<CommandRecord, MessageError> {
     header.check(Kind::Command)?;
     let command: CommandRecord = record(payload)?;
     if command.lockstep == 0 && command.period_ns == 0 {
-        return Err(MessageError::Value { what: "period", value: 0 });
+        return Err(MessageError::Value { what: "command: period_ns", value: 0 });
     }
     Ok(command)
 }
@@ -57,5 +72,26 @@ impl Message for CommandMessage {
 
     fn max_payload_bytes(_: usize, _: usize) -> usize {
         PAYLOAD_BYTES
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::range::Ranged;
+
+    #[test]
+    fn every_number_outside_its_range_is_refused() {
+        let header = Header::new(Kind::Command);
+        let command = CommandRecord { period_ns: 1, ..CommandRecord::default() };
+        assert_eq!(view(&header, bytemuck::bytes_of(&command)), Ok(command));
+        for (field, wrong) in command.invalid() {
+            assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err(), "{field}: {wrong:?}");
+        }
+        // Only at live rate does a period of 0 mean pairs without a pause.
+        let live = CommandRecord { period_ns: 0, ..command };
+        assert!(view(&header, bytemuck::bytes_of(&live)).is_err());
+        let lockstep = CommandRecord { lockstep: 1, ..live };
+        assert!(view(&header, bytemuck::bytes_of(&lockstep)).is_ok());
     }
 }

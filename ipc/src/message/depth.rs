@@ -9,7 +9,8 @@ pub fn payload_bytes(width: usize, height: usize) -> usize {
     5 * width * height
 }
 
-/// The maps of a message, each width × height values, row after row.
+/// The maps of a message, each width × height values, row after row, read in place. Every value is valid, and another
+/// process may change it at any time: whoever uses them must accept any value, also another one at the next look.
 #[derive(Clone, Copy, Debug)]
 pub struct Depth<'a> {
     /// Disparity in 1/256 px; 0 = unknown.
@@ -38,14 +39,14 @@ pub struct DepthMut<'a> {
 /// Checks a message and returns its maps.
 ///
 /// # Errors
-/// If the header, the length or the alignment is invalid.
+/// If the header, the length or the alignment is invalid. Every value of a map is valid.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Depth<'a>, MessageError> {
     header.check(Kind::Depth)?;
     let pixels = header.pixels();
     check_length(payload, 5 * pixels)?;
     let (disparity, rest) = payload.split_at(2 * pixels);
     let disparity = bytemuck::try_cast_slice(disparity)
-        .map_err(|_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 })?;
+        .map_err(|_| MessageError::Value { what: "depth: address", value: payload.as_ptr() as u64 })?;
     let (left, rest) = rest.split_at(pixels);
     let (confidence, right) = rest.split_at(pixels);
     Ok(Depth { disparity, left, confidence, right })
@@ -60,7 +61,7 @@ pub fn split_mut(payload: &mut [u8], pixels: usize) -> Result<DepthMut<'_>, Mess
     let at = payload.as_ptr() as u64;
     let (disparity, rest) = payload.split_at_mut(2 * pixels);
     let disparity = bytemuck::try_cast_slice_mut(disparity)
-        .map_err(|_| MessageError::Value { what: "alignment", value: at })?;
+        .map_err(|_| MessageError::Value { what: "depth: address", value: at })?;
     let (left, rest) = rest.split_at_mut(pixels);
     let (confidence, right) = rest.split_at_mut(pixels);
     Ok(DepthMut { disparity, left, confidence, right })

@@ -1,8 +1,14 @@
 //! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road model
 //! and up to [`MAX_COUNT`] tracked obstacles.
 
-use crate::alarm::{LEVELS, RULES};
-use crate::header::{Header, Kind, MessageError};
+use crate::alarm::{Faults, LEVELS, RULES};
+use crate::copied::{Records, copy_out};
+use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
+use crate::range::{
+    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, PADDING,
+    Ranged, SHARE, Within, ranges, within, within_or_infinite,
+};
+use super::regions::{CAMERA_HEIGHT_M, HORIZON_PX, SLOPE};
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
@@ -44,6 +50,29 @@ pub struct AlarmRecord {
     pub confidence: f64,
     /// Height of the camera above the road, in metres.
     pub camera_height_m: f64,
+}
+
+/// Maximum required deceleration, in m/s²: [`MAX_SPEED_M_S`] within 0.1 m.
+const MAX_DECELERATION_M_S2: f64 = MAX_SPEED_M_S * MAX_SPEED_M_S / (2.0 * 0.1);
+
+ranges! {
+    AlarmRecord as "obstacles: alarm" {
+        level: within(0, LEVELS.len() as u32 - 1),
+        rule: within(0, RULES.len() as u32 - 1),
+        track: ANY_U32,
+        faults: within(0, Faults::ALL.0),
+        changed: FLAG,
+        reserved: PADDING,
+        nearest_m: within_or_infinite(0.0, MAX_METRES),
+        time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),
+        required_deceleration_m_s2: within(0.0, MAX_DECELERATION_M_S2),
+        road_seen: FLAG,
+        obstacles: within(0, MAX_COUNT as u32),
+        slope: SLOPE,
+        horizon_px: HORIZON_PX,
+        confidence: SHARE,
+        camera_height_m: CAMERA_HEIGHT_M,
+    }
 }
 
 /// One tracked obstacle. The box is in pixels of the left image; z is the camera's axis.
@@ -90,13 +119,44 @@ pub struct ObstacleRecord {
     pub class: [u8; 16],
 }
 
-/// The parts of a message.
+/// Speeds with a sign, and their standard deviations.
+const SPEED_M_S: Within<f64> = within(-MAX_SPEED_M_S, MAX_SPEED_M_S);
+const SPEED_SIGMA_M_S: Within<f64> = within(0.0, MAX_SPEED_M_S);
+
+/// Maximum score of a class: far more overlapping hits than a crop has windows.
+const MAX_SCORE: f64 = 1e6;
+
+ranges! {
+    ObstacleRecord as "obstacles: obstacle" {
+        track: ANY_U32,
+        confirmed: FLAG,
+        seen: ANY_U32,
+        missed: ANY_U32,
+        bounds: Each(within(0, MAX_SIDE)),
+        distance_m: METRES,
+        distance_sigma_m: METRES,
+        lateral_m: LATERAL_M,
+        width_m: METRES,
+        height_m: METRES,
+        across_m_s: SPEED_M_S,
+        closing_m_s: SPEED_M_S,
+        closing_sigma_m_s: SPEED_SIGMA_M_S,
+        time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),
+        time_to_collision_sigma_s: within(0.0, MAX_COLLISION_S),
+        in_path: FLAG,
+        reserved: PADDING,
+        score: within(0.0, MAX_SCORE),
+        class: AnyBytes,
+    }
+}
+
+/// The parts of a message, copied out of it.
 #[derive(Clone, Copy, Debug)]
-pub struct Obstacles<'a> {
+pub struct Obstacles {
     /// Alarm and road model.
     pub alarm: AlarmRecord,
     /// The obstacles, in the order of their tracks: the oldest first.
-    pub obstacles: &'a [ObstacleRecord],
+    pub obstacles: Records<ObstacleRecord, MAX_COUNT>,
 }
 
 /// Length of the payload with `count` obstacles, in bytes.
@@ -124,46 +184,23 @@ pub fn write(
     Ok(needed)
 }
 
-/// Checks a message and returns its parts. All boxes then lie within the image, and all positions and sizes are finite.
+/// Copies the parts of a message and checks them: every number is in its range, and all boxes lie within the image.
 ///
 /// # Errors
 /// If the header, the length or any field is invalid.
-pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Obstacles<'a>, MessageError> {
+pub fn view(header: &Header, payload: &[u8]) -> Result<Obstacles, MessageError> {
     header.check(Kind::Obstacles)?;
     let short = MessageError::Length { given: payload.len(), needed: size_of::<AlarmRecord>() };
-    let (start, rest) = payload.split_at_checked(size_of::<AlarmRecord>()).ok_or(short)?;
-    let alarm: AlarmRecord = bytemuck::pod_read_unaligned(start);
-    let count = alarm.obstacles as usize;
-    if count > MAX_COUNT {
-        return Err(MessageError::Value { what: "count of obstacles", value: count as u64 });
-    }
-    let known = (alarm.level as usize) < LEVELS.len() && (alarm.rule as usize) < RULES.len();
-    if alarm.nearest_m.is_nan() {
-        return Err(MessageError::Value { what: "nearest distance", value: alarm.nearest_m.to_bits() });
-    }
-    if !known || alarm.road_seen > 1 {
-        return Err(MessageError::Value { what: "level of the alarm", value: alarm.level.into() });
-    }
+    let alarm: AlarmRecord = copy_out(payload).ok_or(short)?;
+    alarm.check()?;
+    let (count, rest) = (alarm.obstacles as usize, &payload[size_of::<AlarmRecord>()..]);
     if rest.len() != count * size_of::<ObstacleRecord>() {
         return Err(MessageError::Length { given: payload.len(), needed: payload_bytes(count) });
     }
-    let obstacles: &[ObstacleRecord] = bytemuck::try_cast_slice(rest)
-        .map_err(|_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 })?;
-    for obstacle in obstacles {
-        let [x, y, width, height] = obstacle.bounds.map(u64::from);
-        if x + width > u64::from(header.width) || y + height > u64::from(header.height) {
-            return Err(MessageError::Value { what: "box of an obstacle", value: x });
-        }
-        // Positions and sizes must be finite; times may be infinite; nothing may be NaN.
-        let places = [obstacle.distance_m, obstacle.lateral_m, obstacle.width_m, obstacle.height_m];
-        let rest =
-            [obstacle.distance_sigma_m, obstacle.closing_m_s, obstacle.time_to_collision_s, obstacle.score];
-        if places.iter().any(|v| !v.is_finite()) || rest.iter().any(|v| v.is_nan()) {
-            return Err(MessageError::Value {
-                what: "measure of an obstacle",
-                value: obstacle.distance_m.to_bits(),
-            });
-        }
+    let obstacles = Records::<ObstacleRecord, MAX_COUNT>::copy_out(rest);
+    for obstacle in &obstacles {
+        obstacle.check()?;
+        check_box("obstacles: box of an obstacle", header, &obstacle.bounds)?;
     }
     Ok(Obstacles { alarm, obstacles })
 }
@@ -193,9 +230,9 @@ pub struct ObstaclesMessage;
 
 impl Message for ObstaclesMessage {
     const KIND: Kind = Kind::Obstacles;
-    type View<'a> = Obstacles<'a>;
+    type View<'a> = Obstacles;
 
-    fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Self::View<'a>, MessageError> {
+    fn view(header: &Header, payload: &[u8]) -> Result<Obstacles, MessageError> {
         view(header, payload)
     }
 
@@ -234,7 +271,7 @@ mod tests {
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
         write(payload, AlarmRecord { level: 2, ..AlarmRecord::default() }, &[obstacle, obstacle]).unwrap();
         let got = view(&header, payload).unwrap();
-        assert_eq!((got.alarm.level, got.obstacles), (2, &[obstacle, obstacle][..]));
+        assert_eq!((got.alarm.level, &got.obstacles[..]), (2, &[obstacle, obstacle][..]));
         assert!(view(&header, &payload[..payload.len() - 8]).is_err());
         assert!(view(&header, &[]).is_err());
         assert!(view(&Header { width: 25, ..header }, payload).is_err(), "box outside the image");
@@ -247,6 +284,21 @@ mod tests {
             let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
             write(payload, AlarmRecord::default(), &[wrong]).unwrap();
             assert!(view(&header, payload).is_err(), "{wrong:?}");
+        }
+        let alarm = AlarmRecord { level: 2, ..AlarmRecord::default() };
+        for (field, wrong) in obstacle.invalid() {
+            let mut memory = vec![0_u64; payload_bytes(1) / 8];
+            let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            write(payload, alarm, &[wrong]).unwrap();
+            let error = view(&header, payload).unwrap_err().to_string();
+            assert!(error.starts_with("obstacles: obstacle: ") && error.contains(field), "{error}");
+        }
+        for (field, wrong) in alarm.invalid().into_iter().filter(|(field, _)| *field != "obstacles") {
+            let mut memory = vec![0_u64; payload_bytes(0) / 8];
+            let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            write(payload, wrong, &[]).unwrap();
+            let error = view(&header, payload).unwrap_err().to_string();
+            assert!(error.starts_with("obstacles: alarm: ") && error.contains(field), "{error}");
         }
         let endless = ObstacleRecord { time_to_collision_s: f64::INFINITY, ..obstacle };
         let mut memory = vec![0_u64; payload_bytes(1) / 8];

@@ -8,7 +8,8 @@ pub fn payload_bytes(width: usize, height: usize) -> usize {
     2 * width * height
 }
 
-/// The images of a message.
+/// The images of a message, read in place. Every value is valid, and another process may change it at any time: whoever
+/// uses them must accept any value, also another one at the next look.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<'a> {
     /// Left image, grey values row after row.

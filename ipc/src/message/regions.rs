@@ -3,7 +3,12 @@
 //! Payload: [`RoadRecord`], the road profile (f32 per image row), the free space (f32 per
 //! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the crops (grey values, u8).
 
-use crate::header::{Header, Kind, MessageError};
+use crate::copied::{Records, copy_out};
+use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
+use crate::range::{
+    Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges,
+    within,
+};
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
@@ -15,9 +20,6 @@ pub const FREE_COLUMNS: usize = 8;
 
 /// Number of segments of the road ahead. Each has a left and a right edge.
 pub const SEGMENTS: usize = 8;
-
-/// Maximum magnitude of any field of [`EdgeRecord`].
-const MAX_EDGE: f32 = 1e6;
 
 /// Edge of the road on one side of a segment: a step up in height, such as a kerb.
 #[repr(C)]
@@ -34,6 +36,20 @@ pub struct EdgeRecord {
     pub x_px: f32,
     /// Row of its foot, in px; may lie outside the image.
     pub y_px: f32,
+}
+
+/// Maximum magnitude of columns and rows of an edge, in px: lines to it can still be drawn in a frame's time.
+const MAX_EDGE_PX: f32 = 1e6;
+const EDGE_PX: Within<f32> = within(-MAX_EDGE_PX, MAX_EDGE_PX);
+
+ranges! {
+    EdgeRecord as "regions: edge" {
+        step_m: within(0.0, MAX_METRES as f32),
+        lateral_m: within(-MAX_METRES as f32, MAX_METRES as f32),
+        distance_m: within(0.0, MAX_METRES as f32),
+        x_px: EDGE_PX,
+        y_px: EDGE_PX,
+    }
 }
 
 impl EdgeRecord {
@@ -65,6 +81,38 @@ pub struct RoadRecord {
     pub edges: [[EdgeRecord; 2]; SEGMENTS],
 }
 
+/// Maximum magnitude of changes of the road's disparity, px per px: the largest baseline (20 m) over the lowest camera
+/// (0.1 m) is 200.
+const MAX_SLOPE: f64 = 1000.0;
+
+/// Slope of the road in v-disparity.
+pub(super) const SLOPE: Within<f64> = within(-MAX_SLOPE, MAX_SLOPE);
+
+/// Row of the horizon.
+pub(super) const HORIZON_PX: Within<f64> = within(-2.0 * MAX_PLANE_PX, 2.0 * MAX_PLANE_PX);
+
+/// Height of the camera above the road: ten times what can be configured.
+pub(super) const CAMERA_HEIGHT_M: Within<f64> = within(0.0, 100.0);
+
+ranges! {
+    RoadRecord as "regions: road" {
+        seen: FLAG,
+        regions: within(0, MAX_COUNT as u32),
+        slope: SLOPE,
+        horizon_px: HORIZON_PX,
+        roll: within(-MAX_SLOPE, MAX_SLOPE),
+        confidence: SHARE,
+        camera_height_m: CAMERA_HEIGHT_M,
+        edges: Each(Each(Nested)),
+    }
+}
+
+/// Disparity of the road in a row: not wider than an image.
+const PROFILE_PX: Within<f32> = within(0.0, MAX_SIDE as f32);
+
+/// Free space.
+const FREE_M: Within<f32> = within(0.0, MAX_METRES as f32);
+
 /// One region. Boxes are in pixels of the left image; all numbers are finite.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -94,6 +142,31 @@ pub struct RegionRecord {
     pub pixels: u32,
 }
 
+/// Minimum disparity of a region, in px: the resolution of the map.
+const MIN_DISPARITY_PX: f64 = 1.0 / 256.0;
+
+/// Maximum disparity, in px: the width of an image.
+const MAX_DISPARITY_PX: f64 = MAX_SIDE as f64;
+
+/// Maximum number of pixels of an image.
+const MAX_PIXELS: u32 = MAX_SIDE * MAX_SIDE;
+
+ranges! {
+    RegionRecord as "regions: region" {
+        disparity_px: within(MIN_DISPARITY_PX, MAX_DISPARITY_PX),
+        disparity_sigma_px: within(0.0, MAX_DISPARITY_PX),
+        distance_m: METRES,
+        lateral_m: LATERAL_M,
+        width_m: METRES,
+        height_m: METRES,
+        confidence: SHARE,
+        bounds: Each(within(0, MAX_SIDE)),
+        crop: Each(within(0, MAX_SIDE)),
+        crop_offset: within(0, MAX_PIXELS),
+        pixels: within(0, MAX_PIXELS),
+    }
+}
+
 /// Maximum length of the payload for images of `width` × `height` pixels, in bytes.
 pub fn max_payload_bytes(width: usize, height: usize) -> usize {
     fixed_bytes(width, height) + MAX_COUNT * size_of::<RegionRecord>() + width * height
@@ -105,7 +178,9 @@ fn fixed_bytes(width: usize, height: usize) -> usize {
     size_of::<RoadRecord>() + numbers * size_of::<f32>()
 }
 
-/// The parts of a message.
+/// The parts of a message. Road model and regions are copied out of it. Profile, free space and crops are read in
+/// place: their values were checked, but another process may change them later, so whoever uses them must accept any
+/// value.
 #[derive(Clone, Copy, Debug)]
 pub struct Regions<'a> {
     /// The road model.
@@ -116,7 +191,7 @@ pub struct Regions<'a> {
     /// road.
     pub free_m: &'a [f32],
     /// The regions, nearest first.
-    pub regions: &'a [RegionRecord],
+    pub regions: Records<RegionRecord, MAX_COUNT>,
     crops: &'a [u8],
 }
 
@@ -134,7 +209,8 @@ impl<'a> Regions<'a> {
     }
 }
 
-/// Checks a message and returns its parts. All boxes and crops then lie within the image and the payload.
+/// Checks a message and returns its parts. Every number is in its range, and all boxes and crops lie within the image and
+/// the payload.
 ///
 /// # Errors
 /// If the header, the length or any field is invalid.
@@ -142,57 +218,45 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
     header.check(Kind::Regions)?;
     let (width, height) = (header.width as usize, header.height as usize);
     let fixed = fixed_bytes(width, height);
-    let least = MessageError::Length { given: payload.len(), needed: fixed };
-    let (start, rest) = payload.split_at_checked(fixed).ok_or(least)?;
-    let misaligned = |_| MessageError::Value { what: "alignment", value: payload.as_ptr() as u64 };
-    let (road, profile) = start.split_at(size_of::<RoadRecord>());
-    let road: RoadRecord = bytemuck::pod_read_unaligned(road);
-    let of_edge = |e: &EdgeRecord| [e.step_m, e.lateral_m, e.distance_m, e.x_px, e.y_px];
-    if let Some(v) = road.edges.iter().flatten().flat_map(of_edge).find(|v| v.is_nan() || v.abs() > MAX_EDGE)
-    {
-        return Err(MessageError::Value { what: "edge of the road", value: v.to_bits().into() });
-    }
-    let numbers: &[f32] = bytemuck::try_cast_slice(profile).map_err(misaligned)?;
+    let short = |needed| MessageError::Length { given: payload.len(), needed };
+    let (start, rest) = payload.split_at_checked(fixed).ok_or(short(fixed))?;
+    let road: RoadRecord = copy_out(start).ok_or(short(fixed))?;
+    road.check()?;
+    let numbers: &[f32] = bytemuck::try_cast_slice(&start[size_of::<RoadRecord>()..])
+        .map_err(|_| MessageError::Value { what: "regions: address", value: payload.as_ptr() as u64 })?;
     let (profile_px, free_m) = numbers.split_at(height);
-    let count = road.regions as usize;
-    if count > MAX_COUNT || road.seen > 1 {
-        return Err(MessageError::Value { what: "count of regions", value: u64::from(road.regions) });
-    }
-    let records = count * size_of::<RegionRecord>();
-    let needed = fixed + records;
-    let (records, crops) =
-        rest.split_at_checked(records).ok_or(MessageError::Length { given: payload.len(), needed })?;
-    let regions: &[RegionRecord] = bytemuck::try_cast_slice(records).map_err(misaligned)?;
-    for region in regions {
-        let inside = |b: &[u32; 4]| {
-            u64::from(b[0]) + u64::from(b[2]) <= u64::from(header.width)
-                && u64::from(b[1]) + u64::from(b[3]) <= u64::from(header.height)
-        };
-        if !inside(&region.bounds) || !inside(&region.crop) {
-            return Err(MessageError::Value { what: "box of a region", value: region.bounds[0].into() });
-        }
+    let free_m = &free_m[..width.div_ceil(FREE_COLUMNS)];
+    check_all(profile_px, PROFILE_PX, "profile_px")?;
+    check_all(free_m, FREE_M, "free_m")?;
+    let records = road.regions as usize * size_of::<RegionRecord>();
+    let (records, crops) = rest.split_at_checked(records).ok_or(short(fixed + records))?;
+    let regions = Records::<RegionRecord, MAX_COUNT>::copy_out(records);
+    for region in &regions {
+        region.check()?;
+        check_box("regions: box of a region", header, &region.bounds)?;
+        check_box("regions: crop of a region", header, &region.crop)?;
         let end = u64::from(region.crop_offset) + u64::from(region.crop[2]) * u64::from(region.crop[3]);
         if end > crops.len() as u64 {
-            return Err(MessageError::Value { what: "end of a crop", value: end });
-        }
-        let numbers = [
-            region.disparity_px,
-            region.disparity_sigma_px,
-            region.distance_m,
-            region.lateral_m,
-            region.width_m,
-            region.height_m,
-            region.confidence,
-        ];
-        if numbers.iter().any(|v| !v.is_finite()) || region.disparity_px <= 0.0 {
-            return Err(MessageError::Value {
-                what: "measure of a region",
-                value: region.disparity_px.to_bits(),
-            });
+            return Err(MessageError::Value { what: "regions: end of a crop", value: end });
         }
     }
-    let free_m = &free_m[..width.div_ceil(FREE_COLUMNS)];
     Ok(Regions { road, profile_px, free_m, regions, crops })
+}
+
+/// Checks the numbers of a list.
+fn check_all(values: &[f32], range: Within<f32>, name: &'static str) -> Result<(), MessageError> {
+    let field = Field { record: "regions", name };
+    values.iter().try_for_each(|value| range.check(value, field))?;
+    Ok(())
+}
+
+/// The nearest valid number; 0, which stands for "unknown", for one that is not finite.
+fn valid(mut value: f32, range: Within<f32>) -> f32 {
+    if !value.is_finite() {
+        return 0.0;
+    }
+    range.limit(&mut value);
+    value
 }
 
 /// Writes a message incrementally into a payload of [`max_payload_bytes`].
@@ -208,7 +272,8 @@ pub struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     /// Starts a message with the road model, its profile, the free space and the number of regions that will be
-    /// pushed. Regions after the first [`MAX_COUNT`] are omitted.
+    /// pushed. Regions after the first [`MAX_COUNT`] are omitted. Numbers of profile and free space are moved into their
+    /// ranges.
     ///
     /// # Errors
     /// If the payload is too short.
@@ -229,11 +294,12 @@ impl<'a> Writer<'a> {
         let road = RoadRecord { regions: records as u32, ..road };
         let (start, rest) = payload.split_at_mut(size_of::<RoadRecord>());
         start.copy_from_slice(bytemuck::bytes_of(&road));
-        let profile: &[u8] = bytemuck::cast_slice(profile_px);
-        let free: &[u8] = bytemuck::cast_slice(free_m);
-        rest[..profile.len()].copy_from_slice(profile);
-        rest[profile.len()..][..free.len()].copy_from_slice(free);
-        rest[profile.len() + free.len()..numbers * size_of::<f32>()].fill(0);
+        let valid = profile_px.iter().map(|&v| valid(v, PROFILE_PX)).chain(free_m.iter().map(|&v| valid(v, FREE_M)));
+        let padded = valid.chain(std::iter::repeat(0.0));
+        let (places, _) = rest[..numbers * size_of::<f32>()].as_chunks_mut();
+        for (place, value) in places.iter_mut().zip(padded) {
+            *place = f32::to_ne_bytes(value);
+        }
         Ok(Self { payload, fixed, records, count: 0, crop_bytes: 0 })
     }
 
@@ -353,6 +419,39 @@ mod tests {
     }
 
     #[test]
+    fn every_number_outside_its_range_is_refused() {
+        let (header, memory) = message();
+        let good: Vec<u8> = bytemuck::cast_slice(&memory).to_vec();
+        let road: RoadRecord = copy_out(&good).unwrap();
+        for (field, wrong) in road.invalid() {
+            let mut memory = memory.clone();
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            bytes[..size_of::<RoadRecord>()].copy_from_slice(bytemuck::bytes_of(&wrong));
+            assert!(view(&header, bytes).is_err(), "{field}: {wrong:?}");
+        }
+        let at = fixed_bytes(16, 9);
+        let region: RegionRecord = copy_out(&good[at..]).unwrap();
+        for (field, wrong) in region.invalid() {
+            let mut memory = memory.clone();
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            bytes[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(&wrong));
+            let error = view(&header, bytes).unwrap_err().to_string();
+            assert!(error.starts_with("regions: region: ") && error.contains(field), "{error}");
+        }
+        // Profile and free space: the first and the last number of each.
+        for (number, name) in [(0, "profile_px"), (8, "profile_px"), (9, "free_m"), (10, "free_m")] {
+            for wrong in [-1e-3_f32, 1e5, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+                let mut memory = memory.clone();
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+                let at = size_of::<RoadRecord>() + number * size_of::<f32>();
+                bytes[at..at + 4].copy_from_slice(&wrong.to_ne_bytes());
+                let error = view(&header, bytes).unwrap_err().to_string();
+                assert!(error.starts_with(&format!("regions: {name} is ")), "{error}");
+            }
+        }
+    }
+
+    #[test]
     fn corrupted_messages_are_refused_or_stay_within_bounds() {
         let (header, memory) = message();
         let good: Vec<u8> = bytemuck::cast_slice(&memory).to_vec();
@@ -371,7 +470,7 @@ mod tests {
             };
             let length = if round % 4 == 0 { random.usize(0..good.len()) } else { good.len() };
             if let Ok(regions) = view(&header, &bytes[..length]) {
-                for region in regions.regions {
+                for region in &regions.regions {
                     let crop = regions.crop(region);
                     assert!(crop.is_none_or(|c| c.len() == (region.crop[2] * region.crop[3]) as usize));
                     assert!(region.bounds[0] + region.bounds[2] <= header.width);

@@ -7,6 +7,7 @@ use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::realtime::RealtimeRecord;
 use crate::pipeline::Role;
 use crate::source_time::SourceTimeRecord;
+use crate::range::{AnyBytes, CLOCK_NS, COUNT, FLAG, MAX_CPU_NS, MAX_PID, Nested, ranges, within};
 use crate::typed::Message;
 use bytemuck::{Pod, Zeroable};
 
@@ -72,6 +73,31 @@ pub struct ReportRecord {
     pub text: [u8; 256],
 }
 
+ranges! {
+    ReportRecord as "report" {
+        role: within(0, Role::COUNT as u32 - 1),
+        health: within(0, Health::Stalled as u32),
+        pid: within(0, MAX_PID),
+        is_frame: FLAG,
+        frames: COUNT,
+        skipped: COUNT,
+        refused: COUNT,
+        cpu_ns: within(0, MAX_CPU_NS),
+        private_bytes: COUNT,
+        file_bytes: COUNT,
+        shared_bytes: COUNT,
+        age_ns: CLOCK_NS,
+        work_ns: CLOCK_NS,
+        allocations: COUNT,
+        deadline: Nested,
+        realtime: Nested,
+        calibration: Nested,
+        device: Nested,
+        source_time: Nested,
+        text: AnyBytes,
+    }
+}
+
 impl ReportRecord {
     /// A report of this process with all counts zero.
     pub fn new(role: Role) -> Self {
@@ -112,17 +138,10 @@ pub const PAYLOAD_BYTES: usize = size_of::<ReportRecord>();
 /// Checks a message and copies its record.
 ///
 /// # Errors
-/// If the header, the length, the role or the health is invalid.
+/// If the header, the length or any field is invalid.
 pub fn view(header: &Header, payload: &[u8]) -> Result<ReportRecord, MessageError> {
     header.check(Kind::Report)?;
-    let report: ReportRecord = record(payload)?;
-    if report.role().is_none() {
-        return Err(MessageError::Value { what: "role", value: report.role.into() });
-    }
-    if report.health > Health::Stalled as u32 {
-        return Err(MessageError::Value { what: "health", value: report.health.into() });
-    }
-    Ok(report)
+    record(payload)
 }
 
 /// The typed message.
@@ -145,6 +164,7 @@ impl Message for ReportMessage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::range::Ranged;
 
     #[test]
     fn reports_are_checked() {
@@ -157,6 +177,9 @@ mod tests {
         for (role, health) in [(99, 0), (1, 5), (u32::MAX, u32::MAX)] {
             let wrong = ReportRecord { role, health, ..report };
             assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err());
+        }
+        for (field, wrong) in report.invalid() {
+            assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err(), "{field}: {wrong:?}");
         }
         assert!(view(&header, &[0; 3]).is_err());
         assert!(view(&Header::new(Kind::Command), bytemuck::bytes_of(&report)).is_err());

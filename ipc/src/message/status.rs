@@ -7,9 +7,15 @@ use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
+use crate::alarm::{Faults, LEVELS, RULES};
 use crate::pipeline::Role;
 use crate::source_time::SourceTimeRecord;
+use crate::range::{
+    ANY_U32, AnyBytes, CLOCK_NS, COUNT, Each, MAX_METRES, MAX_PID, MAX_RATE_HZ, MS, Nested, ranges, within,
+    within_or_infinite,
+};
 use crate::typed::Message;
+use super::obstacles::MAX_COUNT as MAX_OBSTACLES;
 use bytemuck::{Pod, Zeroable};
 
 /// Number of frames after which a stage must have allocated all its memory.
@@ -51,6 +57,33 @@ pub struct ProcessRecord {
     pub realtime: RealtimeRecord,
     /// Name of its state, padded with zeros: `waiting to start`, `starting`, `running`, `ending`, `ended`, `given up`.
     pub state: [u8; 24],
+}
+
+/// Maximum number of a core.
+const MAX_CORE: i32 = 65_535;
+
+/// Maximum processor time of a process, in percent of one core: all of [`MAX_CORE`].
+const MAX_CPU_PERCENT: f32 = 100.0 * MAX_CORE as f32;
+
+ranges! {
+    ProcessRecord as "status: process" {
+        role: within(0, Role::COUNT as u32 - 1),
+        pid: within(0, MAX_PID),
+        core: within(-1, MAX_CORE),
+        restarts: ANY_U32,
+        frames: COUNT,
+        skipped: COUNT,
+        refused: COUNT,
+        cpu_percent: within(0.0, MAX_CPU_PERCENT),
+        rate_hz: within(0.0, MAX_RATE_HZ as f32),
+        p50_ms: MS,
+        p99_ms: MS,
+        private_bytes: COUNT,
+        shared_bytes: COUNT,
+        allocations: COUNT,
+        realtime: Nested,
+        state: AnyBytes,
+    }
 }
 
 /// State of the daemon.
@@ -103,6 +136,33 @@ pub struct StatusRecord {
     pub process: [ProcessRecord; Role::COUNT],
 }
 
+ranges! {
+    StatusRecord as "status" {
+        pid: within(0, MAX_PID),
+        processes: within(0, Role::COUNT as u32),
+        state: within(0, Self::STATES.len() as u32 - 1),
+        alarm: within(0, LEVELS.len() as u32 - 1),
+        alarm_rule: within(0, RULES.len() as u32 - 1),
+        alarm_faults: within(0, Faults::ALL.0),
+        alarms: ANY_U32,
+        obstacles: within(0, MAX_OBSTACLES as u32),
+        uptime_ns: CLOCK_NS,
+        frames: COUNT,
+        nearest_m: within_or_infinite(0.0, MAX_METRES),
+        latency_p50_ms: MS,
+        latency_p99_ms: MS,
+        deadline: Nested,
+        pacing: Nested,
+        calibration: Nested,
+        heat: Nested,
+        rig: Nested,
+        device: Nested,
+        source_time: Nested,
+        reason: AnyBytes,
+        process: Each(Nested),
+    }
+}
+
 impl StatusRecord {
     /// Names of the states, indexed by their numbers.
     pub const STATES: [&str; 4] = ["starting", "running", "degraded", "stopping"];
@@ -147,7 +207,7 @@ pub const PAYLOAD_BYTES: usize = size_of::<StatusRecord>();
 /// Checks a message and copies its record.
 ///
 /// # Errors
-/// If the header or the length is invalid.
+/// If the header, the length or any field is invalid.
 pub fn view(header: &Header, payload: &[u8]) -> Result<StatusRecord, MessageError> {
     header.check(Kind::Status)?;
     record(payload)
@@ -167,5 +227,26 @@ impl Message for StatusMessage {
 
     fn max_payload_bytes(_: usize, _: usize) -> usize {
         PAYLOAD_BYTES
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::range::Ranged;
+
+    #[test]
+    fn every_number_outside_its_range_is_refused() {
+        let header = Header::new(Kind::Status);
+        let status = StatusRecord { processes: 5, nearest_m: f64::INFINITY, ..StatusRecord::empty() };
+        assert_eq!(view(&header, bytemuck::bytes_of(&status)), Ok(status));
+        let all = status.invalid();
+        // Also those of the records within.
+        for name in ["processes", "alarm", "nearest_m", "deadline", "pacing", "calibration", "heat", "rig", "process"] {
+            assert!(all.iter().any(|(field, _)| *field == name), "{name}");
+        }
+        for (field, wrong) in all {
+            assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err(), "{field}: {wrong:?}");
+        }
     }
 }

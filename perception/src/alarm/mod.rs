@@ -137,6 +137,16 @@ impl Candidate {
         }
     }
 
+    /// Whether all its numbers are: with another one nothing can be judged.
+    fn is_finite(&self) -> bool {
+        let LateralMotion { lateral_m, speed_m_s, speed_sigma_m_s, width_m } = self.motion;
+        let ttc = self.time_to_collision.map_or([0.0; 2], |t| [t.seconds, t.sigma_s]);
+        [lateral_m, speed_m_s, speed_sigma_m_s, width_m, self.distance_m, self.closing_m_s, self.width_jitter]
+            .into_iter()
+            .chain(ttc)
+            .all(f64::is_finite)
+    }
+
     /// Whether it is detected in this frame. A place that is only predicted raises nothing.
     fn is_detected(&self) -> bool {
         self.consecutive_frames > 0
@@ -279,7 +289,7 @@ impl Alarm {
         let mut nearest_m: Option<f64> = None;
         let mut cause: Option<Cause> = None;
         for candidate in candidates.into_iter().take(CAPACITY) {
-            if !candidate.is_in_the_way(self.parameters.path_width_m) {
+            if !candidate.is_finite() || !candidate.is_in_the_way(self.parameters.path_width_m) {
                 continue;
             }
             nearest_m = Some(nearest_m.map_or(candidate.distance_m, |n| n.min(candidate.distance_m)));
@@ -435,6 +445,28 @@ mod tests {
             }
         }
         found
+    }
+
+    #[test]
+    fn a_candidate_with_a_number_that_is_none_is_ignored() {
+        let good = at(30.0, 0.0);
+        for bad in [
+            Candidate { distance_m: f64::NAN, ..good },
+            Candidate { closing_m_s: f64::INFINITY, ..good },
+            Candidate { motion: LateralMotion { width_m: f64::INFINITY, ..good.motion }, ..good },
+            Candidate {
+                time_to_collision: Some(TimeToCollision { seconds: f64::NAN, sigma_s: 0.1 }),
+                ..good
+            },
+        ] {
+            let mut alarm = alarm();
+            for frame in 1..6 {
+                let state = alarm.update(frame * PERIOD_NS, true, [bad]);
+                assert_eq!((state.level, state.nearest_m), (AlarmLevel::Standby, None), "{bad:?}");
+                let state = alarm.update(frame * PERIOD_NS, true, [bad, good]);
+                assert_eq!(state.nearest_m, Some(30.0), "{bad:?}");
+            }
+        }
     }
 
     #[test]

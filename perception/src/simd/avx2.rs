@@ -56,8 +56,9 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn stream(self, value: __m256i, to: &mut Lanes) {
-        // SAFETY: the token exists, so the CPU has AVX; `Lanes` is 32 bytes, aligned to 32.
+    unsafe fn stream(self, value: __m256i, to: &mut Lanes) {
+        // SAFETY: the token exists, so the CPU has AVX; `Lanes` is 32 bytes, aligned to 32. The caller executes the
+        // fence before the vector is accessed otherwise.
         unsafe { _mm256_stream_si256(std::ptr::from_mut(to).cast(), value) }
     }
 
@@ -256,16 +257,15 @@ impl Simd for Avx2 {
 /// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn remap(source: &[u8], stride: usize, tile: &RemapTile) -> __m256i {
-    let starts = tile.windows.map(|[x, y]| usize::from(y) * stride + usize::from(x));
-    if source.len() < starts.into_iter().fold(0, usize::max) + 2 * stride + 16 {
+    let Some(starts) = tile.window_starts(source.len(), stride) else {
         // The image is smaller than a window.
         let mut lanes = Lanes::ZERO;
         super::plain::remap_pixels(source, stride, tile, &mut lanes);
         // SAFETY: the caller guarantees AVX2; `Lanes` is 32 bytes aligned to 32.
         return unsafe { _mm256_load_si256(std::ptr::from_ref(&lanes).cast()) };
-    }
-    // SAFETY: the caller guarantees AVX2. Every window's third row starts at its start plus two strides and has 16
-    // bytes; the check above covers the largest start. The tile's arrays are read completely, in halves.
+    };
+    // SAFETY: the caller guarantees AVX2. `window_starts` has checked that the 16 bytes of all three rows of every
+    // window lie in `source`. The tile's arrays are read completely, in halves; shuffles take any index.
     unsafe {
         let mut halves = [_mm256_setzero_si256(); 2];
         for (h, half) in halves.iter_mut().enumerate() {

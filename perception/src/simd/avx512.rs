@@ -38,8 +38,9 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn stream(self, value: __m256i, to: &mut Lanes) {
-        self.0.stream(value, to);
+    unsafe fn stream(self, value: __m256i, to: &mut Lanes) {
+        // SAFETY: guaranteed by the caller.
+        unsafe { self.0.stream(value, to) }
     }
 
     #[inline(always)]

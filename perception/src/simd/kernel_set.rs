@@ -79,7 +79,26 @@ impl RemapTile {
         down: [0; LANES],
         windows: [[0; 2]; LANES / 8],
     };
+
+    /// Index of the first byte of each group's window in an image of `bytes` bytes whose rows are `stride` bytes apart;
+    /// `None` unless all 16 bytes of all three rows of every window lie in the image. The vectorised levels load them
+    /// unchecked, so this holds for any tile, stride and image: nothing overflows.
+    #[inline(always)]
+    pub(super) fn window_starts(&self, bytes: usize, stride: usize) -> Option<[usize; LANES / 8]> {
+        let mut starts = [0; LANES / 8];
+        for (start, [x, y]) in starts.iter_mut().zip(self.windows) {
+            *start = usize::from(y).checked_mul(stride)?.checked_add(usize::from(x))?;
+            let third_row = start.checked_add(stride.checked_mul(2)?)?;
+            if third_row.checked_add(WINDOW_BYTES)? > bytes {
+                return None;
+            }
+        }
+        Some(starts)
+    }
 }
+
+/// Bytes of a row of a group's window.
+const WINDOW_BYTES: usize = 16;
 
 /// The operations that kernels are made of, as one instruction-set level implements them.
 ///
@@ -99,9 +118,16 @@ pub trait Simd: Copy {
     fn load(self, from: &Lanes) -> Self::Bytes;
     /// Stores a vector.
     fn store(self, value: Self::Bytes, to: &mut Lanes);
-    /// Stores a vector that is not read soon: a non-temporal store where the level has one.
-    fn stream(self, value: Self::Bytes, to: &mut Lanes);
-    /// Store fence: makes streamed vectors visible to other threads before any later store.
+    /// Stores a vector that is not read soon: a non-temporal store where the level has one. [`Streaming`] is the safe
+    /// way to it.
+    ///
+    /// # Safety
+    /// This thread executes [`Self::store_fence`] before the vector is accessed again by anything but this function,
+    /// and before any store after which another thread may access it: neither the processor nor Rust's memory model
+    /// orders a non-temporal store with other accesses.
+    unsafe fn stream(self, value: Self::Bytes, to: &mut Lanes);
+    /// Store fence: orders streamed vectors before all later stores, and so makes them visible to every thread that sees
+    /// one of these.
     fn store_fence(self);
     /// Prefetches `vectors` into the caches.
     fn prefetch(self, vectors: &[Lanes]);
@@ -141,7 +167,39 @@ pub trait Simd: Copy {
         out: &mut [Lanes],
     );
 
-    /// Remaps one tile of an image. All windows lie in `source`, whose rows are `stride` bytes apart; a
-    /// tile that is all black is valid for an image of any size.
+    /// Remaps one tile of an image, whose rows are `stride` bytes apart. A tile that is all black is valid for an
+    /// image of any size; of any other, all windows lie in `source`.
+    ///
+    /// # Panics
+    /// If a pixel that is not black lies outside `source`.
     fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes);
+}
+
+/// The right to stream vectors: its drop executes the store fence, also when a panic unwinds. Whoever holds it does not
+/// read what it has streamed, and lends it to no other thread.
+#[derive(Debug)]
+pub struct Streaming<S: Simd>(S);
+
+impl<S: Simd> Streaming<S> {
+    /// From here to its drop, vectors may be streamed.
+    #[inline(always)]
+    pub fn new(s: S) -> Self {
+        Self(s)
+    }
+
+    /// [`Simd::stream`].
+    #[inline(always)]
+    pub fn store(&self, value: S::Bytes, to: &mut Lanes) {
+        // SAFETY: dropping `self` executes the fence on this thread. It lives in a kernel that only writes the
+        // vectors that it streams, and that returns before they are handed to another thread: so nothing accesses them
+        // before the fence.
+        unsafe { self.0.stream(value, to) }
+    }
+}
+
+impl<S: Simd> Drop for Streaming<S> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        self.0.store_fence();
+    }
 }

@@ -14,7 +14,7 @@ pub mod neon;
 pub mod plain;
 pub mod rounding;
 
-pub use kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd};
+pub use kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd, Streaming};
 
 /// The instruction-set level that kernels run on. A value exists only for a level that this machine supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

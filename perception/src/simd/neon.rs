@@ -52,7 +52,7 @@ impl Simd for Neon {
     }
 
     #[inline(always)]
-    fn stream(self, value: Halves, to: &mut Lanes) {
+    unsafe fn stream(self, value: Halves, to: &mut Lanes) {
         self.store(value, to);
     }
 
@@ -232,17 +232,16 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn remap(self, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
-        let starts = tile.windows.map(|[x, y]| usize::from(y) * stride + usize::from(x));
-        if source.len() < starts.into_iter().fold(0, usize::max) + 2 * stride + 16 {
+        let Some(starts) = tile.window_starts(source.len(), stride) else {
             // The image is smaller than a window.
             super::plain::remap_pixels(source, stride, tile, out);
             return;
-        }
+        };
         for (group, start) in starts.into_iter().enumerate() {
             let at = 8 * group;
-            // SAFETY: every AArch64 CPU that runs this has NEON. The window's third row starts two strides after its start and has
-            // 16 bytes; the check above covers the largest start. A group's eight pixels lie inside the
-            // 32 of the tile's arrays (16 bytes of `pairs`, 8 of the others) and of `out`.
+            // SAFETY: every AArch64 CPU that runs this has NEON. `window_starts` has checked that the 16 bytes of all
+            // three rows of every window lie in `source`. A group's eight pixels lie inside the 32 of the tile's arrays
+            // (16 bytes of `pairs`, 8 of the others) and of `out`. Table lookups take any index.
             unsafe {
                 let columns = vld2_u8(tile.pairs.as_ptr().add(at).cast());
                 let across = vld1_u8(tile.across.as_ptr().add(at));

@@ -31,7 +31,7 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
-    fn stream(self, value: Lanes, to: &mut Lanes) {
+    unsafe fn stream(self, value: Lanes, to: &mut Lanes) {
         *to = value;
     }
 

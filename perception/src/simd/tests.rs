@@ -56,6 +56,56 @@ fn levels_agree_operation_by_operation() {
     }
 }
 
+/// Remaps one tile.
+#[inline(always)]
+fn remap_tile<S: Simd>(s: S, source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) {
+    s.remap(source, stride, tile, out);
+}
+
+kernel! { fn remap(source: &[u8], stride: usize, tile: &RemapTile, out: &mut Lanes) = remap_tile }
+
+#[test]
+fn a_remapped_window_is_never_loaded_from_outside_the_image() {
+    let mut tile = RemapTile::BLACK;
+    tile.windows = [[0, 0], [8, 1], [0, 0], [4, 0]];
+    // Three rows of the lowest window, to the byte.
+    let bytes = (1 + 2) * 40 + 8 + 16;
+    assert_eq!(tile.window_starts(bytes, 40), Some([0, 48, 0, 4]));
+    assert_eq!(tile.window_starts(bytes - 1, 40), None);
+    // Strides whose products overflow: wrapped round, they would lie in the image.
+    tile.windows = [[16, 2]; 4];
+    for stride in [usize::MAX / 2 + 1, usize::MAX, usize::MAX - 8, 1 << 63] {
+        assert_eq!(tile.window_starts(1 << 20, stride), None, "{stride}");
+        for level in Level::available() {
+            let mut out = Lanes::FULL;
+            // All pixels are black, so that no level needs the image.
+            remap(level, &[7; 64], stride, &tile, &mut out);
+            assert_eq!(out, Lanes::ZERO, "{}", level.name());
+        }
+    }
+}
+
+/// Streams a vector to every place of `out`.
+#[inline(always)]
+fn stream_all<S: Simd>(s: S, value: u8, out: &mut [Lanes]) {
+    let streaming = Streaming::new(s);
+    out.iter_mut().for_each(|lanes| streaming.store(s.splat(value), lanes));
+}
+
+kernel! { fn stream(value: u8, out: &mut [Lanes]) = stream_all }
+
+#[test]
+fn streamed_vectors_are_there_after_the_fence_for_every_thread() {
+    for level in Level::available() {
+        let mut vectors = vec![Lanes::ZERO; 4096];
+        for value in 1..20 {
+            stream(level, value, &mut vectors);
+            let is_there = || vectors.iter().all(|lanes| *lanes == Lanes::splat(value));
+            assert!(std::thread::scope(|scope| scope.spawn(is_there).join().unwrap()), "{}", level.name());
+        }
+    }
+}
+
 #[test]
 fn levels_have_names_and_the_best_is_available() {
     let levels = Level::available();

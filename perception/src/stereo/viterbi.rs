@@ -16,7 +16,7 @@
 //! at them, so every node of the window is reached at the correct cost, but they have no data cost.
 //! Nodes that do not exist have the energy 255.
 
-use crate::simd::{Lanes, Simd, kernel};
+use crate::simd::{Lanes, Simd, Streaming, kernel};
 
 /// Padding of a state on either side by nodes that do not exist, so that a slope step needs no bounds test.
 pub const PAD: usize = 2;
@@ -230,6 +230,7 @@ pub enum Sum<'a> {
 #[allow(clippy::too_many_arguments)]
 pub(super) fn triple_step<S: Simd>(
     s: S,
+    streaming: &Streaming<S>,
     energies: &mut Energies<'_>,
     weights: [&Lanes; 3],
     slopes: [i8; 3],
@@ -337,15 +338,15 @@ pub(super) fn triple_step<S: Simd>(
             let out = &mut out[..n];
             for i in (0..n).rev() {
                 let (sum, _) = finish!(i);
-                s.stream(sum, &mut out[i]);
+                streaming.store(sum, &mut out[i]);
             }
         }
         Sum::StreamBoth { sum, data: kept } => {
             let (sums, kept) = (&mut sum[..n], &mut kept[..n]);
             for i in (0..n).rev() {
                 let (sum, cost) = finish!(i);
-                s.stream(sum, &mut sums[i]);
-                s.stream(cost, &mut kept[i]);
+                streaming.store(sum, &mut sums[i]);
+                streaming.store(cost, &mut kept[i]);
             }
         }
         Sum::Finish { other, total } => {
@@ -375,6 +376,24 @@ kernel! {
     ) = single_alone
 }
 
+/// [`triple_step`], with a store fence for each tile.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn fenced_triple_step<S: Simd>(
+    s: S,
+    energies: &mut Energies<'_>,
+    weights: [&Lanes; 3],
+    slopes: [i8; 3],
+    data: &[Lanes],
+    sum: &mut Sum<'_>,
+    truncation: u8,
+    span: Span,
+    forward: &mut [[Lanes; 3]],
+) {
+    let streaming = Streaming::new(s);
+    triple_step(s, &streaming, energies, weights, slopes, data, sum, truncation, span, forward);
+}
+
 kernel! {
     /// Advances the vertical and both diagonal paths of a tile by one row.
     pub fn triple(
@@ -386,7 +405,7 @@ kernel! {
         truncation: u8,
         span: Span,
         forward: &mut [[Lanes; 3]],
-    ) = triple_step
+    ) = fenced_triple_step
 }
 
 /// Reference implementation of a step of one path, O(m²). `before` and `data` are (disparity, energy) pairs of

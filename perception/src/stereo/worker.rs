@@ -4,7 +4,7 @@ use super::blocks::pitch;
 use super::cost::{CostParameters, CostStrip, STRIP};
 use super::scale::{EdgeWeight, Scale};
 use super::viterbi::{Energies, Merge, NEAR, PAD, Span, Sum, single_step, triple_step};
-use crate::simd::{LANES, Lanes, Level, Simd, kernel};
+use crate::simd::{LANES, Lanes, Level, Simd, Streaming, kernel};
 
 /// The workspace of one thread.
 #[derive(Debug)]
@@ -319,6 +319,8 @@ fn advance_row<S: Simd>(
         Some(row) => scale.blocks.strip(row / STRIP)[tile].window(),
     };
     let Worker { straight, right, left: [left, left_after], finished, steps, weights, forward, .. } = worker;
+    // Its drop at the end of the row executes the store fence.
+    let streaming = Streaming::new(s);
     let mut done = 0;
     for (tile, (block, step)) in strip.iter().zip(&*steps).enumerate() {
         let place = tile * padded..(tile + 1) * padded;
@@ -355,6 +357,7 @@ fn advance_row<S: Simd>(
         };
         triple_step(
             s,
+            &streaming,
             &mut energies,
             [&weights[0][tile], &weights[1][tile], &weights[2][tile]],
             step.slopes,
@@ -382,9 +385,6 @@ fn advance_row<S: Simd>(
         }
     }
     std::mem::swap(left, left_after);
-    if matches!(sums, Sums::Stream(_) | Sums::StreamBoth { .. }) {
-        s.store_fence();
-    }
 }
 
 kernel! {

@@ -145,8 +145,6 @@ pub const MAX_UNSEEN_S: f64 = 1.0;
 /// Tracks with a larger distance, lateral position, size or standard deviation of the distance are dropped, in metres:
 /// a hundred times the range of a stereo camera.
 const MAX_LENGTH_M: f64 = 10_000.0;
-/// Regions with a larger disparity or standard deviation of it are dropped, in px: the largest width of an image.
-const MAX_DISPARITY_PX: f64 = 8192.0;
 /// Tracks with a larger speed or standard deviation of it are dropped, in m/s: several times that of any vehicle.
 const MAX_SPEED_M_S: f64 = 1_000.0;
 
@@ -279,7 +277,7 @@ impl Tracker {
             track.region.bounds = clip(track.expected(&self.rig, self.size), self.size);
         }
         for (d, region) in regions.iter().enumerate() {
-            if !is_plausible(region) {
+            if !region.is_valid() {
                 self.dropped += 1;
             } else if !self.matched[d] && self.tracks.len() < self.parameters.max_count {
                 let track = self.begin(d, region);
@@ -300,7 +298,7 @@ impl Tracker {
             let expected = track.expected(&self.rig, self.size);
             let disparity = track.longitudinal.disparity_px();
             let spread_px = track.longitudinal.disparity_sigma_px();
-            for (d, region) in regions.iter().enumerate().filter(|(_, region)| is_plausible(region)) {
+            for (d, region) in regions.iter().enumerate().filter(|(_, region)| region.is_valid()) {
                 let spread = spread_px.hypot(region.disparity_sigma_px);
                 let innovation = (region.disparity_px - disparity).abs();
                 if innovation > GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * disparity {
@@ -341,18 +339,6 @@ impl Tracker {
             last: (region.bounds, region.distance_m),
         }
     }
-}
-
-/// Whether the numbers of a region mean something: finite, and within what a stereo camera can measure.
-fn is_plausible(region: &Region) -> bool {
-    // A comparison with NaN is false.
-    region.disparity_px > 0.0
-        && region.disparity_px <= MAX_DISPARITY_PX
-        && (0.0..=MAX_DISPARITY_PX).contains(&region.disparity_sigma_px)
-        && region.distance_m > 0.0
-        && [region.distance_m, region.lateral_m, region.width_m, region.height_m]
-            .iter()
-            .all(|m| m.abs() <= MAX_LENGTH_M)
 }
 
 /// Standard deviation of a region's disparity for the filter, in px.

@@ -102,13 +102,12 @@ impl ReducedImage {
         let factor = self.factor as f64;
         let u = (x - self.origin.0 + 0.5) / factor - 0.5;
         let v = (y - self.origin.1 + 0.5) / factor - 0.5;
-        if !(u >= 0.0 && v >= 0.0) {
+        // Compared before the conversion: a number that is too large for an index, or none, is outside.
+        let is_inside = |position: f64, size: usize| position >= 0.0 && position < size as f64 - 1.0;
+        if !(is_inside(u, self.width) && is_inside(v, self.height)) {
             return None;
         }
         let (i, j) = (u as usize, v as usize);
-        if i + 1 >= self.width || j + 1 >= self.height {
-            return None;
-        }
         let (fx, fy) = ((u - i as f64) as f32, (v - j as f64) as f32);
         let above = &self.pixels[j * self.width + i..][..2];
         let below = &self.pixels[(j + 1) * self.width + i..][..2];
@@ -459,6 +458,20 @@ mod tests {
             confidence: 0.9,
         };
         (pixels, region)
+    }
+
+    #[test]
+    fn a_position_that_is_no_index_is_outside_the_image() {
+        let pixels = [7_u8; 20 * 10];
+        let mut image = ReducedImage::default();
+        for factor in [1, 2, 30] {
+            image.fill(GreyView::new(&pixels, 20, 10, 20).unwrap(), (0, 0), factor);
+            for far in [-1.0, 20.0, 1e19, 2.0_f64.powi(64), f64::MAX, f64::INFINITY, f64::NAN] {
+                assert_eq!((image.at(far, 4.0), image.at(4.0, far)), (None, None), "{far}, factor {factor}");
+            }
+        }
+        image.fill(GreyView::new(&pixels, 20, 10, 20).unwrap(), (0, 0), 1);
+        assert_eq!((image.at(18.9, 8.9), image.at(19.0, 4.0), image.at(4.0, 9.0)), (Some(7.0), None, None));
     }
 
     /// Largest error of the time to collision from 2.5 s down to 0.5 s: relative, and in standard deviations.

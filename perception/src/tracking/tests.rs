@@ -461,3 +461,36 @@ fn a_car_in_the_path_raises_an_alarm_and_one_in_the_next_lane_does_not() {
         }
     }
 }
+
+#[test]
+fn regions_with_garbage_are_ignored() {
+    let good = region(20.0, 0.0);
+    let garbage = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0, 1e300];
+    let with = |set: fn(&mut Region, f64)| {
+        garbage.map(|value| {
+            let mut region = region(30.0, 3.0);
+            set(&mut region, value);
+            region
+        })
+    };
+    let mut bad: Vec<Region> = [
+        with(|r, v| r.disparity_px = v),
+        with(|r, v| r.disparity_sigma_px = v),
+        with(|r, v| r.distance_m = v),
+        with(|r, v| r.lateral_m = if v == -1.0 { 1e7 } else { v }),
+        with(|r, v| r.width_m = v),
+        with(|r, v| r.height_m = v),
+    ]
+    .concat();
+    bad.push(Region { disparity_px: 0.0, ..good });
+    bad.push(Region { bounds: PixelBox { x: u32::MAX, ..good.bounds }, ..good });
+    for bad in bad {
+        let mut tracker = tracker();
+        for frame in 0..5 {
+            tracker.update(frame * PERIOD_NS, &[bad, good]);
+            assert_eq!(tracker.tracks().len(), 1, "{bad:?}");
+            assert_eq!(tracker.tracks()[0].detection, Some(1), "{bad:?}");
+        }
+        assert!((tracker.tracks()[0].distance_m() - 20.0).abs() < 0.1);
+    }
+}

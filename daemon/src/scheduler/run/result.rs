@@ -42,7 +42,7 @@ impl Results {
     }
 
     /// Stores a result of the last stage. Returns whether it is newer than all earlier ones.
-    pub(super) fn take(&mut self, header: Header, message: &obstacles::Obstacles<'_>) -> bool {
+    pub(super) fn take(&mut self, header: Header, message: &obstacles::Obstacles) -> bool {
         let is_newer = self.newest.accepts(&header);
         if is_newer {
             self.last = Some(LastResult {

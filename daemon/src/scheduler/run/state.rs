@@ -73,7 +73,7 @@ impl Run {
             *place = process;
             status.processes += 1;
         }
-        status
+        status.limited()
     }
 
     fn rig_record(&self) -> RigRecord {

@@ -103,7 +103,8 @@ impl RecognitionStage {
             horizon_px: road.horizon_px,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
-        };
+        }
+        .limited();
         self.records.clear();
         for track in tracker.tracks().iter().take(MAX_COUNT) {
             let confirmed = tracker.is_confirmed(track);
@@ -267,6 +268,7 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
         score: score.map_or(0.0, f64::from),
         class,
     }
+    .limited()
 }
 
 #[cfg(test)]

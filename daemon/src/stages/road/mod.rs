@@ -95,15 +95,18 @@ impl Stage for RoadStage {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
             self.is_sparse = check.update(texture);
         }
-        let road = scene.road.map_or_else(RoadRecord::default, |road| RoadRecord {
-            seen: 1,
-            regions: 0,
-            slope: road.line.slope,
-            horizon_px: road.line.horizon_px,
-            roll: road.roll,
-            confidence: road.confidence,
-            camera_height_m: road.camera_height_m,
-            edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
+        let road = scene.road.map_or_else(RoadRecord::default, |road| {
+            RoadRecord {
+                seen: 1,
+                regions: 0,
+                slope: road.line.slope,
+                horizon_px: road.line.horizon_px,
+                roll: road.roll,
+                confidence: road.confidence,
+                camera_height_m: road.camera_height_m,
+                edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
+            }
+            .limited()
         });
         let mut writer = output.begin(road, scene.profile_px, scene.free_m, scene.regions.len())?;
         for region in scene.regions {
@@ -151,4 +154,5 @@ fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
         crop_offset: 0,
         pixels: region.pixels,
     }
+    .limited()
 }

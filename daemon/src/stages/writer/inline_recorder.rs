@@ -71,7 +71,7 @@ impl InlineRecorder {
     }
 
     /// Records the result of a frame.
-    pub fn result(&mut self, header: &Header, message: &Obstacles<'_>, missed: u64) {
+    pub fn result(&mut self, header: &Header, message: &Obstacles, missed: u64) {
         self.feed.missed("obstacles", missed);
         self.feed.obstacles(header, message);
     }

@@ -121,7 +121,7 @@ impl Writer {
         &mut self,
         host: &mut Host,
         header: &Header,
-        message: &Obstacles<'_>,
+        message: &Obstacles,
         missed: u64,
     ) -> Result<bool, HostError> {
         let (format, of) = (host.launch.frames, Some(header.sequence));

@@ -484,7 +484,8 @@ name = \"a b\"
         let keys: String = (0..7_000_000).map(|i| format!("k{i}=1\n")).collect();
         for text in [keys, "[".repeat(100_000_000)] {
             let got = errors(&text);
-            let expected = format!("car.toml: {} bytes: a configuration has at most 262144; give", text.len());
+            let expected =
+                format!("car.toml: {} bytes: a configuration has at most 262144; give", text.len());
             assert!(got.len() == 1 && got[0].starts_with(&expected), "{got:?}");
         }
         // The file is not even read.

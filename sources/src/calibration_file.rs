@@ -54,7 +54,11 @@ fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
             }
             let numbers = words
                 .skip(usize::from(!is_bare))
-                .map(|w| w.parse().map_err(|_| format!("line {}: \"{}\" is not a number", i + 1, excerpt(w, VALUE_CHARS))))
+                .map(|w| {
+                    w.parse().map_err(|_| {
+                        format!("line {}: \"{}\" is not a number", i + 1, excerpt(w, VALUE_CHARS))
+                    })
+                })
                 .collect::<Result<Vec<f64>, _>>()?;
             if numbers.len() != 12 {
                 return Err(format!("line {}: {name} has {} numbers, not 12", i + 1, numbers.len()));

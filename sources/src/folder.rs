@@ -30,8 +30,7 @@ pub struct FolderSource {
 /// When the file cannot be read or decoded.
 pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let image = decode(open(path).map_err(io)?)
-        .map_err(|e| undecoded(path, &e))?;
+    let image = decode(open(path).map_err(io)?).map_err(|e| undecoded(path, &e))?;
     Ok(grey_of(image))
 }
 
@@ -80,10 +79,7 @@ fn undecoded(path: &Path, error: &ImageError) -> SourceError {
 
 fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let (width, height) = open(path)
-        .map_err(io)?
-        .into_dimensions()
-        .map_err(|e| undecoded(path, &e))?;
+    let (width, height) = open(path).map_err(io)?.into_dimensions().map_err(|e| undecoded(path, &e))?;
     Ok((width as usize, height as usize))
 }
 

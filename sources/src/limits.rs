@@ -1,16 +1,13 @@
 //! What each reader of files takes at most. A size is checked before the file is read, a count before the memory or the
 //! time that it costs is spent. Each limit lies far above real files, and far below what a board cannot bear.
 //!
-//! Cascades have theirs in [`perception::recognition::xml`].
+//! The counts of cascades are in [`perception::recognition::xml`].
 
 use crate::bounded_file::FileLimit;
 
 /// Scene files. The largest of this project has 2 KiB.
-pub const SCENE: FileLimit = FileLimit {
-    what: "a scene",
-    bytes: 1 << 20,
-    remedy: "give a TOML file as docs/scenes.md describes it",
-};
+pub const SCENE: FileLimit =
+    FileLimit { what: "a scene", bytes: 1 << 20, remedy: "give a TOML file as docs/scenes.md describes it" };
 
 /// Objects of a scene, with those of the rows beside its road. Each is a mesh of about 50 KiB in memory, and each frame
 /// goes through all of them. The largest scene of this project has 412.
@@ -44,6 +41,24 @@ pub const MAX_PICTURE_BYTES: u64 = 128 << 20;
 
 /// Width and height of an image, in pixels.
 pub const MAX_SIDE_PX: u32 = 1 << 14;
+
+/// OpenCV cascades.
+pub const CASCADE: FileLimit = FileLimit {
+    what: "a cascade",
+    bytes: perception::recognition::xml::MAX_BYTES,
+    remedy: "give an OpenCV cascade XML",
+};
+
+/// Checkpoints of a training run: some cascades in text, with their statistics.
+pub const CHECKPOINT: FileLimit =
+    FileLimit { what: "a checkpoint", bytes: 256 << 20, remedy: "remove it to train from the start" };
+
+/// Results of a run, a line of JSON for each frame: twelve hours at 12.5 Hz.
+pub const RESULTS: FileLimit = FileLimit {
+    what: "a file of results",
+    bytes: 512 << 20,
+    remedy: "divide the recording, or give an obstacles.jsonl",
+};
 
 /// KITTI's labels of one image. A line has about 100 bytes.
 pub const LABELS: FileLimit = FileLimit {

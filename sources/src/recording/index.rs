@@ -6,10 +6,10 @@ use crate::limits::{
     MAX_CHUNK_BYTES, MAX_CHUNK_MESSAGES, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, MAX_KEPT_BYTES, MAX_MESSAGES,
     MAX_TOPICS,
 };
-use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use prost::bytes::Bytes;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -157,7 +157,11 @@ impl Index {
                         && let Some(place) = &mut pending
                     {
                         let count = place.messages.len() + index.records.len();
-                        self.check(count as u64, MAX_CHUNK_MESSAGES as u64, "messages in the index of a chunk")?;
+                        self.check(
+                            count as u64,
+                            MAX_CHUNK_MESSAGES as u64,
+                            "messages in the index of a chunk",
+                        )?;
                         let times = index.records.iter().map(|entry| (index.channel_id, entry.log_time));
                         place.messages.extend(times);
                     }
@@ -261,7 +265,10 @@ impl Index {
         let body = self.body(place.opcode, place.at, place.length)?;
         let damaged = |e: mcap::McapError| match e {
             mcap::McapError::UnsupportedCompression(name) => {
-                format!("chunks are compressed with {}; lz4 and zstd can be read", excerpt(&name, VALUE_CHARS))
+                format!(
+                    "chunks are compressed with {}; lz4 and zstd can be read",
+                    excerpt(&name, VALUE_CHARS)
+                )
             }
             other => other.to_string(),
         };

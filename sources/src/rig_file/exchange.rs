@@ -176,7 +176,10 @@ fn kalibr(document: &Value) -> Result<Cameras, String> {
         for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radtan")] {
             let model = c.get(name).and_then(Value::word).unwrap_or("");
             if model != supported {
-                return Err(format!("{key}: {name} is \"{}\": {supported} is supported", excerpt(model, VALUE_CHARS)));
+                return Err(format!(
+                    "{key}: {name} is \"{}\": {supported} is supported",
+                    excerpt(model, VALUE_CHARS)
+                ));
             }
         }
         let [fx, fy, cx, cy] = numbers(c, "intrinsics")?;

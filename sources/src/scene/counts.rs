@@ -78,7 +78,9 @@ mod tests {
             assert!(text.contains(expected), "{text}\nexpected {expected}");
         }
         assert!(SceneFile::parse(&format!("{start}{row}spacing_m = 1\n"), "x.toml").is_ok());
-        assert!(SceneFile::parse(&format!("{start}[ego]\nspeed_m_s = [{}]\n", points(3600)), "x.toml").is_ok());
+        assert!(
+            SceneFile::parse(&format!("{start}[ego]\nspeed_m_s = [{}]\n", points(3600)), "x.toml").is_ok()
+        );
         let path = points(3601).replace(", 1]", ", 1, 2]");
         let text = fault(&format!("{start}{object}").replace("along_m=9", &format!("path = [{path}]")));
         assert!(text.contains("more than 3600 points"), "{text}");

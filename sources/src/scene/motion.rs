@@ -1,7 +1,7 @@
 //! Piecewise linear functions of position or time.
 
-use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use crate::limits::MAX_WAYPOINTS;
+use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 
 /// Values at increasing positions; constant before the first and after the last. In a file a single number,

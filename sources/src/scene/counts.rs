@@ -72,7 +72,7 @@ mod tests {
             (format!("{start}{}", object.repeat(100_000)), "bytes: a scene has at most 1048576; give a TOML"),
             (format!("{start}{row}spacing_m = 1\n{object}"), "5001 objects"),
             (format!("{start}[ego]\nspeed_m_s = [{}]\n", points(3601)), "x.toml:4: more than 3600 points"),
-            (format!("{start}[road]\nsolid_m = [{}]\n", "1,".repeat(33)), "33 lane markings"),
+            (format!("{start}[road]\nsolid_m = [{}]\n", "1,".repeat(31)), "33 lane markings"),
         ] {
             let text = fault(&text);
             assert!(text.contains(expected), "{text}\nexpected {expected}");

@@ -4,6 +4,7 @@ pub use crate::source::LAYOUTS;
 
 use crate::limits::{MAX_IMAGES, MAX_PICTURE_BYTES, MAX_SIDE_PX, PICTURE};
 use crate::{PairSource, SourceError, calibration_file};
+use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageError, ImageReader, Limits};
 use perception::excerpt::{REASON_CHARS, excerpt};
 use perception::rig::Rig;
@@ -51,7 +52,18 @@ pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<Dy
     (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
     limits.max_alloc = Some(MAX_PICTURE_BYTES);
     reader.limits(limits);
-    reader.decode()
+    let image = reader.decode()?;
+    some_pixels(image.width(), image.height())?;
+    Ok(image)
+}
+
+/// A PNM may have a side of 0.
+fn some_pixels(width: u32, height: u32) -> Result<(), ImageError> {
+    if width > 0 && height > 0 {
+        return Ok(());
+    }
+    let reason = format!("an image of {width}x{height} pixels");
+    Err(ImageError::Decoding(DecodingError::new(ImageFormatHint::Unknown, reason)))
 }
 
 /// Grey pixels, width and height of an image.
@@ -304,6 +316,21 @@ mod tests {
         assert!(nothing.error().contains("image_0 and image_1"), "{}", nothing.error());
         let error = FolderSource::open(Path::new("/nowhere/at/all")).unwrap_err().to_string();
         assert!(error.contains("/nowhere/at/all"), "{error}");
+    }
+
+    #[test]
+    fn an_image_without_pixels_is_refused() {
+        // Found by fuzzing.
+        let recording = Recording::new("left", "right", &["1.pgm"]);
+        for side in ["left/1.pgm", "right/1.pgm"] {
+            std::fs::write(recording.path(side), "P5\n0 4\n255\n").unwrap();
+        }
+        for error in [recording.error(), read_grey(&recording.path("left/1.pgm")).unwrap_err().to_string()] {
+            assert!(
+                error.contains("left/1.pgm: cannot be decoded") && error.contains("0x4 pixels"),
+                "{error}"
+            );
+        }
     }
 
     #[test]

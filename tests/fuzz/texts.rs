@@ -124,11 +124,14 @@ fn scene_file() {
         let scene =
             sources::scene::file::SceneFile::parse(&text(input), "my.toml").map_err(|e| e.to_string())?;
         let answer = format!("ok {} objects, {} rows", scene.objects.len().min(9), scene.beside.len().min(9));
-        // What was accepted can be built; a picture of it takes long.
+        // What was accepted can be built, which takes long, and drawn, which takes longer.
+        opened += 1;
+        if !opened.is_multiple_of(4) {
+            return Ok(answer);
+        }
         let path = written(path, "toml", input);
         let mut built =
             sources::scene::Scene::open(&path.display().to_string()).map_err(|e| e.to_string())?;
-        opened += 1;
         let (width, height) = sources::PairSource::size(&built);
         if opened.is_multiple_of(64) && width * height <= 640 * 480 {
             let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);

@@ -91,7 +91,9 @@ fn undecoded(path: &Path, error: &ImageError) -> SourceError {
 
 fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let (width, height) = open(path).map_err(io)?.into_dimensions().map_err(|e| undecoded(path, &e))?;
+    let size = open(path).map_err(io)?.into_dimensions();
+    let size = size.and_then(|(width, height)| some_pixels(width, height).map(|()| (width, height)));
+    let (width, height) = size.map_err(|e| undecoded(path, &e))?;
     Ok((width as usize, height as usize))
 }
 

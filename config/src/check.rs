@@ -1,11 +1,15 @@
 //! Parses and checks a configuration. All errors are reported at once, each with its line, key and remedy.
 
 use crate::keys::{self, Key, Kind};
+use crate::limits::{MAX_BYTES, MAX_ERRORS, MAX_PATH_BYTES, MAX_SUGGESTED_CHARS};
 use crate::tables::Config;
+use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use std::fmt;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeString, DeTable, DeValue};
 
 /// The profiles that come with the daemon: what differs from the defaults. The first is used where none is named.
 const PROFILES: [(&str, &str); 4] = [
@@ -65,14 +69,35 @@ pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
     if let Some((_, text)) = PROFILES.iter().find(|(profile, _)| path == Path::new(profile)) {
         return parse(text, path);
     }
-    match std::fs::read_to_string(path) {
-        Ok(text) => parse(&text, path),
+    let alone = |text| ConfigErrors(vec![ConfigError { file: path.to_owned(), line: None, text }]);
+    match read(path) {
+        Ok((text, size)) if size <= MAX_BYTES => parse(&text, path),
+        Ok((_, size)) => Err(alone(too_large(size))),
         Err(error) => {
             let names: Vec<&str> = profile_names().collect();
-            let text = format!("{error}; give a file, or one of the profiles {}", names.join(", "));
-            Err(ConfigErrors(vec![ConfigError { file: path.to_owned(), line: None, text }]))
+            Err(alone(format!("{error}; give a file, or one of the profiles {}", names.join(", "))))
         }
     }
+}
+
+/// The text of a file and its size; of a file that is too large only the size. One that does not say its size is read to
+/// the limit.
+fn read(path: &Path) -> std::io::Result<(String, u64)> {
+    let file = File::open(path)?;
+    let size = file.metadata()?.len();
+    let mut text = String::new();
+    if size > MAX_BYTES {
+        return Ok((text, size));
+    }
+    let read = file.take(MAX_BYTES + 1).read_to_string(&mut text)?;
+    Ok((text, read as u64))
+}
+
+fn too_large(bytes: u64) -> String {
+    format!(
+        "{bytes} bytes: a configuration has at most {MAX_BYTES}; give a TOML file with the keys of \
+         docs/configuration.md"
+    )
 }
 
 /// Parses the text of a configuration; `file` is named in errors.
@@ -80,12 +105,17 @@ pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
 /// # Errors
 /// All errors in the text, each with its line.
 pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
-    let mut checker = Checker { text, file, errors: Vec::new() };
+    let mut checker = Checker { text, file, errors: Vec::new(), more: 0 };
+    if text.len() as u64 > MAX_BYTES {
+        checker.add(None, too_large(text.len() as u64));
+        return Err(checker.finish());
+    }
     let table = match DeTable::parse(text) {
         Ok(table) => table,
         Err(error) => {
-            checker.add(error.span().map(|s| s.start), error.message().to_owned());
-            return Err(ConfigErrors(checker.errors));
+            let reason = excerpt(error.message(), REASON_CHARS).into_owned();
+            checker.add(error.span().map(|s| s.start), reason);
+            return Err(checker.finish());
         }
     };
     let base = checker.profile(table.get_ref());
@@ -93,10 +123,13 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     if !checker.errors.is_empty() {
         return Err(checker.finish());
     }
-    let config = layered(&[base, text]).map_err(|message| {
-        checker.add(None, message);
-        ConfigErrors(checker.errors.clone())
-    })?;
+    let config = match layered(&[base, text]) {
+        Ok(config) => config,
+        Err(message) => {
+            checker.add(None, excerpt(&message, REASON_CHARS).into_owned());
+            return Err(checker.finish());
+        }
+    };
     checker.relations(&config, table.get_ref());
     if checker.errors.is_empty() { Ok(config) } else { Err(checker.finish()) }
 }
@@ -122,16 +155,32 @@ struct Checker<'a> {
     text: &'a str,
     file: &'a Path,
     errors: Vec<ConfigError>,
+    /// Errors beyond [`MAX_ERRORS`], which are only counted.
+    more: usize,
 }
 
 impl Checker<'_> {
-    /// All errors, in the order of their lines.
+    /// The errors in the order of their lines.
     fn finish(mut self) -> ConfigErrors {
         self.errors.sort_by_key(|error| error.line);
+        if self.more > 0 {
+            let text = format!("{} more errors: mend these {MAX_ERRORS} first", self.more);
+            self.errors.push(ConfigError { file: self.file.to_owned(), line: None, text });
+        }
         ConfigErrors(self.errors)
     }
 
+    /// Whether one more error is only counted.
+    fn is_full(&mut self) -> bool {
+        let is_full = self.errors.len() >= MAX_ERRORS;
+        self.more += usize::from(is_full);
+        is_full
+    }
+
     fn add(&mut self, offset: Option<usize>, text: String) {
+        if self.is_full() {
+            return;
+        }
         let line = offset.map(|at| self.text[..at.min(self.text.len())].matches('\n').count() + 1);
         self.errors.push(ConfigError { file: self.file.to_owned(), line, text });
     }
@@ -154,8 +203,7 @@ impl Checker<'_> {
                 continue;
             }
             let Some(table) = keys::tables().iter().find(|table| table.name == name.get_ref()) else {
-                let hint = nearest(name.get_ref(), keys::tables().iter().map(|table| table.name));
-                self.add(Some(name.span().start), format!("unknown table [{}]{hint}", name.get_ref()));
+                self.unknown(name, "table [", "]", || keys::tables().iter().map(|table| table.name));
                 continue;
             };
             let Some(keys) = value.get_ref().as_table() else {
@@ -166,16 +214,32 @@ impl Checker<'_> {
                 if let Some(key) = table.keys.iter().find(|key| key.name == key_name.get_ref().as_ref()) {
                     self.value(key, value);
                 } else {
-                    let hint = nearest(key_name.get_ref(), table.keys.iter().map(|key| &key.name[..]));
-                    let text = format!("unknown key {}.{}{hint}", table.name, key_name.get_ref());
-                    self.add(Some(key_name.span().start), text);
+                    let before = format!("key {}.", table.name);
+                    self.unknown(key_name, &before, "", || table.keys.iter().map(|key| &key.name[..]));
                 }
             }
         }
     }
 
+    /// Reports an unknown name between `before` and `after`, with the nearest known one.
+    fn unknown<'k, I: Iterator<Item = &'k str>>(
+        &mut self,
+        name: &Spanned<DeString<'_>>,
+        before: &str,
+        after: &str,
+        known: impl Fn() -> I,
+    ) {
+        // What is only counted costs no search.
+        if self.is_full() {
+            return;
+        }
+        let hint = nearest(name.get_ref(), known());
+        let shown = excerpt(name.get_ref(), VALUE_CHARS);
+        self.add(Some(name.span().start), format!("unknown {before}{shown}{after}{hint}"));
+    }
+
     fn value(&mut self, key: &Key, value: &Spanned<DeValue<'_>>) {
-        let shown = self.text[value.span()].to_owned();
+        let shown = excerpt(&self.text[value.span()], VALUE_CHARS).into_owned();
         let whole = || {
             let integer = value.get_ref().as_integer()?;
             i64::from_str_radix(integer.as_str(), integer.radix()).ok()
@@ -193,7 +257,9 @@ impl Checker<'_> {
                 (1..=most).contains(&v.len())
                     && v.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
             }),
-            Kind::Path => value.get_ref().as_str().is_some_and(|v| !v.contains('\0')),
+            Kind::Path => {
+                value.get_ref().as_str().is_some_and(|v| v.len() <= MAX_PATH_BYTES && !v.contains('\0'))
+            }
             Kind::Text(most) => {
                 value.get_ref().as_str().is_some_and(|v| v.len() <= most && !v.contains(char::is_control))
             }
@@ -301,7 +367,9 @@ impl Checker<'_> {
 }
 
 /// "; did you mean X?" for the known name with the smallest edit distance.
-fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+fn nearest<'a>(name: &str, mut known: impl Iterator<Item = &'a str>) -> String {
+    // The distance to a name that is longer than all others says nothing.
+    let known = known.by_ref().filter(|_| name.chars().nth(MAX_SUGGESTED_CHARS).is_none());
     match known.map(|k| (strsim::levenshtein(name, k), k)).min() {
         Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {word}?"),
         _ => "; docs/configuration.md lists all keys".into(),
@@ -408,6 +476,51 @@ name = \"a b\"
         assert!(parse(cpu, Path::new("car.toml")).is_ok());
         let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
         assert!(missing.contains("/no/such.toml") && missing.contains("orin-nano"), "{missing}");
+    }
+
+    #[test]
+    fn sizes_and_counts_beyond_the_limits_are_refused() {
+        // 7 million keys, and 100 MB of brackets: refused before they are parsed.
+        let keys: String = (0..7_000_000).map(|i| format!("k{i}=1\n")).collect();
+        for text in [keys, "[".repeat(100_000_000)] {
+            let got = errors(&text);
+            let expected =
+                format!("car.toml: {} bytes: a configuration has at most 262144; give", text.len());
+            assert!(got.len() == 1 && got[0].starts_with(&expected), "{got:?}");
+        }
+        // The file is not even read.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sparse.toml");
+        File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        let error = load(Some(&path)).unwrap_err().to_string();
+        assert!(error.contains("sparse.toml: 1099511627776 bytes: a configuration has at most"), "{error}");
+        // A file that does not say its size is read to the limit.
+        let error = load(Some(Path::new("/dev/zero"))).unwrap_err().to_string();
+        assert!(error.contains("/dev/zero: 262145 bytes"), "{error}");
+        // Unknown keys: the first hundred are reported, the others counted.
+        let many: String = (0..20_000).map(|i| format!("k{i}=1\n")).collect();
+        let got = errors(&many);
+        assert_eq!(got.len(), MAX_ERRORS + 1);
+        assert_eq!(got[MAX_ERRORS], "car.toml: 19900 more errors: mend these 100 first");
+    }
+
+    #[test]
+    fn errors_repeat_no_more_than_an_excerpt() {
+        let long = "x".repeat(100_000);
+        for text in [
+            format!("{long} = 1\n"),
+            format!("[alarm]\n{long} = 1\n"),
+            format!("[alarm]\ndistance_m = \"{long}\"\n"),
+            format!("[source]\npath = \"{long}\"\n"),
+            format!("[recognition]\ncascade = [{}]\n", "1,".repeat(50_000)),
+            format!("[alarm]\n{long} = 1\n{long} = 2\n"),
+            format!("a = {}", "[".repeat(100_000)),
+            format!("{} = 1", "a.".repeat(50_000)),
+        ] {
+            let got = errors(&text);
+            assert!(got.iter().all(|error| error.len() < 1200), "{}", got[0].len());
+        }
+        assert!(errors("[source]\npath = 1\n")[0].contains("a path of at most 4095 bytes, in quotes"));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What a key of the configuration is: what it holds, its unit, and what a reload does with it.
 
+use crate::limits::MAX_PATH_BYTES;
 use messages::pipeline::Role;
 use std::fmt;
 
@@ -16,7 +17,7 @@ pub enum Kind {
     Choice(&'static [&'static str]),
     /// Letters, digits, `-` and `_`, at most this many.
     Name(usize),
-    /// A path; may be empty.
+    /// A path of at most [`MAX_PATH_BYTES`]; may be empty.
     Path,
     /// One line of at most this many characters; may be empty.
     Text(usize),
@@ -31,7 +32,7 @@ impl fmt::Display for Kind {
             Kind::Number(low, high) => write!(f, "a number from {low} to {high}"),
             Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),
             Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
-            Kind::Path => f.write_str("a path in quotes"),
+            Kind::Path => write!(f, "a path of at most {MAX_PATH_BYTES} bytes, in quotes"),
             Kind::Text(most) => write!(f, "one line of at most {most} characters, in quotes"),
         }
     }

@@ -8,6 +8,7 @@
 mod check;
 mod key;
 pub mod keys;
+pub mod limits;
 mod reference;
 pub mod stages;
 mod table;

@@ -2,6 +2,7 @@
 
 use crate::check::profile_names;
 use crate::keys;
+use crate::limits::{MAX_BYTES, MAX_ERRORS};
 use std::fmt::Write;
 
 /// The text of `docs/configuration.md`: every key with its default, range, unit, reload class and description.
@@ -11,6 +12,12 @@ pub fn reference() -> String {
          A configuration is a TOML file, given with `-c FILE`. Keys that it leaves out come from the profile that\n\
          its first line may name (`profile = \"tk1\"`), otherwise they have their defaults. `-c` also takes the name\n\
          of a profile. `lookout check-config FILE` prints every error with its line, and the effective configuration.\n\n",
+    );
+    let _ = writeln!(
+        out,
+        "A file has at most {} KiB. The first {} errors are printed, the others counted.\n",
+        MAX_BYTES >> 10,
+        MAX_ERRORS
     );
     let names: Vec<String> = profile_names().map(|n| format!("`{n}`")).collect();
     let _ = writeln!(

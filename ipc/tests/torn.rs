@@ -32,7 +32,7 @@ fn read_while_written(
 ) {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(name, folder.path());
-    let _lock = InstanceLock::take(&instance, 7_000 + u64::from(spec.kind as u16)).unwrap();
+    let _lock = InstanceLock::take(&instance).unwrap();
     let bus = Bus::join(&instance).unwrap();
     let publisher = bus.publisher(spec, WIDTH as usize, HEIGHT as usize).unwrap();
     let subscriber = bus.subscriber(spec).unwrap();

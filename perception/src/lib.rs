@@ -14,7 +14,7 @@
 //! - [`recognition`]: cascade classifier for obstacle regions.
 //! - [`tracking`]: regions to tracks with distance and closing speed.
 //! - [`alarm`]: tracks to an alarm level (section 4.3).
-//! - [`calibration`], [`rectify`], [`image_quality`], [`point_cloud`]: support. [`simd`]: vector kernels.
+//! - [`calibration`], [`rectify`], [`image_quality`], [`point_cloud`], [`excerpt`]: support. [`simd`]: vector kernels.
 //!
 //! [`scene`] has a runnable example.
 
@@ -22,6 +22,7 @@ pub mod alarm;
 pub mod calibration;
 pub mod depth;
 pub mod detection;
+pub mod excerpt;
 pub mod frame_clock;
 pub mod image;
 pub mod image_quality;

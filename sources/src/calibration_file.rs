@@ -1,6 +1,9 @@
 //! Reads the rig of a rectified source: KITTI `calib.txt` or rig TOML.
 
-use crate::SourceError;
+use crate::bounded_file::read_text;
+use crate::limits::CALIBRATION;
+use crate::{SourceError, toml_text};
+use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::Deserialize;
 use std::path::Path;
@@ -25,13 +28,13 @@ struct RigFile {
 pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
     let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
     let text =
-        std::fs::read_to_string(path).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
+        read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
     let rig = if path.extension().is_some_and(|e| e == "toml") {
         // A full rig file describes the unrectified cameras; its rectified rig is the one of the recordings.
         if text.lines().any(|l| l.trim_start().starts_with("layout")) {
             return Ok(crate::rig_file::RigFile::from_toml(&text).map_err(fail)?.rectification.rig);
         }
-        let file: RigFile = toml::from_str(&text).map_err(|e| fail(e.to_string()))?;
+        let file: RigFile = toml_text::parse(&text).map_err(|e| fail(e.to_string()))?;
         Rig { focal_px: file.focal_px, baseline_m: file.baseline_m, cx_px: file.cx_px, cy_px: file.cy_px }
     } else {
         kitti(&text, colour).map_err(fail)?
@@ -51,7 +54,11 @@ fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
             }
             let numbers = words
                 .skip(usize::from(!is_bare))
-                .map(|w| w.parse().map_err(|_| format!("line {}: \"{w}\" is not a number", i + 1)))
+                .map(|w| {
+                    w.parse().map_err(|_| {
+                        format!("line {}: \"{}\" is not a number", i + 1, excerpt(w, VALUE_CHARS))
+                    })
+                })
                 .collect::<Result<Vec<f64>, _>>()?;
             if numbers.len() != 12 {
                 return Err(format!("line {}: {name} has {} numbers, not 12", i + 1, numbers.len()));

@@ -2,10 +2,14 @@
 
 pub use crate::source::LAYOUTS;
 
+use crate::limits::{MAX_IMAGES, MAX_PICTURE_BYTES, MAX_SIDE_PX, PICTURE};
 use crate::{PairSource, SourceError, calibration_file};
+use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageError, ImageReader, Limits};
+use perception::excerpt::{REASON_CHARS, excerpt};
 use perception::rig::Rig;
-use std::io::{BufRead, Seek};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek};
 use std::path::{Path, PathBuf};
 
 const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
@@ -27,18 +31,39 @@ pub struct FolderSource {
 /// When the file cannot be read or decoded.
 pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let image = decode(ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?)
-        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?;
+    let image = decode(open(path).map_err(io)?).map_err(|e| undecoded(path, &e))?;
     Ok(grey_of(image))
+}
+
+/// Opens an image file within the limit of its size: some decoders read the whole file into memory.
+pub(crate) fn open(path: &Path) -> std::io::Result<ImageReader<BufReader<File>>> {
+    let file = File::open(path)?;
+    let about = file.metadata()?;
+    if !about.is_file() {
+        return Err(std::io::Error::other("not a regular file; give an image file"));
+    }
+    PICTURE.check(about.len())?;
+    ImageReader::new(BufReader::new(file)).with_guessed_format()
 }
 
 /// Decodes with limits above any camera's image size: a damaged header must not exhaust the memory.
 pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<DynamicImage, ImageError> {
     let mut limits = Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(1 << 14), Some(1 << 14));
-    limits.max_alloc = Some(128 << 20);
+    (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
+    limits.max_alloc = Some(MAX_PICTURE_BYTES);
     reader.limits(limits);
-    reader.decode()
+    let image = reader.decode()?;
+    some_pixels(image.width(), image.height())?;
+    Ok(image)
+}
+
+/// A PNM may have a side of 0.
+fn some_pixels(width: u32, height: u32) -> Result<(), ImageError> {
+    if width > 0 && height > 0 {
+        return Ok(());
+    }
+    let reason = format!("an image of {width}x{height} pixels");
+    Err(ImageError::Decoding(DecodingError::new(ImageFormatHint::Unknown, reason)))
 }
 
 /// Grey pixels, width and height of an image.
@@ -58,25 +83,39 @@ pub(crate) fn luma(rgb: &[u8]) -> u8 {
     ((weighted + (1 << 13)) >> 14) as u8
 }
 
+fn undecoded(path: &Path, error: &ImageError) -> SourceError {
+    // A decoder may repeat what it found in a header.
+    let reason = excerpt(&error.to_string(), REASON_CHARS).into_owned();
+    SourceError::Decode { path: path.to_owned(), reason }
+}
+
 fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
     let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let (width, height) = ImageReader::open(path)
-        .map_err(io)?
-        .with_guessed_format()
-        .map_err(io)?
-        .into_dimensions()
-        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() })?;
+    let size = open(path).map_err(io)?.into_dimensions();
+    let size = size.and_then(|(width, height)| some_pixels(width, height).map(|()| (width, height)));
+    let (width, height) = size.map_err(|e| undecoded(path, &e))?;
     Ok((width as usize, height as usize))
 }
 
 /// Image files of a folder, sorted by name.
-pub(crate) fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
+///
+/// # Errors
+/// When the folder cannot be read, or has more than [`MAX_IMAGES`].
+pub fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let io = |source| SourceError::Io { path: folder.to_owned(), source };
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {
         let path = entry.map_err(io)?.path();
         let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         if ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
+            if found.len() == MAX_IMAGES {
+                return Err(SourceError::TooMany {
+                    path: folder.to_owned(),
+                    what: "images",
+                    limit: MAX_IMAGES,
+                    remedy: "divide the recording into folders",
+                });
+            }
             found.push(path);
         }
     }
@@ -279,6 +318,21 @@ mod tests {
         assert!(nothing.error().contains("image_0 and image_1"), "{}", nothing.error());
         let error = FolderSource::open(Path::new("/nowhere/at/all")).unwrap_err().to_string();
         assert!(error.contains("/nowhere/at/all"), "{error}");
+    }
+
+    #[test]
+    fn an_image_without_pixels_is_refused() {
+        // Found by fuzzing.
+        let recording = Recording::new("left", "right", &["1.pgm"]);
+        for side in ["left/1.pgm", "right/1.pgm"] {
+            std::fs::write(recording.path(side), "P5\n0 4\n255\n").unwrap();
+        }
+        for error in [recording.error(), read_grey(&recording.path("left/1.pgm")).unwrap_err().to_string()] {
+            assert!(
+                error.contains("left/1.pgm: cannot be decoded") && error.contains("0x4 pixels"),
+                "{error}"
+            );
+        }
     }
 
     #[test]

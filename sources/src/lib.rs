@@ -13,6 +13,7 @@
 //! | [`truth`] | data sets with ground truth: KITTI, Middlebury, LiDAR depth, labels |
 //! | [`rectified`] | rectification of another source's pairs |
 //! | [`rig_file`], [`calibration_file`] | calibration files: the rig file, OpenCV, ROS, Kalibr, KITTI |
+//! | [`limits`], [`bounded_file`] | what each reader takes at most, and how a file is read within it |
 //!
 //! ```
 //! use lookout_sources::PairSource;
@@ -28,15 +29,18 @@
 //! # Ok::<(), lookout_sources::SourceError>(())
 //! ```
 
+pub mod bounded_file;
 pub mod calibration_file;
 pub mod camera;
 pub mod chessboard;
 pub mod folder;
+pub mod limits;
 pub mod recording;
 pub mod rectified;
 pub mod rig_file;
 pub mod scene;
 mod source;
+mod toml_text;
 pub mod truth;
 
 pub use source::{LiveSource, PairSource, Readiness, SourceError};

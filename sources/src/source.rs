@@ -139,6 +139,18 @@ pub enum SourceError {
         /// Line or key, and the remedy.
         reason: String,
     },
+    /// More files than a source may have.
+    #[error("{}: more than {limit} {what}: {remedy}", path.display())]
+    TooMany {
+        /// The folder.
+        path: PathBuf,
+        /// What is counted.
+        what: &'static str,
+        /// How many there may be.
+        limit: usize,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// An invalid MCAP recording.
     #[error(transparent)]
     Recording(#[from] RecordingError),

@@ -4,9 +4,13 @@
 //! `LOOKOUT_FUZZ_SECONDS` is the time for each target (2 by default, for every commit),
 //! `LOOKOUT_FUZZ_SEED` the seed (1 by default, `clock` for another every time). There is no coverage
 //! feedback; the parser's answer replaces it: an input with a new answer joins the corpus.
+//!
+//! [`fuzz`] mutates bytes of given inputs. [`fuzz_format`] has a generator of valid inputs and changes that keep their
+//! structure; at least a tenth of its inputs must be accepted, or the reader's depths are not reached.
 
 use super::mutate::mutate;
 use crate::support::turns;
+use fastrand::Rng;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::collections::HashSet;
 use std::fs::File;
@@ -25,16 +29,76 @@ const MAX_CPU_NS: u64 = 10_000_000_000;
 /// Memory that a reader may take beyond what the process has.
 const MAX_BYTES: u64 = 256 << 20;
 
+/// Bytes of an answer, at most: no error repeats its input.
+const MAX_ANSWER: usize = 64 << 10;
+
 /// Inputs of the corpus, at most.
 const MAX_INPUTS: usize = 2000;
+
+/// Least share of inputs of a format that its reader accepts: one of so many.
+const ACCEPTED_ONE_IN: u64 = 10;
+
+/// A format with its generator.
+pub struct Format<'a> {
+    /// The path of the calling test below the module `fuzz`.
+    pub name: &'a str,
+    /// Bytes of the longest input.
+    pub longest: usize,
+    /// Makes a valid input, each time another.
+    pub generate: &'a mut dyn FnMut(&mut Rng) -> Vec<u8>,
+    /// Changes an input but keeps its structure; may take parts of another one.
+    pub change: fn(&mut Rng, &mut Vec<u8>, &[u8]),
+}
+
+/// Fuzzes the reader of a format: `Ok` is an input that it accepts, `Err` the text of its error.
+pub fn fuzz_format(format: Format<'_>, mut read: impl FnMut(&[u8], &Path) -> Result<String, String>) {
+    let Format { name, longest, generate, change } = format;
+    let Some(folder) = std::env::var_os(CHILD) else { return parent(name) };
+    let mut next = |_: u64, random: &mut Rng, corpus: &[Vec<u8>]| {
+        let own = |random: &mut Rng| corpus[random.usize(0..corpus.len())].clone();
+        let kind = if corpus.is_empty() { 0 } else { random.u8(0..10) };
+        let mut input = match kind {
+            0..=2 => generate(random),
+            // Valid inputs with one change each, and those of the corpus with one more.
+            3..=6 => {
+                let mut input = if random.bool() { generate(random) } else { own(random) };
+                let other = own(random);
+                for _ in 0..1 + random.usize(0..3) {
+                    change(random, &mut input, &other);
+                }
+                input
+            }
+            _ => mutate(random, corpus, longest),
+        };
+        input.truncate(longest);
+        input
+    };
+    child(name, Path::new(&folder), &mut next, &mut |input, path| match read(input, path) {
+        Ok(answer) => (true, answer),
+        Err(error) => (false, error),
+    });
+}
 
 /// Fuzzes a reader: it is called with inputs and returns a text about each. `name` is the path of the calling test
 /// below the module `fuzz`.
 pub fn fuzz(name: &str, seeds: Vec<Vec<u8>>, longest: usize, mut read: impl FnMut(&[u8], &Path) -> String) {
     assert!(!seeds.is_empty() && seeds.iter().any(|s| !s.is_empty()));
     if let Some(folder) = std::env::var_os(CHILD) {
-        return child(name, seeds, longest, Path::new(&folder), &mut read);
+        let mut next = |run: u64, random: &mut Rng, corpus: &[Vec<u8>]| match seeds.get(run as usize) {
+            // As they are, first.
+            Some(seed) => seed.clone(),
+            None if random.u8(0..4) == 0 => mutate(random, &seeds, longest),
+            None => mutate(random, corpus, longest),
+        };
+        // Without a generator nothing is said of what is accepted.
+        let mut answer = |input: &[u8], path: &Path| (true, read(input, path));
+        return child(name, Path::new(&folder), &mut next, &mut answer);
     }
+    parent(name);
+}
+
+/// Runs the calling test once more in a process of its own, and prints its figures.
+fn parent(name: &str) {
     let _turn = turns::beside_others();
     let folder = tempfile::tempdir().expect("a folder");
     let mut process = Command::new(std::env::current_exe().expect("this program"))
@@ -100,45 +164,50 @@ fn keep(name: &str, folder: &Path) -> String {
     }
 }
 
-fn child(
-    name: &str,
-    seeds: Vec<Vec<u8>>,
-    longest: usize,
-    folder: &Path,
-    read: &mut dyn FnMut(&[u8], &Path) -> String,
-) {
+/// Makes the next input from the number of the run and the corpus.
+type Next<'a> = &'a mut dyn FnMut(u64, &mut Rng, &[Vec<u8>]) -> Vec<u8>;
+
+/// Reads an input: whether it is accepted, and what was said.
+type Read<'a> = &'a mut dyn FnMut(&[u8], &Path) -> (bool, String);
+
+fn child(name: &str, folder: &Path, next: Next<'_>, read: Read<'_>) {
     let seed = seed();
     limit_memory();
     let input_file = File::create(folder.join("input")).expect("the file of the input");
     let path = folder.join("read");
-    let mut random = fastrand::Rng::with_seed(seed);
-    let (mut seen, mut corpus) = (HashSet::new(), seeds.clone());
+    let mut random = Rng::with_seed(seed);
+    let (mut seen, mut corpus) = ([HashSet::new(), HashSet::new()], Vec::new());
     let (mut runs, mut accepted, mut slowest_ns) = (0_u64, 0_u64, 0);
     let until = Instant::now() + Duration::from_secs(seconds());
     while Instant::now() < until {
-        let input = match seeds.get(runs as usize) {
-            // As they are, first.
-            Some(seed) => seed.clone(),
-            None => mutate(&mut random, &corpus, longest),
-        };
+        let input = next(runs, &mut random, &corpus);
         // On disk before it is read: whatever happens, it is known.
         input_file.set_len(0).expect("the input is written");
         input_file.write_all_at(&input, 0).expect("the input is written");
         let before = messages::clock::process_cpu_ns();
-        let answer = read(&input, &path);
+        let (is_accepted, answer) = read(&input, &path);
         let taken_ns = messages::clock::process_cpu_ns() - before;
         slowest_ns = slowest_ns.max(taken_ns);
         assert!(taken_ns < MAX_CPU_NS, "an input of {} bytes took {} ms", input.len(), taken_ns / 1_000_000);
-        if corpus.len() < MAX_INPUTS && seen.insert(shape(&answer)) {
+        assert!(answer.len() < MAX_ANSWER, "a text of {} bytes on {} bytes", answer.len(), input.len());
+        // An error's bulk is no reason to keep its input more than once.
+        if seen[usize::from(is_accepted)].insert(shape(&answer)) && corpus.len() < MAX_INPUTS {
             corpus.push(input);
         }
         runs += 1;
-        accepted += u64::from(answer.starts_with("ok"));
+        accepted += u64::from(is_accepted);
     }
     println!(
-        "fuzz {name}: seed {seed}, {runs} inputs, {accepted} accepted, {} different answers, slowest {:.1} ms",
-        seen.len(),
+        "fuzz {name}: seed {seed}, {runs} inputs, {accepted} accepted with {} different answers, {} rejected with {} \
+         different errors, slowest {:.1} ms",
+        seen[1].len(),
+        runs - accepted,
+        seen[0].len(),
         slowest_ns as f64 * 1e-6
+    );
+    assert!(
+        accepted * ACCEPTED_ONE_IN >= runs,
+        "{accepted} of {runs} inputs were accepted: the generator and the reader do not agree"
     );
     std::io::stdout().flush().expect("standard output");
 }

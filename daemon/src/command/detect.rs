@@ -9,7 +9,9 @@ use perception::image::GreyView;
 use perception::recognition::group::Group;
 use perception::recognition::{Cascade, Detector, Sizes, xml};
 use serde::Serialize;
+use sources::bounded_file;
 use sources::folder::read_grey;
+use sources::limits::CASCADE;
 use std::path::Path;
 use std::path::PathBuf;
 use tools::reporting::picture::{Colour, Picture};
@@ -73,7 +75,7 @@ struct Found<'a> {
 /// # Errors
 /// Names the file.
 pub fn read_cascade(path: &Path) -> Result<Cascade, CommandError> {
-    let text = std::fs::read_to_string(path)
+    let text = bounded_file::read_text(path, &CASCADE)
         .map_err(|e| CommandError::Other(format!("{}: {e}: give an OpenCV cascade XML", path.display())))?;
     xml::read(&text).map_err(|e| CommandError::Other(format!("{}: {e}", path.display())))
 }

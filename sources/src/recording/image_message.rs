@@ -5,6 +5,7 @@ use super::foxglove::{self, CameraCalibration, CompressedImage, RawImage};
 use super::index::Channel;
 use crate::folder;
 use image::ImageReader;
+use perception::excerpt::{VALUE_CHARS, excerpt};
 use prost::bytes::Bytes;
 use std::io::Cursor;
 
@@ -104,6 +105,7 @@ fn to_grey(raw: &Raw<'_>) -> Result<(Vec<u8>, usize, usize), String> {
         "rgba8" => (4, Some([0, 1, 2])),
         "bgra8" => (4, Some([2, 1, 0])),
         other => {
+            let other = excerpt(other, VALUE_CHARS);
             return Err(format!("pixels are \"{other}\"; mono8, rgb8, bgr8, rgba8 and bgra8 can be read"));
         }
     };

@@ -2,9 +2,14 @@
 //! at the end of the file, which a truncated recording does not have.
 
 use super::{RecordingError, lengths};
+use crate::limits::{
+    MAX_CHUNK_BYTES, MAX_CHUNK_MESSAGES, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, MAX_KEPT_BYTES, MAX_MESSAGES,
+    MAX_TOPICS,
+};
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use prost::bytes::Bytes;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,9 +18,6 @@ use std::path::{Path, PathBuf};
 
 /// Bytes of the opcode and the length before each record.
 const RECORD_HEAD: u64 = 9;
-
-/// Maximum size of an uncompressed chunk, in bytes.
-const MAX_CHUNK: u64 = 128 << 20;
 
 /// Error of a record that [`lengths::fit`] rejects.
 const LONGER: &str = "a length in a record reaches beyond its end";
@@ -70,6 +72,10 @@ pub struct Index {
     schemas: BTreeMap<u16, String>,
     places: Vec<Place>,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Number of messages of all places.
+    messages: usize,
+    /// Bytes of all names and metadata.
+    kept_bytes: usize,
     /// The truncated part, if there is one.
     pub cut: Option<Cut>,
 }
@@ -94,6 +100,8 @@ impl Index {
             schemas: BTreeMap::new(),
             places: Vec::new(),
             metadata: BTreeMap::new(),
+            messages: 0,
+            kept_bytes: 0,
             cut: None,
         };
         index.scan(size)?;
@@ -105,7 +113,16 @@ impl Index {
     }
 
     fn damaged(&self, at: u64, reason: impl std::fmt::Display) -> RecordingError {
-        RecordingError::Damaged { path: self.path.clone(), at, reason: reason.to_string() }
+        let reason = excerpt(&reason.to_string(), REASON_CHARS).into_owned();
+        RecordingError::Damaged { path: self.path.clone(), at, reason }
+    }
+
+    /// Checks a count or a size against its limit.
+    fn check(&self, count: u64, limit: u64, what: &str) -> Result<(), RecordingError> {
+        if count <= limit {
+            return Ok(());
+        }
+        Err(RecordingError::TooLarge { path: self.path.clone(), found: format!("{count} {what}"), limit })
     }
 
     fn scan(&mut self, size: u64) -> Result<(), RecordingError> {
@@ -139,6 +156,12 @@ impl Index {
                     if let Record::MessageIndex(index) = self.record(opcode, body_at, length)?
                         && let Some(place) = &mut pending
                     {
+                        let count = place.messages.len() + index.records.len();
+                        self.check(
+                            count as u64,
+                            MAX_CHUNK_MESSAGES as u64,
+                            "messages in the index of a chunk",
+                        )?;
                         let times = index.records.iter().map(|entry| (index.channel_id, entry.log_time));
                         place.messages.extend(times);
                     }
@@ -150,7 +173,7 @@ impl Index {
                 }
                 op::SCHEMA | op::CHANNEL | op::METADATA => {
                     let record = self.record(opcode, body_at, length)?;
-                    self.learn(record);
+                    self.learn(record)?;
                 }
                 op::FOOTER => is_whole = true,
                 _ => {}
@@ -162,7 +185,15 @@ impl Index {
         self.settle(pending, is_cut)
     }
 
-    fn body(&mut self, at: u64, length: u64) -> Result<Vec<u8>, RecordingError> {
+    fn body(&mut self, opcode: u8, at: u64, length: u64) -> Result<Vec<u8>, RecordingError> {
+        let limit = match opcode {
+            // Neither LZ4 nor Zstandard makes a chunk longer by more than a sixteenth.
+            op::CHUNK | op::MESSAGE => MAX_CHUNK_BYTES + MAX_CHUNK_BYTES / 16,
+            // Two numbers of 8 bytes for each message.
+            op::MESSAGE_INDEX => 16 * MAX_CHUNK_MESSAGES as u64 + 64,
+            _ => MAX_DESCRIPTION_BYTES,
+        };
+        self.check(length, limit, &format!("bytes in the record at byte {at}"))?;
         let mut body = vec![0; usize::try_from(length).map_err(|e| self.damaged(at, e))?];
         self.file.seek(SeekFrom::Start(at)).map_err(|e| self.io(e))?;
         self.file.read_exact(&mut body).map_err(|e| self.io(e))?;
@@ -170,29 +201,49 @@ impl Index {
     }
 
     fn record(&mut self, opcode: u8, at: u64, length: u64) -> Result<Record<'static>, RecordingError> {
-        let body = self.body(at, length)?;
+        let body = self.body(opcode, at, length)?;
         if !lengths::fit(opcode, &body) {
             return Err(self.damaged(at, LONGER));
         }
         Ok(parse_record(opcode, &body).map_err(|e| self.damaged(at, e))?.into_owned())
     }
 
-    /// Stores a schema, a channel or a metadata record.
-    fn learn(&mut self, record: Record<'_>) {
+    /// Stores a schema, a channel or a metadata record. What is known already, as chunks repeat it, costs nothing.
+    ///
+    /// # Errors
+    /// If there are more than the limits.
+    fn learn(&mut self, record: Record<'_>) -> Result<(), RecordingError> {
         match record {
             Record::Schema { header, .. } => {
-                self.schemas.insert(header.id, header.name);
+                if self.schemas.get(&header.id) != Some(&header.name) {
+                    self.keep(header.name.len())?;
+                    self.schemas.insert(header.id, header.name);
+                }
+                self.check(self.schemas.len() as u64, MAX_TOPICS as u64, "schemas")
             }
             Record::Channel(c) => {
                 let schema = self.schemas.get(&c.schema_id).cloned().unwrap_or_default();
                 let channel = Channel { topic: c.topic, encoding: c.message_encoding, schema };
-                self.channels.insert(c.id, channel);
+                if self.channels.get(&c.id) != Some(&channel) {
+                    self.keep(channel.topic.len() + channel.encoding.len() + channel.schema.len())?;
+                    self.channels.insert(c.id, channel);
+                }
+                self.check(self.channels.len() as u64, MAX_TOPICS as u64, "topics")
             }
             Record::Metadata(m) => {
+                let texts = m.metadata.iter().map(|(key, value)| key.len() + value.len() + 64);
+                self.keep(m.name.len() + texts.sum::<usize>())?;
                 self.metadata.insert(m.name, m.metadata.into_iter().collect());
+                self.check(self.metadata.len() as u64, MAX_TOPICS as u64, "metadata records")
             }
-            _ => {}
+            _ => Ok(()),
         }
+    }
+
+    /// Counts bytes of names and metadata.
+    fn keep(&mut self, bytes: usize) -> Result<(), RecordingError> {
+        self.kept_bytes = self.kept_bytes.saturating_add(bytes);
+        self.check(self.kept_bytes as u64, MAX_KEPT_BYTES as u64, "bytes of names and metadata")
     }
 
     /// Adds a place to the index. Its messages are read if they have no index or belong to unknown topics.
@@ -203,15 +254,21 @@ impl Index {
             let messages = self.read_place(&place)?;
             place.messages = messages.iter().map(|m| (m.channel, m.time_ns)).collect();
         }
+        self.messages += place.messages.len();
+        self.check(self.messages as u64, MAX_MESSAGES as u64, "messages")?;
+        self.check(self.places.len() as u64 + 1, MAX_CHUNKS as u64, "chunks, or messages outside of chunks")?;
         self.places.push(place);
         Ok(())
     }
 
     fn read_place(&mut self, place: &Place) -> Result<Vec<Stored>, RecordingError> {
-        let body = self.body(place.at, place.length)?;
+        let body = self.body(place.opcode, place.at, place.length)?;
         let damaged = |e: mcap::McapError| match e {
             mcap::McapError::UnsupportedCompression(name) => {
-                format!("chunks are compressed with {name}; lz4 and zstd can be read")
+                format!(
+                    "chunks are compressed with {}; lz4 and zstd can be read",
+                    excerpt(&name, VALUE_CHARS)
+                )
             }
             other => other.to_string(),
         };
@@ -230,10 +287,8 @@ impl Index {
             }
             _ => return Ok(Vec::new()),
         };
-        if header.uncompressed_size > MAX_CHUNK {
-            let reason = format!("a chunk of {} bytes", header.uncompressed_size);
-            return Err(self.damaged(place.at, reason));
-        }
+        let what = format!("bytes in the chunk at byte {}, uncompressed", place.at);
+        self.check(header.uncompressed_size, MAX_CHUNK_BYTES, &what)?;
         // No record of a chunk is longer than the chunk.
         let limit = header.uncompressed_size.max(place.length) as usize;
         let options = LinearReaderOptions::default()
@@ -261,12 +316,16 @@ impl Index {
                 }
                 LinearReadEvent::Record { data, opcode } => {
                     match parse_record(opcode, data).map_err(|e| self.damaged(place.at, damaged(e)))? {
-                        Record::Message { header, data } => messages.push(Stored {
-                            channel: header.channel_id,
-                            time_ns: header.log_time,
-                            data: data.into_owned().into(),
-                        }),
-                        other => self.learn(other),
+                        Record::Message { header, data } => {
+                            let count = messages.len() as u64 + 1;
+                            self.check(count, MAX_CHUNK_MESSAGES as u64, "messages in a chunk")?;
+                            messages.push(Stored {
+                                channel: header.channel_id,
+                                time_ns: header.log_time,
+                                data: data.into_owned().into(),
+                            });
+                        }
+                        other => self.learn(other)?,
                     }
                 }
             }
@@ -277,6 +336,11 @@ impl Index {
     /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// The topic of a channel identifier.
+    pub fn channel(&self, id: u16) -> Option<&Channel> {
+        self.channels.get(&id)
     }
 
     /// Channel identifier and description of each topic.

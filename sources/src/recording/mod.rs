@@ -82,6 +82,19 @@ pub enum RecordingError {
         /// What is wrong.
         reason: String,
     },
+    /// The file holds more than the reader takes.
+    #[error(
+        "{}: {found}: a recording has at most {limit}: divide it, or keep only the topics that you need, with the mcap \
+         tool (mcap filter)", path.display()
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// What there is, and where.
+        found: String,
+        /// How much there may be.
+        limit: u64,
+    },
     /// The file holds no stereo pairs.
     #[error("{}: {reason}", path.display())]
     NoPairs {

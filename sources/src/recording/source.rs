@@ -4,11 +4,16 @@ use super::image_message::{Kind, grey, kind, projection};
 use super::index::{Channel, Cut, Index, Stored};
 use super::{ABOUT, LEFT_IMAGE, RIGHT_IMAGE, RecordingError};
 use crate::{PairSource, SourceError};
+use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use perception::rig::Rig;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 /// Number of chunks kept in memory: left and right image of a pair may be in adjacent chunks.
 const KEPT: usize = 2;
+
+/// Topics that an error lists.
+const MAX_LISTED: usize = 20;
 
 /// Period of a recording with a single pair: KITTI's 10 Hz.
 const DEFAULT_PERIOD_NS: u64 = 100_000_000;
@@ -43,9 +48,7 @@ impl RecordingSource {
         let index = Index::open(path)?;
         let no_pairs = |reason: String| RecordingError::NoPairs { path: path.to_owned(), reason };
         let Some(sides) = image_topics(&index) else {
-            let topics: Vec<String> =
-                index.channels().map(|(_, c)| format!("{} ({})", c.topic, c.schema)).collect();
-            let there = if topics.is_empty() { "no topics".into() } else { topics.join(", ") };
+            let there = topics(&index);
             return Err(no_pairs(format!(
                 "no pairs of images: two image topics are needed whose names differ by left and right; \
                  the file has {there}"
@@ -91,17 +94,19 @@ impl RecordingSource {
     }
 
     fn channel(&self, id: u16) -> Channel {
-        let found = self.index.channels().find(|(i, _)| *i == id);
-        found.map_or(
-            Channel { topic: String::new(), encoding: String::new(), schema: String::new() },
-            |(_, c)| c.clone(),
-        )
+        self.index.channel(id).cloned().unwrap_or_else(|| Channel {
+            topic: String::new(),
+            encoding: String::new(),
+            schema: String::new(),
+        })
     }
 
     fn fault(&self, at: ImagePlace, reason: impl Into<String>) -> SourceError {
-        let topic = self.channel(at.channel).topic;
+        let topic = excerpt(&self.channel(at.channel).topic, VALUE_CHARS).into_owned();
         let path = self.index.path().to_owned();
-        RecordingError::Message { path, topic, time_ns: at.time_ns, reason: reason.into() }.into()
+        // A decoder may repeat what it found in a message.
+        let reason = excerpt(&reason.into(), REASON_CHARS).into_owned();
+        RecordingError::Message { path, topic, time_ns: at.time_ns, reason }.into()
     }
 
     /// Decodes one image.
@@ -126,13 +131,9 @@ impl RecordingSource {
     /// The rig from the projection matrices of both cameras; `None` if they are missing or zero.
     fn rig_of_calibrations(&mut self) -> Result<Option<Rig>, SourceError> {
         let mut found: [Option<[f64; 12]>; 2] = [None, None];
+        let calibrations = self.index.channels().filter(|(_, c)| kind(c) == Some(Kind::Calibration));
+        let wanted: BTreeSet<u16> = calibrations.map(|(id, _)| id).collect();
         for place in 0..self.index.places() {
-            let wanted: Vec<u16> = self
-                .index
-                .channels()
-                .filter(|(_, c)| kind(c) == Some(Kind::Calibration))
-                .map(|(id, _)| id)
-                .collect();
             if wanted.is_empty() || found.iter().all(Option::is_some) {
                 break;
             }
@@ -154,11 +155,30 @@ impl RecordingSource {
     }
 }
 
+/// The topics of a file, for a message; of many the first.
+fn topics(index: &Index) -> String {
+    let named = |(_, c): (u16, &Channel)| {
+        format!("{} ({})", excerpt(&c.topic, VALUE_CHARS), excerpt(&c.schema, VALUE_CHARS))
+    };
+    let mut topics: Vec<String> = index.channels().take(MAX_LISTED).map(named).collect();
+    match index.channels().count() {
+        0 => return "no topics".into(),
+        count if count > MAX_LISTED => topics.push(format!("and {} more", count - MAX_LISTED)),
+        _ => {}
+    }
+    topics.join(", ")
+}
+
 /// Channel identifiers of the left and the right images.
 fn image_topics(index: &Index) -> Option<[u16; 2]> {
     let images: Vec<(u16, &Channel)> =
         index.channels().filter(|(_, c)| matches!(kind(c), Some(Kind::Raw | Kind::Compressed))).collect();
-    let named = |topic: &str| images.iter().find(|(_, c)| c.topic == topic).map(|(id, _)| *id);
+    // Of topics with the same name the first counts.
+    let mut ids: HashMap<&str, u16> = HashMap::new();
+    for (id, channel) in &images {
+        ids.entry(&channel.topic).or_insert(*id);
+    }
+    let named = |topic: &str| ids.get(topic).copied();
     if let (Some(left), Some(right)) = (named(LEFT_IMAGE), named(RIGHT_IMAGE)) {
         return Some([left, right]);
     }

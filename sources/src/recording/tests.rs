@@ -6,7 +6,60 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
+
+/// A recording with so many topics, each of which looks like one camera's images.
+fn with_topics(path: &Path, topics: u16) {
+    let mut writer = WriteOptions::new().create(File::create(path).unwrap()).unwrap();
+    for i in 0..topics {
+        let name = format!("/robot{i}/left/image_{}", "x".repeat(100));
+        let schema = writer.add_schema("sensor_msgs/msg/Image", "ros2msg", b"").unwrap();
+        let id = writer.add_channel(schema, &name, "cdr", &BTreeMap::new()).unwrap();
+        let header =
+            MessageHeader { channel_id: id, sequence: 0, log_time: START_NS, publish_time: START_NS };
+        writer.write_to_known_channel(&header, &[]).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn counts_beyond_the_limits_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("topics.mcap");
+    with_topics(&path, 60_000);
+    let error = RecordingSource::open(&path).unwrap_err().to_string();
+    assert!(
+        error.contains(
+            "topics.mcap: 4097 topics: a recording has at most 4096: divide it, or keep only the topics"
+        ),
+        "{error}"
+    );
+    // An error does not list thousands of topics.
+    with_topics(&path, 4000);
+    let error = RecordingSource::open(&path).unwrap_err().to_string();
+    assert!(error.contains("and 3980 more") && error.len() < 4000, "{error}");
+}
+
+#[test]
+fn a_record_that_is_too_long_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.mcap");
+    for (opcode, bytes, limit) in [
+        (mcap::records::op::METADATA, 5_u64 << 20, 4_u64 << 20),
+        (mcap::records::op::CHUNK, 1 << 40, 142_606_336),
+    ] {
+        let head = [mcap::MAGIC, &[opcode], &bytes.to_le_bytes()].concat();
+        std::fs::write(&path, &head).unwrap();
+        // A hole on disk, which is as long as the record says, and a footer behind it.
+        let file = File::options().write(true).open(&path).unwrap();
+        let footer = [vec![mcap::records::op::FOOTER], 20_u64.to_le_bytes().to_vec(), vec![0; 20]].concat();
+        file.write_all_at(&footer, head.len() as u64 + bytes).unwrap();
+        let error = Index::open(&path).unwrap_err().to_string();
+        let expected = format!("{bytes} bytes in the record at byte 17: a recording has at most {limit}");
+        assert!(error.contains(&expected), "{error}");
+    }
+}
 
 const START_NS: u64 = 1_700_000_000_000_000_000;
 

@@ -3,9 +3,12 @@
 
 use super::yaml::{self, Value};
 use super::{RigFile, check_camera, rotation, rows, write_atomically};
+use crate::bounded_file::read_text;
+use crate::limits::{CALIBRATION, MAX_SIDE_PX};
 use crate::{SourceError, calibration_file};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};
+use perception::excerpt::{VALUE_CHARS, excerpt};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -51,7 +54,7 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
     let mut documents = Vec::new();
     for path in paths {
         let text =
-            std::fs::read_to_string(path).map_err(|source| SourceError::Io { path: path.clone(), source })?;
+            read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.clone(), source })?;
         let document =
             yaml::parse(&text).map_err(|reason| SourceError::Calibration { path: path.clone(), reason })?;
         documents.push(document);
@@ -99,7 +102,7 @@ fn turn(m: &[f64; 9], what: &str) -> Result<Rotation3<f64>, String> {
 }
 
 fn pixels(value: f64) -> Result<usize, String> {
-    if (1.0..=16_384.0).contains(&value) && value.fract() == 0.0 {
+    if (1.0..=f64::from(MAX_SIDE_PX)).contains(&value) && value.fract() == 0.0 {
         Ok(value as usize)
     } else {
         Err(format!("invalid image width or height: {value} px"))
@@ -143,7 +146,8 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
         let model = d.get("distortion_model").and_then(Value::word).unwrap_or("plumb_bob");
         if !["plumb_bob", "rational_polynomial"].contains(&model) {
             return Err(format!(
-                "distortion_model is {model}: plumb_bob and rational_polynomial are supported"
+                "distortion_model is {}: plumb_bob and rational_polynomial are supported",
+                excerpt(model, VALUE_CHARS)
             ));
         }
         let coefficients = d
@@ -172,7 +176,10 @@ fn kalibr(document: &Value) -> Result<Cameras, String> {
         for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radtan")] {
             let model = c.get(name).and_then(Value::word).unwrap_or("");
             if model != supported {
-                return Err(format!("{key}: {name} is \"{model}\": {supported} is supported"));
+                return Err(format!(
+                    "{key}: {name} is \"{}\": {supported} is supported",
+                    excerpt(model, VALUE_CHARS)
+                ));
             }
         }
         let [fx, fy, cx, cy] = numbers(c, "intrinsics")?;

@@ -6,9 +6,12 @@ mod yaml;
 
 pub use exchange::{Format, import, write as export};
 
-use crate::SourceError;
+use crate::bounded_file::read_text;
+use crate::limits::{CALIBRATION, MAX_SIDE_PX};
+use crate::{SourceError, toml_text};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose, Rectification};
+use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -208,7 +211,10 @@ impl RigFile {
     /// Names the line or key, and the expected content.
     pub fn from_toml(text: &str) -> Result<Self, String> {
         if let Some(at) = text.rfind(CHECKSUM) {
-            let stated: String = text[at + CHECKSUM.len()..].chars().take_while(|c| *c != '"').collect();
+            // A line without its quotation mark must not be repeated as a whole.
+            let stated: String =
+                text[at + CHECKSUM.len()..].chars().take_while(|c| *c != '"').take(VALUE_CHARS).collect();
+            let stated = excerpt(&stated, VALUE_CHARS);
             let body = text[..at].rfind("\n\n#").map_or("", |end| &text[..=end]);
             let body = body.strip_suffix('\n').map_or(body, |b| if b.ends_with('\n') { b } else { body });
             if checksum(body) != stated {
@@ -219,7 +225,7 @@ impl RigFile {
                 ));
             }
         }
-        let d: Document = toml::from_str(text).map_err(|e| e.to_string())?;
+        let d: Document = toml_text::parse(text).map_err(|e| e.to_string())?;
         if d.layout != LAYOUT {
             return Err(format!("layout = {}: this program reads layout {LAYOUT}", d.layout));
         }
@@ -229,7 +235,8 @@ impl RigFile {
         let fits = |at: usize, length: usize, whole: usize| {
             length > 0 && at.checked_add(length).is_some_and(|end| end <= whole)
         };
-        if d.width > 16_384 || d.height > 16_384 || !fits(x, w, d.width) || !fits(y, h, d.height) {
+        let max_px = MAX_SIDE_PX as usize;
+        if d.width > max_px || d.height > max_px || !fits(x, w, d.width) || !fits(y, h, d.height) {
             return Err(format!("valid = {:?} does not lie in {}x{} pixels", d.valid, d.width, d.height));
         }
         let camera = |t: &CameraTable, name: &str| -> Result<Camera, String> {
@@ -265,7 +272,7 @@ impl RigFile {
     /// # Errors
     /// Names the file, the line or key, and the expected content.
     pub fn read(path: &Path) -> Result<Self, SourceError> {
-        let text = std::fs::read_to_string(path)
+        let text = read_text(path, &CALIBRATION)
             .map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
         Self::from_toml(&text).map_err(|reason| SourceError::Calibration { path: path.to_owned(), reason })
     }

@@ -1,6 +1,9 @@
 //! The subset of YAML that calibration files use: nested maps, flow and block lists, plain scalars. Tags and
 //! directives are skipped.
 
+use crate::limits::MAX_YAML_DEPTH;
+use perception::excerpt::{VALUE_CHARS, excerpt};
+
 /// A node of a document.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
@@ -17,9 +20,6 @@ struct Line {
     indent: usize,
     text: String,
 }
-
-/// Maximum nesting depth.
-const MAX_DEPTH: usize = 16;
 
 /// Parses a document.
 ///
@@ -74,6 +74,10 @@ pub fn parse(text: &str) -> Result<Value, String> {
     }
 }
 
+fn too_deep(line: usize) -> String {
+    format!("line {line}: nested too deeply: a calibration has at most {MAX_YAML_DEPTH} levels")
+}
+
 fn without_comment(line: &str) -> &str {
     match line.find('#') {
         Some(0) => "",
@@ -90,8 +94,8 @@ fn is_item(line: &Line) -> bool {
 /// Parses the lines from `at` on that are indented by `indent` or more.
 fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<Value, String> {
     let Some(first) = lines.get(*at) else { return Ok(Value::Map(Vec::new())) };
-    if depth > MAX_DEPTH {
-        return Err(format!("line {}: nested too deeply", first.number));
+    if depth > MAX_YAML_DEPTH {
+        return Err(too_deep(first.number));
     }
     let own = first.indent;
     if own < indent {
@@ -115,7 +119,8 @@ fn block(lines: &[Line], at: &mut usize, indent: usize, depth: usize) -> Result<
             continue;
         }
         let Some((key, rest)) = line.text.split_once(':') else {
-            return Err(format!("line {}: expected KEY: VALUE, found \"{}\"", line.number, line.text));
+            let found = excerpt(&line.text, VALUE_CHARS);
+            return Err(format!("line {}: expected KEY: VALUE, found \"{found}\"", line.number));
         };
         let rest = rest.trim();
         let rest =
@@ -166,8 +171,8 @@ fn flow(text: &str, number: usize) -> Result<Value, String> {
             }
             _ => word.push(c),
         }
-        if stack.len() > MAX_DEPTH {
-            return Err(format!("line {number}: nested too deeply"));
+        if stack.len() > MAX_YAML_DEPTH {
+            return Err(too_deep(number));
         }
     }
     Err(format!("line {number}: a list is not closed"))

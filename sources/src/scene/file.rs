@@ -2,6 +2,8 @@
 
 use super::motion::{Path, Waypoints};
 use super::sensor::Sensor;
+use crate::limits::SCENE;
+use crate::toml_text;
 use perception::rig::{Rig, RigError};
 use serde::{Deserialize, Deserializer, de::Error};
 use std::ops::RangeInclusive;
@@ -449,13 +451,9 @@ impl SceneFile {
     /// Names the line, the key or the value, and the remedy.
     pub fn parse(text: &str, file: &str) -> Result<Self, SceneError> {
         let fault = |line, reason: String| SceneError::File { file: file.to_owned(), line, reason };
-        let scene: Self = toml::from_str(text).map_err(|error| {
-            let line = error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
-            let value =
-                error.span().and_then(|span| text.get(span)).filter(|v| v.len() < 60 && !v.contains('\n'));
-            let reason = error.message().trim_end().to_owned();
-            fault(line, value.map_or(reason.clone(), |value| format!("{reason} (at `{value}`)")))
-        })?;
+        SCENE.check(text.len() as u64).map_err(|error| fault(None, error.to_string()))?;
+        let scene: Self = toml_text::parse(text).map_err(|error| fault(error.line, error.reason))?;
+        scene.check_counts().map_err(|reason| fault(None, reason))?;
         // Checks across several values; the reported line is that of the nth header.
         let line_of = |header: &str, n: usize| {
             text.lines().zip(1..).filter(|(line, _)| line.trim() == header).nth(n).map(|(_, line)| line)
@@ -555,6 +553,7 @@ mod tests {
             assert!(text.contains(expected), "{more}\n{text}\nexpected {expected}");
         }
         assert!(fault("title = \"x\"\n").contains("missing field `seconds`"));
+        assert!(fault(&format!("{start}x = \"{}\"\n", "y".repeat(1 << 19))).len() < 2000);
         assert!(SceneFile::parse(start, "x.toml").is_ok());
     }
 }

@@ -1,6 +1,8 @@
 //! Built-in scenes and scene names.
 
 use super::file::{NamedRig, SceneError, SceneFile, Weather};
+use crate::bounded_file;
+use crate::limits::SCENE;
 use std::path::Path;
 
 macro_rules! scenes {
@@ -50,7 +52,7 @@ pub fn load(name: &str) -> Result<SceneFile, SceneError> {
         Some((known, text)) => SceneFile::parse(text, &format!("scene {known}"))?,
         None if place.ends_with(".toml") || place.contains('/') || Path::new(place).is_file() => {
             let path = Path::new(place);
-            let text = std::fs::read_to_string(path)
+            let text = bounded_file::read_text(path, &SCENE)
                 .map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
             SceneFile::parse(&text, place)?
         }

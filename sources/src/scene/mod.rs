@@ -9,6 +9,7 @@
 //! ([`ground::Course`]).
 
 pub mod conditions;
+mod counts;
 mod drive;
 pub mod file;
 pub mod ground;

@@ -1,5 +1,6 @@
 //! Piecewise linear functions of position or time.
 
+use crate::limits::MAX_WAYPOINTS;
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 
@@ -73,6 +74,20 @@ impl Waypoints {
     }
 }
 
+/// The points of a list, up to the limit.
+fn points<'de, T: Deserialize<'de>, A: SeqAccess<'de>>(seq: &mut A) -> Result<Vec<T>, A::Error> {
+    let mut points = Vec::new();
+    while let Some(point) = seq.next_element()? {
+        if points.len() == MAX_WAYPOINTS {
+            return Err(A::Error::custom(format!(
+                "more than {MAX_WAYPOINTS} points: values between two points are interpolated; give fewer"
+            )));
+        }
+        points.push(point);
+    }
+    Ok(points)
+}
+
 impl<'de> Deserialize<'de> for Waypoints {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either;
@@ -89,10 +104,7 @@ impl<'de> Deserialize<'de> for Waypoints {
                 self.visit_f64(v as f64)
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Waypoints, A::Error> {
-                let mut points = Vec::new();
-                while let Some((place, value)) = seq.next_element::<(f64, f64)>()? {
-                    points.push((place, value));
-                }
+                let points = points::<(f64, f64), A>(&mut seq)?;
                 Waypoints::new(points).ok_or_else(|| {
                     A::Error::custom("give a list of [place, value] with increasing places, all below 1e6")
                 })
@@ -126,7 +138,17 @@ impl Path {
 
 impl<'de> Deserialize<'de> for Path {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let points = Vec::<(f64, f64, f64)>::deserialize(deserializer)?;
+        struct Points;
+        impl<'de> Visitor<'de> for Points {
+            type Value = Vec<(f64, f64, f64)>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of [seconds, along_m, lateral_m] with increasing seconds")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Self::Value, A::Error> {
+                points(&mut seq)
+            }
+        }
+        let points = deserializer.deserialize_seq(Points)?;
         let along = Waypoints::new(points.iter().map(|p| (p.0, p.1)).collect());
         let lateral = Waypoints::new(points.iter().map(|p| (p.0, p.2)).collect());
         match (along, lateral) {

@@ -11,6 +11,7 @@ use super::texture::{hash, unit};
 use super::truth::{FIRST_OBJECT, ObjectClass};
 use super::view::{Pose, Surface};
 use super::{props, vehicles};
+use crate::limits::MAX_SCENE_OBJECTS;
 use perception::rig::Rig;
 
 /// Maximum distance of drawn objects, in metres.
@@ -122,8 +123,8 @@ impl World {
             let object = world.file.objects[n].clone();
             world.add_object(n as u64, &object);
         }
-        // Owner numbers have 16 bits.
-        world.instances.truncate(usize::from(u16::MAX - FIRST_OBJECT));
+        // Owner numbers have 16 bits; the limit of a scene's objects is far below.
+        const { assert!(MAX_SCENE_OBJECTS < (u16::MAX - FIRST_OBJECT) as usize) };
         world
     }
 
@@ -181,16 +182,8 @@ impl World {
         // In a repeating scene, objects one period further on have the same appearance.
         let round_m = self.file.ego.speed_m_s.integral(seconds);
         let side = if row.lateral_m < 0.0 { -1.0 } else { 1.0 };
-        let spacing = row.spacing_m.unwrap_or(match row.kind {
-            BesideKind::Buildings => 13.0,
-            BesideKind::Trees => 9.0,
-            BesideKind::Hedge | BesideKind::GuardRail | BesideKind::Wall => 4.0,
-            BesideKind::Poles => 20.0,
-            BesideKind::Lamps => 25.0,
-            BesideKind::ParkedCars => 12.0,
-        });
-        let count = ((row.to_m - row.from_m) / spacing).ceil().max(1.0) as u64;
-        for k in 0..count {
+        let spacing = row.spacing();
+        for k in 0..row.count() {
             let along = row.from_m + k as f64 * spacing;
             let round = if self.file.repeats && round_m > 0.0 { along.rem_euclid(round_m) } else { along };
             let key = hash(self.file.seed ^ n << 40 ^ ((round * 16.0).round() as i64 as u64) << 8);

@@ -2,6 +2,8 @@
 
 use super::error::TruthError;
 use super::pair::{TruthFiles, TruthPair};
+use crate::SourceError;
+use crate::limits::{MAX_FOLDERS, MAX_IMAGES};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -78,6 +80,9 @@ fn folders(root: &Path, found: &mut Vec<PathBuf>) -> Result<(), TruthError> {
             let entry = entry.map_err(io)?;
             let path = entry.path();
             if path.is_dir() {
+                if found.len() >= MAX_FOLDERS {
+                    return Err(too_many(root, "folders", MAX_FOLDERS));
+                }
                 found.push(path.clone());
                 if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                     open.push(path);
@@ -86,6 +91,11 @@ fn folders(root: &Path, found: &mut Vec<PathBuf>) -> Result<(), TruthError> {
         }
     }
     Ok(())
+}
+
+fn too_many(path: &Path, what: &'static str, limit: usize) -> TruthError {
+    let remedy = "give the folder of one data set";
+    SourceError::TooMany { path: path.to_owned(), what, limit, remedy }.into()
 }
 
 fn there(folder: &Path, name: &str) -> Option<PathBuf> {
@@ -99,6 +109,9 @@ pub(super) fn pictures(folder: &Path) -> Result<Vec<PathBuf>, TruthError> {
     for entry in fs::read_dir(folder).map_err(io)? {
         let path = entry.map_err(io)?.path();
         if path.extension().is_some_and(|e| e == "png") {
+            if found.len() >= MAX_IMAGES {
+                return Err(too_many(folder, "images", MAX_IMAGES));
+            }
             found.push(path);
         }
     }

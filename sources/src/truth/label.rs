@@ -1,6 +1,9 @@
 //! Labels of the KITTI object benchmark: class, image box and position.
 
 use super::error::TruthError;
+use crate::bounded_file::read_text;
+use crate::limits::{LABELS, MAX_LABELS};
+use perception::excerpt::{VALUE_CHARS, excerpt};
 use std::path::Path;
 
 /// One labelled object.
@@ -28,7 +31,7 @@ pub struct Label {
 /// Names the file, the line and the expected content.
 pub fn read(path: &Path) -> Result<Vec<Label>, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
-    let text = std::fs::read_to_string(path).map_err(io)?;
+    let text = read_text(path, &LABELS).map_err(io)?;
     let lines = text.lines().zip(1..).filter(|(line, _)| !line.trim().is_empty());
     let mut labels = Vec::new();
     for (line, number) in lines {
@@ -36,6 +39,13 @@ pub fn read(path: &Path) -> Result<Vec<Label>, TruthError> {
             path: path.to_owned(),
             reason: format!("line {number}: {reason}"),
         })?;
+        if labels.len() == MAX_LABELS && parsed.class != "DontCare" {
+            let reason = format!(
+                "line {number}: more than {MAX_LABELS} objects: an image has at most so many; give one label \
+                 file for each image"
+            );
+            return Err(TruthError::Map { path: path.to_owned(), reason });
+        }
         labels.extend((parsed.class != "DontCare").then_some(parsed));
     }
     Ok(labels)
@@ -51,7 +61,8 @@ fn label(line: &str) -> Result<Label, String> {
     let numbers: Vec<f64> = numbers
         .iter()
         .map(|word| {
-            word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or(format!("\"{word}\" is not a number"))
+            let value = word.parse().ok().filter(|v: &f64| v.is_finite());
+            value.ok_or_else(|| format!("\"{}\" is not a number", excerpt(word, VALUE_CHARS)))
         })
         .collect::<Result<_, _>>()?;
     Ok(Label {
@@ -100,6 +111,8 @@ mod tests {
         for (text, expected) in [
             (CAR.replace("6.59", "near"), "000007.txt: line 1: \"near\" is not a number"),
             (CAR.replace("6.59", "inf"), "\"inf\" is not a number"),
+            (format!("{CAR}\n").repeat(2001), "line 2001: more than 2000 objects"),
+            ("x".repeat(2 << 20), "2097152 bytes: a label file has at most 1048576; give the labels"),
             (format!("{CAR}\nCar 1 2"), "line 2: 3 fields: KITTI's labels have 15"),
         ] {
             let error = read_text(&text).unwrap_err();

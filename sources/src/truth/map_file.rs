@@ -3,7 +3,7 @@
 use super::error::TruthError;
 use super::pfm;
 use crate::{SourceError, folder};
-use image::{DynamicImage, ImageReader};
+use image::DynamicImage;
 use std::path::Path;
 
 /// A map of `width` × `height` values, row-major; −1 = unknown.
@@ -26,7 +26,7 @@ impl DisparityMap {
 
 fn decode(path: &Path) -> Result<DynamicImage, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
-    let reader = ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?;
+    let reader = folder::open(path).map_err(io)?;
     folder::decode(reader)
         .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() }.into())
 }

@@ -1,10 +1,9 @@
 //! PFM files as in Middlebury: one float per pixel, rows from the bottom up.
 
 use super::error::TruthError;
+use crate::bounded_file;
+use crate::limits::PICTURE;
 use std::path::Path;
-
-/// Upper limit of the file size: no map is larger.
-const MAX_BYTES: u64 = 1 << 30;
 
 /// Contents of a PFM, with rows from the top down.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,11 +24,7 @@ pub struct Pfm {
 pub fn read(path: &Path) -> Result<Pfm, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
     let map = |reason| TruthError::Map { path: path.to_owned(), reason };
-    let bytes = std::fs::metadata(path).map_err(io)?.len();
-    if bytes > MAX_BYTES {
-        return Err(map(format!("{bytes} bytes are more than a map has: give the PFM of one image")));
-    }
-    parse(&std::fs::read(path).map_err(io)?).map_err(map)
+    parse(&bounded_file::read(path, &PICTURE).map_err(io)?).map_err(map)
 }
 
 /// Takes the next token of the header, and the one white space (or CR LF) that ends it.

@@ -1,12 +1,10 @@
 //! Image pairs of a folder: two subfolders, or files whose names contain "left" and "right".
 
 use sources::SourceError;
-use sources::folder::LAYOUTS;
+use sources::folder::{LAYOUTS, images};
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
 
 /// Why a folder has no pairs.
 #[derive(Debug, Error)]
@@ -54,20 +52,6 @@ pub struct Pictures {
     pub pairs: Vec<PicturePair>,
     /// Images without a partner.
     pub single: Vec<PathBuf>,
-}
-
-/// Image files of a folder.
-fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
-    let io = |source| SourceError::Io { path: folder.to_owned(), source };
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        if ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
-            found.push(path);
-        }
-    }
-    Ok(found)
 }
 
 /// Natural order: numbers within names compare by value, so left2 precedes left10.

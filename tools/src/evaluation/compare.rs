@@ -2,8 +2,9 @@
 
 use crate::reporting::record::{FrameRecord, ObstacleLine};
 use serde::Serialize;
-use sources::SourceError;
+use sources::limits::RESULTS;
 use sources::recording::{Index, OBSTACLES, RecordingError, RecordingSource};
+use sources::{SourceError, bounded_file};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -79,8 +80,8 @@ pub fn is_recording(path: &Path) -> bool {
 
 fn lines(path: &Path) -> Result<Frames, CompareError> {
     let path = if path.is_dir() { path.join("obstacles.jsonl") } else { path.to_owned() };
-    let text =
-        std::fs::read_to_string(&path).map_err(|source| CompareError::Io { path: path.clone(), source })?;
+    let text = bounded_file::read_text(&path, &RESULTS)
+        .map_err(|source| CompareError::Io { path: path.clone(), source })?;
     let mut frames = Frames::new();
     for (i, line) in text.lines().enumerate() {
         let record: FrameRecord = serde_json::from_str(line).map_err(|e| CompareError::Line {

@@ -5,7 +5,7 @@ use crate::reporting::picture::{PictureError, save_disparity};
 use crate::reporting::record::FrameRecord;
 use crate::reporting::summary::RunSummary;
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -114,9 +114,17 @@ impl FrameWriter {
     }
 }
 
+/// Bytes at the end of a file in which its last line is searched. A line has some KiB.
+const MAX_LINE_BYTES: u64 = 1 << 20;
+
 /// Sequence number in the last line of a file; `None` when there is none.
 fn last_sequence(path: &Path) -> Option<u64> {
-    let text = std::fs::read_to_string(path).ok()?;
+    let mut file = File::open(path).ok()?;
+    let size = file.metadata().ok()?.len();
+    file.seek(SeekFrom::Start(size.saturating_sub(MAX_LINE_BYTES))).ok()?;
+    let mut end = Vec::new();
+    file.take(MAX_LINE_BYTES).read_to_end(&mut end).ok()?;
+    let text = String::from_utf8_lossy(&end);
     let record: FrameRecord = serde_json::from_str(text.lines().last()?).ok()?;
     Some(record.sequence)
 }

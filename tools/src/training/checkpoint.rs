@@ -7,6 +7,8 @@ use super::trainer::StageFigures;
 use perception::recognition::Cascade;
 use perception::recognition::xml::{self, TrainedWith};
 use serde::{Deserialize, Serialize};
+use sources::bounded_file;
+use sources::limits::CHECKPOINT;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -72,7 +74,7 @@ impl Checkpoint {
     /// # Errors
     /// When the file is invalid, or belongs to other parameters or images.
     pub fn load(&self) -> Result<Option<Begun>, TrainError> {
-        let text = match std::fs::read_to_string(&self.path) {
+        let text = match bounded_file::read_text(&self.path, &CHECKPOINT) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(TrainError::Data(format!("{}: {error}", self.path.display()))),

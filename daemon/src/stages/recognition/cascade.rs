@@ -4,6 +4,8 @@ use crate::stages::whole_number::whole;
 use config::Config;
 use perception::recognition::xml;
 use perception::recognition::{CascadeRecogniser, RecogniserParameters, Sizes};
+use sources::bounded_file;
+use sources::limits::CASCADE;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -61,7 +63,7 @@ pub fn recogniser(
     let path = || c.cascade.clone();
     let text = match shipped(&c.cascade) {
         Some(text) => Cow::Borrowed(text),
-        None => std::fs::read_to_string(&c.cascade)
+        None => bounded_file::read_text(&c.cascade, &CASCADE)
             .map_err(|source| CascadeError::File { path: path(), source })?
             .into(),
     };

@@ -1,6 +1,7 @@
 //! Validated access to XML elements, shared by both formats.
 
 use super::super::cascade::{HaarFeature, WeightedRect};
+use crate::excerpt::{VALUE_CHARS, excerpt};
 use roxmltree::Node as XmlNode;
 use thiserror::Error;
 
@@ -10,6 +11,20 @@ pub enum CascadeError {
     /// Not well-formed XML.
     #[error("not well-formed XML: {0}")]
     Xml(String),
+    /// More than a cascade has.
+    #[error(
+        "line {line}: {count} {what}: a cascade has at most {limit}; give one that OpenCV's trainer wrote"
+    )]
+    TooLarge {
+        /// Line that is beyond the limit.
+        line: u32,
+        /// What is counted.
+        what: &'static str,
+        /// How much there is.
+        count: usize,
+        /// How much there may be.
+        limit: usize,
+    },
     /// An element is missing.
     #[error("line {line}: <{element}> is missing in <{parent}>; is this an OpenCV cascade?")]
     Missing {
@@ -109,7 +124,7 @@ pub(super) fn child<'a, 'i>(
     parent.children().find(|c| c.has_tag_name(name)).ok_or_else(|| CascadeError::Missing {
         line: line(parent),
         element: name,
-        parent: parent.tag_name().name().to_owned(),
+        parent: excerpt(parent.tag_name().name(), VALUE_CHARS).into_owned(),
     })
 }
 
@@ -126,7 +141,7 @@ pub(super) fn value_error(element: XmlNode<'_, '_>, expected: String) -> Cascade
     }
     CascadeError::Value {
         line: line(element),
-        element: element.tag_name().name().to_owned(),
+        element: excerpt(element.tag_name().name(), VALUE_CHARS).into_owned(),
         value,
         expected,
     }
@@ -136,7 +151,10 @@ pub(super) fn numbers<T: std::str::FromStr>(element: XmlNode<'_, '_>) -> Result<
     let text = element.text().unwrap_or("");
     text.split_ascii_whitespace()
         .map(|word| {
-            word.parse().map_err(|_| value_error(element, format!("\"{word}\" is not a number that fits")))
+            word.parse().map_err(|_| {
+                let word = excerpt(word, VALUE_CHARS);
+                value_error(element, format!("\"{word}\" is not a number that fits"))
+            })
         })
         .collect()
 }

@@ -6,13 +6,16 @@
 
 mod current;
 mod element;
+mod limits;
 mod old;
 mod write;
 
 use super::cascade::Cascade;
+use crate::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 pub use element::CascadeError;
 use element::line;
-use roxmltree::{Document, Node as XmlNode};
+pub use limits::{MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, MAX_NODES, MAX_TAG_BYTES};
+use roxmltree::{Document, Node as XmlNode, ParsingOptions};
 pub use write::{TrainedWith, write};
 
 /// Reads a cascade from the text of an XML file, in either format.
@@ -20,8 +23,15 @@ pub use write::{TrainedWith, write};
 /// # Errors
 /// If the text is not a supported cascade; the error names line and element.
 pub fn read(text: &str) -> Result<Cascade, CascadeError> {
+    if text.len() as u64 > MAX_BYTES {
+        let (count, limit) = (text.len(), MAX_BYTES as usize);
+        return Err(CascadeError::TooLarge { line: 1, what: "bytes", count, limit });
+    }
     let text = without_comments(text);
-    let document = Document::parse(&text).map_err(|e| CascadeError::Xml(e.to_string()))?;
+    limits::check(&text)?;
+    let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
+    let document = Document::parse_with_options(&text, options)
+        .map_err(|e| CascadeError::Xml(excerpt(&e.to_string(), REASON_CHARS).into_owned()))?;
     let root = document.root_element();
     // The older format is identified by an attribute; the element's name is arbitrary.
     let elements = || root.children().filter(XmlNode::is_element);
@@ -31,7 +41,7 @@ pub fn read(text: &str) -> Result<Cascade, CascadeError> {
     let cascade = elements().find(|e| e.has_tag_name("cascade")).ok_or_else(|| CascadeError::Missing {
         line: line(root),
         element: "cascade",
-        parent: root.tag_name().name().to_owned(),
+        parent: excerpt(root.tag_name().name(), VALUE_CHARS).into_owned(),
     })?;
     current::read(cascade)
 }

@@ -11,6 +11,7 @@ mod memory;
 mod realtime;
 mod recorder;
 mod scheduler;
+mod silence;
 mod soak;
 mod stages;
 mod status_json;

@@ -159,6 +159,11 @@ impl Instance {
         run.starts_with(SHM_PREFIX).then(|| run.to_owned())
     }
 
+    /// Process id of the daemon that holds the lock; `None` if there is no run.
+    pub fn process(&self) -> Option<u32> {
+        std::fs::read_to_string(self.lock_path()).ok()?.lines().next()?.parse().ok()
+    }
+
     /// Files in /dev/shm of the current run.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
         self.prefix().map_or_else(Vec::new, |prefix| shared_files(&prefix))

@@ -42,6 +42,7 @@ pub mod clock;
 pub mod deadline;
 pub mod device;
 mod error;
+pub mod free_memory;
 pub mod header;
 pub mod heat;
 pub mod idle;

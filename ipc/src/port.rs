@@ -2,6 +2,7 @@
 
 use crate::clock::monotonic_ns;
 use crate::error::IpcError;
+use crate::free_memory;
 use crate::header::{Header, LINE_BYTES, Line};
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::listener::Listener;
@@ -130,7 +131,9 @@ impl Subscriber {
     /// # Errors
     /// If more messages are held than the service allows, or the connection is broken.
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
-        let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
+        // A publisher that has joined since then needs a connection.
+        free_memory::take_refusal();
+        let sample = self.port.receive().map_err(|e| free_memory::failure("receive", self.name, e))?;
         if let Some(sample) = &sample {
             let (origin, header) = (sample.origin(), sample.user_header());
             let serial = header.serial;

@@ -8,6 +8,7 @@ mod input;
 mod launch;
 mod logging;
 mod memory;
+mod printable;
 mod realtime;
 mod recorder;
 mod scheduler;
@@ -18,6 +19,7 @@ mod status_json;
 mod view;
 
 use clap::Parser;
+use printable::{Printable, PrintableLines};
 use std::process::ExitCode;
 
 /// Counts the heap allocations of each thread; a stage reports its count with every frame.
@@ -31,7 +33,12 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("lookout: {error}");
+            // Errors name files and values from outside.
+            if error.has_lines() {
+                eprintln!("lookout: {}", PrintableLines(error));
+            } else {
+                eprintln!("lookout: {}", Printable(error));
+            }
             ExitCode::FAILURE
         }
     }

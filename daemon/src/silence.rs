@@ -30,7 +30,8 @@ pub fn reason(instance: &Instance) -> Option<String> {
 
 /// Whether a process was stopped by a signal or a debugger.
 fn is_stopped(pid: u32) -> bool {
-    std::fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| matches!(state(&stat), Some('T' | 't')))
+    std::fs::read_to_string(format!("/proc/{pid}/stat"))
+        .is_ok_and(|stat| matches!(state(&stat), Some('T' | 't')))
 }
 
 /// The state in `/proc/<pid>/stat`, after the name of the program, which is in parentheses and may contain anything.

@@ -114,9 +114,12 @@ impl Bus {
         Ok(reserved)
     }
 
-    /// Calls `open`; if it fails, sweeps dead processes and calls it once more. While it fails because /dev/shm is full,
-    /// pages of the run's cushion are released.
+    /// Calls `open`; if it fails, sweeps dead processes and calls it once more. If /dev/shm has too few pages, those of the
+    /// run's cushion are released.
     fn with_sweep<T>(&self, open: impl Fn() -> Result<T, IpcError>) -> Result<T, IpcError> {
+        if free_memory::is_scarce() {
+            Cushion::release(&self.instance);
+        }
         let mut result = open().or_else(|_| {
             self.sweep();
             open()

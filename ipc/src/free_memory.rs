@@ -28,6 +28,9 @@ const MAX_ALLOCATED_BYTES: u64 = 64 << 10;
 /// services, and four listeners; each takes less than a page of 4 KiB. The rest is for publishers that are restarted.
 const READER_PAGES: u64 = 12;
 
+/// Number of pages that one port takes at most: a connection to each of five publishers, and a listener.
+const PORT_PAGES: u64 = 6;
+
 /// Number of readers that find room although /dev/shm is full: two viewers and a recorder, as many as have places.
 const READERS: u64 = 3;
 
@@ -130,6 +133,11 @@ impl fmt::Display for FreeMemory {
 /// Whether an operation on shared memory that has just failed on this thread failed for lack of memory.
 pub(crate) fn is_refused() -> bool {
     REFUSED.get() || FreeMemory::now().is_some_and(|free| free.is_full())
+}
+
+/// Whether /dev/shm may have too few pages for a port.
+pub(crate) fn is_scarce() -> bool {
+    FreeMemory::now().is_some_and(|free| free.total_bytes > 0 && free.bytes < PORT_PAGES * page_bytes())
 }
 
 /// Notes that /dev/shm is full, for [`take_refusal`].

@@ -352,7 +352,9 @@ fn readers_join_when_shared_memory_is_full() {
     let mut daemon = enough.stderr(Stdio::null()).spawn().unwrap();
     let run = |args: &[&str]| beside(&bench, daemon.id(), args).output().unwrap();
     let start = Instant::now();
-    while !run(&["status"]).status.success() {
+    while !serde_json::from_slice::<serde_json::Value>(&run(&["status", "--json"]).stdout)
+        .is_ok_and(|status| status["state"] == "running" && frames(&status) > 3)
+    {
         assert!(start.elapsed() < WATCHDOG, "the daemon never ran");
         std::thread::sleep(Duration::from_millis(100));
     }

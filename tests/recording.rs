@@ -188,6 +188,20 @@ fn a_full_disk_stops_the_recorder_and_not_the_daemon() {
     assert!(assert_pairs_of(&bench.path("full.mcap"), &recording) > 3);
     let before = bench.status_when(|status| status["state"] == "running")["frames"].as_u64().unwrap();
     bench.status_when(|status| status["frames"].as_u64().unwrap() > before + 5);
+    // A folder that is not there, and one that is deleted meanwhile.
+    let error = bench.fails(&["record", "-o", "missing/a.mcap", "--seconds", "1"]);
+    assert!(error.contains("cannot be created") && !error.contains("can be replayed"), "{error}");
+    std::fs::create_dir(bench.path("folder")).unwrap();
+    let mut record = bench.command(&["record", "-o", "folder/a.mcap", "--seconds", "60"]);
+    let record = record.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    while !bench.path("folder/a.mcap").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    std::fs::remove_dir_all(bench.path("folder")).unwrap();
+    let output = record.wait_with_output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("folder/a.mcap") && errors.contains("deleted"), "{errors}");
     // Too little room at the start.
     let error = bench.fails(&["record", "-o", "big.mcap", "--min-free-mb", "10000000"]);
     assert!(error.contains("--min-free-mb") && !bench.path("big.mcap").exists(), "{error}");

@@ -28,6 +28,15 @@ fn line<'a>(report: &'a serde_json::Value, name: &str) -> &'a serde_json::Value 
     lines.iter().find(|l| l["name"] == name).unwrap_or_else(|| panic!("no budget {name}"))
 }
 
+/// Every count is explained: pairs by what became of them, results by where they are evaluated.
+fn assert_counts_add_up(report: &serde_json::Value) {
+    let n = |key| number(report, key);
+    assert_eq!(n("offered") + n("surplus"), n("frames") + n("dropped") + n("lost"), "{report}");
+    let [judged, disturbed] = [0, 1].map(|i| report["judged_frames"][i].as_f64().unwrap());
+    assert_eq!(judged + disturbed + n("unsound"), n("traced"), "{report}");
+    assert!(judged > 0.0 && n("unsound") == 0.0, "{report}");
+}
+
 fn assert_report_files(out: &Path, plots: &[&str]) {
     for name in ["soak.md", "soak.json", "daemon.toml", "daemon.log"] {
         assert!(out.join(name).is_file(), "{name}");
@@ -57,6 +66,7 @@ fn kills_are_survived_and_reported() {
     ] {
         assert_eq!(number(&report, key), value, "{key}: {report}");
     }
+    assert_counts_add_up(&report);
     assert_eq!((&report["verdict"], &report["reasons"]), (&"pass".into(), &serde_json::json!([])));
     assert!(number(&report, "frames") > 10.0 && number(&report, "cpu_percent") > 0.0);
     assert!(number(&report, "rss_bytes") > 5e6 && number(&report, "next_result_s_max") > 0.05);
@@ -90,6 +100,7 @@ fn every_kind_of_fault_is_survived() {
     );
     let report = json(&bench.path("seen/soak.json"));
     assert!(number(&report, "faults") >= 5.0, "{report}");
+    assert_counts_add_up(&report);
     assert_eq!(number(&report, "leaked_shm_entries"), 0.0, "{report}");
     for row in report["fault_rows"].as_array().unwrap() {
         assert_eq!(row["failed"], 0, "{report}");

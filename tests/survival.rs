@@ -1,6 +1,7 @@
 //! Faults that a daemon in permanent operation survives and reports: stages that hang, exit or run out of memory, a
 //! source that disappears, full shared memory.
 
+use crate::support::viewer::Viewer;
 use crate::support::{Bench, Need, WATCHDOG, pid_of, process, send, skip};
 use messages::bus::Bus;
 use messages::header::Header;
@@ -330,6 +331,78 @@ fn full_shared_memory_is_reported_at_the_start_and_survived_later() {
         drop(filling);
         status(&|s| s["state"] == "running" && frames(s) > frames(&degraded) + 5);
     });
+    send(daemon.id(), "TERM");
+    assert!(daemon.wait().unwrap().success());
+}
+
+/// `lookout` beside a daemon with a /dev/shm of its own.
+fn beside(bench: &Bench, daemon: u32, args: &[&str]) -> Command {
+    let inner = bench.command(args);
+    let mut command = Command::new("nsenter");
+    command.args(["--user", "--preserve-credentials", "--mount", "--target", &daemon.to_string()]);
+    command.arg(inner.get_program()).args(inner.get_args()).current_dir(bench.folder.path());
+    command
+}
+
+#[test]
+fn readers_join_when_shared_memory_is_full() {
+    let bench = Bench::new();
+    endless(&bench, "[realtime]\nprefault = \"require\"\n");
+    let Some(mut enough) = with_small_memory(&bench, 24, &["run"]) else { return };
+    let mut daemon = enough.stderr(Stdio::null()).spawn().unwrap();
+    let run = |args: &[&str]| beside(&bench, daemon.id(), args).output().unwrap();
+    let start = Instant::now();
+    while !serde_json::from_slice::<serde_json::Value>(&run(&["status", "--json"]).stdout)
+        .is_ok_and(|status| status["state"] == "running" && frames(&status) > 3)
+    {
+        assert!(start.elapsed() < WATCHDOG, "the daemon never ran");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    // To the last page.
+    let folder = format!("/proc/{}/root/dev/shm", daemon.id());
+    let mut fill = std::fs::File::create(format!("{folder}/fill")).unwrap();
+    let top_up = |fill: &mut std::fs::File| while fill.write(&[1; 4096]).is_ok_and(|n| n > 0) {};
+    let free = || {
+        let stat = rustix::fs::statvfs(&folder[..]).unwrap();
+        stat.f_bavail * stat.f_frsize
+    };
+    top_up(&mut fill);
+    assert_eq!(free(), 0);
+    for args in [&["status"][..], &["status", "--json"], &["record", "-o", "a.mcap", "--seconds", "1"]] {
+        let output = run(args);
+        assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    let mut viewer = beside(&bench, daemon.id(), &["view", "--bind", "127.0.0.1:0"]);
+    let viewer = Viewer::spawn(&mut viewer);
+    viewer.socket().frame();
+    assert!(viewer.get("/metrics", "").contains("lookout_up 1\n"));
+    viewer.stop();
+
+    // When the pages that the daemon keeps for readers are gone, too, they say so.
+    let mut cushion = std::fs::read_dir(&folder).unwrap().flatten().map(|entry| entry.path());
+    let cushion = cushion.find(|path| path.to_string_lossy().ends_with(".cushion")).unwrap();
+    std::fs::remove_file(cushion).unwrap();
+    top_up(&mut fill);
+    for args in [&["status"][..], &["record", "-o", "b.mcap", "--seconds", "1"]] {
+        let output = run(args);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{args:?}: {errors}");
+        for part in ["/dev/shm is full (0 of", "enlarge it", "is running (process"] {
+            assert!(errors.contains(part), "{args:?}: {errors}");
+        }
+    }
+    let mut viewer = beside(&bench, daemon.id(), &["view", "--bind", "127.0.0.1:0"]);
+    let viewer = Viewer::spawn(&mut viewer);
+    let (mut page, start) = (viewer.socket(), Instant::now());
+    while !page.ask().0["absent"].as_str().is_some_and(|absent| absent.contains("/dev/shm is full")) {
+        assert!(start.elapsed() < WATCHDOG, "the page never told it");
+    }
+    // It goes on by itself when there is room.
+    std::fs::remove_file(format!("{folder}/fill")).unwrap();
+    drop(fill);
+    page.frame();
+    viewer.stop();
+    assert!(run(&["status"]).status.success());
     send(daemon.id(), "TERM");
     assert!(daemon.wait().unwrap().success());
 }

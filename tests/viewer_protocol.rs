@@ -1,9 +1,11 @@
 //! The viewer without a browser: what it serves, and which requests it refuses.
 
-use crate::support::viewer::Viewer;
+use crate::support::viewer::{Client, Viewer};
 use crate::support::{Bench, WATCHDOG};
 use std::io::Write;
 use std::net::TcpStream;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 #[test]
 fn parts_and_figures_come_without_a_browser() {
@@ -72,6 +74,8 @@ fn foreign_origins_and_malformed_requests_are_refused() {
     starts(viewer.get("/socket", &format!("{upgrade}Origin: http://evil.example\r\n")), "403");
     starts(viewer.get("/socket", ""), "426");
     starts(viewer.get("/../../etc/passwd", ""), "404");
+    let twice = format!("GET / HTTP/1.1\r\nHost: {0}\r\nHost: {0}\r\n\r\n", viewer.address);
+    starts(viewer.raw(twice.as_bytes()), "400");
     starts(viewer.raw(b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\n"), "405");
     starts(viewer.get("/", &format!("X: {}\r\n", "y".repeat(20_000))), "431");
     starts(viewer.raw(b"\x16\x03\x01\x00\xa5\r\n\r\n"), "400");
@@ -124,4 +128,91 @@ fn an_address_that_cannot_be_served_is_reported_with_a_remedy() {
     assert!(open.link.contains("/?token="), "{}", open.link);
     open.stop();
     viewer.stop();
+}
+
+/// Connections that never finish their request: 200 are opened while this makes authorised requests.
+fn ask_beside_slow_connections(viewer: &Viewer, more: &str) {
+    let slow: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let mut stream = TcpStream::connect(&viewer.address).unwrap();
+            stream.write_all(b"GET / HTTP/1.1\r\nX: ").unwrap();
+            stream
+        })
+        .collect();
+    let trickling = AtomicBool::new(true);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while trickling.load(Ordering::Relaxed) {
+                // Those that were closed fail.
+                slow.iter().for_each(|mut stream| drop(stream.write(b"x")));
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        });
+        let answers: Vec<String> = (0..20).map(|_| viewer.get("/metrics", more)).collect();
+        trickling.store(false, Ordering::Relaxed);
+        let good = answers.iter().filter(|answer| answer.starts_with("HTTP/1.1 200 ")).count();
+        assert_eq!(good, 20, "{answers:?}");
+    });
+}
+
+#[test]
+fn slow_connections_do_not_keep_out_those_that_ask() {
+    let bench = Bench::new();
+    // All come from the same address, with a token and without.
+    let token = "a-token-of-our-own";
+    let viewer = Viewer::start(&bench, &["--token", token]);
+    ask_beside_slow_connections(&viewer, &format!("Authorization: Bearer {token}\r\n"));
+    viewer.stop();
+    let viewer = Viewer::start(&bench, &[]);
+    ask_beside_slow_connections(&viewer, "");
+    viewer.stop();
+}
+
+#[test]
+fn pages_that_only_ping_leave_their_places() {
+    let bench = Bench::new();
+    let viewer = Viewer::start(&bench, &[]);
+    let mut idle: Vec<_> = (0..8).map(|_| viewer.socket()).collect();
+    let start = std::time::Instant::now();
+    while !viewer.get("/metrics", "").contains("lookout_viewer_clients 0\n") {
+        assert!(start.elapsed() < WATCHDOG, "pings hold the places for ever");
+        // Fails once the viewer has closed the connection.
+        idle.iter_mut().for_each(Client::ping);
+        std::thread::sleep(Duration::from_millis(500));
+    }
+    let mut page = viewer.socket();
+    let (answer, _) = page.ask();
+    assert!(answer["absent"].is_string(), "{answer}");
+    viewer.stop();
+}
+
+#[test]
+fn a_stopped_daemon_is_told() {
+    let bench = Bench::new();
+    bench.configure("[source]\nkind = \"scene\"\nseed = 1\nfps = 5\n");
+    let daemon = bench.start(&["run"]);
+    bench.status_when(|status| status["state"] == "running");
+    let viewer = Viewer::start(&bench, &[]);
+    viewer.socket().frame();
+    daemon.signal("STOP");
+    let pid = daemon.pid();
+    for args in [&["status"][..], &["status", "--watch"], &["record", "-o", "a.mcap"]] {
+        let told = bench.fails(args);
+        assert!(told.contains(&format!("process {pid}")) && told.contains("SIGSTOP"), "{args:?}: {told}");
+    }
+    let (mut page, start) = (viewer.socket(), std::time::Instant::now());
+    loop {
+        let (answer, _) = page.ask();
+        if answer["absent"].as_str().is_some_and(|absent| absent.contains("SIGSTOP")) {
+            break;
+        }
+        assert!(start.elapsed() < WATCHDOG, "the page never told it: {answer}");
+    }
+    daemon.signal("CONT");
+    bench.status_when(|status| status["state"] == "running");
+    page.frame();
+    viewer.stop();
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+    bench.assert_clean();
 }

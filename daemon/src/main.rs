@@ -8,15 +8,18 @@ mod input;
 mod launch;
 mod logging;
 mod memory;
+mod printable;
 mod realtime;
 mod recorder;
 mod scheduler;
+mod silence;
 mod soak;
 mod stages;
 mod status_json;
 mod view;
 
 use clap::Parser;
+use printable::{Printable, PrintableLines};
 use std::process::ExitCode;
 
 /// Counts the heap allocations of each thread; a stage reports its count with every frame.
@@ -30,7 +33,12 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("lookout: {error}");
+            // Errors name files and values from outside.
+            if error.has_lines() {
+                eprintln!("lookout: {}", PrintableLines(error));
+            } else {
+                eprintln!("lookout: {}", Printable(error));
+            }
             ExitCode::FAILURE
         }
     }

@@ -3,6 +3,7 @@
 
 use crate::clock::monotonic_ns;
 pub use crate::error::IpcError;
+use crate::free_memory::{self, Cushion};
 use crate::header::{Header, LINE_BYTES, Line};
 use crate::instance::Instance;
 use crate::node_counter;
@@ -11,6 +12,7 @@ use crate::run_files::open_own;
 use crate::service::{LOANED, ServiceSpec};
 use crate::stall::{self, Call, DropBegins, DropEnds, Guard};
 use iceoryx2::config::Config;
+use iceoryx2::port::{DegradationAction, DegradationCause, DegradationInfo};
 use iceoryx2::prelude::*;
 use rustix::fs::{FallocateFlags, OFlags, fallocate};
 use rustix::io::Errno;
@@ -125,16 +127,24 @@ impl Bus {
         Ok(reserved)
     }
 
-    /// Calls `open`; if it fails, sweeps dead processes and calls it once more.
+    /// Calls `open`; if it fails, sweeps dead processes and calls it once more. If /dev/shm has too few pages, those of the
+    /// run's cushion are released.
     fn with_sweep<T>(&self, open: impl Fn() -> Result<T, IpcError>) -> Result<T, IpcError> {
         let guarded = || {
             let _guard = Guard::enter(Call::Open);
             open()
         };
-        guarded().or_else(|_| {
+        if free_memory::is_scarce() {
+            Cushion::release(&self.instance);
+        }
+        let mut result = guarded().or_else(|_| {
             self.sweep();
             guarded()
-        })
+        });
+        while result.as_ref().is_err_and(IpcError::is_full) && Cushion::release(&self.instance) {
+            result = guarded();
+        }
+        result
     }
 
     /// Opens a publisher of a service. `width` and `height`, in pixels, determine the size of its message pool.
@@ -175,17 +185,24 @@ impl Bus {
     /// If the service exists with other settings, or has its maximum number of subscribers.
     pub fn subscriber(&self, spec: &ServiceSpec) -> Result<Subscriber, IpcError> {
         self.with_sweep(|| {
+            free_memory::take_refusal();
             let port = self
                 .data(spec)?
                 .subscriber_builder()
                 .buffer_size(spec.buffer)
+                .set_degradation_handler(on_degradation)
                 .create()
-                .map_err(|e| IpcError::new("subscribe to", spec.name, e))?;
+                .map_err(|e| free_memory::failure("subscribe to", spec.name, e))?;
+            // Without a connection to each publisher it would be created, too, and wait for messages in vain.
+            if free_memory::take_refusal() {
+                free_memory::note_refusal();
+                return Err(free_memory::failure("subscribe to", spec.name, "no connection"));
+            }
             let listener = self
                 .event(spec)?
                 .listener_builder()
                 .create()
-                .map_err(|e| IpcError::new("listen to", spec.name, e))?;
+                .map_err(|e| free_memory::failure("listen to", spec.name, e))?;
             let (last, known_ns) = (Cell::new(None), Cell::new(monotonic_ns()));
             Ok(Subscriber {
                 _drop_begins: DropBegins,
@@ -236,6 +253,16 @@ impl Bus {
             .max_nodes(MAX_NODES)
             .open_or_create()
             .map_err(|e| IpcError::new("open the events of", spec.name, e))
+    }
+}
+
+/// A connection that failed because /dev/shm is full is an error; others concern a publisher that has just ended.
+fn on_degradation(_: DegradationCause, _: &DegradationInfo) -> DegradationAction {
+    if free_memory::is_refused() {
+        free_memory::note_refusal();
+        DegradationAction::DegradeAndFail
+    } else {
+        DegradationAction::Warn
     }
 }
 

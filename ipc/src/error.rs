@@ -10,10 +10,21 @@ pub struct IpcError {
     action: &'static str,
     name: String,
     reason: String,
+    is_full: bool,
 }
 
 impl IpcError {
     pub(crate) fn new(action: &'static str, name: &str, reason: impl fmt::Debug) -> Self {
-        Self { action, name: name.to_owned(), reason: format!("{reason:?}") }
+        Self { action, name: name.to_owned(), reason: format!("{reason:?}"), is_full: false }
+    }
+
+    /// The error of an operation for which /dev/shm has no room; `reason` says that.
+    pub(crate) fn full(action: &'static str, name: &str, reason: String) -> Self {
+        Self { action, name: name.to_owned(), reason, is_full: true }
+    }
+
+    /// Whether /dev/shm is full.
+    pub fn is_full(&self) -> bool {
+        self.is_full
     }
 }

@@ -163,6 +163,11 @@ impl Instance {
         read_lock(&lock).lines().nth(1).and_then(RunPrefix::parse)
     }
 
+    /// Process id of the daemon that holds the lock; `None` if there is no run.
+    pub fn process(&self) -> Option<u32> {
+        std::fs::read_to_string(self.lock_path()).ok()?.lines().next()?.parse().ok()
+    }
+
     /// Files in /dev/shm of the current run.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
         self.prefix().map_or_else(Vec::new, |prefix| prefix.files())

@@ -44,6 +44,7 @@ mod copied;
 pub mod deadline;
 pub mod device;
 mod error;
+pub mod free_memory;
 pub mod header;
 pub mod heat;
 pub mod idle;

@@ -25,6 +25,7 @@
 
 use crate::clock::monotonic_ns;
 use crate::error::IpcError;
+use crate::free_memory;
 use crate::header::{Header, LINE_BYTES, Line};
 use crate::stall::{Call, DropBegins, DropEnds, Guard};
 use iceoryx2::identifiers::UniquePublisherId;
@@ -161,7 +162,9 @@ impl Subscriber {
     /// If more messages are held than the service allows, or the connection is broken.
     pub fn receive(&self) -> Result<Option<Sample>, IpcError> {
         let _guard = Guard::enter(Call::Receive);
-        let sample = self.port.receive().map_err(|e| IpcError::new("receive", self.name, e))?;
+        // A publisher that has joined since then needs a connection.
+        free_memory::take_refusal();
+        let sample = self.port.receive().map_err(|e| free_memory::failure("receive", self.name, e))?;
         let Some(sample) = sample else { return Ok(None) };
         // SAFETY: the reference is valid for reads, and every bit pattern is a valid `Header`, which consists of whole
         // numbers. The read is volatile: the compiler may not read shared memory again in place of the copy.

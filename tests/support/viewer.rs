@@ -25,7 +25,12 @@ impl Viewer {
             args.extend(["--bind", "127.0.0.1:0"]);
         }
         args.extend(more);
-        let mut child = bench.command(&args).stdout(Stdio::piped()).spawn().expect("the binary starts");
+        Self::spawn(&mut bench.command(&args))
+    }
+
+    /// Starts it with a command of its own.
+    pub fn spawn(command: &mut std::process::Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("the binary starts");
         let mut line = String::new();
         let out = child.stdout.take().expect("its output is piped");
         BufReader::new(out).read_line(&mut line).expect("it says where it is");
@@ -82,6 +87,11 @@ pub struct Client {
 }
 
 impl Client {
+    /// Sends a ping, if the connection is still there.
+    pub fn ping(&mut self) {
+        let _ = self.socket.send(Message::Ping(Vec::new().into()));
+    }
+
     /// Asks for everything, and leaves the answer where it is.
     pub fn ask_only(&mut self) {
         let question = r#"{"want":["left","disparity","v_disparity","points"],"frames":true}"#;

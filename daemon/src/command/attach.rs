@@ -1,8 +1,9 @@
 //! Attaching to the shared memory of a running daemon.
 
 use crate::command::error::CommandError;
+use crate::silence;
 use config::Config;
-use messages::bus::Bus;
+use messages::bus::{Bus, IpcError};
 use messages::instance::{Instance, InstanceError};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
@@ -21,7 +22,7 @@ pub struct Attached {
 /// Attaches to the daemon that the configuration names. `subcommand` is the caller's name, for a hint.
 ///
 /// # Errors
-/// If no such daemon runs, or it belongs to another user.
+/// If no such daemon runs, it belongs to another user, or /dev/shm is full.
 pub fn attach(config: &Config, subcommand: &str) -> Result<Attached, CommandError> {
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
     check_owner(&instance, subcommand)?;
@@ -29,7 +30,29 @@ pub fn attach(config: &Config, subcommand: &str) -> Result<Attached, CommandErro
         return Err(InstanceError::NotRunning(instance.name().to_owned()).into());
     }
     let stop = stop_on_signals()?;
-    Ok(Attached { bus: Bus::join(&instance)?, instance, stop })
+    let bus = Bus::join(&instance).map_err(|error| cannot_join(&instance, error))?;
+    Ok(Attached { bus, instance, stop })
+}
+
+/// The error of a reader that cannot join a running daemon. If /dev/shm is full, it also says what is known of the
+/// daemon without joining it.
+pub fn cannot_join(instance: &Instance, error: IpcError) -> CommandError {
+    if !error.is_full() {
+        return error.into();
+    }
+    let (name, bytes) = (instance.name(), instance.shared_bytes());
+    let process = silence::process(instance);
+    CommandError::Other(format!(
+        "the daemon \"{name}\" is running ({process}, {bytes} bytes in /dev/shm), but it cannot be read: {error}"
+    ))
+}
+
+/// The error of a reader that gets no message from a daemon.
+pub fn silent(instance: &Instance) -> CommandError {
+    match silence::reason(instance) {
+        None => InstanceError::NotRunning(instance.name().to_owned()).into(),
+        Some(reason) => CommandError::Other(reason),
+    }
 }
 
 /// Shared memory of a daemon is accessible to its own user only.

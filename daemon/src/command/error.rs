@@ -72,7 +72,17 @@ pub enum CommandError {
     /// The board's clocks cannot be set.
     #[error(transparent)]
     Clock(#[from] crate::scheduler::clocks::ClockError),
+    /// Reasons, one a line.
+    #[error("{0}")]
+    Lines(String),
     /// Any other error, as text.
     #[error("{0}")]
     Other(String),
+}
+
+impl CommandError {
+    /// Whether its text has several lines: one for each error of the configuration, or the end of a daemon's log.
+    pub fn has_lines(&self) -> bool {
+        matches!(self, Self::Config(_) | Self::Soak(_) | Self::Lines(_))
+    }
 }

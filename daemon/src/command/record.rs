@@ -1,6 +1,6 @@
 //! `lookout record`.
 
-use crate::command::attach::{Attached, attach};
+use crate::command::attach::{Attached, attach, cannot_join, silent};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
@@ -8,6 +8,7 @@ use crate::command::console::say;
 use crate::command::error::CommandError;
 use crate::command::number::number;
 use crate::recorder::{Feed, Plan};
+use crate::silence::TIMEOUT;
 use clap::Args;
 use indicatif::ProgressBar;
 use messages::header::Header;
@@ -102,9 +103,6 @@ fn seconds(text: &str) -> Result<f64, String> {
     number(text, 0.1, 1e6)
 }
 
-/// A daemon that sends no status for this long counts as ended; also the time limit for its first status.
-const TIMEOUT: Duration = Duration::from_secs(5);
-
 /// After this time without a status it is checked whether the daemon still runs. A status is sent once a
 /// second.
 const SILENCE: Duration = Duration::from_millis(1500);
@@ -120,7 +118,7 @@ pub fn run(args: &Record, log: Option<&str>) -> Result<(), CommandError> {
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))
         .map_err(|e| CommandError::Other(format!("cannot catch signals: {e}")))?;
     let attached = attach(&config, "record")?;
-    let statuses = attached.bus.subscriber(&service::STATUS)?;
+    let statuses = subscriber(&attached, &service::STATUS)?;
     let frames = await_rig(&attached, &statuses)?;
     let rig = Rig {
         focal_px: frames.focal_px,
@@ -171,8 +169,11 @@ fn await_rig(attached: &Attached, statuses: &Subscriber) -> Result<RigRecord, Co
         }
         Ok(Next::Wait(TICK))
     })?;
-    let silent = || CommandError::Other("the daemon does not report its frame size: is it starting?".into());
-    found.ok_or_else(silent)
+    found.ok_or_else(|| silent(&attached.instance))
+}
+
+fn subscriber(attached: &Attached, spec: &service::ServiceSpec) -> Result<Subscriber, CommandError> {
+    attached.bus.subscriber(spec).map_err(|error| cannot_join(&attached.instance, error))
 }
 
 /// Records until a signal, the time limit, the end of the daemon, or an error of the disk.
@@ -182,9 +183,9 @@ fn listen(
     statuses: Subscriber,
     feed: Feed,
 ) -> Result<(Report, String), CommandError> {
-    let pairs = attached.bus.subscriber(&service::PAIR)?;
-    let results = attached.bus.subscriber(&service::OBSTACLES)?;
-    let depths = args.topics.points.then(|| attached.bus.subscriber(&service::DEPTH)).transpose()?;
+    let pairs = subscriber(attached, &service::PAIR)?;
+    let results = subscriber(attached, &service::OBSTACLES)?;
+    let depths = args.topics.points.then(|| subscriber(attached, &service::DEPTH)).transpose()?;
     let mut sources: Vec<&Subscriber> = vec![&pairs, &results, &statuses];
     sources.extend(&depths);
     let start = Instant::now();
@@ -210,7 +211,11 @@ fn listen(
         }
         let silence = last_status.elapsed();
         if silence > TIMEOUT || (silence > SILENCE && !attached.instance.is_running()) {
-            ended = "the daemon has ended";
+            ended = if attached.instance.is_running() {
+                "the daemon is stopped, or hangs: it has sent no status for 5 s"
+            } else {
+                "the daemon has ended"
+            };
             return Ok(Next::Stop);
         }
         Ok(Next::Wait(TICK))

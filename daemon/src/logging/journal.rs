@@ -2,6 +2,7 @@
 //! `journalctl LOOKOUT_PROCESS=stereo` and `journalctl -o json`.
 
 use super::queue::Output;
+use crate::printable::Escaping;
 use std::fmt::{self, Write};
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -53,11 +54,13 @@ struct Fields {
 
 impl Visit for Fields {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
+        // Values come from outside, too, such as names of files: see [`crate::printable`].
         if field.name() == "message" {
-            let _ = write!(self.message, "{value:?}");
+            let _ = write!(Escaping(&mut self.message), "{value:?}");
             return;
         }
-        let text = format!("{value:?}");
+        let mut text = String::new();
+        let _ = write!(Escaping(&mut text), "{value:?}");
         let _ = write!(self.tail, " {}={text}", field.name());
         put(&mut self.entry, &key(field.name()), &text);
     }
@@ -76,21 +79,15 @@ fn key(name: &str) -> String {
     key
 }
 
-/// Appends `KEY=value`, or, if the value has line breaks, the key, the length of the value and the value.
+/// Appends `KEY=value`. The value has no line break.
 fn put(entry: &mut Vec<u8>, key: &str, value: &str) {
     let mut end = value.len().min(MAX_MESSAGE);
     while !value.is_char_boundary(end) {
         end -= 1;
     }
-    let value = &value[..end];
     entry.extend_from_slice(key.as_bytes());
-    if value.contains('\n') {
-        entry.push(b'\n');
-        entry.extend_from_slice(&(value.len() as u64).to_le_bytes());
-    } else {
-        entry.push(b'=');
-    }
-    entry.extend_from_slice(value.as_bytes());
+    entry.push(b'=');
+    entry.extend_from_slice(&value.as_bytes()[..end]);
     entry.push(b'\n');
 }
 
@@ -135,16 +132,9 @@ mod tests {
         while !bytes.is_empty() {
             let end = bytes.iter().position(|&b| b == b'\n').expect("a line ends");
             let line = std::str::from_utf8(&bytes[..end]).unwrap();
-            let (key, value, rest) = match line.split_once('=') {
-                Some((key, value)) => (key, value.to_owned(), &bytes[end + 1..]),
-                None => {
-                    let length = &bytes[end + 1..end + 9];
-                    let length = u64::from_le_bytes(length.try_into().unwrap()) as usize;
-                    let value = &bytes[end + 9..end + 9 + length];
-                    assert_eq!(bytes[end + 9 + length], b'\n');
-                    (line, String::from_utf8(value.to_vec()).unwrap(), &bytes[end + 10 + length..])
-                }
-            };
+            // A value with line breaks would have its length instead; there are none.
+            let (key, value) = line.split_once('=').expect("a field has a value");
+            let (value, rest) = (value.to_owned(), &bytes[end + 1..]);
             assert!(key.bytes().all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || b == b'_'), "{key}");
             assert!(fields.insert(key.to_owned(), value).is_none(), "{key} twice");
             bytes = rest;
@@ -165,13 +155,16 @@ mod tests {
             parse(&bytes[..length])
         };
         tracing::subscriber::with_default(subscriber, || {
-            tracing::warn!(p50_ms = 20.5, role = %"road", why = "two\nlines", "figures");
+            tracing::warn!(p50_ms = 20.5, role = %"road", why = "two\nPRIORITY=0", "figures\u{1b}[2J");
             let fields = next();
-            assert_eq!(fields["MESSAGE"], "stereo: figures p50_ms=20.5 role=road why=two\nlines");
+            assert_eq!(
+                fields["MESSAGE"],
+                "stereo: figures\\u{1b}[2J p50_ms=20.5 role=road why=two\\nPRIORITY=0"
+            );
             assert_eq!((fields["PRIORITY"].as_str(), fields["LOOKOUT_P50_MS"].as_str()), ("4", "20.5"));
             assert_eq!(
                 (fields["LOOKOUT_ROLE"].as_str(), fields["LOOKOUT_WHY"].as_str()),
-                ("road", "two\nlines")
+                ("road", "two\\nPRIORITY=0")
             );
             assert_eq!(
                 (fields["LOOKOUT_PROCESS"].as_str(), fields["SYSLOG_IDENTIFIER"].as_str()),

@@ -4,19 +4,22 @@
 mod journal;
 mod queue;
 
+use crate::printable::Escaping;
 use journal::{Journal, priority};
 use queue::Output;
 pub use queue::{dropped, finish};
-use std::fmt;
+use std::fmt::{self, Write as _};
 use std::io::IsTerminal;
 use std::sync::OnceLock;
+use tracing::field::Field;
 use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::field::MakeExt;
 use tracing_subscriber::filter::LevelFilter;
-use tracing_subscriber::fmt::FmtContext;
-use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
+use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer, debug_fn};
+use tracing_subscriber::fmt::{FmtContext, MakeWriter};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
-use tracing_subscriber::{Registry, reload};
+use tracing_subscriber::{Layer, Registry, reload};
 
 /// One line per event: `<6>stereo: message key=value` under systemd, which adds the time itself;
 /// `INFO stereo: message key=value` elsewhere.
@@ -59,16 +62,25 @@ pub fn start(process: &'static str, level: &str) {
     }
     let journal = std::env::var_os("JOURNAL_STREAM").is_some();
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let lines = tracing_subscriber::fmt::layer().with_ansi(colour).with_writer(output).event_format(Lines {
-        process,
-        journal,
-        colour,
-    });
+    let lines = lines(process, journal, colour, output);
     let subscriber = tracing_subscriber::registry().with(filter).with(lines);
     // This fails only if logging was started before.
     if tracing::subscriber::set_global_default(subscriber).is_ok() {
         let _ = LEVEL.set(handle);
     }
+}
+
+/// The layer that writes lines of text.
+fn lines<S, W>(process: &'static str, journal: bool, colour: bool, output: W) -> impl Layer<S>
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+    W: for<'a> MakeWriter<'a> + 'static,
+{
+    tracing_subscriber::fmt::layer()
+        .with_ansi(colour)
+        .with_writer(output)
+        .fmt_fields(debug_fn(put_field).delimited(" "))
+        .event_format(Lines { process, journal, colour })
 }
 
 fn is_daemon(process: &str) -> bool {
@@ -99,11 +111,78 @@ where
     }
 }
 
+/// Writes a field of a line. Values come from outside, too, such as names of files: see [`crate::printable`].
+fn put_field(writer: &mut Writer<'_>, field: &Field, value: &dyn fmt::Debug) -> fmt::Result {
+    match field.name().trim_start_matches("r#") {
+        "message" => {}
+        // As the library does it: the name in italics.
+        name if writer.has_ansi_escapes() => write!(writer, "\x1b[3m{name}\x1b[0m\x1b[2m=\x1b[0m")?,
+        name => write!(writer, "{name}=")?,
+    }
+    write!(Escaping(writer), "{value:?}")
+}
+
 fn colour(level: Level) -> u8 {
     match level {
         Level::ERROR => 31,
         Level::WARN => 33,
         Level::INFO => 32,
         Level::DEBUG | Level::TRACE => 36,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{self, Write};
+    use std::sync::{Arc, Mutex};
+
+    #[derive(Clone, Default)]
+    struct Buffer(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Buffer {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl<'a> MakeWriter<'a> for Buffer {
+        type Writer = Self;
+
+        fn make_writer(&'a self) -> Self {
+            self.clone()
+        }
+    }
+
+    fn logged(colour: bool, act: impl FnOnce()) -> String {
+        let buffer = Buffer::default();
+        let lines = lines("capture", false, colour, buffer.clone());
+        tracing::subscriber::with_default(tracing_subscriber::registry().with(lines), act);
+        String::from_utf8(buffer.0.lock().unwrap().clone()).unwrap()
+    }
+
+    #[test]
+    fn names_from_outside_forge_no_line() {
+        let name = "a\nERROR scheduler: forged\u{1b}[2J";
+        let text = logged(false, || {
+            tracing::warn!(path = %name, quoted = name, n = 3, "{name}: cannot be read");
+        });
+        let escaped = "a\\nERROR scheduler: forged\\u{1b}[2J";
+        assert_eq!(
+            text,
+            format!(" WARN capture: {escaped}: cannot be read path={escaped} quoted=\"{escaped}\" n=3\n")
+        );
+        let text = logged(true, || tracing::info!(path = %name, "started"));
+        assert_eq!(
+            text,
+            format!(
+                "\u{1b}[32m INFO\u{1b}[0m capture: started \u{1b}[3mpath\u{1b}[0m\u{1b}[2m=\u{1b}[0m{escaped}\n"
+            )
+        );
     }
 }

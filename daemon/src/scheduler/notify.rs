@@ -4,6 +4,7 @@
 //! while its loop runs and all stages are live: the supervisor restarts a stage that hangs, and systemd restarts the
 //! daemon if the supervisor does not succeed.
 
+use crate::printable::Printable;
 use rustix::time::{ClockId, clock_gettime};
 use std::io;
 use std::os::linux::net::SocketAddrExt;
@@ -163,9 +164,9 @@ fn open(name: &str) -> io::Result<(UnixDatagram, SocketAddr)> {
     Ok((socket, address))
 }
 
-/// Replaces line breaks, which separate the fields of the protocol.
+/// Replaces line breaks, which separate the fields of the protocol, and escapes what else forges output of systemctl.
 fn one_line(text: &str) -> String {
-    text.replace('\n', "; ")
+    Printable(text.replace('\n', "; ")).to_string()
 }
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ use crate::realtime;
 use config::Config;
 use messages::bus::{Bus, IpcError};
 use messages::clock::monotonic_ns;
+use messages::free_memory::Cushion;
 use messages::header::{Header, Kind};
 use messages::instance::{Instance, InstanceLock};
 use messages::pipeline::Role;
@@ -95,6 +96,8 @@ pub struct Run {
     results: Results,
     commands: Publisher,
     statuses: Publisher,
+    /// Pages for readers that join when /dev/shm is full; `None` if there was no room for them.
+    cushion: Option<Cushion>,
     /// The scheduler's node in shared memory.
     pub bus: Bus,
     instance: Instance,
@@ -147,6 +150,9 @@ impl Run {
         let results = Results::new(bus.publisher(&service::OBSTACLES, width, height)?, stale_ns);
         realtime::reserve(config, &bus, &mut realtime)?;
         lock.record_files();
+        let cushion = Cushion::create(lock.prefix())
+            .inspect_err(|error| tracing::warn!(%error, "no memory is kept for readers that join when /dev/shm is full"))
+            .ok();
         Ok(Self {
             supervisor: Supervisor::new(parameters, &roles, now),
             collector,
@@ -177,6 +183,7 @@ impl Run {
             results,
             commands,
             statuses,
+            cushion,
             bus,
             instance,
             lock,
@@ -235,6 +242,9 @@ impl Run {
         }
         if now >= self.status_due_ns {
             self.status_due_ns = now + STATUS_PERIOD_NS;
+            if let Some(cushion) = &self.cushion {
+                cushion.refill();
+            }
             let status = self.status(now);
             self.statuses.send_record(Header::new(Kind::Status), &status)?;
             self.notify_status(&status, now);

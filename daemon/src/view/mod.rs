@@ -7,6 +7,7 @@
 
 pub mod access;
 mod board;
+mod connections;
 mod frame;
 mod history;
 pub mod hub;

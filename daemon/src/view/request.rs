@@ -11,6 +11,9 @@ const MAX_HEAD: usize = 8 * 1024;
 /// Maximum number of header lines.
 const MAX_HEADERS: usize = 64;
 
+/// Headers that a request may contain once.
+const ONCE: [&str; 4] = ["Host", "Origin", "Authorization", "Cookie"];
+
 /// Time limit for the whole head.
 const TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -47,6 +50,9 @@ pub enum RequestError {
     /// The text is not HTTP.
     #[error("not an HTTP request: {0}")]
     Syntax(httparse::Error),
+    /// A header that decides about access is there twice: which one counts, another program may judge differently.
+    #[error("the header {0} is there more than once")]
+    Repeated(&'static str),
     /// The head exceeds a limit.
     #[error("the head is longer than {MAX_HEAD} bytes or {MAX_HEADERS} lines")]
     TooLong,
@@ -110,6 +116,11 @@ impl Request {
             ..Self::default()
         };
         let (mut upgrades, mut key, mut version) = (false, None, false);
+        for name in ONCE {
+            if head.headers.iter().filter(|line| line.name.eq_ignore_ascii_case(name)).count() > 1 {
+                return Err(RequestError::Repeated(name));
+            }
+        }
         for line in head.headers.iter() {
             // Headers that are not UTF-8 are ignored.
             let Ok(value) = std::str::from_utf8(line.value) else { continue };
@@ -169,6 +180,17 @@ mod tests {
         let many = format!("GET / HTTP/1.1\r\n{}\r\n", "X: y\r\n".repeat(MAX_HEADERS + 1));
         assert!(matches!(Request::parse(many.as_bytes()), Err(RequestError::TooLong)));
         assert!(matches!(Request::parse(b"\x16\x03\x01\x02\x00\x01"), Err(RequestError::Syntax(_))));
+    }
+
+    #[test]
+    fn headers_that_decide_about_access_come_once() {
+        for name in ONCE {
+            let text =
+                format!("GET / HTTP/1.1\r\n{name}: a\r\nX: y\r\n{}: \u{e4}\r\n\r\n", name.to_uppercase());
+            let error = Request::parse(text.as_bytes()).unwrap_err();
+            assert!(matches!(error, RequestError::Repeated(named) if named == name), "{error}");
+        }
+        assert!(Request::parse(b"GET / HTTP/1.1\r\nHost: a\r\nX: y\r\nX: y\r\n\r\n").unwrap().is_some());
     }
 
     #[test]

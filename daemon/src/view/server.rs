@@ -1,6 +1,7 @@
-//! The HTTP server: a limited number of connections, each with its own thread and one request.
+//! The HTTP server: a limited number of connections ([`Connections`]), each with its own thread and one request.
 
 use super::access::{Access, Verdict};
+use super::connections::{Connections, Place};
 use super::hub::Hub;
 use super::request::{Request, RequestError};
 use super::{metrics, prometheus, session};
@@ -8,12 +9,9 @@ use crate::status_json::StatusJson;
 use std::io::{self, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tungstenite::handshake::derive_accept_key;
-
-/// Maximum number of simultaneous connections of any kind.
-const MAX_CONNECTIONS: usize = 32;
 
 /// Maximum number of simultaneous WebSocket clients.
 const MAX_CLIENTS: usize = 8;
@@ -45,7 +43,7 @@ pub struct Server {
     listener: TcpListener,
     access: Access,
     hub: Arc<Hub>,
-    connections: AtomicUsize,
+    connections: Connections,
 }
 
 impl Server {
@@ -60,7 +58,7 @@ impl Server {
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         let access = access(listener.local_addr()?);
-        Ok(Self { listener, access, hub, connections: AtomicUsize::new(0) })
+        Ok(Self { listener, access, hub, connections: Connections::default() })
     }
 
     /// The bound address, with the port that the system chose for port 0.
@@ -74,8 +72,8 @@ impl Server {
     /// Accepts connections forever.
     pub fn run(self: Arc<Self>) {
         loop {
-            let stream = match self.listener.accept() {
-                Ok((stream, _)) => stream,
+            let (stream, client) = match self.listener.accept() {
+                Ok(accepted) => accepted,
                 Err(error) => {
                     // Possibly too many open files: retried after a pause.
                     tracing::warn!(%error, "cannot accept a connection");
@@ -83,20 +81,24 @@ impl Server {
                     continue;
                 }
             };
-            if self.connections.fetch_add(1, Ordering::Relaxed) >= MAX_CONNECTIONS {
-                self.connections.fetch_sub(1, Ordering::Relaxed);
+            let (number, instead) = match self.connections.admit(&stream, client.ip()) {
+                Ok(admitted) => admitted,
+                Err(error) => {
+                    tracing::warn!(%error, "cannot serve a connection");
+                    continue;
+                }
+            };
+            if instead {
                 self.turned_away();
-                let _ = answer(&stream, "503 Service Unavailable", TEXT, "", "too many connections\n", true);
-                continue;
             }
             let server = Arc::clone(&self);
             let thread = std::thread::Builder::new().name("client".into()).stack_size(STACK_BYTES);
             let spawned = thread.spawn(move || {
-                server.serve(stream);
-                server.connections.fetch_sub(1, Ordering::Relaxed);
+                let place = server.connections.place(number);
+                server.serve(stream, &place);
             });
             if let Err(error) = spawned {
-                self.connections.fetch_sub(1, Ordering::Relaxed);
+                drop(self.connections.place(number));
                 tracing::warn!(%error, "cannot start a thread for a connection");
             }
         }
@@ -107,7 +109,7 @@ impl Server {
     }
 
     /// Serves one connection. Errors concern only this client and are not logged.
-    fn serve(&self, mut stream: TcpStream) {
+    fn serve(&self, mut stream: TcpStream, place: &Place<'_>) {
         if stream.set_write_timeout(Some(STALL)).is_err() {
             return;
         }
@@ -127,13 +129,13 @@ impl Server {
             }
         };
         if request.path == "/socket" {
-            self.socket(stream, &request, rest);
+            self.socket(stream, &request, rest, place);
         } else {
-            let _ = self.page(&stream, &request);
+            let _ = self.page(&stream, &request, place);
         }
     }
 
-    fn page(&self, stream: &TcpStream, request: &Request) -> io::Result<()> {
+    fn page(&self, stream: &TcpStream, request: &Request, place: &Place<'_>) -> io::Result<()> {
         let with_body = request.method != "HEAD";
         if !matches!(request.method.as_str(), "GET" | "HEAD") {
             return answer(
@@ -145,7 +147,11 @@ impl Server {
                 true,
             );
         }
-        match self.access.judge(request) {
+        let verdict = self.access.judge(request);
+        if matches!(verdict, Verdict::Welcome | Verdict::WelcomeByLink) && !place.proven() {
+            return Ok(());
+        }
+        match verdict {
             Verdict::Welcome => {}
             Verdict::WelcomeByLink if request.path == "/" => {
                 let cookie = self.access.set_cookie().unwrap_or_default();
@@ -192,7 +198,7 @@ impl Server {
         }
     }
 
-    fn socket(&self, stream: TcpStream, request: &Request, rest: Vec<u8>) {
+    fn socket(&self, stream: TcpStream, request: &Request, rest: Vec<u8>, place: &Place<'_>) {
         let refuse = |status: &str, text: &str| {
             self.turned_away();
             let _ = answer(&stream, status, TEXT, "", text, true);
@@ -203,9 +209,12 @@ impl Server {
         if !matches!(self.access.judge(request), Verdict::Welcome | Verdict::WelcomeByLink) {
             return refuse("403 Forbidden", "request from another page, or without the token\n");
         }
-        let Some(_place) = self.hub.enter(MAX_CLIENTS) else {
+        let Some(_client) = self.hub.enter(MAX_CLIENTS) else {
             return refuse("503 Service Unavailable", "too many clients\n");
         };
+        if !place.page() {
+            return refuse("503 Service Unavailable", "too many clients of this address\n");
+        }
         let accept = derive_accept_key(key.as_bytes());
         let head = format!(
             "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\

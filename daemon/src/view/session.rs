@@ -10,10 +10,10 @@ use super::hub::{Hub, News, Seen};
 use crate::status_json::StatusJson;
 use messages::pipeline::{PATH, PATH_LENGTH, Role};
 use serde::{Deserialize, Serialize};
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role as End, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
@@ -23,11 +23,50 @@ const MAX_REQUEST: usize = 1024;
 /// A response is sent after this time at the latest, even if nothing is new.
 const MAX_WAIT: Duration = Duration::from_secs(1);
 
-/// A client that sends no request for this long is disconnected. A paused page still requests statuses.
+/// A client that sends no request for this long is disconnected; pings and parts of a request do not count. A paused
+/// page still requests statuses.
 const SILENCE: Duration = Duration::from_secs(30);
 
 /// A client that reads nothing of a response for this long is disconnected.
 const STALL: Duration = Duration::from_secs(10);
+
+/// A client that has not read a whole response after this time is disconnected: 1 MB at 17 kB/s.
+const MAX_SENDING: Duration = Duration::from_secs(60);
+
+/// A connection with time limits that single bytes do not prolong.
+struct Limited {
+    stream: TcpStream,
+    /// Until when a request has to be complete.
+    asked_until: Instant,
+    /// Until when a response has to be taken.
+    taken_until: Instant,
+}
+
+impl Limited {
+    /// A limit for one system call: until `until`, at most `most`.
+    fn left(until: Instant, most: Duration) -> io::Result<Option<Duration>> {
+        let left = until.saturating_duration_since(Instant::now()).min(most);
+        if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(Some(left)) }
+    }
+}
+
+impl Read for Limited {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.stream.set_read_timeout(Self::left(self.asked_until, Duration::MAX)?)?;
+        self.stream.read(bytes)
+    }
+}
+
+impl Write for Limited {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.stream.set_write_timeout(Self::left(self.taken_until, STALL)?)?;
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.stream.flush()
+    }
+}
 
 /// A request of a client.
 #[derive(Debug, Default, Deserialize)]
@@ -56,13 +95,17 @@ struct PartLine {
     bytes: usize,
 }
 
-/// Serves a client until it leaves.
+/// Serves a client until it leaves, or is silent for too long.
 pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
-    let timeouts =
-        stream.set_read_timeout(Some(SILENCE)).and_then(|()| stream.set_write_timeout(Some(STALL)));
-    if timeouts.and_then(|()| stream.set_nodelay(true)).is_err() {
+    run_with(stream, already_read, hub, SILENCE);
+}
+
+fn run_with(stream: TcpStream, already_read: Vec<u8>, hub: &Hub, silence: Duration) {
+    if stream.set_nodelay(true).is_err() {
         return;
     }
+    let now = Instant::now();
+    let stream = Limited { stream, asked_until: now + silence, taken_until: now + MAX_SENDING };
     let config = WebSocketConfig::default()
         .max_message_size(Some(MAX_REQUEST))
         .max_frame_size(Some(MAX_REQUEST))
@@ -71,6 +114,8 @@ pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
     let mut socket = WebSocket::from_partially_read(stream, already_read, End::Server, Some(config));
     let mut seen = Seen::default();
     loop {
+        // Answers to pings count as a response, too.
+        socket.get_mut().taken_until = Instant::now() + MAX_SENDING;
         let request = match socket.read() {
             Ok(Message::Text(text)) => serde_json::from_str::<Request>(&text).unwrap_or_default(),
             // Pings are answered by the library.
@@ -80,6 +125,7 @@ pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
         let news = hub.wait(&mut seen, request.frames, MAX_WAIT);
         let bytes = response(&news, &request.want);
         let length = bytes.len() as u64;
+        socket.get_mut().taken_until = Instant::now() + MAX_SENDING;
         match socket.send(Message::binary(bytes)) {
             Ok(()) => {
                 hub.counters.sent.fetch_add(1, Ordering::Relaxed);
@@ -91,6 +137,7 @@ pub fn run(stream: TcpStream, already_read: Vec<u8>, hub: &Hub) {
             }
             Err(_) => return,
         }
+        socket.get_mut().asked_until = Instant::now() + silence;
     }
     let _ = socket.close(None);
     let _ = socket.flush();
@@ -133,11 +180,15 @@ mod tests {
 
     /// A server for one client, and the client.
     fn with_client(act: impl FnOnce(&mut WebSocket<TcpStream>)) {
+        with_client_and(SILENCE, act);
+    }
+
+    fn with_client_and(silence: Duration, act: impl FnOnce(&mut WebSocket<TcpStream>)) {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let hub = Hub::new();
         std::thread::scope(|scope| {
-            let served = scope.spawn(|| run(listener.accept().unwrap().0, Vec::new(), &hub));
+            let served = scope.spawn(|| run_with(listener.accept().unwrap().0, Vec::new(), &hub, silence));
             let stream = TcpStream::connect(address).unwrap();
             act(&mut WebSocket::from_raw_socket(stream, End::Client, None));
             served.join().unwrap();
@@ -169,6 +220,31 @@ mod tests {
         with_client(|socket| {
             let _ = socket.send(Message::text("x".repeat(MAX_REQUEST + 1)));
             assert!(socket.read().is_err() || socket.read().is_err());
+        });
+    }
+
+    #[test]
+    fn only_requests_prolong_a_connection() {
+        let silence = Duration::from_millis(400);
+        // Longer than the limit, in parts that are shorter.
+        let parts = || (0..10).map(|_| std::thread::sleep(silence / 5));
+        with_client_and(silence, |socket| {
+            for () in parts().take(3) {
+                assert_eq!(request(socket, "{}")["absent"], "no daemon yet");
+            }
+            parts().for_each(|()| {
+                // Fails once the server has gone.
+                let _ = socket.send(Message::Ping(Vec::new().into()));
+            });
+            while socket.read().is_ok() {}
+        });
+        with_client_and(silence, |socket| {
+            // The head of a text of 100 bytes, then one byte at a time.
+            let _ = socket.get_mut().write_all(&[0x81, 0x80 | 100, 0, 0, 0, 0]);
+            parts().for_each(|()| {
+                let _ = socket.get_mut().write_all(b"x");
+            });
+            while socket.read().is_ok() {}
         });
     }
 }

@@ -4,6 +4,7 @@ use super::board::Board;
 use super::frame::{Frame, Images};
 use super::hub::Hub;
 use crate::frame_record::frame_record;
+use crate::silence;
 use messages::bus::{Bus, IpcError};
 use messages::header::Header;
 use messages::instance::Instance;
@@ -42,6 +43,8 @@ pub struct Watcher {
     stop: Arc<AtomicBool>,
     board: Board,
     rig: RigRecord,
+    /// Time of the last status.
+    heard: Instant,
     kept: [Kept; KEPT],
 }
 
@@ -54,6 +57,7 @@ impl Watcher {
             stop,
             board: Board::find(sysfs),
             rig: RigRecord::default(),
+            heard: Instant::now(),
             kept: std::array::from_fn(|_| Kept::default()),
         }
     }
@@ -99,6 +103,7 @@ impl Watcher {
         let statuses = bus.subscriber(&service::STATUS)?;
         self.kept = std::array::from_fn(|_| Kept::default());
         let mut checked = Instant::now();
+        self.heard = Instant::now();
         tracing::info!("connected to the daemon {}", self.instance.name());
         wait::run::<IpcError>(&[&depths, &roads, &results, &statuses], || {
             if self.stop.load(Ordering::Relaxed) {
@@ -109,6 +114,11 @@ impl Watcher {
                 if !self.instance.is_running() || self.instance.prefix() != prefix {
                     tracing::info!("the daemon has ended");
                     return Ok(Next::Stop);
+                }
+                if self.heard.elapsed() > silence::TIMEOUT
+                    && let Some(reason) = silence::reason(&self.instance)
+                {
+                    self.hub.absent(&reason);
                 }
             }
             self.take_status(&statuses)?;
@@ -134,6 +144,7 @@ impl Watcher {
             match status::view(sample.header(), sample.payload()) {
                 Ok(status) => {
                     self.rig = status.rig;
+                    self.heard = Instant::now();
                     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
                     let time_s = now.map_or(0.0, |t| t.as_secs_f64());
                     self.hub.status(status, self.board.read(), time_s);

@@ -1,11 +1,10 @@
 //! Writer of one MCAP file.
 
-use super::storage::{Counted, Storage};
+use super::storage::{Counted, Medium};
 use super::topic::{ImageForm, Message, Topic};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -28,14 +27,13 @@ pub struct McapFile {
 }
 
 impl McapFile {
-    /// Creates a file; `about` becomes its first record after the header.
-    pub fn create(
-        storage: &dyn Storage,
-        path: &Path,
+    /// Starts a file; `about` becomes its first record after the header.
+    pub fn start(
+        medium: Box<dyn Medium>,
         form: ImageForm,
         about: &BTreeMap<String, String>,
     ) -> Result<Self, McapError> {
-        let (medium, bytes) = Counted::new(storage.create(path)?);
+        let (medium, bytes) = Counted::new(medium);
         let mut writer = WriteOptions::new()
             // Camera images hardly compress: lz4 reduces them by half a percent.
             .compression(None)

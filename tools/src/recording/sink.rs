@@ -2,7 +2,7 @@
 
 use super::file::McapFile;
 use super::ring::Ring;
-use super::storage::Storage;
+use super::storage::{Gone, Storage};
 use super::topic::{ImageForm, Message, Topic};
 use mcap::McapError;
 use serde::Serialize;
@@ -71,6 +71,25 @@ pub enum RecordError {
         /// Megabytes that must stay free.
         min_mb: u64,
     },
+    /// The file cannot be created.
+    #[error(
+        "{}: cannot be created: {reason}: nothing was recorded in it: give a file in a folder that exists and that this \
+         user may write with -o", path.display()
+    )]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// The file can no longer be found under its name.
+    #[error(
+        "{}: the recording has ended: {Gone}: what was recorded in it is lost unless it was moved", path.display()
+    )]
+    Gone {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file cannot be written.
     #[error("{}: the recording has ended: {reason}: what was written before can be replayed", path.display())]
     Write {
@@ -129,7 +148,7 @@ impl Sink {
     /// `a.mcap` becomes `a_0001.mcap`.
     ///
     /// # Errors
-    /// If the file exists, or the disk has too little free space.
+    /// If the file exists, its folder cannot be written, or the disk has too little free space.
     pub fn new(
         storage: Box<dyn Storage>,
         path: &Path,
@@ -154,6 +173,7 @@ impl Sink {
         if !sink.is_numbered() && sink.storage.exists(path) {
             return Err(RecordError::Exists { path: path.to_owned() });
         }
+        sink.storage.check_folder(path).map_err(|error| create_error(path, &error))?;
         sink.check_space(path)?;
         Ok(sink)
     }
@@ -197,7 +217,13 @@ impl Sink {
     }
 
     fn write_error(&self, error: McapError) -> RecordError {
-        RecordError::Write { path: self.current(), reason: error_text(error) }
+        let path = self.current();
+        match error {
+            McapError::Io(error) if error.get_ref().is_some_and(|inner| inner.is::<Gone>()) => {
+                RecordError::Gone { path }
+            }
+            error => RecordError::Write { path, reason: error_text(error) },
+        }
     }
 
     fn check_space(&self, path: &Path) -> Result<(), RecordError> {
@@ -269,13 +295,10 @@ impl Sink {
     fn open(&mut self, first: &Message) -> Result<(), RecordError> {
         let path = self.next_path();
         self.check_space(&path)?;
-        self.report.files.push(path.clone());
-        let created = McapFile::create(self.storage.as_ref(), &path, self.form, &self.about);
-        let mut file = created.map_err(|error| {
-            // The file was not created.
-            self.report.files.pop();
-            RecordError::Write { path, reason: error_text(error) }
-        })?;
+        let medium = self.storage.create(&path).map_err(|error| create_error(&path, &error))?;
+        self.report.files.push(path);
+        let started = McapFile::start(medium, self.form, &self.about);
+        let mut file = started.map_err(|error| self.write_error(error))?;
         for message in self.latched.values().filter(|m| m.topic != first.topic) {
             let message = Message { time_ns: first.time_ns, ..message.clone() };
             file.write(&message).map_err(|error| self.write_error(error))?;
@@ -320,6 +343,10 @@ impl Sink {
         self.close(reason)?;
         Ok(self.report.clone())
     }
+}
+
+fn create_error(path: &Path, error: &std::io::Error) -> RecordError {
+    RecordError::Create { path: path.to_owned(), reason: error.to_string() }
 }
 
 fn error_text(error: McapError) -> String {

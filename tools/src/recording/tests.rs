@@ -242,6 +242,61 @@ fn a_full_disk_ends_the_recording_with_a_reason_and_what_was_written_can_be_read
 }
 
 #[test]
+fn a_file_that_is_deleted_or_moved_ends_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    type Act = fn(&Path);
+    let acts: [Act; 4] = [
+        |folder| std::fs::remove_dir_all(folder).unwrap(),
+        |folder| std::fs::rename(folder, folder.with_extension("moved")).unwrap(),
+        |folder| std::fs::remove_file(folder.join("a.mcap")).unwrap(),
+        |folder| {
+            std::fs::remove_file(folder.join("a.mcap")).unwrap();
+            std::fs::write(folder.join("a.mcap"), "another").unwrap();
+        },
+    ];
+    for (n, act) in acts.into_iter().enumerate() {
+        let inner = folder.path().join(n.to_string());
+        std::fs::create_dir(&inner).unwrap();
+        let mut sink = sink(&inner.join("a.mcap"), ImageForm::Raw, Limits::default());
+        put(&mut sink, 0..5, ImageForm::Raw).unwrap();
+        act(&inner);
+        // At its end, or with the next chunk.
+        let error = match n % 2 {
+            0 => sink.finish("over").unwrap_err(),
+            _ => put(&mut sink, 5..100, ImageForm::Raw).unwrap_err(),
+        };
+        assert!(matches!(error, RecordError::Gone { .. }), "{n}: {error}");
+        assert!(error.to_string().contains("a.mcap"), "{error}");
+    }
+}
+
+#[test]
+fn a_file_that_cannot_be_created_is_told_before_anything_is_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let missing = folder.path().join("missing/a.mcap");
+    std::fs::write(folder.path().join("file"), "").unwrap();
+    let in_file = folder.path().join("file/a.mcap");
+    let ring = RingLimits { before_ns: 1, after_ns: 1, bytes: 1 };
+    for (path, limits) in [
+        (&missing, Limits::default()),
+        (&missing, Limits { ring: Some(ring), ..Limits::default() }),
+        (&in_file, Limits::default()),
+    ] {
+        let refused = Sink::new(Box::new(Disk), path, ImageForm::Raw, limits, about());
+        let Err(error) = refused else { panic!("{} was accepted", path.display()) };
+        let text = error.to_string();
+        assert!(text.contains("cannot be created") && !text.contains("can be replayed"), "{text}");
+    }
+    // The folder vanishes before the first message.
+    std::fs::create_dir(folder.path().join("missing")).unwrap();
+    let mut sink = sink(&missing, ImageForm::Raw, Limits::default());
+    std::fs::remove_dir(folder.path().join("missing")).unwrap();
+    let error = put(&mut sink, 0..1, ImageForm::Raw).unwrap_err();
+    assert!(matches!(error, RecordError::Create { .. }), "{error}");
+    assert!(sink.finish("over").unwrap().files.is_empty());
+}
+
+#[test]
 fn a_file_cut_anywhere_is_read_to_its_last_whole_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");

@@ -33,10 +33,11 @@ pub struct Budgets {
 }
 
 /// Load of the run, which determines the applicable budgets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// A sustainable rate.
+    #[default]
     Steady,
     /// A sustainable rate with fault injection.
     Faults,

@@ -104,6 +104,9 @@ pub struct Latencies {
     intervals: (f64, f64, u64),
     /// Frames with inconsistent timestamps.
     pub unsound: u64,
+    /// Results of a frame that has had one: it was repeated after a stage died. The daemon does not count them either.
+    pub repeated: u64,
+    last_added: Option<u64>,
     held: VecDeque<Trace>,
     /// Faults with the end of their aftermath.
     faults: VecDeque<(u64, u64)>,
@@ -135,6 +138,8 @@ impl Latencies {
             longest_gap_ns: 0,
             intervals: (0.0, 0.0, 0),
             unsound: 0,
+            repeated: 0,
+            last_added: None,
             held: VecDeque::with_capacity(64),
             faults: VecDeque::new(),
             last: None,
@@ -145,6 +150,10 @@ impl Latencies {
 
     /// Adds a frame with a final result.
     pub fn add(&mut self, trace: Trace, stalls: &Stalls) {
+        if self.last_added.replace(trace.sequence) == Some(trace.sequence) {
+            self.repeated += 1;
+            return;
+        }
         if !trace.is_consistent() {
             self.unsound += 1;
             return;
@@ -240,13 +249,18 @@ impl Latencies {
         Steadiness { mean_ms: mean * 1e3, spread: deviation / (self.period_ns as f64 * 1e-9) }
     }
 
-    /// Resets all statistics but keeps pending frames: end of the warm-up.
+    /// Number of results that were added, each frame once; those that are not evaluated yet are not among them.
+    pub fn count(&self) -> u64 {
+        self.end_to_end.count() + self.disturbed.count() + self.unsound
+    }
+
+    /// Resets all statistics, and drops pending frames, which belong to the time before: end of the warm-up.
     pub fn forget(&mut self) {
         let stages: Vec<PathStage> = self.stages.iter().map(|times| times.stage).collect();
         let fresh = Self::new(self.start_ns, self.period_ns, &stages);
         let old = std::mem::replace(self, fresh);
-        self.held = old.held;
         self.faults = old.faults;
+        self.last_added = old.last_added;
         for (stage, old) in self.stages.iter_mut().zip(old.stages) {
             // The typical duration remains known.
             stage.both = old.both;
@@ -384,7 +398,7 @@ mod tests {
         let mut wrong = frame(0, 0);
         wrong.stamps[2].1 = 5;
         all.add(wrong, &stalls);
-        all.add(Trace::default(), &stalls);
+        all.add(Trace { sequence: 9, ..Trace::default() }, &stalls);
         for i in [1, 2, 4, 5] {
             all.add(frame(i, 0), &stalls);
         }
@@ -393,5 +407,24 @@ mod tests {
         assert!(all.jitter.percentile_ms(50.0) < 0.01);
         all.forget();
         assert_eq!(all.end_to_end.count(), 0);
+    }
+
+    #[test]
+    fn every_result_since_the_warm_up_is_counted_once() {
+        let (mut all, stalls) = (Latencies::new(0, 80 * MS, &two_cores()), Stalls::default());
+        for i in 0..10 {
+            all.add(frame(i, 0), &stalls);
+        }
+        // The frames so far belong to the warm-up, whether they are evaluated or not.
+        all.forget();
+        all.disturb(frame(15, 0).capture_ns, frame(16, 0).capture_ns);
+        for i in [9, 10, 11, 11, 12, 13, 14, 15, 16, 17, 17, 17, 18, 19] {
+            all.add(frame(i, 0), &stalls);
+        }
+        all.add(Trace { capture_ns: u64::MAX, ..frame(20, 0) }, &stalls);
+        all.settle(u64::MAX, None, &stalls);
+        assert_eq!((all.count(), all.repeated, all.unsound), (11, 4, 1));
+        assert_eq!(all.end_to_end.count() + all.disturbed.count(), 10);
+        assert!(all.disturbed.count() > 1);
     }
 }

@@ -140,7 +140,7 @@ pub struct Machine {
 }
 
 /// The complete report. The first fields are those that scripts rely on.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SoakReport {
     /// Number of results.
     pub frames: u64,
@@ -182,6 +182,9 @@ pub struct SoakReport {
     pub offered: u64,
     /// Frames lost with a stage that died or at the end of the run.
     pub lost: u64,
+    /// By how much `frames` and `dropped` exceed `offered`: frames that were published before the measurement. So
+    /// `offered` + `surplus` = `frames` + `dropped` + `lost`.
+    pub surplus: u64,
     /// Results per second.
     pub rate_hz: f64,
     /// Number of injected faults.
@@ -208,6 +211,13 @@ pub struct SoakReport {
     pub latency_disturbed_ms: Percentiles,
     /// Number of frames in the latency statistics, and of disturbed frames.
     pub judged_frames: [u64; 2],
+    /// Results with inconsistent stamps, which are in no statistics.
+    pub unsound: u64,
+    /// Results that the soak itself saw: the sum of the three counts above. `frames` is the count of the daemon's last
+    /// status.
+    pub traced: u64,
+    /// Further results of frames that were repeated after a stage died; no other count contains them.
+    pub repeated: u64,
     /// Deviation of the interval between results from the period.
     pub jitter_ms: Percentiles,
     /// Mean interval between results.
@@ -278,7 +288,7 @@ impl SoakReport {
         let _ = write!(
             out,
             "\n{:.1} minutes at {} pairs per second ({asked}) of {}, after {:.0} s of warm-up. {} results of {} pairs \
-             ({:.2} per second), {} replaced by newer ones, {} lost with a stage or at the end. First result {:.2} s \
+             ({:.2} per second), {} replaced by newer ones, {} lost with a stage or at the end{}. First result {:.2} s \
              after the start.\n\n\
              Machine: {}, {} cores, Linux {}. Other processes used {:.0} % of all cores, steal time {:.1} %; load {:.1} \
              at the end.\n\n## Budgets\n\n{}\n",
@@ -291,6 +301,12 @@ impl SoakReport {
             self.rate_hz,
             self.dropped,
             self.lost,
+            match self.surplus {
+                0 => String::new(),
+                surplus => format!(
+                    ", {surplus} of the results and replaced ones of pairs from before the measurement"
+                ),
+            },
             self.first_result_s,
             m.processor,
             m.cores,
@@ -314,6 +330,35 @@ impl SoakReport {
         out
     }
 
+    /// The counts of results, and why they differ.
+    fn counts(&self) -> String {
+        let Self { frames, traced, repeated, unsound, judged_frames: [judged, disturbed], .. } = self;
+        let mut text = format!(
+            "Of the {traced} results that the soak saw, {judged} are in this table, {disturbed} around faults are counted \
+             separately, and {unsound} with stamps out of order are left out."
+        );
+        let difference = traced.abs_diff(*frames);
+        if traced > frames {
+            let _ = write!(
+                text,
+                " {difference} of them came after the daemon's last status, which counted {frames}."
+            );
+        } else if traced < frames {
+            let _ = write!(
+                text,
+                " The daemon's last status counted {frames}: {difference} came just before the soak began to measure, or \
+                 it missed their reports."
+            );
+        }
+        if *repeated > 0 {
+            let _ = write!(
+                text,
+                " {repeated} further results repeated a frame after a restart and are in no count."
+            );
+        }
+        text
+    }
+
     fn latency_part(&self, out: &mut String) {
         let head = ["ms", "p50", "p99", "p99.9", "max"];
         let mut rows = Vec::new();
@@ -334,12 +379,11 @@ impl SoakReport {
         add("deviation from the period".into(), &self.jitter_ms);
         let _ = write!(
             out,
-            "## Latency\n\n{}\nOf {} frames; {} around faults are counted separately. End to end is from the complete pair in \
+            "## Latency\n\n{}\n{} End to end is from the complete pair in \
              shared memory to the obstacles. Mean interval between results {:.2} ms (standard deviation {:.1} % of the \
              period, longest gap {:.0} ms).\n\n",
             table(&head, &rows),
-            self.judged_frames[0],
-            self.judged_frames[1],
+            self.counts(),
             self.period_mean_ms,
             self.period_spread * 100.0,
             self.longest_gap_ms
@@ -475,5 +519,30 @@ impl SoakReport {
     /// Whether the run failed.
     pub fn has_failed(&self) -> bool {
         !self.reasons.is_empty() || self.budgets.iter().any(|l| l.verdict == Verdict::Fail)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_that_differ_are_explained() {
+        let with = |frames, judged, disturbed, repeated| {
+            let traced = judged + disturbed + 3;
+            let judged_frames = [judged, disturbed];
+            SoakReport { frames, traced, judged_frames, unsound: 3, repeated, ..SoakReport::default() }
+                .counts()
+        };
+        assert_eq!(
+            with(5135, 5132, 150, 147),
+            "Of the 5285 results that the soak saw, 5132 are in this table, 150 around faults are counted separately, and \
+             3 with stamps out of order are left out. 150 of them came after the daemon's last status, which counted 5135. \
+             147 further results repeated a frame after a restart and are in no count."
+        );
+        assert!(with(110, 97, 0, 0).contains("last status counted 110: 10 came just before"));
+        assert!(with(100, 97, 0, 0).ends_with("left out."));
+        let page = SoakReport { offered: 90, frames: 92, surplus: 2, ..SoakReport::default() }.markdown(&[]);
+        assert!(page.contains("92 results of 90 pairs") && page.contains(", 2 of the results"), "{page}");
     }
 }

@@ -81,7 +81,7 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     }
     if soaked.report.has_failed() {
         let reasons = soaked.report.reasons.join("\n  ");
-        return Err(CommandError::Other(format!("the soak failed:\n  {reasons}")));
+        return Err(CommandError::Lines(format!("the soak failed:\n  {reasons}")));
     }
     Ok(())
 }

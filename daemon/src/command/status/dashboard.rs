@@ -1,6 +1,7 @@
 //! `lookout status --watch`: a full screen that is redrawn every second on a terminal, otherwise one line each.
 
 use crate::command::error::CommandError;
+use crate::printable::Printable;
 use messages::alarm::{ALARM, STANDBY, level_name};
 use messages::calibration::CalibrationState;
 use messages::pipeline::Role;
@@ -114,7 +115,7 @@ impl Dashboard {
 
     /// One line for a log.
     fn line(&self, status: &StatusRecord) -> String {
-        let reason = status.reason();
+        let reason = Printable(status.reason()).to_string();
         let because = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
         format!(
             "{}: {}{because}, {:.1} fps, p50 {:.0} ms, p99 {:.0} ms, {}, {} obstacles, {} dropped, CPU {:.0} %, {} restarts",
@@ -133,7 +134,7 @@ impl Dashboard {
 
     /// The screen, line by line.
     fn lines(&self, status: &StatusRecord, columns: usize) -> Vec<(Tone, String)> {
-        let reason = status.reason();
+        let reason = Printable(status.reason()).to_string();
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
         let state = match status.state {
             1 => Tone::Good,

@@ -3,11 +3,12 @@
 mod dashboard;
 pub mod table;
 
-use crate::command::attach::{check_owner, stop_on_signals};
+use crate::command::attach::{cannot_join, check_owner, silent, stop_on_signals};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
+use crate::silence::TIMEOUT;
 use crate::status_json::StatusJson;
 use clap::Args;
 use dashboard::Dashboard;
@@ -38,9 +39,6 @@ pub struct Status {
     pub json: bool,
 }
 
-/// A daemon that sends no status for this long counts as ended.
-const TIMEOUT: Duration = Duration::from_secs(5);
-
 pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "status", Some("error"))?;
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
@@ -50,8 +48,8 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
         return Err(absent());
     }
     let stop = stop_on_signals()?;
-    let bus = Bus::join(&instance)?;
-    let statuses = bus.subscriber(&service::STATUS)?;
+    let bus = Bus::join(&instance).map_err(|error| cannot_join(&instance, error))?;
+    let statuses = bus.subscriber(&service::STATUS).map_err(|error| cannot_join(&instance, error))?;
     let mut last_status = Instant::now();
     let mut dashboard = (args.watch && !args.json).then(|| Dashboard::open(instance.name()));
     let (mut shown, mut ended) = (false, false);
@@ -82,11 +80,11 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     // Restores the terminal.
     drop(dashboard);
     match (shown, ended) {
-        (true, true) => {
+        (true, true) if !instance.is_running() => {
             eprintln!("lookout: the daemon has ended");
             Ok(())
         }
         (true, false) => Ok(()),
-        (false, _) => Err(absent()),
+        _ => Err(silent(&instance)),
     }
 }

@@ -1,5 +1,6 @@
 //! The status of the daemon as a text table.
 
+use crate::printable::Printable;
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::calibration::CalibrationState;
 use messages::heat::HeatRecord;
@@ -44,7 +45,7 @@ fn pace_lines(status: &StatusRecord) -> String {
 /// The status as text: a summary and a table of processes.
 pub fn table(name: &str, status: &StatusRecord) -> String {
     let mut out = String::new();
-    let reason = status.reason();
+    let reason = Printable(status.reason()).to_string();
     let because = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
     let calibration = match status.calibration.state() {
         CalibrationState::Off => String::new(),

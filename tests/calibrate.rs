@@ -179,7 +179,13 @@ fn seeded_faults_turn_the_verdict() {
 
     save(&folder("swapped"), set.good.iter().map(|[l, r]| [r.clone(), l.clone()]));
     let (json, ok) = calibrate(&bench, &folder("swapped"), &BOARD);
-    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains("swapped"), "{json:#}");
+    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains("are swapped"), "{json:#}");
+
+    let turn = |picture: &Picture| -> Picture { picture.iter().rev().copied().collect() };
+    save(&folder("turned"), set.good.iter().map(|[l, r]| [turn(l), r.clone()]));
+    let (json, ok) = calibrate(&bench, &folder("turned"), &BOARD);
+    let words = "the left camera is upside down";
+    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains(words), "{json:#}");
 }
 
 #[test]

@@ -264,7 +264,7 @@ fn root_obeys_no_folder_that_another_user_laid_below_tmp() {
             &["restore-clocks"][..],
             &["status"],
             &["view", "--bind", "127.0.0.1:0"],
-            &["record", "recording.mcap"],
+            &["record", "--out", "recording.mcap"],
         ] {
             let (code, text) = lookout(args);
             assert!(code == Some(1) && text.contains("is owned by another user"), "{args:?}: {text}");

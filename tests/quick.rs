@@ -9,6 +9,7 @@ mod commands;
 mod evaluate;
 mod faults;
 mod features;
+mod package;
 mod pipeline;
 mod point_cloud;
 mod realtime;

@@ -1,9 +1,11 @@
 //! The file with the original values of the clocks. Root reads it, and its folder may have a name that others can
 //! predict: whose it is and what it is are therefore checked on the opened file, not on its path.
 
-use super::{ClockError, Saved};
+use super::device::Device;
+use super::hertz::ClockError;
 use rustix::fs::{AtFlags, Mode, OFlags, fstat, open, openat, unlinkat};
 use rustix::process::geteuid;
+use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -13,6 +15,14 @@ use std::path::{Path, PathBuf};
 
 /// Maximum size in bytes. A device takes about 100 bytes; no board has more than a few dozen clocks.
 const MAX_BYTES: u64 = 64 * 1024;
+
+/// Values of a device before they were changed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Saved {
+    #[serde(flatten)]
+    pub(super) device: Device,
+    pub(super) values: Vec<u64>,
+}
 
 /// The file with the original values of an instance's clocks.
 pub fn state_file(directory: &Path) -> PathBuf {

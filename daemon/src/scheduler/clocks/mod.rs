@@ -15,8 +15,7 @@ use super::sysfs::{Sysfs, matches};
 use device::{Device, DeviceKind, TK1_CPUQUIET, TK1_GPU};
 pub use hertz::{ClockError, Hertz};
 pub use kept::state_file;
-use kept::{Kept, keep};
-use serde::{Deserialize, Serialize};
+use kept::{Kept, Saved, keep};
 use std::path::{Path, PathBuf};
 
 /// A clock that reads less than this share of its target is too slow.
@@ -36,14 +35,6 @@ pub struct ClockSettings {
     pub gpu_by_override: bool,
     /// Patterns of the GPU's name in devfreq.
     pub gpu_device: String,
-}
-
-/// Values of a device before they were changed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Saved {
-    #[serde(flatten)]
-    device: Device,
-    values: Vec<u64>,
 }
 
 /// A controlled clock.

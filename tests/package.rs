@@ -61,6 +61,7 @@ fn the_copyright_of_the_package_lists_all_that_is_linked_in_with_its_terms() {
             ("crates/zstd-sys-", "", "BSD-3-Clause"),
             ("crates/lz4-sys-", "Yann Collet", "BSD-2-Clause"),
             ("crates/nalgebra-", "", "Apache-2.0"),
+            ("crates/unicode-ident-", "Unicode, Inc", "MIT or Apache-2.0, and Unicode-3.0"),
         ] {
             let found = files.iter().filter(|(key, _)| key.starts_with(crate_));
             let text: String = found.map(|(_, text)| text.as_str()).collect();

@@ -21,7 +21,7 @@ const OWN_SOURCES: [&str; 2] = ["iceoryx2-pal-posix", "signal-hook"];
 const KINDS: [(&str, &str, &str, &str); 10] = [
     ("Apache-2.0 WITH LLVM-exception", "--- LLVM Exceptions", "llvmexceptions", "\0"),
     ("Apache-2.0", "Apache License", "apachelicenseversion2.0,january2004", "llvmexceptions"),
-    ("MIT", "Permission is hereby granted", "permissionisherebygranted,freeofcharge", "\0"),
+    ("MIT", "Permission is hereby granted", "permissionisherebygranted,freeofcharge", "unicodelicense"),
     ("BSD-2-Clause", "Redistribution and use", "redistributionanduseinsource", "endorseorpromote"),
     ("BSD-3-Clause", "Redistribution and use", "endorseorpromote", "\0"),
     ("Zlib", "This software is provided", "notbemisrepresentedasbeingtheoriginal", "\0"),
@@ -132,7 +132,7 @@ fn parts(krate: &Crate) -> Result<Vec<Part>, String> {
     let mut parts = vec![Part {
         files: format!("crates/{name}-{version}/*"),
         copyright,
-        licence: krate.licence.replace('/', " OR "),
+        licence: krate.licence.split('/').map(str::trim).collect::<Vec<_>>().join(" OR "),
         comment,
         terms: files.iter().flat_map(|(_, text)| terms(text)).collect(),
     }];

@@ -1,31 +1,35 @@
 #!/usr/bin/env bash
 # Makes the Debian package, out of a binary that is already built.
 #
-#   systemd/package.sh [--binary FILE] [--tool FILE] [--out DIR]
+#   systemd/package.sh [--binary FILE] [--tool FILE] [--features LIST] [--out DIR]
 #
 # --binary FILE  the program that is packaged, for amd64 or arm64     [target/release/lookout]
 # --tool FILE    the same version for this machine: it writes manual pages and completions [the binary]
+# --features LIST  the features with which the program was built, beside the default ones: what they link in is listed
+#                in the package's copyright                          [none]
 # --out DIR      where the package goes                               [target/package]
 #
-# Needs dpkg-deb, strip (for arm64, aarch64-linux-gnu-strip), readelf and gzip. Prints the package's path.
+# Needs cargo with the crates of the build, dpkg-deb, strip (for arm64, aarch64-linux-gnu-strip), readelf and gzip.
+# Prints the package's path.
 # For arm64: systemd/cross-aarch64.sh builds the binary.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-binary=target/release/lookout tool= out=target/package
+binary=target/release/lookout tool= features= out=target/package
 while [ $# -gt 0 ]; do
   case $1 in
     --binary) binary=$2; shift 2 ;;
     --tool) tool=$2; shift 2 ;;
+    --features) features=$2; shift 2 ;;
     --out) out=$2; shift 2 ;;
-    *) sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    *) sed -n '2,15s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
   esac
 done
 tool=${tool:-$binary}
 [ -x "$binary" ] || { echo "package.sh: $binary is not there: cargo build --release" >&2; exit 1; }
 
 case $(readelf -h "$binary" | sed -n 's/ *Machine: *//p') in
-  *X86-64*) arch=amd64 strip=strip ;;
-  AArch64) arch=arm64 strip=aarch64-linux-gnu-strip ;;
+  *X86-64*) arch=amd64 triple=x86_64-unknown-linux-gnu strip=strip ;;
+  AArch64) arch=arm64 triple=aarch64-unknown-linux-gnu strip=aarch64-linux-gnu-strip ;;
   *) echo "package.sh: $binary is for no known machine" >&2; exit 1 ;;
 esac
 if [ "$arch" = "$(dpkg --print-architecture)" ]; then strip=strip; fi
@@ -70,26 +74,9 @@ complete bash usr/share/bash-completion/completions/lookout
 complete zsh usr/share/zsh/vendor-completions/_lookout
 complete fish usr/share/fish/vendor_completions.d/lookout.fish
 
-cat >"$root/usr/share/doc/lookout/copyright" <<EOF
-Format: https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/
-Upstream-Name: lookout
-
-Files: *
-Copyright: the lookout contributors
-License: MIT or Apache-2.0
-
-Files: models/*
-Copyright: the lookout contributors
-License: research
- For research and non-commercial use: /usr/share/lookout/models/README.md says why and
- /usr/share/doc/lookout/models-license is the text. The program holds this cascade, too.
-
-License: MIT
-$(sed 's/^$/./; s/^/ /' LICENSE-MIT)
-
-License: Apache-2.0
- On Debian systems, the text is in /usr/share/common-licenses/Apache-2.0.
-EOF
+# The terms of everything that is linked in, too.
+cargo run --quiet --release --locked -p lookout --example debian-copyright -- \
+  --target "$triple" --features "$features" >"$root/usr/share/doc/lookout/copyright"
 printf 'lookout (%s) unstable; urgency=medium\n\n  * As docs/ and README.md describe.\n\n -- The lookout project <lookout@lookout.invalid>  %s\n' \
   "$version" "$date" | gzip -9n >"$root/usr/share/doc/lookout/changelog.gz"
 

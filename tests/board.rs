@@ -1,6 +1,6 @@
 //! Heat and clocks: the daemon on a simulated board whose sensors heat up and whose clocks ignore what is set.
 
-use crate::support::{Bench, WATCHDOG};
+use crate::support::{Bench, Need, WATCHDOG, skip};
 use serde_json::Value;
 use std::path::Path;
 use std::time::Instant;
@@ -204,4 +204,80 @@ fn clocks_of_a_killed_daemon_are_restored() {
     assert!(daemon.wait().status.success());
     assert_eq!(board.clock(), pair("600000", "2400000"));
     board.bench.assert_clean();
+}
+
+/// Runs a shell script as another user without rights; returns whether that is possible and went well.
+fn as_another_user(script: &str, folder: &Path) -> bool {
+    std::process::Command::new("setpriv")
+        .args(["--reuid", "65534", "--regid", "65534", "--clear-groups", "sh", "-euc", script])
+        .current_dir(folder)
+        .stderr(std::process::Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success())
+}
+
+#[test]
+fn root_obeys_no_folder_that_another_user_laid_below_tmp() {
+    use std::os::unix::fs::PermissionsExt;
+    let board = Board::new(60.0);
+    board.set(&format!("{POLICY}/cpuinfo_min_freq"), "600000");
+    board.set(&format!("{POLICY}/cpuinfo_max_freq"), "2400000");
+    let open = |path: &Path, mode| {
+        std::fs::set_permissions(path, PermissionsExt::from_mode(mode)).expect("the mode is set");
+    };
+    // A /tmp of its own.
+    let tmp = board.bench.path("tmp");
+    std::fs::create_dir(&tmp).expect("a folder");
+    open(&tmp, 0o1777);
+    open(board.bench.folder.path(), 0o755);
+    if !as_another_user("true", &tmp) {
+        skip(Need::Namespaces, "only root can act as a second user");
+        return;
+    }
+    let (base, name) = (format!("lookout-{}", rustix::process::getuid().as_raw()), &board.bench.instance);
+    let config = |more: &str| {
+        let text = format!(
+            "[instance]\nname = \"{name}\"\n{more}[board]\nsysfs = \"{}\"\n",
+            board.bench.path("sys").display()
+        );
+        std::fs::write(board.bench.path("car.toml"), text).expect("the configuration is written");
+    };
+    let lookout = |args: &[&str]| {
+        let output = board.bench.command(args).env("TMPDIR", &tmp).output().expect("the binary runs");
+        let text = [output.stdout, output.stderr].concat();
+        (output.status.code(), String::from_utf8_lossy(&text).into_owned())
+    };
+    let file = r#"[{"kind":"CpuFreq","name":"policy0","values":[600000,9999000]}]"#;
+    let lay = format!("mkdir -p {name} && printf '%s' '{file}' >{name}/clocks.json");
+    board.set(&format!("{POLICY}/scaling_max_freq"), "1200000");
+    config("");
+    // A folder, and a link to a folder that this user owns.
+    std::fs::create_dir_all(board.bench.path("own").join(name)).expect("a folder");
+    std::fs::write(board.bench.path("own").join(name).join("clocks.json"), file).expect("a file");
+    for trap in [
+        format!("mkdir {base} && cd {base} && {lay}"),
+        format!("mkdir {base} && chmod 777 {base} && cd {base} && {lay} && chmod 777 {name}"),
+        format!("ln -s ../own {base}"),
+    ] {
+        assert!(as_another_user(&trap, &tmp), "{trap}");
+        for args in [
+            &["restore-clocks"][..],
+            &["status"],
+            &["view", "--bind", "127.0.0.1:0"],
+            &["record", "--out", "recording.mcap"],
+        ] {
+            let (code, text) = lookout(args);
+            assert!(code == Some(1) && text.contains("is owned by another user"), "{args:?}: {text}");
+        }
+        assert_eq!(board.clock(), pair("600000", "1200000"), "{trap}");
+        assert!(as_another_user(&format!("rm -rf {base}"), &tmp));
+    }
+    // A folder that the configuration names is obeyed by root, within the limits of the clock.
+    assert!(as_another_user(&format!("mkdir service && cd service && {lay}"), &tmp));
+    config(&format!("directory = \"{}\"\n", tmp.join("service").display()));
+    let (code, text) = lookout(&["status"]);
+    assert!(code == Some(1) && text.contains("runs as user 65534") && text.contains("sudo -u"), "{text}");
+    let (code, text) = lookout(&["restore-clocks"]);
+    assert!(code == Some(0) && text.contains("clocks restored: 1"), "{text}");
+    assert_eq!(board.clock(), pair("600000", "2400000"));
 }

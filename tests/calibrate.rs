@@ -179,7 +179,13 @@ fn seeded_faults_turn_the_verdict() {
 
     save(&folder("swapped"), set.good.iter().map(|[l, r]| [r.clone(), l.clone()]));
     let (json, ok) = calibrate(&bench, &folder("swapped"), &BOARD);
-    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains("swapped"), "{json:#}");
+    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains("are swapped"), "{json:#}");
+
+    let turn = |picture: &Picture| -> Picture { picture.iter().rev().copied().collect() };
+    save(&folder("turned"), set.good.iter().map(|[l, r]| [turn(l), r.clone()]));
+    let (json, ok) = calibrate(&bench, &folder("turned"), &BOARD);
+    let words = "the left camera is upside down";
+    assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains(words), "{json:#}");
 }
 
 #[test]
@@ -254,6 +260,36 @@ fn a_real_set_is_calibrated() {
     // Another board size is never guessed.
     let (json, ok) = calibrate(&bench, &folder, &["--board", "8x6", "--square-mm", "24.23"]);
     assert!(!ok && json["verdict"] == "redo", "{json:#}");
+}
+
+/// A real pair of cameras, with pictures turned by 180° or put into the other folder.
+#[test]
+fn upside_down_and_swapped_cameras_of_a_real_set_are_told_apart() {
+    let Some(folder) = shared_data("chessboard_sg1") else { return };
+    let bench = Bench::new();
+    for (name, is_turned, is_swapped, words) in [
+        ("left", [true, false], false, "the left camera is upside down"),
+        ("right", [false, true], false, "the right camera is upside down"),
+        ("both", [true, true], false, "or both cameras are upside down"),
+        ("swapped", [false, false], true, "are swapped"),
+    ] {
+        // Every third pair is enough.
+        for index in (1..30).step_by(3) {
+            for side in 0..2 {
+                let picture = folder.join(format!("{}{index}.jpg", ["left", "right"][side]));
+                let (mut pixels, width, height) = sources::folder::read_grey(&picture).unwrap();
+                if is_turned[side] {
+                    pixels.reverse();
+                }
+                let side = ["left", "right"][if is_swapped { 1 - side } else { side }];
+                std::fs::create_dir_all(bench.path(name).join(side)).unwrap();
+                let path = bench.path(name).join(side).join(format!("{index}.png"));
+                save_grey(&path, &pixels, width as u32, height as u32);
+            }
+        }
+        let (json, ok) = calibrate(&bench, &bench.path(name), &["--board", "9x6", "--square-mm", "24.23"]);
+        assert!(!ok && json["verdict"] == "redo" && reasons(&json).contains(words), "{name}: {json:#}");
+    }
 }
 
 #[test]

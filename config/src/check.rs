@@ -310,7 +310,7 @@ impl Checker<'_> {
         ordered(heartbeat, ("supervision.stop_grace_ms", c.supervision.stop_grace_ms as f64 / 2.0));
         // A hanging GPU must be detected before the stage counts as hanging, with time left for the CPU to match
         // the frame.
-        if c.stereo.backend != "cpu" {
+        if may_use_gpu(&c.stereo.backend, cfg!(feature = "gpu")) {
             ordered(
                 ("stereo.gpu_timeout_ms", c.stereo.gpu_timeout_ms),
                 (
@@ -364,6 +364,11 @@ impl Checker<'_> {
             self.add(place("source.fps"), text);
         }
     }
+}
+
+/// Whether a matcher on the GPU may run: `auto` uses one only where the build has it.
+fn may_use_gpu(backend: &str, is_built: bool) -> bool {
+    backend == "gpu" || (backend == "auto" && is_built)
 }
 
 /// "; did you mean X?" for the known name with the smallest edit distance.
@@ -461,19 +466,16 @@ name = \"a b\"
             ("[alarm]\ndistance_m = 80\n", "alarm.distance_m = 80 is too high: at most 60"),
             ("[supervision]\nheartbeat_ms = 3000\n", "because of supervision.liveness_deadline_ms"),
             (
-                "[stereo]\ngpu_timeout_ms = 2600\n",
+                "[stereo]\ngpu_timeout_ms = 2600\nbackend = \"gpu\"\n",
                 "car.toml:2: stereo.gpu_timeout_ms = 2600 is too high: at most 2500, because of supervision.liveness_deadline_ms",
             ),
             (
-                "[supervision]\nliveness_deadline_ms = 3000\n",
+                "[supervision]\nliveness_deadline_ms = 3000\n[stereo]\nbackend = \"gpu\"\n",
                 "stereo.gpu_timeout_ms = 2000 is too high: at most 1500",
             ),
         ] {
             assert!(errors(text)[0].contains(expected), "{:?}", errors(text));
         }
-        // On the CPU the GPU's timeout does not matter.
-        let cpu = "[stereo]\nbackend = \"cpu\"\ngpu_timeout_ms = 2600\n";
-        assert!(parse(cpu, Path::new("car.toml")).is_ok());
         let missing = load(Some(Path::new("/no/such.toml"))).unwrap_err().to_string();
         assert!(missing.contains("/no/such.toml") && missing.contains("orin-nano"), "{missing}");
     }
@@ -521,6 +523,28 @@ name = \"a b\"
             assert!(got.iter().all(|error| error.len() < 1200), "{}", got[0].len());
         }
         assert!(errors("[source]\npath = 1\n")[0].contains("a path of at most 4095 bytes, in quotes"));
+    }
+
+    #[test]
+    fn the_timeout_of_the_gpu_matters_only_where_a_gpu_may_be_used() {
+        for (backend, is_built, expected) in [
+            ("cpu", true, false),
+            ("cpu", false, false),
+            ("auto", true, true),
+            ("auto", false, false),
+            ("gpu", true, true),
+            ("gpu", false, true),
+        ] {
+            assert_eq!(may_use_gpu(backend, is_built), expected, "{backend}, {is_built}");
+        }
+        let short = |stereo: &str| {
+            let text = format!("[supervision]\nliveness_deadline_ms = 2500\n[stereo]\n{stereo}");
+            parse(&text, Path::new("car.toml"))
+        };
+        assert!(short("backend = \"cpu\"").is_ok());
+        assert!(short("backend = \"gpu\"").is_err());
+        // The default, `auto`.
+        assert_eq!(short("").is_err(), cfg!(feature = "gpu"), "{:?}", short("").err());
     }
 
     #[test]

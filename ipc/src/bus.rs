@@ -53,8 +53,10 @@ impl Bus {
     /// Joins the current run of an instance.
     ///
     /// # Errors
-    /// If the instance is not running, or its folders or shared memory cannot be used.
+    /// If the instance is not running, belongs to another user, or its folders or shared memory cannot be used.
     pub fn join(instance: &Instance) -> Result<Self, IpcError> {
+        // Here, too, because a reader that waits for a daemon joins whatever appears in its folder.
+        instance.check_owner().map_err(|e| IpcError::new("join", instance.name(), e.to_string()))?;
         let fail = |what: &str, reason: &dyn fmt::Debug| IpcError::new("name", what, reason);
         let root = instance.bus_directory();
         let root = Path::new(root.as_os_str().as_encoded_bytes())

@@ -9,6 +9,7 @@ use crate::node_counter;
 use crate::run_files::{Inventory, RunMark, RunPrefix, SHM, open_regular, sweep_dead_runs};
 use rustix::fs::{FlockOperation, Mode, OFlags, fchmod, flock, open, statvfs};
 use rustix::io::Errno;
+use rustix::process::geteuid;
 use std::fs::{DirBuilder, File, Metadata};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
@@ -82,6 +83,19 @@ pub enum InstanceError {
         /// The folder.
         path: PathBuf,
     },
+    /// It belongs to another user.
+    #[error(
+        "the daemon \"{name}\" runs as user {owner}, this is user {user}: only its own user can use its folder and \
+         shared memory"
+    )]
+    OtherUser {
+        /// Its name.
+        name: String,
+        /// User id of the owner of its folder.
+        owner: u32,
+        /// User id of this process.
+        user: u32,
+    },
     /// The path of its sockets would be too long.
     #[error(
         "{} is {excess} characters too long for the sockets in it: shorten instance.directory or instance.name",
@@ -127,10 +141,12 @@ impl Instance {
         Self { name: name.to_owned(), directory: base.join(name), is_default }
     }
 
-    /// The instance for a reader: as [`Self::new`] if its folder exists, else in the folder of the systemd service.
+    /// The instance for a reader: as [`Self::new`] if its folder exists, else in the folder of the systemd service. A
+    /// default folder that another user made counts only if the service has none either.
     pub fn find(name: &str, directory: &Path) -> Self {
         let here = Self::new(name, directory);
-        if here.owner().is_some() || !directory.as_os_str().is_empty() {
+        let is_usable = here.owner().is_some() && !here.has_foreign_base();
+        if is_usable || !directory.as_os_str().is_empty() {
             return here;
         }
         let service = Self::new(name, Path::new(SERVICE_DIRECTORY));
@@ -140,6 +156,48 @@ impl Instance {
     /// User id of the owner of its folder; `None` if the folder does not exist.
     pub fn owner(&self) -> Option<u32> {
         std::fs::symlink_metadata(&self.directory).ok().map(|m| m.uid())
+    }
+
+    /// Whether the base folder is the default one, exists, and is not a folder that only this user can write. Anybody
+    /// can create a folder or link of that name in /tmp.
+    fn has_foreign_base(&self) -> bool {
+        let base = self.directory.parent().unwrap_or(Path::new("/"));
+        self.is_default && std::fs::symlink_metadata(base).is_ok_and(|m| !is_private(&m))
+    }
+
+    /// Checks that the folder of the instance, if there is one, belongs to this process's user, and that no other user
+    /// can write it. Everybody who reads a file in it or attaches to its shared memory has to check this first.
+    ///
+    /// # Errors
+    /// [`InstanceError::OtherUser`] for another user's folder, [`InstanceError::Foreign`] for one that is a link, is
+    /// writable by others, or stands in their default base folder.
+    pub fn check_owner(&self) -> Result<(), InstanceError> {
+        if self.has_foreign_base() {
+            let base = self.directory.parent().unwrap_or(Path::new("/"));
+            return Err(InstanceError::Foreign { path: base.to_owned() });
+        }
+        let Ok(metadata) = std::fs::symlink_metadata(&self.directory) else { return Ok(()) };
+        let user = geteuid().as_raw();
+        if metadata.is_dir() && metadata.uid() != user {
+            return Err(InstanceError::OtherUser { name: self.name.clone(), owner: metadata.uid(), user });
+        }
+        if is_private(&metadata) {
+            Ok(())
+        } else {
+            Err(InstanceError::Foreign { path: self.directory.clone() })
+        }
+    }
+
+    /// As [`Self::check_owner`], but root may also use another user's folder if it does not stand in the default base
+    /// folder: that of the systemd service, or one that `instance.directory` names.
+    ///
+    /// # Errors
+    /// As [`Self::check_owner`].
+    pub fn check_owner_or_root(&self) -> Result<(), InstanceError> {
+        match self.check_owner() {
+            Err(InstanceError::OtherUser { .. }) if geteuid().is_root() && !self.is_default => Ok(()),
+            result => result,
+        }
     }
 
     /// Its name.
@@ -214,12 +272,14 @@ impl Instance {
     }
 }
 
-/// Whether it is a folder, not a link to one, that belongs to this user and that no other may write.
+/// Whether it is a folder of this process's user that no other user can write.
+fn is_private(metadata: &Metadata) -> bool {
+    metadata.is_dir() && metadata.uid() == geteuid().as_raw() && metadata.mode() & WRITABLE_BY_OTHERS == 0
+}
+
+/// Whether it is a private folder, not a link to one.
 fn is_own_folder(path: &Path) -> bool {
-    let is_own = |m: Metadata| {
-        m.is_dir() && m.uid() == rustix::process::geteuid().as_raw() && m.mode() & WRITABLE_BY_OTHERS == 0
-    };
-    std::fs::symlink_metadata(path).is_ok_and(is_own)
+    std::fs::symlink_metadata(path).is_ok_and(|m| is_private(&m))
 }
 
 /// Checks that no other user can replace what lies in a folder: it, the folders above it and the links on its path
@@ -230,7 +290,7 @@ fn check_trusted(path: &Path) -> Result<(), InstanceError> {
     const STICKY: u32 = 0o1000;
     // In a user namespace root's files may belong to another number.
     let root = std::fs::metadata("/").map_or(0, |m| m.uid());
-    let trusted = [0, root, rustix::process::geteuid().as_raw()];
+    let trusted = [0, root, geteuid().as_raw()];
     let is_foreign = |m: Metadata| {
         let replaceable = m.is_dir() && m.mode() & WRITABLE_BY_ALL != 0 && m.mode() & STICKY == 0;
         !trusted.contains(&m.uid()) || replaceable

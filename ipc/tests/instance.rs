@@ -120,3 +120,22 @@ fn a_removed_file_of_the_run_is_noticed() {
     std::fs::remove_dir(instance.bus_directory()).unwrap();
     assert_eq!(lock.missing_file(), Some(instance.bus_directory().as_path()));
 }
+
+#[test]
+fn a_folder_that_others_can_write_or_a_link_is_not_used() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new("own", folder.path());
+    instance.check_owner().unwrap();
+    std::fs::create_dir(instance.directory()).unwrap();
+    instance.check_owner().unwrap();
+    for (mode, is_safe) in [(0o777, false), (0o770, false), (0o755, true), (0o700, true)] {
+        std::fs::set_permissions(instance.directory(), PermissionsExt::from_mode(mode)).unwrap();
+        assert_eq!(instance.check_owner().is_ok(), is_safe, "{mode:o}");
+        assert_eq!(instance.check_owner_or_root().is_ok(), is_safe, "{mode:o}");
+    }
+    std::os::unix::fs::symlink(instance.directory(), folder.path().join("link")).unwrap();
+    let link = Instance::new("link", folder.path());
+    assert!(matches!(link.check_owner(), Err(InstanceError::Foreign { .. })));
+    assert!(lookout_ipc::bus::Bus::join(&link).is_err());
+}

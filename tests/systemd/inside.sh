@@ -42,6 +42,9 @@ if [ -e /opt/test/lookout.deb ]; then
     /usr/share/lookout/profiles/tk1.toml /usr/share/lookout/models/vehicle.xml; do
     [ -e "$file" ] || fail "$file is not in the package"
   done
+  for part in 'crates/iceoryx2-[0-9.]*' 'crates/zstd-sys-.*/zstd' 'crates/lz4-sys-.*/lz4'; do
+    grep -q "^Files: $part/\*$" /usr/share/doc/lookout/copyright || fail "the copyright does not list $part"
+  done
   systemctl is-enabled --quiet lookout && fail "it is enabled before it was configured"
   as_user lookout replay scene:street --limit 30 --lockstep --json >/run/replay.json || fail "replay"
   grep -q '"frames": 30' /run/replay.json || fail "replay: $(cat /run/replay.json)"

@@ -98,7 +98,7 @@ table! {
     adapter: Text(64) = "";
 
     /// A GPU that has not finished a frame within this time is treated as hanging: the CPU takes over, from this
-    /// frame on. At most half of `supervision.liveness_deadline_ms`.
+    /// frame on. At most half of `supervision.liveness_deadline_ms` where a GPU may be used.
     gpu_timeout_ms: Number(10.0, 60_000.0) in "ms" = DEFAULT_TIMEOUT.as_millis() as f64;
 }
 

@@ -55,20 +55,17 @@ pub fn silent(instance: &Instance) -> CommandError {
     }
 }
 
-/// Shared memory of a daemon is accessible to its own user only.
+/// Checks that the daemon belongs to this user, who alone can read its shared memory.
 ///
 /// # Errors
-/// If the daemon belongs to another user.
+/// If it does not; with a hint how to run `subcommand` as its user.
 pub fn check_owner(instance: &Instance, subcommand: &str) -> Result<(), CommandError> {
-    let (owner, user) = (instance.owner(), rustix::process::geteuid().as_raw());
-    match owner.filter(|&owner| owner != user) {
-        None => Ok(()),
-        Some(owner) => Err(CommandError::Other(format!(
-            "the daemon \"{}\" runs as user {owner}, this is user {user}: only its own user can read its \
-             shared memory; try: sudo -u '#{owner}' lookout {subcommand}",
-            instance.name()
-        ))),
-    }
+    instance.check_owner().map_err(|error| match error {
+        InstanceError::OtherUser { owner, .. } => {
+            CommandError::Other(format!("{error}; try: sudo -u '#{owner}' lookout {subcommand}"))
+        }
+        error => error.into(),
+    })
 }
 
 /// A flag that SIGINT, SIGTERM and SIGHUP set, so that a command can end in order: a process that is

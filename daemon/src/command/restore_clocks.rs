@@ -14,7 +14,8 @@ pub const HELP: &str = "Examples:
 
 The daemon restores the clocks itself when it ends. This command is for a daemon that was killed;
 the systemd service runs it after every stop. If there is nothing to restore it does nothing and
-succeeds.";
+succeeds. Only the daemon's own user, and root, can restore; root refuses a folder below /tmp that
+another user made, unless instance.directory names it.";
 
 #[derive(Args, Debug)]
 pub struct RestoreClocks {
@@ -25,6 +26,8 @@ pub struct RestoreClocks {
 pub fn run(args: &RestoreClocks, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "restore-clocks", Some("warn"))?;
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
+    // Root restores the clocks of the service, but obeys no folder that another user has laid below /tmp.
+    instance.check_owner_or_root()?;
     if instance.is_running() {
         return Err(CommandError::Other(format!(
             "the daemon \"{}\" is running and restores the clocks itself when it ends",

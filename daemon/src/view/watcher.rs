@@ -84,13 +84,15 @@ impl Watcher {
     }
 
     fn why_absent(&self) -> Option<String> {
+        // The daemon that is waited for may be another user's.
+        if let Err(error) = self.instance.check_owner() {
+            return Some(error.to_string());
+        }
         let name = self.instance.name();
         if !self.instance.is_running() || self.instance.prefix().is_none() {
             return Some(format!("no daemon named \"{name}\" is running: waiting for one"));
         }
-        let user = rustix::process::geteuid().as_raw();
-        let owner = self.instance.owner().filter(|owner| *owner != user)?;
-        Some(format!("the daemon \"{name}\" runs as user {owner}, this is user {user}"))
+        None
     }
 
     /// Follows one run to its end.

@@ -25,12 +25,24 @@ pub enum Crop {
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum RectificationError {
     /// The right camera is on the left side.
+    /// Two cameras that are both upside down have the same geometry; views of a board cannot tell these apart.
     #[error(
-        "the right camera is {offset_m:.4} m to the left of the left camera: the cameras, or their folders, are swapped"
+        "the right camera is {offset_m:.4} m to the left of the left camera: the cameras, or their folders, are swapped, or both cameras are upside down"
     )]
     Swapped {
         /// Distance in metres.
         offset_m: f64,
+    },
+    /// One camera is upside down relative to the other. Which one follows from the sides on which they are: seen from an
+    /// upright left camera, the right one is on the right.
+    #[error(
+        "the {side} camera is upside down relative to the other one (rolled by {roll_deg:.0}°): turn the camera, or its pictures, by 180°; if the cameras, or their folders, are swapped as well, it is the other one"
+    )]
+    UpsideDown {
+        /// `left` or `right`.
+        side: &'static str,
+        /// Angle between the upward directions of both images, in degrees, 90 to 180.
+        roll_deg: f64,
     },
     /// The cameras are not mounted side by side.
     #[error(
@@ -61,6 +73,9 @@ pub struct Rectification {
     /// x, y, width and height of the rectangle that both cameras cover, in rectified pixels.
     pub valid: [usize; 4],
 }
+
+/// Roll between the cameras above which one counts as upside down, in degrees: nearer to 180 than to 0.
+const MAX_ROLL_DEG: f64 = 90.0;
 
 /// Samples along a side of the image.
 const SAMPLES: usize = 24;
@@ -103,7 +118,7 @@ impl Rectification {
     /// second's.
     ///
     /// # Errors
-    /// If the cameras are swapped, are not side by side, or their fields of view do not overlap.
+    /// If the cameras are swapped, one is upside down, they are not side by side, or their fields of view do not overlap.
     pub fn new(
         cameras: &[Camera; 2],
         between: &Pose,
@@ -119,6 +134,13 @@ impl Rectification {
                 down_m: centre.y,
                 forward_m: centre.z,
             });
+        }
+        // Angle between the cameras' downward directions, in the first image.
+        let down = between.rotation.inverse() * Vector3::y();
+        let roll_deg = down.x.atan2(down.y).abs().to_degrees();
+        if roll_deg > MAX_ROLL_DEG {
+            let side = if centre.x < 0.0 { "left" } else { "right" };
+            return Err(RectificationError::UpsideDown { side, roll_deg });
         }
         if centre.x < 0.0 {
             return Err(RectificationError::Swapped { offset_m: -centre.x });

@@ -291,6 +291,36 @@ fn swapped_cameras_are_reported() {
 }
 
 #[test]
+fn an_upside_down_camera_is_told_from_swapped_cameras() {
+    let bench = Bench::new(12, 7);
+    let turned = |corners: &[Vector2<f64>]| -> Vec<Vector2<f64>> {
+        corners.iter().map(|c| Vector2::new(SIZE.0 as f64 - 1.0, SIZE.1 as f64 - 1.0) - c).collect()
+    };
+    for (left_is_turned, right_is_turned, expected) in
+        [(true, false, "the left camera is upside down"), (false, true, "the right camera is upside down")]
+    {
+        for slant in [0.0, 0.5, -0.5] {
+            // Rolled by less or more than half a turn, too.
+            let mut bench = Bench::new(12, 7);
+            bench.between.rotation = Rotation3::new(Vector3::z() * slant) * bench.between.rotation;
+            let turn = |p: Pair| Pair {
+                left: if left_is_turned { turned(&p.left) } else { p.left },
+                right: if right_is_turned { turned(&p.right) } else { p.right },
+            };
+            let pairs: Vec<Pair> = bench.pairs(0.1, 7).into_iter().map(turn).collect();
+            let error = calibrate(&bench.board, SIZE, &pairs, Lens::Radial2, Crop::Valid).unwrap_err();
+            assert!(error.to_string().starts_with(expected), "{slant}: {error}");
+        }
+    }
+    // Both: the geometry of swapped cameras.
+    let both = bench.pairs(0.1, 7).into_iter();
+    let both: Vec<Pair> = both.map(|p| Pair { left: turned(&p.left), right: turned(&p.right) }).collect();
+    let error = calibrate(&bench.board, SIZE, &both, Lens::Radial2, Crop::Valid).unwrap_err();
+    assert!(matches!(error, CalibrationError::Rectification(RectificationError::Swapped { .. })), "{error}");
+    assert!(error.to_string().contains("or both cameras are upside down"), "{error}");
+}
+
+#[test]
 fn wrong_corners_are_rejected() {
     let bench = Bench::new(14, 8);
     let mut pairs = bench.pairs(0.1, 8);

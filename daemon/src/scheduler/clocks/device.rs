@@ -4,6 +4,12 @@ use super::hertz::{ClockError, Hertz};
 use crate::scheduler::sysfs::Sysfs;
 use serde::{Deserialize, Serialize};
 
+/// Name of the GPU's clock in debugfs of the Jetson TK1.
+pub const TK1_GPU: &str = "gbus";
+
+/// Name of the TK1's switch for idle cores.
+pub const TK1_CPUQUIET: &str = "tegra_cpuquiet";
+
 /// Interface of the kernel to a clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DeviceKind {
@@ -79,14 +85,48 @@ impl Device {
         self.changed().iter().all(|file| sysfs.has(&self.file(file)))
     }
 
-    /// Whether name and values, which come from a file, are valid for such a device.
+    /// Whether name and values, which come from a file, can be those of a device that the daemon controls: the files
+    /// that it then writes are those of [`Self::changed`] for such a device, whether the board has it or not.
     pub fn is_sound(&self, values: &[u64]) -> bool {
-        let is_name = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-' | b':');
-        let name = self.name.as_bytes();
-        !name.is_empty()
-            && name[0] != b'.'
-            && name.iter().all(|&b| is_name(b))
-            && values.len() == self.changed().len()
+        let name = self.name.as_str();
+        let is_numbered = |prefix| {
+            let number: Option<&str> = name.strip_prefix(prefix);
+            number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let is_entry = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-' | b':');
+        let is_known = match self.kind {
+            DeviceKind::CpuFreq => is_numbered("policy") || is_numbered("cpu"),
+            DeviceKind::DevFreq => !name.is_empty() && !name.starts_with('.') && name.bytes().all(is_entry),
+            DeviceKind::Override => self.name == TK1_GPU,
+            DeviceKind::CpuQuiet => self.name == TK1_CPUQUIET,
+        };
+        let are_possible = match (self.kind, values) {
+            // Old kernels use 0 for "no maximum".
+            (DeviceKind::CpuFreq | DeviceKind::DevFreq, &[min, max]) => min <= max || max == 0,
+            (DeviceKind::Override, &[_, switch]) | (DeviceKind::CpuQuiet, &[switch]) => switch <= 1,
+            _ => false,
+        };
+        is_known && are_possible
+    }
+
+    /// Lowest and highest frequency of the device, in the unit of its files; `None` if the board does not tell them.
+    fn limits(&self, sysfs: &Sysfs) -> Option<(u64, u64)> {
+        let limit = |file| sysfs.number(&self.file(file)).ok();
+        if let (DeviceKind::CpuFreq, Some(low), Some(high)) =
+            (self.kind, limit("cpuinfo_min_freq"), limit("cpuinfo_max_freq"))
+        {
+            return Some((low, high));
+        }
+        let steps = self.steps(sysfs);
+        Some((steps.first()?.0 / self.unit(), steps.last()?.0 / self.unit()))
+    }
+
+    /// A frequency, in the unit of the device's files, within its limits; 0 stays, it means "no limit".
+    fn within_limits(&self, sysfs: &Sysfs, value: u64) -> u64 {
+        match self.limits(sysfs) {
+            Some((low, high)) if value > 0 && low <= high => value.clamp(low, high),
+            _ => value,
+        }
     }
 
     /// The values of the files that setting the clock changes.
@@ -106,13 +146,20 @@ impl Device {
         sysfs.write(&file, value).map_err(|source| ClockError::Refused { path: sysfs.path(&file), source })
     }
 
-    /// Restores saved values.
+    /// Restores saved values, frequencies within the limits of the device.
     ///
     /// # Errors
     /// When the kernel refuses.
     pub fn restore(&self, sysfs: &Sysfs, values: &[u64]) -> Result<(), ClockError> {
+        let within = |value| self.within_limits(sysfs, value);
         match (self.kind, values) {
-            (DeviceKind::CpuFreq | DeviceKind::DevFreq, &[min, max]) => self.set_range(sysfs, min, max),
+            (DeviceKind::CpuFreq | DeviceKind::DevFreq, &[min, max]) => {
+                self.set_range(sysfs, within(min), within(max))
+            }
+            (DeviceKind::Override, &[rate, state]) => {
+                self.write(sysfs, "rate", within(rate))?;
+                self.write(sysfs, "state", state)
+            }
             _ => self.changed().iter().zip(values).try_for_each(|(file, &v)| self.write(sysfs, file, v)),
         }
     }

@@ -2,18 +2,20 @@
 //!
 //! While the daemon controls the clocks, the original values are kept in a file beside the lock, so that
 //! `lookout restore-clocks` can restore them after a daemon was killed. The file holds devices and numbers, no paths:
-//! a user who can write it can change clocks, but no other file.
+//! a user who can write it can change clocks of the board within their limits, but no other file. Root uses it, too,
+//! so another user's file is refused ([`kept`]).
 
 mod device;
 mod hertz;
+mod kept;
 #[cfg(test)]
 mod tests;
 
 use super::sysfs::{Sysfs, matches};
-use device::{Device, DeviceKind};
+use device::{Device, DeviceKind, TK1_CPUQUIET, TK1_GPU};
 pub use hertz::{ClockError, Hertz};
-use serde::{Deserialize, Serialize};
-use std::io;
+pub use kept::state_file;
+use kept::{Kept, Saved, keep};
 use std::path::{Path, PathBuf};
 
 /// A clock that reads less than this share of its target is too slow.
@@ -33,14 +35,6 @@ pub struct ClockSettings {
     pub gpu_by_override: bool,
     /// Patterns of the GPU's name in devfreq.
     pub gpu_device: String,
-}
-
-/// Values of a device before they were changed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Saved {
-    #[serde(flatten)]
-    device: Device,
-    values: Vec<u64>,
 }
 
 /// A controlled clock.
@@ -87,7 +81,7 @@ impl Clocks {
             }
             clocks.extend(devices.into_iter().map(|device| Clock::new(device, wanted)));
             // The kernel of the TK1 switches idle cores off (cpuquiet).
-            let quiet = Device::new(DeviceKind::CpuQuiet, "tegra_cpuquiet");
+            let quiet = Device::new(DeviceKind::CpuQuiet, TK1_CPUQUIET);
             if quiet.is_there(sysfs) {
                 saved.push(Saved { values: quiet.save(sysfs)?, device: quiet });
             }
@@ -179,7 +173,7 @@ impl Clock {
 /// The GPU of the board.
 fn gpu(sysfs: &Sysfs, by_override: bool, patterns: &str) -> Option<Device> {
     if by_override {
-        return Some(Device::new(DeviceKind::Override, "gbus")).filter(|device| device.is_there(sysfs));
+        return Some(Device::new(DeviceKind::Override, TK1_GPU)).filter(|device| device.is_there(sysfs));
     }
     let names = sysfs.names("class/devfreq", "");
     let name = names.into_iter().find(|name| matches(patterns, name));
@@ -195,37 +189,19 @@ pub fn gpu_steps(board: &config::Board) -> Option<(String, Vec<Hertz>)> {
     (!steps.is_empty()).then_some((device.name, steps))
 }
 
-/// The file with the original values of an instance's clocks.
-pub fn state_file(directory: &Path) -> PathBuf {
-    directory.join("clocks.json")
-}
-
-/// Writes the original values atomically.
-fn keep(file: &Path, saved: &[Saved]) -> Result<(), ClockError> {
-    let state = |reason: String| ClockError::State { path: file.to_owned(), reason };
-    let text = serde_json::to_vec(saved).map_err(|error| state(error.to_string()))?;
-    let new = file.with_extension("new");
-    std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, file)).map_err(|e| state(e.to_string()))
-}
-
 /// Restores the values in `file` and removes it. Returns the number of devices, or `None` without a file.
 ///
 /// # Errors
-/// If the file is invalid, or the kernel refuses. The file is then kept.
+/// If the file is another user's or invalid, or the kernel refuses. The file is then kept.
 pub fn restore(sysfs: &Sysfs, file: &Path) -> Result<Option<usize>, ClockError> {
-    let state = |reason: String| ClockError::State { path: file.to_owned(), reason };
-    let text = match std::fs::read(file) {
-        Ok(text) => text,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(state(error.to_string())),
-    };
-    let saved: Vec<Saved> = serde_json::from_slice(&text).map_err(|error| state(error.to_string()))?;
+    let Some(kept) = Kept::open(file)? else { return Ok(None) };
+    let saved = kept.read()?;
     if let Some(wrong) = saved.iter().find(|saved| !saved.device.is_sound(&saved.values)) {
-        return Err(state(format!("invalid name or values of device \"{}\"", wrong.device.name)));
+        return Err(kept.invalid(format!("invalid name or values of device \"{}\"", wrong.device.name)));
     }
     // In reverse order; all of them, even if one is refused.
     let results: Vec<_> = saved.iter().rev().map(|s| s.device.restore(sysfs, &s.values)).collect();
     results.into_iter().collect::<Result<(), _>>()?;
-    std::fs::remove_file(file).map_err(|error| state(error.to_string()))?;
+    kept.remove()?;
     Ok(Some(saved.len()))
 }

@@ -226,6 +226,15 @@ fn a_state_file_can_name_nothing_but_clocks() {
         r#"[{"kind":"DevFreq","name":"..","values":[1,2]}]"#,
         r#"[{"kind":"DevFreq","name":"","values":[1,2]}]"#,
         r#"[{"kind":"DevFreq","name":"17000000.gpu","values":[1]}]"#,
+        r#"[{"kind":"DevFreq","name":"17000000.gpu","values":[2,1]}]"#,
+        r#"[{"kind":"DevFreq","name":"17000000.gpu","values":[-1,1.5]}]"#,
+        r#"[{"kind":"CpuFreq","name":"policy0/../../x","values":[1,2]}]"#,
+        r#"[{"kind":"CpuFreq","name":"policy","values":[1,2]}]"#,
+        r#"[{"kind":"CpuFreq","name":"cpufreq","values":[1,2]}]"#,
+        r#"[{"kind":"Override","name":"emc","values":[1,1]}]"#,
+        r#"[{"kind":"Override","name":"gbus","values":[1,2]}]"#,
+        r#"[{"kind":"CpuQuiet","name":"balanced","values":[1]}]"#,
+        r#"[{"kind":"CpuQuiet","name":"tegra_cpuquiet","values":[7]}]"#,
         r#"[{"kind":"Shell","name":"x","values":[1]}]"#,
         "no JSON",
     ] {
@@ -239,6 +248,69 @@ fn a_state_file_can_name_nothing_but_clocks() {
     assert!(restore(&tree.sysfs(), &kept).unwrap_err().to_string().contains("gone.gpu"));
     assert!(kept.exists());
     assert_eq!(snapshot(&tree), before);
+}
+
+#[test]
+fn values_are_restored_within_the_limits_of_the_device() {
+    let (orin, tk1) = (orin(), tk1());
+    let state = tempfile::tempdir().unwrap();
+    let kept = state_file(state.path());
+    let put_back = |tree: &Tree, text: &str| {
+        std::fs::write(&kept, text).unwrap();
+        assert_eq!(restore(&tree.sysfs(), &kept).unwrap(), Some(1));
+    };
+    put_back(&orin, r#"[{"kind":"CpuFreq","name":"policy0","values":[1,9000000]}]"#);
+    assert_eq!(orin.get(&file(POLICY, "scaling_min_freq")), "115200");
+    assert_eq!(orin.get(&file(POLICY, "scaling_max_freq")), "1510400");
+    put_back(&orin, r#"[{"kind":"DevFreq","name":"17000000.gpu","values":[0,18446744073709551615]}]"#);
+    assert_eq!(orin.get(&file(ORIN_GPU, "min_freq")), "0", "no limit");
+    assert_eq!(orin.get(&file(ORIN_GPU, "max_freq")), "624750000");
+    put_back(&tk1, r#"[{"kind":"Override","name":"gbus","values":[9000000000,1]}]"#);
+    assert_eq!(tk1.get(&file(GBUS, "override.gbus/rate")), "852000000");
+    put_back(&tk1, r#"[{"kind":"CpuFreq","name":"cpu3","values":[1,9000000]}]"#);
+    assert_eq!(tk1.get("devices/system/cpu/cpu3/cpufreq/scaling_max_freq"), "2320500");
+}
+
+#[test]
+fn only_a_regular_file_that_nobody_else_can_write_is_obeyed() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let tree = orin();
+    let before = snapshot(&tree);
+    let state = tempfile::tempdir().unwrap();
+    let kept = state_file(state.path());
+    let refused = |words: &str| {
+        let error = restore(&tree.sysfs(), &kept).unwrap_err().to_string();
+        assert!(error.contains("clocks.json") && error.contains(words), "{error}");
+        assert!(std::fs::symlink_metadata(&kept).is_ok(), "it is kept");
+        assert_eq!(snapshot(&tree), before);
+    };
+    let valid = r#"[{"kind":"CpuFreq","name":"policy0","values":[204000,408000]}]"#;
+    let elsewhere = state.path().join("elsewhere");
+    std::fs::write(&elsewhere, valid).unwrap();
+    symlink(&elsewhere, &kept).unwrap();
+    refused("symbolic links");
+    std::fs::remove_file(&kept).unwrap();
+    // A pipe that nobody writes.
+    let mode = rustix::fs::Mode::from_raw_mode(0o600);
+    rustix::fs::mknodat(rustix::fs::CWD, &kept, rustix::fs::FileType::Fifo, mode, 0).unwrap();
+    refused("no regular file");
+    std::fs::remove_file(&kept).unwrap();
+    std::fs::write(&kept, valid).unwrap();
+    std::fs::set_permissions(&kept, PermissionsExt::from_mode(0o666)).unwrap();
+    refused("only the owner");
+    std::fs::write(&kept, vec![b' '; 100_000]).unwrap();
+    std::fs::set_permissions(&kept, PermissionsExt::from_mode(0o600)).unwrap();
+    refused("at most 65536");
+    std::fs::write(&kept, valid).unwrap();
+    std::fs::set_permissions(state.path(), PermissionsExt::from_mode(0o777)).unwrap();
+    refused("only the owner");
+    std::fs::set_permissions(state.path(), PermissionsExt::from_mode(0o700)).unwrap();
+    assert_eq!(restore(&tree.sysfs(), &kept).unwrap(), Some(1));
+    // What is laid where the file is written is replaced, not followed.
+    std::fs::write(&elsewhere, "precious").unwrap();
+    symlink(&elsewhere, kept.with_extension("new")).unwrap();
+    drop(Clocks::take(&tree.sysfs(), &settings(800.0, 0.0), &kept).unwrap());
+    assert_eq!(std::fs::read_to_string(&elsewhere).unwrap(), "precious");
 }
 
 #[test]

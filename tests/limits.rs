@@ -58,7 +58,7 @@ fn scenes() {
     refused(
         &bench,
         &replay("scene:objects.toml"),
-        "objects.toml: 3800027 bytes: a scene has at most 1048576",
+        "objects.toml: 3700024 bytes: a scene has at most 1048576",
     );
 }
 

@@ -9,8 +9,8 @@ use crate::bounded_file::FileLimit;
 pub const SCENE: FileLimit =
     FileLimit { what: "a scene", bytes: 1 << 20, remedy: "give a TOML file as docs/scenes.md describes it" };
 
-/// Objects of a scene, with those of the rows beside its road. Each is a mesh of about 50 KiB in memory, and each frame
-/// goes through all of them. The largest scene of this project has 412.
+/// Objects of a scene, with those of the rows beside its road. Each is a mesh of up to 75 KiB in memory (a tree), and
+/// each frame goes through all of them. The largest scene of this project has 179.
 pub const MAX_SCENE_OBJECTS: usize = 5000;
 
 /// Waypoints of one value of a scene: one each second of the longest scene. Each evaluation goes through all of them.
@@ -26,7 +26,7 @@ pub const CALIBRATION: FileLimit = FileLimit {
     remedy: "give a rig file, or a calibration of OpenCV, ROS, Kalibr or KITTI",
 };
 
-/// Nesting of lists and maps in a YAML calibration. Kalibr's has 4 levels.
+/// Nesting of lists and maps in a YAML calibration.
 pub const MAX_YAML_DEPTH: usize = 16;
 
 /// Images and maps: PNG, JPEG, PNM, PFM. As many bytes as a decoded one may take.
@@ -53,7 +53,7 @@ pub const CASCADE: FileLimit = FileLimit {
 pub const CHECKPOINT: FileLimit =
     FileLimit { what: "a checkpoint", bytes: 256 << 20, remedy: "remove it to train from the start" };
 
-/// Results of a run, a line of JSON for each frame: twelve hours at 12.5 Hz.
+/// Results of a run, a line of JSON for each frame: half a million lines of 1 KiB.
 pub const RESULTS: FileLimit = FileLimit {
     what: "a file of results",
     bytes: 512 << 20,
@@ -67,13 +67,13 @@ pub const LABELS: FileLimit = FileLimit {
     remedy: "give the labels of one image in KITTI's format",
 };
 
-/// Labelled objects of one image. KITTI has up to 30.
+/// Labelled objects of one image.
 pub const MAX_LABELS: usize = 2000;
 
 /// Images of a folder: a camera's at 30 Hz for nine hours. The names are held in memory, and the head of each is read.
 pub const MAX_IMAGES: usize = 1_000_000;
 
-/// Folders below that of a data set. KITTI's raw data have 2000.
+/// Folders below that of a data set.
 pub const MAX_FOLDERS: usize = 100_000;
 
 /// Uncompressed bytes of a chunk of a recording; also those of a message outside of chunks.
@@ -82,10 +82,10 @@ pub const MAX_CHUNK_BYTES: u64 = 128 << 20;
 /// Messages of a chunk. One takes about 100 bytes in memory beside its data.
 pub const MAX_CHUNK_MESSAGES: usize = 1_000_000;
 
-/// Bytes of a schema, a channel or a metadata record. ROS's longest schemas have 100 KiB.
+/// Bytes of a schema, a channel or a metadata record.
 pub const MAX_DESCRIPTION_BYTES: u64 = 4 << 20;
 
-/// Topics of a recording, and its schemas and metadata records. Large robots have some hundred.
+/// Topics of a recording, and its schemas and metadata records.
 pub const MAX_TOPICS: usize = 4096;
 
 /// Bytes of all names, schemas' names and metadata that are kept of a recording.

@@ -34,6 +34,10 @@ const KINDS: [(&str, &str, &str, &str); 10] = [
 /// Where Debian keeps the text of a licence, so that a package need not.
 const APACHE: &str = "On Debian systems, the text is in /usr/share/common-licenses/Apache-2.0.";
 
+/// Where the package keeps the terms of the cascade.
+const RESEARCH: &str = "For research and non-commercial use: /usr/share/lookout/models/README.md says why and\n\
+                        /usr/share/doc/lookout/models-license is the text. The program holds this cascade, too.";
+
 /// A part of the program with its own notices.
 struct Part {
     files: String,
@@ -228,6 +232,51 @@ fn own_parts() -> Vec<Part> {
     ]
 }
 
+/// One text of a licence.
+struct Variant {
+    /// Without spaces, to compare.
+    squeezed: String,
+    text: String,
+    /// Indices of the parts that use it.
+    users: Vec<usize>,
+}
+
+/// Names and texts of all licences. Where the texts of one licence differ, the most frequent one has the plain name, and
+/// the parts that use another are changed to its name.
+fn licences(all: &mut [Part]) -> Vec<(String, String)> {
+    let mut texts: BTreeMap<&str, Vec<Variant>> = BTreeMap::new();
+    for (i, part) in all.iter().enumerate() {
+        let wanted = names(&part.licence);
+        for (kind, text) in &part.terms {
+            if *kind == "Apache-2.0" || !wanted.iter().any(|name| name == kind) {
+                continue;
+            }
+            let (known, squeezed) = (texts.entry(kind).or_default(), squeezed(text));
+            match known.iter_mut().find(|variant| variant.squeezed == squeezed) {
+                Some(variant) => variant.users.push(i),
+                None => known.push(Variant { squeezed, text: text.clone(), users: vec![i] }),
+            }
+        }
+    }
+    let mut licences =
+        vec![("Apache-2.0".to_owned(), APACHE.to_owned()), ("research".to_owned(), RESEARCH.to_owned())];
+    for (kind, mut variants) in texts {
+        variants.sort_by_key(|variant| std::cmp::Reverse(variant.users.len()));
+        for (k, variant) in variants.into_iter().enumerate() {
+            let mut name = kind.to_owned();
+            if let Some(&first) = variant.users.first().filter(|_| k > 0) {
+                let user = all[first].files.split('/').nth(1).unwrap_or("lookout");
+                name = format!("{kind}-{user}");
+                for &i in &variant.users {
+                    all[i].licence = rename(&all[i].licence, kind, &name);
+                }
+            }
+            licences.push((name, variant.text));
+        }
+    }
+    licences
+}
+
 /// The whole document. `root` is the folder of the project.
 ///
 /// # Errors
@@ -241,43 +290,7 @@ pub fn document(root: &Path, crates: &[Crate]) -> Result<String, String> {
     let mit = root.join("LICENSE-MIT");
     let mit = std::fs::read_to_string(&mit).map_err(|error| format!("{}: {error}", mit.display()))?;
     all[0].terms = terms(&mit);
-    // Texts of each licence without regard to spaces: the most frequent one has the plain name.
-    let mut texts: BTreeMap<&str, Vec<(String, String, Vec<usize>)>> = BTreeMap::new();
-    for (i, part) in all.iter().enumerate() {
-        let wanted = names(&part.licence);
-        for (kind, text) in
-            part.terms.iter().filter(|(kind, _)| *kind != "Apache-2.0" && wanted.iter().any(|n| n == kind))
-        {
-            let known = texts.entry(kind).or_default();
-            let same = squeezed(text);
-            match known.iter_mut().find(|(other, ..)| *other == same) {
-                Some((_, _, users)) => users.push(i),
-                None => known.push((same, text.clone(), vec![i])),
-            }
-        }
-    }
-    let mut licences: Vec<(String, String)> = vec![
-        ("Apache-2.0".into(), APACHE.into()),
-        (
-            "research".into(),
-            "For research and non-commercial use: /usr/share/lookout/models/README.md says why and\n\
-             /usr/share/doc/lookout/models-license is the text. The program holds this cascade, too."
-                .into(),
-        ),
-    ];
-    for (kind, variants) in &mut texts {
-        variants.sort_by_key(|(_, _, users)| std::cmp::Reverse(users.len()));
-        for (k, (_, text, users)) in variants.iter().enumerate() {
-            let users_name = |i: &usize| all[*i].files.split('/').nth(1).unwrap_or("lookout").to_owned();
-            let suffix = users.first().filter(|_| k > 0).map(users_name);
-            let short = suffix.map_or_else(|| (*kind).to_owned(), |suffix| format!("{kind}-{suffix}"));
-            licences.push((short.clone(), text.clone()));
-            for &i in users.iter().filter(|_| k > 0) {
-                let renamed: String = all[i].licence.clone();
-                all[i].licence = rename(&renamed, kind, &short);
-            }
-        }
-    }
+    let licences = licences(&mut all);
     let known: Vec<&String> = licences.iter().map(|(name, _)| name).collect();
     for part in &all {
         if let Some(name) = names(&part.licence).into_iter().find(|name| !known.contains(&name)) {

@@ -153,7 +153,7 @@ impl Pipeline {
     ) -> Result<FrameResult<'_>, PipelineError> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
-        header.source_ns = source_ns;
+        header.set_source_time(source_ns);
         header.width = self.format.width as u32;
         header.height = self.format.height as u32;
         let pair = place(&self.slots, Kind::Pair);

@@ -172,6 +172,12 @@ impl Header {
         Self { magic: MAGIC, version: VERSION, kind: kind as u16, ..Self::default() }
     }
 
+    /// Sets the source time, in ns. A time beyond [`MAX_SOURCE_NS`] becomes that: a source that gives such times seems to
+    /// stand still, which the alarm reports, while a message with them would be refused.
+    pub fn set_source_time(&mut self, source_ns: u64) {
+        self.source_ns = source_ns.min(MAX_SOURCE_NS);
+    }
+
     /// The header of the same frame for a message of another kind.
     pub fn forward(&self, kind: Kind) -> Self {
         Self { kind: kind as u16, ..*self }
@@ -302,6 +308,10 @@ mod tests {
         let late = Header { source_ns: 1 << 62, ..good };
         let error = late.check(Kind::Pair).unwrap_err().to_string();
         assert_eq!(error, "header: source_ns is 4611686018427387904, valid is 0 to 4000000000000000000");
+        // A source may give such a time.
+        let mut limited = good;
+        limited.set_source_time(u64::MAX);
+        assert_eq!(limited.check(Kind::Pair), Ok(()));
         // Unix time is a source time, too.
         assert_eq!(Header { source_ns: 1_800_000_000_000_000_000, ..good }.check(Kind::Pair), Ok(()));
         for (field, wrong) in good.invalid() {

@@ -264,7 +264,7 @@ impl Instance {
         }
         match DirBuilder::new().mode(FOLDER_MODE).create(&self.directory) {
             Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
-                return Err(io_error(&self.directory)(error));
+                Err(io_error(&self.directory)(error))
             }
             _ if is_own_folder(&self.directory) => Ok(created_base),
             _ => Err(InstanceError::Foreign { path: self.directory.clone() }),

@@ -10,8 +10,6 @@ use lookout_ipc::{command, pair};
 use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
 
-/// Distinguishes the runs of this process.
-
 /// A separate instance for each test, and its temporary folder.
 fn instance(name: &str) -> (tempfile::TempDir, Instance) {
     let folder = tempfile::tempdir().unwrap();

@@ -42,7 +42,7 @@ fn message(input: &[u8]) -> Option<(Kind, Header, Vec<u64>, usize)> {
 }
 
 /// Gives one field of a message another value: any, a share of its own, or one beside it.
-fn change(random: &mut Rng, input: &mut Vec<u8>, _other: &[u8]) {
+fn change(random: &mut Rng, input: &mut [u8]) {
     let wide = random.bool();
     let size = if wide { 8 } else { 4 };
     let Some(places) = input.len().checked_sub(1).map(|bytes| bytes / size).filter(|&places| places > 0)
@@ -180,6 +180,11 @@ fn message_views() {
         assert!(read(seed).is_ok(), "{:?}", read(seed));
     }
     let generate = &mut |random: &mut Rng| valid[random.usize(0..valid.len())].clone();
-    let format = Format { name: "messages::message_views", longest: 1 << 16, generate, change };
+    let format = Format {
+        name: "messages::message_views",
+        longest: 1 << 16,
+        generate,
+        change: |random, input, _| change(random, input),
+    };
     fuzz_format(format, |input, _| read(input));
 }

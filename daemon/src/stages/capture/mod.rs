@@ -241,7 +241,7 @@ impl Capture<'_> {
         // The capture time of a camera's pair is the time of its exposure.
         let mut header = Header::new(Kind::Pair);
         header.sequence = self.next;
-        header.source_ns = source_ns;
+        header.set_source_time(source_ns);
         header.capture_ns = capture_ns;
         self.send(host, loan, header, stamp, 0)
     }
@@ -367,7 +367,7 @@ impl Capture<'_> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
         header.attempt = attempt;
-        header.source_ns = source_ns;
+        header.set_source_time(source_ns);
         header.capture_ns = end_ns;
         self.send(host, loan, header, Stamp { begin_ns, end_ns }, read_ns).map(|()| true)
     }

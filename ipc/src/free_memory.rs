@@ -37,7 +37,7 @@ thread_local! {
     static REFUSED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Replaces the function of the C library in this program: as ftruncate(2), but a file of at most [`MAX_ALLOCATED_BYTES`]
+/// Replaces the function of the C library in this program: as ftruncate(2), but a file of at most `MAX_ALLOCATED_BYTES`
 /// in /dev/shm also gets its pages. If there are none left, the file is removed, because its creator would leave it
 /// behind half made, and the error is ENOSPC.
 ///

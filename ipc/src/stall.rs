@@ -2,7 +2,7 @@
 //!
 //! iceoryx2 waits without limit for some states of its files in shared memory, which only a process of the same user
 //! can cause: a truncated file, garbage in its structures. A thread that waits there hears neither a signal flag nor a
-//! timeout of ours. So each call into iceoryx2 runs inside a [`Guard`], and one thread of the process ends it if a call
+//! timeout of ours. So each call into iceoryx2 runs inside a `Guard`, and one thread of the process ends it if a call
 //! has not returned for [`LIMIT`]. A stage is then restarted by its scheduler, a scheduler by systemd.
 
 use std::io;

@@ -368,7 +368,10 @@ fn readers_join_when_shared_memory_is_full() {
     };
     top_up(&mut fill);
     assert_eq!(free(), 0);
-    for args in [&["status"][..], &["status", "--json"], &["record", "-o", "a.mcap", "--seconds", "1"]] {
+    // A process that enters a mount namespace starts in its root folder.
+    let recording = |name: &str| bench.path(name).display().to_string();
+    let (a, b) = (recording("a.mcap"), recording("b.mcap"));
+    for args in [&["status"][..], &["status", "--json"], &["record", "-o", &a, "--seconds", "1"]] {
         let output = run(args);
         assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
@@ -383,7 +386,7 @@ fn readers_join_when_shared_memory_is_full() {
     let cushion = cushion.find(|path| path.to_string_lossy().ends_with(".cushion")).unwrap();
     std::fs::remove_file(cushion).unwrap();
     top_up(&mut fill);
-    for args in [&["status"][..], &["record", "-o", "b.mcap", "--seconds", "1"]] {
+    for args in [&["status"][..], &["record", "-o", &b, "--seconds", "1"]] {
         let output = run(args);
         let errors = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{args:?}: {errors}");

@@ -463,7 +463,7 @@ mod tests {
             for frame in 1..6 {
                 let state = alarm.update(frame * PERIOD_NS, true, [bad]);
                 assert_eq!((state.level, state.nearest_m), (AlarmLevel::Standby, None), "{bad:?}");
-                let state = alarm.update(frame * PERIOD_NS, true, [bad, good]);
+                let state = alarm.update(frame * PERIOD_NS + PERIOD_NS / 2, true, [bad, good]);
                 assert_eq!(state.nearest_m, Some(30.0), "{bad:?}");
             }
         }

@@ -83,6 +83,7 @@ impl RemapTile {
     /// Index of the first byte of each group's window in an image of `bytes` bytes whose rows are `stride` bytes apart;
     /// `None` unless all 16 bytes of all three rows of every window lie in the image. The vectorised levels load them
     /// unchecked, so this holds for any tile, stride and image: nothing overflows.
+    #[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), allow(dead_code))]
     #[inline(always)]
     pub(super) fn window_starts(&self, bytes: usize, stride: usize) -> Option<[usize; LANES / 8]> {
         let mut starts = [0; LANES / 8];
@@ -98,6 +99,7 @@ impl RemapTile {
 }
 
 /// Bytes of a row of a group's window.
+#[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), allow(dead_code))]
 const WINDOW_BYTES: usize = 16;
 
 /// The operations that kernels are made of, as one instruction-set level implements them.

@@ -52,7 +52,7 @@ pub struct EvaluateDistance {
 }
 
 /// Default scenes: approaches, then silent ones.
-const SCENES: [&str; 18] = [
+pub(super) const SCENES: [&str; 18] = [
     "bus",
     "car-body",
     "green-belt",

@@ -1,5 +1,6 @@
 //! `lookout evaluate time`.
 
+use super::distance;
 use super::scene_run::SceneRun;
 use crate::command::config_args::{ConfigArgs, load};
 use crate::command::console::{progress, say};
@@ -76,30 +77,12 @@ pub struct EvaluateTime {
     pub json: bool,
 }
 
-/// Default scenes.
-const SCENES: [&str; 21] = [
-    "street",
-    "crest-traffic",
-    "dip-traffic",
-    "bus",
-    "car-body",
-    "green-belt",
-    "cone",
-    "car-rear",
-    "debris",
-    "stopped-car",
-    "crest",
-    "dip",
-    "slope",
-    "bend",
-    "roll",
-    "overtaken",
-    "next-lane",
-    "bridge",
-    "lamps",
-    "wet",
-    "textureless",
-];
+/// Default scenes with traffic; those of `evaluate distance` follow.
+const TRAFFIC: [&str; 3] = ["street", "crest-traffic", "dip-traffic"];
+
+fn default_scenes() -> Vec<String> {
+    TRAFFIC.into_iter().chain(distance::SCENES).map(String::from).collect()
+}
 
 /// Time of a session, in seconds: sessions have a clock of their own, and run beside each other with several threads.
 const SESSION_S: f64 = 300.0;
@@ -133,8 +116,7 @@ struct Visit {
 }
 
 fn conditions(args: &EvaluateTime) -> Result<Vec<Condition>, CommandError> {
-    let names: Vec<String> =
-        if args.scenes.is_empty() { SCENES.map(String::from).to_vec() } else { args.scenes.clone() };
+    let names: Vec<String> = if args.scenes.is_empty() { default_scenes() } else { args.scenes.clone() };
     let mut all = Vec::new();
     let mut first = None;
     for scene in names {

@@ -169,6 +169,7 @@ impl Pipeline {
             output.bytes = stage.work(&input.header, 0, payload, output.buffer.get_mut())?;
             output.header = input.header.forward(output.kind);
             output.header.faults |= stage.faults().0;
+            output.header.motion = stage.motion().unwrap_or(output.header.motion);
         }
         let [depth, regions, obstacles] = [Kind::Depth, Kind::Regions, Kind::Obstacles].map(|kind| {
             let slot = &self.slots[place(&self.slots, kind)];

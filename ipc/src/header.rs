@@ -3,6 +3,7 @@
 use crate::alarm::Faults;
 use crate::clock::monotonic_ns;
 use crate::copied::copy_out;
+use crate::motion::{MotionRecord, VehicleRecord};
 pub use crate::pipeline::{Kind, VERSION};
 use crate::pipeline::{PATH_LENGTH, Role};
 use crate::range::{
@@ -58,7 +59,7 @@ ranges! {
 
 /// The header of every message.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
 pub struct Header {
     pub(crate) magic: u32,
     pub(crate) version: u16,
@@ -94,6 +95,10 @@ pub struct Header {
     pub faults: u32,
     /// Padding; 0.
     pub(crate) reserved: u32,
+    /// What the vehicle reported; capture writes it.
+    pub vehicle: VehicleRecord,
+    /// The vehicle's own motion; the stage road writes it.
+    pub motion: MotionRecord,
     /// One stamp per stage, in the order of [`crate::pipeline::PATH`].
     pub stamps: [Stamp; PATH_LENGTH],
 }
@@ -121,6 +126,8 @@ ranges! {
         modes: within(0, modes::ALL),
         faults: within(0, Faults::ALL.0),
         reserved: PADDING,
+        vehicle: Nested,
+        motion: Nested,
         stamps: Each(Nested),
     }
 }

@@ -50,6 +50,7 @@ pub mod heat;
 pub mod idle;
 pub mod instance;
 mod message;
+pub mod motion;
 mod node_counter;
 pub mod pipeline;
 pub mod port;

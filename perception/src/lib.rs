@@ -26,6 +26,7 @@ pub mod excerpt;
 pub mod frame_clock;
 pub mod image;
 pub mod image_quality;
+pub mod motion;
 pub mod point_cloud;
 pub mod recognition;
 pub mod rectify;

@@ -9,6 +9,7 @@ mod road;
 mod soak;
 mod source;
 mod stereo;
+mod vehicle;
 
 pub use alarm::Alarm;
 pub use board::{Board, Clocks, Heat};
@@ -19,6 +20,7 @@ pub use road::{Regions, Road};
 pub use soak::Soak;
 pub use source::{Camera, Source};
 pub use stereo::{Calibration, Stereo};
+pub use vehicle::Vehicle;
 
 crate::table::configuration! {
     /// The whole configuration. [`Config::default`] is the profile `replay`.
@@ -26,6 +28,7 @@ crate::table::configuration! {
         instance: Instance,
         log: Log,
         source: Source,
+        vehicle: Vehicle,
         stereo: Stereo,
         calibration: Calibration,
         road: Road,

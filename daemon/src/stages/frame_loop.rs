@@ -40,6 +40,7 @@ pub fn run(mut host: Host, mut stage: Box<dyn FrameStage>) -> Result<(), HostErr
                     let end_ns = monotonic_ns();
                     let mut header = header.forward(output.kind);
                     header.faults |= stage.faults().0;
+                    header.motion = stage.motion().unwrap_or(header.motion);
                     header.set_stamp(host.role(), Stamp { begin_ns, end_ns });
                     loan.truncate(bytes);
                     *loan.header_mut() = header;

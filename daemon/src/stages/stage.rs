@@ -8,6 +8,7 @@ use messages::alarm::Faults;
 use messages::calibration::CalibrationRecord;
 use messages::device::DeviceRecord;
 use messages::header::{Header, Kind, MessageError};
+use messages::motion::{MotionRecord, VehicleRecord};
 use messages::source_time::SourceTimeRecord;
 use messages::typed::{Message, Output, Written};
 use perception::stereo::MatchError;
@@ -56,6 +57,12 @@ pub trait Stage: Sized {
         Faults::NONE
     }
 
+    /// The vehicle's own motion after the last frame, if the stage determines it; its header carries it to the following
+    /// stages.
+    fn motion(&self) -> Option<MotionRecord> {
+        None
+    }
+
     /// The device that the stage computes on; all zeros for the CPU.
     fn device(&self) -> DeviceRecord {
         DeviceRecord::default()
@@ -68,7 +75,7 @@ pub trait Stage: Sized {
 }
 
 /// Properties of a frame apart from the content of its message.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameContext {
     /// Number of the frame in its source, from 0.
     pub sequence: u64,
@@ -82,6 +89,10 @@ pub struct FrameContext {
     pub modes: u32,
     /// Self-checks that failed in earlier stages.
     pub faults: Faults,
+    /// What the vehicle reported.
+    pub vehicle: VehicleRecord,
+    /// The vehicle's own motion, behind the stage that determines it.
+    pub motion: MotionRecord,
 }
 
 impl FrameContext {
@@ -94,6 +105,8 @@ impl FrameContext {
             missed,
             modes: header.modes,
             faults: Faults(header.faults),
+            vehicle: header.vehicle,
+            motion: header.motion,
         }
     }
 }
@@ -123,6 +136,9 @@ pub trait FrameStage {
 
     /// See [`Stage::faults`].
     fn faults(&self) -> Faults;
+
+    /// See [`Stage::motion`].
+    fn motion(&self) -> Option<MotionRecord>;
 
     /// See [`Stage::device`].
     fn device(&self) -> DeviceRecord;
@@ -183,6 +199,10 @@ impl<S: Stage> FrameStage for Configured<S> {
 
     fn faults(&self) -> Faults {
         self.stage.faults()
+    }
+
+    fn motion(&self) -> Option<MotionRecord> {
+        self.stage.motion()
     }
 
     fn device(&self) -> DeviceRecord {

@@ -1,0 +1,171 @@
+//! The vehicle's own motion: part of every header.
+
+use crate::range::{ANY_U32, PADDING, ranges, within};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Bits of [`VehicleRecord::present`].
+pub mod present {
+    /// `speed_m_s` and `speed_age_s`.
+    pub const SPEED: u32 = 1;
+    /// `yaw_rate_rad_s` and `yaw_rate_age_s`.
+    pub const YAW_RATE: u32 = 2;
+    /// `steering_angle_rad`.
+    pub const STEERING_ANGLE: u32 = 4;
+    /// `is_braking`.
+    pub const BRAKE: u32 = 8;
+    /// `turn_indicator`.
+    pub const TURN_INDICATOR: u32 = 16;
+    /// `gear`.
+    pub const GEAR: u32 = 32;
+
+    /// All bits that have a meaning.
+    pub const ALL: u32 = 63;
+}
+
+/// Bits of [`VehicleRecord::faults`].
+pub mod vehicle_faults {
+    /// The bus cannot be opened, or nothing comes from it.
+    pub const NO_BUS: u32 = 1;
+    /// A configured signal has never been received.
+    pub const MISSING: u32 = 2;
+    /// A configured signal has not been received for too long.
+    pub const STALE: u32 = 4;
+    /// A value was out of its range.
+    pub const OUT_OF_RANGE: u32 = 8;
+
+    /// All bits that have a meaning.
+    pub const ALL: u32 = 15;
+}
+
+/// Bits of [`MotionRecord::health`].
+pub mod health {
+    /// The motion is known. Without it, all other fields mean nothing.
+    pub const KNOWN: u32 = 1;
+    /// Visual odometry measured the motion since the last frame.
+    pub const ODOMETRY: u32 = 2;
+    /// The speed of the vehicle's bus was used.
+    pub const BUS_SPEED: u32 = 4;
+    /// The yaw rate of the vehicle's bus was used.
+    pub const BUS_YAW_RATE: u32 = 8;
+    /// Odometry and bus disagree.
+    pub const DISAGREE: u32 = 16;
+    /// The vehicle stands still.
+    pub const STANDSTILL: u32 = 32;
+
+    /// All bits that have a meaning.
+    pub const ALL: u32 = 63;
+}
+
+/// Maximum speed, in m/s: four times that of any car on a public road.
+pub const MAX_SPEED_M_S: f64 = 300.0;
+/// Maximum acceleration, in m/s²: ten times that of emergency braking.
+pub const MAX_ACCELERATION_M_S2: f64 = 100.0;
+/// Maximum yaw rate, in rad/s: a vehicle that spins has less.
+pub const MAX_YAW_RATE_RAD_S: f64 = 20.0;
+/// Maximum age of a value of the bus, in seconds.
+pub const MAX_AGE_S: f64 = 60.0;
+/// Maximum angle of the steering wheel, in rad: four turns.
+pub const MAX_STEERING_ANGLE_RAD: f64 = 26.0;
+
+/// What the vehicle itself reported at the time of a frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+pub struct VehicleRecord {
+    /// Speed, in m/s, forwards positive.
+    pub speed_m_s: f64,
+    /// Time from the measurement of the speed to the frame, in seconds.
+    pub speed_age_s: f64,
+    /// Yaw rate, in rad/s, to the left positive.
+    pub yaw_rate_rad_s: f64,
+    /// Time from the measurement of the yaw rate to the frame, in seconds.
+    pub yaw_rate_age_s: f64,
+    /// Angle of the steering wheel, in rad, to the left positive.
+    pub steering_angle_rad: f64,
+    /// Which values are present: bits of [`present`].
+    pub present: u32,
+    /// What is wrong: bits of [`vehicle_faults`].
+    pub faults: u32,
+    /// Whether the brake is pressed.
+    pub is_braking: u32,
+    /// Turn indicators: 0 off, 1 left, 2 right, 3 both.
+    pub turn_indicator: u32,
+    /// Gear: 0 park, 1 reverse, 2 neutral, 3 forward.
+    pub gear: u32,
+    /// Padding; 0.
+    pub reserved: u32,
+}
+
+ranges! {
+    VehicleRecord as "header: vehicle" {
+        speed_m_s: within(-MAX_SPEED_M_S, MAX_SPEED_M_S),
+        speed_age_s: within(-MAX_AGE_S, MAX_AGE_S),
+        yaw_rate_rad_s: within(-MAX_YAW_RATE_RAD_S, MAX_YAW_RATE_RAD_S),
+        yaw_rate_age_s: within(-MAX_AGE_S, MAX_AGE_S),
+        steering_angle_rad: within(-MAX_STEERING_ANGLE_RAD, MAX_STEERING_ANGLE_RAD),
+        present: within(0, present::ALL),
+        faults: within(0, vehicle_faults::ALL),
+        is_braking: within(0, 1),
+        turn_indicator: within(0, 3),
+        gear: within(0, 3),
+        reserved: PADDING,
+    }
+}
+
+/// The vehicle's own motion at the time of a frame, from odometry and bus. Zero where no stage has determined it yet.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+pub struct MotionRecord {
+    /// Speed, in m/s, forwards positive.
+    pub speed_m_s: f64,
+    /// Its standard deviation, in m/s.
+    pub speed_sigma_m_s: f64,
+    /// Acceleration, in m/s².
+    pub acceleration_m_s2: f64,
+    /// Its standard deviation, in m/s².
+    pub acceleration_sigma_m_s2: f64,
+    /// Yaw rate, in rad/s, to the left positive.
+    pub yaw_rate_rad_s: f64,
+    /// Its standard deviation, in rad/s.
+    pub yaw_rate_sigma_rad_s: f64,
+    /// Position since the start of the run or the last reset, in metres: right, down, forward of the first camera.
+    pub position_m: [f64; 3],
+    /// Orientation since then as a unit quaternion: x, y, z, w.
+    pub orientation: [f64; 4],
+    /// What it is known from: bits of [`health`].
+    pub health: u32,
+    /// Number of image points that odometry agrees with in this frame.
+    pub inliers: u32,
+    /// Number of resets of position and orientation.
+    pub resets: u32,
+    /// Padding; 0.
+    pub reserved: u32,
+}
+
+ranges! {
+    MotionRecord as "header: motion" {
+        speed_m_s: within(-MAX_SPEED_M_S, MAX_SPEED_M_S),
+        speed_sigma_m_s: within(0.0, MAX_SPEED_M_S),
+        acceleration_m_s2: within(-MAX_ACCELERATION_M_S2, MAX_ACCELERATION_M_S2),
+        acceleration_sigma_m_s2: within(0.0, MAX_ACCELERATION_M_S2),
+        yaw_rate_rad_s: within(-MAX_YAW_RATE_RAD_S, MAX_YAW_RATE_RAD_S),
+        yaw_rate_sigma_rad_s: within(0.0, MAX_YAW_RATE_RAD_S),
+        position_m: crate::range::Each(within(-1e9, 1e9)),
+        orientation: crate::range::Each(within(-1.000_001, 1.000_001)),
+        health: within(0, health::ALL),
+        inliers: ANY_U32,
+        resets: ANY_U32,
+        reserved: PADDING,
+    }
+}
+
+impl MotionRecord {
+    /// Whether the motion is known.
+    pub fn is_known(&self) -> bool {
+        self.health & health::KNOWN != 0
+    }
+
+    /// Whether a bit of [`health`] is set.
+    pub fn has(&self, bit: u32) -> bool {
+        self.health & bit != 0
+    }
+}

@@ -3,7 +3,12 @@
 //! Axes of the vehicle are those of ISO 8855: speed forwards, yaw to the left positive. Axes of the camera are those of
 //! the image: x right, y down, z forward.
 
+pub mod camera_motion;
+pub mod corners;
+pub mod odometry;
+pub mod patch;
 pub mod pose;
+pub mod pyramid;
 pub mod vehicle;
 
 /// The vehicle's own motion at the time of a frame, in the plane of the road.

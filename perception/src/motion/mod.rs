@@ -5,6 +5,7 @@
 
 pub mod camera_motion;
 pub mod corners;
+pub mod filter;
 pub mod odometry;
 pub mod patch;
 pub mod pose;

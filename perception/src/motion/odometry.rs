@@ -169,6 +169,11 @@ impl Odometry {
         (self.pose, self.velocity, self.since_s, self.is_first) = (Pose::IDENTITY, None, 0.0, true);
     }
 
+    /// Whether what is measured next refers to the last frame, and not to an earlier one.
+    pub fn starts_anew(&self) -> bool {
+        self.since_s == 0.0
+    }
+
     /// From the camera of the last frame with a known motion to the first frame.
     pub fn pose(&self) -> Pose {
         self.pose

@@ -25,6 +25,8 @@ pub mod paint;
 pub mod plan;
 pub mod precipitation;
 pub mod props;
+#[cfg(test)]
+mod rigid_world;
 pub mod route;
 pub mod sensor;
 pub mod streets;
@@ -163,7 +165,8 @@ impl Scene {
         let (width, height) = camera.size;
         let world = &self.world;
         self.painter.light = world.light;
-        self.painter.to_world = world.to_world(self.time_s(index)).map(|axes| axes.map(|axis| axis.map(|v| v as f32)));
+        self.painter.to_world =
+            world.to_world(self.time_s(index)).map(|axes| axes.map(|axis| axis.map(|v| v as f32)));
         self.view.project(&camera, &world.surfaces);
         self.shades.project(&camera, &world.shades);
         let wet = world.is_wet();
@@ -220,6 +223,13 @@ impl Scene {
         self.world.place(self.time_s(index));
         self.draw(index, false, left);
         self.draw(index, true, right);
+    }
+
+    /// The object that the scene approaches: the nearest named one that is in the vehicle's path at the start, seen or not,
+    /// other than a bridge.
+    pub fn target(&mut self) -> Option<u16> {
+        self.world.place(0.0);
+        self.world.target(0.0)
     }
 
     /// Ground truth of pair `index`, without rendering it.

@@ -97,3 +97,11 @@ pub const MAX_MESSAGES: usize = 30_000_000;
 /// Chunks of a recording, with messages outside of chunks: 100 a second for eight hours. The index takes about 100 bytes
 /// for each.
 pub const MAX_CHUNKS: usize = 3_000_000;
+
+/// Length of a drive on a road with bends, in metres: its course is tabulated in steps of 0.5 m, and each frame goes
+/// through all of its strips. The longest of this project has 400 m.
+pub const MAX_BENDING_ROAD_M: f64 = 20_000.0;
+
+/// Roads that branch off the road of a scene. They lie half a millimetre below one another, and together above the
+/// pavements.
+pub const MAX_BRANCHES: usize = 16;

@@ -1,12 +1,15 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
+use crate::stages::vehicle_record::reading;
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::device::DeviceRecord;
 use messages::heat::HeatRecord;
+use messages::motion::VehicleRecord;
 use messages::realtime::Privilege;
 use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
 use serde::Serialize;
+use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
 
 /// The status as JSON.
@@ -27,6 +30,8 @@ pub struct StatusJson {
     nearest_m: Option<f64>,
     deadline: DeadlineJson,
     source_time: SourceTimeJson,
+    /// `None` if the vehicle reports nothing.
+    vehicle: Option<VehicleLine>,
     pacing: PacingJson,
     calibration: CalibrationJson,
     heat: HeatJson,
@@ -150,6 +155,7 @@ impl StatusJson {
                 repeats: status.source_time.repeats,
                 dropped_obstacles: status.source_time.dropped_obstacles,
             },
+            vehicle: (status.vehicle != VehicleRecord::default()).then(|| reading(&status.vehicle).into()),
             pacing: PacingJson {
                 rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),
                 wanted_hz: status.pacing.wanted_hz,

@@ -5,6 +5,7 @@ use crate::deadline::{DeadlineRecord, PacingRecord};
 use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
+use crate::motion::VehicleRecord;
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
 use crate::alarm::{Faults, LEVELS, RULES};
@@ -130,6 +131,8 @@ pub struct StatusRecord {
     pub device: DeviceRecord,
     /// What was wrong with the time of the source.
     pub source_time: SourceTimeRecord,
+    /// What the vehicle reported at the last result; all zeros if that was withdrawn.
+    pub vehicle: VehicleRecord,
     /// Reason for the state, padded with zeros; may be empty.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].
@@ -158,6 +161,7 @@ ranges! {
         rig: Nested,
         device: Nested,
         source_time: Nested,
+        vehicle: Nested,
         reason: AnyBytes,
         process: Each(Nested),
     }

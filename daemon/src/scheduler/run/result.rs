@@ -16,7 +16,7 @@ use messages::port::{Publisher, Sample};
 pub(super) struct LastResult {
     pub(super) alarm: AlarmRecord,
     pub(super) confirmed: u32,
-    header: Header,
+    pub(super) header: Header,
     at_ns: u64,
 }
 

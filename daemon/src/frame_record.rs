@@ -2,7 +2,9 @@
 
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::header::{Header, get_text};
+use messages::motion::{MotionRecord, health};
 use messages::obstacles::Obstacles;
+use tools::reporting::motion::MotionLine;
 use tools::reporting::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
 
 /// The record of a frame. Values that the message marks as absent become `None`.
@@ -16,6 +18,8 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
             horizon_px: tidy(alarm.horizon_px),
             confidence: tidy(alarm.confidence),
         }),
+        motion: motion_line(&header.motion),
+        path: Default::default(),
         alarm: AlarmLine {
             level: level_name(alarm.level).into(),
             rule: rule_name(alarm.rule).map(Into::into),
@@ -53,5 +57,51 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
                 in_path: o.in_path == 1,
             })
             .collect(),
+    }
+}
+
+/// The motion of a header; without values while it is unknown.
+pub fn motion_line(motion: &MotionRecord) -> MotionLine {
+    let known = motion.is_known();
+    let some = |value: f64| known.then(|| tidy(value));
+    MotionLine {
+        known,
+        sources: motion.sources().map(Into::into).collect(),
+        standstill: known && motion.has(health::STANDSTILL),
+        disagree: known && motion.has(health::DISAGREE),
+        speed_m_s: some(motion.speed_m_s),
+        speed_sigma_m_s: some(motion.speed_sigma_m_s),
+        acceleration_m_s2: some(motion.acceleration_m_s2),
+        acceleration_sigma_m_s2: some(motion.acceleration_sigma_m_s2),
+        yaw_rate_rad_s: some(motion.yaw_rate_rad_s),
+        yaw_rate_sigma_rad_s: some(motion.yaw_rate_sigma_rad_s),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::header::Kind;
+    use messages::obstacles::{self, AlarmRecord};
+
+    #[test]
+    fn the_motion_of_the_header_reaches_the_line() {
+        let mut memory = vec![0_u64; 4096];
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let alarm = AlarmRecord { nearest_m: f64::INFINITY, time_to_collision_s: f64::INFINITY, ..AlarmRecord::default() };
+        let bytes = obstacles::write(payload, alarm, &[]).unwrap();
+        let mut header = Header::new(Kind::Obstacles);
+        (header.width, header.height) = (64, 48);
+        header.motion = MotionRecord { speed_m_s: 8.25, yaw_rate_rad_s: -0.1, ..MotionRecord::default() };
+        let line = |header: &Header| {
+            let message = obstacles::view(header, &payload[..bytes]).unwrap();
+            serde_json::to_value(frame_record(header, &message)).unwrap()["motion"].clone()
+        };
+        let unknown = line(&header);
+        assert_eq!((&unknown["known"], &unknown["speed_m_s"]), (&false.into(), &serde_json::Value::Null));
+        header.motion.health = health::KNOWN | health::BUS_SPEED | health::STANDSTILL;
+        let known = line(&header);
+        assert_eq!((&known["speed_m_s"], &known["yaw_rate_rad_s"]), (&8.25.into(), &(-0.1).into()));
+        assert_eq!((&known["sources"][0], &known["standstill"]), (&"bus_speed".into(), &true.into()));
     }
 }

@@ -1,5 +1,6 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
+use crate::frame_record::motion_line;
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::device::DeviceRecord;
 use messages::heat::HeatRecord;
@@ -8,6 +9,7 @@ use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use tools::reporting::motion::MotionLine;
 
 /// The status as JSON.
 #[derive(Serialize)]
@@ -27,6 +29,7 @@ pub struct StatusJson {
     nearest_m: Option<f64>,
     deadline: DeadlineJson,
     source_time: SourceTimeJson,
+    motion: MotionLine,
     pacing: PacingJson,
     calibration: CalibrationJson,
     heat: HeatJson,
@@ -150,6 +153,7 @@ impl StatusJson {
                 repeats: status.source_time.repeats,
                 dropped_obstacles: status.source_time.dropped_obstacles,
             },
+            motion: motion_line(&status.motion),
             pacing: PacingJson {
                 rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),
                 wanted_hz: status.pacing.wanted_hz,

@@ -1,8 +1,10 @@
 //! Output formats: images, plots, overlays, frame records and run summaries.
 
 pub mod colour;
+pub mod motion;
 pub mod output;
 pub mod overlay;
+pub mod path;
 pub mod picture;
 pub mod plot;
 pub mod ply;

@@ -8,6 +8,7 @@ use messages::alarm::{self, Faults};
 use messages::bus::IpcError;
 use messages::clock::monotonic_ns;
 use messages::header::{Header, Kind};
+use messages::motion::MotionRecord;
 use messages::obstacles::{self, AlarmRecord, Newest};
 use messages::port::{Publisher, Sample};
 
@@ -16,6 +17,7 @@ use messages::port::{Publisher, Sample};
 pub(super) struct LastResult {
     pub(super) alarm: AlarmRecord,
     pub(super) confirmed: u32,
+    pub(super) motion: MotionRecord,
     header: Header,
     at_ns: u64,
 }
@@ -47,6 +49,7 @@ impl Results {
         if is_newer {
             self.last = Some(LastResult {
                 alarm: message.alarm,
+                motion: header.motion,
                 confirmed: message.obstacles.iter().filter(|o| o.confirmed == 1).count() as u32,
                 header,
                 at_ns: monotonic_ns(),

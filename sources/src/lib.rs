@@ -13,6 +13,7 @@
 //! | [`truth`] | data sets with ground truth: KITTI, Middlebury, LiDAR depth, labels |
 //! | [`rectified`] | rectification of another source's pairs |
 //! | [`rig_file`], [`calibration_file`] | calibration files: the rig file, OpenCV, ROS, Kalibr, KITTI |
+//! | [`motion_file`] | files of the vehicle's motion: `motion.csv`, KITTI's poses, OXTS |
 //! | [`limits`], [`bounded_file`] | what each reader takes at most, and how a file is read within it |
 //!
 //! ```
@@ -35,6 +36,7 @@ pub mod camera;
 pub mod chessboard;
 pub mod folder;
 pub mod limits;
+pub mod motion_file;
 pub mod recording;
 pub mod rectified;
 pub mod rig_file;

@@ -97,3 +97,23 @@ pub const MAX_MESSAGES: usize = 30_000_000;
 /// Chunks of a recording, with messages outside of chunks: 100 a second for eight hours. The index takes about 100 bytes
 /// for each.
 pub const MAX_CHUNKS: usize = 3_000_000;
+
+/// Files of a vehicle's motion: CSV, KITTI's poses, OXTS. [`MAX_MOTION_LINES`] of 90 bytes.
+pub const MOTION: FileLimit = FileLimit {
+    what: "a motion file",
+    bytes: 256 << 20,
+    remedy: "give motion.csv, KITTI's poses.txt or an OXTS table, of one drive",
+};
+
+/// Samples of a motion file: 100 a second for eight hours. Each takes 24 to 96 bytes in memory.
+pub const MAX_MOTION_LINES: usize = 3_000_000;
+
+/// Columns of a motion file. OXTS has 30.
+pub const MAX_MOTION_COLUMNS: usize = 256;
+
+/// DBC files. Those of whole vehicles have up to 5 MiB.
+pub const DBC: FileLimit = FileLimit {
+    what: "a DBC file",
+    bytes: 32 << 20,
+    remedy: "give the DBC file of the bus with your signals",
+};

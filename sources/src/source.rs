@@ -139,6 +139,14 @@ pub enum SourceError {
         /// Line or key, and the remedy.
         reason: String,
     },
+    /// An invalid file of the vehicle's motion.
+    #[error("{}: {reason}", path.display())]
+    Motion {
+        /// The file.
+        path: PathBuf,
+        /// Line or column, and the remedy.
+        reason: String,
+    },
     /// More files than a source may have.
     #[error("{}: more than {limit} {what}: {remedy}", path.display())]
     TooMany {

@@ -17,6 +17,10 @@ pub const ALARM: u32 = 3;
 /// Names of the rules, indexed by their numbers in messages.
 pub const RULES: [&str; 4] = ["none", "distance", "time_to_collision", "deceleration"];
 
+/// Whether an obstacle moves over ground, by number. Unknown is what the vehicle's own motion or the measurements do not
+/// tell.
+pub const MOVING: [&str; 3] = ["unknown", "standing", "moving"];
+
 /// Name of a level; an unknown number counts as `off`.
 pub fn level_name(level: u32) -> &'static str {
     LEVELS.get(level as usize).copied().unwrap_or(LEVELS[0])
@@ -25,6 +29,11 @@ pub fn level_name(level: u32) -> &'static str {
 /// Name of a rule; `None` for no rule or an unknown number.
 pub fn rule_name(rule: u32) -> Option<&'static str> {
     RULES.get(rule as usize).copied().filter(|_| rule > 0)
+}
+
+/// Name of a state of motion; an unknown number counts as `unknown`.
+pub fn moving_name(moving: u32) -> &'static str {
+    MOVING.get(moving as usize).copied().unwrap_or(MOVING[0])
 }
 
 /// Self-checks that failed, one bit each. Any of them switches the alarm off.

@@ -1,12 +1,11 @@
 //! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road model
 //! and up to [`MAX_COUNT`] tracked obstacles.
 
-use crate::alarm::{Faults, LEVELS, RULES};
+use crate::alarm::{Faults, LEVELS, MOVING, RULES};
 use crate::copied::{Records, copy_out};
 use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
 use crate::range::{
-    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, PADDING,
-    Ranged, SHARE, Within, ranges, within, within_or_infinite,
+    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, Ranged, SHARE, Within, ranges, within, within_or_infinite,
 };
 use super::regions::{CAMERA_HEIGHT_M, HORIZON_PX, SLOPE};
 use crate::typed::{Message, Output, Written};
@@ -30,8 +29,9 @@ pub struct AlarmRecord {
     pub faults: u32,
     /// 1 if the level differs from that of the previous frame, else 0.
     pub changed: u32,
-    /// Padding; 0.
-    pub reserved: u32,
+    /// 1 if the path follows from the vehicle's motion: the strip that its body sweeps. 0: the motion is unknown, the
+    /// path is the straight strip of the configuration, and the fields `path_…` are 0.
+    pub path_known: u32,
     /// Distance of the nearest obstacle in the path, in metres; infinite if there is none.
     pub nearest_m: f64,
     /// Time to collision of `track`, in seconds; infinite if its distance does not decrease, or it is lost.
@@ -50,7 +50,32 @@ pub struct AlarmRecord {
     pub confidence: f64,
     /// Height of the camera above the road, in metres.
     pub camera_height_m: f64,
+    /// Curvature of the path of the rear axle's centre, in 1/m, to the left positive.
+    pub path_curvature_per_m: f64,
+    /// Its standard deviation, in 1/m.
+    pub path_curvature_sigma_per_m: f64,
+    /// Half the width of the body, in metres; the front's overhang adds to it on the outer side of a bend.
+    pub path_half_width_m: f64,
+    /// Arc length from the rear axle from which the path follows the road's edges, in metres; 0 if it does not.
+    pub path_edges_from_m: f64,
+    /// Curvature from there on, in 1/m.
+    pub path_edges_curvature_per_m: f64,
+    /// Position of the camera to the right of the vehicle's centre line, in metres.
+    pub path_camera_right_m: f64,
+    /// Distance from the camera back to the rear axle, in metres.
+    pub path_rear_axle_m: f64,
+    /// Distance from the camera forward to the front of the body, in metres.
+    pub path_front_m: f64,
 }
+
+/// Maximum curvature of a path, in 1/m: a radius of 1 m, less than any vehicle's.
+const MAX_CURVATURE_PER_M: f64 = 1.0;
+/// Curvature with a sign.
+const CURVATURE: Within<f64> = within(-MAX_CURVATURE_PER_M, MAX_CURVATURE_PER_M);
+/// Maximum magnitude of a position within the vehicle, in metres: longer than any road vehicle.
+const MAX_BODY_M: f64 = 50.0;
+/// Position within the vehicle.
+const BODY_M: Within<f64> = within(-MAX_BODY_M, MAX_BODY_M);
 
 /// Maximum required deceleration, in m/s²: [`MAX_SPEED_M_S`] within 0.1 m.
 const MAX_DECELERATION_M_S2: f64 = MAX_SPEED_M_S * MAX_SPEED_M_S / (2.0 * 0.1);
@@ -62,7 +87,7 @@ ranges! {
         track: ANY_U32,
         faults: within(0, Faults::ALL.0),
         changed: FLAG,
-        reserved: PADDING,
+        path_known: FLAG,
         nearest_m: within_or_infinite(0.0, MAX_METRES),
         time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),
         required_deceleration_m_s2: within(0.0, MAX_DECELERATION_M_S2),
@@ -72,6 +97,14 @@ ranges! {
         horizon_px: HORIZON_PX,
         confidence: SHARE,
         camera_height_m: CAMERA_HEIGHT_M,
+        path_curvature_per_m: CURVATURE,
+        path_curvature_sigma_per_m: within(0.0, MAX_CURVATURE_PER_M),
+        path_half_width_m: within(0.0, MAX_BODY_M),
+        path_edges_from_m: METRES,
+        path_edges_curvature_per_m: CURVATURE,
+        path_camera_right_m: BODY_M,
+        path_rear_axle_m: BODY_M,
+        path_front_m: BODY_M,
     }
 }
 
@@ -99,8 +132,10 @@ pub struct ObstacleRecord {
     pub width_m: f64,
     /// Height in metres.
     pub height_m: f64,
-    /// Lateral speed in m/s; positive to the right.
+    /// Lateral speed in m/s; positive to the right. Over ground where `moving` is not 0, else relative to the camera.
     pub across_m_s: f64,
+    /// Speed over ground along z, in m/s; positive away from the camera. 0 where `moving` is 0.
+    pub along_m_s: f64,
     /// Closing speed in m/s; positive while the distance decreases.
     pub closing_m_s: f64,
     /// Standard deviation of the closing speed, in m/s.
@@ -111,8 +146,8 @@ pub struct ObstacleRecord {
     pub time_to_collision_sigma_s: f64,
     /// 1 if it is in the path of the vehicle, else 0.
     pub in_path: u32,
-    /// Padding; 0.
-    pub reserved: u32,
+    /// Whether it moves over ground: an index into [`crate::alarm::MOVING`]; 0 = unknown.
+    pub moving: u32,
     /// Score of the recognised class; 0 if none was recognised.
     pub score: f64,
     /// Name of the class, padded with zeros; `obstacle` if none was recognised.
@@ -139,12 +174,13 @@ ranges! {
         width_m: METRES,
         height_m: METRES,
         across_m_s: SPEED_M_S,
+        along_m_s: SPEED_M_S,
         closing_m_s: SPEED_M_S,
         closing_sigma_m_s: SPEED_SIGMA_M_S,
         time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),
         time_to_collision_sigma_s: within(0.0, MAX_COLLISION_S),
         in_path: FLAG,
-        reserved: PADDING,
+        moving: within(0, MOVING.len() as u32 - 1),
         score: within(0.0, MAX_SCORE),
         class: AnyBytes,
     }

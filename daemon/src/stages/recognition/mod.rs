@@ -93,7 +93,7 @@ impl RecognitionStage {
             track: state.track.unwrap_or(0),
             faults: faults.0,
             changed: u32::from(state.changed),
-            reserved: 0,
+            path_known: 0,
             nearest_m: state.nearest_m.unwrap_or(f64::INFINITY),
             time_to_collision_s: state.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
             required_deceleration_m_s2: state.required_deceleration_m_s2,
@@ -103,6 +103,7 @@ impl RecognitionStage {
             horizon_px: road.horizon_px,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
+            ..AlarmRecord::default()
         }
         .limited();
         self.records.clear();
@@ -259,12 +260,13 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
         width_m: track.width_m,
         height_m: track.region.height_m,
         across_m_s: track.lateral.speed_m_s(),
+        along_m_s: 0.0,
         closing_m_s: track.closing_m_s(),
         closing_sigma_m_s: track.longitudinal.closing_sigma_m_s(),
         time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
         time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
         in_path: u32::from(Candidate::of(track).is_in_the_way(path_width_m)),
-        reserved: 0,
+        moving: 0,
         score: score.map_or(0.0, f64::from),
         class,
     }

@@ -88,7 +88,11 @@ mod tests {
     fn the_motion_of_the_header_reaches_the_line() {
         let mut memory = vec![0_u64; 4096];
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-        let alarm = AlarmRecord { nearest_m: f64::INFINITY, time_to_collision_s: f64::INFINITY, ..AlarmRecord::default() };
+        let alarm = AlarmRecord {
+            nearest_m: f64::INFINITY,
+            time_to_collision_s: f64::INFINITY,
+            ..AlarmRecord::default()
+        };
         let bytes = obstacles::write(payload, alarm, &[]).unwrap();
         let mut header = Header::new(Kind::Obstacles);
         (header.width, header.height) = (64, 48);

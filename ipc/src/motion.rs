@@ -185,8 +185,11 @@ impl MotionRecord {
 }
 
 /// Names of the bits of [`health`] that say what the motion is known from.
-pub const SOURCES: [(u32, &str); 3] =
-    [(health::ODOMETRY, "odometry"), (health::BUS_SPEED, "bus_speed"), (health::BUS_YAW_RATE, "bus_yaw_rate")];
+pub const SOURCES: [(u32, &str); 3] = [
+    (health::ODOMETRY, "odometry"),
+    (health::BUS_SPEED, "bus_speed"),
+    (health::BUS_YAW_RATE, "bus_yaw_rate"),
+];
 
 impl fmt::Display for MotionRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -15,7 +15,9 @@ mod evaluate;
 mod man;
 mod number;
 mod obstacles;
+mod odometry;
 mod one_pair;
+mod own_motion;
 mod point_cloud;
 mod record;
 mod rectify;
@@ -96,6 +98,9 @@ pub enum Command {
     /// Detect road and obstacles in one pair
     #[command(after_help = obstacles::HELP)]
     Obstacles(obstacles::Obstacles),
+    /// Compute the own motion of a recording: poses in KITTI's format
+    #[command(after_help = odometry::HELP)]
+    Odometry(odometry::Odometry),
     /// Calibrate a stereo camera from pictures of a chessboard, and grade the result
     #[command(after_help = calibrate::HELP)]
     Calibrate(calibrate::Calibrate),
@@ -160,6 +165,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Compare(args) => compare::run(&args),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::Odometry(args) => odometry::run(&args, log),
         Command::Calibrate(args) => calibrate::run(&args, log),
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rig::run(&args),

@@ -189,6 +189,10 @@ impl Feed {
         }
         if self.plan.topics.scene {
             self.put_message(encode::scene(stamp, &record, &self.rig));
+            if header.motion.has_pose() {
+                let motion = &header.motion;
+                self.put_message(encode::odometry(stamp, motion.position_m, motion.orientation));
+            }
         }
         if message.alarm.level == messages::alarm::ALARM {
             self.put(Item::Alarm { time_ns: stamp.time_ns });

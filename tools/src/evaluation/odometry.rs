@@ -41,13 +41,13 @@ pub struct TruthFrame {
 pub struct Truth {
     /// Its frames.
     pub frames: Vec<TruthFrame>,
-    /// Whether speed and yaw rate were measured (OXTS), instead of following from the poses. Such poses are planar: height
-    /// is not compared.
-    pub is_measured: bool,
+    /// Whether the poses are planar (OXTS): height is not compared, and between two poses the measured speed and yaw rate
+    /// are the truth instead of the difference of the poses.
+    pub is_planar: bool,
 }
 
 impl Truth {
-    /// The truth of a path of the camera. `times_s` are the times of the frames where the path has none.
+    /// The truth of a path of the camera: planar if it comes with measured speed and yaw rate. `times_s` are the times of the frames where the path has none.
     pub fn new(path: &Trajectory, times_s: &[f64]) -> Self {
         let times_s = if path.times_s.is_empty() { times_s } else { &path.times_s };
         let is_measured = !path.speed_m_s.is_empty() && !path.yaw_rate_rad_s.is_empty();
@@ -62,7 +62,10 @@ impl Truth {
             speed_m_s,
             yaw_rate_rad_s,
         };
-        Self { frames: times_s.iter().zip(&path.poses).zip(rates).map(frame).collect(), is_measured }
+        Self {
+            frames: times_s.iter().zip(&path.poses).zip(rates).map(frame).collect(),
+            is_planar: is_measured,
+        }
     }
 }
 
@@ -159,7 +162,8 @@ pub struct OdometryScore {
 /// have one entry per frame; what exceeds the shorter one is ignored.
 pub fn score(truth: &Truth, estimate: &[EstimateFrame], rear_axle_m: f64) -> OdometryScore {
     let frames = truth.frames.len().min(estimate.len());
-    let both = Both { truth: &truth.frames[..frames], estimate: &estimate[..frames], is_planar: truth.is_measured };
+    let both =
+        Both { truth: &truth.frames[..frames], estimate: &estimate[..frames], is_planar: truth.is_planar };
     let distances_m = both.distances();
     let parts: Vec<Part> =
         LENGTHS_M.iter().flat_map(|&length_m| both.parts(&distances_m, length_m)).collect();
@@ -171,7 +175,7 @@ pub fn score(truth: &Truth, estimate: &[EstimateFrame], rear_axle_m: f64) -> Odo
         unknown_percent: (unknown < frames).then(|| tidy(100.0 * unknown as f64 / frames as f64)),
         drift: LENGTHS_M.into_iter().filter_map(of_length).collect(),
         drift_all: mean_drift(&parts, |_| true),
-        frame_to_frame: rate_errors(both.frame_to_frame(truth.is_measured)),
+        frame_to_frame: rate_errors(both.frame_to_frame()),
         filtered: rate_errors(both.filtered().map(|frame| (frame.speed, frame.yaw_rate))),
         path: both.path_errors(rear_axle_m),
         consistency: both.consistency(),
@@ -269,7 +273,8 @@ impl<'a> Both<'a> {
     /// Length of the true path up to each frame.
     fn distances(&self) -> Vec<f64> {
         let mut sum_m = 0.0;
-        let steps = self.truth.windows(2).map(|w| size(relative(&w[0].pose, &w[1].pose).translation_m, false));
+        let steps =
+            self.truth.windows(2).map(|w| size(relative(&w[0].pose, &w[1].pose).translation_m, false));
         let sums = std::iter::once(0.0).chain(steps).map(|step_m| {
             sum_m += step_m;
             sum_m
@@ -296,12 +301,12 @@ impl<'a> Both<'a> {
     }
 
     /// Errors of speed and yaw rate between successive poses. What was measured is taken in the middle between both.
-    fn frame_to_frame(self, is_measured: bool) -> impl Iterator<Item = (f64, f64)> + 'a {
+    fn frame_to_frame(self) -> impl Iterator<Item = (f64, f64)> + 'a {
         self.truth.windows(2).zip(self.estimate.windows(2)).filter_map(move |(truth, estimate)| {
             let seconds = truth[1].time_s - truth[0].time_s;
             let (speed, yaw_rate) =
                 step_rates(&estimate[0].pose, &estimate[1].pose, seconds, self.is_planar)?;
-            let (true_speed, true_yaw_rate) = if is_measured {
+            let (true_speed, true_yaw_rate) = if self.is_planar {
                 let mean = |value: fn(&TruthFrame) -> f64| 0.5 * (value(&truth[0]) + value(&truth[1]));
                 (mean(|frame| frame.speed_m_s), mean(|frame| frame.yaw_rate_rad_s))
             } else {
@@ -443,11 +448,17 @@ mod tests {
             .poses
             .iter()
             .enumerate()
-            .map(|(i, &pose)| EstimateFrame { pose, motion: (i % 2 == 0).then(|| moving(10.3, 0.02).unwrap()) })
+            .map(|(i, &pose)| EstimateFrame {
+                pose,
+                motion: (i % 2 == 0).then(|| moving(10.3, 0.02).unwrap()),
+            })
             .collect();
         let score = score(&truth, &estimate, 0.0);
         for drift in score.drift.iter().chain(&score.drift_all) {
-            assert!((drift.translation_percent - 2.0).abs() < 1e-3 && drift.rotation_deg_per_m == 0.0, "{drift:?}");
+            assert!(
+                (drift.translation_percent - 2.0).abs() < 1e-3 && drift.rotation_deg_per_m == 0.0,
+                "{drift:?}"
+            );
         }
         assert!((score.frame_to_frame.unwrap().speed_rms_m_s - 0.2).abs() < 1e-6);
         let filtered = score.filtered.unwrap();
@@ -472,7 +483,10 @@ mod tests {
         assert!((drift.rotation_deg_per_m - 0.573).abs() < 0.02, "{drift:?}");
         assert!((score.frame_to_frame.unwrap().yaw_rate_rms_rad_s - 0.1).abs() < 1e-6);
         // Poses alone say nothing of the filtered motion.
-        assert_eq!((score.unknown_percent, score.filtered, score.path, score.consistency), (None, None, None, None));
+        assert_eq!(
+            (score.unknown_percent, score.filtered, score.path, score.consistency),
+            (None, None, None, None)
+        );
     }
 
     #[test]
@@ -505,7 +519,7 @@ mod tests {
         path.yaw_rate_rad_s = vec![0.1; 5];
         path.times_s = vec![0.0, 0.1, 0.1, 0.2, 0.3];
         let truth = Truth::new(&path, &[]);
-        assert!(truth.is_measured && truth.frames.len() == 5);
+        assert!(truth.is_planar && truth.frames.len() == 5);
         let estimate = vec![EstimateFrame { pose: Pose::IDENTITY, motion: moving(9.0, 0.1) }; 7];
         let score = score(&truth, &estimate, 0.0);
         assert_eq!((score.frames, score.frame_to_frame.unwrap().frames), (5, 3));

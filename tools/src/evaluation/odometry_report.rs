@@ -5,7 +5,7 @@ use crate::reporting::output::OutputError;
 use crate::reporting::svg::{Plot, Series};
 use perception::motion::pose::Pose;
 use serde::Serialize;
-use std::fmt::{self, Write};
+use std::fmt;
 use std::path::Path;
 
 /// Names of the plots below the output folder.
@@ -38,9 +38,7 @@ impl fmt::Display for OdometryReport {
         for Drift { length_m, parts, translation_percent, rotation_deg_per_m } in &s.drift {
             writeln!(f, "{length_m:>8.0} {parts:>8} {translation_percent:>10.2} {rotation_deg_per_m:>12.4}")?;
         }
-        for (what, errors) in
-            [("frame to frame", &s.frame_to_frame), ("filtered", &s.filtered)]
-        {
+        for (what, errors) in [("frame to frame", &s.frame_to_frame), ("filtered", &s.filtered)] {
             if let Some(RateErrors { frames, speed_rms_m_s, yaw_rate_rms_rad_s }) = errors {
                 writeln!(
                     f,
@@ -125,7 +123,7 @@ fn rates(truth: &Truth, estimate: &[EstimateFrame]) -> [Plot; 2] {
         .zip(estimate.windows(2))
         .filter_map(|(t, e)| {
             let (speed, yaw_rate) =
-                step_rates(&e[0].pose, &e[1].pose, t[1].time_s - t[0].time_s, truth.is_measured)?;
+                step_rates(&e[0].pose, &e[1].pose, t[1].time_s - t[0].time_s, truth.is_planar)?;
             Some((0.5 * (t[0].time_s + t[1].time_s) - start_s, speed, yaw_rate))
         })
         .collect();
@@ -150,50 +148,14 @@ fn rates(truth: &Truth, estimate: &[EstimateFrame]) -> [Plot; 2] {
             ..Plot::default()
         }
     };
-    [
-        plot("speed", "m/s", |row| row.1),
-        plot("yaw rate, to the left positive", "rad/s", |row| row.2),
-    ]
+    [plot("speed", "m/s", |row| row.1), plot("yaw rate, to the left positive", "rad/s", |row| row.2)]
 }
-
-/// A pose as a line of KITTI's `poses.txt`: the 3×4 matrix, row by row.
-pub fn pose_line(pose: &Pose) -> String {
-    let mut line = String::with_capacity(200);
-    for (row, at) in pose.rotation.iter().zip(pose.translation_m) {
-        for value in row.iter().chain([&at]) {
-            if !line.is_empty() {
-                line.push(' ');
-            }
-            // Nine digits: a rotation that is read back is one, and kilometres keep their micrometres.
-            let _ = write!(line, "{value:.9e}");
-        }
-    }
-    line
-}
-
-/// The rotation of a unit quaternion x, y, z, w, with a position in metres; `None` if it is none.
-pub fn pose_of(orientation: [f64; 4], position_m: [f64; 3]) -> Option<Pose> {
-    let norm = orientation.iter().map(|q| q * q).sum::<f64>().sqrt();
-    if (norm - 1.0).abs() > MAX_QUATERNION_ERROR || position_m.iter().any(|v| !v.is_finite()) {
-        return None;
-    }
-    let [x, y, z, w] = orientation.map(|q| q / norm);
-    let rotation = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ];
-    Some(Pose { rotation, translation_m: position_m })
-}
-
-/// How far the length of a quaternion may be from 1.
-const MAX_QUATERNION_ERROR: f64 = 1e-3;
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use perception::motion::Motion;
-    use sources::motion_file::{Trajectory, read_poses};
+    use sources::motion_file::Trajectory;
 
     fn bend() -> (Truth, Vec<EstimateFrame>) {
         let pose = |i: usize, scale: f64| {
@@ -241,31 +203,5 @@ mod tests {
         assert!(save_plots(&folder.path().join("none"), &truth, &estimate).is_err());
         // Nothing to draw is no reason to fail.
         save_plots(folder.path(), &Truth::default(), &[]).unwrap();
-    }
-
-    #[test]
-    fn written_poses_are_read_back() {
-        let (_, estimate) = bend();
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("poses.txt");
-        let text: String = estimate.iter().map(|frame| pose_line(&frame.pose) + "\n").collect();
-        std::fs::write(&file, text).unwrap();
-        let read = read_poses(&file).unwrap().poses;
-        assert_eq!(read.len(), 40);
-        for (a, b) in read.iter().zip(&estimate) {
-            let apart = a.inverse().after(&b.pose);
-            assert!(apart.angle_rad() < 1e-8 && apart.translation_m.iter().all(|v| v.abs() < 1e-6));
-        }
-    }
-
-    #[test]
-    fn a_quaternion_is_its_rotation() {
-        let half = 0.15_f64;
-        let pose = pose_of([0.0, -half.sin(), 0.0, half.cos()], [1.0, 2.0, 3.0]).unwrap();
-        let expected = Pose::from_rotation_vector([0.0, -0.3, 0.0]);
-        assert!((pose.yaw_rad() - 0.3).abs() < 1e-12 && pose.translation_m == [1.0, 2.0, 3.0]);
-        assert!(pose.inverse().after(&expected).angle_rad() < 1e-12);
-        assert_eq!(pose_of([0.0; 4], [0.0; 3]), None);
-        assert_eq!(pose_of([0.0, 0.0, 0.0, 1.0], [f64::NAN, 0.0, 0.0]), None);
     }
 }

@@ -8,6 +8,7 @@ pub mod path;
 pub mod picture;
 pub mod plot;
 pub mod ply;
+pub mod poses;
 pub mod record;
 pub mod summary;
 pub mod svg;

@@ -2,6 +2,7 @@
 
 use crate::reporting::overlay::OverlayInput;
 use crate::reporting::record::tidy;
+use perception::rig::Rig;
 use serde::{Deserialize, Serialize};
 
 /// The path of a frame. Curvature is positive to the left; positions are right and forward of the left camera, on the
@@ -20,17 +21,6 @@ pub struct PathLine {
     pub right_m: Vec<[f64; 2]>,
 }
 
-/// Camera of the pictures that a path is drawn into.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PathCamera {
-    /// Focal length, in px.
-    pub focal_px: f64,
-    /// Baseline, in metres.
-    pub baseline_m: f64,
-    /// Column of the principal point, in px.
-    pub cx_px: f64,
-}
-
 /// Rounds the points of an edge to centimetres: strips are drawn, not computed with.
 pub fn edge(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     points.map(|point| point.map(|metres| tidy((metres * 100.0).round() / 100.0))).collect()
@@ -38,13 +28,13 @@ pub fn edge(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
 
 /// Column and row of points on the road, where the road's profile has them: a place at a distance lies in the row whose
 /// disparity belongs to it.
-pub fn on_road(camera: PathCamera, profile_px: &[f32], points: &[[f64; 2]]) -> Vec<(f64, f64)> {
+pub fn on_road(rig: &Rig, profile_px: &[f32], points: &[[f64; 2]]) -> Vec<(f64, f64)> {
     points
         .iter()
         .filter(|[_, z]| *z > 0.0)
         .filter_map(|&[x, z]| {
-            let row = row_of(profile_px, camera.focal_px * camera.baseline_m / z)?;
-            Some((camera.cx_px + camera.focal_px * x / z, row))
+            let row = row_of(profile_px, rig.focal_px * rig.baseline_m / z)?;
+            Some((rig.cx_px + rig.focal_px * x / z, row))
         })
         .collect()
 }
@@ -64,7 +54,7 @@ fn row_of(profile_px: &[f32], disparity_px: f64) -> Option<f64> {
 impl PathLine {
     /// Both edges in the left image, where the road is seen: column, row.
     pub fn in_image(&self, input: &OverlayInput<'_>) -> [Vec<(f64, f64)>; 2] {
-        [&self.left_m, &self.right_m].map(|points| on_road(input.camera, input.profile_px, points))
+        [&self.left_m, &self.right_m].map(|points| on_road(&input.rig, input.profile_px, points))
     }
 }
 
@@ -72,7 +62,7 @@ impl PathLine {
 mod tests {
     use super::*;
 
-    const CAMERA: PathCamera = PathCamera { focal_px: 500.0, baseline_m: 0.2, cx_px: 320.0 };
+    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 320.0, cy_px: 200.0 };
 
     #[test]
     fn points_lie_in_the_rows_of_their_distances() {
@@ -80,12 +70,12 @@ mod tests {
         let profile: Vec<f32> =
             (0..480).map(|y| if y > 210 { (y - 200) as f32 * 0.16 } else { 0.0 }).collect();
         let points = [[1.0, 10.0], [-1.0, 20.0], [0.0, 60.0], [0.0, -1.0], [0.0, 0.5]];
-        let drawn = on_road(CAMERA, &profile, &points);
+        let drawn = on_road(&RIG, &profile, &points);
         // 60 m is above what is seen of the road, 0.5 m is below the picture.
         assert_eq!(drawn.len(), 2);
         for ((x, y), (u, v)) in drawn.into_iter().zip([(370.0, 262.5), (295.0, 231.25)]) {
             assert!((x - u).abs() < 1e-6 && (y - v).abs() < 1e-3, "{x} {y}");
         }
-        assert!(on_road(CAMERA, &[], &points).is_empty() && on_road(CAMERA, &[3.0; 9], &points).is_empty());
+        assert!(on_road(&RIG, &[], &points).is_empty() && on_road(&RIG, &[3.0; 9], &points).is_empty());
     }
 }

@@ -3,6 +3,10 @@
 //! Axes of the vehicle are those of ISO 8855: speed forwards, yaw to the left positive. Axes of the camera are those of
 //! the image: x right, y down, z forward.
 
+pub mod body;
+pub mod curvature;
+pub mod path;
+pub mod planar;
 pub mod pose;
 pub mod vehicle;
 
@@ -21,4 +25,20 @@ pub struct Motion {
     pub yaw_rate_rad_s: f64,
     /// Standard deviation of the yaw rate, in rad/s.
     pub yaw_rate_sigma_rad_s: f64,
+}
+
+impl Motion {
+    /// Whether all its numbers are finite: with another one nothing can be predicted.
+    pub fn is_finite(&self) -> bool {
+        [
+            self.speed_m_s,
+            self.speed_sigma_m_s,
+            self.acceleration_m_s2,
+            self.acceleration_sigma_m_s2,
+            self.yaw_rate_rad_s,
+            self.yaw_rate_sigma_rad_s,
+        ]
+        .iter()
+        .all(|v| v.is_finite())
+    }
 }

@@ -1,8 +1,13 @@
 //! Kalman filters of one obstacle: distance and closing speed, and lateral position and speed.
 //!
+//! Where the vehicle's own motion is known, the speeds are over ground, along axes that turn with the camera: a standing
+//! thing has none, and what the own motion adds is known ([`ground`]). Else they are relative to the camera.
+//!
 //! The measured quantity is the disparity, whose noise is uniform. Motion is uniform in distance. The state
 //! is therefore in metres, where a constant closing speed is linear, and the noise of each measurement is the
 //! disparity noise converted at the predicted distance.
+
+pub mod ground;
 
 /// Smallest distance, in metres.
 const MIN_DISTANCE_M: f64 = 0.3;
@@ -64,7 +69,10 @@ impl OutlierRun {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ConstantVelocityFilter {
     position: f64,
+    /// Over ground if the own motion is known, else relative to the camera.
     speed: f64,
+    /// Rate that the own motion adds to the speed; 0 if the speed is relative.
+    own_rate: f64,
     /// Covariance: position², position·speed, speed².
     p: [f64; 3],
     /// CUSUM statistic of the normalised innovations, with exponential forgetting.
@@ -79,6 +87,7 @@ impl ConstantVelocityFilter {
         Self {
             position,
             speed: 0.0,
+            own_rate: 0.0,
             p: [sigma * sigma, 0.0, speed_sigma * speed_sigma],
             cusum: 0.0,
             outliers: OutlierRun::default(),
@@ -91,6 +100,11 @@ impl ConstantVelocityFilter {
         self.position += self.speed * t;
         let [a, b, c] = self.p;
         self.p = [a + 2.0 * t * b + t * t * c + q * t.powi(3) / 3.0, b + t * c + q * t * t / 2.0, c + q * t];
+    }
+
+    /// Rate of the position, relative to the camera.
+    fn rate(&self) -> f64 {
+        self.speed + self.own_rate
     }
 
     /// Updates the state with a measurement. An outlier gets a larger noise, so that a single bad frame has
@@ -163,11 +177,13 @@ impl DistanceFilter {
         Self { scale, filter: ConstantVelocityFilter::new(distance, sigma, INITIAL_CLOSING_SIGMA_M_S) }
     }
 
+    fn process_noise(&self) -> f64 {
+        if self.filter.is_manoeuvring() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE }
+    }
+
     /// Predicts the state `elapsed_s` seconds ahead at constant closing speed.
     pub fn predict(&mut self, elapsed_s: f64) {
-        let process_noise =
-            if self.filter.is_manoeuvring() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE };
-        self.filter.predict(elapsed_s, process_noise);
+        self.filter.predict(elapsed_s, self.process_noise());
         self.filter.position = self.filter.position.max(MIN_DISTANCE_M);
     }
 
@@ -184,7 +200,7 @@ impl DistanceFilter {
 
     /// Distance in metres and its rate in m/s.
     pub(super) fn state(&self) -> (f64, f64) {
-        (self.filter.position, self.filter.speed)
+        (self.filter.position, self.filter.rate())
     }
 
     /// Updates the state with a linearised measurement of a function of distance and rate, given by its
@@ -237,7 +253,12 @@ impl DistanceFilter {
 
     /// Closing speed (decrease of the distance), in m/s.
     pub fn closing_m_s(&self) -> f64 {
-        -self.filter.speed
+        -self.filter.rate()
+    }
+
+    /// Speed away from the camera, in m/s: over ground where the own motion is known, else relative.
+    pub fn speed_m_s(&self) -> f64 {
+        self.filter.speed
     }
 
     /// Standard deviation of the closing speed, in m/s.
@@ -294,7 +315,12 @@ impl LateralFilter {
         self.filter.position
     }
 
-    /// Lateral speed to the right, in m/s.
+    /// Standard deviation of the lateral position, in metres.
+    pub fn lateral_sigma_m(&self) -> f64 {
+        self.filter.sigma()
+    }
+
+    /// Lateral speed to the right, in m/s: over ground where the own motion is known, else relative to the camera.
     pub fn speed_m_s(&self) -> f64 {
         self.filter.speed
     }

@@ -5,6 +5,9 @@
 //! (m), closing speed (m/s), time to collision (s) and lateral motion (m, m/s), each with its standard
 //! deviation.
 //!
+//! With the vehicle's own motion ([`Tracker::update_with_motion`]) tracks are predicted along with it, their speeds are
+//! over ground, and each says whether it stands or moves ([`filter::ground`]).
+//!
 //! A gap or a step back in time ([`crate::frame_clock`]) ends all tracks; a repeated time changes none.
 //!
 //! Regions are assigned to tracks by minimum total cost ([`assign`]) of disparity difference, box overlap and
@@ -18,10 +21,14 @@ pub mod filter;
 pub mod scale_change;
 
 use crate::frame_clock::{FrameClock, TimeStep};
+use crate::motion::Motion;
+use crate::motion::body::Body;
+use crate::motion::planar::{OwnRates, PlanarStep};
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use assign::Assignment;
 use classification::Classification;
+use filter::ground::{Filters, Movement};
 use filter::{DistanceFilter, LateralFilter, TimeToCollision};
 
 /// An obstacle that is tracked from frame to frame.
@@ -53,6 +60,10 @@ pub struct Track {
     pub width_jitter: f64,
     /// Accumulated classification.
     pub classification: Classification,
+    /// Whether it moves over ground; unknown while the own motion is.
+    pub movement: Movement,
+    /// Standard deviation of the closing speed of a standing thing in its place, in m/s.
+    own_sigma_m_s: f64,
     /// Box and distance of the last detection.
     last: (PixelBox, f64),
     /// Whether that box is truncated by the border of the area that both cameras see.
@@ -65,14 +76,33 @@ impl Track {
         self.longitudinal.distance_m()
     }
 
-    /// Closing speed (decrease of the distance), in m/s.
+    /// Closing speed (decrease of the distance), in m/s: the own speed if it stands.
     pub fn closing_m_s(&self) -> f64 {
-        self.longitudinal.closing_m_s()
+        match self.movement {
+            Movement::Standing => self.longitudinal.own_closing_m_s(),
+            _ => self.longitudinal.closing_m_s(),
+        }
+    }
+
+    /// Standard deviation of the closing speed, in m/s.
+    pub fn closing_sigma_m_s(&self) -> f64 {
+        match self.movement {
+            Movement::Standing => self.own_sigma_m_s,
+            _ => self.longitudinal.closing_sigma_m_s(),
+        }
     }
 
     /// Time to collision at constant closing speed; `None` if the track does not approach significantly.
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
-        self.longitudinal.time_to_collision()
+        match self.movement {
+            Movement::Standing => self.longitudinal.standing_time_to_collision(self.own_sigma_m_s),
+            _ => self.longitudinal.time_to_collision(),
+        }
+    }
+
+    /// Its filters.
+    fn filters(&mut self) -> Filters<'_> {
+        Filters { longitudinal: &mut self.longitudinal, lateral: &mut self.lateral }
     }
 
     /// Whether all its numbers mean something: finite, and within what a stereo camera can measure.
@@ -194,6 +224,9 @@ pub struct Tracker {
     next_id: u32,
     clock: FrameClock,
     dropped: u64,
+    body: Body,
+    /// What the own motion adds in this frame; `None` while it is unknown, and the speeds of all tracks are relative.
+    own: Option<OwnRates>,
 }
 
 impl Tracker {
@@ -210,7 +243,15 @@ impl Tracker {
             next_id: 1,
             clock: FrameClock::default(),
             dropped: 0,
+            body: Body::default(),
+            own: None,
         }
+    }
+
+    /// The same for this vehicle.
+    #[must_use]
+    pub fn with_body(self, body: Body) -> Self {
+        Self { body, ..self }
     }
 
     /// All tracks, oldest first.
@@ -238,8 +279,18 @@ impl Tracker {
     }
 
     /// Updates the tracks with the regions of the frame at `time_ns`; returns all tracks, oldest first. A gap or a
-    /// step back in time ends all tracks first; a repeated time changes nothing.
+    /// step back in time ends all tracks first; a repeated time changes nothing. The own motion is unknown.
     pub fn update(&mut self, time_ns: u64, regions: &[Region]) -> &[Track] {
+        self.update_with_motion(time_ns, regions, None)
+    }
+
+    /// The same with the own motion since the last frame; `None` if it is unknown.
+    pub fn update_with_motion(
+        &mut self,
+        time_ns: u64,
+        regions: &[Region],
+        motion: Option<Motion>,
+    ) -> &[Track] {
         let step = self.clock.step(time_ns);
         if step == TimeStep::Repeated {
             return &self.tracks;
@@ -249,9 +300,8 @@ impl Tracker {
         }
         let elapsed_s = step.elapsed_s();
         let regions = &regions[..regions.len().min(MAX_DETECTIONS)];
+        self.predict(elapsed_s, motion);
         for track in &mut self.tracks {
-            track.longitudinal.predict(elapsed_s);
-            track.lateral.predict(elapsed_s);
             track.missed += 1;
             track.unseen_s += elapsed_s;
             track.detection = None;
@@ -265,6 +315,12 @@ impl Tracker {
             self.matched[d] = true;
             let edges = (self.rig, self.size);
             update_track(&mut self.tracks[t as usize], d, &regions[d], edges);
+        }
+        if self.own.is_some() {
+            for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
+                let before = track.movement;
+                track.movement = track.filters().movement(before);
+            }
         }
         let (forget, confirm) = (self.parameters.forget_frames, self.parameters.confirm_frames);
         self.tracks.retain(|t| {
@@ -289,6 +345,33 @@ impl Tracker {
             }
         }
         &self.tracks
+    }
+
+    /// Predicts all tracks to this frame, over ground if the own motion is known.
+    fn predict(&mut self, elapsed_s: f64, motion: Option<Motion>) {
+        let motion = motion.filter(Motion::is_finite);
+        let before = std::mem::replace(&mut self.own, motion.map(|m| OwnRates::of(&m, &self.body)));
+        let Some((rates, motion)) = self.own.zip(motion) else {
+            for track in &mut self.tracks {
+                if before.is_some() {
+                    track.filters().end();
+                    (track.movement, track.own_sigma_m_s) = (Movement::Unknown, 0.0);
+                }
+                track.longitudinal.predict(elapsed_s);
+                track.lateral.predict(elapsed_s);
+            }
+            return;
+        };
+        let step = PlanarStep::of(&motion, &self.body, elapsed_s);
+        for track in &mut self.tracks {
+            let mut filters = track.filters();
+            if before.is_none() {
+                filters.begin(&rates);
+            }
+            filters.predict(&step, &rates, elapsed_s);
+            let place = [track.lateral.lateral_m(), track.longitudinal.distance_m()];
+            track.own_sigma_m_s = rates.sigma_at(place)[1];
+        }
     }
 
     /// Sets the cost of assigning each region to each track.
@@ -321,7 +404,7 @@ impl Tracker {
         self.next_id = self.next_id.wrapping_add(1).max(1);
         let scale = self.rig.focal_px * self.rig.baseline_m;
         let is_truncated = border_contact(region, self.size) != (false, false);
-        Track {
+        let mut track = Track {
             id,
             region: *region,
             detection: Some(detection),
@@ -336,8 +419,15 @@ impl Tracker {
             missed: 0,
             unseen_s: 0.0,
             classification: Classification::default(),
+            movement: Movement::Unknown,
+            own_sigma_m_s: 0.0,
             last: (region.bounds, region.distance_m),
+        };
+        if let Some(rates) = &self.own {
+            track.filters().start(rates);
+            track.own_sigma_m_s = rates.sigma_at([region.lateral_m, region.distance_m])[1];
         }
+        track
     }
 }
 

@@ -214,7 +214,7 @@ function drawFree(c, frame, at) {
 
 // The strip that the vehicle will sweep, as the alarm sees it.
 function drawWay(c, frame, at) {
-  const { known, left_m: left, right_m: right } = frame.path;
+  const { known, left_m: left, right_m: right, sigma_m: sigma } = frame.path;
   if (left.length < 2 || right.length < 2) return;
   c.strokeStyle = c.fillStyle = colour("--accent");
   c.lineWidth = 1.5;
@@ -225,6 +225,13 @@ function drawWay(c, frame, at) {
     c.stroke();
   }
   c.setLineDash([]);
+  // Two standard deviations to both sides.
+  c.lineWidth = 0.7;
+  for (const [edge, side] of [[left, -2], [right, 2]]) {
+    c.beginPath();
+    edge.forEach(([x, z], i) => (i ? c.lineTo(...at(x + side * sigma[i], z)) : c.moveTo(...at(x + side * sigma[i], z))));
+    c.stroke();
+  }
   c.beginPath();
   [...left, ...[...right].reverse()].forEach(([x, z], i) => (i ? c.lineTo(...at(x, z)) : c.moveTo(...at(x, z))));
   c.globalAlpha = 0.1;

@@ -170,9 +170,9 @@ pub struct CameraFile {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EgoFile {
-    /// Speed in m/s: a number or a list of `[seconds, m/s]`.
+    /// Speed along the road's reference line in m/s: a number or a list of `[seconds, m/s]`.
     pub speed_m_s: Waypoints,
-    /// Lateral position in metres: a number or a list of `[seconds, metres]`.
+    /// Lateral position in metres: a number or a list of `[seconds, metres]`, smooth in between.
     pub lateral_m: Waypoints,
     /// Start position along the road, in metres.
     pub along_m: f64,
@@ -211,6 +211,23 @@ pub struct RoadFile {
     pub grade_percent: Waypoints,
     /// Curvature to the right in 1/km; a number or a list of `[along, 1/km]`.
     pub bend_per_km: Waypoints,
+    /// Straight roads that cross it or go on where it turns off.
+    pub branch: Vec<BranchFile>,
+}
+
+/// A straight road with the road's cross-section: one that crosses it, or that goes on where the road turns off.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BranchFile {
+    /// Position along the road of its point 0, in metres.
+    pub at_m: f64,
+    /// Direction relative to the road there, in degrees, to the right positive.
+    #[serde(default)]
+    pub angle_deg: f64,
+    /// Where it begins, in metres along it.
+    pub from_m: f64,
+    /// Where it ends, in metres along it.
+    pub to_m: f64,
 }
 
 impl Default for RoadFile {
@@ -225,6 +242,7 @@ impl Default for RoadFile {
             wet: 0.0,
             grade_percent: Waypoints::constant(0.0),
             bend_per_km: Waypoints::constant(0.0),
+            branch: Vec::new(),
         }
     }
 }
@@ -272,6 +290,8 @@ pub struct BesideFile {
     /// Height in metres, for kinds with a variable height.
     #[serde(default, deserialize_with = "size_m")]
     pub height_m: Option<f64>,
+    /// Number of the branch, from 1, that it stands beside; the road itself by default.
+    pub branch: Option<usize>,
 }
 
 /// Kinds of single objects.
@@ -312,6 +332,8 @@ pub struct ObjectFile {
     /// Lateral position of its centre, in metres.
     #[serde(default, deserialize_with = "lateral_m")]
     pub lateral_m: f64,
+    /// Number of the branch, from 1, along which it is placed; the road itself by default.
+    pub branch: Option<usize>,
     /// Speed along the road, in m/s.
     #[serde(default, deserialize_with = "speed_m_s")]
     pub speed_m_s: f64,
@@ -480,9 +502,7 @@ impl SceneFile {
         if scene.road.grade_percent.max_abs() > 30.0 {
             return Err(fault(None, "road.grade_percent: give grades from -30 to 30 percent".into()));
         }
-        if scene.road.bend_per_km.max_abs() > 50.0 {
-            return Err(fault(None, "road.bend_per_km: give bends from -50 to 50 (a radius of 20 m)".into()));
-        }
+        scene.check_course().map_err(|reason| fault(None, reason))?;
         let angles = [&scene.camera.pitch_deg, &scene.camera.roll_deg];
         if angles.into_iter().flatten().any(|angle| angle.max_abs() > 20.0) {
             return Err(fault(

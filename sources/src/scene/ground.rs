@@ -1,4 +1,4 @@
-//! Course of the road and the ground surfaces along it.
+//! Vertical course of the road, and the ground surfaces along a straight one.
 
 use super::file::RoadFile;
 use super::material::{Line, Look, Material, Style};
@@ -13,25 +13,20 @@ const FOLLOWED_M: f64 = 240.0;
 const END_M: f64 = 3000.0;
 
 /// Lateral extent of the ground, in metres.
-const SIDE_M: f64 = 400.0;
+pub const SIDE_M: f64 = 400.0;
 
-/// Horizontal and vertical course of the road.
+/// Vertical course of the road.
 #[derive(Clone, Debug)]
 pub struct Course {
     grade_percent: Waypoints,
-    bend_per_km: Waypoints,
-    straight: bool,
+    even: bool,
 }
 
-/// A point of the road's reference line, in the road frame below the vehicle.
+/// Height of the road relative to the plane on which the vehicle stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// Metres to the right of the vehicle.
-    pub x_m: f64,
-    /// Metres above the plane on which the vehicle stands.
+    /// Metres above the plane.
     pub up_m: f64,
-    /// Metres to the right per metre ahead.
-    pub heading: f64,
     /// Metres of rise per metre ahead.
     pub slope: f64,
 }
@@ -39,45 +34,52 @@ pub struct Spot {
 impl Course {
     /// The course described by a file.
     pub fn new(road: &RoadFile) -> Self {
-        let (grade_percent, bend_per_km) = (road.grade_percent.clone(), road.bend_per_km.clone());
-        let even = |line: &Waypoints| line.is_always(line.value(0.0));
-        let straight = even(&grade_percent) && bend_per_km.is_always(0.0);
-        Self { grade_percent, bend_per_km, straight }
+        let grade_percent = road.grade_percent.clone();
+        let even = grade_percent.is_always(grade_percent.value(0.0));
+        Self { grade_percent, even }
     }
 
-    /// The reference line `ahead_m` metres ahead of a vehicle at `along_m`. The vehicle stands level on the road
-    /// and is aligned with it.
+    /// Whether the grade never changes.
+    pub fn is_even(&self) -> bool {
+        self.even
+    }
+
+    /// Grade at a position along the road: metres of rise per metre.
+    pub fn grade(&self, along_m: f64) -> f64 {
+        self.grade_percent.value(along_m) / 100.0
+    }
+
+    /// Height of the road at a position along it, in metres; only differences have a meaning.
+    pub fn rise_m(&self, along_m: f64) -> f64 {
+        self.grade_percent.integral(along_m) / 100.0
+    }
+
+    /// The road `ahead_m` metres ahead of a vehicle at `along_m`, on a straight road. The vehicle stands level on the
+    /// road.
     pub fn spot(&self, along_m: f64, ahead_m: f64) -> Spot {
-        if self.straight {
-            return Spot { x_m: 0.0, up_m: 0.0, heading: 0.0, slope: 0.0 };
+        if self.even {
+            return Spot { up_m: 0.0, slope: 0.0 };
         }
         let near = ahead_m.min(FOLLOWED_M);
         let there = along_m + near;
-        let grade = |at: f64| self.grade_percent.value(at) / 100.0;
-        let rise = |at: f64| self.grade_percent.integral(at) / 100.0;
-        let turn = |at: f64| self.bend_per_km.integral(at) / 1000.0;
-        let offset = |at: f64| self.bend_per_km.double_integral(at) / 1000.0;
-        let slope = grade(there) - grade(along_m);
-        let heading = turn(there) - turn(along_m);
+        let slope = self.grade(there) - self.grade(along_m);
         let beyond = ahead_m - near;
         Spot {
-            x_m: offset(there) - offset(along_m) - turn(along_m) * near + heading * beyond,
-            up_m: rise(there) - rise(along_m) - grade(along_m) * near + slope * beyond,
-            heading,
+            up_m: self.rise_m(there) - self.rise_m(along_m) - self.grade(along_m) * near + slope * beyond,
             slope,
         }
     }
 
     /// Boundaries of the ground's strips, nearest first.
     fn knots(&self) -> impl Iterator<Item = f64> {
-        let (straight, mut at) = (self.straight, -1.0_f64);
+        let (even, mut at) = (self.even, -1.0_f64);
         std::iter::from_fn(move || {
             let now = at;
             if now >= END_M {
                 return None;
             }
             at += match now {
-                _ if straight => 2.0 * END_M,
+                _ if even => 2.0 * END_M,
                 z if z < 40.0 => 1.0,
                 z if z < 100.0 => 2.0,
                 z if z < FOLLOWED_M => 5.0,
@@ -92,11 +94,15 @@ impl Course {
 
 /// A strip of the road's cross-section, from one (lateral, up) to the next.
 #[derive(Clone, Copy, Debug)]
-struct Piece {
-    from: (f64, f64),
-    to: (f64, f64),
-    material: Material,
-    owner: u16,
+pub struct Piece {
+    /// Left side: metres right of the reference line, metres above it.
+    pub from: (f64, f64),
+    /// Right side.
+    pub to: (f64, f64),
+    /// Material.
+    pub material: Material,
+    /// [`ROAD`] or [`VERGE`].
+    pub owner: u16,
 }
 
 /// Ground along the road: asphalt, kerbs, pavements, grass.
@@ -131,17 +137,21 @@ impl Ground {
         Self { pieces }
     }
 
-    /// Calls `each` with the ground's faces and their owners, for a vehicle at `along_m`, `lateral_m`.
+    /// The pieces of its cross-section, from left to right; the outermost are grass.
+    pub fn pieces(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// Calls `each` with the ground's faces and their owners, for a vehicle at `along_m`, `lateral_m` on a straight road.
     pub fn faces(&self, course: &Course, along_m: f64, lateral_m: f64, mut each: impl FnMut(&Face, u16)) {
         let mut before: Option<(f64, Spot)> = None;
         for z in course.knots() {
             let spot = course.spot(along_m, z);
             if let Some((z0, spot0)) = before {
-                let (heading, slope) =
-                    ((spot.x_m - spot0.x_m) / (z - z0), (spot.up_m - spot0.up_m) / (z - z0));
+                let slope = (spot.up_m - spot0.up_m) / (z - z0);
                 for piece in &self.pieces {
                     let corner = |(lateral, up): (f64, f64), z: f64, spot: Spot| {
-                        [lateral + spot.x_m - lateral_m, up + spot.up_m, z]
+                        [lateral - lateral_m, up + spot.up_m, z]
                     };
                     let corners = [
                         corner(piece.from, z0, spot0),
@@ -156,8 +166,7 @@ impl Ground {
                         let gradient = [0.0, 1.0, -slope];
                         face.v = Axis { gradient, start: slope * z0 - spot0.up_m };
                     } else {
-                        let gradient = [1.0, 0.0, -heading];
-                        face.u = Axis { gradient, start: lateral_m - spot0.x_m + heading * z0 };
+                        face.u = Axis { gradient: [1.0, 0.0, 0.0], start: lateral_m };
                         face.v = along;
                         if face.normal[1] < 0.0 {
                             face.normal = face.normal.map(|v| -v);
@@ -188,27 +197,20 @@ pub fn style(road: &RoadFile, wet: f64, snow: f64) -> Style {
 mod tests {
     use super::*;
 
-    fn road(grade: Vec<(f64, f64)>, bend: Vec<(f64, f64)>) -> RoadFile {
-        RoadFile {
-            grade_percent: Waypoints::new(grade).unwrap(),
-            bend_per_km: Waypoints::new(bend).unwrap(),
-            ..RoadFile::default()
-        }
+    fn road(grade: Vec<(f64, f64)>) -> RoadFile {
+        RoadFile { grade_percent: Waypoints::new(grade).unwrap(), ..RoadFile::default() }
     }
 
     #[test]
-    fn a_constant_grade_is_a_plane_and_a_bend_is_a_parabola() {
-        let slope = Course::new(&road(vec![(0.0, 7.0)], vec![(0.0, 0.0)]));
+    fn a_constant_grade_is_a_plane() {
+        let slope = Course::new(&road(vec![(0.0, 7.0)]));
         assert_eq!(slope.spot(30.0, 50.0).up_m, 0.0);
-        let bend = Course::new(&road(vec![(0.0, 0.0)], vec![(0.0, 10.0)]));
-        // A radius of 100 m: 30 m ahead the road is 4.5 m to the right (z² ÷ 2r).
-        let spot = bend.spot(200.0, 30.0);
-        assert!((spot.x_m - 4.5).abs() < 1e-9 && (spot.heading - 0.3).abs() < 1e-12, "{spot:?}");
+        assert_eq!((slope.grade(9.0), slope.rise_m(100.0)), (0.07, 7.0));
     }
 
     #[test]
     fn behind_a_crest_the_road_falls_away() {
-        let crest = Course::new(&road(vec![(20.0, 5.0), (60.0, -5.0)], vec![(0.0, 0.0)]));
+        let crest = Course::new(&road(vec![(20.0, 5.0), (60.0, -5.0)]));
         let spot = crest.spot(20.0, 40.0);
         // The grade falls by 10 percent in 40 m: −0.1 · 40 ÷ 2.
         assert!((spot.up_m + 2.0).abs() < 1e-9, "{spot:?}");

@@ -4,14 +4,16 @@
 //! rendered from the same textured surfaces, each through its own camera. Each pixel has four samples and
 //! textures are filtered to its footprint, so that the two images agree to a fraction of a pixel.
 //!
-//! Objects have a position along the road's reference line and one across. In the vehicle frame the line is a
-//! curve of (x, up) over z: the double integral of grade and curvature from the vehicle on
-//! ([`ground::Course`]).
+//! Objects have a position along the road's reference line and one across. The line's course on the ground plane is its
+//! curvature, integrated twice ([`plan::Plan`]); its height is the integral of the grade ([`ground::Course`]). The world is
+//! rigid: every frame shows the same one, from where the vehicle stands ([`route::Route`]).
 
 pub mod conditions;
 mod counts;
+mod course;
 mod drive;
 pub mod file;
+mod footprint;
 pub mod ground;
 pub mod lens;
 pub mod library;
@@ -20,9 +22,12 @@ pub mod material;
 pub mod mesh;
 pub mod motion;
 pub mod paint;
+pub mod plan;
 pub mod precipitation;
 pub mod props;
+pub mod route;
 pub mod sensor;
+pub mod streets;
 mod survey;
 pub mod texture;
 pub mod truth;
@@ -31,7 +36,7 @@ pub mod view;
 pub mod world;
 
 pub use drive::Drive;
-pub use truth::{ObjectClass, ObjectTruth, RoadTruth, SceneTruth};
+pub use truth::{ObjectClass, ObjectTruth, OwnMotion, RoadTruth, SceneTruth};
 
 use crate::{PairSource, SourceError};
 use file::{SceneError, SceneFile};
@@ -106,7 +111,7 @@ impl Scene {
         let light = world.conditions.light;
         let row = || vec![0.0; size.0];
         Self {
-            painter: Painter { texture: Texture::new(world.file.seed), style, light },
+            painter: Painter { texture: Texture::new(world.file.seed), style, light, to_world: None },
             normal: Normal::default(),
             view: View::default(),
             shades: View::default(),
@@ -157,6 +162,8 @@ impl Scene {
         let camera = Camera { pitch_rad, ..self.camera(right) };
         let (width, height) = camera.size;
         let world = &self.world;
+        self.painter.light = world.light;
+        self.painter.to_world = world.to_world(self.time_s(index)).map(|axes| axes.map(|axis| axis.map(|v| v as f32)));
         self.view.project(&camera, &world.surfaces);
         self.shades.project(&camera, &world.shades);
         let wet = world.is_wet();
@@ -194,7 +201,8 @@ impl Scene {
         }
         // Each camera has a lens of its own.
         let lens_seed = hash(scene_seed ^ 0x1e45 ^ u64::from(right));
-        conditions.lens.apply(&camera, lens_seed, index, &mut self.light, &mut self.coarse);
+        let lens = lens::Lens { glare: world.glare, ..conditions.lens };
+        lens.apply(&camera, lens_seed, index, &mut self.light, &mut self.coarse);
         let seed = hash(world.file.seed ^ index << 1 ^ u64::from(right));
         let sensor = conditions.sensors[usize::from(right)];
         sensor.expose(&self.normal, seed, &self.light, grey);
@@ -212,6 +220,11 @@ impl Scene {
         self.world.place(self.time_s(index));
         self.draw(index, false, left);
         self.draw(index, true, right);
+    }
+
+    /// Own motion of the vehicle at pair `index`, part of its ground truth.
+    pub fn motion(&self, index: u64) -> OwnMotion {
+        self.world.motion(self.time_s(index))
     }
 
     /// Ground truth of pair `index`, without rendering it.

@@ -35,6 +35,23 @@ impl Waypoints {
         self.taylor(at)[0]
     }
 
+    /// Value and slope at a position of the line with rounded corners (smoothstep from each point to the next).
+    pub fn smooth(&self, at: f64) -> (f64, f64) {
+        let after = self.points.partition_point(|p| p.0 <= at);
+        match (after.checked_sub(1).and_then(|k| self.points.get(k)), self.points.get(after)) {
+            (Some(a), Some(b)) => {
+                let way = b.0 - a.0;
+                let share = (at - a.0) / way;
+                let rise = b.1 - a.1;
+                (
+                    a.1 + rise * share * share * (3.0 - 2.0 * share),
+                    6.0 * rise * share * (1.0 - share) / way,
+                )
+            }
+            _ => (self.value(at), 0.0),
+        }
+    }
+
     /// Integral from the first position on.
     pub fn integral(&self, at: f64) -> f64 {
         self.taylor(at)[1]
@@ -183,6 +200,17 @@ mod tests {
         // Before the first position the value continues.
         assert_eq!(line.integral(-1.0), -4.0);
         assert_eq!(line.double_integral(-1.0), 4.0);
+    }
+
+    #[test]
+    fn a_smooth_line_meets_its_points_and_has_its_own_slope() {
+        let line = Waypoints::new(vec![(1.0, 2.0), (3.0, 6.0), (4.0, 0.0)]).unwrap();
+        for (at, value) in [(0.0, 2.0), (1.0, 2.0), (2.0, 4.0), (3.0, 6.0), (3.5, 3.0), (9.0, 0.0)] {
+            let (found, slope) = line.smooth(at);
+            assert!((found - value).abs() < 1e-12, "{at}");
+            let around = (line.smooth(at + 1e-6).0 - line.smooth(at - 1e-6).0) / 2e-6;
+            assert!((around - slope).abs() < 1e-4, "{at}: {around} {slope}");
+        }
     }
 
     #[test]

@@ -15,7 +15,14 @@ pub struct Painter {
     pub style: Style,
     /// Lighting.
     pub light: Light,
+    /// Camera axes (right, down, ahead) in the world, where the vehicle turns: the clouds stand still. On a straight road
+    /// they are fixed in the image.
+    pub to_world: Option<[[f32; 3]; 3]>,
 }
+
+/// Columns and rows of the clouds' texture for each rad on a straight road, and around the vehicle where it turns: there
+/// the repeating texture closes, twice its 256 texels.
+const CLOUDS: (f32, f32, f32) = (90.0, 210.0, 512.0 / std::f32::consts::TAU);
 
 /// Shadows and lamp light on the ground along one row.
 #[derive(Debug, Default)]
@@ -160,8 +167,18 @@ impl Painter {
         let light = &self.light;
         let (dx, dy) =
             ((px - rig.cx_px as f32) / rig.focal_px as f32, (py - rig.cy_px as f32) / rig.focal_px as f32);
-        let cloud = self.texture.sample(dx * 90.0, dy * 210.0, 0.2, 0.4);
+        let (cloud, dy) = match &self.to_world {
+            Some(axes) => self.turned_cloud(axes, dx, dy),
+            None => (self.texture.sample(dx * CLOUDS.0, dy * CLOUDS.1, 0.2, 0.4), dy),
+        };
         light.sky - light.sky_rise * dy + light.clouds * cloud * (light.sky / 205.0)
+    }
+
+    /// The cloud in a direction, and how far below the horizon it is.
+    fn turned_cloud(&self, axes: &[[f32; 3]; 3], dx: f32, dy: f32) -> (f32, f32) {
+        let [x, y, z] = [0, 1, 2].map(|k| axes[0][k] * dx + axes[1][k] * dy + axes[2][k]);
+        let down = -y / (x * x + z * z).sqrt().max(1e-3);
+        (self.texture.sample(x.atan2(z) * CLOUDS.2, down * CLOUDS.1, 0.2, 0.4), down)
     }
 
     /// [`Self::point`], not inlined: for rare cases where code size matters more than speed.
@@ -227,7 +244,8 @@ impl Painter {
         // Puddles and rough patches follow the asphalt's texture.
         let patchy = grey - 50.0;
         let mut grey = grey;
-        if light.sheen > 0.0 {
+        // Only towards a sun ahead.
+        if light.sheen > 0.0 && light.towards_sun[2] > 0.05 {
             let to = light.towards_sun;
             let off = (dx - (to[0] / to[2]) as f32) / 0.16;
             grey += light.sheen * (0.8 + 0.012 * patchy).clamp(0.3, 2.0) * flat

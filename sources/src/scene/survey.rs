@@ -3,7 +3,7 @@
 use super::Scene;
 use super::truth::{FIRST_OBJECT, ObjectTruth, ROAD, RoadTruth, SceneTruth};
 use super::view::{Camera, MIDDLE, Surface, View};
-use super::world::{HALF_PATH_M, Present};
+use super::world::Present;
 use perception::region::PixelBox;
 
 /// Depth buffer at the pixel centres: 1/z and the patch number from 1.
@@ -62,9 +62,11 @@ impl Scene {
             .map(|present| self.object_truth(present, stats[present.instance], &left_camera, time_s))
             .collect();
         objects.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.id.cmp(&b.id)));
+        let motion = world.motion(time_s);
         SceneTruth {
             time_s,
-            ego_speed_m_s: world.file.ego.speed_m_s.value(time_s),
+            ego_speed_m_s: motion.speed_m_s,
+            motion,
             width,
             height,
             disparity_px,
@@ -141,14 +143,17 @@ impl Scene {
         let step = 0.01;
         let ahead = |t: f64| world.ahead_m(instance, t);
         let across = present.across_m;
+        let footprint = world.footprint(present, time_s);
+        let distance_m = 1.0 / f64::from(stats.nearest);
         ObjectTruth {
             id,
             class: instance.class,
             subject: instance.subject,
-            distance_m: 1.0 / f64::from(stats.nearest),
+            distance_m,
             lateral_m: present.lateral_m,
             width_m: present.size_m[0],
             height_m: present.size_m[1],
+            along_m: footprint.along_m.unwrap_or(distance_m),
             closing_m_s: (ahead(time_s - step) - ahead(time_s + step)) / (2.0 * step),
             bounds: PixelBox {
                 x: stats.x.0,
@@ -159,7 +164,7 @@ impl Scene {
             pixels: stats.pixels,
             visible: f64::from(stats.pixels) / f64::from(whole.max(stats.pixels)),
             seen_by_both: f64::from(stats.both) / f64::from(stats.pixels),
-            in_path: present.from_path_m.abs() - half < HALF_PATH_M,
+            in_path: footprint.in_path,
             on_road: across + half > from && across - half < to,
         }
     }
@@ -186,10 +191,7 @@ impl Scene {
             })
             .collect();
         let profile_m = (0..=240)
-            .map(|k| {
-                let ahead = f64::from(k) / 2.0;
-                (ahead, world.spot(time_s, ahead).up_m)
-            })
+            .map(|k| world.road_ahead_m(time_s, f64::from(k) / 2.0))
             .collect();
         RoadTruth { rows_px, profile_m }
     }

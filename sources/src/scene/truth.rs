@@ -1,5 +1,6 @@
 //! Ground truth of a frame.
 
+use perception::motion::pose::Pose;
 use perception::region::PixelBox;
 
 /// Owner of a pixel on the road's asphalt.
@@ -80,7 +81,10 @@ pub struct ObjectTruth {
     pub width_m: f64,
     /// Height, in metres.
     pub height_m: f64,
-    /// Closing speed, in m/s.
+    /// Distance to it along the vehicle's path, in metres: on a straight road [`Self::distance_m`], in a bend the way along
+    /// the road from the camera to its nearest part.
+    pub along_m: f64,
+    /// Speed at which [`Self::along_m`] decreases, in m/s.
     pub closing_m_s: f64,
     /// Bounding box of its visible pixels in the left image.
     pub bounds: PixelBox,
@@ -90,7 +94,7 @@ pub struct ObjectTruth {
     pub visible: f64,
     /// Share of its visible pixels that are visible in the right image too.
     pub seen_by_both: f64,
-    /// Whether any part of it is in the vehicle's path along the road, 2.4 m wide.
+    /// Whether any part of it is in the strip, 2.4 m wide, that the vehicle will drive through along the road.
     pub in_path: bool,
     /// Whether any part of it stands on the asphalt.
     pub on_road: bool,
@@ -118,6 +122,21 @@ impl RoadTruth {
     }
 }
 
+/// Own motion of the vehicle, at the left camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OwnMotion {
+    /// Speed, in m/s, forwards positive.
+    pub speed_m_s: f64,
+    /// Acceleration, in m/s²: the rate of the speed.
+    pub acceleration_m_s2: f64,
+    /// Yaw rate, in rad/s, to the left positive; without the body's sway.
+    pub yaw_rate_rad_s: f64,
+    /// Transform from the left camera to the left camera of the first frame, with the body's pitch, roll and sway. Exact on
+    /// roads of constant grade. Where the grade changes, the scene itself is rigid to the square of that change only. In a
+    /// scene that repeats, each period starts anew.
+    pub pose: Pose,
+}
+
 /// Ground truth of a frame. Maps have one value per pixel of the left image, row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneTruth {
@@ -125,6 +144,8 @@ pub struct SceneTruth {
     pub time_s: f64,
     /// The vehicle's own speed, in m/s.
     pub ego_speed_m_s: f64,
+    /// The vehicle's own motion.
+    pub motion: OwnMotion,
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.

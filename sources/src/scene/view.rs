@@ -25,6 +25,16 @@ impl Pose {
         Self { height_m, axes: [mix(right, cr, down, sr), mix(right, -sr, down, cr), ahead] }
     }
 
+    /// Height of the camera above the road, in metres.
+    pub fn height_m(&self) -> f64 {
+        self.height_m
+    }
+
+    /// Camera axes (right, down, ahead) in the road frame.
+    pub fn axes(&self) -> &[Point; 3] {
+        &self.axes
+    }
+
     /// Transforms a direction from the road to the camera frame: x right, y down, z along the optical axis.
     pub fn turn(&self, p: Point) -> Point {
         [dot(self.axes[0], p), dot(self.axes[1], p), dot(self.axes[2], p)]

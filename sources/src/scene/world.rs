@@ -2,13 +2,17 @@
 
 use super::conditions::Conditions;
 use super::file::{BesideFile, BesideKind, ObjectFile, ObjectKind, SceneFile};
-use super::ground::{Course, Ground, Spot};
+use super::ground::Ground;
+use super::lens::Glare;
 use super::light::Light;
 use super::material::{Look, Material};
 use super::mesh::{Face, Mesh, Placement, Point};
 use super::motion::Path;
+use super::plan::PlanPose;
+use super::route::{Route, Standpoint};
+use super::streets::Streets;
 use super::texture::{hash, unit};
-use super::truth::{FIRST_OBJECT, ObjectClass};
+use super::truth::{FIRST_OBJECT, ObjectClass, OwnMotion};
 use super::view::{Pose, Surface};
 use super::{props, vehicles};
 use crate::limits::MAX_SCENE_OBJECTS;
@@ -19,6 +23,9 @@ const MAX_DRAWN_M: f64 = 220.0;
 
 /// Maximum distance of reflected objects, in metres.
 const MAX_MIRRORED_M: f64 = 90.0;
+
+/// Objects farther behind a vehicle that turns are not drawn, in metres: no shadow reaches into the image.
+const BEHIND_M: f64 = 12.0;
 
 /// Half the width of the vehicle's path, in metres.
 pub const HALF_PATH_M: f64 = 1.2;
@@ -40,6 +47,8 @@ pub struct Instance {
     pub subject: bool,
     mesh: usize,
     place: Place,
+    /// Number of the road along which it is placed.
+    road: usize,
     shadow: Option<(Point, Point)>,
     /// Lateral position of the light below its lamp, in metres.
     pool_x_m: Option<f64>,
@@ -50,8 +59,8 @@ pub struct Instance {
 pub struct Present {
     /// Index of the instance.
     pub instance: usize,
-    /// Near side, metres ahead of the camera.
-    pub ahead_m: f64,
+    /// Its axes and the middle of its near side, in the vehicle's frame.
+    pub placement: Placement,
     /// Centre, metres right of the vehicle's path along the road.
     pub from_path_m: f64,
     /// Centre, lateral position on the road in metres.
@@ -74,13 +83,20 @@ pub struct World {
     /// Image size in pixels.
     pub size: (usize, usize),
     height_m: f64,
-    course: Course,
+    /// The road and the vehicle's motion along it.
+    pub route: Route,
     ground: Ground,
+    /// The ground, where the road bends or branches.
+    streets: Option<Streets>,
     meshes: Vec<Mesh>,
     boxes: Vec<(Point, Point)>,
     instances: Vec<Instance>,
     /// Surfaces of the current frame; those of the ground come first.
     pub surfaces: Vec<Surface>,
+    /// Light of the current frame: the sun stands still while the vehicle turns.
+    pub light: Light,
+    /// Glare of the sun in the current frame.
+    pub glare: Option<Glare>,
     /// Number of ground surfaces.
     pub ground_surfaces: usize,
     /// Shadows and lamp light on the ground.
@@ -98,8 +114,13 @@ impl World {
         for (own, given) in conditions.sensors.iter_mut().zip([file.camera.left, file.camera.right]) {
             *own = given.unwrap_or(*own);
         }
+        let route = Route::new(&file);
+        let streets = route.turns().then(|| Streets::new(&file.road, &route));
         let mut world = Self {
-            course: Course::new(&file.road),
+            route,
+            streets,
+            light: conditions.light,
+            glare: conditions.lens.glare,
             ground: Ground::new(&file.road),
             conditions,
             rig,
@@ -170,6 +191,7 @@ impl World {
             subject,
             mesh: self.meshes.len() - 1,
             place,
+            road: 0,
             shadow,
             pool_x_m: None,
         });
@@ -185,6 +207,7 @@ impl World {
         let spacing = row.spacing();
         for k in 0..row.count() {
             let along = row.from_m + k as f64 * spacing;
+            let long = spacing * self.stretch(row, along);
             let round = if self.file.repeats && round_m > 0.0 { along.rem_euclid(round_m) } else { along };
             let key = hash(self.file.seed ^ n << 40 ^ ((round * 16.0).round() as i64 as u64) << 8);
             let own = |i: u64| unit(key ^ i);
@@ -192,7 +215,7 @@ impl World {
             let height = |usual: f64| row.height_m.unwrap_or(usual);
             let (class, mesh, depth) = match row.kind {
                 BesideKind::Buildings => {
-                    let size = [9.0, height(5.0 + 5.0 * own(1)), spacing - 1.0 - own(2)];
+                    let size = [9.0, height(5.0 + 5.0 * own(1)), (long - 1.0 - own(2)).max(1.0)];
                     (
                         ObjectClass::Building,
                         props::building(size, 95.0 + 75.0 * own(3) as f32, shift),
@@ -201,13 +224,13 @@ impl World {
                 }
                 BesideKind::Trees => (ObjectClass::Tree, props::tree(height(5.5 + 2.5 * own(1)), key), 0.0),
                 BesideKind::Hedge => {
-                    let size = [0.9, height(1.1), spacing];
+                    let size = [0.9, height(1.1), long];
                     (ObjectClass::Hedge, props::hedge(size, 70.0, key), size[0])
                 }
                 BesideKind::GuardRail => {
-                    (ObjectClass::GuardRail, props::guard_rail(spacing, height(0.75), -side), 0.1)
+                    (ObjectClass::GuardRail, props::guard_rail(long, height(0.75), -side), 0.1)
                 }
-                BesideKind::Wall => (ObjectClass::Wall, props::wall(spacing, height(1.8), shift), 0.3),
+                BesideKind::Wall => (ObjectClass::Wall, props::wall(long, height(1.8), shift), 0.3),
                 BesideKind::Poles => {
                     (ObjectClass::Pole, props::pole([0.16, height(1.1), 0.16], 70.0, shift), 0.16)
                 }
@@ -225,6 +248,7 @@ impl World {
             let lateral = row.lateral_m + side * depth / 2.0;
             let place = Place::Along(Path::even(along, lateral, 0.0, 0.0, seconds));
             let instance = self.add(class, mesh, 0.0, place, false);
+            instance.road = row.branch.unwrap_or(0);
             if row.kind == BesideKind::Lamps {
                 instance.pool_x_m = Some(-side * 0.8);
                 instance.shadow = None;
@@ -272,75 +296,89 @@ impl World {
                 ))
             }
         };
-        self.add(class, mesh, object.yaw_deg, place, true);
+        self.add(class, mesh, object.yaw_deg, place, true).road = object.branch.unwrap_or(0);
     }
 
-    /// Position of the vehicle along the road at a time, in metres.
-    pub fn ego_along_m(&self, time_s: f64) -> f64 {
-        let ego = &self.file.ego;
-        ego.along_m + ego.speed_m_s.integral(time_s) - ego.speed_m_s.integral(0.0)
+    /// Length beside the road of a metre along it: closed rows stay closed in bends.
+    fn stretch(&self, row: &BesideFile, along_m: f64) -> f64 {
+        let spacing = row.spacing();
+        if !self.route.turns() {
+            return 1.0;
+        }
+        let road = row.branch.unwrap_or(0);
+        let at = |along_m| self.route.plan.at(road, along_m).point(row.lateral_m, 0.0);
+        let ([ax, az], [bx, bz]) = (at(along_m), at(along_m + spacing));
+        (bx - ax).hypot(bz - az) / spacing
     }
 
     /// Distance from the vehicle to an object's near side along the road, in metres.
     pub fn ahead_m(&self, instance: &Instance, time_s: f64) -> f64 {
+        let along_m = self.route.along_m(time_s);
         match &instance.place {
-            Place::Along(path) => path.at(time_s).0 - self.ego_along_m(time_s),
+            Place::Along(path) if instance.road > 0 => {
+                let (place, across) = path.at(time_s);
+                let point = self.route.plan.at(instance.road, place).point(across, 0.0);
+                self.route.plan.project(point, (along_m - MAX_DRAWN_M, along_m + MAX_DRAWN_M)).0 - along_m
+            }
+            Place::Along(path) => path.at(time_s).0 - along_m,
             Place::Ahead(path) => path.at(time_s).0,
         }
     }
 
-    /// The road's reference line ahead of the vehicle.
-    pub fn spot(&self, time_s: f64, ahead_m: f64) -> Spot {
-        self.course.spot(self.ego_along_m(time_s), ahead_m)
+    /// Height of the road `ahead_m` metres farther along it, above the plane on which the vehicle stands, and the distance of
+    /// that place ahead of the vehicle.
+    pub fn road_ahead_m(&self, time_s: f64, ahead_m: f64) -> (f64, f64) {
+        let along_m = self.route.along_m(time_s);
+        if !self.route.turns() {
+            return (ahead_m, self.route.course.spot(along_m, ahead_m).up_m);
+        }
+        let stand = self.route.stand(time_s);
+        let there = self.route.plan.road(along_m + ahead_m).point(stand.lateral_m, 0.0);
+        (ahead_m, stand.see(there, self.route.course.rise_m(along_m + ahead_m))[1])
+    }
+
+    /// The vehicle's own motion at a time.
+    pub fn motion(&self, time_s: f64) -> OwnMotion {
+        self.route.motion(time_s, &self.pose(0.0), &self.pose(time_s))
     }
 
     /// Positions all objects at a time.
     pub fn place(&mut self, time_s: f64) {
-        let light = self.conditions.light;
-        let along = self.ego_along_m(time_s);
-        let lateral = self.file.ego.lateral_m.value(time_s);
+        let stand = self.route.stand(time_s);
         let pose = self.pose(time_s);
         let rig = self.rig;
         let wet = self.is_wet();
+        self.light_from(&stand);
+        let light = self.light;
         self.surfaces.clear();
         self.shades.clear();
         self.mirrors.clear();
         self.present.clear();
         let surfaces = &mut self.surfaces;
-        self.ground.faces(&self.course, along, lateral, |face, owner| {
-            surfaces.extend(Surface::new(face, owner, &pose, &rig, &light));
-        });
+        let each = |face: &Face, owner| surfaces.extend(Surface::new(face, owner, &pose, &rig, &light));
+        match &self.streets {
+            Some(streets) => streets.faces(&stand, each),
+            None => self.ground.faces(&self.route.course, stand.along_m, stand.lateral_m, each),
+        }
         self.ground_surfaces = self.surfaces.len();
         for k in 0..self.instances.len() {
+            let Some((placement, across)) = self.placement(k, time_s, &stand) else { continue };
             let instance = &self.instances[k];
-            let (ahead, across) = match &instance.place {
-                Place::Along(path) => {
-                    let (place, across) = path.at(time_s);
-                    (place - along, across)
-                }
-                Place::Ahead(path) => path.at(time_s),
-            };
             let (least, greatest) = self.boxes[instance.mesh];
-            if ahead > MAX_DRAWN_M || ahead + greatest[2] < -6.0 {
-                continue;
-            }
-            let spot = self.course.spot(along, ahead);
-            let at = [across + spot.x_m - lateral, spot.up_m, ahead];
-            let placement = Placement::new(at, spot.heading.atan(), spot.slope);
             let owner = FIRST_OBJECT + k as u16;
             for face in &self.meshes[instance.mesh].faces {
                 self.surfaces.extend(Surface::new(&placement.face(face), owner, &pose, &rig, &light));
-                if wet && ahead < MAX_MIRRORED_M {
+                if wet && placement.at[2] < MAX_MIRRORED_M {
                     let mirrored = placement.face(&face.mirrored());
                     self.mirrors.extend(Surface::new(&mirrored, owner, &pose, &rig, &light));
                 }
             }
             self.present.push(Present {
                 instance: k,
-                ahead_m: ahead,
-                from_path_m: across - lateral,
+                placement,
+                from_path_m: across - stand.lateral_m,
                 across_m: across,
-                lateral_m: at[0],
+                lateral_m: placement.at[0],
                 size_m: [greatest[0] - least[0], greatest[1], greatest[2] - least[2]],
             });
             if let Some(bounds) = instance.shadow {
@@ -350,6 +388,74 @@ impl World {
                 self.shades.extend(pool(x_m, &placement, &pose, &rig, &light));
             }
         }
+    }
+
+    /// Where an object is in the vehicle's frame, and its position across its road; `None` if it is not drawn.
+    fn placement(&self, k: usize, time_s: f64, stand: &Standpoint) -> Option<(Placement, f64)> {
+        let instance = &self.instances[k];
+        let (least, greatest) = self.boxes[instance.mesh];
+        let course = &self.route.course;
+        let (place, across) = match &instance.place {
+            Place::Along(path) | Place::Ahead(path) => path.at(time_s),
+        };
+        let is_relative = matches!(instance.place, Place::Ahead(_));
+        if !self.route.turns() {
+            let ahead = if is_relative { place } else { place - stand.along_m };
+            if ahead > MAX_DRAWN_M || ahead + greatest[2] < -6.0 {
+                return None;
+            }
+            let spot = course.spot(stand.along_m, ahead);
+            let at = [across - stand.lateral_m, spot.up_m, ahead];
+            return Some((Placement::new(at, 0.0, spot.slope), across));
+        }
+        let along = if is_relative { stand.along_m + place } else { place };
+        let road = |along_m| self.route.plan.at(instance.road, along_m);
+        let near = road(along).point(across, 0.0);
+        // It lies along the chord between its ends.
+        let long = greatest[2];
+        let far = road(along + long).point(across, 0.0);
+        let is_short = long < 0.1 || (far[0] - near[0]).hypot(far[1] - near[1]) < 0.5 * long;
+        let heading =
+            if is_short { road(along).heading_rad } else { (far[0] - near[0]).atan2(far[1] - near[1]) };
+        let rise = if instance.road > 0 { 0.0 } else { course.rise_m(along) };
+        let at = stand.see(near, rise);
+        let yaw = heading - stand.at.heading_rad;
+        let middle = at[2] + 0.5 * long * yaw.cos();
+        let radius = long.max(greatest[0] - least[0]);
+        if at[0].hypot(at[2]) > MAX_DRAWN_M || middle + radius < -BEHIND_M {
+            return None;
+        }
+        let grade = if instance.road > 0 { 0.0 } else { course.grade(along) };
+        Some((Placement::new(at, yaw, grade + stand.tilt() * yaw.cos()), across))
+    }
+
+    /// Turns the sun with the world.
+    fn light_from(&mut self, stand: &Standpoint) {
+        if !self.route.turns() {
+            return;
+        }
+        let turned = |[x, y, z]: Point| {
+            let (sin, cos) = stand.at.heading_rad.sin_cos();
+            [x * cos - z * sin, y, x * sin + z * cos]
+        };
+        self.light.towards_sun = turned(self.conditions.light.towards_sun);
+        // A sun that stands farther than 78 degrees to the side throws no light into the lens.
+        let glare = self.conditions.lens.glare.map(|glare| (glare, turned([glare.at.0, -glare.at.1, 1.0])));
+        self.glare = glare
+            .filter(|(_, to)| to[2] > 0.2)
+            .map(|(glare, to)| Glare { at: (to[0] / to[2], -to[1] / to[2]), ..glare });
+    }
+
+    /// Transforms a direction from the left camera to the world: x right, y up, z ahead.
+    pub fn to_world(&self, time_s: f64) -> Option<[Point; 3]> {
+        self.route.turns().then(|| {
+            let heading_rad = self.route.stand(time_s).at.heading_rad;
+            let turn = PlanPose { heading_rad, ..PlanPose::default() };
+            self.pose(time_s).axes().map(|axis| {
+                let [x, z] = turn.point(axis[0], axis[2]);
+                [x, axis[1], z]
+            })
+        })
     }
 
     /// Whether the road reflects objects.

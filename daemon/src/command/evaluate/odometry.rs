@@ -9,7 +9,9 @@ use crate::in_process::{Pipeline, PipelineError};
 use crate::input;
 use clap::Args;
 use config::Config;
+use sources::PairSource;
 use sources::motion_file::{Trajectory, read_oxts, read_poses};
+use sources::scene::Scene;
 use std::path::PathBuf;
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::odometry::{EstimateFrame, Truth, score};
@@ -21,10 +23,12 @@ pub const HELP: &str = "Examples:
   lookout evaluate odometry DIR --rig DIR/rig.toml --set source.rectify=true \\
     --oxts DIR/oxts.csv --times DIR/timestamps.csv --out results
   lookout evaluate odometry DIR --poses truth.txt --estimate poses.txt --json
+  lookout evaluate odometry 'scene:bend?weather=light_rain'
 
 RECORDING is a folder, an MCAP file or scene:NAME, as for lookout replay. Ground truth: KITTI's poses (a
 3x4 matrix a line, camera to first camera), or OXTS (columns time_s, vf_m_s, wu, lat_deg, lon_deg,
-yaw_rad) with the times of the frames (columns name, left_s); height is then not compared. --estimate
+yaw_rad) with the times of the frames (columns name, left_s); height is then not compared; a scene has
+its own. --estimate
 evaluates poses of a file (lookout odometry, or another program) instead of running the stages.
 
 drift: from every frame over 10, 20, 40, 80, 100 ... 800 m of the true path, as far as they fit: error
@@ -87,6 +91,8 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
     };
     check_count(args, &from, path.poses.len(), motion.frames.len())?;
     let truth = Truth::new(&path, &motion.times_s);
+    // What is measured is planar; a scene's truth is not measured.
+    let truth = Truth { is_planar: args.oxts.is_some(), ..truth };
     let report = OdometryReport {
         name: args.recording.display().to_string(),
         truth: from,
@@ -149,7 +155,17 @@ fn check_count(args: &EvaluateOdometry, from: &str, poses: usize, frames: usize)
     )))
 }
 
-/// The true path of a scene.
-fn scene_path(_args: &EvaluateOdometry, _config: &Config) -> Result<(String, Trajectory), CommandError> {
-    Err(CommandError::Other("scenes have no true path yet".into()))
+/// The true path of a scene, with its exact speed and yaw rate.
+fn scene_path(args: &EvaluateOdometry, config: &Config) -> Result<(String, Trajectory), CommandError> {
+    let scene = Scene::open(&config.source.path.to_string_lossy())?;
+    let scene = if config.source.fps > 0.0 { scene.at_rate(config.source.fps) } else { scene };
+    let mut path = Trajectory::default();
+    for index in 0..frames_used(scene.count(), args.limit) {
+        let motion = scene.motion(index);
+        path.poses.push(motion.pose);
+        path.times_s.push(scene.time_s(index));
+        path.speed_m_s.push(motion.speed_m_s);
+        path.yaw_rate_rad_s.push(motion.yaw_rate_rad_s);
+    }
+    Ok(("the truth of the scene".into(), path))
 }

@@ -14,6 +14,7 @@
 //! | [`rectified`] | rectification of another source's pairs |
 //! | [`rig_file`], [`calibration_file`] | calibration files: the rig file, OpenCV, ROS, Kalibr, KITTI |
 //! | [`motion_file`] | files of the vehicle's motion: `motion.csv`, KITTI's poses, OXTS |
+//! | [`vehicle`] | the signals of the vehicle's CAN bus: DBC, decoding, state |
 //! | [`limits`], [`bounded_file`] | what each reader takes at most, and how a file is read within it |
 //!
 //! ```
@@ -44,5 +45,6 @@ pub mod scene;
 mod source;
 mod toml_text;
 pub mod truth;
+pub mod vehicle;
 
 pub use source::{LiveSource, PairSource, Readiness, SourceError};

@@ -47,6 +47,7 @@ use clap::{CommandFactory, Parser, Subcommand};
   lookout demo                                    see it work, no hardware needed
   lookout replay RECORDING --out results          run the daemon on recorded pairs
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
+  lookout odometry RECORDING -o poses.txt         own motion: poses in KITTI's format
   lookout evaluate stereo KITTI                   disparity errors against ground truth
   lookout evaluate weather                        obstacle detection in six weather conditions
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml

@@ -55,14 +55,19 @@ impl SceneFile {
             }
         }
         if !branches.is_empty() && self.road.kerb_m != 0.0 {
-            return Err(format!("road.kerb_m = {}: a road with branches has no kerbs; give 0", self.road.kerb_m));
+            return Err(format!(
+                "road.kerb_m = {}: a road with branches has no kerbs; give 0",
+                self.road.kerb_m
+            ));
         }
         if !branches.is_empty() && !self.road.grade_percent.is_always(0.0) {
             return Err("road.grade_percent: a road with branches is level; give 0".into());
         }
         let numbers = self.objects.iter().map(|o| o.branch).chain(self.beside.iter().map(|row| row.branch));
         match numbers.flatten().find(|n| !(1..=branches.len()).contains(n)) {
-            Some(n) => Err(format!("branch = {n}: the road has {} branches, numbered from 1", branches.len())),
+            Some(n) => {
+                Err(format!("branch = {n}: the road has {} branches, numbered from 1", branches.len()))
+            }
             None => Ok(()),
         }
     }
@@ -76,17 +81,29 @@ mod tests {
     fn bends_and_branches_out_of_range_are_refused() {
         let start = "title = \"x\"\nseconds = 2\n";
         let branch = "[[road.branch]]\nat_m = 20\nfrom_m = 0\nto_m = 30\n";
-        let fault = |text: &str| SceneFile::parse(&format!("{start}{text}"), "x.toml").unwrap_err().to_string();
+        let fault =
+            |text: &str| SceneFile::parse(&format!("{start}{text}"), "x.toml").unwrap_err().to_string();
         for (text, expected) in [
             ("[road]\nbend_per_km = 200\n", "give bends from -130 to 130"),
-            ("[road]\nbend_per_km = 130\nedges_m = [-9, 9]\n", "a radius of 7.7 m, and road.edges_m reach 9 m"),
+            (
+                "[road]\nbend_per_km = 130\nedges_m = [-9, 9]\n",
+                "a radius of 7.7 m, and road.edges_m reach 9 m",
+            ),
             ("[ego]\nspeed_m_s = [[0, 1], [1, 70]]\n[road]\nbend_per_km = 1\n", ""),
-            (&format!("[road]\nkerb_m = 0.1\n{branch}"), "road.kerb_m = 0.1: a road with branches has no kerbs"),
+            (
+                &format!("[road]\nkerb_m = 0.1\n{branch}"),
+                "road.kerb_m = 0.1: a road with branches has no kerbs",
+            ),
             (&format!("[road]\nkerb_m = 0\ngrade_percent = 2\n{branch}"), "is level; give 0"),
-            ("[road]\nkerb_m = 0\n[[road.branch]]\nat_m = 20\nfrom_m = 5\nto_m = 5\n", "from_m less than to_m"),
+            (
+                "[road]\nkerb_m = 0\n[[road.branch]]\nat_m = 20\nfrom_m = 5\nto_m = 5\n",
+                "from_m less than to_m",
+            ),
             (&format!("[road]\nkerb_m = 0\n{}", branch.repeat(17)), "17 branches: give at most 16"),
             (
-                &format!("[road]\nkerb_m = 0\n{branch}[[objects]]\nkind = \"car\"\nalong_m = 3\nbranch = 2\n"),
+                &format!(
+                    "[road]\nkerb_m = 0\n{branch}[[objects]]\nkind = \"car\"\nalong_m = 3\nbranch = 2\n"
+                ),
                 "branch = 2: the road has 1 branches",
             ),
         ] {

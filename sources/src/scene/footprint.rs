@@ -55,9 +55,6 @@ impl World {
                 }
             }
         }
-        Footprint {
-            in_path: leftmost < HALF_PATH_M && rightmost > -HALF_PATH_M,
-            along_m: Some(nearest),
-        }
+        Footprint { in_path: leftmost < HALF_PATH_M && rightmost > -HALF_PATH_M, along_m: Some(nearest) }
     }
 }

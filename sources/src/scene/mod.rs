@@ -163,7 +163,8 @@ impl Scene {
         let (width, height) = camera.size;
         let world = &self.world;
         self.painter.light = world.light;
-        self.painter.to_world = world.to_world(self.time_s(index)).map(|axes| axes.map(|axis| axis.map(|v| v as f32)));
+        self.painter.to_world =
+            world.to_world(self.time_s(index)).map(|axes| axes.map(|axis| axis.map(|v| v as f32)));
         self.view.project(&camera, &world.surfaces);
         self.shades.project(&camera, &world.shades);
         let wet = world.is_wet();

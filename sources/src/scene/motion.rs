@@ -43,10 +43,7 @@ impl Waypoints {
                 let way = b.0 - a.0;
                 let share = (at - a.0) / way;
                 let rise = b.1 - a.1;
-                (
-                    a.1 + rise * share * share * (3.0 - 2.0 * share),
-                    6.0 * rise * share * (1.0 - share) / way,
-                )
+                (a.1 + rise * share * share * (3.0 - 2.0 * share), 6.0 * rise * share * (1.0 - share) / way)
             }
             _ => (self.value(at), 0.0),
         }

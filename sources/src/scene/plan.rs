@@ -212,7 +212,10 @@ mod tests {
         for (along, lateral) in [(0.0, 2.0), (25.0, -6.0), (33.0, 4.0), (38.0, -3.5), (80.0, 1.0)] {
             let point = road.road(along).point(lateral, 0.0);
             let (found, right) = road.project(point, (-20.0, 120.0));
-            assert!((found - along).abs() < 1e-6 && (right - lateral).abs() < 1e-6, "{along}: {found} {right}");
+            assert!(
+                (found - along).abs() < 1e-6 && (right - lateral).abs() < 1e-6,
+                "{along}: {found} {right}"
+            );
         }
         let right = road.road(40.0).point(7.0, 0.0);
         let there = road.at(1, 7.0);

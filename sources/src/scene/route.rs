@@ -212,7 +212,8 @@ mod tests {
     #[test]
     fn speed_yaw_rate_and_acceleration_are_those_of_the_path() {
         let bend = "[road]\nbend_per_km = [[10, 0], [20, 30], [60, 30], [70, -25]]\n";
-        let ego = "[ego]\nspeed_m_s = [[0, 8], [4, 8], [8, 3], [12, 9]]\nlateral_m = [[2, 1.75], [6, -1.75]]\n";
+        let ego =
+            "[ego]\nspeed_m_s = [[0, 8], [4, 8], [8, 3], [12, 9]]\nlateral_m = [[2, 1.75], [6, -1.75]]\n";
         let route = route(&format!("{ego}{bend}"));
         let camera = view::Pose::new(1.25, 0.0, 0.0);
         for k in 0..190 {
@@ -221,7 +222,10 @@ mod tests {
             let [right, ahead] = a.local([c.x_m, c.z_m]);
             let motion = route.motion(time, &camera, &camera);
             assert!((right.hypot(ahead) / (2.0 * step) - motion.speed_m_s).abs() < 2e-3, "{time}");
-            assert!(((a.heading_rad - c.heading_rad) / (2.0 * step) - motion.yaw_rate_rad_s).abs() < 2e-3, "{time}");
+            assert!(
+                ((a.heading_rad - c.heading_rad) / (2.0 * step) - motion.yaw_rate_rad_s).abs() < 2e-3,
+                "{time}"
+            );
             // It drives where it looks.
             let [right, _] = b.local([c.x_m, c.z_m]);
             assert!(right.abs() < 2e-5, "{time}: {right}");
@@ -243,7 +247,10 @@ mod tests {
         assert!((motion.yaw_rate_rad_s - 0.5).abs() < 1e-6 && (motion.speed_m_s - 5.875).abs() < 1e-9);
         // Up a slope and straight on: only ahead. Over a crest the nose goes down.
         let slope = route("[ego]\nspeed_m_s = 5\n[road]\ngrade_percent = 6\n").motion(4.0, &camera, &camera);
-        assert_eq!((slope.pose.translation_m, slope.pose.rotation), ([0.0, 0.0, 20.0], Pose::IDENTITY.rotation));
+        assert_eq!(
+            (slope.pose.translation_m, slope.pose.rotation),
+            ([0.0, 0.0, 20.0], Pose::IDENTITY.rotation)
+        );
         let crest = route("[ego]\nspeed_m_s = 5\n[road]\ngrade_percent = [[10, 0], [30, -10]]\n");
         let pose = crest.motion(8.0, &camera, &camera).pose;
         let nose = pose.rotate([0.0, 0.0, 1.0]);

@@ -71,7 +71,8 @@ impl Streets {
         // The bank of a level road ends on the plane; that of a hilly one reaches as far as the bends allow.
         let radius_m = 1000.0 / road.bend_per_km.max_abs().max(1e-9);
         let farthest = if is_level { BANK_M } else { SIDE_M.min(0.9 * radius_m) };
-        let reach = |side: f64| if is_level { side.abs() + BANK_M } else { farthest.max(side.abs() + BANK_M) };
+        let reach =
+            |side: f64| if is_level { side.abs() + BANK_M } else { farthest.max(side.abs() + BANK_M) };
         let ends = (-reach(sides.0), reach(sides.1));
         let section = |k: usize| -> Vec<Piece> {
             let depth = if road.branch.is_empty() { 0.0 } else { PAVEMENT_DEPTH_M };

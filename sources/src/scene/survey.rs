@@ -190,9 +190,7 @@ impl Scene {
                 if road { map.inverse_z[i] * (rig.focal_px * rig.baseline_m) as f32 } else { 0.0 }
             })
             .collect();
-        let profile_m = (0..=240)
-            .map(|k| world.road_ahead_m(time_s, f64::from(k) / 2.0))
-            .collect();
+        let profile_m = (0..=240).map(|k| world.road_ahead_m(time_s, f64::from(k) / 2.0)).collect();
         RoadTruth { rows_px, profile_m }
     }
 }

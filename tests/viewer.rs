@@ -86,7 +86,7 @@ const PATH_DRAWN: &str = r#"(() => {
     const pixel = ([x, z]) => canvas.getContext("2d").getImageData(
       Math.round((canvas.clientWidth / 2 + x * perMetre) * dots),
       Math.round((canvas.clientHeight - 6 - z * perMetre) * dots), 1, 1).data.join();
-    const lines = [...document.querySelectorAll("#boxes .way")].map((line) => line.getAttribute("class"));
+    const lines = [...document.querySelectorAll('#boxes .way')].map((line) => line.getAttribute("class"));
     return { on: bent.left_m.slice(2, 12).map(pixel), lines, said: document.getElementById("motion").textContent,
       caption: document.getElementById("birds-caption").textContent };
   };
@@ -185,7 +185,10 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     assert_eq!(drawn["none"], serde_json::json!([]), "{drawn}");
     assert_eq!(drawn["assumed"], serde_json::json!(["way assumed", "way assumed"]), "{drawn}");
     let said = "10.0 ± 0.1 m/s, 0.20 rad/s left (odometry, bus yaw rate; odometry and bus disagree)";
-    assert_eq!((&drawn["said"], &drawn["unknown"]), (&said.into(), &"own motion unknown: straight path".into()));
+    assert_eq!(
+        (&drawn["said"], &drawn["unknown"]),
+        (&said.into(), &"own motion unknown: straight path".into())
+    );
     let ends = |i: usize, end: &str| drawn["captions"][i].as_str().is_some_and(|text| text.ends_with(end));
     assert!(ends(0, "; blue: path") && ends(1, "; dashed: straight path"), "{drawn}");
 

@@ -196,7 +196,7 @@ processes! {
         output: Some(&REGIONS),
         core: Core::Own(2),
         priority: Some(30),
-        config_tables: &["road", "regions"],
+        config_tables: &["road", "regions", "motion"],
     }
     /// Regions to tracked obstacles and the alarm.
     Recognition = 4 {

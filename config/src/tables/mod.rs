@@ -20,7 +20,7 @@ pub use road::{Regions, Road};
 pub use soak::Soak;
 pub use source::{Camera, Source};
 pub use stereo::{Calibration, Stereo};
-pub use vehicle::Vehicle;
+pub use vehicle::{Motion, Vehicle};
 
 crate::table::configuration! {
     /// The whole configuration. [`Config::default`] is the profile `replay`.
@@ -29,6 +29,7 @@ crate::table::configuration! {
         log: Log,
         source: Source,
         vehicle: Vehicle,
+        motion: Motion,
         stereo: Stereo,
         calibration: Calibration,
         road: Road,

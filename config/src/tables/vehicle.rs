@@ -4,6 +4,15 @@ use crate::key::Reload;
 use crate::table::table;
 
 table! {
+    /// How the vehicle's own motion is measured.
+    pub struct Motion, reload: Reload::Readers;
+
+    /// Visual odometry: own motion from the left images and their disparity. Without it and without the vehicle's bus the
+    /// path ahead is a straight strip.
+    odometry: Switch = true;
+}
+
+table! {
     /// The vehicle that carries the cameras.
     pub struct Vehicle, reload: Reload::Restart;
 

@@ -4,10 +4,16 @@
 //! the image: x right, y down, z forward.
 
 pub mod body;
+pub mod camera_motion;
+pub mod corners;
 pub mod curvature;
+pub mod filter;
+pub mod odometry;
+pub mod patch;
 pub mod path;
 pub mod planar;
 pub mod pose;
+pub mod pyramid;
 pub mod vehicle;
 
 /// The vehicle's own motion at the time of a frame, in the plane of the road.

@@ -73,6 +73,26 @@ impl Pose {
         Self { rotation, translation_m: [0.0; 3] }
     }
 
+    /// The rotation as a vector: its direction is the axis, its length the angle in rad.
+    pub fn rotation_vector(&self) -> [f64; 3] {
+        let r = &self.rotation;
+        let sine = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]];
+        let length = sine.iter().map(|v| v * v).sum::<f64>().sqrt() / 2.0;
+        // angle ÷ (2 sin), which is 1/2 for small angles.
+        let scale = if length < 1e-9 { 0.5 } else { self.angle_rad() / (2.0 * length) };
+        sine.map(|v| v * scale)
+    }
+
+    /// The rotation as a unit quaternion: x, y, z, w, with w ≥ 0.
+    pub fn quaternion(&self) -> [f64; 4] {
+        let half_rad = self.angle_rad() / 2.0;
+        let v = self.rotation_vector();
+        let length = v.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let scale = if length < 1e-9 { 0.5 } else { half_rad.sin() / length };
+        let [x, y, z] = v.map(|v| v * scale);
+        [x, y, z, (1.0 - x * x - y * y - z * z).max(0.0).sqrt()]
+    }
+
     /// Angle of the rotation, in rad, 0 to π.
     pub fn angle_rad(&self) -> f64 {
         let r = &self.rotation;

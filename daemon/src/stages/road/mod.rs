@@ -1,5 +1,6 @@
 //! The stage road: `depth` to `regions`.
 
+pub mod own_motion;
 pub mod parameters;
 
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
@@ -8,9 +9,11 @@ use config::Config;
 use messages::alarm::Faults;
 use messages::depth::{Depth, DepthMessage};
 use messages::header::MessageError;
+use messages::motion::MotionRecord;
 use messages::regions;
 use messages::regions::{EdgeRecord, RegionRecord, RegionsMessage, RoadRecord};
 use messages::typed::{Output, Written};
+use own_motion::OwnMotion;
 use perception::depth::DepthView;
 use perception::frame_clock::FrameClock;
 use perception::image::GreyView;
@@ -35,6 +38,7 @@ const MIN_CROP: u32 = 32;
 /// Adapter of the scene detector (road model and regions).
 pub struct RoadStage {
     detector: SceneDetector,
+    own_motion: OwnMotion,
     clock: FrameClock,
     rig: Rig,
     path_width_m: f64,
@@ -61,6 +65,7 @@ impl Stage for RoadStage {
         );
         Ok(Self {
             detector,
+            own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
             rig: format.rig(),
             path_width_m: config.alarm.path_width_m,
@@ -87,9 +92,11 @@ impl Stage for RoadStage {
                 given: depth.confidence.len(),
                 needed: self.width * self.height,
             })?;
-        if self.clock.step(frame.source_ns).is_discontinuity() {
+        let step = self.clock.step(frame.source_ns);
+        if step.is_discontinuity() {
             self.detector.reset();
         }
+        let _motion = self.own_motion.update(frame, step, left, disparity);
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
@@ -117,6 +124,10 @@ impl Stage for RoadStage {
             writer.push(record, rows);
         }
         Ok(writer.finish())
+    }
+
+    fn motion(&self) -> Option<MotionRecord> {
+        Some(self.own_motion.record())
     }
 
     fn faults(&self) -> Faults {

@@ -1,0 +1,129 @@
+//! The vehicle's own motion in the stage road: odometry, the filter that joins it with the vehicle's bus, and the record
+//! in the header.
+
+use crate::stages::stage::FrameContext;
+use messages::motion::{MotionRecord, VehicleRecord, health, present};
+use perception::frame_clock::TimeStep;
+use perception::image::GreyView;
+use perception::motion::Motion;
+use perception::motion::filter::{MotionFilter, MotionHealth};
+use perception::motion::odometry::{Odometry, OdometryResult};
+use perception::motion::pose::Pose;
+use perception::motion::vehicle::{Aged, VehicleSample};
+use perception::rig::Rig;
+use perception::stereo::DisparityView;
+
+/// Own motion from the frames of a run.
+pub struct OwnMotion {
+    /// `None` if `motion.odometry` is off.
+    odometry: Option<Odometry>,
+    filter: MotionFilter,
+    /// From the camera now to that of the first frame, or of the first one after a reset.
+    pose: Pose,
+    /// The same for the last frame that odometry measured; what it measures next refers to that.
+    measured: Pose,
+    inliers: u32,
+    resets: u32,
+    motion: Option<Motion>,
+}
+
+impl OwnMotion {
+    /// For images of `size` (width, height).
+    pub fn new(with_odometry: bool, rig: Rig, size: (usize, usize)) -> Self {
+        Self {
+            odometry: with_odometry.then(|| Odometry::new(rig, size.0, size.1)),
+            filter: MotionFilter::default(),
+            pose: Pose::IDENTITY,
+            measured: Pose::IDENTITY,
+            inliers: 0,
+            resets: 0,
+            motion: None,
+        }
+    }
+
+    /// Estimates the motion at the time of a frame; returns it, if it is known. A gap or a step back in time starts anew;
+    /// a repeated time changes nothing.
+    pub fn update(
+        &mut self,
+        frame: &FrameContext,
+        step: TimeStep,
+        left: GreyView<'_>,
+        disparity: DisparityView<'_>,
+    ) -> Option<Motion> {
+        if step == TimeStep::Repeated {
+            return self.motion;
+        }
+        if step.is_discontinuity() {
+            self.filter.reset();
+            (self.pose, self.measured) = (Pose::IDENTITY, Pose::IDENTITY);
+            self.resets += 1;
+            if let Some(odometry) = &mut self.odometry {
+                odometry.reset();
+            }
+        }
+        let elapsed_s = step.elapsed_s();
+        let result = self.odometry.as_mut().map(|odometry| odometry.update(left, disparity, elapsed_s));
+        let estimate = match &result {
+            Some(OdometryResult::Known(estimate)) => Some(estimate),
+            _ => None,
+        };
+        self.inliers = estimate.map_or(0, |e| e.inliers as u32);
+        self.motion = self.filter.update(elapsed_s, estimate, &sample(&frame.vehicle));
+        match estimate.filter(|_| self.filter.health().odometry) {
+            Some(estimate) => {
+                // It refers to an earlier frame, if the motion was not known meanwhile.
+                self.pose = self.measured.after(&estimate.motion);
+                self.measured = self.pose;
+            }
+            None => {
+                let motion = self.motion.unwrap_or_default();
+                let turn = Pose::from_rotation_vector([0.0, -motion.yaw_rate_rad_s * elapsed_s, 0.0]);
+                let step = Pose { translation_m: [0.0, 0.0, motion.speed_m_s * elapsed_s], ..turn };
+                self.pose = self.pose.after(&step);
+                if self.odometry.as_ref().is_none_or(Odometry::starts_anew) {
+                    self.measured = self.pose;
+                }
+            }
+        }
+        self.motion
+    }
+
+    /// The record for the header.
+    pub fn record(&self) -> MotionRecord {
+        let MotionHealth { odometry, bus_speed, bus_yaw_rate, disagree, standstill } = self.filter.health();
+        let bits = [
+            (self.motion.is_some(), health::KNOWN),
+            (odometry, health::ODOMETRY),
+            (bus_speed, health::BUS_SPEED),
+            (bus_yaw_rate, health::BUS_YAW_RATE),
+            (disagree, health::DISAGREE),
+            (standstill, health::STANDSTILL),
+        ];
+        let motion = self.motion.unwrap_or_default();
+        MotionRecord {
+            speed_m_s: motion.speed_m_s,
+            speed_sigma_m_s: motion.speed_sigma_m_s,
+            acceleration_m_s2: motion.acceleration_m_s2,
+            acceleration_sigma_m_s2: motion.acceleration_sigma_m_s2,
+            yaw_rate_rad_s: motion.yaw_rate_rad_s,
+            yaw_rate_sigma_rad_s: motion.yaw_rate_sigma_rad_s,
+            position_m: self.pose.translation_m,
+            orientation: self.pose.quaternion(),
+            health: bits.iter().filter(|(is_set, _)| *is_set).map(|(_, bit)| bit).sum(),
+            inliers: self.inliers,
+            resets: self.resets,
+            reserved: 0,
+        }
+        .limited()
+    }
+}
+
+/// What the filter uses of the vehicle's record.
+fn sample(record: &VehicleRecord) -> VehicleSample {
+    let aged = |bit, value, age_s| (record.present & bit != 0).then_some(Aged { value, age_s });
+    VehicleSample {
+        speed_m_s: aged(present::SPEED, record.speed_m_s, record.speed_age_s),
+        yaw_rate_rad_s: aged(present::YAW_RATE, record.yaw_rate_rad_s, record.yaw_rate_age_s),
+        ..VehicleSample::default()
+    }
+}

@@ -11,6 +11,10 @@ table! {
     /// Alarm if an obstacle in the path is nearer than this. Cannot be disabled.
     distance_m: Number(0.5, 200.0) in "m" = Rules::default().distance_m;
 
+    /// Where the own speed is known, `distance_m` is reduced to the way driven within this time plus 2 m: at 2 s to 6 m at
+    /// 2 m/s. 0 keeps `distance_m` at any speed.
+    distance_s: Number(0.0, 20.0) in "s" = Rules::default().distance_s;
+
     /// Warning if the time to collision with an obstacle in the path, at constant closing speed, is less than
     /// this; 0 disables the rule.
     ttc_warning_s: Number(0.0, 10.0) in "s" = Rules::default().ttc_warning_s;
@@ -26,7 +30,8 @@ table! {
     /// rule.
     deceleration_alarm_m_s2: Number(0.0, 20.0) in "m/s²" = Rules::default().deceleration_alarm_m_s2;
 
-    /// Width of the vehicle's path, centred on the camera axis; an obstacle is in it if any part of it is.
+    /// Width of the straight path that counts while the own motion is unknown, centred on the camera axis; an obstacle is
+    /// in it if any part of it is. With known motion the path is what the body (`[vehicle]`) sweeps.
     path_width_m: Number(0.5, 20.0) in "m" = Rules::default().path_width_m, reload: Reload::AllStages;
 
     /// Number of consecutive frames in which a rule must hold. Rules are evaluated on the prediction for the

@@ -4,6 +4,7 @@
 
 pub mod capture;
 mod frame_loop;
+pub mod motion;
 pub mod recognition;
 pub mod road;
 pub mod stage;

@@ -132,9 +132,10 @@ pub struct ObstacleRecord {
     pub width_m: f64,
     /// Height in metres.
     pub height_m: f64,
-    /// Lateral speed in m/s; positive to the right. Over ground where `moving` is not 0, else relative to the camera.
+    /// Lateral speed in m/s; positive to the right. Over ground where the alarm's path is known, else relative to the
+    /// camera.
     pub across_m_s: f64,
-    /// Speed over ground along z, in m/s; positive away from the camera. 0 where `moving` is 0.
+    /// Speed over ground along z, in m/s; positive away from the camera. 0 where the alarm's path is unknown.
     pub along_m_s: f64,
     /// Closing speed in m/s; positive while the distance decreases.
     pub closing_m_s: f64,

@@ -13,22 +13,31 @@
 //! Only an obstacle that is detected in the frame raises a level. One that is not detected keeps a level at most for the
 //! hold time, counted from its last detection. A gap or a step back in time ([`crate::frame_clock`]) ends all levels.
 //!
+//! Where the vehicle's own motion is known ([`Alarm::update_on_path`]), distance, closing speed and time to collision are
+//! along the strip that its body sweeps ([`swept`]), and the preset distance counts only for what is in that strip and
+//! approached. Else the path is a straight strip ([`path`]).
+//!
 //! A level must be triggered in several consecutive frames before it is raised. Rules are evaluated ahead in
 //! time by the duration of this confirmation, so that it causes no delay while motion continues unchanged. A
 //! level is lowered only when its rule is missed by a margin, and not before a hold time has passed.
 
+pub mod candidate;
 pub mod path;
+pub mod swept;
 
 use crate::frame_clock::{FrameClock, TimeStep};
-use crate::tracking::Track;
+use crate::motion::path::SweptPath;
 use crate::tracking::filter::TimeToCollision;
-use path::LateralMotion;
+pub use candidate::Candidate;
 
 /// Parameters of the alarm. A limit of 0 disables its rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AlarmParameters {
     /// Alarm: distance below this, in metres.
     pub distance_m: f64,
+    /// Where the own speed is known, the distance is at most the way driven within this time plus
+    /// [`DISTANCE_AT_REST_M`], in seconds; 0 if it does not depend on the speed.
+    pub distance_s: f64,
     /// Warning: time to collision below this, in seconds.
     pub ttc_warning_s: f64,
     /// Alarm: time to collision below this, in seconds.
@@ -51,6 +60,7 @@ impl Default for AlarmParameters {
     fn default() -> Self {
         Self {
             distance_m: 10.0,
+            distance_s: 2.0,
             ttc_warning_s: 2.8,
             ttc_alarm_s: 1.6,
             deceleration_warning_m_s2: 3.5,
@@ -93,79 +103,6 @@ pub enum AlarmRule {
     Deceleration = 3,
 }
 
-/// A confirmed obstacle, as input of the alarm.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Candidate {
-    /// Identifier of its track.
-    pub track: u32,
-    /// Number of frames with a detection.
-    pub seen: u32,
-    /// Consecutive frames with a detection, up to this one; 0 if it is not detected.
-    pub consecutive_frames: u32,
-    /// Time since the last detection, in seconds; 0 if it is detected in this frame.
-    pub unseen_s: f64,
-    /// Mean absolute log ratio of its width from frame to frame.
-    pub width_jitter: f64,
-    /// Distance, in metres.
-    pub distance_m: f64,
-    /// Closing speed, in m/s.
-    pub closing_m_s: f64,
-    /// Time to collision; `None` if it does not approach significantly.
-    pub time_to_collision: Option<TimeToCollision>,
-    /// Lateral position and speed.
-    pub motion: LateralMotion,
-}
-
-impl Candidate {
-    /// Converts a track.
-    pub fn of(track: &Track) -> Self {
-        Self {
-            track: track.id,
-            seen: track.seen,
-            consecutive_frames: track.consecutive_frames,
-            unseen_s: track.unseen_s,
-            width_jitter: track.width_jitter,
-            distance_m: track.distance_m(),
-            closing_m_s: track.closing_m_s(),
-            time_to_collision: track.time_to_collision(),
-            motion: LateralMotion {
-                lateral_m: track.lateral.lateral_m(),
-                speed_m_s: track.lateral.speed_m_s(),
-                speed_sigma_m_s: track.lateral.speed_sigma_m_s(),
-                width_m: track.width_m,
-            },
-        }
-    }
-
-    /// Whether all its numbers are: with another one nothing can be judged.
-    fn is_finite(&self) -> bool {
-        let LateralMotion { lateral_m, speed_m_s, speed_sigma_m_s, width_m } = self.motion;
-        let ttc = self.time_to_collision.map_or([0.0; 2], |t| [t.seconds, t.sigma_s]);
-        [lateral_m, speed_m_s, speed_sigma_m_s, width_m, self.distance_m, self.closing_m_s, self.width_jitter]
-            .into_iter()
-            .chain(ttc)
-            .all(f64::is_finite)
-    }
-
-    /// Whether it is detected in this frame. A place that is only predicted raises nothing.
-    fn is_detected(&self) -> bool {
-        self.consecutive_frames > 0
-    }
-
-    /// Whether the vehicle would collide with it in a path of this width (in metres).
-    pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
-        let arrival_s = self.time_to_collision.map(|t| t.seconds);
-        self.motion.path_relation(path_width_m, arrival_s).is_in_the_way()
-    }
-
-    /// Deceleration that reduces the closing speed to 0 before the distance is 0, in m/s²; 0 if it does not
-    /// approach significantly.
-    pub fn required_deceleration_m_s2(&self) -> f64 {
-        let is_closing = self.time_to_collision.is_some();
-        if is_closing { self.closing_m_s * self.closing_m_s / (2.0 * self.distance_m.max(0.1)) } else { 0.0 }
-    }
-}
-
 /// State of the alarm, with its reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AlarmState {
@@ -196,6 +133,9 @@ const MAX_WIDTH_JITTER: f64 = 0.5;
 const MAX_TTC_SIGMA_SHARE: f64 = 0.3;
 /// and a closing speed of at least this, in m/s: approaching a queue slowly is not dangerous.
 const MIN_CLOSING_M_S: f64 = 1.0;
+
+/// What the preset distance is at rest if it depends on the speed, in metres from the camera: about the front of a car.
+pub const DISTANCE_AT_REST_M: f64 = 2.0;
 
 /// Largest number of candidates.
 const CAPACITY: usize = 128;
@@ -230,6 +170,8 @@ pub struct Alarm {
     last: AlarmState,
     counts: Vec<RuleCounts>,
     before: Vec<RuleCounts>,
+    /// The swept path of this frame, if it is known.
+    path: Option<SweptPath>,
 }
 
 impl Alarm {
@@ -245,10 +187,11 @@ impl Alarm {
             last: AlarmState::default(),
             counts: Vec::with_capacity(CAPACITY),
             before: Vec::with_capacity(CAPACITY),
+            path: None,
         }
     }
 
-    /// Evaluates one frame. If `can_judge` is false, the alarm is off regardless of the candidates. No level is held
+    /// Evaluates one frame on the straight strip. If `can_judge` is false, the alarm is off regardless of the candidates. No level is held
     /// over a gap or a step back in time; a repeated time adds nothing.
     pub fn update(
         &mut self,
@@ -256,6 +199,18 @@ impl Alarm {
         can_judge: bool,
         candidates: impl IntoIterator<Item = Candidate>,
     ) -> AlarmState {
+        self.update_on_path(time_ns, can_judge, None, candidates)
+    }
+
+    /// The same on the path that the body sweeps; `None` if it is unknown.
+    pub fn update_on_path(
+        &mut self,
+        time_ns: u64,
+        can_judge: bool,
+        path: Option<SweptPath>,
+        candidates: impl IntoIterator<Item = Candidate>,
+    ) -> AlarmState {
+        self.path = path;
         let state = self.evaluate_frame(time_ns, can_judge, candidates);
         self.last = state;
         state
@@ -289,9 +244,14 @@ impl Alarm {
         let mut nearest_m: Option<f64> = None;
         let mut cause: Option<Cause> = None;
         for candidate in candidates.into_iter().take(CAPACITY) {
-            if !candidate.is_finite() || !candidate.is_in_the_way(self.parameters.path_width_m) {
+            if !candidate.is_finite() {
                 continue;
             }
+            let is_held = self.track == Some(candidate.track);
+            let width_m = self.parameters.path_width_m;
+            let Some(candidate) = candidate.in_the_way(self.path.as_ref(), width_m, is_held) else {
+                continue;
+            };
             nearest_m = Some(nearest_m.map_or(candidate.distance_m, |n| n.min(candidate.distance_m)));
             if let Some(of) = self.evaluate(&candidate, lead_s)
                 && cause.is_none_or(|c| (of.level, c.candidate.distance_m) > (c.level, candidate.distance_m))
@@ -358,6 +318,17 @@ impl Alarm {
             .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
     }
 
+    /// The preset distance at the own speed, in metres.
+    fn distance_limit_m(&self) -> f64 {
+        let AlarmParameters { distance_m, distance_s, .. } = self.parameters;
+        match self.path {
+            Some(path) if distance_s > 0.0 => {
+                distance_m.min(path.speed_m_s.max(0.0) * distance_s + DISTANCE_AT_REST_M)
+            }
+            _ => distance_m,
+        }
+    }
+
     /// Rule of a level that a candidate triggers, evaluated `lead_s` ahead. `is_held`: the candidate already
     /// holds the level, so the limits include the hysteresis.
     fn triggered_rule(
@@ -372,7 +343,9 @@ impl Alarm {
         let lead_s = if c.is_detected() && !is_held { lead_s } else { 0.0 };
         let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
         let distance_m = c.distance_m - closing * lead_s;
-        if level == AlarmLevel::Alarm && p.distance_m > 0.0 && distance_m < p.distance_m * hysteresis {
+        let limit_m = self.distance_limit_m();
+        if level == AlarmLevel::Alarm && c.is_approached && limit_m > 0.0 && distance_m < limit_m * hysteresis
+        {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
@@ -398,6 +371,7 @@ impl Alarm {
 
 #[cfg(test)]
 mod tests {
+    use super::path::LateralMotion;
     use super::*;
 
     const PERIOD_NS: u64 = 80_000_000;
@@ -415,6 +389,8 @@ mod tests {
             time_to_collision: (closing_m_s > 0.5)
                 .then(|| TimeToCollision { seconds: distance_m / closing_m_s, sigma_s: 0.05 }),
             motion: LateralMotion { speed_sigma_m_s: 0.1, width_m: 1.8, ..LateralMotion::default() },
+            ground: None,
+            ..Candidate::default()
         }
     }
 

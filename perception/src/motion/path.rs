@@ -17,6 +17,9 @@ pub const STEERING_M_S2: f64 = 0.25;
 /// Speed below which the time to a place is counted as at this speed, in m/s.
 const MIN_SPEED_M_S: f64 = 2.0;
 
+/// Speed below which the vehicle stands, in m/s: less than a car creeps.
+const MAX_REST_SPEED_M_S: f64 = 0.3;
+
 /// The path from a length on follows the edges of the road.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgesAhead {
@@ -114,6 +117,11 @@ impl SweptPath {
             place[0] + cosine * offset_m - self.body.camera_right_m,
             place[1] + sine * offset_m - self.body.rear_axle_m,
         ]
+    }
+
+    /// Whether the vehicle stands.
+    pub fn is_at_rest(&self) -> bool {
+        self.speed_m_s.abs() < MAX_REST_SPEED_M_S.max(2.0 * self.speed_sigma_m_s)
     }
 
     /// Curvature at this arc length.

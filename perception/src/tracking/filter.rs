@@ -285,7 +285,7 @@ impl DistanceFilter {
 const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
 
 /// Process noise of the lateral speed, in m²/s³.
-const LATERAL_PROCESS_NOISE: f64 = 0.6;
+pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
 
 /// Kalman filter of lateral position and speed, positive to the right of the camera axis.
 #[derive(Clone, Copy, Debug, PartialEq)]

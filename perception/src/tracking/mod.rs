@@ -28,7 +28,7 @@ use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use assign::Assignment;
 use classification::Classification;
-use filter::ground::{Filters, Movement};
+use filter::ground::{Filters, GroundMotion, Movement};
 use filter::{DistanceFilter, LateralFilter, TimeToCollision};
 
 /// An obstacle that is tracked from frame to frame.
@@ -62,6 +62,8 @@ pub struct Track {
     pub classification: Classification,
     /// Whether it moves over ground; unknown while the own motion is.
     pub movement: Movement,
+    /// Whether its speeds are over ground.
+    is_over_ground: bool,
     /// Standard deviation of the closing speed of a standing thing in its place, in m/s.
     own_sigma_m_s: f64,
     /// Box and distance of the last detection.
@@ -98,6 +100,21 @@ impl Track {
             Movement::Standing => self.longitudinal.standing_time_to_collision(self.own_sigma_m_s),
             _ => self.longitudinal.time_to_collision(),
         }
+    }
+
+    /// Motion over ground; `None` while the own motion is unknown.
+    pub fn ground(&self) -> Option<GroundMotion> {
+        if !self.is_over_ground {
+            return None;
+        }
+        let stands = self.movement == Movement::Standing;
+        let speed_m_s = [self.lateral.speed_m_s(), self.longitudinal.speed_m_s()];
+        Some(GroundMotion {
+            speed_m_s: if stands { [0.0; 2] } else { speed_m_s },
+            speed_sigma_m_s: [self.lateral.speed_sigma_m_s(), self.longitudinal.closing_sigma_m_s()],
+            place_sigma_m: [self.lateral.lateral_sigma_m(), self.longitudinal.distance_sigma_m()],
+            movement: self.movement,
+        })
     }
 
     /// Its filters.
@@ -350,10 +367,10 @@ impl Tracker {
     /// Predicts all tracks to this frame, over ground if the own motion is known.
     fn predict(&mut self, elapsed_s: f64, motion: Option<Motion>) {
         let motion = motion.filter(Motion::is_finite);
-        let before = std::mem::replace(&mut self.own, motion.map(|m| OwnRates::of(&m, &self.body)));
+        self.own = motion.map(|m| OwnRates::of(&m, &self.body));
         let Some((rates, motion)) = self.own.zip(motion) else {
             for track in &mut self.tracks {
-                if before.is_some() {
+                if std::mem::take(&mut track.is_over_ground) {
                     track.filters().end();
                     (track.movement, track.own_sigma_m_s) = (Movement::Unknown, 0.0);
                 }
@@ -364,8 +381,9 @@ impl Tracker {
         };
         let step = PlanarStep::of(&motion, &self.body, elapsed_s);
         for track in &mut self.tracks {
+            let is_over_ground = std::mem::replace(&mut track.is_over_ground, true);
             let mut filters = track.filters();
-            if before.is_none() {
+            if !is_over_ground {
                 filters.begin(&rates);
             }
             filters.predict(&step, &rates, elapsed_s);
@@ -421,6 +439,7 @@ impl Tracker {
             classification: Classification::default(),
             movement: Movement::Unknown,
             own_sigma_m_s: 0.0,
+            is_over_ground: self.own.is_some(),
             last: (region.bounds, region.distance_m),
         };
         if let Some(rates) = &self.own {

@@ -3,6 +3,7 @@
 pub mod cascade;
 pub mod parameters;
 
+use super::motion::motion;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
 use cascade::recogniser;
@@ -13,10 +14,13 @@ use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessa
 use messages::regions::{self, RegionRecord, Regions, RegionsMessage};
 use messages::source_time::SourceTimeRecord;
 use messages::typed::{Output, Written};
-use parameters::{alarm_parameters, schedule_parameters, tracker_parameters};
+use parameters::{alarm_parameters, body, schedule_parameters, tracker_parameters};
 use perception::alarm::{Alarm, Candidate};
 use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;
+use perception::motion::body::Body;
+use perception::motion::curvature::CurvatureFilter;
+use perception::motion::path::SweptPath;
 use perception::recognition::Recogniser;
 use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
@@ -44,6 +48,10 @@ pub struct RecognitionStage {
     clock: FrameClock,
     source_time: SourceTimeRecord,
     path_width_m: f64,
+    body: Body,
+    curvature: CurvatureFilter,
+    /// The path that the body sweeps; `None` while the own motion is unknown.
+    path: Option<SweptPath>,
     /// Source time of the last frame with a road.
     road_ns: u64,
     /// How long a raised alarm stays on without a road, in nanoseconds.
@@ -69,9 +77,15 @@ impl RecognitionStage {
             // What was raised before says nothing about this frame.
             (self.last, self.road_ns) = (None, frame.source_ns);
             self.scale_change.reset();
+            self.curvature = CurvatureFilter::default();
         }
         // A repeated time leaves tracks and classes as they are: their detections belong to the frame before.
         if step != TimeStep::Repeated {
+            let own = motion(&frame.motion);
+            self.path = own.map(|m| self.curvature.update(&m, step.elapsed_s(), self.body, None));
+            if own.is_none() {
+                self.curvature = CurvatureFilter::default();
+            }
             self.track(frame, message);
         }
         self.source_time.dropped_obstacles = self.tracker.dropped();
@@ -86,14 +100,13 @@ impl RecognitionStage {
         let is_covered = is_raised && frame.source_ns - self.road_ns <= self.hold_ns;
         let no_road = Faults::NO_ROAD.when(road.seen == 0 && !is_covered);
         let faults = frame.faults.and(no_road).and(Faults::TIME.when(self.clock.is_unreliable()));
-        let state = self.alarm.update(frame.source_ns, faults.is_none(), candidates);
+        let state = self.alarm.update_on_path(frame.source_ns, faults.is_none(), self.path, candidates);
         let alarm = AlarmRecord {
             level: state.level as u32,
             rule: state.rule as u32,
             track: state.track.unwrap_or(0),
             faults: faults.0,
             changed: u32::from(state.changed),
-            path_known: 0,
             nearest_m: state.nearest_m.unwrap_or(f64::INFINITY),
             time_to_collision_s: state.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
             required_deceleration_m_s2: state.required_deceleration_m_s2,
@@ -103,13 +116,15 @@ impl RecognitionStage {
             horizon_px: road.horizon_px,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
-            ..AlarmRecord::default()
+            ..self.path.as_ref().map(path_fields).unwrap_or_default()
         }
         .limited();
         self.records.clear();
         for track in tracker.tracks().iter().take(MAX_COUNT) {
             let confirmed = tracker.is_confirmed(track);
-            self.records.push(obstacle(track, confirmed, self.path_width_m, &self.label));
+            let candidate = Candidate::of(track);
+            let in_path = candidate.in_the_way(self.path.as_ref(), self.path_width_m, false).is_some();
+            self.records.push(obstacle(track, confirmed, in_path, &self.label));
         }
         self.last = Some((frame.sequence, alarm));
         alarm
@@ -119,7 +134,7 @@ impl RecognitionStage {
     fn track(&mut self, frame: &FrameContext, message: &Regions<'_>) {
         self.regions.clear();
         self.regions.extend(message.regions.iter().map(region));
-        self.tracker.update(frame.source_ns, &self.regions);
+        self.tracker.update_with_motion(frame.source_ns, &self.regions, motion(&frame.motion));
         let crop = |track: &Track| {
             let record = message.regions.get(track.detection?)?;
             let [x, y, width, height] = record.crop;
@@ -192,7 +207,7 @@ impl Stage for RecognitionStage {
             label: config.recognition.label.clone(),
             min_m: MIN_SHARE * config.recognition.window_m,
             schedule: schedule_parameters(config),
-            tracker: Tracker::new(tracker_parameters(config), rig, size),
+            tracker: Tracker::new(tracker_parameters(config), rig, size).with_body(body(config)),
             scale_change: ScaleChangeMeter::new(format.width, format.height),
             alarm: Alarm::new(alarm_parameters(config)),
             clock: FrameClock::default(),
@@ -200,6 +215,9 @@ impl Stage for RecognitionStage {
             road_ns: 0,
             hold_ns: alarm_parameters(config).hold_ns,
             path_width_m: config.alarm.path_width_m,
+            body: body(config),
+            curvature: CurvatureFilter::default(),
+            path: None,
             rig,
             regions: Vec::with_capacity(regions::MAX_COUNT),
             records: Vec::with_capacity(MAX_COUNT),
@@ -242,12 +260,29 @@ fn region(record: &RegionRecord) -> Region {
     }
 }
 
-fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> ObstacleRecord {
+/// The fields of an alarm that say which path is known.
+fn path_fields(path: &SweptPath) -> AlarmRecord {
+    AlarmRecord {
+        path_known: 1,
+        path_curvature_per_m: path.curvature_per_m,
+        path_curvature_sigma_per_m: path.curvature_sigma_per_m,
+        path_half_width_m: path.body.width_m / 2.0,
+        path_edges_from_m: path.edges.map_or(0.0, |e| e.from_m),
+        path_edges_curvature_per_m: path.edges.map_or(0.0, |e| e.curvature_per_m),
+        path_camera_right_m: path.body.camera_right_m,
+        path_rear_axle_m: path.body.rear_axle_m,
+        path_front_m: path.body.front_m,
+        ..AlarmRecord::default()
+    }
+}
+
+fn obstacle(track: &Track, confirmed: bool, in_path: bool, label: &str) -> ObstacleRecord {
     let b = track.region.bounds;
     let mut class = [0; 16];
     let score = track.classification.score();
     put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
     let ttc = track.time_to_collision();
+    let ground = track.ground();
     ObstacleRecord {
         track: track.id,
         confirmed: u32::from(confirmed),
@@ -259,14 +294,14 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
         lateral_m: track.lateral.lateral_m(),
         width_m: track.width_m,
         height_m: track.region.height_m,
-        across_m_s: track.lateral.speed_m_s(),
-        along_m_s: 0.0,
+        across_m_s: ground.map_or(track.lateral.speed_m_s(), |g| g.speed_m_s[0]),
+        along_m_s: ground.map_or(0.0, |g| g.speed_m_s[1]),
         closing_m_s: track.closing_m_s(),
-        closing_sigma_m_s: track.longitudinal.closing_sigma_m_s(),
+        closing_sigma_m_s: track.closing_sigma_m_s(),
         time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
         time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
-        in_path: u32::from(Candidate::of(track).is_in_the_way(path_width_m)),
-        moving: 0,
+        in_path: u32::from(in_path),
+        moving: track.movement as u32,
         score: score.map_or(0.0, f64::from),
         class,
     }
@@ -275,8 +310,9 @@ fn obstacle(track: &Track, confirmed: bool, path_width_m: f64, label: &str) -> O
 
 #[cfg(test)]
 mod tests {
-    use messages::alarm::{LEVELS, RULES, level_name, rule_name};
+    use messages::alarm::{LEVELS, MOVING, RULES, level_name, moving_name, rule_name};
     use perception::alarm::{AlarmLevel, AlarmRule};
+    use perception::tracking::filter::ground::Movement;
 
     #[test]
     fn numbers_of_levels_and_rules_match_their_names() {
@@ -286,5 +322,7 @@ mod tests {
         let rules = [AlarmRule::Distance, AlarmRule::TimeToCollision, AlarmRule::Deceleration];
         assert_eq!(rules.map(|r| rule_name(r as u32).unwrap()), RULES[1..]);
         assert_eq!(rule_name(AlarmRule::None as u32), None);
+        let movements = [Movement::Unknown, Movement::Standing, Movement::Moving];
+        assert_eq!(movements.map(|m| moving_name(m as u32)), MOVING);
     }
 }

@@ -3,6 +3,7 @@
 use crate::stages::whole_number::whole;
 use config::Config;
 use perception::alarm::AlarmParameters;
+use perception::motion::body::Body;
 use perception::tracking::TrackerParameters;
 use perception::tracking::classification_schedule::ScheduleParameters;
 
@@ -22,6 +23,7 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     let c = &config.alarm;
     AlarmParameters {
         distance_m: c.distance_m,
+        distance_s: c.distance_s,
         ttc_warning_s: c.ttc_warning_s,
         ttc_alarm_s: c.ttc_alarm_s,
         deceleration_warning_m_s2: c.deceleration_warning_m_s2,
@@ -30,6 +32,17 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
         confirm_frames: whole(c.confirm_frames),
         clear_share: c.clear_share,
         hold_ns: whole::<u64>(c.hold_ms) * 1_000_000,
+    }
+}
+
+/// The vehicle's body.
+pub fn body(config: &Config) -> Body {
+    let c = &config.vehicle;
+    Body {
+        width_m: c.width_m,
+        front_m: c.front_m,
+        camera_right_m: c.camera_right_m,
+        rear_axle_m: c.rear_axle_m,
     }
 }
 
@@ -48,6 +61,7 @@ mod tests {
         let config = Config::default();
         assert_eq!(tracker_parameters(&config), TrackerParameters::default());
         assert_eq!(alarm_parameters(&config), AlarmParameters::default());
+        assert_eq!(body(&config), Body::default());
         assert_eq!(schedule_parameters(&config), ScheduleParameters::default());
     }
 }

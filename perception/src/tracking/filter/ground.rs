@@ -9,7 +9,7 @@ use super::{
     ConstantVelocityFilter, DistanceFilter, LATERAL_PROCESS_NOISE, LateralFilter, MIN_DISTANCE_M,
     TimeToCollision,
 };
-use crate::motion::planar::{OwnRates, PlanarStep};
+use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 
 /// Whether an obstacle moves over ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,6 +22,19 @@ pub enum Movement {
     Standing = 1,
     /// It moves.
     Moving = 2,
+}
+
+/// Motion of an obstacle over ground, along the camera's axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GroundMotion {
+    /// Speed to the right and forward, in m/s; 0 if it stands.
+    pub speed_m_s: Planar,
+    /// Its standard deviation, in m/s.
+    pub speed_sigma_m_s: Planar,
+    /// Standard deviation of the place to the right and forward, in metres.
+    pub place_sigma_m: Planar,
+    /// Whether it stands or moves.
+    pub movement: Movement,
 }
 
 /// Speeds that a standing thing seems to have, in m/s, as its visible part changes and the own motion errs.

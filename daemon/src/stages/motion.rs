@@ -1,0 +1,51 @@
+//! The vehicle's own motion between its record in the header and the type of the algorithms.
+
+use messages::motion::{MotionRecord, health};
+use perception::motion::Motion;
+
+/// The motion of a header; `None` if it is unknown.
+pub fn motion(record: &MotionRecord) -> Option<Motion> {
+    record.is_known().then_some(Motion {
+        speed_m_s: record.speed_m_s,
+        speed_sigma_m_s: record.speed_sigma_m_s,
+        acceleration_m_s2: record.acceleration_m_s2,
+        acceleration_sigma_m_s2: record.acceleration_sigma_m_s2,
+        yaw_rate_rad_s: record.yaw_rate_rad_s,
+        yaw_rate_sigma_rad_s: record.yaw_rate_sigma_rad_s,
+    })
+}
+
+/// The record of a known motion, without pose.
+#[allow(dead_code)] // Called by the stage that determines the motion.
+pub fn motion_record(motion: &Motion) -> MotionRecord {
+    MotionRecord {
+        speed_m_s: motion.speed_m_s,
+        speed_sigma_m_s: motion.speed_sigma_m_s,
+        acceleration_m_s2: motion.acceleration_m_s2,
+        acceleration_sigma_m_s2: motion.acceleration_sigma_m_s2,
+        yaw_rate_rad_s: motion.yaw_rate_rad_s,
+        yaw_rate_sigma_rad_s: motion.yaw_rate_sigma_rad_s,
+        health: health::KNOWN,
+        ..MotionRecord::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_motion_returns_from_its_record_and_an_unknown_one_does_not() {
+        let known = Motion {
+            speed_m_s: 8.0,
+            speed_sigma_m_s: 0.1,
+            acceleration_m_s2: -1.0,
+            acceleration_sigma_m_s2: 0.3,
+            yaw_rate_rad_s: 0.2,
+            yaw_rate_sigma_rad_s: 0.005,
+        };
+        assert_eq!(motion(&motion_record(&known)), Some(known));
+        assert_eq!(motion(&MotionRecord { health: health::ODOMETRY, ..motion_record(&known) }), None);
+        assert_eq!(motion(&MotionRecord::default()), None);
+    }
+}

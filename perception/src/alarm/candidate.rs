@@ -1,0 +1,136 @@
+//! A confirmed obstacle, as the alarm judges it.
+
+use super::path::LateralMotion;
+use super::swept::{Obstacle, encounter};
+use crate::motion::path::SweptPath;
+use crate::tracking::Track;
+use crate::tracking::filter::TimeToCollision;
+use crate::tracking::filter::ground::{GroundMotion, Movement};
+
+/// On the swept path, the distance counts for what is approached at least this fast, in m/s: following a car at its speed
+/// is no approach.
+const MIN_APPROACH_M_S: f64 = 0.5;
+/// While the vehicle stands, only what moves towards it at least this fast counts, in m/s: faster than people walk.
+const MIN_CLOSING_AT_REST_M_S: f64 = 3.0;
+
+/// A confirmed obstacle, as input of the alarm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Candidate {
+    /// Identifier of its track.
+    pub track: u32,
+    /// Number of frames with a detection.
+    pub seen: u32,
+    /// Consecutive frames with a detection, up to this one; 0 if it is not detected.
+    pub consecutive_frames: u32,
+    /// Time since the last detection, in seconds; 0 if it is detected in this frame.
+    pub unseen_s: f64,
+    /// Mean absolute log ratio of its width from frame to frame.
+    pub width_jitter: f64,
+    /// Distance, in metres.
+    pub distance_m: f64,
+    /// Closing speed, in m/s.
+    pub closing_m_s: f64,
+    /// Time to collision; `None` if it does not approach significantly.
+    pub time_to_collision: Option<TimeToCollision>,
+    /// Lateral position and speed.
+    pub motion: LateralMotion,
+    /// Motion over ground; `None` if the own motion is unknown.
+    pub ground: Option<GroundMotion>,
+    /// Whether the vehicle drives towards it, so that its distance alone may raise the alarm; on the straight strip that
+    /// is not asked.
+    pub(super) is_approached: bool,
+}
+
+impl Candidate {
+    /// Converts a track.
+    pub fn of(track: &Track) -> Self {
+        Self {
+            track: track.id,
+            seen: track.seen,
+            consecutive_frames: track.consecutive_frames,
+            unseen_s: track.unseen_s,
+            width_jitter: track.width_jitter,
+            distance_m: track.distance_m(),
+            closing_m_s: track.closing_m_s(),
+            time_to_collision: track.time_to_collision(),
+            motion: LateralMotion {
+                lateral_m: track.lateral.lateral_m(),
+                speed_m_s: track.lateral.speed_m_s(),
+                speed_sigma_m_s: track.lateral.speed_sigma_m_s(),
+                width_m: track.width_m,
+            },
+            ground: track.ground(),
+            is_approached: true,
+        }
+    }
+
+    /// Whether all its numbers are: with another one nothing can be judged.
+    pub(super) fn is_finite(&self) -> bool {
+        let LateralMotion { lateral_m, speed_m_s, speed_sigma_m_s, width_m } = self.motion;
+        let ttc = self.time_to_collision.map_or([0.0; 2], |t| [t.seconds, t.sigma_s]);
+        [lateral_m, speed_m_s, speed_sigma_m_s, width_m, self.distance_m, self.closing_m_s, self.width_jitter]
+            .into_iter()
+            .chain(ttc)
+            .chain(
+                self.ground
+                    .iter()
+                    .flat_map(|g| [g.speed_m_s, g.speed_sigma_m_s, g.place_sigma_m].into_iter().flatten()),
+            )
+            .all(f64::is_finite)
+    }
+
+    /// Whether it is detected in this frame. A place that is only predicted raises nothing.
+    pub(super) fn is_detected(&self) -> bool {
+        self.consecutive_frames > 0
+    }
+
+    /// Place and motion over ground, if that is known.
+    fn obstacle(&self) -> Option<Obstacle> {
+        Some(Obstacle {
+            place_m: [self.motion.lateral_m, self.distance_m],
+            width_m: self.motion.width_m,
+            time_to_collision: self.time_to_collision,
+            ground: self.ground?,
+        })
+    }
+
+    /// The candidate as the alarm judges it: along the path that the body sweeps, or in the straight strip of this width
+    /// (in metres) if the path or its motion over ground is unknown. `None` if it is not in the way. `is_held`: it already
+    /// raised a level.
+    pub fn in_the_way(self, path: Option<&SweptPath>, path_width_m: f64, is_held: bool) -> Option<Self> {
+        let Some((path, obstacle)) = path.zip(self.obstacle()) else {
+            return self.is_in_the_way(path_width_m).then_some(Self { is_approached: true, ..self });
+        };
+        let found = encounter(path, &obstacle);
+        if !found.is_in_the_way(is_held) {
+            return None;
+        }
+        let moves = obstacle.ground.movement == Movement::Moving;
+        let ttc = if path.is_at_rest() {
+            found.time_to_collision.filter(|_| moves && found.closing_m_s >= MIN_CLOSING_AT_REST_M_S)
+        } else {
+            found.time_to_collision
+        };
+        let is_approached = ttc.is_some() && (is_held || found.closing_m_s >= MIN_APPROACH_M_S);
+        Some(Self {
+            distance_m: found.distance_m.max(0.0),
+            closing_m_s: found.closing_m_s,
+            time_to_collision: ttc,
+            is_approached: is_approached && found.is_in_strip(is_held) && !path.is_at_rest(),
+            ..self
+        })
+    }
+
+    /// Whether the vehicle would collide with it in a straight path of this width (in metres).
+    pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
+        let arrival_s = self.time_to_collision.map(|t| t.seconds);
+        self.motion.path_relation(path_width_m, arrival_s).is_in_the_way()
+    }
+
+    /// Deceleration that reduces the closing speed to 0 before the distance is 0, in m/s²; 0 if it does not
+    /// approach significantly.
+    pub fn required_deceleration_m_s2(&self) -> f64 {
+        let is_closing = self.time_to_collision.is_some();
+        if is_closing { self.closing_m_s * self.closing_m_s / (2.0 * self.distance_m.max(0.1)) } else { 0.0 }
+    }
+}

@@ -1,0 +1,302 @@
+//! Whether the vehicle's body will meet an obstacle in the strip that it sweeps.
+//!
+//! Input: an [`Obstacle`] with its motion over ground, and the [`SweptPath`]. Output: an [`Encounter`]: when the vehicle
+//! arrives along the arc, and the probability that the obstacle then overlaps the strip.
+//!
+//! One noise model: the offset of the obstacle from the path at the time of arrival is normally distributed. Its
+//! variance is that of the measured place, of the obstacle's own motion until then, and of the path. An obstacle is in the
+//! way if an overlap is more probable than not.
+//!
+//! Where a moving thing will be is predicted twice: straight on over ground, and along the path with the offset's rate,
+//! as traffic in a bend does. As in [`super::path`] both must agree before a thing that is outside counts, or one that is
+//! inside does not.
+
+use crate::motion::path::{AlongPath, SweptPath};
+use crate::motion::planar::Planar;
+use crate::tracking::filter::ground::{GroundMotion, Movement};
+use crate::tracking::filter::{LATERAL_PROCESS_NOISE, TimeToCollision};
+
+/// An obstacle in the axes of the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Obstacle {
+    /// Centre of its front: to the right and forward, in metres.
+    pub place_m: Planar,
+    /// Width of its front, in metres.
+    pub width_m: f64,
+    /// Time to collision along the axis, if it approaches significantly.
+    pub time_to_collision: Option<TimeToCollision>,
+    /// Motion over ground.
+    pub ground: GroundMotion,
+}
+
+/// How the vehicle meets an obstacle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Encounter {
+    /// Arc length from the camera to the obstacle, in metres.
+    pub distance_m: f64,
+    /// Speed at which that length decreases until the vehicle arrives, in m/s; negative if it does not.
+    pub closing_m_s: f64,
+    /// Time until it is 0; `None` if it does not decrease significantly.
+    pub time_to_collision: Option<TimeToCollision>,
+    /// Probability that the obstacle overlaps the strip, now and when the vehicle arrives.
+    pub probability_now: f64,
+    /// See `probability_now`.
+    pub probability_then: f64,
+}
+
+/// From this probability on an obstacle is in the way,
+const IN_THE_WAY: f64 = 0.5;
+/// and one that already raised a level remains it.
+const STILL_IN_THE_WAY: f64 = 0.35;
+/// Standard deviation of the sides of a box, in metres, beyond that of its centre.
+const SIDE_SIGMA_M: f64 = 0.1;
+/// Longest prediction, in seconds; later nothing is urgent.
+const MAX_PREDICTION_S: f64 = 6.0;
+/// Speed along the path below which nothing arrives, in m/s.
+const MIN_CLOSING_M_S: f64 = 0.1;
+/// Step of the numerical derivative, in seconds.
+const STEP_S: f64 = 0.1;
+
+impl Encounter {
+    /// Whether the vehicle would collide with the obstacle. `is_held`: it already raised a level.
+    pub fn is_in_the_way(&self, is_held: bool) -> bool {
+        let limit = if is_held { STILL_IN_THE_WAY } else { IN_THE_WAY };
+        self.probability_then >= limit
+    }
+
+    /// Whether it is in the strip now and stays there.
+    pub fn is_in_strip(&self, is_held: bool) -> bool {
+        let limit = if is_held { STILL_IN_THE_WAY } else { IN_THE_WAY };
+        self.is_in_the_way(is_held) && self.probability_now >= limit
+    }
+}
+
+/// Probability that a normally distributed number is below `sigmas` standard deviations (Abramowitz and Stegun 26.2.17,
+/// error below 1e-7).
+fn normal_cdf(sigmas: f64) -> f64 {
+    let t = 1.0 / (1.0 + 0.231_641_9 * sigmas.abs());
+    let tail = (-sigmas * sigmas / 2.0).exp() / std::f64::consts::TAU.sqrt()
+        * t
+        * (0.319_381_530
+            + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
+    if sigmas > 0.0 { 1.0 - tail } else { tail }
+}
+
+/// The obstacle's front along the path: its offsets from left to right, and the part nearest to the path.
+#[derive(Clone, Copy, Debug)]
+struct Front {
+    left_m: f64,
+    right_m: f64,
+    nearest: AlongPath,
+}
+
+/// The front of width `width_m` centred at `place` along the path.
+fn front(path: &SweptPath, place: Planar, width_m: f64) -> Front {
+    let side = |share: f64| path.along([place[0] + share * width_m, place[1]]);
+    let (left, right) = (side(-0.5), side(0.5));
+    // Where the front crosses the path, or the side that is nearer to it. The offset changes evenly enough across.
+    let span = right.offset_m - left.offset_m;
+    let share = if span.abs() > 1e-9 { (-left.offset_m / span).clamp(0.0, 1.0) } else { 0.5 };
+    let nearest = side(share - 0.5);
+    let least = left.offset_m.min(right.offset_m).min(nearest.offset_m);
+    let most = left.offset_m.max(right.offset_m).max(nearest.offset_m);
+    Front { left_m: least, right_m: most, nearest }
+}
+
+/// Probability that a front overlaps the strip, if its offset has an error of `sigma_m`.
+fn overlap(path: &SweptPath, front: &Front, shift_m: f64, sigma_m: f64) -> f64 {
+    let [left_m, right_m] = path.reach_m(front.nearest.arc_m);
+    let sigma_m = sigma_m.max(1e-3);
+    let before = normal_cdf((right_m - front.left_m - shift_m) / sigma_m);
+    let after = normal_cdf((-left_m - front.right_m - shift_m) / sigma_m);
+    before - after
+}
+
+/// Variance of the offset of an obstacle after `seconds`, without that of the path.
+fn variance_m2(ground: &GroundMotion, along: &AlongPath, seconds: f64) -> f64 {
+    // The offset is across the path's heading there.
+    let (sine, cosine) = along.heading_rad.sin_cos();
+    let across = |[right, ahead]: Planar| (cosine * right).hypot(sine * ahead);
+    let place_m = across(ground.place_sigma_m).hypot(SIDE_SIGMA_M);
+    if ground.movement == Movement::Standing {
+        return place_m * place_m;
+    }
+    let moved_m = across(ground.speed_sigma_m_s) * seconds;
+    place_m * place_m + moved_m * moved_m + LATERAL_PROCESS_NOISE * seconds.powi(3) / 3.0
+}
+
+/// How the vehicle meets an obstacle on its path.
+pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
+    let Obstacle { place_m: place, width_m, ground, .. } = *obstacle;
+    let at =
+        |seconds: f64| [place[0] + ground.speed_m_s[0] * seconds, place[1] + ground.speed_m_s[1] * seconds];
+    let now = front(path, place, width_m);
+    let camera_m = path.body.rear_axle_m;
+    let distance_m = now.nearest.arc_m - camera_m;
+    // Arc length between us and the obstacle after a time; its zero is found with two secants.
+    let ahead_m =
+        |seconds: f64| front(path, at(seconds), width_m).nearest.arc_m - camera_m - path.speed_m_s * seconds;
+    let mut closing_m_s = (distance_m - ahead_m(STEP_S)) / STEP_S;
+    let mut arrival_s = None;
+    if distance_m > 0.0 && closing_m_s > MIN_CLOSING_M_S {
+        let mut seconds = (distance_m / closing_m_s).min(MAX_PREDICTION_S);
+        let mean = (distance_m - ahead_m(seconds)) / seconds;
+        if mean > MIN_CLOSING_M_S && ground.movement != Movement::Standing {
+            closing_m_s = mean;
+            seconds = (distance_m / mean).min(MAX_PREDICTION_S);
+        }
+        arrival_s = Some(seconds);
+    }
+    let seconds = arrival_s.unwrap_or(0.0);
+    let path_m = path.sigma_m(now.nearest.arc_m);
+    let sigma_now = variance_m2(&ground, &now.nearest, 0.0).sqrt().hypot(path_m);
+    let sigma_then = variance_m2(&ground, &now.nearest, seconds).sqrt().hypot(path_m);
+    let probability_now = overlap(path, &now, 0.0, sigma_now);
+    let straight = overlap(path, &front(path, at(seconds), width_m), 0.0, sigma_then);
+    // Across the path's heading at the obstacle.
+    let (sine, cosine) = now.nearest.heading_rad.sin_cos();
+    let across_m_s = cosine * ground.speed_m_s[0] + sine * ground.speed_m_s[1];
+    let along_path = overlap(path, &now, across_m_s * seconds, sigma_then);
+    let probability_then =
+        if probability_now >= IN_THE_WAY { straight.max(along_path) } else { straight.min(along_path) };
+    Encounter {
+        distance_m,
+        closing_m_s,
+        time_to_collision: time_to_collision(path, obstacle, (distance_m, closing_m_s)),
+        probability_now,
+        probability_then,
+    }
+}
+
+/// Time until the arc length is 0; `None` unless it decreases significantly.
+fn time_to_collision(
+    path: &SweptPath,
+    obstacle: &Obstacle,
+    (distance_m, closing_m_s): (f64, f64),
+) -> Option<TimeToCollision> {
+    let ground = &obstacle.ground;
+    let measured = obstacle.time_to_collision;
+    let (speed_sigma, relative_sigma) = match (ground.movement, measured) {
+        (Movement::Standing, _) => (path.speed_sigma_m_s, 0.0),
+        // Place and speed of a filter are correlated; their common error is that of its time to collision.
+        (_, Some(ttc)) => (0.0, ttc.sigma_s / ttc.seconds.max(1e-3)),
+        (_, None) => return None,
+    };
+    if closing_m_s <= (2.0 * speed_sigma).max(MIN_CLOSING_M_S) || distance_m <= 0.0 {
+        return None;
+    }
+    let seconds = distance_m / closing_m_s;
+    let place_s =
+        if ground.movement == Movement::Standing { ground.place_sigma_m[1] / closing_m_s } else { 0.0 };
+    let sigma_s = (seconds * speed_sigma / closing_m_s).hypot(place_s).hypot(seconds * relative_sigma);
+    Some(TimeToCollision { seconds, sigma_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::body::Body;
+
+    fn path(curvature_per_m: f64, speed_m_s: f64) -> SweptPath {
+        SweptPath {
+            curvature_per_m,
+            curvature_sigma_per_m: 0.005 / speed_m_s.max(1.5),
+            speed_m_s,
+            speed_sigma_m_s: 0.1,
+            body: Body::default(),
+            edges: None,
+        }
+    }
+
+    fn car(place_m: Planar, speed_m_s: Planar, closing_m_s: f64) -> Obstacle {
+        let stands = speed_m_s == [0.0; 2];
+        Obstacle {
+            place_m,
+            width_m: 1.8,
+            time_to_collision: (closing_m_s > 0.0)
+                .then(|| TimeToCollision { seconds: place_m[1] / closing_m_s, sigma_s: 0.1 }),
+            ground: GroundMotion {
+                speed_m_s,
+                speed_sigma_m_s: [0.3, 0.5],
+                place_sigma_m: [0.1, 0.3],
+                movement: if stands { Movement::Standing } else { Movement::Moving },
+            },
+        }
+    }
+
+    fn meets(path: &SweptPath, obstacle: &Obstacle) -> bool {
+        encounter(path, obstacle).is_in_the_way(false)
+    }
+
+    #[test]
+    fn the_distribution_is_that_of_the_tables() {
+        for (sigmas, expected) in [(0.0, 0.5), (1.0, 0.841_344_75), (-1.96, 0.024_997_9), (3.0, 0.998_650_1)]
+        {
+            assert!((normal_cdf(sigmas) - expected).abs() < 1e-7, "{sigmas}");
+        }
+    }
+
+    #[test]
+    fn a_standing_car_counts_where_the_body_will_be() {
+        // A bend to the left with a radius of 60 m at 11 m/s.
+        let bend = path(1.0 / 60.0, 11.0);
+        for arc_m in [12.0, 20.0, 30.0] {
+            let at = |offset_m: f64| car(bend.place(arc_m, offset_m), [0.0; 2], 11.0);
+            assert!(meets(&bend, &at(0.0)), "in our lane, {arc_m} m");
+            assert!(!meets(&bend, &at(2.6)) && !meets(&bend, &at(-2.6)), "beside, {arc_m} m");
+            let found = encounter(&bend, &at(0.0));
+            let ttc = found.time_to_collision.unwrap();
+            assert!((ttc.seconds - (arc_m - 1.6) / 11.0).abs() < 0.1, "{ttc:?}");
+            assert!((found.distance_m - (arc_m - 1.6)).abs() < 0.2, "{found:?}");
+        }
+        // Straight ahead, beyond the outer edge of the bend.
+        assert!(!meets(&bend, &car([0.5, 24.0], [0.0; 2], 11.0)));
+        assert!(meets(&path(0.0, 11.0), &car([0.5, 24.0], [0.0; 2], 11.0)));
+    }
+
+    #[test]
+    fn passing_clearance_is_no_encounter() {
+        let straight = path(0.0, 8.0);
+        for distance_m in [3.0, 6.0, 10.0, 15.0, 20.0] {
+            // Half a body, half a car, and half a metre between them.
+            assert!(!meets(&straight, &car([2.3, distance_m], [0.0; 2], 8.0)), "{distance_m}");
+            assert!(meets(&straight, &car([1.5, distance_m], [0.0; 2], 8.0)), "{distance_m}");
+        }
+    }
+
+    #[test]
+    fn a_walker_counts_if_he_is_in_the_strip_when_we_are_there() {
+        let straight = path(0.0, 8.0);
+        let walker = |x: f64, across: f64| Obstacle { width_m: 0.6, ..car([x, 14.0], [across, 0.0], 8.0) };
+        // We arrive in 1.75 s.
+        assert!(meets(&straight, &walker(-2.5, 1.5)));
+        assert!(!meets(&straight, &walker(-2.5, -1.5)));
+        assert!(!meets(&straight, &walker(0.8, 2.5)), "has left");
+        assert!(!meets(&straight, &walker(-6.0, 1.0)), "comes later");
+    }
+
+    #[test]
+    fn traffic_that_follows_the_bend_stays_beside_us() {
+        // Oncoming on the inner side of a bend to the left, and on the outer side of one to the right.
+        for (curvature, offset_m) in [(1.0 / 60.0, -3.4), (-1.0 / 60.0, -3.4), (1.0 / 40.0, 3.4)] {
+            let bend = path(curvature, 11.0);
+            for arc_m in [15.0, 22.0, 30.0, 38.0] {
+                let place = bend.place(arc_m, offset_m);
+                let heading = bend.along(place).heading_rad;
+                let speed = [11.0 * heading.sin(), -11.0 * heading.cos()];
+                assert!(!meets(&bend, &car(place, speed, 20.0)), "{curvature} {arc_m}");
+            }
+        }
+        // On a straight road an oncoming car that crosses over to our lane counts.
+        let place = [-3.4, 33.0];
+        assert!(meets(&path(0.0, 11.0), &car(place, [2.2, -11.0], 22.0)));
+    }
+
+    #[test]
+    fn what_does_not_come_nearer_has_no_time_to_collision() {
+        let behind = encounter(&path(0.0, 8.0), &car([0.0, 0.0], [0.0; 2], 8.0));
+        assert_eq!(behind.time_to_collision, None);
+        let away = encounter(&path(0.0, 8.0), &car([0.0, 10.0], [0.0, 12.0], -4.0));
+        assert!(away.time_to_collision.is_none() && away.closing_m_s < 0.0);
+    }
+}

@@ -23,7 +23,7 @@ RECORDING is a folder, an MCAP file or scene:NAME, as for lookout replay.
 
 The output has a line for each frame: the 3x4 matrix from the left camera of the frame to that of the
 first, row by row (KITTI's format; x right, y down, z forward; metres). Where the motion is unknown, a
-line repeats the motion before it; how many these are is told at the end, on standard error.";
+line is a prediction; how many these are is told at the end (with -o - on standard error).";
 
 #[derive(Args, Debug)]
 pub struct Odometry {

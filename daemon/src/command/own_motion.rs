@@ -22,7 +22,7 @@ pub struct OwnMotion {
     pub times_s: Vec<f64>,
     /// Pose and filtered motion of each frame.
     pub frames: Vec<EstimateFrame>,
-    /// Number of frames whose motion is unknown: their poses are predicted.
+    /// Number of frames after the first whose motion is unknown: their poses are predicted.
     pub unknown: u64,
 }
 
@@ -66,13 +66,14 @@ fn join(records: &[(u64, MotionRecord)]) -> OwnMotion {
     OwnMotion {
         times_s: records.iter().map(|(source_ns, _)| *source_ns as f64 * 1e-9).collect(),
         frames,
-        unknown: joiner.unknown(),
+        // Before the first frame is no other.
+        unknown: records.iter().skip(1).filter(|(_, record)| !record.is_known()).count() as u64,
     }
 }
 
 fn reading(record: &MotionRecord) -> Option<Reading> {
-    let pose: Option<Pose> = pose_of(record.orientation, record.position_m).filter(|_| record.is_known());
-    pose.map(|pose| Reading { pose, resets: record.resets })
+    let pose = pose_of(record.orientation, record.position_m)?;
+    Some(Reading { pose, resets: record.resets })
 }
 
 /// The filtered motion; `None` while it is unknown.
@@ -93,12 +94,12 @@ mod tests {
     use messages::motion::health;
 
     #[test]
-    fn unknown_frames_repeat_the_motion_before_them() {
+    fn frames_without_a_pose_repeat_the_motion_before_them() {
         let record = |i: u64| MotionRecord {
             speed_m_s: 10.0,
             position_m: [0.0, 0.0, i as f64],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            health: if i % 4 == 3 { 0 } else { health::KNOWN | health::ODOMETRY },
+            orientation: if i % 4 == 3 { [0.0; 4] } else { [0.0, 0.0, 0.0, 1.0] },
+            health: if i == 0 || i % 4 == 3 { 0 } else { health::KNOWN | health::ODOMETRY },
             ..MotionRecord::default()
         };
         let records: Vec<(u64, MotionRecord)> = (0..10).map(|i| (100_000_000 * i, record(i))).collect();
@@ -106,14 +107,13 @@ mod tests {
         assert_eq!((motion.frames.len(), motion.unknown), (10, 2));
         assert!(motion.frames[3].motion.is_none() && motion.frames[4].motion.is_some());
         for (i, (frame, time_s)) in motion.frames.iter().zip(&motion.times_s).enumerate() {
-            assert!(
-                (frame.pose.translation_m[2] - i as f64).abs() < 1e-9
-                    && (time_s - 0.1 * i as f64).abs() < 1e-9
-            );
+            let expected = i as f64;
+            assert!((frame.pose.translation_m[2] - expected).abs() < 1e-9, "{i}: {frame:?}");
+            assert!((time_s - 0.1 * expected).abs() < 1e-9);
         }
-        // A daemon without odometry: no pose at all.
+        // Nothing determines the motion: no pose at all.
         let none = join(&[(0, MotionRecord::default()), (1, MotionRecord::default())]);
-        assert_eq!((none.unknown, none.frames[1].pose), (2, Pose::IDENTITY));
+        assert_eq!((none.unknown, none.frames[1].pose), (1, Pose::IDENTITY));
     }
 
     #[test]

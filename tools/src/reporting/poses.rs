@@ -3,7 +3,7 @@
 use perception::motion::pose::Pose;
 use std::fmt::Write;
 
-/// What is known of the pose of one frame.
+/// The pose of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// Pose since the start, or since the last reset.
@@ -12,8 +12,8 @@ pub struct Reading {
     pub resets: u32,
 }
 
-/// Joins poses to one path from the first frame. A frame without a known pose repeats the motion before it, and so does
-/// the first one after a reset.
+/// Joins poses to one path from the first frame. A frame without a pose repeats the motion before it, and so does one with
+/// a reset.
 #[derive(Clone, Debug, Default)]
 pub struct PathJoiner {
     last: Option<Pose>,
@@ -22,21 +22,13 @@ pub struct PathJoiner {
     /// From the frame of the readings to that of the path.
     base: Pose,
     resets: Option<u32>,
-    unknown: u64,
 }
 
 impl PathJoiner {
-    /// The pose of the next frame; `None` is one that is not known.
+    /// The pose of the next frame.
     pub fn next(&mut self, reading: Option<Reading>) -> Pose {
-        let Some(last) = self.last else {
-            // The first frame is where the path begins.
-            self.unknown += u64::from(reading.is_none());
-            self.base = reading.map_or(Pose::IDENTITY, |reading| reading.pose.inverse());
-            self.resets = reading.map(|reading| reading.resets);
-            self.last = Some(Pose::IDENTITY);
-            return Pose::IDENTITY;
-        };
-        let predicted = last.after(&self.step);
+        // The path begins at the first frame.
+        let predicted = self.last.map_or(Pose::IDENTITY, |last| last.after(&self.step));
         let pose = match reading {
             Some(reading) if self.resets == Some(reading.resets) => self.base.after(&reading.pose),
             Some(reading) => {
@@ -44,19 +36,13 @@ impl PathJoiner {
                 self.base = predicted.after(&reading.pose.inverse());
                 predicted
             }
-            None => {
-                self.unknown += 1;
-                predicted
-            }
+            None => predicted,
         };
-        self.step = last.inverse().after(&pose);
+        if let Some(last) = self.last {
+            self.step = last.inverse().after(&pose);
+        }
         self.last = Some(pose);
         pose
-    }
-
-    /// Number of frames without a known pose.
-    pub fn unknown(&self) -> u64 {
-        self.unknown
     }
 }
 
@@ -127,25 +113,21 @@ mod tests {
             Pose { translation_m: [3.0, 1.0, -7.0], ..Pose::from_rotation_vector([0.1, 0.5, 0.0]) };
         for i in 0..30 {
             let reading = match i {
-                // Unknown at first, and in the middle.
-                0 | 10..=12 => None,
-                1..=19 => Some(Reading { pose: bend(i), resets: 0 }),
+                // Without a pose.
+                10..=12 => None,
+                0..=19 => Some(Reading { pose: bend(i), resets: 0 }),
                 // A reset: the poses start anew at frame 20, somewhere else.
                 _ => Some(Reading { pose: elsewhere.after(&bend(20).inverse().after(&bend(i))), resets: 1 }),
             };
             let pose = joiner.next(reading);
-            // Frame 1 begins the readings, so that the path lacks the first step.
-            let expected = if i == 0 { Pose::IDENTITY } else { bend(1).inverse().after(&bend(i)) };
-            assert!(apart(&pose, &expected) < 1e-9, "frame {i}: {pose:?}, {expected:?}");
+            assert!(apart(&pose, &bend(i)) < 1e-9, "frame {i}: {pose:?}, {:?}", bend(i));
         }
-        assert_eq!(joiner.unknown(), 4);
-        // From known to known the path is that of the readings.
+        // The path begins with the first frame, wherever the readings do.
         let mut joiner = PathJoiner::default();
         for i in 5..9 {
             let pose = joiner.next(Some(Reading { pose: bend(i), resets: 3 }));
             assert!(apart(&pose, &bend(5).inverse().after(&bend(i))) < 1e-9);
         }
-        assert_eq!(joiner.unknown(), 0);
     }
 
     #[test]

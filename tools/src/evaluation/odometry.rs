@@ -142,7 +142,7 @@ pub struct OdometryScore {
     pub frames: usize,
     /// Length of the true path.
     pub length_m: f64,
-    /// Share of frames without known motion, in percent; `None` if there are only poses.
+    /// Share of the frames after the first without known motion, in percent.
     pub unknown_percent: Option<f64>,
     /// Drift by length, those lengths that fit.
     pub drift: Vec<Drift>,
@@ -168,11 +168,14 @@ pub fn score(truth: &Truth, estimate: &[EstimateFrame], rear_axle_m: f64) -> Odo
     let parts: Vec<Part> =
         LENGTHS_M.iter().flat_map(|&length_m| both.parts(&distances_m, length_m)).collect();
     let of_length = |length_m: f64| mean_drift(&parts, |part| part.length_m == length_m);
-    let unknown = both.estimate.iter().filter(|frame| frame.motion.is_none()).count();
+    // Before the first frame is no other.
+    let after_first = both.estimate.get(1..).unwrap_or_default();
+    let unknown = after_first.iter().filter(|frame| frame.motion.is_none()).count();
     OdometryScore {
         frames,
         length_m: tidy(distances_m.last().copied().unwrap_or_default()),
-        unknown_percent: (unknown < frames).then(|| tidy(100.0 * unknown as f64 / frames as f64)),
+        unknown_percent: (!after_first.is_empty())
+            .then(|| tidy(100.0 * unknown as f64 / after_first.len() as f64)),
         drift: LENGTHS_M.into_iter().filter_map(of_length).collect(),
         drift_all: mean_drift(&parts, |_| true),
         frame_to_frame: rate_errors(both.frame_to_frame()),
@@ -464,7 +467,8 @@ mod tests {
         let filtered = score.filtered.unwrap();
         assert_eq!((filtered.frames, filtered.yaw_rate_rms_rad_s), (30, 0.02));
         assert!((filtered.speed_rms_m_s - 0.3).abs() < 1e-5, "{filtered:?}");
-        assert_eq!(score.unknown_percent, Some(50.0));
+        // 30 of the 59 after the first.
+        assert_eq!(score.unknown_percent, Some(50.8475));
         // Three and two standard deviations.
         let consistency = score.consistency.unwrap();
         assert!((consistency.speed - 3.0).abs() < 1e-3 && (consistency.yaw_rate - 2.0).abs() < 1e-3);
@@ -485,7 +489,7 @@ mod tests {
         // Poses alone say nothing of the filtered motion.
         assert_eq!(
             (score.unknown_percent, score.filtered, score.path, score.consistency),
-            (None, None, None, None)
+            (Some(100.0), None, None, None)
         );
     }
 

@@ -93,11 +93,12 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
     let truth = Truth::new(&path, &motion.times_s);
     // What is measured is planar; a scene's truth is not measured.
     let truth = Truth { is_planar: args.oxts.is_some(), ..truth };
-    let report = OdometryReport {
-        name: args.recording.display().to_string(),
-        truth: from,
-        score: score(&truth, &motion.frames, config.vehicle.rear_axle_m),
-    };
+    let mut score = score(&truth, &motion.frames, config.vehicle.rear_axle_m);
+    if args.estimate.is_some() {
+        // Poses alone do not tell it.
+        score.unknown_percent = None;
+    }
+    let report = OdometryReport { name: args.recording.display().to_string(), truth: from, score };
     if let Some(out) = &args.out {
         prepare(out, &[])?;
         save_plots(out, &truth, &motion.frames)?;

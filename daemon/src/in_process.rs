@@ -6,6 +6,7 @@ use crate::input::{self, InputError};
 use crate::launch::FrameFormat;
 use crate::stages;
 use crate::stages::stage::{FrameError, FrameStage, SetupError};
+use crate::stages::vehicle_record::record;
 use config::Config;
 use messages::header::{Header, Kind, MessageError};
 use messages::motion::MotionRecord;
@@ -202,6 +203,7 @@ impl Pipeline {
         let slot = &mut self.slots[pair];
         let (left, right) = pair::split_mut(slot.buffer.get_mut());
         self.source.read(index, left, right)?;
+        header.vehicle = record(&self.source.vehicle(index));
         (slot.header, slot.bytes) = (header, slot.buffer.bytes);
         for stage in &mut self.stages {
             let from = place(&self.slots, stage.input());

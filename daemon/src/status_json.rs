@@ -1,13 +1,16 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
 use crate::frame_record::motion_line;
+use crate::stages::vehicle_record::reading;
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::device::DeviceRecord;
 use messages::heat::HeatRecord;
+use messages::motion::VehicleRecord;
 use messages::realtime::Privilege;
 use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
 use serde::Serialize;
+use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
 use tools::reporting::motion::MotionLine;
 
@@ -30,6 +33,8 @@ pub struct StatusJson {
     deadline: DeadlineJson,
     source_time: SourceTimeJson,
     motion: MotionLine,
+    /// `None` if the vehicle reports nothing.
+    vehicle: Option<VehicleLine>,
     pacing: PacingJson,
     calibration: CalibrationJson,
     heat: HeatJson,
@@ -154,6 +159,7 @@ impl StatusJson {
                 dropped_obstacles: status.source_time.dropped_obstacles,
             },
             motion: motion_line(&status.motion),
+            vehicle: (status.vehicle != VehicleRecord::default()).then(|| reading(&status.vehicle).into()),
             pacing: PacingJson {
                 rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),
                 wanted_hz: status.pacing.wanted_hz,

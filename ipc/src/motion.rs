@@ -71,7 +71,7 @@ pub const MAX_STEERING_ANGLE_RAD: f64 = 26.0;
 
 /// What the vehicle itself reported at the time of a frame.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend, Pod, Zeroable)]
 pub struct VehicleRecord {
     /// Speed, in m/s, forwards positive.
     pub speed_m_s: f64,
@@ -110,6 +110,34 @@ ranges! {
         turn_indicator: within(0, 3),
         gear: within(0, 3),
         reserved: PADDING,
+    }
+}
+
+/// Speed, yaw rate and faults in words; empty if the vehicle reports nothing.
+impl fmt::Display for VehicleRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut between = "";
+        let mut put = |text: fmt::Arguments<'_>| {
+            let written = write!(f, "{between}{text}");
+            between = ", ";
+            written
+        };
+        if self.present & present::SPEED != 0 {
+            put(format_args!("{:.1} m/s", self.speed_m_s))?;
+        }
+        if self.present & present::YAW_RATE != 0 {
+            put(format_args!("{:.3} rad/s", self.yaw_rate_rad_s))?;
+        }
+        let names = [
+            (vehicle_faults::NO_BUS, "nothing comes from the bus"),
+            (vehicle_faults::MISSING, "a signal was never received"),
+            (vehicle_faults::STALE, "a signal is stale"),
+            (vehicle_faults::OUT_OF_RANGE, "a value is out of range"),
+        ];
+        names
+            .into_iter()
+            .filter(|(bit, _)| self.faults & bit != 0)
+            .try_for_each(|(_, name)| put(format_args!("{name}")))
     }
 }
 

@@ -3,6 +3,7 @@
 pub use crate::source::LAYOUTS;
 
 use crate::limits::{MAX_IMAGES, MAX_PICTURE_BYTES, MAX_SIDE_PX, PICTURE};
+use crate::motion_file::{TIMESTAMPS, read_timestamps};
 use crate::{PairSource, SourceError, calibration_file};
 use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageError, ImageReader, Limits};
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
 
-/// Period of a folder, which carries no timestamps: KITTI's 10 Hz.
+/// Period of a folder without `timestamps.csv`: KITTI's 10 Hz.
 const DEFAULT_PERIOD_NS: u64 = 100_000_000;
 
 /// Pairs of two image folders, in the order of their names.
@@ -23,6 +24,8 @@ pub struct FolderSource {
     pairs: Vec<(PathBuf, PathBuf)>,
     size: (usize, usize),
     rig: Option<Rig>,
+    /// Times of the pairs, in seconds, where the folder has them.
+    times_s: Option<Vec<f64>>,
 }
 
 /// Decodes an image to grey. Returns its pixels, width and height.
@@ -128,7 +131,7 @@ impl FolderSource {
     /// a different size is reported before the first frame.
     ///
     /// The rig comes from `rig.toml`, `calib.txt` or `calib/<first name>.txt` in the folder, where one
-    /// exists.
+    /// exists, and the times of the pairs from `timestamps.csv` (`name`, `left_s`).
     ///
     /// # Errors
     /// Names the faulty folder or file.
@@ -181,7 +184,24 @@ impl FolderSource {
             .find(|file| file.is_file())
             .map(|file| calibration_file::read(&file, colour))
             .transpose()?;
-        Ok(Self { pairs, size: expected, rig })
+        let mut source = Self { pairs, size: expected, rig, times_s: None };
+        source.times_s = source.read_times(&path.join(TIMESTAMPS))?;
+        Ok(source)
+    }
+
+    /// The times of the pairs from `timestamps.csv`, if it exists.
+    fn read_times(&self, path: &Path) -> Result<Option<Vec<f64>>, SourceError> {
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let names = (0..self.pairs.len() as u64).map(|index| self.name(index).unwrap_or(""));
+        let times_s = read_timestamps(path)?.of(names);
+        times_s.map(Some).map_err(|reason| SourceError::Motion { path: path.to_owned(), reason })
+    }
+
+    /// Time of the first pair in `timestamps.csv`, in seconds; 0 without that file. The source time begins there.
+    pub fn first_time_s(&self) -> f64 {
+        self.times_s.as_ref().and_then(|times| times.first().copied()).unwrap_or(0.0)
     }
 
     /// Name of pair `index` without extension, for outputs.
@@ -203,8 +223,21 @@ impl PairSource for FolderSource {
         Some(self.pairs.len() as u64)
     }
 
+    /// The median step of the times.
     fn period_ns(&self) -> u64 {
-        DEFAULT_PERIOD_NS
+        let steps = self.times_s.iter().flat_map(|times| times.windows(2).map(|w| w[1] - w[0]));
+        let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).map_or(DEFAULT_PERIOD_NS, |step_s| (step_s * 1e9).round() as u64).max(1)
+    }
+
+    fn time_ns(&self, index: u64) -> u64 {
+        let times = self.times_s.as_deref().unwrap_or_default();
+        let time_s = usize::try_from(index).ok().and_then(|i| times.get(i));
+        match time_s {
+            Some(time_s) => ((time_s - self.first_time_s()) * 1e9).round() as u64,
+            None => index.saturating_mul(self.period_ns()),
+        }
     }
 
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
@@ -294,6 +327,25 @@ mod tests {
         assert_eq!(rig.baseline_m, 0.54);
         std::fs::write(recording.path("rig.toml"), "focal_px = 1").unwrap();
         assert!(recording.error().contains("rig.toml"));
+    }
+
+    #[test]
+    fn times_beside_the_images_are_used() {
+        let recording = Recording::new("left", "right", &["7.png", "8.png", "9.png"]);
+        let open = || FolderSource::open(recording.folder.path());
+        let plain = open().unwrap();
+        assert_eq!(
+            (plain.time_ns(2), plain.period_ns(), plain.first_time_s()),
+            (200_000_000, 100_000_000, 0.0)
+        );
+        let text = "name,left_s,right_s\n7.png,12.5,12.5\n8.png,12.75,12.75\n9.png,13.25,13.25\n";
+        std::fs::write(recording.path("timestamps.csv"), text).unwrap();
+        let timed = open().unwrap();
+        assert_eq!([0, 1, 2].map(|i| timed.time_ns(i) / 1_000_000), [0, 250, 750]);
+        assert_eq!((timed.period_ns(), timed.first_time_s()), (500_000_000, 12.5));
+        std::fs::write(recording.path("timestamps.csv"), text.replace("8.png", "6.png")).unwrap();
+        let error = recording.error();
+        assert!(error.contains("timestamps.csv: no line for image 8"), "{error}");
     }
 
     #[test]

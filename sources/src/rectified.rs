@@ -1,6 +1,7 @@
 //! Rectification of unrectified pairs.
 
 use crate::rig_file::RigFile;
+use crate::vehicle::VehicleReading;
 use crate::{LiveSource, PairSource, SourceError};
 use perception::image::GreyView;
 use perception::rectify::Remap;
@@ -57,6 +58,10 @@ impl PairSource for RectifiedSource {
 
     fn time_ns(&self, index: u64) -> u64 {
         self.inner.time_ns(index)
+    }
+
+    fn vehicle(&self, index: u64) -> VehicleReading {
+        self.inner.vehicle(index)
     }
 
     fn live(&mut self) -> Option<&mut dyn LiveSource> {

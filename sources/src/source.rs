@@ -2,6 +2,7 @@
 
 use crate::recording::RecordingError;
 use crate::scene::file::SceneError;
+use crate::vehicle::VehicleReading;
 use perception::rig::Rig;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -26,6 +27,12 @@ pub trait PairSource {
     /// pair. A live source returns the time of its latest pair on the monotonic clock.
     fn time_ns(&self, index: u64) -> u64 {
         index.saturating_mul(self.period_ns())
+    }
+
+    /// What the vehicle reported at the time of pair `index`, once that pair was read; nothing unless the source knows it.
+    fn vehicle(&self, index: u64) -> VehicleReading {
+        let _ = index;
+        VehicleReading::default()
     }
 
     /// The live interface of a source that runs at its own pace, such as cameras; `None` for all others.

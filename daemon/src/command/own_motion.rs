@@ -7,7 +7,6 @@ use config::Config;
 use indicatif::ProgressBar;
 use messages::motion::MotionRecord;
 use perception::motion::Motion;
-use perception::motion::pose::Pose;
 use std::path::Path;
 use tools::evaluation::odometry::EstimateFrame;
 use tools::reporting::poses::{PathJoiner, Reading, pose_of};
@@ -92,6 +91,7 @@ fn filtered(record: &MotionRecord) -> Option<Motion> {
 mod tests {
     use super::*;
     use messages::motion::health;
+    use perception::motion::pose::Pose;
 
     #[test]
     fn frames_without_a_pose_repeat_the_motion_before_them() {

@@ -24,6 +24,11 @@ pub enum InputError {
     /// Rectification without a rig file.
     #[error("source.rectify is true, but source.rig is empty: name a file of `lookout calibrate`")]
     NoCameras,
+    /// Cameras with a file of motion.
+    #[error(
+        "vehicle.motion = \"{0}\", but source.kind is \"camera\": give the vehicle's bus with vehicle.bus, or leave it empty"
+    )]
+    MotionOfCameras(String),
     /// There is no calibration to convert disparities to metres.
     #[error(
         "{0}: no calibration: put calib.txt or rig.toml beside the images, or name one with --rig or source.rig"

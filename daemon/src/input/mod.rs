@@ -2,6 +2,7 @@
 
 mod cameras;
 mod error;
+pub mod vehicle;
 
 use config::Config;
 pub use error::InputError;
@@ -17,7 +18,8 @@ use sources::{PairSource, SourceError, calibration_file};
 /// # Errors
 /// If the source or the rig file cannot be opened.
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
-    let source = open_raw(config)?;
+    let (source, first_time_s) = open_raw(config)?;
+    let source = vehicle::with_motion(config, source, first_time_s)?;
     if !config.source.rectify {
         return Ok(source);
     }
@@ -27,11 +29,16 @@ pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     Ok(Box::new(RectifiedSource::new(source, config.source.rig.clone())?))
 }
 
-fn open_raw(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
+/// The source, and the time of its first pair on the clock of files beside it, in seconds.
+fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
     let source = &config.source;
-    Ok(match source.kind.as_str() {
+    let opened: Box<dyn PairSource> = match source.kind.as_str() {
         "folder" | "recording" if source.path.as_os_str().is_empty() => return Err(InputError::NoPath),
-        "folder" => Box::new(FolderSource::open(&source.path)?),
+        "folder" => {
+            let folder = FolderSource::open(&source.path)?;
+            let first_time_s = folder.first_time_s();
+            return Ok((Box::new(folder), first_time_s));
+        }
         "recording" => {
             let recording = RecordingSource::open(&source.path)?;
             if let Some(cut) = recording.cut() {
@@ -41,7 +48,7 @@ fn open_raw(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
                     "the recording was cut off: it is read up to its last whole chunk"
                 );
             }
-            Box::new(recording)
+            Box::new(recording.stale_after(vehicle::stale_s(config)))
         }
         "camera" => Box::new(cameras::source(config)?),
         _ if !source.path.as_os_str().is_empty() => {
@@ -53,7 +60,8 @@ fn open_raw(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
             // A scene can be rendered at any rate; its source time follows the rate.
             Box::new(if source.fps > 0.0 { drive.at_rate(source.fps) } else { drive })
         }
-    })
+    };
+    Ok((opened, 0.0))
 }
 
 /// The rig of the run: from `source.rig`, else that of the source.

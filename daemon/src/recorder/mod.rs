@@ -1,15 +1,18 @@
 //! Converts the daemon's messages to those of a recording.
 
 use crate::frame_record::frame_record;
+use crate::stages::vehicle_record::reading;
 use crate::status_json::StatusJson;
 use messages::depth::Depth;
 use messages::header::Header;
+use messages::motion::VehicleRecord;
 use messages::obstacles::Obstacles;
 use messages::pair::Pair;
 use messages::status::StatusRecord;
 use perception::point_cloud::{self, Point, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
+use sources::recording::VehicleLine;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use tools::recording::encode::{self, PairLine, Side, Stamp};
@@ -170,6 +173,10 @@ impl Feed {
         };
         self.put_message(left);
         self.put_message(right);
+        if header.vehicle != VehicleRecord::default() {
+            let line = VehicleLine::from(reading(&header.vehicle));
+            self.put_message(encode::json(stamp, Topic::Vehicle, &line));
+        }
         self.put_message(encode::json(stamp, Topic::Pair, &line));
         Ok(())
     }

@@ -9,6 +9,7 @@ pub mod recognition;
 pub mod road;
 pub mod stage;
 pub mod stereo;
+pub mod vehicle_record;
 pub mod whole_number;
 pub mod writer;
 
@@ -76,6 +77,7 @@ pub fn run(role: Role, launch: Launch) -> Result<(), HostError> {
 /// # Errors
 /// The first error.
 pub fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
+    crate::input::vehicle::decoder(config)?;
     for role in Role::ALL {
         if let Entry::Frames { check, .. } = entry(role) {
             check(config, format)?;

@@ -223,6 +223,9 @@ pub enum SetupError {
     /// The cascade cannot be used.
     #[error(transparent)]
     Cascade(#[from] CascadeError),
+    /// The signals of the vehicle's bus cannot be used.
+    #[error(transparent)]
+    Vehicle(#[from] sources::vehicle::VehicleError),
 }
 
 /// Why a frame cannot be used. Its message is refused and counted.

@@ -5,7 +5,7 @@ use crate::deadline::{DeadlineRecord, PacingRecord};
 use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
-use crate::motion::MotionRecord;
+use crate::motion::{MotionRecord, VehicleRecord};
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
 use crate::alarm::{Faults, LEVELS, RULES};
@@ -133,6 +133,8 @@ pub struct StatusRecord {
     pub source_time: SourceTimeRecord,
     /// The vehicle's own motion in the last result; all zeros, and so unknown, if there is none.
     pub motion: MotionRecord,
+    /// What the vehicle reported at the last result; all zeros if that was withdrawn.
+    pub vehicle: VehicleRecord,
     /// Reason for the state, padded with zeros; may be empty.
     pub reason: [u8; 192],
     /// One entry per process, in the order of [`Role::ALL`].
@@ -162,6 +164,7 @@ ranges! {
         device: Nested,
         source_time: Nested,
         motion: Nested,
+        vehicle: Nested,
         reason: AnyBytes,
         process: Each(Nested),
     }

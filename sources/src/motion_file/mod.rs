@@ -11,13 +11,17 @@
 //! that is requested.
 
 mod kitti_oxts;
+mod motion_source;
+mod motion_table;
 mod oxts;
 mod poses;
 mod table;
 mod timestamps;
 mod trajectory;
 
+pub use motion_source::MotionSource;
+pub use motion_table::{MOTION_CSV, MotionTable};
 pub use oxts::read_oxts;
 pub use poses::read_poses;
-pub use timestamps::{FrameTimes, read_timestamps};
+pub use timestamps::{FrameTimes, TIMESTAMPS, read_timestamps};
 pub use trajectory::Trajectory;

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Name of the file in a folder of pairs.
-pub(crate) const TIMESTAMPS: &str = "timestamps.csv";
+pub const TIMESTAMPS: &str = "timestamps.csv";
 
 /// Times of the left images, in the order of the file.
 #[derive(Clone, Debug, Default, PartialEq)]

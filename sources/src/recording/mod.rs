@@ -12,9 +12,11 @@ mod lengths;
 mod source;
 #[cfg(test)]
 mod tests;
+mod vehicle;
 
 pub use index::{Cut, Index, Stored};
 pub use source::RecordingSource;
+pub use vehicle::VehicleLine;
 
 use std::path::PathBuf;
 use thiserror::Error;
@@ -29,6 +31,10 @@ pub const LEFT_CALIBRATION: &str = "/left/calibration";
 pub const RIGHT_CALIBRATION: &str = "/right/calibration";
 /// Number, times and size of each stereo pair.
 pub const PAIR: &str = "/pair";
+/// What the vehicle reported at each pair.
+pub const VEHICLE: &str = "/vehicle";
+/// Name of the schema of [`VEHICLE`].
+pub const VEHICLE_SCHEMA: &str = "lookout.Vehicle";
 /// A line of `obstacles.jsonl` for each frame.
 pub const OBSTACLES: &str = "/obstacles";
 /// The obstacles as 3D boxes.

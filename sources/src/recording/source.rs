@@ -2,7 +2,9 @@
 
 use super::image_message::{Kind, grey, kind, projection};
 use super::index::{Channel, Cut, Index, Stored};
-use super::{ABOUT, LEFT_IMAGE, RIGHT_IMAGE, RecordingError};
+use super::vehicle::VehicleLine;
+use super::{ABOUT, LEFT_IMAGE, RIGHT_IMAGE, RecordingError, VEHICLE, VEHICLE_SCHEMA};
+use crate::vehicle::VehicleReading;
 use crate::{PairSource, SourceError};
 use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use perception::rig::Rig;
@@ -11,6 +13,9 @@ use std::path::Path;
 
 /// Number of chunks kept in memory: left and right image of a pair may be in adjacent chunks.
 const KEPT: usize = 2;
+
+/// Time from a message of the vehicle to a pair up to which it is used, in seconds, unless another is set.
+const DEFAULT_STALE_S: f64 = 0.5;
 
 /// Topics that an error lists.
 const MAX_LISTED: usize = 20;
@@ -35,6 +40,11 @@ pub struct RecordingSource {
     rig: Option<Rig>,
     period_ns: u64,
     kept: Vec<(usize, Vec<Stored>)>,
+    /// Messages of the vehicle, in the order of their times.
+    vehicle: Vec<ImagePlace>,
+    stale_s: f64,
+    /// What the vehicle reported at the pair that was read last, and the index of that.
+    reading: (u64, VehicleReading),
 }
 
 impl RecordingSource {
@@ -66,7 +76,22 @@ impl RecordingSource {
         };
         let (first, rig) = (*first, recorded_rig());
         let period_ns = typical_period(&frames);
-        let mut source = Self { index, frames, size: (0, 0), rig, period_ns, kept: Vec::new() };
+        let vehicle = index
+            .channels()
+            .find(|(_, c)| c.topic == VEHICLE && c.schema == VEHICLE_SCHEMA)
+            .map(|(id, _)| id);
+        let vehicle = vehicle.map(|id| places_of(&index, id)).unwrap_or_default();
+        let mut source = Self {
+            index,
+            frames,
+            size: (0, 0),
+            rig,
+            period_ns,
+            kept: Vec::new(),
+            vehicle,
+            stale_s: DEFAULT_STALE_S,
+            reading: (u64::MAX, VehicleReading::default()),
+        };
         if source.rig.is_none() {
             source.rig = source.rig_of_calibrations()?;
         }
@@ -93,6 +118,12 @@ impl RecordingSource {
         self.index.cut
     }
 
+    /// The same recording, where a message of the vehicle is used up to `stale_s` from a pair.
+    #[must_use]
+    pub fn stale_after(self, stale_s: f64) -> Self {
+        Self { stale_s, ..self }
+    }
+
     fn channel(&self, id: u16) -> Channel {
         self.index.channel(id).cloned().unwrap_or_else(|| Channel {
             topic: String::new(),
@@ -111,6 +142,13 @@ impl RecordingSource {
 
     /// Decodes one image.
     fn image(&mut self, at: ImagePlace) -> Result<(Vec<u8>, usize, usize), SourceError> {
+        let channel = self.channel(at.channel);
+        let read = grey(&channel, &self.message(at)?.data);
+        read.map_err(|reason| self.fault(at, reason))
+    }
+
+    /// The message at a place.
+    fn message(&mut self, at: ImagePlace) -> Result<&Stored, SourceError> {
         if !self.kept.iter().any(|(place, _)| *place == at.place) {
             let messages = self.index.load(at.place)?;
             if self.kept.len() == KEPT {
@@ -118,14 +156,33 @@ impl RecordingSource {
             }
             self.kept.push((at.place, messages));
         }
-        let channel = self.channel(at.channel);
         let messages = self.kept.iter().find(|(place, _)| *place == at.place).map(|(_, m)| m);
         let message =
             messages.and_then(|m| m.iter().find(|m| m.channel == at.channel && m.time_ns == at.time_ns));
-        let Some(message) = message else {
-            return Err(self.fault(at, "the index refers to a message that the file does not hold"));
+        message.ok_or_else(|| self.fault(at, "the index refers to a message that the file does not hold"))
+    }
+
+    /// What the vehicle reported at a time: the message that is nearest to it.
+    fn vehicle_at(&mut self, time_ns: u64) -> Result<VehicleReading, SourceError> {
+        if self.vehicle.is_empty() {
+            return Ok(VehicleReading::default());
+        }
+        let mut reading = VehicleReading::default();
+        let after = self.vehicle.partition_point(|at| at.time_ns < time_ns);
+        let near = self.vehicle[after.saturating_sub(1)..self.vehicle.len().min(after + 1)].iter().copied();
+        let Some(at) = near.min_by_key(|at| at.time_ns.abs_diff(time_ns)) else { return Ok(reading) };
+        let later_s = (i128::from(time_ns) - i128::from(at.time_ns)) as f64 * 1e-9;
+        if later_s.abs() > self.stale_s {
+            reading.faults.stale = true;
+            return Ok(reading);
+        }
+        let data = &self.message(at)?.data;
+        let Some(line) = VehicleLine::parse(data) else {
+            // The images are there: a replay goes on without the vehicle's values.
+            reading.faults.missing = true;
+            return Ok(reading);
         };
-        grey(&channel, &message.data).map_err(|reason| self.fault(at, reason))
+        Ok(line.reading(later_s, self.stale_s))
     }
 
     /// The rig from the projection matrices of both cameras; `None` if they are missing or zero.
@@ -261,6 +318,11 @@ impl PairSource for RecordingSource {
         at.zip(time(0)).map_or(0, |(at, first)| at - first)
     }
 
+    /// That of the pair that was read last; nothing for another.
+    fn vehicle(&self, index: u64) -> VehicleReading {
+        if self.reading.0 == index { self.reading.1 } else { VehicleReading::default() }
+    }
+
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {
         let count = self.frames.len() as u64;
         let frame = usize::try_from(index).ok().and_then(|i| self.frames.get(i)).copied();
@@ -273,6 +335,7 @@ impl PairSource for RecordingSource {
             }
             target.copy_from_slice(&pixels);
         }
+        self.reading = (index, self.vehicle_at(frame[0].time_ns)?);
         Ok(())
     }
 }

@@ -9,6 +9,7 @@ pub struct Watch {
     last: VehicleFaults,
     missing: u64,
     stale: u64,
+    out_of_range: u64,
     refused: u64,
 }
 
@@ -18,28 +19,36 @@ fn is_told(count: u64) -> bool {
 }
 
 impl Watch {
-    /// Takes the faults of now. Returns a text where signals have become missing or stale, or have come back.
+    /// Takes the faults of now. Returns a text where values have become missing, stale or invalid, or have come back.
     pub fn faults(&mut self, now: VehicleFaults) -> Option<String> {
         let before = std::mem::replace(&mut self.last, now);
         if now.missing && !before.missing {
             self.missing += 1;
             if is_told(self.missing) {
-                return Some(
-                    "a configured signal has not been received yet: check vehicle.dbc and the bus".into(),
-                );
+                let text = "a configured value has not been received yet: check vehicle.dbc and the bus, or vehicle.motion";
+                return Some(text.into());
             }
         }
         if now.stale && !before.stale {
             self.stale += 1;
             if is_told(self.stale) {
                 return Some(format!(
-                    "a signal is stale (for the {}. time): it is not used until it comes again",
+                    "a value is stale and not used until it comes again ({} times so far)",
                     self.stale
                 ));
             }
         }
+        if now.out_of_range && !before.out_of_range {
+            self.out_of_range += 1;
+            if is_told(self.out_of_range) {
+                return Some(format!(
+                    "a value is out of range and not used ({} times so far)",
+                    self.out_of_range
+                ));
+            }
+        }
         let is_over = (before.stale || before.missing) && !now.stale && !now.missing;
-        (is_over && is_told(self.stale.max(1))).then(|| "all configured signals are received".into())
+        (is_over && is_told(self.stale.max(1))).then(|| "all configured values are received".into())
     }
 
     /// Takes a value that was out of range. Returns a text where it is to be told.

@@ -61,6 +61,22 @@ pub const PAIR: Schema = Schema::Json {
 "width":{"type":"integer"},"height":{"type":"integer"}}}"#,
 };
 
+/// `lookout.Vehicle`.
+pub const VEHICLE: Schema = Schema::Json {
+    name: sources::recording::VEHICLE_SCHEMA,
+    text: r#"{"title":"lookout.Vehicle","type":"object","description":"What the vehicle itself reported at a pair; null where a value is not configured, missing, stale or out of range",
+"properties":{
+"speed_m_s":{"type":["number","null"],"description":"Speed, forwards positive"},
+"speed_age_s":{"type":["number","null"],"description":"Time from its measurement to the exposure of the pair"},
+"yaw_rate_rad_s":{"type":["number","null"],"description":"Yaw rate, to the left positive"},
+"yaw_rate_age_s":{"type":["number","null"],"description":"Time from its measurement to the exposure of the pair"},
+"steering_angle_rad":{"type":["number","null"],"description":"Angle of the steering wheel, to the left positive"},
+"braking":{"type":["boolean","null"]},
+"turn_indicator":{"type":["string","null"],"enum":["off","left","right","both",null]},
+"gear":{"type":["string","null"],"enum":["park","reverse","neutral","forward",null]},
+"faults":{"type":"object","description":"Why values are missing","properties":{"no_bus":{"type":"boolean"},"missing":{"type":"boolean"},"stale":{"type":"boolean"},"out_of_range":{"type":"boolean"}}}}}"#,
+};
+
 /// `lookout.Obstacles`: a line of `obstacles.jsonl`.
 pub const OBSTACLES: Schema = Schema::Json {
     name: "lookout.Obstacles",
@@ -111,7 +127,7 @@ mod tests {
 
     #[test]
     fn json_schemas_are_json() {
-        for schema in [PAIR, OBSTACLES, STATUS, LOSS] {
+        for schema in [PAIR, VEHICLE, OBSTACLES, STATUS, LOSS] {
             let value: serde_json::Value = serde_json::from_slice(schema.data()).unwrap();
             assert_eq!(value["title"], schema.name());
             assert!(value["properties"].as_object().unwrap().len() > 2);

@@ -270,8 +270,7 @@ impl Sink {
     fn write(&mut self, message: &Message) -> Result<(), RecordError> {
         // Files are split between frames only.
         if let Some(file) = &self.file
-            && message.topic != Topic::RightImage
-            && message.topic != Topic::Pair
+            && !matches!(message.topic, Topic::RightImage | Topic::Vehicle | Topic::Pair)
         {
             let is_long = self.limits.split_bytes.is_some_and(|most| file.bytes() >= most)
                 || self.limits.split_ns.is_some_and(|most| file.age_ns(message.time_ns) >= most);

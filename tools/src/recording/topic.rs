@@ -37,6 +37,8 @@ pub enum Topic {
     RightImage,
     /// Number, times and size of each stereo pair.
     Pair,
+    /// What the vehicle reported at a pair.
+    Vehicle,
     /// Calibration of the left images.
     LeftCalibration,
     /// Calibration of the right images.
@@ -66,6 +68,7 @@ impl Topic {
             Self::LeftImage => names::LEFT_IMAGE,
             Self::RightImage => names::RIGHT_IMAGE,
             Self::Pair => names::PAIR,
+            Self::Vehicle => names::VEHICLE,
             Self::LeftCalibration => names::LEFT_CALIBRATION,
             Self::RightCalibration => names::RIGHT_CALIBRATION,
             Self::Transform => names::TRANSFORM,
@@ -91,6 +94,7 @@ impl Topic {
             Self::Annotations => Schema::Protobuf(f::IMAGE_ANNOTATIONS),
             Self::Points => Schema::Protobuf(f::POINT_CLOUD),
             Self::Pair => schema::PAIR,
+            Self::Vehicle => schema::VEHICLE,
             Self::Obstacles => schema::OBSTACLES,
             Self::Status => schema::STATUS,
             Self::Loss => schema::LOSS,
@@ -120,7 +124,7 @@ pub struct Message {
 /// Groups of topics that the command line selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Images, calibrations, transforms and pairs: the input of a replay.
+    /// Images, calibrations, transforms, pairs and the vehicle's values: the input of a replay.
     pub images: bool,
     /// A line for each frame, and boxes in the left image.
     pub obstacles: bool,

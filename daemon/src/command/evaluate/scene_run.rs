@@ -8,6 +8,7 @@ use messages::source_time::SourceTimeRecord;
 use perception::region::PixelBox;
 use perception::rig::Rig;
 use sources::scene::{Scene, SceneTruth};
+use sources::vehicle::VehicleReading;
 use sources::{PairSource, SourceError};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -31,6 +32,10 @@ impl PairSource for Shared {
 
     fn period_ns(&self) -> u64 {
         self.0.borrow().period_ns()
+    }
+
+    fn vehicle(&self, index: u64) -> VehicleReading {
+        self.0.borrow().vehicle(index)
     }
 
     fn read(&mut self, index: u64, left: &mut [u8], right: &mut [u8]) -> Result<(), SourceError> {

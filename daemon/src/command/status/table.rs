@@ -34,6 +34,9 @@ fn pace_lines(status: &StatusRecord) -> String {
     if status.source_time != messages::source_time::SourceTimeRecord::default() {
         let _ = writeln!(out, "time of the source: {}", status.source_time);
     }
+    if status.vehicle != messages::motion::VehicleRecord::default() {
+        let _ = writeln!(out, "vehicle: {}", status.vehicle);
+    }
     for (role, process) in status.processes() {
         if process.realtime.refused != 0 {
             let _ = writeln!(out, "{role}: {}", process.realtime);

@@ -8,7 +8,6 @@ use messages::alarm::{self, Faults};
 use messages::bus::IpcError;
 use messages::clock::monotonic_ns;
 use messages::header::{Header, Kind};
-use messages::motion::MotionRecord;
 use messages::obstacles::{self, AlarmRecord, Newest};
 use messages::port::{Publisher, Sample};
 
@@ -17,8 +16,7 @@ use messages::port::{Publisher, Sample};
 pub(super) struct LastResult {
     pub(super) alarm: AlarmRecord,
     pub(super) confirmed: u32,
-    pub(super) motion: MotionRecord,
-    header: Header,
+    pub(super) header: Header,
     at_ns: u64,
 }
 
@@ -49,7 +47,6 @@ impl Results {
         if is_newer {
             self.last = Some(LastResult {
                 alarm: message.alarm,
-                motion: header.motion,
                 confirmed: message.obstacles.iter().filter(|o| o.confirmed == 1).count() as u32,
                 header,
                 at_ns: monotonic_ns(),

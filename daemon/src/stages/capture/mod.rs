@@ -2,10 +2,14 @@
 //!
 //! If the source fails or gives no pairs, the stage reports that, keeps sending heartbeats, and retries.
 
+mod bus;
 mod reader;
 
+use super::vehicle_record::record;
 use crate::host::{Host, HostError};
 use crate::input;
+use crate::stages::stage::SetupError;
+use bus::Bus;
 use messages::clock::monotonic_ns;
 use messages::command::{self, CommandRecord};
 use messages::header::{Header, Kind, Stamp};
@@ -49,6 +53,7 @@ pub fn run(mut host: Host) -> Result<(), HostError> {
         stall_ns: (host.launch.config.pacing.stall_ms * 1e6) as u64,
         command: None,
         input: reader.as_ref().map_or(Input::Live(None), Input::Recorded),
+        bus: Bus::start(&host.launch).map_err(SetupError::from)?,
         pairs,
         state: State::Flowing,
     };
@@ -114,6 +119,8 @@ impl Input<'_> {
 
 struct Capture<'a> {
     input: Input<'a>,
+    /// The vehicle's bus, if one is configured.
+    bus: Option<Bus>,
     pairs: Publisher,
     command: Option<CommandRecord>,
     /// Sequence of the next pair.
@@ -236,13 +243,14 @@ impl Capture<'_> {
             self.input = Input::Live(None);
             return self.fail(host, &error.to_string());
         }
-        let source_ns = source.time_ns(self.next);
+        let (source_ns, vehicle) = (source.time_ns(self.next), record(&source.vehicle(self.next)));
         let stamp = Stamp { begin_ns, end_ns: monotonic_ns() };
         // The capture time of a camera's pair is the time of its exposure.
         let mut header = Header::new(Kind::Pair);
         header.sequence = self.next;
         header.set_source_time(source_ns);
         header.capture_ns = capture_ns;
+        header.vehicle = vehicle;
         self.send(host, loan, header, stamp, 0)
     }
 
@@ -360,7 +368,7 @@ impl Capture<'_> {
         let (left, right) = pair::split_mut(loan.payload_mut());
         left.copy_from_slice(&pair.left);
         right.copy_from_slice(&pair.right);
-        let (source_ns, read_ns) = (pair.source_ns, pair.read_ns);
+        let (source_ns, read_ns, vehicle) = (pair.source_ns, pair.read_ns, pair.vehicle);
         drop(pair);
         let end_ns = monotonic_ns();
         // The capture time of a recorded pair is the time when it is complete in shared memory.
@@ -369,6 +377,7 @@ impl Capture<'_> {
         header.attempt = attempt;
         header.set_source_time(source_ns);
         header.capture_ns = end_ns;
+        header.vehicle = vehicle;
         self.send(host, loan, header, Stamp { begin_ns, end_ns }, read_ns).map(|()| true)
     }
 
@@ -382,6 +391,9 @@ impl Capture<'_> {
         read_ns: u64,
     ) -> Result<(), HostError> {
         let (sequence, attempt) = (header.sequence, header.attempt);
+        if let Some(bus) = &mut self.bus {
+            header.vehicle = bus.at(header.capture_ns);
+        }
         header.modes = self.command.map_or(0, |command| command.modes);
         header.width = host.launch.frames.width as u32;
         header.height = host.launch.frames.height as u32;

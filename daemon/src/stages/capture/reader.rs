@@ -3,10 +3,13 @@
 
 use crate::input;
 use crate::launch::Launch;
+use crate::stages::vehicle_record::{reading, record};
 use messages::clock::monotonic_ns;
+use messages::motion::VehicleRecord;
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use sources::PairSource;
+use sources::vehicle::Watch;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -25,6 +28,8 @@ pub struct Pair {
     pub right: Vec<u8>,
     /// Source time in nanoseconds; it continues when a source repeats.
     pub source_ns: u64,
+    /// What the vehicle reported, as the source knows it.
+    pub vehicle: VehicleRecord,
     /// Error text with file and remedy, if the pair cannot be read.
     pub result: Result<(), String>,
     /// Time of reading, in nanoseconds.
@@ -66,6 +71,7 @@ impl Reader {
                 left: vec![0; pixels],
                 right: vec![0; pixels],
                 source_ns: 0,
+                vehicle: VehicleRecord::default(),
                 result: Ok(()),
                 read_ns: 0,
             }),
@@ -111,6 +117,7 @@ fn place(sequence: u64) -> usize {
 /// The thread: fills each slot as soon as it is free, until the end of the run.
 fn fill(launch: &Launch, slots: &[Slot; SLOTS], ready: &OwnedFd) {
     let mut source = None;
+    let mut watch = Watch::default();
     let mut sequence = launch.first_sequence;
     while launch.end_sequence.is_none_or(|end| sequence < end) {
         let slot = &slots[place(sequence)];
@@ -122,6 +129,13 @@ fn fill(launch: &Launch, slots: &[Slot; SLOTS], ready: &OwnedFd) {
         pair.sequence = sequence;
         pair.result = read(launch, &mut source, &mut pair, sequence);
         pair.read_ns = monotonic_ns() - begin_ns;
+        // The faults of a bus are told by the thread that reads it.
+        if pair.result.is_ok()
+            && launch.config.vehicle.bus.is_empty()
+            && let Some(text) = watch.faults(reading(&pair.vehicle).faults)
+        {
+            tracing::warn!(sequence, "the vehicle's motion: {text}");
+        }
         match pair.result {
             Ok(()) => sequence += 1,
             // The retry opens the source again: its folder itself may have been missing.
@@ -157,5 +171,6 @@ fn read(
     source.read(index, &mut pair.left, &mut pair.right).map_err(|error| error.to_string())?;
     let rounds_ns = (sequence - index).saturating_mul(launch.source_period_ns);
     pair.source_ns = rounds_ns.saturating_add(source.time_ns(index));
+    pair.vehicle = record(&source.vehicle(index));
     Ok(())
 }

@@ -34,6 +34,8 @@ pub struct TruthFrame {
     pub speed_m_s: f64,
     /// Yaw rate, in rad/s.
     pub yaw_rate_rad_s: f64,
+    /// Measured speed and yaw rate in the middle between this frame and the next; `None`: they follow from the poses.
+    pub to_next: Option<[f64; 2]>,
 }
 
 /// Ground truth of a drive.
@@ -41,13 +43,13 @@ pub struct TruthFrame {
 pub struct Truth {
     /// Its frames.
     pub frames: Vec<TruthFrame>,
-    /// Whether the poses are planar (OXTS): height is not compared, and between two poses the measured speed and yaw rate
-    /// are the truth instead of the difference of the poses.
+    /// Whether the poses are planar (OXTS): height is not compared.
     pub is_planar: bool,
 }
 
 impl Truth {
-    /// The truth of a path of the camera: planar if it comes with measured speed and yaw rate. `times_s` are the times of the frames where the path has none.
+    /// The truth of a path of the camera: planar if it comes with what was measured between frames. `times_s` are the
+    /// times of the frames where the path has none.
     pub fn new(path: &Trajectory, times_s: &[f64]) -> Self {
         let times_s = if path.times_s.is_empty() { times_s } else { &path.times_s };
         let is_measured = !path.speed_m_s.is_empty() && !path.yaw_rate_rad_s.is_empty();
@@ -56,16 +58,12 @@ impl Truth {
         } else {
             path.differences(times_s)
         };
-        let frame = |((&time_s, &pose), [speed_m_s, yaw_rate_rad_s]): ((&f64, &Pose), [f64; 2])| TruthFrame {
-            time_s,
-            pose,
-            speed_m_s,
-            yaw_rate_rad_s,
+        let frame = |(i, (&time_s, [speed_m_s, yaw_rate_rad_s])): (usize, (&f64, [f64; 2]))| {
+            let to_next = path.between.get(i).copied();
+            Some(TruthFrame { time_s, pose: *path.poses.get(i)?, speed_m_s, yaw_rate_rad_s, to_next })
         };
-        Self {
-            frames: times_s.iter().zip(&path.poses).zip(rates).map(frame).collect(),
-            is_planar: is_measured,
-        }
+        let frames = times_s.iter().zip(rates).enumerate().map_while(frame).collect();
+        Self { frames, is_planar: !path.between.is_empty() }
     }
 }
 
@@ -303,17 +301,15 @@ impl<'a> Both<'a> {
         (0..self.truth.len()).map_while(part).collect()
     }
 
-    /// Errors of speed and yaw rate between successive poses. What was measured is taken in the middle between both.
+    /// Errors of speed and yaw rate between successive poses.
     fn frame_to_frame(self) -> impl Iterator<Item = (f64, f64)> + 'a {
         self.truth.windows(2).zip(self.estimate.windows(2)).filter_map(move |(truth, estimate)| {
             let seconds = truth[1].time_s - truth[0].time_s;
             let (speed, yaw_rate) =
                 step_rates(&estimate[0].pose, &estimate[1].pose, seconds, self.is_planar)?;
-            let (true_speed, true_yaw_rate) = if self.is_planar {
-                let mean = |value: fn(&TruthFrame) -> f64| 0.5 * (value(&truth[0]) + value(&truth[1]));
-                (mean(|frame| frame.speed_m_s), mean(|frame| frame.yaw_rate_rad_s))
-            } else {
-                step_rates(&truth[0].pose, &truth[1].pose, seconds, self.is_planar)?
+            let (true_speed, true_yaw_rate) = match truth[0].to_next {
+                Some([speed, yaw_rate]) => (speed, yaw_rate),
+                None => step_rates(&truth[0].pose, &truth[1].pose, seconds, self.is_planar)?,
             };
             Some((speed - true_speed, yaw_rate - true_yaw_rate))
         })
@@ -522,11 +518,16 @@ mod tests {
         path.speed_m_s = vec![9.0; 5];
         path.yaw_rate_rad_s = vec![0.1; 5];
         path.times_s = vec![0.0, 0.1, 0.1, 0.2, 0.3];
+        path.between = vec![[9.0, 0.3]; 4];
         let truth = Truth::new(&path, &[]);
         assert!(truth.is_planar && truth.frames.len() == 5);
         let estimate = vec![EstimateFrame { pose: Pose::IDENTITY, motion: moving(9.0, 0.1) }; 7];
         let score = score(&truth, &estimate, 0.0);
-        assert_eq!((score.frames, score.frame_to_frame.unwrap().frames), (5, 3));
+        let steps = score.frame_to_frame.unwrap();
+        assert_eq!(
+            (score.frames, steps.frames, steps.speed_rms_m_s, steps.yaw_rate_rms_rad_s),
+            (5, 3, 9.0, 0.3)
+        );
         assert_eq!(score.filtered.unwrap().speed_rms_m_s, 0.0);
         assert_eq!((score.drift.len(), score.path), (0, None), "too short");
         // Nothing at all.

@@ -91,8 +91,7 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
     };
     check_count(args, &from, path.poses.len(), motion.frames.len())?;
     let truth = Truth::new(&path, &motion.times_s);
-    // What is measured is planar; a scene's truth is not measured.
-    let truth = Truth { is_planar: args.oxts.is_some(), ..truth };
+    warn_of_times(&truth, &motion.times_s);
     let mut score = score(&truth, &motion.frames, config.vehicle.rear_axle_m);
     if args.estimate.is_some() {
         // Poses alone do not tell it.
@@ -117,6 +116,22 @@ fn true_path(args: &EvaluateOdometry, config: &Config) -> Result<(String, Trajec
             "{}: no ground truth: give --poses FILE, or --oxts CSV with --times CSV",
             args.recording.display()
         ))),
+    }
+}
+
+/// Ratio of durations from which on the times of recording and truth do not belong together: 1 % of the speed.
+const MAX_TIME_ERROR: f64 = 0.01;
+
+/// Warns if the source time runs faster or slower than the time of the truth: speed and yaw rate are then wrong by as much.
+fn warn_of_times(truth: &Truth, times_s: &[f64]) {
+    let true_times: Vec<f64> = truth.frames.iter().map(|frame| frame.time_s).collect();
+    let duration = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
+    let (own_s, true_s) = (duration(times_s), duration(&true_times));
+    if (own_s / true_s - 1.0).abs() > MAX_TIME_ERROR {
+        tracing::warn!(
+            "the recording lasts {own_s:.2} s, its ground truth {true_s:.2} s: speed and yaw rate are wrong by as much: \
+             give the recording its times (timestamps.csv)"
+        );
     }
 }
 

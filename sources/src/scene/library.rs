@@ -12,7 +12,7 @@ macro_rules! scenes {
 }
 
 /// Built-in scenes: name and TOML text.
-pub const SCENES: [(&str, &str); 22] = scenes![
+pub const SCENES: [(&str, &str); 30] = scenes![
     "drive",
     "street",
     "crest",
@@ -35,6 +35,14 @@ pub const SCENES: [(&str, &str); 22] = scenes![
     "next-lane",
     "crest-traffic",
     "dip-traffic",
+    "motion",
+    "junction-parked",
+    "bend-parked",
+    "bend-parked-left",
+    "bend-stopped",
+    "bend-overtaking",
+    "bend-overtaken",
+    "bend-oncoming",
 ];
 
 /// Splits a scene name at its question mark.

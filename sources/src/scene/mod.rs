@@ -25,6 +25,8 @@ pub mod paint;
 pub mod plan;
 pub mod precipitation;
 pub mod props;
+#[cfg(test)]
+mod rigid_world;
 pub mod route;
 pub mod sensor;
 pub mod streets;
@@ -223,9 +225,11 @@ impl Scene {
         self.draw(index, true, right);
     }
 
-    /// Own motion of the vehicle at pair `index`, part of its ground truth.
-    pub fn motion(&self, index: u64) -> OwnMotion {
-        self.world.motion(self.time_s(index))
+    /// The object that the scene approaches: the nearest named one that is in the vehicle's path at the start, seen or not,
+    /// other than a bridge.
+    pub fn target(&mut self) -> Option<u16> {
+        self.world.place(0.0);
+        self.world.target(0.0)
     }
 
     /// Ground truth of pair `index`, without rendering it.

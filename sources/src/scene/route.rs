@@ -111,6 +111,13 @@ impl Route {
         self.lateral_m.smooth(time_s)
     }
 
+    /// Way of the vehicle from one position along the road to another, in metres: shorter than along the reference line on the
+    /// inside of a bend.
+    pub fn way_m(&self, from_m: f64, to_m: f64, lateral_m: f64) -> f64 {
+        let turn_rad = self.plan.road(to_m).heading_rad - self.plan.road(from_m).heading_rad;
+        (to_m - from_m) - lateral_m * turn_rad
+    }
+
     /// Speed in the direction of the road and to the right of it, in m/s.
     fn velocity_m_s(&self, time_s: f64) -> (f64, f64) {
         let (lateral, across) = self.lateral_m(time_s);

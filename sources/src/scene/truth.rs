@@ -81,8 +81,8 @@ pub struct ObjectTruth {
     pub width_m: f64,
     /// Height, in metres.
     pub height_m: f64,
-    /// Distance to it along the vehicle's path, in metres: on a straight road [`Self::distance_m`], in a bend the way along
-    /// the road from the camera to its nearest part.
+    /// Distance to it along the vehicle's path, in metres: on a straight road [`Self::distance_m`], in a bend the way from
+    /// the camera to where its nearest part is.
     pub along_m: f64,
     /// Speed at which [`Self::along_m`] decreases, in m/s.
     pub closing_m_s: f64,

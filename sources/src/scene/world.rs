@@ -311,17 +311,23 @@ impl World {
         (bx - ax).hypot(bz - az) / spacing
     }
 
-    /// Distance from the vehicle to an object's near side along the road, in metres.
+    /// Way of the vehicle to an object's near side, in metres.
     pub fn ahead_m(&self, instance: &Instance, time_s: f64) -> f64 {
         let along_m = self.route.along_m(time_s);
-        match &instance.place {
+        let there_m = match &instance.place {
             Place::Along(path) if instance.road > 0 => {
                 let (place, across) = path.at(time_s);
                 let point = self.route.plan.at(instance.road, place).point(across, 0.0);
-                self.route.plan.project(point, (along_m - MAX_DRAWN_M, along_m + MAX_DRAWN_M)).0 - along_m
+                self.route.plan.project(point, (along_m - MAX_DRAWN_M, along_m + MAX_DRAWN_M)).0
             }
-            Place::Along(path) => path.at(time_s).0 - along_m,
-            Place::Ahead(path) => path.at(time_s).0,
+            Place::Along(path) => path.at(time_s).0,
+            Place::Ahead(path) if self.route.turns() => along_m + path.at(time_s).0,
+            Place::Ahead(path) => return path.at(time_s).0,
+        };
+        if self.route.turns() {
+            self.route.way_m(along_m, there_m, self.route.stand(time_s).lateral_m)
+        } else {
+            there_m - along_m
         }
     }
 

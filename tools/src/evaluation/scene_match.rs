@@ -241,6 +241,7 @@ mod tests {
             lateral_m: 0.0,
             width_m: 1.8,
             height_m: 1.5,
+            along_m: 10.0,
             closing_m_s: 0.0,
             bounds: PixelBox { x: 40, y: 30, width: 20, height: 20 },
             pixels: 400,

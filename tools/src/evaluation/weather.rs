@@ -419,6 +419,7 @@ mod tests {
             lateral_m: 0.0,
             width_m: 0.4,
             height_m: 0.7,
+            along_m: 10.0,
             closing_m_s: 0.0,
             bounds,
             pixels: 81,

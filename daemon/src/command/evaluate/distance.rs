@@ -10,7 +10,7 @@ use crate::stages::stereo::matcher::Method;
 use clap::Args;
 use perception::region::PixelBox;
 use sources::PairSource;
-use sources::scene::{ObjectClass, ObjectTruth, Scene, SceneTruth};
+use sources::scene::{ObjectTruth, Scene};
 use std::path::{Path, PathBuf};
 use tools::evaluation::approach::{
     Approach, ApproachFrame, DistanceReport, Shot, Silent, filmstrip, shown_frames,
@@ -27,8 +27,8 @@ pub const HELP: &str = "Examples:
   lookout evaluate distance 'cone?weather=night' --json
   lookout evaluate distance --set alarm.distance_m=15
 
-A scene with an object in the vehicle's path is an approach. Its line gives the distance at the
-first detection, the frames without a detection after that, and the distance at the alarm; late
+A scene that starts with a named object in the vehicle's path, around a bend too, is an approach. Its
+line gives the distance at the first detection, the frames without a detection after that, and the distance at the alarm; late
 counts frames from the first in which the object was nearer than alarm.distance_m. A scene without
 such an object is silent: any alarm in it is false. True positives, false regions (false) and
 off-road false positives are defined in lookout evaluate weather --help.
@@ -73,14 +73,20 @@ pub(super) const SCENES: [&str; 18] = [
     "textureless",
 ];
 
+/// Further default scenes, in which the vehicle turns: an approach, then silent ones. Kept apart, as
+/// `lookout evaluate time` plays the others in an order that its seed chooses.
+const BENDS: [&str; 7] = [
+    "bend-stopped",
+    "bend-parked",
+    "bend-parked-left",
+    "bend-overtaking",
+    "bend-overtaken",
+    "bend-oncoming",
+    "junction-parked",
+];
+
 /// Number of frames that are used of an endless scene.
 const ENDLESS: u64 = 1000;
-
-/// The object that a scene approaches: the first named one in the path that is not a bridge.
-fn target(truth: &SceneTruth) -> Option<u16> {
-    let wanted = |o: &&sources::scene::ObjectTruth| o.subject && o.in_path && o.class != ObjectClass::Bridge;
-    truth.objects.iter().find(wanted).map(|o| o.id)
-}
 
 fn strip_file(scene: &str) -> PathBuf {
     let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
@@ -90,12 +96,12 @@ fn strip_file(scene: &str) -> PathBuf {
 
 pub fn run(args: &EvaluateDistance, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "evaluate", Some("warn"))?;
-    let names: Vec<String> =
-        if args.scenes.is_empty() { SCENES.map(String::from).to_vec() } else { args.scenes.clone() };
+    let defaults = SCENES.into_iter().chain(BENDS).map(String::from);
+    let names: Vec<String> = if args.scenes.is_empty() { defaults.collect() } else { args.scenes.clone() };
     let mut scenes = Vec::new();
     for name in &names {
         let mut scene = Scene::open(name)?;
-        let target = target(&scene.truth(0));
+        let target = scene.target();
         scenes.push((name, scene, target));
     }
     if let Some(out) = &args.out {
@@ -152,7 +158,7 @@ fn approach_frames(
         frames.push(ApproachFrame {
             truth_m: object.map(|o| o.distance_m),
             found: object.and_then(by),
-            ttc_truth_s: object.filter(|o| o.closing_m_s > 0.1).map(|o| o.distance_m / o.closing_m_s),
+            ttc_truth_s: object.filter(|o| o.closing_m_s > 0.1).map(|o| o.along_m / o.closing_m_s),
             ttc_s: track.and_then(|t| t.time_to_collision_s.zip(t.time_to_collision_sigma_s)),
             warning: level == "warning" || level == "alarm",
             alarm: level == "alarm",

@@ -174,10 +174,10 @@ fn check_count(args: &EvaluateOdometry, from: &str, poses: usize, frames: usize)
 /// The true path of a scene, with its exact speed and yaw rate.
 fn scene_path(args: &EvaluateOdometry, config: &Config) -> Result<(String, Trajectory), CommandError> {
     let scene = Scene::open(&config.source.path.to_string_lossy())?;
-    let scene = if config.source.fps > 0.0 { scene.at_rate(config.source.fps) } else { scene };
+    let mut scene = if config.source.fps > 0.0 { scene.at_rate(config.source.fps) } else { scene };
     let mut path = Trajectory::default();
     for index in 0..frames_used(scene.count(), args.limit) {
-        let motion = scene.motion(index);
+        let motion = scene.truth(index).motion;
         path.poses.push(motion.pose);
         path.times_s.push(scene.time_s(index));
         path.speed_m_s.push(motion.speed_m_s);

@@ -13,7 +13,7 @@
 //! Memory is allocated once.
 
 use super::camera_motion::{self, Observation};
-use super::corners::{CELL_PX, CornerFinder};
+use super::corners::CornerFinder;
 use super::patch::{self, Alignment, Patch, SCALES, WINDOW};
 use super::pose::Pose;
 use super::pyramid::{LEVELS, Pyramid, from_level, to_level};
@@ -83,7 +83,7 @@ const NEIGHBOURHOOD_PX: usize = 3;
 /// Standard deviation of an aligned patch's place, in px.
 const PLACE_SIGMA_PX: f64 = 0.15;
 /// Largest share of a patch's variance that may remain after alignment.
-const MAX_RESIDUAL_SHARE: f32 = 0.4;
+const MAX_RESIDUAL_SHARE: f32 = 0.6;
 /// Residual that is always allowed: noise of the sensor, in squared grey levels.
 const NOISE_VARIANCE: f32 = 20.0;
 /// Frames after which a point that is not an inlier is dropped.
@@ -194,8 +194,8 @@ impl Odometry {
             self.add_points(left, disparity);
             return OdometryResult::First;
         }
-        let predicted = self.predicted();
-        self.find_again(left, &predicted);
+        let predicted = if self.velocity.is_some() { self.predicted() } else { self.searched(left) };
+        self.find_again(left, &predicted, 1);
         let found = self.observations.len();
         let result = self.estimate(&predicted);
         match result {
@@ -208,8 +208,8 @@ impl Odometry {
                 OdometryResult::Known(OdometryEstimate { points: found, ..estimate })
             }
             Err(reason) => {
-                if self.since_s > MAX_LOST_S {
-                    // Points of so long ago will not be found again.
+                if self.since_s > MAX_LOST_S || self.velocity.is_none() {
+                    // Points of so long ago will not be found again; and at the start nothing is lost.
                     self.spare.append(&mut self.points);
                     (self.velocity, self.since_s) = (None, 0.0);
                     self.add_points(left, disparity);
@@ -226,16 +226,29 @@ impl Odometry {
         Pose { translation_m: [x, y, z], ..Pose::from_rotation_vector([a, b, c]) }
     }
 
-    /// Aligns the patches of all points; fills `observations`.
-    fn find_again(&mut self, left: GreyView<'_>, predicted: &Pose) {
+    /// The motion while the velocity is not known: that of the speeds straight ahead at which most points are found again.
+    fn searched(&mut self, left: GreyView<'_>) -> Pose {
+        let every = (self.points.len() / SEARCHED_POINTS).max(1);
+        let mut best = (0, Pose::IDENTITY);
+        for speed_m_s in SEARCHED_SPEEDS_M_S {
+            let motion = Pose { translation_m: [0.0, 0.0, speed_m_s * self.since_s], ..Pose::IDENTITY };
+            self.find_again(left, &motion, every);
+            if self.observations.len() > best.0 {
+                best = (self.observations.len(), motion);
+            }
+        }
+        best.1
+    }
+
+    /// Aligns the patches of one point of `every`; fills `observations`.
+    fn find_again(&mut self, left: GreyView<'_>, predicted: &Pose, every: usize) {
         self.observations.clear();
         self.owners.clear();
         let to_now = self.pose.after(predicted).inverse();
         let to_before = self.pose.inverse();
         let first = if self.velocity.is_some() { 1 } else { LEVELS - 1 };
         let (rig, scale) = (self.rig, self.rig.focal_px * self.rig.baseline_m);
-        for (index, point) in self.points.iter_mut().enumerate() {
-            point.misses += 1;
+        for (index, point) in self.points.iter_mut().enumerate().step_by(every) {
             let place = point.place_m(&rig, scale);
             let now = to_now.after(&point.reference).apply(place);
             if now[2] < 0.5 {
@@ -307,6 +320,9 @@ impl Odometry {
     fn update_points(&mut self, disparity: DisparityView<'_>) {
         let to_now = self.pose.inverse();
         let (rig, scale) = (self.rig, self.rig.focal_px * self.rig.baseline_m);
+        for point in &mut self.points {
+            point.misses = point.misses.saturating_add(1);
+        }
         for (observation, &owner) in self.observations.iter().zip(&self.owners) {
             let point = &mut self.points[owner as usize];
             if !observation.is_inlier {
@@ -391,6 +407,10 @@ impl Odometry {
     }
 }
 
+/// Speeds that are tried while the velocity is not known, in m/s, and about how many points are looked for with each.
+const SEARCHED_SPEEDS_M_S: [f64; 7] = [0.0, 4.0, 8.0, 13.0, 19.0, 26.0, 35.0];
+const SEARCHED_POINTS: usize = 80;
+
 /// Time without a known motion after which all points are renewed, in seconds.
 const MAX_LOST_S: f64 = 0.5;
 
@@ -456,5 +476,5 @@ fn is_plausible(motion: &Pose, elapsed_s: f64, before: Option<[f64; 6]>) -> bool
     plausible
 }
 
-#[allow(dead_code)]
-const _CELL: usize = CELL_PX;
+#[cfg(test)]
+mod tests;

@@ -191,24 +191,26 @@ fn sample(image: GreyView<'_>, x: f32, y: f32, out: &mut Rows) -> bool {
     }
     let (left, top) = (x as usize, y as usize);
     let (ax, ay) = (x - left as f32, y - top as f32);
-    let mut upper = [0.0_f32; WINDOW];
-    let line = |row: usize, out: &mut [f32; WINDOW]| {
-        let pixels = &image.row(row)[left..left + WINDOW + 1];
-        for c in 0..WINDOW {
-            let (a, b) = (f32::from(pixels[c]), f32::from(pixels[c + 1]));
-            out[c] = a + ax * (b - a);
-        }
-    };
-    line(top, &mut upper);
+    let mut upper = sample_row(image, left, top, ax);
     for (r, row) in out.iter_mut().enumerate() {
-        let mut lower = [0.0_f32; WINDOW];
-        line(top + r + 1, &mut lower);
+        let lower = sample_row(image, left, top + r + 1, ax);
         for c in 0..WINDOW {
             row[c] = upper[c] + ay * (lower[c] - upper[c]);
         }
         upper = lower;
     }
     true
+}
+
+#[inline(always)]
+fn sample_row(image: GreyView<'_>, left: usize, row: usize, share: f32) -> [f32; WINDOW] {
+    let pixels = &image.row(row)[left..left + WINDOW + 1];
+    let mut out = [0.0; WINDOW];
+    for c in 0..WINDOW {
+        let (a, b) = (f32::from(pixels[c]), f32::from(pixels[c + 1]));
+        out[c] = a + share * (b - a);
+    }
+    out
 }
 
 #[cfg(test)]

@@ -20,4 +20,5 @@ mod recording;
 mod scenes;
 mod support;
 mod systemd;
+mod vehicle;
 mod viewer_protocol;

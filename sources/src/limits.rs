@@ -98,6 +98,14 @@ pub const MAX_MESSAGES: usize = 30_000_000;
 /// for each.
 pub const MAX_CHUNKS: usize = 3_000_000;
 
+/// Length of a drive on a road with bends, in metres: its course is tabulated in steps of 0.5 m, and each frame goes
+/// through all of its strips. The longest of this project has 400 m.
+pub const MAX_BENDING_ROAD_M: f64 = 20_000.0;
+
+/// Roads that branch off the road of a scene. They lie half a millimetre below one another, and together above the
+/// pavements.
+pub const MAX_BRANCHES: usize = 16;
+
 /// Files of a vehicle's motion: CSV, KITTI's poses, OXTS. [`MAX_MOTION_LINES`] of 90 bytes.
 pub const MOTION: FileLimit = FileLimit {
     what: "a motion file",
@@ -117,11 +125,3 @@ pub const DBC: FileLimit = FileLimit {
     bytes: 32 << 20,
     remedy: "give the DBC file of the bus with your signals",
 };
-
-/// Length of a drive on a road with bends, in metres: its course is tabulated in steps of 0.5 m, and each frame goes
-/// through all of its strips. The longest of this project has 400 m.
-pub const MAX_BENDING_ROAD_M: f64 = 20_000.0;
-
-/// Roads that branch off the road of a scene. They lie half a millimetre below one another, and together above the
-/// pavements.
-pub const MAX_BRANCHES: usize = 16;

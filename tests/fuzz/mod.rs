@@ -11,6 +11,7 @@ mod containers;
 mod frames;
 mod harness;
 mod messages;
+mod motion;
 mod mutate;
 mod pictures;
 mod recordings;

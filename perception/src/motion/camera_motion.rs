@@ -10,8 +10,10 @@ use nalgebra::{Matrix6, Vector6};
 pub struct Observation {
     /// The point, in the frame of the camera before, in metres.
     pub point_m: [f64; 3],
-    /// By how much the point moves for one standard deviation of its depth, in metres.
-    pub depth_sigma_m: [f64; 3],
+    /// By how much the point moves for 1 px less of its disparity, in metres.
+    pub depth_slope_m: [f64; 3],
+    /// Standard deviation of its disparity, in px.
+    pub disparity_sigma_px: f64,
     /// Where it is seen now: column and row, in px.
     pub at_px: [f64; 2],
     /// Standard deviation of each of them, in px.
@@ -33,6 +35,9 @@ pub struct CameraMotion {
     pub inliers: usize,
     /// Variance of the errors in units of the expected one.
     pub variance_factor: f64,
+    /// Error that all disparities have in common, in px, and its information (inverse variance): with too small
+    /// disparities, far points move more than near ones let expect.
+    pub disparity_offset_px: (f64, f64),
 }
 
 /// Squared normalised error above which an observation is an outlier: one in 10,000 of those with two degrees of freedom.
@@ -88,7 +93,8 @@ pub fn estimate(
         inliers += usize::from(observation.is_inlier);
     }
     let covariance = normal.try_inverse()? * factor;
-    Some(CameraMotion { pose, covariance, inliers, variance_factor: factor })
+    let disparity_offset_px = common_offset(rig, observations, &pose, &normal, factor);
+    Some(CameraMotion { pose, covariance, inliers, variance_factor: factor, disparity_offset_px })
 }
 
 /// The motion of three points, of the prediction, or of all points that explains the observations best.
@@ -175,8 +181,7 @@ fn error(rig: &Rig, o: &Observation, pose: &Pose) -> (f64, [f64; 2], [f64; 3], [
     }
     let scale = rig.focal_px / p[2];
     let residual = [o.at_px[0] - rig.cx_px - scale * p[0], o.at_px[1] - rig.cy_px - scale * p[1]];
-    let shift = pose.rotate(o.depth_sigma_m);
-    let q = [scale * (shift[0] - p[0] / p[2] * shift[2]), scale * (shift[1] - p[1] / p[2] * shift[2])];
+    let q = disparity_slope(rig, o, pose, p).map(|slope| slope * o.disparity_sigma_px);
     // (σ² I + q qᵀ)⁻¹
     let variance = o.sigma_px * o.sigma_px;
     let share = 1.0 / (variance + q[0] * q[0] + q[1] * q[1]);
@@ -187,6 +192,53 @@ fn error(rig: &Rig, o: &Observation, pose: &Pose) -> (f64, [f64; 2], [f64; 3], [
     ];
     let [x, y] = residual;
     (inverse[0] * x * x + 2.0 * inverse[1] * x * y + inverse[2] * y * y, residual, p, inverse)
+}
+
+/// By how much the place in the image moves for 1 px less of the point's disparity.
+fn disparity_slope(rig: &Rig, o: &Observation, pose: &Pose, p: [f64; 3]) -> [f64; 2] {
+    let scale = rig.focal_px / p[2];
+    let shift = pose.rotate(o.depth_slope_m);
+    [scale * (shift[0] - p[0] / p[2] * shift[2]), scale * (shift[1] - p[1] / p[2] * shift[2])]
+}
+
+/// The error that the disparities of all inliers have in common, in px (to be added to them), and its information, with the
+/// motion free: `normal` are the motion's normal equations.
+fn common_offset(
+    rig: &Rig,
+    observations: &[Observation],
+    pose: &Pose,
+    normal: &Matrix6<f64>,
+    factor: f64,
+) -> (f64, f64) {
+    let (mut information, mut sum) = (0.0, 0.0);
+    let mut mixed = Vector6::zeros();
+    for o in observations.iter().filter(|o| o.is_inlier) {
+        let (_, residual, p, inverse) = error(rig, o, pose);
+        let weight = weight(o.error / factor);
+        let [xx, xy, yy] = inverse.map(|v| v * weight);
+        let slope = disparity_slope(rig, o, pose, p).map(|v| -v);
+        let left = [xx * slope[0] + xy * slope[1], xy * slope[0] + yy * slope[1]];
+        information += left[0] * slope[0] + left[1] * slope[1];
+        sum += left[0] * residual[0] + left[1] * residual[1];
+        for (k, [x, y]) in motion_slopes(rig, p).into_iter().enumerate() {
+            mixed[k] += left[0] * x + left[1] * y;
+        }
+    }
+    // The motion's own residuals are balanced, so its part of the vector is zero.
+    let Some(inverse) = normal.try_inverse() else { return (0.0, 0.0) };
+    let remaining = information - mixed.dot(&(inverse * mixed));
+    if remaining <= 1e-9 { (0.0, 0.0) } else { (sum / remaining, remaining / factor) }
+}
+
+/// Derivatives of the place in the image by translation and rotation of the camera, x, y, z each.
+fn motion_slopes(rig: &Rig, p: [f64; 3]) -> [[f64; 2]; 6] {
+    let scale = rig.focal_px / p[2];
+    let rows = [[scale, 0.0, -scale * p[0] / p[2]], [0.0, scale, -scale * p[1] / p[2]]].map(|a| {
+        // a · (ω × p) = ω · (p × a)
+        let turn = [p[1] * a[2] - p[2] * a[1], p[2] * a[0] - p[0] * a[2], p[0] * a[1] - p[1] * a[0]];
+        [a[0], a[1], a[2], turn[0], turn[1], turn[2]]
+    });
+    std::array::from_fn(|k| [rows[0][k], rows[1][k]])
 }
 
 /// Points nearer than this are not used, in metres.
@@ -206,18 +258,14 @@ fn normal_equations<'a>(
             continue;
         }
         let weight = weight(observation);
-        let scale = rig.focal_px / p[2];
-        let rows = [[scale, 0.0, -scale * p[0] / p[2]], [0.0, scale, -scale * p[1] / p[2]]].map(|a| {
-            // a · (ω × p) = ω · (p × a)
-            let turn = [p[1] * a[2] - p[2] * a[1], p[2] * a[0] - p[0] * a[2], p[0] * a[1] - p[1] * a[0]];
-            [a[0], a[1], a[2], turn[0], turn[1], turn[2]]
-        });
+        let slopes = motion_slopes(rig, p);
         let [xx, xy, yy] = inverse.map(|v| v * weight);
         for i in 0..6 {
-            let left = [xx * rows[0][i] + xy * rows[1][i], xy * rows[0][i] + yy * rows[1][i]];
+            let [x, y] = slopes[i];
+            let left = [xx * x + xy * y, xy * x + yy * y];
             vector[i] += left[0] * residual[0] + left[1] * residual[1];
             for j in 0..=i {
-                matrix[(i, j)] += left[0] * rows[0][j] + left[1] * rows[1][j];
+                matrix[(i, j)] += left[0] * slopes[j][0] + left[1] * slopes[j][1];
             }
         }
     }

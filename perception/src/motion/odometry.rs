@@ -138,6 +138,7 @@ pub struct Odometry {
     /// Time since the frame of `pose`, in seconds.
     since_s: f64,
     is_first: bool,
+    offset: DisparityOffset,
 }
 
 impl Odometry {
@@ -160,7 +161,13 @@ impl Odometry {
             velocity: None,
             since_s: 0.0,
             is_first: true,
+            offset: DisparityOffset::default(),
         }
+    }
+
+    /// Error that all disparities have in common, in px, as far as the motion shows it: it is added to them.
+    pub fn disparity_offset_px(&self) -> f64 {
+        self.offset.px
     }
 
     /// Forgets everything: the next frame is a first one.
@@ -275,12 +282,12 @@ impl Odometry {
                 continue;
             }
             let relative = to_before.after(&point.reference);
-            let sigma = point.variance.sqrt();
-            let farther = point.moved_m(&rig, scale, -sigma);
-            let depth_sigma = std::array::from_fn(|k| farther[k] - place[k]);
+            let farther = point.moved_m(&rig, scale, -0.01);
+            let depth_slope_m = relative.rotate(std::array::from_fn(|k| (farther[k] - place[k]) / 0.01));
             self.observations.push(Observation {
                 point_m: relative.apply(place),
-                depth_sigma_m: relative.rotate(depth_sigma),
+                depth_slope_m,
+                disparity_sigma_px: point.variance.sqrt(),
                 at_px: [f64::from(at.x), f64::from(at.y)],
                 sigma_px: PLACE_SIGMA_PX,
                 ..Observation::default()
@@ -307,6 +314,7 @@ impl Odometry {
         if speed_sigma > MAX_SPEED_SIGMA_M_S || yaw_sigma > MAX_YAW_RATE_SIGMA_RAD_S {
             return Err(UnknownReason::Implausible);
         }
+        self.offset.learn(estimate.disparity_offset_px, elapsed_s);
         Ok(OdometryEstimate {
             motion: estimate.pose.inverse(),
             covariance: estimate.covariance,
@@ -334,6 +342,7 @@ impl Odometry {
             point.age += 1;
             let [x, y] = observation.at_px;
             let Some(measured) = disparity_at(disparity, x, y) else { continue };
+            let measured = measured + self.offset.px;
             // Disparity now as a function of that in the reference image, linearised.
             let relative = to_now.after(&point.reference);
             let depth_m = |p: [f64; 3]| relative.apply(p)[2];
@@ -385,6 +394,7 @@ impl Odometry {
             let corner = found[cell as usize];
             let [x, y] = [corner.x, corner.y].map(|v| from_level(f32::from(v), 1));
             let Some(disparity_px) = disparity_at(disparity, f64::from(x), f64::from(y)) else { continue };
+            let disparity_px = (disparity_px + self.offset.px).max(0.5 * MIN_DISPARITY_PX);
             let Some(mut point) = self.spare.pop() else { break };
             point.levels = 0;
             while point.levels < self.pyramid.count() {
@@ -413,6 +423,36 @@ const SEARCHED_POINTS: usize = 80;
 
 /// Time without a known motion after which all points are renewed, in seconds.
 const MAX_LOST_S: f64 = 0.5;
+
+/// Error that all disparities have in common: what remains of the cameras' calibration and of the matcher.
+#[derive(Clone, Copy, Debug, Default)]
+struct DisparityOffset {
+    px: f64,
+    /// Inverse of its variance, in 1/px².
+    information: f64,
+}
+
+/// Largest offset, in px, and its standard deviation before anything is known.
+const MAX_OFFSET_PX: f64 = 0.3;
+const INITIAL_OFFSET_SIGMA_PX: f64 = 0.1;
+/// Share of the information of a frame that is new: the same points are seen again and again, with the same errors.
+const NEW_SHARE: f64 = 0.05;
+/// Time over which it may change, in seconds.
+const OFFSET_TIME_S: f64 = 120.0;
+
+impl DisparityOffset {
+    /// Adds what a frame says: what still has to be added, in px, and its information.
+    fn learn(&mut self, (more_px, information): (f64, f64), elapsed_s: f64) {
+        let least = 1.0 / (INITIAL_OFFSET_SIGMA_PX * INITIAL_OFFSET_SIGMA_PX);
+        let new = NEW_SHARE * information;
+        if !(new > 0.0 && more_px.is_finite()) {
+            return;
+        }
+        self.information = self.information.max(least) * (-elapsed_s / OFFSET_TIME_S).exp() + new;
+        let change = (new / self.information * more_px).clamp(-0.01, 0.01);
+        self.px = (self.px + change).clamp(-MAX_OFFSET_PX, MAX_OFFSET_PX);
+    }
+}
 
 impl Point {
     /// Place in the reference camera, in metres. `scale` is focal length × baseline.

@@ -186,12 +186,13 @@ impl Decoder {
         ids
     }
 
-    pub(super) fn has(&self, purpose: Purpose) -> bool {
-        self.inputs.iter().any(|input| input.purpose == purpose)
-    }
-
-    pub(super) fn speed_is_unsigned(&self) -> bool {
-        self.inputs.iter().any(|input| input.purpose == Purpose::Speed && input.signal.is_unsigned())
+    /// The state of its signals before the first frame; the bus is not open.
+    pub fn state(&self) -> BusState {
+        let of = |purpose: Purpose| self.inputs.iter().find(|input| input.purpose == purpose);
+        BusState::new(
+            |purpose| of(purpose).is_some(),
+            of(Purpose::Speed).is_some_and(|speed| speed.signal.is_unsigned()),
+        )
     }
 
     /// Takes the values of a frame that was received at `time_ns`. Returns the first that was out of range.
@@ -294,7 +295,7 @@ mod tests {
     fn frames_become_values() {
         let decoder = Decoder::new(&settings()).unwrap();
         assert_eq!(decoder.ids().iter().map(|id| id.number).collect::<Vec<_>>(), [0x100, 0x101, 0x102]);
-        let mut state = BusState::new(&decoder);
+        let mut state = decoder.state();
         let nothing = state.reading(0, 500 * MS);
         assert!(nothing.faults.no_bus && nothing.faults.missing && !nothing.faults.stale);
         state.opened();
@@ -341,7 +342,7 @@ mod tests {
     #[test]
     fn stale_and_invalid_values_are_told() {
         let decoder = Decoder::new(&settings()).unwrap();
-        let mut state = BusState::new(&decoder);
+        let mut state = decoder.state();
         state.opened();
         for (id, data) in [(0x100, [0x20, 0x1c, 0, 0]), (0x101, [0; 4]), (0x102, [0; 4])] {
             decoder.decode(&Frame::new(id, false, &data), 1000 * MS, &mut state);
@@ -367,7 +368,7 @@ mod tests {
         assert!(state.reading(2010 * MS, 500 * MS).faults.no_bus);
         let empty = Decoder::new(&BusSettings::default()).unwrap();
         assert!(empty.is_empty());
-        assert_eq!(BusState::new(&empty).reading(5, 1), Default::default(), "nothing is configured");
+        assert_eq!(empty.state().reading(5, 1), Default::default(), "nothing is configured");
     }
 
     #[test]
@@ -380,7 +381,7 @@ mod tests {
             ..settings()
         };
         let decoder = Decoder::new(&turned).unwrap();
-        let mut state = BusState::new(&decoder);
+        let mut state = decoder.state();
         decoder.decode(&Frame::new(0x100, false, &(-300_i16).to_le_bytes()), 0, &mut state);
         decoder.decode(&Frame::new(0x101, false, &[0, 100, 10, 0]), 0, &mut state);
         decoder.decode(&Frame::new(0x102, false, &[0, 0, 2]), 0, &mut state);
@@ -426,7 +427,7 @@ mod tests {
     #[test]
     fn random_frames_never_panic_and_stay_in_range() {
         let decoder = Decoder::new(&settings()).unwrap();
-        let mut state = BusState::new(&decoder);
+        let mut state = decoder.state();
         let mut random = fastrand::Rng::with_seed(4);
         for _ in 0..20_000 {
             let data: Vec<u8> = (0..random.usize(0..70)).map(|_| random.u8(..)).collect();

@@ -5,14 +5,14 @@
 //! an image. Neither reads a clock or a socket; [`can`] (feature `can`) reads SocketCAN.
 //!
 //! ```
-//! use lookout_sources::vehicle::{BusSettings, BusState, Decoder, Frame};
+//! use lookout_sources::vehicle::{BusSettings, Decoder, Frame};
 //!
 //! let settings = BusSettings {
 //!     speed_signal: "0x123:8|16@1+ (0.01,0) km/h".into(),
 //!     ..BusSettings::default()
 //! };
 //! let decoder = Decoder::new(&settings)?;
-//! let mut state = BusState::new(&decoder);
+//! let mut state = decoder.state();
 //! state.opened();
 //! // 36 km/h, received at 2 s.
 //! decoder.decode(&Frame::new(0x123, false, &[0, 0x10, 0x0e, 0, 0, 0, 0, 0]), 2_000_000_000, &mut state);

@@ -1,6 +1,5 @@
 //! The newest value of each signal of the bus.
 
-use super::decoder::Decoder;
 use super::reading::{VehicleFaults, VehicleReading};
 use perception::motion::vehicle::{Aged, Gear, TurnIndicator, VehicleSample};
 
@@ -70,11 +69,12 @@ pub fn gear_number(gear: Gear) -> f64 {
 }
 
 impl BusState {
-    /// The state before the first frame; the bus is not open.
-    pub fn new(decoder: &Decoder) -> Self {
+    /// The state before the first frame, for the signals that are configured; the bus is not open. `speed_is_unsigned`
+    /// says that the speed signal cannot be negative.
+    pub(super) fn new(is_configured: impl Fn(Purpose) -> bool, speed_is_unsigned: bool) -> Self {
         let newest =
-            Purpose::ALL.map(|purpose| if decoder.has(purpose) { Newest::Missing } else { Newest::Unused });
-        Self { newest, is_open: false, speed_is_unsigned: decoder.speed_is_unsigned() }
+            Purpose::ALL.map(|purpose| if is_configured(purpose) { Newest::Missing } else { Newest::Unused });
+        Self { newest, is_open: false, speed_is_unsigned }
     }
 
     /// The bus is open.

@@ -24,7 +24,7 @@ impl Bus {
     /// If the signals of the bus cannot be found.
     pub fn start(launch: &Launch) -> Result<Option<Self>, VehicleError> {
         let Some(decoder) = decoder(&launch.config)? else { return Ok(None) };
-        let state = BusState::new(&decoder);
+        let state = decoder.state();
         let bus =
             Self { shared: Arc::new(Mutex::new(state)), last: state, stale_ns: stale_ns(&launch.config) };
         #[cfg(feature = "can")]
@@ -58,7 +58,7 @@ impl Bus {
 mod thread {
     use messages::clock::monotonic_ns;
     use sources::vehicle::can::CanBus;
-    use sources::vehicle::{BusState, Decoder, VehicleFaults, Watch};
+    use sources::vehicle::{BusState, Decoder, Frame, VehicleFaults, Watch};
     use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
     use std::time::Duration;
 
@@ -67,6 +67,9 @@ mod thread {
 
     /// Time before a bus that is down is opened again: a board brings its interfaces up within seconds.
     const RETRY: Duration = Duration::from_secs(1);
+
+    /// Time after which a bus that was read counts as sound: its next failure is told as the first.
+    const STEADY_NS: u64 = 60_000_000_000;
 
     /// Reads the bus.
     pub struct Reader {
@@ -82,20 +85,20 @@ mod thread {
             let mut watch = Watch::default();
             let mut failures = 0_u64;
             loop {
-                let error = match CanBus::open(&self.interface, &self.decoder, PATIENCE) {
-                    Ok(bus) => {
-                        tracing::info!(bus = %self.interface, "the vehicle's bus is open");
-                        self.lock().opened();
-                        self.follow(&bus, &mut watch)
-                    }
-                    Err(error) => error,
-                };
+                let opened_ns = monotonic_ns();
+                let opened = CanBus::open(&self.interface, &self.decoder, PATIENCE);
+                let error = opened.map_or_else(|error| error, |bus| self.follow(&bus, &mut watch));
                 self.lock().closed();
+                if monotonic_ns().saturating_sub(opened_ns) > STEADY_NS {
+                    failures = 0;
+                }
                 failures += 1;
                 if failures.is_power_of_two() {
                     tracing::warn!(
-                        bus = %self.interface, failures,
-                        "the vehicle's bus cannot be read: {error}: check vehicle.bus and that the interface is up; it is tried again"
+                        bus = %self.interface,
+                        failures,
+                        "the vehicle's bus cannot be read: {error}: check vehicle.bus and that the interface is up; \
+                         it is tried again"
                     );
                 }
                 std::thread::sleep(RETRY);
@@ -105,31 +108,44 @@ mod thread {
         /// Reads frames until the bus fails.
         fn follow(&self, bus: &CanBus, watch: &mut Watch) -> std::io::Error {
             let started_ns = monotonic_ns();
+            let mut is_open = false;
             loop {
                 let received = match bus.receive() {
                     Ok(received) => received,
                     Err(error) => return error,
                 };
-                let now_ns = monotonic_ns();
-                let mut text = None;
-                {
-                    let mut state = self.lock();
-                    if let Some((frame, age)) = received {
-                        let time_ns = now_ns.saturating_sub(age.as_nanos() as u64);
-                        let refused = self.decoder.decode(&frame, time_ns, &mut state);
-                        text = refused.and_then(|refused| watch.refused(refused));
-                    }
-                    // Signals need a moment to come for the first time.
-                    if now_ns.saturating_sub(started_ns) > self.stale_ns {
-                        let faults = state.reading(now_ns, self.stale_ns).faults;
-                        // Those out of range were told with their values.
-                        text = text.or(watch.faults(VehicleFaults { out_of_range: false, ..faults }));
-                    }
+                if !is_open {
+                    // An interface that is down can be opened; the first read fails.
+                    is_open = true;
+                    self.lock().opened();
+                    tracing::info!(bus = %self.interface, "the vehicle's bus is open");
                 }
-                if let Some(text) = text {
+                if let Some(text) = self.take(received, started_ns, watch) {
                     tracing::warn!(bus = %self.interface, "{text}");
                 }
             }
+        }
+
+        /// Takes a frame, if one came. Returns what is to be told.
+        fn take(
+            &self,
+            received: Option<(Frame, Duration)>,
+            started_ns: u64,
+            watch: &mut Watch,
+        ) -> Option<String> {
+            let now_ns = monotonic_ns();
+            let mut state = self.lock();
+            let refused = received.and_then(|(frame, age)| {
+                let time_ns = now_ns.saturating_sub(age.as_nanos() as u64);
+                self.decoder.decode(&frame, time_ns, &mut state)
+            });
+            let faults = state.reading(now_ns, self.stale_ns).faults;
+            drop(state);
+            let text = refused.and_then(|refused| watch.refused(refused));
+            // Signals need a moment to come for the first time; those out of range were told with their values.
+            let is_early = now_ns.saturating_sub(started_ns) <= self.stale_ns;
+            let faults = VehicleFaults { out_of_range: false, ..faults };
+            text.or_else(|| if is_early { None } else { watch.faults(faults) })
         }
 
         fn lock(&self) -> MutexGuard<'_, BusState> {
@@ -147,7 +163,7 @@ mod tests {
     fn the_stage_never_waits_for_the_thread() {
         let settings = BusSettings { speed_signal: "1:0|8@1+ (1,0) m/s".into(), ..BusSettings::default() };
         let decoder = Decoder::new(&settings).unwrap();
-        let mut state = BusState::new(&decoder);
+        let mut state = decoder.state();
         state.opened();
         let shared = Arc::new(Mutex::new(state));
         let mut bus = Bus { shared: Arc::clone(&shared), last: state, stale_ns: 1000 };

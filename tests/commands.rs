@@ -42,8 +42,10 @@ fn the_status_shows_every_process() {
         let list = allowed.lines().find_map(|l| l.strip_prefix("Cpus_allowed_list:")).unwrap();
         assert_eq!(list.trim(), process["core"].to_string(), "{process}");
     }
+    // Own motion is told whether it is known or not.
+    assert!(status["motion"]["known"].is_boolean() && status["motion"]["sources"].is_array(), "{status}");
     let table = bench.ok(&["status"]);
-    for word in ["scheduler", "capture", "stereo", "road", "recognition", "alarm"] {
+    for word in ["scheduler", "capture", "stereo", "road", "recognition", "alarm", "own motion"] {
         assert!(table.contains(word), "{table}");
     }
     daemon.signal("TERM");

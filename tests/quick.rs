@@ -10,6 +10,7 @@ mod evaluate;
 mod faults;
 mod features;
 mod limits;
+mod odometry;
 mod package;
 mod pipeline;
 mod point_cloud;

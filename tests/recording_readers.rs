@@ -30,6 +30,9 @@ fn the_mcap_package_and_foxgloves_own_types_decode_a_recording() {
     }
     assert_eq!(said["schemas"]["/left/image"], "foxglove.RawImage protobuf");
     assert_eq!(said["schemas"]["/obstacles"], "lookout.Obstacles jsonschema");
+    // Every frame has a pose, known or predicted.
+    assert_eq!(said["topics"]["/odometry"], 14, "{said}");
+    assert_eq!(said["schemas"]["/odometry"], "foxglove.FrameTransform protobuf");
     let first = &said["first"];
     assert_eq!(
         (&first["/left/image"]["width"], &first["/left/image"]["bytes"]),

@@ -64,6 +64,42 @@ const FREE_DRAWN: &str = r#"(() => {
     ahead: free.ahead, label: free.label, none: none.label };
 })()"#;
 
+/// A path to the left and one that is straight because the motion is unknown: the lines over the picture, how many of ten
+/// places on the left edge of the bird's-eye view change, and what the page says of the motion.
+const PATH_DRAWN: &str = r#"(() => {
+  const canvas = document.getElementById("birds");
+  const edge = (side, bend) => Array.from({ length: 16 }, (_, i) => [side - bend * i * i, 2 + 2 * i]);
+  const sigma_m = Array(16).fill(0.1);
+  const bent = { known: true, left_m: edge(-1, 0.02), right_m: edge(1, 0.02), sigma_m };
+  const straight = { known: false, left_m: edge(-1, 0), right_m: edge(1, 0), sigma_m };
+  const none = { known: false, left_m: [], right_m: [], sigma_m: [] };
+  const path_px = [[[100, 400], [150, 300], [170, 250]], [[500, 400], [400, 300]]];
+  const known = { known: true, sources: ["odometry", "bus_yaw_rate"], standstill: false, disagree: true,
+    speed_m_s: 9.96, speed_sigma_m_s: 0.1, yaw_rate_rad_s: 0.2, yaw_rate_sigma_rad_s: 0.01 };
+  const look = (path, pixels, motion) => {
+    const frame = { ...page.frame, path, path_px: pixels, motion, regions: [], obstacles: [] };
+    drawBirds(frame, null);
+    drawBoxes(frame);
+    tellMotion(frame);
+    const dots = canvas.width / canvas.clientWidth;
+    const perMetre = (canvas.clientHeight - 14) / AHEAD_M;
+    const pixel = ([x, z]) => canvas.getContext("2d").getImageData(
+      Math.round((canvas.clientWidth / 2 + x * perMetre) * dots),
+      Math.round((canvas.clientHeight - 6 - z * perMetre) * dots), 1, 1).data.join();
+    const lines = [...document.querySelectorAll('#boxes .way')].map((line) => line.getAttribute("class"));
+    return { on: bent.left_m.slice(2, 12).map(pixel), lines, said: document.getElementById("motion").textContent,
+      caption: document.getElementById("birds-caption").textContent };
+  };
+  const [with_path, without] = [look(bent, path_px, known), look(none, [[], []], { known: false, sources: [] })];
+  const assumed = look(straight, path_px, { known: false, sources: [] });
+  drawBirds(page.frame, page.points);
+  drawBoxes(page.frame);
+  tellMotion(page.frame);
+  return { changed: with_path.on.filter((p, i) => p !== without.on[i]).length, lines: with_path.lines,
+    none: without.lines, assumed: assumed.lines, said: with_path.said, unknown: without.said,
+    captions: [with_path.caption, assumed.caption] };
+})()"#;
+
 /// How often a picture is the one of its number, the car ahead lies in a box with its distance, and the way is
 /// free as far as the car.
 fn compare(browser: &mut Browser, drive: &mut Drive) -> ([usize; 3], String) {
@@ -142,6 +178,19 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     assert!(changed("near") >= 8 && changed("left") >= 8 && changed("behind") == 0, "{drawn}");
     let says = |which: &str, part: &str| drawn[which].as_str().is_some_and(|text| text.contains(part));
     assert!(says("label", "free ahead 12.0 m") && says("none", "no road detected"), "{drawn}");
+
+    let drawn = browser.value(PATH_DRAWN);
+    assert!(drawn["changed"].as_u64() >= Some(8), "{drawn}");
+    assert_eq!(drawn["lines"], serde_json::json!(["way", "way"]), "{drawn}");
+    assert_eq!(drawn["none"], serde_json::json!([]), "{drawn}");
+    assert_eq!(drawn["assumed"], serde_json::json!(["way assumed", "way assumed"]), "{drawn}");
+    let said = "10.0 ± 0.1 m/s, 0.20 rad/s left (odometry, bus yaw rate; odometry and bus disagree)";
+    assert_eq!(
+        (&drawn["said"], &drawn["unknown"]),
+        (&said.into(), &"own motion unknown: straight path".into())
+    );
+    let ends = |i: usize, end: &str| drawn["captions"][i].as_str().is_some_and(|text| text.ends_with(end));
+    assert!(ends(0, "; blue: path") && ends(1, "; dashed: straight path"), "{drawn}");
 
     // The rest of the page is complete.
     for part in ["disparity", "v_disparity"] {

@@ -9,6 +9,7 @@ use crate::stages::stage::{FrameError, FrameStage, SetupError};
 use crate::stages::vehicle_record::record;
 use config::Config;
 use messages::header::{Header, Kind, MessageError};
+use messages::motion::MotionRecord;
 use messages::pipeline::SERVICES;
 use messages::regions::RegionRecord;
 use messages::source_time::SourceTimeRecord;
@@ -152,6 +153,47 @@ impl Pipeline {
         index: u64,
         source_ns: u64,
     ) -> Result<FrameResult<'_>, PipelineError> {
+        self.run_stages(sequence, index, source_ns, Kind::Obstacles)?;
+        let [depth, regions, obstacles] = [Kind::Depth, Kind::Regions, Kind::Obstacles].map(|kind| {
+            let slot = &self.slots[place(&self.slots, kind)];
+            (&slot.header, &slot.buffer.get()[..slot.bytes])
+        });
+        let message = obstacles::view(obstacles.0, obstacles.1)?;
+        let record = frame_record(obstacles.0, &message);
+        let depth = depth::view(depth.0, depth.1)?;
+        let regions = regions::view(regions.0, regions.1)?;
+        let images = OverlayInput {
+            left: depth.left,
+            disparity: depth.disparity,
+            profile_px: regions.profile_px,
+            edges: regions.edge_points(),
+            width: self.format.width,
+            height: self.format.height,
+            rig: self.format.rig(),
+        };
+        Ok(FrameResult { record, images, regions: regions.regions, road_seen: regions.road.seen == 1 })
+    }
+
+    /// The vehicle's own motion at pair `index` of the source, and its source time in ns. Stages after the road do not
+    /// run; frames have to be processed in order.
+    ///
+    /// # Errors
+    /// See [`Self::frame`].
+    pub fn motion(&mut self, index: u64) -> Result<(u64, MotionRecord), PipelineError> {
+        self.run_stages(index, index, self.source.time_ns(index), Kind::Regions)?;
+        let header = &self.slots[place(&self.slots, Kind::Regions)].header;
+        header.check(Kind::Regions)?;
+        Ok((header.source_ns, header.motion))
+    }
+
+    /// Reads a pair and runs the stages up to the one that gives `last`.
+    fn run_stages(
+        &mut self,
+        sequence: u64,
+        index: u64,
+        source_ns: u64,
+        last: Kind,
+    ) -> Result<(), PipelineError> {
         let mut header = Header::new(Kind::Pair);
         header.sequence = sequence;
         header.set_source_time(source_ns);
@@ -172,24 +214,11 @@ impl Pipeline {
             output.header = input.header.forward(output.kind);
             output.header.faults |= stage.faults().0;
             output.header.motion = stage.motion().unwrap_or(output.header.motion);
+            if stage.output() == last {
+                break;
+            }
         }
-        let [depth, regions, obstacles] = [Kind::Depth, Kind::Regions, Kind::Obstacles].map(|kind| {
-            let slot = &self.slots[place(&self.slots, kind)];
-            (&slot.header, &slot.buffer.get()[..slot.bytes])
-        });
-        let message = obstacles::view(obstacles.0, obstacles.1)?;
-        let record = frame_record(obstacles.0, &message);
-        let depth = depth::view(depth.0, depth.1)?;
-        let regions = regions::view(regions.0, regions.1)?;
-        let images = OverlayInput {
-            left: depth.left,
-            disparity: depth.disparity,
-            profile_px: regions.profile_px,
-            edges: regions.edge_points(),
-            width: self.format.width,
-            height: self.format.height,
-        };
-        Ok(FrameResult { record, images, regions: regions.regions, road_seen: regions.road.seen == 1 })
+        Ok(())
     }
 }
 

@@ -1,5 +1,6 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
+use crate::frame_record::motion_line;
 use crate::stages::vehicle_record::reading;
 use messages::alarm::{Faults, level_name, rule_name};
 use messages::device::DeviceRecord;
@@ -11,6 +12,7 @@ use perception::stereo::device::STAGES;
 use serde::Serialize;
 use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
+use tools::reporting::motion::MotionLine;
 
 /// The status as JSON.
 #[derive(Serialize)]
@@ -30,6 +32,7 @@ pub struct StatusJson {
     nearest_m: Option<f64>,
     deadline: DeadlineJson,
     source_time: SourceTimeJson,
+    motion: MotionLine,
     /// `None` if the vehicle reports nothing.
     vehicle: Option<VehicleLine>,
     pacing: PacingJson,
@@ -155,6 +158,7 @@ impl StatusJson {
                 repeats: status.source_time.repeats,
                 dropped_obstacles: status.source_time.dropped_obstacles,
             },
+            motion: motion_line(&status.motion),
             vehicle: (status.vehicle != VehicleRecord::default()).then(|| reading(&status.vehicle).into()),
             pacing: PacingJson {
                 rate_hz: (status.pacing.rate_hz > 0.0).then_some(status.pacing.rate_hz),

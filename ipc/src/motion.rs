@@ -143,7 +143,7 @@ impl fmt::Display for VehicleRecord {
 
 /// The vehicle's own motion at the time of a frame, from odometry and bus. Zero where no stage has determined it yet.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable, ZeroCopySend)]
 pub struct MotionRecord {
     /// Speed, in m/s, forwards positive.
     pub speed_m_s: f64,
@@ -197,5 +197,83 @@ impl MotionRecord {
     /// Whether a bit of [`health`] is set.
     pub fn has(&self, bit: u32) -> bool {
         self.health & bit != 0
+    }
+
+    /// Names of what it is known from; none while it is unknown.
+    pub fn sources(&self) -> impl Iterator<Item = &'static str> {
+        let health = if self.is_known() { self.health } else { 0 };
+        SOURCES.into_iter().filter(move |(bit, _)| health & bit != 0).map(|(_, name)| name)
+    }
+
+    /// Whether position and orientation were determined: they are all zeros before that.
+    pub fn has_pose(&self) -> bool {
+        let square: f64 = self.orientation.iter().map(|q| q * q).sum();
+        (square - 1.0).abs() < 1e-3
+    }
+}
+
+/// Names of the bits of [`health`] that say what the motion is known from.
+pub const SOURCES: [(u32, &str); 3] = [
+    (health::ODOMETRY, "odometry"),
+    (health::BUS_SPEED, "bus_speed"),
+    (health::BUS_YAW_RATE, "bus_yaw_rate"),
+];
+
+impl fmt::Display for MotionRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.is_known() {
+            return f.write_str("own motion unknown: straight path");
+        }
+        write!(
+            f,
+            "own motion: {:.1} ± {:.1} m/s, {:+.1} m/s2, yaw rate {:+.3} ± {:.3} rad/s",
+            self.speed_m_s,
+            self.speed_sigma_m_s,
+            self.acceleration_m_s2,
+            self.yaw_rate_rad_s,
+            self.yaw_rate_sigma_rad_s
+        )?;
+        let sources: Vec<String> = self.sources().map(|name| name.replace('_', " ")).collect();
+        write!(f, " ({})", if sources.is_empty() { "predicted".into() } else { sources.join(", ") })?;
+        if self.has(health::STANDSTILL) {
+            f.write_str(", standing still")?;
+        }
+        if self.has(health::DISAGREE) {
+            f.write_str(", odometry and bus disagree")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_text_names_values_and_sources() {
+        assert_eq!(MotionRecord::default().to_string(), "own motion unknown: straight path");
+        let mut motion = MotionRecord {
+            speed_m_s: 9.96,
+            speed_sigma_m_s: 0.1,
+            acceleration_m_s2: -0.5,
+            yaw_rate_rad_s: 0.1,
+            yaw_rate_sigma_rad_s: 0.004,
+            health: health::KNOWN | health::ODOMETRY | health::BUS_YAW_RATE,
+            ..MotionRecord::default()
+        };
+        assert_eq!(
+            motion.to_string(),
+            "own motion: 10.0 ± 0.1 m/s, -0.5 m/s2, yaw rate +0.100 ± 0.004 rad/s (odometry, bus yaw rate)"
+        );
+        motion.health |= health::DISAGREE | health::STANDSTILL;
+        assert!(motion.to_string().ends_with(", standing still, odometry and bus disagree"));
+        motion.health = health::KNOWN;
+        assert!(motion.to_string().ends_with("(predicted)"));
+        // Bits of sources without KNOWN mean nothing.
+        motion.health = health::ODOMETRY;
+        assert_eq!(motion.sources().count(), 0);
+        assert!(!motion.has_pose());
+        motion.orientation = [0.0, 0.6, 0.0, 0.8];
+        assert!(motion.has_pose());
     }
 }

@@ -15,7 +15,9 @@ mod evaluate;
 mod man;
 mod number;
 mod obstacles;
+mod odometry;
 mod one_pair;
+mod own_motion;
 mod point_cloud;
 mod record;
 mod rectify;
@@ -45,6 +47,7 @@ use clap::{CommandFactory, Parser, Subcommand};
   lookout demo                                    see it work, no hardware needed
   lookout replay RECORDING --out results          run the daemon on recorded pairs
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
+  lookout odometry RECORDING -o poses.txt         own motion: poses in KITTI's format
   lookout evaluate stereo KITTI                   disparity errors against ground truth
   lookout evaluate weather                        obstacle detection in six weather conditions
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
@@ -96,6 +99,9 @@ pub enum Command {
     /// Detect road and obstacles in one pair
     #[command(after_help = obstacles::HELP)]
     Obstacles(obstacles::Obstacles),
+    /// Compute the own motion of a recording: poses in KITTI's format
+    #[command(after_help = odometry::HELP)]
+    Odometry(odometry::Odometry),
     /// Calibrate a stereo camera from pictures of a chessboard, and grade the result
     #[command(after_help = calibrate::HELP)]
     Calibrate(calibrate::Calibrate),
@@ -160,6 +166,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Compare(args) => compare::run(&args),
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
+        Command::Odometry(args) => odometry::run(&args, log),
         Command::Calibrate(args) => calibrate::run(&args, log),
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rig::run(&args),

@@ -41,7 +41,7 @@ a power failure or kill -9 the file can be replayed up to its last chunk, about 
 Images are stored uncompressed (--raw), lossless as PNG (--png; more CPU time) or lossy as JPEG
 (--jpeg; smallest, for viewing). --split-mb and --split-s start new files, drive_0001.mcap and so
 on, each complete in itself; with --ring-s every alarm starts a new file. --topics: images (with
-calibration), obstacles, scene (3D boxes), points (point cloud, twice a second), status; or all.";
+calibration), obstacles, scene (3D boxes, pose), points (point cloud, twice a second), status; or all.";
 
 #[derive(Args, Debug)]
 pub struct Record {

@@ -13,6 +13,7 @@ use config::Config;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
+use tools::reporting::motion::MotionTally;
 use tools::reporting::output::{FrameWriter, prepare, write_summary};
 use tools::reporting::summary::RunSummary;
 
@@ -165,8 +166,10 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     let mut writer = args.out.as_deref().map(FrameWriter::open).transpose()?;
     let bar = progress(Some(frames), "frames");
     let start = Instant::now();
+    let mut motion = MotionTally::default();
     for sequence in 0..frames {
         let result = pipeline.frame(sequence, sequence % count.max(1))?;
+        motion.add(&result.record.motion);
         if let Some(writer) = &mut writer {
             writer.write(&result.record, Some(result.images))?;
         }
@@ -175,7 +178,8 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
     let rate_hz = frames as f64 / seconds;
-    let summary = RunSummary { seconds, rate_hz, offered: frames, frames, ..RunSummary::default() };
+    let motion = motion.summary();
+    let summary = RunSummary { seconds, rate_hz, offered: frames, frames, motion, ..RunSummary::default() };
     if let Some(out) = &args.out {
         write_summary(out, &summary)?;
     }

@@ -196,6 +196,10 @@ impl Feed {
         }
         if self.plan.topics.scene {
             self.put_message(encode::scene(stamp, &record, &self.rig));
+            if header.motion.has_pose() {
+                let motion = &header.motion;
+                self.put_message(encode::odometry(stamp, motion.position_m, motion.orientation));
+            }
         }
         if message.alarm.level == messages::alarm::ALARM {
             self.put(Item::Alarm { time_ns: stamp.time_ns });
@@ -289,4 +293,57 @@ impl Feed {
 
 fn since_1970_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::header::Kind;
+    use messages::motion::health;
+    use messages::obstacles::{self, AlarmRecord};
+    use sources::recording::{Index, OBSTACLES, ODOMETRY};
+
+    #[test]
+    fn a_frame_with_a_pose_has_a_transform() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let rig = Rig { focal_px: 400.0, baseline_m: 0.2, cx_px: 32.0, cy_px: 24.0 };
+        let plan = Plan {
+            form: ImageForm::Raw,
+            topics: Choice::default(),
+            limits: Limits::default(),
+            instance: "test".into(),
+        };
+        let mut feed = Feed::start(&path, plan, rig, (64, 48), true).unwrap();
+        let mut memory = vec![0_u64; 4096];
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let alarm = AlarmRecord {
+            nearest_m: f64::INFINITY,
+            time_to_collision_s: f64::INFINITY,
+            ..AlarmRecord::default()
+        };
+        let bytes = obstacles::write(payload, alarm, &[]).unwrap();
+        for sequence in 0..4 {
+            let mut header = Header::new(Kind::Obstacles);
+            (header.width, header.height, header.sequence) = (64, 48, sequence);
+            header.set_source_time(100_000_000 * sequence);
+            if sequence > 0 {
+                header.motion.orientation = [0.0, 0.0, 0.0, 1.0];
+                (header.motion.health, header.motion.speed_m_s) = (health::KNOWN, 7.5);
+            }
+            feed.obstacles(&header, &obstacles::view(&header, &payload[..bytes]).unwrap());
+        }
+        feed.finish("the test has ended").unwrap();
+        let mut index = Index::open(&path).unwrap();
+        let lines = index.all_of(OBSTACLES).unwrap();
+        let speeds: Vec<serde_json::Value> = lines
+            .iter()
+            .map(|line| {
+                let line: serde_json::Value = serde_json::from_slice(&line.data).unwrap();
+                line["motion"]["speed_m_s"].clone()
+            })
+            .collect();
+        assert_eq!(speeds, [serde_json::Value::Null, 7.5.into(), 7.5.into(), 7.5.into()]);
+        assert_eq!(index.all_of(ODOMETRY).unwrap().len(), 3);
+    }
 }

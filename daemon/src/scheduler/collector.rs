@@ -12,6 +12,7 @@ use messages::pipeline::{PATH_LENGTH, Role, Starts};
 use messages::report::ReportRecord;
 use messages::source_time::SourceTimeRecord;
 use messages::status::{ProcessRecord, WARM_FRAMES};
+use tools::reporting::motion::MotionTally;
 use tools::reporting::summary::{
     AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary, SourceTimeSummary,
 };
@@ -90,6 +91,8 @@ pub struct Collector {
     /// Level and rule of the alarm that were logged last.
     alarm_logged: Option<(u32, u32)>,
     alarm_changes: Vec<AlarmChange>,
+    /// The vehicle's own motion over all results.
+    pub motion: MotionTally,
     status_ns: u64,
     calibration: CalibrationRecord,
     /// The state that was logged last: good or degraded; unknown before the first.
@@ -125,6 +128,7 @@ impl Collector {
             alarms: 0,
             alarm_logged: None,
             alarm_changes: Vec::new(),
+            motion: MotionTally::default(),
             status_ns: now_ns,
             calibration: CalibrationRecord::default(),
             calibration_logged: CalibrationState::Unknown,
@@ -409,6 +413,7 @@ impl Collector {
             shared_bytes,
             alarms: self.alarms,
             alarm_changes: self.alarm_changes.clone(),
+            motion: self.motion.summary(),
             calibration: self.calibration_changes.clone(),
         }
     }

@@ -16,6 +16,7 @@ use super::notify::Notify;
 use super::options::{Ends, RunError, RunOptions, RunOutcome};
 use super::pacer::Pacer;
 use super::supervisor::{Action, Supervisor};
+use crate::frame_record::motion_line;
 use crate::input;
 use crate::launch::Launch;
 use crate::memory::MemoryProbe;
@@ -281,6 +282,7 @@ impl Run {
             Ok(message) => {
                 if self.results.take(header, &message) {
                     self.collector.alarm(header.sequence, &message.alarm);
+                    self.collector.motion.add(&motion_line(&header.motion));
                 }
             }
         }

@@ -10,6 +10,7 @@ use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde::Serialize;
 use std::sync::OnceLock;
+use tools::reporting::path::on_road;
 use tools::reporting::picture::Picture;
 use tools::reporting::record::{FrameRecord, tidy};
 use tools::reporting::{colour, v_disparity};
@@ -103,6 +104,8 @@ pub struct FrameLine {
     /// Free space in metres for each `free_columns_px` columns, from the left; 0 if unknown.
     free_m: Vec<f32>,
     free_columns_px: usize,
+    /// Edges of the vehicle's path in the left image, left and right: column, row, from near to far.
+    path_px: [Vec<(f64, f64)>; 2],
 }
 
 /// The images of a frame.
@@ -135,6 +138,12 @@ impl Frame {
     ) -> Self {
         let ms = |from: u64, to: u64| tidy(to.saturating_sub(from) as f64 * 1e-6);
         let profile = road.profile_px.iter().enumerate().filter(|(_, d)| **d > 0.0);
+        let pixels = |points: &[[f64; 2]]| {
+            let pixel =
+                |(x, y): (f64, f64)| (tidy((x * 10.0).round() / 10.0), tidy((y * 10.0).round() / 10.0));
+            on_road(&rig, road.profile_px, points).into_iter().map(pixel).collect()
+        };
+        let path_px = [pixels(&record.path.left_m), pixels(&record.path.right_m)];
         let tilt = record.road.map(|r| tidy((r.horizon_px - rig.cy_px) / rig.focal_px));
         Self {
             line: FrameLine {
@@ -151,6 +160,7 @@ impl Frame {
                 regions: road.regions.iter().map(RegionLine::new).collect(),
                 free_m: road.free_m.iter().map(|&m| centimetres(m)).collect(),
                 free_columns_px: FREE_COLUMNS,
+                path_px,
                 record,
             },
             images,
@@ -259,7 +269,9 @@ mod tests {
         let bytes = Writer::new(payload, RoadRecord::default(), &profile, &free_m, 0).unwrap().bytes();
         let road = regions::view(&header, &payload[..bytes]).unwrap();
         let images = Images { left: vec![77; 64 * 48], disparity: vec![4 * 256; 64 * 48] };
-        let record = FrameRecord { sequence: 5, ..FrameRecord::default() };
+        let mut record = FrameRecord { sequence: 5, ..FrameRecord::default() };
+        // 400 px x 0.2 m / 10 m = 8 px, which the road has in row 32.
+        record.path.left_m = vec![[-0.5, 10.0], [-0.5, 1000.0]];
         Frame::new(&header, record, images, &road, RIG, 16)
     }
 
@@ -290,6 +302,8 @@ mod tests {
         let free_m: Vec<f32> = serde_json::from_value(line["free_m"].clone()).unwrap();
         assert_eq!(free_m, [0.0, 12.5, 0.0, 0.0, 40.0, 40.0, 40.0, 40.0]);
         assert_eq!(free_m.len() * line["free_columns_px"].as_u64().unwrap() as usize, 64);
+        assert_eq!(line["path_px"], serde_json::json!([[[12.0, 32.0]], []]));
+        assert_eq!((&line["motion"]["known"], &line["path"]["known"]), (&false.into(), &false.into()));
         assert!(line["obstacles"].is_array() && line["regions"].is_array() && line["alarm"].is_object());
     }
 }

@@ -29,6 +29,10 @@ pub struct Sample {
     pub dropped: u64,
     /// Processor time of all processes, in percent of one core.
     pub cpu_percent: f32,
+    /// Own speed, in m/s; `None` while it is unknown.
+    pub speed_m_s: Option<f64>,
+    /// Own yaw rate, in rad/s, to the left positive; `None` while it is unknown.
+    pub yaw_rate_rad_s: Option<f64>,
     /// `starting`, `running`, `degraded` or `stopping`.
     pub state: &'static str,
     /// `off`, `unknown`, `good` or `degraded`.
@@ -83,6 +87,8 @@ impl History {
             // A daemon that was restarted counts from zero.
             dropped: self.dropped.map_or(0, |before| dropped.saturating_sub(before)),
             cpu_percent: status.processes().map(|(_, p)| p.cpu_percent).sum(),
+            speed_m_s: status.motion.is_known().then_some(status.motion.speed_m_s),
+            yaw_rate_rad_s: status.motion.is_known().then_some(status.motion.yaw_rate_rad_s),
             state: status.state_name(),
             calibration: status.calibration.state().name(),
             rung: (status.heat.watched == 1).then(|| status.heat.rung_name()),
@@ -160,11 +166,16 @@ mod tests {
         assert_eq!((samples[1].latency_ms, samples[1].stage_ms), (None, None));
         assert_eq!([samples[0].dropped, samples[1].dropped, samples[2].dropped], [0, 6, 0]);
         assert_eq!(history.since(2).len(), 1);
-        assert_eq!(samples[0].rung, None);
+        assert_eq!((samples[0].rung, samples[0].speed_m_s), (None, None));
         let mut hot = status(2);
+        (hot.motion.health, hot.motion.speed_m_s, hot.motion.yaw_rate_rad_s) = (1, 7.5, -0.25);
         (hot.heat.watched, hot.heat.rung) = (1, 2);
         history.second(&hot, Readings::default(), 10.0);
-        assert_eq!(history.last().unwrap().rung, Some("lower clocks"));
+        let last = history.last().unwrap();
+        assert_eq!(
+            (last.rung, last.speed_m_s, last.yaw_rate_rad_s),
+            (Some("lower clocks"), Some(7.5), Some(-0.25))
+        );
     }
 
     #[test]

@@ -6,6 +6,7 @@ use super::hub::Hub;
 use super::prometheus::{self, Kind, Samples};
 use messages::alarm::LEVELS;
 use messages::calibration::CalibrationState;
+use messages::motion::{MotionRecord, SOURCES, health};
 use messages::status::{ProcessRecord, StatusRecord};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -63,6 +64,26 @@ const METRICS: &[Metric] = &[
             out.one(status.nearest_m);
         }
     })),
+    gauge("motion_known", "Whether the own motion is known; without it the path is straight.", |s, out| status(s, |status| {
+        out.one(flag(status.motion.is_known()));
+    })),
+    gauge("motion_source", "What the own motion is known from: 1 for each source of the last result.", |s, out| status(s, |status| {
+        for (_, name) in SOURCES {
+            out.labelled(&[("source", name)], flag(status.motion.sources().any(|source| source == name)));
+        }
+    })),
+    gauge("motion_disagree", "Whether odometry and the vehicle's bus disagree.", |s, out| status(s, |status| {
+        out.one(flag(status.motion.is_known() && status.motion.has(health::DISAGREE)));
+    })),
+    gauge("speed_meters_per_second", "Own speed, forwards positive.", |s, out| motion(s, out, |m| m.speed_m_s)),
+    gauge("speed_sigma_meters_per_second", "Standard deviation of the own speed.", |s, out| {
+        motion(s, out, |m| m.speed_sigma_m_s);
+    }),
+    gauge("acceleration_meters_per_second_squared", "Own acceleration.", |s, out| motion(s, out, |m| m.acceleration_m_s2)),
+    gauge("yaw_rate_radians_per_second", "Own yaw rate, to the left positive.", |s, out| motion(s, out, |m| m.yaw_rate_rad_s)),
+    gauge("yaw_rate_sigma_radians_per_second", "Standard deviation of the own yaw rate.", |s, out| {
+        motion(s, out, |m| m.yaw_rate_sigma_rad_s);
+    }),
     gauge("latency_seconds", "Latency from capture to obstacles, since the start.", |s, out| status(s, |status| {
         out.labelled(&[("quantile", "0.5")], f64::from(status.latency_p50_ms) * 1e-3);
         out.labelled(&[("quantile", "0.99")], f64::from(status.latency_p99_ms) * 1e-3);
@@ -131,6 +152,13 @@ fn flag(holds: bool) -> f64 {
 fn status(source: &Source<'_>, read: impl FnOnce(&StatusRecord)) {
     if let Some(status) = source.status {
         read(status);
+    }
+}
+
+/// One sample while the own motion is known.
+fn motion(source: &Source<'_>, out: &mut Samples, value: fn(&MotionRecord) -> f64) {
+    if let Some(status) = source.status.filter(|status| status.motion.is_known()) {
+        out.one(value(&status.motion));
     }
 }
 
@@ -239,6 +267,20 @@ mod tests {
         assert!((value("latency_seconds", "0.5") - 0.02).abs() < 1e-9);
         assert_eq!(value("temperature_celsius", r#"sensor="a \"b\"\\""#), 48.5);
         assert!(!families.contains_key("lookout_nearest_in_path_meters"), "infinite is absent");
+        assert_eq!((value("motion_known", ""), value("motion_source", "bus_speed")), (0.0, 0.0));
+        assert!(!families.contains_key("lookout_speed_meters_per_second"), "unknown is absent");
+        let mut moving = status();
+        moving.motion =
+            MotionRecord { speed_m_s: 9.5, yaw_rate_rad_s: -0.125, health: 7, ..MotionRecord::default() };
+        let families = parse(&text(Some(&moving), history.last(), &hub));
+        let value = |name: &str, label: &str| {
+            let samples = &families[&format!("lookout_{name}")].1;
+            samples.iter().find(|(l, _)| l.contains(label)).expect(name).1
+        };
+        assert_eq!((value("motion_known", ""), value("motion_source", "odometry")), (1.0, 1.0));
+        assert_eq!((value("motion_source", "bus_speed"), value("motion_source", "bus_yaw_rate")), (1.0, 0.0));
+        assert_eq!(value("speed_meters_per_second", ""), 9.5);
+        assert_eq!(value("yaw_rate_radians_per_second", ""), -0.125);
     }
 
     #[test]

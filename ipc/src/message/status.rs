@@ -5,7 +5,7 @@ use crate::deadline::{DeadlineRecord, PacingRecord};
 use crate::device::DeviceRecord;
 use crate::header::{Header, Kind, MessageError, get_text, put_text, record};
 use crate::heat::HeatRecord;
-use crate::motion::VehicleRecord;
+use crate::motion::{MotionRecord, VehicleRecord};
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
 use crate::alarm::{Faults, LEVELS, RULES};
@@ -131,6 +131,8 @@ pub struct StatusRecord {
     pub device: DeviceRecord,
     /// What was wrong with the time of the source.
     pub source_time: SourceTimeRecord,
+    /// The vehicle's own motion in the last result; all zeros, and so unknown, if there is none.
+    pub motion: MotionRecord,
     /// What the vehicle reported at the last result; all zeros if that was withdrawn.
     pub vehicle: VehicleRecord,
     /// Reason for the state, padded with zeros; may be empty.
@@ -161,6 +163,7 @@ ranges! {
         rig: Nested,
         device: Nested,
         source_time: Nested,
+        motion: Nested,
         vehicle: Nested,
         reason: AnyBytes,
         process: Each(Nested),
@@ -246,7 +249,7 @@ mod tests {
         assert_eq!(view(&header, bytemuck::bytes_of(&status)), Ok(status));
         let all = status.invalid();
         // Also those of the records within.
-        for name in ["processes", "alarm", "nearest_m", "deadline", "pacing", "calibration", "heat", "rig", "process"] {
+        for name in ["processes", "alarm", "nearest_m", "deadline", "pacing", "calibration", "heat", "rig", "motion", "process"] {
             assert!(all.iter().any(|(field, _)| *field == name), "{name}");
         }
         for (field, wrong) in all {

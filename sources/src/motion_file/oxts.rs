@@ -103,6 +103,10 @@ fn path(samples: &[Sample], times_s: &[f64]) -> Result<Trajectory, String> {
         found.speed_m_s.push(speed_m_s);
         found.yaw_rate_rad_s.push(yaw_rate_rad_s);
     }
+    for pair in times_s.windows(2) {
+        let [.., speed_m_s, yaw_rate_rad_s] = between(samples, &planar, 0.5 * (pair[0] + pair[1]))?;
+        found.between.push([speed_m_s, yaw_rate_rad_s]);
+    }
     Ok(found)
 }
 
@@ -194,6 +198,8 @@ mod tests {
         std::fs::write(&oxts, format!("{head}1.0,49,8.4,0,5,0.1\n1.1,49,8.4,0,6,0.2\n")).unwrap();
         let found = read_oxts(&oxts, &times).unwrap();
         assert_eq!((found.speed_m_s, found.yaw_rate_rad_s), (vec![5.0, 6.0], vec![0.1, 0.2]));
+        let [speed, yaw_rate] = found.between[0];
+        assert!((speed - 5.5).abs() < 1e-9 && (yaw_rate - 0.15).abs() < 1e-9 && found.between.len() == 1);
         for (text, expected) in [
             (head.to_owned(), "oxts.csv: no samples"),
             (head.replace("wu", "wz"), "oxts.csv: no column wu"),

@@ -13,6 +13,8 @@ pub struct Trajectory {
     pub speed_m_s: Vec<f64>,
     /// Measured yaw rate at each frame, in rad/s, to the left positive; empty if the file has none.
     pub yaw_rate_rad_s: Vec<f64>,
+    /// Measured speed and yaw rate in the middle between each frame and the next; empty if the file has none.
+    pub between: Vec<[f64; 2]>,
 }
 
 impl Trajectory {

@@ -49,6 +49,8 @@ pub const STATUS: &str = "/status";
 pub const LOSS: &str = "/loss";
 /// Transforms between vehicle and cameras.
 pub const TRANSFORM: &str = "/tf";
+/// Pose of the vehicle since the start.
+pub const ODOMETRY: &str = "/odometry";
 
 /// Name of the metadata record at the start of a recording: the rig, in full precision.
 pub const ABOUT: &str = "lookout.recording";

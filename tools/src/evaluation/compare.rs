@@ -134,6 +134,8 @@ pub struct FrameDifference {
     pub alarm: Option<[String; 2]>,
     /// Whether the nearest distance or the road differs.
     pub road_or_nearest: bool,
+    /// Whether the vehicle's own motion or its path differs; only without a tolerance.
+    pub motion: bool,
 }
 
 /// Differences of two runs.
@@ -206,6 +208,7 @@ pub fn compare(a: &Frames, b: &Frames, tolerance: Tolerance) -> Comparison {
         // With a tolerance, only quantities that affect the vehicle count.
         let is_exact = tolerance == Tolerance::default();
         d.road_or_nearest = nearest || (is_exact && first.road != second.road);
+        d.motion = is_exact && (first.motion != second.motion || first.path != second.path);
         result.distance_m_max = result.distance_m_max.max(d.distance_m);
         result.box_px_max = result.box_px_max.max(d.box_px);
         let differs = d.distance_m > tolerance.distance_m
@@ -298,6 +301,9 @@ impl fmt::Display for FrameDifference {
         if self.road_or_nearest {
             parts.push("road or nearest distance".into());
         }
+        if self.motion {
+            parts.push("own motion or path".into());
+        }
         if parts.is_empty() {
             parts.push("other obstacle values".into());
         }
@@ -377,6 +383,13 @@ mod tests {
         let tolerant = compare(&a, &b, Tolerance { distance_m: 0.5, box_px: 3 });
         assert_eq!(tolerant.differing, 1);
         assert!(!tolerant.is_same(), "frames in only one run always differ");
+        // Another motion is a difference, unless a tolerance is given.
+        let mut moving = a.clone();
+        moving.values_mut().for_each(|frame| frame.motion.known = frame.sequence == 2);
+        let c = compare(&a, &moving, Tolerance::default());
+        assert_eq!((c.differing, c.differences[0].sequence, c.differences[0].motion), (1, 2, true));
+        assert!(c.differences[0].to_string().ends_with(": own motion or path"), "{}", c.differences[0]);
+        assert!(compare(&a, &moving, Tolerance { distance_m: 0.1, box_px: 0 }).is_same());
     }
 
     #[test]

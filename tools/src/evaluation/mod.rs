@@ -9,6 +9,8 @@ pub mod error_picture;
 pub mod files;
 pub mod fill;
 pub mod lidar;
+pub mod odometry;
+pub mod odometry_report;
 pub mod report;
 pub mod roc;
 pub mod running_time;

@@ -1,7 +1,8 @@
 //! Encodes the messages of a recording.
 //!
 //! Frames of reference: `camera_left` and `camera_right` are optical frames (x right, y down, z forward, in
-//! metres); `vehicle` has x forward, y left, z up, as in ROS.
+//! metres); `vehicle` has x forward, y left, z up, as in ROS, with its origin in the left camera; `start` is where
+//! `vehicle` was at the start of the run, or at the last reset of odometry.
 
 use super::topic::{ImageForm, Message, Topic};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
@@ -143,6 +144,21 @@ pub fn geometry(stamp: Stamp, rig: &Rig, (width, height): (u32, u32)) -> [Messag
         transform("camera_left", Side::Right, [rig.baseline_m, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]),
         transform("vehicle", Side::Left, [0.0; 3], CAMERA_TO_VEHICLE),
     ]
+}
+
+/// The pose of the left camera since the start (axes x right, y down, z forward; orientation as a unit quaternion x, y, z,
+/// w) as the transform from `vehicle` to `start`.
+pub fn odometry(stamp: Stamp, position_m: [f64; 3], orientation: [f64; 4]) -> Message {
+    let [right, down, forward] = position_m;
+    let [x, y, z, w] = orientation;
+    let transform = FrameTransform {
+        timestamp: stamp.timestamp(),
+        parent_frame_id: "start".to_owned(),
+        child_frame_id: "vehicle".to_owned(),
+        translation: Some([forward, -right, -down].into()),
+        rotation: Some([z, -x, -y, w].into()),
+    };
+    stamp.message(Topic::Odometry, &transform)
 }
 
 /// Colour of an obstacle: red for the one that raised the alarm, amber for confirmed ones, else grey.

@@ -84,6 +84,8 @@ pub const OBSTACLES: Schema = Schema::Json {
 "properties":{
 "sequence":{"type":"integer"},"time_s":{"type":"number","description":"Time in the scene"},
 "road":{"type":["object","null"],"properties":{"camera_height_m":{"type":"number"},"horizon_px":{"type":"number"},"confidence":{"type":"number"}}},
+"motion":{"type":"object","description":"The vehicle's own motion; yaw rate to the left positive","properties":{"known":{"type":"boolean"},"sources":{"type":"array","items":{"type":"string"}},"standstill":{"type":"boolean"},"disagree":{"type":"boolean"},"speed_m_s":{"type":["number","null"]},"speed_sigma_m_s":{"type":["number","null"]},"acceleration_m_s2":{"type":["number","null"]},"acceleration_sigma_m_s2":{"type":["number","null"]},"yaw_rate_rad_s":{"type":["number","null"]},"yaw_rate_sigma_rad_s":{"type":["number","null"]}}},
+"path":{"type":"object","description":"The strip that the vehicle will sweep: edges as right and forward of the left camera","properties":{"known":{"type":"boolean"},"curvature_per_m":{"type":["number","null"]},"curvature_sigma_per_m":{"type":["number","null"]},"left_m":{"type":"array"},"right_m":{"type":"array"},"sigma_m":{"type":"array"}}},
 "alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","standby","warning","alarm"]},"rule":{"type":["string","null"]},"track":{"type":["integer","null"]},"changed":{"type":"boolean"},"nearest_m":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"required_deceleration_m_s2":{"type":["number","null"]},"reason":{"type":["string","null"]}}},
 "obstacles":{"type":"array","items":{"type":"object","properties":{
 "track":{"type":"integer"},"class":{"type":"string"},"score":{"type":["number","null"]},"confirmed":{"type":"boolean"},
@@ -101,6 +103,7 @@ pub const STATUS: Schema = Schema::Json {
 "pid":{"type":"integer"},"state":{"type":"string"},"reason":{"type":"string"},"uptime_s":{"type":"number"},"frames":{"type":"integer"},
 "latency_p50_ms":{"type":"number"},"latency_p99_ms":{"type":"number"},"alarm":{"type":"string"},"alarms":{"type":"integer"},
 "obstacles":{"type":"integer"},"nearest_m":{"type":["number","null"]},
+"motion":{"type":"object","properties":{"known":{"type":"boolean"},"sources":{"type":"array"},"speed_m_s":{"type":["number","null"]},"yaw_rate_rad_s":{"type":["number","null"]}}},
 "calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"worst_px":{"type":"number"}}},
 "processes":{"type":"array","items":{"type":"object","properties":{
 "role":{"type":"string"},"state":{"type":"string"},"pid":{"type":"integer"},"restarts":{"type":"integer"},"frames":{"type":"integer"},

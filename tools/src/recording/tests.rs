@@ -399,3 +399,21 @@ fn a_recorder_counts_what_its_disk_cannot_take() {
     let error = recorder.finish("over").unwrap_err();
     assert!(matches!(error, RecordError::Write { .. }), "{error}");
 }
+
+#[test]
+fn the_pose_is_a_transform_in_the_axes_of_the_vehicle() {
+    use prost::Message as _;
+    use sources::recording::foxglove::FrameTransform;
+    let stamp = Stamp { sequence: 3, time_ns: START_NS };
+    // 2 m to the right, 0.5 m down, 30 m forward; turned to the left by 0.4 rad: about the camera's y, which points down.
+    let half = 0.2_f64;
+    let message = encode::odometry(stamp, [2.0, 0.5, 30.0], [0.0, -half.sin(), 0.0, half.cos()]);
+    assert_eq!((message.topic.name(), message.sequence), ("/odometry", 3));
+    assert!(!message.topic.is_latched(), "a file begins with the pose of its first frame");
+    let transform = FrameTransform::decode(&message.data[..]).unwrap();
+    assert_eq!((&*transform.parent_frame_id, &*transform.child_frame_id), ("start", "vehicle"));
+    let (at, turn) = (transform.translation.unwrap(), transform.rotation.unwrap());
+    // x forward, y left, z up: the turn is about z, positive.
+    assert_eq!([at.x, at.y, at.z], [30.0, -2.0, -0.5]);
+    assert_eq!([turn.x, turn.y, turn.z, turn.w], [0.0, 0.0, half.sin(), half.cos()]);
+}

@@ -47,6 +47,8 @@ pub enum Topic {
     Transform,
     /// A line of `obstacles.jsonl` for each frame.
     Obstacles,
+    /// Pose of the vehicle since the start, as a transform.
+    Odometry,
     /// Obstacles as boxes in space.
     Scene,
     /// Obstacles as boxes in the left image.
@@ -71,6 +73,7 @@ impl Topic {
             Self::RightCalibration => names::RIGHT_CALIBRATION,
             Self::Transform => names::TRANSFORM,
             Self::Obstacles => names::OBSTACLES,
+            Self::Odometry => names::ODOMETRY,
             Self::Scene => names::SCENE,
             Self::Annotations => names::ANNOTATIONS,
             Self::Points => names::POINTS,
@@ -86,7 +89,7 @@ impl Topic {
             Self::LeftImage | Self::RightImage if form == ImageForm::Raw => Schema::Protobuf(f::RAW_IMAGE),
             Self::LeftImage | Self::RightImage => Schema::Protobuf(f::COMPRESSED_IMAGE),
             Self::LeftCalibration | Self::RightCalibration => Schema::Protobuf(f::CAMERA_CALIBRATION),
-            Self::Transform => Schema::Protobuf(f::FRAME_TRANSFORM),
+            Self::Transform | Self::Odometry => Schema::Protobuf(f::FRAME_TRANSFORM),
             Self::Scene => Schema::Protobuf(f::SCENE_UPDATE),
             Self::Annotations => Schema::Protobuf(f::IMAGE_ANNOTATIONS),
             Self::Points => Schema::Protobuf(f::POINT_CLOUD),
@@ -125,7 +128,7 @@ pub struct Choice {
     pub images: bool,
     /// A line for each frame, and boxes in the left image.
     pub obstacles: bool,
-    /// Obstacles as boxes in space.
+    /// Obstacles as boxes in space, and the pose of the vehicle.
     pub scene: bool,
     /// Point cloud.
     pub points: bool,

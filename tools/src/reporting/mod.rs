@@ -1,11 +1,14 @@
 //! Output formats: images, plots, overlays, frame records and run summaries.
 
 pub mod colour;
+pub mod motion;
 pub mod output;
 pub mod overlay;
+pub mod path;
 pub mod picture;
 pub mod plot;
 pub mod ply;
+pub mod poses;
 pub mod record;
 pub mod summary;
 pub mod svg;

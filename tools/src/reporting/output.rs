@@ -144,6 +144,7 @@ pub fn write_summary(folder: &Path, summary: &RunSummary) -> Result<(), OutputEr
 #[cfg(test)]
 mod tests {
     use super::*;
+    use perception::rig::Rig;
 
     #[test]
     fn frames_become_files() {
@@ -159,6 +160,7 @@ mod tests {
             edges: Default::default(),
             width: 30,
             height: 20,
+            rig: Rig { focal_px: 30.0, baseline_m: 0.2, cx_px: 15.0, cy_px: 10.0 },
         };
         writer.write(&FrameRecord { sequence: 7, ..Default::default() }, Some(images)).unwrap();
         drop(writer);

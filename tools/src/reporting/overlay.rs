@@ -2,6 +2,7 @@
 
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
+use perception::rig::Rig;
 use perception::road::edges::SEGMENTS;
 
 const RED: Colour = [255, 40, 40];
@@ -9,6 +10,7 @@ const ORANGE: Colour = [255, 165, 40];
 const GREEN: Colour = [60, 220, 90];
 const WHITE: Colour = [240, 240, 240];
 const YELLOW: Colour = [250, 230, 60];
+const BLUE: Colour = [70, 170, 255];
 
 /// Columns and rows of the road's left and right edges, where visible, from near to far.
 pub type EdgePoints = [[Option<(i32, i32)>; 2]; SEGMENTS];
@@ -28,6 +30,8 @@ pub struct OverlayInput<'a> {
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
+    /// Rig of the images.
+    pub rig: Rig,
 }
 
 /// Draws the road surface in green and obstacles as [`draw`] does, without text: for reduced views.
@@ -35,14 +39,14 @@ pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, false)
 }
 
-/// Draws the road surface in green, its edges in yellow, confirmed obstacles in red with class, distance and its
+/// Draws the road surface in green, its edges in yellow, the edges of the vehicle's path in blue, confirmed obstacles in red with class, distance and its
 /// standard deviation, unconfirmed ones in orange, and the alarm at the top.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, true)
 }
 
 fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> Picture {
-    let OverlayInput { left, disparity, profile_px, edges, width, height } = input;
+    let OverlayInput { left, disparity, profile_px, edges, width, height, rig: _ } = input;
     let mut picture = Picture::from_pixels(left.iter().map(|&v| [v, v, v]), width, height);
     for (y, &road) in profile_px.iter().enumerate().take(height) {
         if road <= 0.0 {
@@ -61,6 +65,12 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
             if let (Some(near), Some(far)) = (pair[0][side], pair[1][side]) {
                 picture.line(near, far, YELLOW, 2);
             }
+        }
+    }
+    for edge in record.path.in_image(&input) {
+        for pair in edge.windows(2) {
+            let [from, to] = [pair[0], pair[1]].map(|(x, y)| (x.round() as i32, y.round() as i32));
+            picture.line(from, to, BLUE, 2);
         }
     }
     // Far ones first, so that near ones are drawn over them.
@@ -89,6 +99,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
     }
     if with_text {
         picture.text(&format!("frame {}  {}", record.sequence, record.alarm.text()), 6, 5, colour);
+        picture.text(&record.motion.text(), 6, 19, if record.motion.known { BLUE } else { WHITE });
     }
     picture
 }
@@ -132,7 +143,9 @@ mod tests {
         edges[4][0] = Some((-3000, 90));
         edges[5][0] = Some((60, 90));
         let profile_px = &profile;
-        let input = OverlayInput { left: &left, disparity: &disparity, profile_px, edges, width, height };
+        let rig = Rig { focal_px: 100.0, baseline_m: 0.3, cx_px: 100.0, cy_px: 50.0 };
+        let input =
+            OverlayInput { left: &left, disparity: &disparity, profile_px, edges, width, height, rig };
         let picture = draw(input, &record);
         assert_eq!(picture.at(21, 50), RED);
         assert_eq!(picture.at(101, 50), ORANGE);

@@ -1,5 +1,7 @@
 //! The result of one frame: a line of `obstacles.jsonl`.
 
+use crate::reporting::motion::MotionLine;
+use crate::reporting::path::PathLine;
 use serde::{Deserialize, Serialize};
 
 /// Record of one frame. Field names contain the units.
@@ -11,6 +13,12 @@ pub struct FrameRecord {
     pub time_s: f64,
     /// The road; `null` when it was not detected.
     pub road: Option<RoadLine>,
+    /// The vehicle's own motion.
+    #[serde(default)]
+    pub motion: MotionLine,
+    /// The vehicle's path as the alarm sees it.
+    #[serde(default)]
+    pub path: PathLine,
     /// The alarm.
     pub alarm: AlarmLine,
     /// The obstacles.

@@ -1,5 +1,6 @@
 //! The summary of a run, as printed by `demo` and `replay`, and as written to `summary.json`.
 
+use crate::reporting::motion::MotionSummary;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -201,6 +202,9 @@ pub struct RunSummary {
     /// What was wrong with the time of the source.
     #[serde(default)]
     pub source_time: SourceTimeSummary,
+    /// The vehicle's own motion.
+    #[serde(default)]
+    pub motion: MotionSummary,
     /// Restarts of all stages.
     pub restarts: u32,
     /// Changes of the calibration monitor's state, up to one hundred.
@@ -284,6 +288,7 @@ impl fmt::Display for RunSummary {
                  obstacles dropped"
             )?;
         }
+        write!(f, "\n{}", self.motion)?;
         // Reported only when the state was ever different from good.
         if self.calibration.iter().any(|change| change.state != "good") {
             for change in &self.calibration {

@@ -28,6 +28,8 @@ pub struct Plot {
     pub limit: Option<(String, f64)>,
     /// Ticks of the x axis; round numbers if empty.
     pub x_marks: Vec<(f64, String)>,
+    /// Draw a map: the same scale on both axes, which do not start at zero.
+    pub is_map: bool,
 }
 
 const WIDTH: f64 = 900.0;
@@ -65,6 +67,7 @@ fn escape(text: &str) -> String {
 struct Axes {
     left: f64,
     right: f64,
+    bottom: f64,
     top: f64,
 }
 
@@ -74,12 +77,23 @@ impl Axes {
     }
 
     fn y(&self, v: f64) -> f64 {
-        HEIGHT - BOTTOM - v / self.top * (HEIGHT - TOP - BOTTOM)
+        HEIGHT - BOTTOM - (v - self.bottom) / (self.top - self.bottom) * (HEIGHT - TOP - BOTTOM)
     }
 }
 
+/// Axes of a map: as many metres to a pixel on both, the drawing in their middle.
+fn map_axes(left: f64, right: f64, ys: impl Iterator<Item = f64>) -> Axes {
+    let (low, high) = ys.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(y), h.max(y)));
+    let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+    let (width, height) = (WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
+    let scale = (1.1 * (right - left) / width).max(1.1 * (high - low) / height).max(1e-9);
+    let (across, up) = (0.5 * scale * width, 0.5 * scale * height);
+    let (x, y) = (0.5 * (left + right), 0.5 * (low + high));
+    Axes { left: x - across, right: x + across, bottom: y - up, top: y + up }
+}
+
 impl Plot {
-    /// The SVG document. The y axis starts at zero.
+    /// The SVG document. The y axis starts at zero, or at the smallest value below it.
     pub fn to_svg(&self) -> String {
         let finite = |s: &Series| -> Vec<(f64, f64)> {
             s.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect()
@@ -106,16 +120,20 @@ impl Plot {
         let right = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
         let (left, right) = if left < right { (left, right) } else { (0.0, 1.0) };
         let limit = self.limit.as_ref().map_or(0.0, |(_, y)| *y);
+        if self.is_map {
+            return map_axes(left, right, all().map(|p| p.1));
+        }
         let top = all().map(|p| p.1).fold(limit.max(1e-9), f64::max) * 1.08;
-        Axes { left, right, top }
+        let bottom = all().map(|p| p.1).fold(0.0, f64::min) * 1.08;
+        Axes { left, right, bottom, top }
     }
 
     /// Grid lines with their tick labels, and the names of both axes.
     fn write_grid(&self, out: &mut String, axes: &Axes) {
-        let (floor, ceiling) = (axes.y(0.0), axes.y(axes.top));
-        let y_step = step(axes.top);
-        for i in 0..=(axes.top / y_step) as u32 {
-            let value = f64::from(i) * y_step;
+        let (floor, ceiling) = (axes.y(axes.bottom), axes.y(axes.top));
+        let y_step = step(axes.top - axes.bottom);
+        for i in (axes.bottom / y_step).ceil() as i64..=(axes.top / y_step).floor() as i64 {
+            let value = i as f64 * y_step;
             let at = axes.y(value);
             let _ = writeln!(
                 out,
@@ -224,6 +242,7 @@ mod tests {
             ],
             limit: Some(("budget 4 ms".into(), 4.0)),
             x_marks: Vec::new(),
+            is_map: false,
         };
         let svg = plot.to_svg();
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("budget 4 ms"), "{svg}");
@@ -235,6 +254,17 @@ mod tests {
         assert!(limit.contains("budget"));
         let document = roxmltree::Document::parse(&svg).unwrap();
         assert_eq!(document.root_element().tag_name().name(), "svg");
+        // Values below zero are inside; a map has one scale for both axes.
+        let points = vec![(0.0, -4.0), (10.0, 4.0)];
+        let mut plot =
+            Plot { series: vec![Series { name: "a".into(), points, dots: false }], ..Plot::default() };
+        let axes = |plot: &Plot| plot.axes(&[plot.series[0].points.clone()]);
+        assert!(axes(&plot).y(-4.0) < HEIGHT - BOTTOM && axes(&plot).y(-4.0) > axes(&plot).y(0.0));
+        plot.is_map = true;
+        let map = axes(&plot);
+        assert!((map.x(10.0) - map.x(0.0) - 10.0 / 8.0 * (map.y(-4.0) - map.y(4.0))).abs() < 1e-6);
+        assert!(map.x(0.0) > LEFT && map.y(4.0) > TOP);
+        roxmltree::Document::parse(&plot.to_svg()).unwrap();
         // Empty data do not panic.
         roxmltree::Document::parse(&Plot::default().to_svg()).unwrap();
     }

@@ -199,6 +199,7 @@ impl FramePicture {
             edges: Default::default(),
             width: self.width,
             height: self.height,
+            rig: *rig,
         };
         overlay::draw(input, &record)
     }

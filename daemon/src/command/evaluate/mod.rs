@@ -3,6 +3,7 @@
 mod detection;
 mod distance;
 mod lidar;
+mod odometry;
 mod recognition;
 mod scene_run;
 mod stereo;
@@ -20,6 +21,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate weather                       synthetic scenes in six weather conditions
   lookout evaluate distance                      approaches, and scenes without an alarm
   lookout evaluate time                          gaps, jumps and repeats in the source's time
+  lookout evaluate odometry DIR --poses FILE     own motion against true poses
   lookout evaluate lidar DIR                     recorded images with LiDAR depth and labels
   lookout evaluate stereo --help";
 
@@ -40,6 +42,9 @@ pub enum Evaluate {
     /// Evaluate road, regions and labelled cars in recorded images, against LiDAR depth
     #[command(after_help = lidar::HELP)]
     Lidar(lidar::EvaluateLidar),
+    /// Evaluate own motion against true poses: drift, speed, yaw rate, the path ahead
+    #[command(after_help = odometry::HELP)]
+    Odometry(odometry::EvaluateOdometry),
     /// Evaluate a cascade on pictures with and without objects
     #[command(after_help = detection::HELP)]
     Detection(detection::EvaluateDetection),
@@ -59,6 +64,7 @@ pub fn run(what: Evaluate, log: Option<&str>) -> Result<(), CommandError> {
         Evaluate::Distance(args) => distance::run(&args, log),
         Evaluate::Time(args) => time::run(&args, log),
         Evaluate::Lidar(args) => lidar::run(&args, log),
+        Evaluate::Odometry(args) => odometry::run(&args, log),
         Evaluate::Detection(args) => detection::run(&args, log),
         Evaluate::Recognition(args) => recognition::run(&args, log),
     }

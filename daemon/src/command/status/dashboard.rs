@@ -167,6 +167,8 @@ impl Dashboard {
                 ),
             ),
         ];
+        let motion_tone = if status.motion.is_known() { Tone::Plain } else { Tone::Warn };
+        lines.push((motion_tone, status.motion.to_string()));
         match status.calibration.state() {
             CalibrationState::Off => {}
             state => {
@@ -302,6 +304,7 @@ mod tests {
             |word: &str| lines.iter().find(|(_, l)| l.contains(word)).unwrap_or_else(|| panic!("{word}"));
         assert_eq!(line("degraded: the road stage failed").0, Tone::Bad);
         assert_eq!(line("ALARM, nearest 8.2 m").0, Tone::Bad);
+        assert_eq!(line("own motion unknown: straight path").0, Tone::Warn);
         assert_eq!((line("waiting").0, line("recognition").0), (Tone::Bad, Tone::Plain));
         assert!(line("waiting").1.contains("████······"), "{lines:?}");
         // Two stages dropped three each.

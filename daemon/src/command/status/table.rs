@@ -79,7 +79,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms since start\n{}{calibration}{device}{}",
+         alarm {}{nearest}; {} obstacles, {} alarms since start\n{}\n{}{calibration}{device}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,
@@ -88,6 +88,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         alarm_text(status),
         status.obstacles,
         status.alarms,
+        status.motion,
         pace_lines(status),
         heat_lines(&status.heat),
     );

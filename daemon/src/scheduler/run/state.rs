@@ -59,6 +59,7 @@ impl Run {
         status.alarm_faults = last.map_or(Results::faults(frames_pass).0, |last| last.alarm.faults);
         status.obstacles = last.map_or(0, |last| last.confirmed);
         status.nearest_m = last.map_or(f64::INFINITY, |last| last.alarm.nearest_m);
+        status.motion = last.map_or_else(Default::default, |last| last.header.motion);
         status.vehicle = last.map_or(VehicleRecord::default(), |last| last.header.vehicle);
         status.alarms = self.collector.alarms;
         status.uptime_ns = now.saturating_sub(self.started_ns);

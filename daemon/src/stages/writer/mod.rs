@@ -133,6 +133,7 @@ impl Writer {
             edges: k.edges,
             width: format.width,
             height: format.height,
+            rig: format.rig(),
         });
         let is_whole = self.files.is_none() || input.is_some();
         let has_pair = self.recorder.as_ref().is_none_or(|r| r.has_pair(header.sequence));

@@ -119,6 +119,7 @@ async function takeFrame(frame, parts) {
   if (parts.points) drawBirds(frame, parts.points);
   if (parts.v_disparity) drawPath(frame);
   if (parts.disparity) drawScale(frame);
+  tellMotion(frame);
   byId("left-caption").textContent =
     `frame ${frame.sequence}, ${frame.time_s.toFixed(1)} s; ${frame.latency_ms.toFixed(0)} ms from capture to result`;
   const { level, nearest_m: nearest } = frame.alarm;
@@ -129,6 +130,13 @@ async function takeFrame(frame, parts) {
   else if (level === "warning") setAlarm("warning", "warning", more + ttc);
   else if (level === "standby") setAlarm("standby", "standby", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
   else setAlarm("off", "alarm off", frame.alarm.reason || "");
+}
+
+// Own speed and yaw rate, and what they are known from.
+function tellMotion({ motion }) {
+  const element = byId("motion");
+  element.className = motion.known ? "" : "unknown";
+  element.textContent = motion.known ? ownMotion(motion) : "own motion unknown: straight path";
 }
 
 // The visible text changes with every frame. The text for screen readers changes only with the level, and is

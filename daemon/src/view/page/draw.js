@@ -16,6 +16,24 @@ function svg(name, attributes, text) {
 const metres = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} m`);
 const seconds = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} s`);
 
+// Own speed and yaw rate in words; the motion is known.
+function ownMotion(motion) {
+  const turn = motion.yaw_rate_rad_s;
+  const side = Math.abs(turn) < 0.005 ? "" : turn > 0 ? " left" : " right";
+  const notes = [motion.sources.map((s) => s.replaceAll("_", " ")).join(", ") || "predicted"];
+  if (motion.standstill) notes.push("standing still");
+  if (motion.disagree) notes.push("odometry and bus disagree");
+  return `${motion.speed_m_s.toFixed(1)} ± ${motion.speed_sigma_m_s.toFixed(1)} m/s, ` +
+    `${Math.abs(turn).toFixed(2)} rad/s${side} (${notes.join("; ")})`;
+}
+
+// The edges of the vehicle's path in the left image; dashed while the own motion is unknown.
+function wayLines(frame) {
+  return frame.path_px.filter((edge) => edge.length > 1).map((edge) => svg("polyline", {
+    class: `way${frame.path.known ? "" : " assumed"}`, points: edge.map(([x, y]) => `${x},${y}`).join(" "),
+  }));
+}
+
 // Boxes over the left image, in image pixels. The farthest first, so that near ones lie on top.
 function drawBoxes(frame) {
   const view = byId("boxes");
@@ -41,7 +59,7 @@ function drawBoxes(frame) {
     }
     return group;
   });
-  view.replaceChildren(...boxes);
+  view.replaceChildren(...wayLines(frame), ...boxes);
 }
 
 // A label above each box, the nearest first; a label that would cover another is omitted.
@@ -128,6 +146,7 @@ function drawBirds(frame, points) {
     c.fillText(`${z} m`, 4, Math.max(y - 3, 12));
   }
   if (points) drawPoints(c, frame, points, at);
+  drawWay(c, frame, at);
   c.lineWidth = 1;
   c.strokeStyle = colour("--s6");
   for (const r of frame.regions) {
@@ -160,8 +179,9 @@ function drawBirds(frame, points) {
   const free = freeAhead(frame);
   const way = free === null ? "no road detected, free space unknown" : `free ahead ${free.toFixed(1)} m`;
   const text = `${way}; ${near} tracks, ${frame.regions.length} regions, ${points ? points.byteLength / 8 : 0} points`;
+  const line = frame.path.left_m.length < 2 ? "" : frame.path.known ? "; blue: path" : "; dashed: straight path";
   canvas.setAttribute("aria-label", `Road from above: ${text}`);
-  byId("birds-caption").textContent = `${text}; outline: free space; lines from tracks: predicted motion in one second`;
+  byId("birds-caption").textContent = `${text}; outline: free space; lines from tracks: predicted motion in one second${line}`;
 }
 
 // Corners of the free space, from the left: [x, z] in metres, two for each group of columns.
@@ -189,6 +209,33 @@ function drawFree(c, frame, at) {
   c.globalAlpha = 0.9;
   c.lineWidth = 1.5;
   c.stroke();
+  c.globalAlpha = 1;
+}
+
+// The strip that the vehicle will sweep, as the alarm sees it.
+function drawWay(c, frame, at) {
+  const { known, left_m: left, right_m: right, sigma_m: sigma } = frame.path;
+  if (left.length < 2 || right.length < 2) return;
+  c.strokeStyle = c.fillStyle = colour("--accent");
+  c.lineWidth = 1.5;
+  c.setLineDash(known ? [] : [7, 5]);
+  for (const edge of [left, right]) {
+    c.beginPath();
+    edge.forEach(([x, z], i) => (i ? c.lineTo(...at(x, z)) : c.moveTo(...at(x, z))));
+    c.stroke();
+  }
+  c.setLineDash([]);
+  // Two standard deviations to both sides.
+  c.lineWidth = 0.7;
+  for (const [edge, side] of [[left, -2], [right, 2]]) {
+    c.beginPath();
+    edge.forEach(([x, z], i) => (i ? c.lineTo(...at(x + side * sigma[i], z)) : c.moveTo(...at(x + side * sigma[i], z))));
+    c.stroke();
+  }
+  c.beginPath();
+  [...left, ...[...right].reverse()].forEach(([x, z], i) => (i ? c.lineTo(...at(x, z)) : c.moveTo(...at(x, z))));
+  c.globalAlpha = 0.1;
+  c.fill();
   c.globalAlpha = 1;
 }
 
@@ -263,7 +310,7 @@ function drawChart(name, samples, series, unit, least) {
   if (known.length === 0) {
     view.replaceChildren(svg("text", { x: 10, y: 60 }, "no data"));
     view.setAttribute("aria-label", "no data");
-    byId(`k-${name}`).textContent = "not available on this machine";
+    byId(`k-${name}`).textContent = name === "speed" ? "own motion unknown" : "not available on this machine";
     return;
   }
   const top = niceTop(Math.max(...known, least));
@@ -325,6 +372,7 @@ function drawCharts(samples, stages) {
     { name: "dropped", colour: "--s5", value: (s) => s.dropped }], "per second", 5);
   drawChart("cpu", samples, [{ name: "all processes", colour: "--s1", value: (s) => s.cpu_percent }],
     "% of one core", 20);
+  drawChart("speed", samples, [{ name: "own speed", colour: "--s1", value: (s) => s.speed_m_s }], "m/s", 5);
   const last = samples[samples.length - 1];
   const sensors = (key, scale) => last[key].slice(0, 6).map((sensor, i) => ({
     name: sensor.name, colour: SERIES[i % SERIES.length],

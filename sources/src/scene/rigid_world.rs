@@ -98,7 +98,7 @@ fn the_static_world_moves_as_the_pose_says() {
             let found = compare(&rig, &from, &to, &motion);
             println!("{name} {i} {j}: {found:?}");
             assert!(found.compared > 60_000, "{name} {i} {j}: {found:?}");
-            assert!(found.median_px < 1e-5 && found.off < 0.005, "{name} {i} {j}: {found:?}");
+            assert!(found.median_px < 1e-5 && found.off < 0.01, "{name} {i} {j}: {found:?}");
             // The texture of the ground moves with it.
             assert!(found.grey < 3.0, "{name} {i} {j}: {found:?}");
             // The comparison is sensitive: 0.2 degrees of yaw are much worse.

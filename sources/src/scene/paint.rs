@@ -24,6 +24,14 @@ pub struct Painter {
 /// the repeating texture closes, twice its 256 texels.
 const CLOUDS: (f32, f32, f32) = (90.0, 210.0, 512.0 / std::f32::consts::TAU);
 
+/// The direction of the ray (`dx`, `dy`, 1) in the world, by the camera's axes there: rad to the right, and how far below the
+/// horizon, as tangent.
+#[inline]
+fn direction(axes: &[[f32; 3]; 3], dx: f32, dy: f32) -> (f32, f32) {
+    let [x, y, z] = [0, 1, 2].map(|k| axes[0][k] * dx + axes[1][k] * dy + axes[2][k]);
+    (x.atan2(z), -y / (x * x + z * z).sqrt().max(1e-3))
+}
+
 /// Shadows and lamp light on the ground along one row.
 #[derive(Debug, Default)]
 pub struct Shade {
@@ -124,7 +132,7 @@ impl Painter {
             let y = row.y as f32;
             if number == 0 {
                 let level = row.camera.level();
-                (x..end).for_each(|x| grey[x] = self.sky(&level, x as f32, y));
+                self.sky_run(&level, x, y, &mut grey[x..end]);
             } else {
                 let patch = row.view.patches[number as usize - 1];
                 let surface = row.surfaces[patch.surface as usize];
@@ -164,21 +172,50 @@ impl Painter {
     /// The sky, at infinity: equal in both images.
     #[inline]
     fn sky(&self, rig: &Rig, px: f32, py: f32) -> f32 {
-        let light = &self.light;
         let (dx, dy) =
             ((px - rig.cx_px as f32) / rig.focal_px as f32, (py - rig.cy_px as f32) / rig.focal_px as f32);
-        let (cloud, dy) = match &self.to_world {
-            Some(axes) => self.turned_cloud(axes, dx, dy),
-            None => (self.texture.sample(dx * CLOUDS.0, dy * CLOUDS.1, 0.2, 0.4), dy),
-        };
-        light.sky - light.sky_rise * dy + light.clouds * cloud * (light.sky / 205.0)
+        match &self.to_world {
+            Some(axes) => self.turned_sky(direction(axes, dx, dy)),
+            None => self.clouded(self.texture.sample(dx * CLOUDS.0, dy * CLOUDS.1, 0.2, 0.4), dy),
+        }
     }
 
-    /// The cloud in a direction, and how far below the horizon it is.
-    fn turned_cloud(&self, axes: &[[f32; 3]; 3], dx: f32, dy: f32) -> (f32, f32) {
-        let [x, y, z] = [0, 1, 2].map(|k| axes[0][k] * dx + axes[1][k] * dy + axes[2][k]);
-        let down = -y / (x * x + z * z).sqrt().max(1e-3);
-        (self.texture.sample(x.atan2(z) * CLOUDS.2, down * CLOUDS.1, 0.2, 0.4), down)
+    /// The sky `down` below the horizon (above it negative, as tangent), with a value of the clouds' texture.
+    #[inline]
+    fn clouded(&self, cloud: f32, down: f32) -> f32 {
+        let light = &self.light;
+        light.sky - light.sky_rise * down + light.clouds * cloud * (light.sky / 205.0)
+    }
+
+    /// The sky in a direction of the world.
+    #[inline]
+    fn turned_sky(&self, (right_rad, down): (f32, f32)) -> f32 {
+        self.clouded(self.texture.sample(right_rad * CLOUDS.2, down * CLOUDS.1, 0.2, 0.4), down)
+    }
+
+    /// The sky in pixels of row `y` from column `from` on. Where the vehicle turns, directions between every 16th pixel are
+    /// interpolated: they differ by less than a hundredth of a texel.
+    fn sky_run(&self, rig: &Rig, from: usize, y: f32, grey: &mut [f32]) {
+        let Some(axes) = &self.to_world else {
+            grey.iter_mut().zip(from..).for_each(|(grey, x)| *grey = self.sky(rig, x as f32, y));
+            return;
+        };
+        let at = |x: usize| {
+            let (dx, dy) = (x as f32 - rig.cx_px as f32, y - rig.cy_px as f32);
+            direction(axes, dx / rig.focal_px as f32, dy / rig.focal_px as f32)
+        };
+        let mut a = at(from);
+        for (block, grey) in grey.chunks_mut(16).enumerate() {
+            let b = at(from + 16 * block + 16);
+            // Behind the vehicle's first direction the angle jumps by a full turn, as does the texture.
+            let turn = b.0 - a.0;
+            let turn = turn - std::f32::consts::TAU * (turn / std::f32::consts::TAU).round();
+            for (k, grey) in grey.iter_mut().enumerate() {
+                let share = k as f32 / 16.0;
+                *grey = self.turned_sky((a.0 + share * turn, a.1 + share * (b.1 - a.1)));
+            }
+            a = b;
+        }
     }
 
     /// [`Self::point`], not inlined: for rare cases where code size matters more than speed.

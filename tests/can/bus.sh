@@ -42,7 +42,8 @@ logged() { grep -q -- "$1" log; }
 # Sends a frame twenty times a second, instead of the one before.
 send() { # ID DATA
   if [ -n "$sender" ]; then
-    kill $sender
+    # It may have ended with its interface.
+    kill $sender 2>/dev/null || true
     wait $sender || true
   fi
   # cangen takes identifiers of more than three digits as extended with -e only.

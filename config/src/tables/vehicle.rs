@@ -41,8 +41,8 @@ table! {
     /// DBC file with the messages of the bus.
     dbc: Path = "";
 
-    /// Speed: `Message.Signal` of the DBC file, or `id:start|length@order sign (factor,offset) [min|max] unit` in DBC's
-    /// notation (docs/vehicle.md). Units: m/s, km/h, mph.
+    /// Speed: `Message.Signal` of the DBC file, or its place in the frame in DBC's notation (docs/vehicle.md). Units:
+    /// m/s, km/h, mph.
     speed_signal: Text(240) = "";
 
     /// The speed of the bus is multiplied by this, for tyres of another size.

@@ -139,7 +139,7 @@ impl Signal {
                 for _ in 0..self.length {
                     raw = raw << 1 | bit(at);
                     // Downwards in a byte, then to the highest bit of the next.
-                    at = if at % 8 == 0 { at + 15 } else { at - 1 };
+                    at = if at.is_multiple_of(8) { at + 15 } else { at - 1 };
                 }
             }
         }
@@ -228,7 +228,7 @@ mod tests {
                 ByteOrder::Little => (signal.start + i, raw >> i & 1),
                 ByteOrder::Big => {
                     let here = place;
-                    place = if here % 8 == 0 { here + 15 } else { here - 1 };
+                    place = if here.is_multiple_of(8) { here + 15 } else { here - 1 };
                     (here, raw >> (signal.length - 1 - i) & 1)
                 }
             };

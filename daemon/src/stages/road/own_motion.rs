@@ -2,14 +2,14 @@
 //! in the header.
 
 use crate::stages::stage::FrameContext;
-use messages::motion::{MotionRecord, VehicleRecord, health, present};
+use crate::stages::vehicle_record;
+use messages::motion::{MotionRecord, health};
 use perception::frame_clock::TimeStep;
 use perception::image::GreyView;
 use perception::motion::Motion;
 use perception::motion::filter::{MotionFilter, MotionHealth};
 use perception::motion::odometry::{Odometry, OdometryResult};
 use perception::motion::pose::Pose;
-use perception::motion::vehicle::{Aged, VehicleSample};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 
@@ -68,7 +68,7 @@ impl OwnMotion {
             _ => None,
         };
         self.inliers = estimate.map_or(0, |e| e.inliers as u32);
-        self.motion = self.filter.update(elapsed_s, estimate, &sample(&frame.vehicle));
+        self.motion = self.filter.update(elapsed_s, estimate, &vehicle_record::reading(&frame.vehicle).sample);
         match estimate.filter(|_| self.filter.health().odometry) {
             Some(estimate) => {
                 // It refers to an earlier frame, if the motion was not known meanwhile.
@@ -115,15 +115,5 @@ impl OwnMotion {
             reserved: 0,
         }
         .limited()
-    }
-}
-
-/// What the filter uses of the vehicle's record.
-fn sample(record: &VehicleRecord) -> VehicleSample {
-    let aged = |bit, value, age_s| (record.present & bit != 0).then_some(Aged { value, age_s });
-    VehicleSample {
-        speed_m_s: aged(present::SPEED, record.speed_m_s, record.speed_age_s),
-        yaw_rate_rad_s: aged(present::YAW_RATE, record.yaw_rate_rad_s, record.yaw_rate_age_s),
-        ..VehicleSample::default()
     }
 }

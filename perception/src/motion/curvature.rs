@@ -19,6 +19,8 @@ const MAX_SIGMA_PER_M: f64 = MAX_CURVATURE_PER_M / 2.0;
 /// Arc length from the rear axle from which the path follows the road's edges, in metres ahead of the camera: nearer, the
 /// wheels already decide.
 const EDGES_FROM_M: f64 = 3.0;
+/// Memory of the road's curvature, in seconds: its noise must not swing the path, and a road bends within seconds.
+const ROAD_MEMORY_S: f64 = 0.4;
 /// Standard deviation of what a driver changes of the lateral acceleration to follow a road, in m/s².
 const FOLLOWING_M_S2: f64 = 1.0;
 /// Error of the road's curvature beyond that of its edges, in 1/m: a road is no parabola.
@@ -32,6 +34,8 @@ pub struct CurvatureFilter {
     curvature_per_m: f64,
     /// Variance; `None` before the first measurement.
     variance: Option<f64>,
+    /// Smoothed curvature of the road ahead, while its edges are seen.
+    road_per_m: Option<f64>,
 }
 
 impl CurvatureFilter {
@@ -75,6 +79,12 @@ impl CurvatureFilter {
         }
         self.curvature_per_m = self.curvature_per_m.clamp(-MAX_CURVATURE_PER_M, MAX_CURVATURE_PER_M);
         let sigma = self.variance.unwrap_or(highest).sqrt();
+        let road = road.map(|road| {
+            let gain = 1.0 - (-elapsed_s.max(0.0) / ROAD_MEMORY_S).exp();
+            let before = self.road_per_m.unwrap_or(road.curvature_per_m);
+            EdgeCurve { curvature_per_m: before + gain * (road.curvature_per_m - before), ..road }
+        });
+        self.road_per_m = road.map(|road| road.curvature_per_m);
         let path = SweptPath {
             curvature_per_m: self.curvature_per_m,
             curvature_sigma_per_m: sigma,

@@ -44,6 +44,7 @@
 
 use crate::depth::DepthView;
 use crate::detection::{ObstacleDetector, RegionParameters};
+use crate::motion::planar::PlanarStep;
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::edges::Edges;
@@ -113,6 +114,12 @@ impl SceneDetector {
     /// of regions over frames. The road is estimated in each map anew.
     pub fn reset(&mut self) {
         self.obstacles.reset();
+    }
+
+    /// Sets the displacement of the camera from the last map to the next one, by which the memory of regions is moved;
+    /// `None` if it is unknown. Call it before each [`Self::detect`]: it holds for one map.
+    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
+        self.obstacles.set_own_motion(step);
     }
 
     /// Detects the road in a map, then the obstacles on it.

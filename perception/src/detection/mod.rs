@@ -20,6 +20,7 @@ pub mod small_obstacles;
 pub mod stixels;
 
 use crate::depth::DepthView;
+use crate::motion::planar::PlanarStep;
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::profile::RoadProfile;
@@ -82,6 +83,12 @@ impl ObstacleDetector {
     pub fn reset(&mut self) {
         self.finder.reset();
         self.small.reset();
+    }
+
+    /// Sets the displacement of the camera from the last frame to the next one; `None` if it is unknown.
+    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
+        self.finder.set_own_motion(step);
+        self.small.set_own_motion(step);
     }
 
     /// Finds the obstacles on the road, nearest first.

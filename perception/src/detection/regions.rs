@@ -3,6 +3,7 @@
 use super::confirmation::Confirmation;
 use super::photometric::Verifier;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
+use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
@@ -135,6 +136,11 @@ impl RegionFinder {
             evidence: Vec::with_capacity(CAPACITY),
             confirmation: Confirmation::new(parameters.confirm),
         }
+    }
+
+    /// See [`Confirmation::set_own_motion`].
+    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
+        self.confirmation.set_own_motion(step);
     }
 
     /// Forgets what was seen before.

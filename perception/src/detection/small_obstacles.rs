@@ -11,6 +11,7 @@
 use super::confirmation::Confirmation;
 use super::residual::{Band, Residual, RoadGeometry, Sums, Window, sample};
 use crate::image::GreyView;
+use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
@@ -102,6 +103,11 @@ impl SmallObstacleFinder {
             evidence: Vec::with_capacity(CAPACITY),
             confirmation: Confirmation::for_small_obstacles(confirm),
         }
+    }
+
+    /// See [`Confirmation::set_own_motion`].
+    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
+        self.confirmation.set_own_motion(step);
     }
 
     /// Forgets what was seen before.

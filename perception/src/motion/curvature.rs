@@ -8,6 +8,7 @@
 use super::Motion;
 use super::body::Body;
 use super::path::{EdgesAhead, MAX_CURVATURE_PER_M, STEERING_M_S2, SweptPath};
+use crate::road::edge_curve::EdgeCurve;
 
 /// Speed from which the curvature is measured, in m/s: below it an error of 0.005 rad/s is more than a radius of 300 m.
 pub const MIN_SPEED_M_S: f64 = 1.5;
@@ -15,22 +16,51 @@ pub const MIN_SPEED_M_S: f64 = 1.5;
 /// Largest standard deviation of the curvature, in 1/m: nothing is known but the turning circle.
 const MAX_SIGMA_PER_M: f64 = MAX_CURVATURE_PER_M / 2.0;
 
+/// Arc length from the rear axle from which the path follows the road's edges, in metres ahead of the camera: nearer, the
+/// wheels already decide.
+const EDGES_FROM_M: f64 = 3.0;
+/// Memory of the road's curvature, in seconds: its noise must not swing the path, and a road bends within seconds.
+const ROAD_MEMORY_S: f64 = 0.4;
+/// Standard deviation of what a driver changes of the lateral acceleration to follow a road, in m/s².
+const FOLLOWING_M_S2: f64 = 1.0;
+/// Error of the road's curvature beyond that of its edges, in 1/m: a road is no parabola.
+const ROAD_SIGMA_PER_M: f64 = 0.003;
+/// Road and own path agree within this many standard deviations; else the vehicle leaves the road.
+const AGREEMENT_SIGMAS: f64 = 3.0;
+
 /// Filters the curvature; start anew after a gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurvatureFilter {
     curvature_per_m: f64,
     /// Variance; `None` before the first measurement.
     variance: Option<f64>,
+    /// Smoothed curvature of the road ahead, while its edges are seen.
+    road_per_m: Option<f64>,
 }
 
 impl CurvatureFilter {
-    /// The path at this motion, `elapsed_s` seconds after the last call.
+    /// The path farther ahead: the weighted mean of the own curvature, which the driver may change, and the road's.
+    fn edges_ahead(&self, speed: f64, sigma: f64, body: &Body, road: EdgeCurve) -> Option<EdgesAhead> {
+        let own2 = sigma * sigma + (FOLLOWING_M_S2 / (speed * speed)).powi(2);
+        let road2 = road.sigma_per_m * road.sigma_per_m + ROAD_SIGMA_PER_M * ROAD_SIGMA_PER_M;
+        let difference = road.curvature_per_m - self.curvature_per_m;
+        let curvature = self.curvature_per_m + difference * own2 / (own2 + road2);
+        (difference * difference <= AGREEMENT_SIGMAS * AGREEMENT_SIGMAS * (own2 + road2)).then_some(
+            EdgesAhead {
+                from_m: body.rear_axle_m.max(0.0) + EDGES_FROM_M,
+                curvature_per_m: curvature.clamp(-MAX_CURVATURE_PER_M, MAX_CURVATURE_PER_M),
+            },
+        )
+    }
+
+    /// The path at this motion, `elapsed_s` seconds after the last call; `road` is the curvature of the road ahead, if its
+    /// edges are seen.
     pub fn update(
         &mut self,
         motion: &Motion,
         elapsed_s: f64,
         body: Body,
-        edges: Option<EdgesAhead>,
+        road: Option<EdgeCurve>,
     ) -> SweptPath {
         let speed = motion.speed_m_s.abs().max(MIN_SPEED_M_S);
         let walk = STEERING_M_S2 / (speed * speed);
@@ -48,13 +78,20 @@ impl CurvatureFilter {
             self.variance = Some((1.0 - gain) * before);
         }
         self.curvature_per_m = self.curvature_per_m.clamp(-MAX_CURVATURE_PER_M, MAX_CURVATURE_PER_M);
+        let sigma = self.variance.unwrap_or(highest).sqrt();
+        let road = road.map(|road| {
+            let gain = 1.0 - (-elapsed_s.max(0.0) / ROAD_MEMORY_S).exp();
+            let before = self.road_per_m.unwrap_or(road.curvature_per_m);
+            EdgeCurve { curvature_per_m: before + gain * (road.curvature_per_m - before), ..road }
+        });
+        self.road_per_m = road.map(|road| road.curvature_per_m);
         let path = SweptPath {
             curvature_per_m: self.curvature_per_m,
-            curvature_sigma_per_m: self.variance.unwrap_or(highest).sqrt(),
+            curvature_sigma_per_m: sigma,
             speed_m_s: motion.speed_m_s,
             speed_sigma_m_s: motion.speed_sigma_m_s,
             body,
-            edges,
+            edges: road.and_then(|road| self.edges_ahead(speed, sigma, &body, road)),
         };
         // At rest nothing is swept: what comes straight to the body counts, wherever the wheels point.
         if path.is_at_rest() {
@@ -101,6 +138,23 @@ mod tests {
         println!("curvature of a bend of 50 m at 9 m/s: NEES {nees:.2}");
         // Above 1: a driver who keeps swinging the wheel is no random walk.
         assert!((0.3..5.0).contains(&nees), "{nees}");
+    }
+
+    #[test]
+    fn the_path_follows_a_road_that_bends_and_leaves_one_that_it_turns_off() {
+        let road = |curvature_per_m: f64| Some(EdgeCurve { curvature_per_m, sigma_per_m: 0.003 });
+        let mut filter = CurvatureFilter::default();
+        filter.update(&motion(10.0, 0.0), PERIOD_S, Body::default(), None);
+        let bends = filter.update(&motion(10.0, 0.0), PERIOD_S, Body::default(), road(0.015));
+        let ahead = bends.edges.unwrap();
+        assert!((0.012..0.015).contains(&ahead.curvature_per_m), "{ahead:?}");
+        assert!(bends.curvature_per_m.abs() < 1e-3);
+        // In a junction the road goes straight on.
+        for _ in 0..5 {
+            filter.update(&motion(5.0, 0.6), PERIOD_S, Body::default(), None);
+        }
+        let turns = filter.update(&motion(8.0, 1.0), PERIOD_S, Body::default(), road(0.0));
+        assert_eq!(turns.edges, None);
     }
 
     #[test]

@@ -14,6 +14,9 @@ pub const MAX_CURVATURE_PER_M: f64 = 0.2;
 /// A driver's steering as a random walk of the lateral acceleration, in m/s² per √s: 0.15 m of path after 1.5 s.
 pub const STEERING_M_S2: f64 = 0.25;
 
+/// What a driver in a bend changes beyond that, as a share of the lateral acceleration: bends begin and end.
+const BEND_STEERING_SHARE: f64 = 0.5;
+
 /// Speed below which the time to a place is counted as at this speed, in m/s.
 const MIN_SPEED_M_S: f64 = 2.0;
 
@@ -148,7 +151,9 @@ impl SweptPath {
         }
         let arc_m = arc_m.max(0.0);
         let seconds = arc_m / self.speed_m_s.abs().max(MIN_SPEED_M_S);
-        let steering_m = STEERING_M_S2 * (seconds.powi(5) / 20.0).sqrt();
+        let lateral_m_s2 = self.speed_m_s * self.speed_m_s * self.curvature_per_m.abs();
+        let steering_m_s2 = STEERING_M_S2 + BEND_STEERING_SHARE * lateral_m_s2;
+        let steering_m = steering_m_s2 * (seconds.powi(5) / 20.0).sqrt();
         (self.curvature_sigma_per_m * arc_m * arc_m / 2.0).hypot(steering_m)
     }
 }
@@ -223,8 +228,8 @@ mod tests {
         let path = path(0.01, None);
         let sigmas = [0.0, 5.0, 10.0, 15.0, 30.0].map(|arc_m| path.sigma_m(arc_m));
         assert!(sigmas.windows(2).all(|pair| pair[0] < pair[1]), "{sigmas:?}");
-        // 1.5 s ahead: 0.11 m of the curvature and 0.15 m of the driver.
-        assert!((sigmas[3] - 0.19).abs() < 0.02, "{sigmas:?}");
+        // 1.5 s ahead: 0.11 m of the curvature, and of the driver 0.15 m, in this bend 0.31 m more.
+        assert!((sigmas[3] - 0.47).abs() < 0.03, "{sigmas:?}");
         assert!(path.sigma_m(-3.0) == 0.0);
     }
 }

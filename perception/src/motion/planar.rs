@@ -94,6 +94,11 @@ impl OwnRates {
         }
     }
 
+    /// Magnitude of the yaw rate, in rad/s.
+    pub fn turning_rad_s(&self) -> f64 {
+        self.yaw_rate_rad_s.abs()
+    }
+
     /// Rate of a standing point at this place, in m/s.
     pub fn at(&self, [right, ahead]: Planar) -> Planar {
         [self.yaw_rate_rad_s * ahead - self.camera_m_s[0], -self.yaw_rate_rad_s * right - self.camera_m_s[1]]

@@ -14,6 +14,7 @@
 //! 5. [`surface`]: lateral tilt and noise; heights above the road.
 //! 6. [`edges`]: kerbs and other lateral limits. [`free_space`]: free distance by column.
 
+pub mod edge_curve;
 pub mod edges;
 pub mod far_road;
 pub mod free_space;

@@ -350,10 +350,11 @@ impl Tracker {
             let edges = (self.rig, self.size);
             update_track(&mut self.tracks[t as usize], d, &regions[d], edges);
         }
-        if self.own.is_some() {
+        if let Some(own) = self.own {
             for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
-                let before = track.movement;
-                track.movement = track.filters().movement(before);
+                // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
+                let (before, aspect_m_s) = (track.movement, own.turning_rad_s() * track.front_m());
+                track.movement = track.filters().movement(before, aspect_m_s);
             }
         }
         let (forget, confirm) = (self.parameters.forget_frames, self.parameters.confirm_frames);
@@ -494,6 +495,9 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
         // A box that became wider or narrower may have gained or lost a side.
         _ => (region.lateral_m, centre_sigma_m(region, &rig, is_truncated).hypot(other / 2.0)),
     };
+    // While a thing enters the image its width is unknown; what grows must not look like a speed over ground.
+    let is_partial = is_truncated && track.is_over_ground;
+    let sigma_m = if is_partial { sigma_m.max(centre_sigma_m(region, &rig, true)) } else { sigma_m };
     let shift_m = if track.is_over_ground { middle_shift_m(region.inset_m) } else { 0.0 };
     track.lateral.update(lateral_m + shift_m, sigma_m);
     for (smoothed, inset_m) in track.inset_m.iter_mut().zip(region.inset_m) {

@@ -11,7 +11,7 @@ use config::Config;
 use messages::alarm::Faults;
 use messages::header::{modes, put_text};
 use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
-use messages::regions::{self, RegionRecord, Regions, RegionsMessage};
+use messages::regions::{self, RegionRecord, Regions, RegionsMessage, RoadRecord};
 use messages::source_time::SourceTimeRecord;
 use messages::typed::{Output, Written};
 use parameters::{alarm_parameters, body, schedule_parameters, tracker_parameters};
@@ -24,6 +24,7 @@ use perception::motion::path::SweptPath;
 use perception::recognition::Recogniser;
 use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
+use perception::road::edge_curve::{EdgeCurve, edge_curve};
 use perception::tracking::classification_schedule::ScheduleParameters;
 use perception::tracking::scale_change::ScaleChangeMeter;
 use perception::tracking::{Track, Tracker};
@@ -82,7 +83,8 @@ impl RecognitionStage {
         // A repeated time leaves tracks and classes as they are: their detections belong to the frame before.
         if step != TimeStep::Repeated {
             let own = motion(&frame.motion);
-            self.path = own.map(|m| self.curvature.update(&m, step.elapsed_s(), self.body, None));
+            self.path = own
+                .map(|m| self.curvature.update(&m, step.elapsed_s(), self.body, road_curve(&message.road)));
             if own.is_none() {
                 self.curvature = CurvatureFilter::default();
             }
@@ -259,6 +261,14 @@ fn region(record: &RegionRecord) -> Region {
         confidence: record.confidence,
         pixels: record.pixels,
     }
+}
+
+/// The curvature of the road ahead, if its edges are seen.
+fn road_curve(road: &RoadRecord) -> Option<EdgeCurve> {
+    let edges = road.edges.iter().flat_map(|sides| sides.iter().enumerate());
+    // An edge that is not seen is all zeros.
+    let seen = edges.filter(|(_, edge)| edge.distance_m > 0.0);
+    edge_curve(seen.map(|(side, edge)| (side, edge.lateral_m.into(), edge.distance_m.into())))
 }
 
 /// The fields of an alarm that say which path is known.

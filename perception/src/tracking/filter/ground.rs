@@ -135,10 +135,12 @@ impl Filters<'_> {
     }
 
     /// Whether the obstacle moves, with speeds over ground; `before` remains where the measurements do not tell.
-    pub fn movement(&self, before: Movement) -> Movement {
+    /// `aspect_m_s`: speed that a standing thing seems to have because another side of it comes into view.
+    pub fn movement(&self, before: Movement, aspect_m_s: f64) -> Movement {
         let (x, z) = (&self.lateral.filter, &self.longitudinal.filter);
         let sigmas = [x, z].map(ConstantVelocityFilter::speed_sigma);
-        let part = |speed: f64, sigma: f64| (speed / sigma.hypot(STANDING_SPEED_M_S)).powi(2);
+        let part =
+            |speed: f64, sigma: f64| (speed / sigma.hypot(STANDING_SPEED_M_S).hypot(aspect_m_s)).powi(2);
         let chi2 = part(x.speed, sigmas[0]) + part(z.speed, sigmas[1]);
         let most_along = MAX_STANDING_SIGMA_M_S.max(MAX_STANDING_SIGMA_SHARE * z.own_rate.abs());
         if chi2 > MOVING_CHI2 {
@@ -196,7 +198,7 @@ mod tests {
             velocity = exact.direction(velocity);
             filters.longitudinal.update(measure(place, normal()), 0.12);
             filters.lateral.update(place[0] + 0.1 * normal(), 0.1);
-            movement = filters.movement(movement);
+            movement = filters.movement(movement, 0.0);
         }
         (longitudinal, lateral, velocity, movement)
     }

@@ -45,6 +45,9 @@ pub struct Region {
     pub width_m: f64,
     /// Height of the top above the road, in metres.
     pub height_m: f64,
+    /// By how much the thing itself ends inside of the left and of the right side of the box, in metres: where a side that
+    /// runs away from the camera is seen, the box at the near distance reaches farther towards the image centre than it.
+    pub inset_m: [f64; 2],
     /// Number of obstacle pixels.
     pub pixels: u32,
     /// Mean confidence of these pixels, 0 to 1.
@@ -64,7 +67,7 @@ impl Region {
         self.disparity_px > 1.0 / MAX_MEASURE
             && self.disparity_px <= MAX_MEASURE
             && self.lateral_m.abs() <= MAX_MEASURE
-            && sizes.iter().all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && sizes.iter().chain(&self.inset_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
             && x.checked_add(width).is_some()
             && y.checked_add(height).is_some()
     }
@@ -72,9 +75,25 @@ impl Region {
     /// Sets the first column of the box and the column after its last one; updates width and lateral
     /// position.
     pub(crate) fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {
+        let ends_m = self.ends_m();
         (self.bounds.x, self.bounds.width) = (first, end - first);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         self.lateral_m = rig.lateral_m(0.5 * f64::from(first + end), self.distance_m);
+        self.set_ends(ends_m);
+    }
+
+    /// Where the thing itself ends to the left and to the right, in metres right of the camera axis.
+    pub fn ends_m(&self) -> [f64; 2] {
+        let half_m = self.width_m / 2.0;
+        [self.lateral_m - half_m + self.inset_m[0], self.lateral_m + half_m - self.inset_m[1]]
+    }
+
+    /// Sets where the thing itself ends, as far as that is within the box.
+    pub(crate) fn set_ends(&mut self, [left_m, right_m]: [f64; 2]) {
+        let half_m = self.width_m / 2.0;
+        let left = (left_m - (self.lateral_m - half_m)).clamp(0.0, self.width_m);
+        let right = (self.lateral_m + half_m - right_m).clamp(0.0, self.width_m - left);
+        self.inset_m = [left, right];
     }
 }
 

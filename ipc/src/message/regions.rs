@@ -131,6 +131,8 @@ pub struct RegionRecord {
     pub height_m: f64,
     /// Mean confidence of its disparities, 0 to 1.
     pub confidence: f64,
+    /// By how much the thing itself ends inside of the left and of the right side of the box, in metres.
+    pub inset_m: [f64; 2],
     /// The box: left, top, width, height, in px; within the image.
     pub bounds: [u32; 4],
     /// The crop, which is the box with a margin: left, top, width, height, in px; within the image. All 0 if the
@@ -160,6 +162,7 @@ ranges! {
         width_m: METRES,
         height_m: METRES,
         confidence: SHARE,
+        inset_m: Each(METRES),
         bounds: Each(within(0, MAX_SIDE)),
         crop: Each(within(0, MAX_SIDE)),
         crop_offset: within(0, MAX_PIXELS),

@@ -57,7 +57,7 @@ impl Candidate {
                 lateral_m: track.lateral.lateral_m(),
                 speed_m_s: track.lateral.speed_m_s(),
                 speed_sigma_m_s: track.lateral.speed_sigma_m_s(),
-                width_m: track.width_m,
+                width_m: track.front_m(),
             },
             ground: track.ground(),
             is_approached: true,

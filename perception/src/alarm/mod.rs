@@ -238,6 +238,8 @@ impl Alarm {
         let elapsed_s = step.elapsed_s();
         // Time by which rules are evaluated ahead: the duration of confirmation, or 0 after a gap.
         let lead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
+        // On the swept path also what comes until the next frame, so that no limit is passed unseen.
+        let lead = if self.path.is_some() { lead + elapsed_s } else { lead };
         let lead_s = if lead <= 0.5 { lead } else { 0.0 };
         std::mem::swap(&mut self.counts, &mut self.before);
         self.counts.clear();
@@ -368,6 +370,9 @@ impl Alarm {
         (deceleration > 0.0 && needed > deceleration / hysteresis).then_some(AlarmRule::Deceleration)
     }
 }
+
+#[cfg(test)]
+mod drives;
 
 #[cfg(test)]
 mod tests {

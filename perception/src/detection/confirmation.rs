@@ -334,6 +334,7 @@ mod tests {
             lateral_m: 0.0,
             width_m: 0.4,
             height_m: 0.5,
+            inset_m: [0.0; 2],
             pixels: 100,
             confidence: 0.9,
         }

@@ -333,6 +333,7 @@ mod tests {
             lateral_m: 0.0,
             width_m: 0.3,
             height_m: 1.0,
+            inset_m: [0.0; 2],
             pixels: 500,
             confidence: 0.9,
         };

@@ -50,6 +50,8 @@ const MIN_PROMINENCE: f64 = 1.5;
 /// A smaller difference to the road, in px of disparity, is doubtful: the steps of a matcher on the road are
 /// as large.
 const DOUBTFUL_RISE_PX: f64 = 1.0;
+/// Smallest disparity of a stixel of a region, in px, where its place is computed.
+const MIN_SIDE_PX: f64 = 0.1;
 /// Half-width of the disparity range of one face, in px: the blur of the matcher. Values farther away, as in
 /// rain, carry no information about the face.
 const FACE_HALF_WIDTH_PX: f64 = 0.36;
@@ -304,7 +306,7 @@ impl RegionFinder {
         let bounds = PixelBox { x, y: top.into(), width: right - x, height: foot + 1 - u32::from(top) };
         let height_m = surface.height_m(middle, f64::from(top), disparity_px);
         let metres = |px: u32| f64::from(px) * distance_m / rig.focal_px;
-        let region = Region {
+        let mut region = Region {
             bounds,
             disparity_px,
             disparity_sigma_px,
@@ -312,9 +314,12 @@ impl RegionFinder {
             lateral_m: rig.lateral_m(f64::from(x) + f64::from(bounds.width) / 2.0, distance_m),
             width_m: metres(bounds.width),
             height_m,
+            inset_m: [0.0; 2],
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
         };
+        let members = self.members.iter().map(|&i| &list[i as usize]);
+        region.set_ends(ends_m(members, disparity_px, rig));
         let kept = stands
             && region.height_m >= p.min_height_m
             && prominence(&region, surface) >= MIN_PROMINENCE
@@ -443,9 +448,47 @@ fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool
     adjacent && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }
 
+/// Where the thing that these stixels show ends to the left and to the right, in metres right of the camera axis: each
+/// stixel counts at its own depth, none nearer than the near side.
+fn ends_m<'a>(members: impl Iterator<Item = &'a Stixel>, near_px: f64, rig: &Rig) -> [f64; 2] {
+    members.fold([f64::INFINITY, f64::NEG_INFINITY], |[left_m, right_m], stixel| {
+        let distance_m =
+            rig.distance_m(f64::from(stixel.disparity_px).clamp(MIN_SIDE_PX, near_px.max(MIN_SIDE_PX)));
+        let columns = [stixel.strip, stixel.strip + 1].map(|strip| f64::from(strip) * STRIP_COLUMNS as f64);
+        let [first, end] = columns.map(|column| rig.lateral_m(column, distance_m));
+        [left_m.min(first), right_m.max(end)]
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_side_that_runs_away_is_where_it_is_and_not_where_the_box_is() {
+        let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
+        // A car on the right, its left side 1.5 m from the axis and 6 to 10 m away, its rear 1.8 m wide.
+        let column = |x: f64, z: f64| rig.cx_px + rig.focal_px * x / z;
+        let side = (0..=20).map(|i| (1.5, 6.0 + 0.2 * f64::from(i)));
+        let rear = (0..=20).map(|i| (1.5 + 0.09 * f64::from(i), 6.0));
+        let stixels: Vec<Stixel> = side
+            .chain(rear)
+            .map(|(x, z)| Stixel {
+                strip: (column(x, z) / STRIP_COLUMNS as f64) as u32,
+                top: 200,
+                bottom: 260,
+                rows: 60,
+                disparity_px: rig.disparity_px(z) as f32,
+                confidence: 200.0,
+                high_m: 1.4,
+                low_m: 0.1,
+            })
+            .collect();
+        let [left_m, right_m] = ends_m(stixels.iter(), rig.disparity_px(6.0), &rig);
+        assert!((left_m - 1.5).abs() < 0.06 && (right_m - 3.3).abs() < 0.06, "{left_m} {right_m}");
+        let box_left_m = rig.lateral_m(column(1.5, 10.0), 6.0);
+        assert!(box_left_m < 1.0, "the box reaches to {box_left_m} m");
+    }
 
     fn region(x: u32, width: u32, distance_m: f64) -> Region {
         Region {
@@ -456,6 +499,7 @@ mod tests {
             lateral_m: 0.0,
             width_m: 1.0,
             height_m: 1.0,
+            inset_m: [0.0; 2],
             pixels: 400,
             confidence: 0.9,
         }

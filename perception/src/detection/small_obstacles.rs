@@ -321,6 +321,7 @@ impl SmallObstacleFinder {
             lateral_m: rig.lateral_m(middle, distance_m),
             width_m: f64::from(bounds.width) * distance_m / rig.focal_px,
             height_m,
+            inset_m: [0.0; 2],
             pixels: bounds.width * bounds.height,
             confidence: log_likelihood / (log_likelihood + NEUTRAL_LOG_LIKELIHOOD),
         })

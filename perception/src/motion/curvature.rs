@@ -48,14 +48,19 @@ impl CurvatureFilter {
             self.variance = Some((1.0 - gain) * before);
         }
         self.curvature_per_m = self.curvature_per_m.clamp(-MAX_CURVATURE_PER_M, MAX_CURVATURE_PER_M);
-        SweptPath {
+        let path = SweptPath {
             curvature_per_m: self.curvature_per_m,
             curvature_sigma_per_m: self.variance.unwrap_or(highest).sqrt(),
             speed_m_s: motion.speed_m_s,
             speed_sigma_m_s: motion.speed_sigma_m_s,
             body,
             edges,
+        };
+        // At rest nothing is swept: what comes straight to the body counts, wherever the wheels point.
+        if path.is_at_rest() {
+            return SweptPath { curvature_per_m: 0.0, curvature_sigma_per_m: 0.0, edges: None, ..path };
         }
+        path
     }
 }
 
@@ -108,7 +113,7 @@ mod tests {
         let mut slow = driving;
         for frame in 0..30 {
             let noise = if frame % 2 == 0 { 0.02 } else { -0.01 };
-            slow = filter.update(&motion(0.1, noise), PERIOD_S, Body::default(), None);
+            slow = filter.update(&motion(0.8, noise), PERIOD_S, Body::default(), None);
             assert!(slow.curvature_per_m.abs() < 1e-3, "{slow:?}");
         }
         assert!(slow.curvature_sigma_per_m > 10.0 * driving.curvature_sigma_per_m);

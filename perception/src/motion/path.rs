@@ -143,6 +143,9 @@ impl SweptPath {
     /// Standard deviation of the path across at this arc length, in metres: of the curvature, and what the driver may
     /// change until then.
     pub fn sigma_m(&self, arc_m: f64) -> f64 {
+        if self.is_at_rest() {
+            return 0.0;
+        }
         let arc_m = arc_m.max(0.0);
         let seconds = arc_m / self.speed_m_s.abs().max(MIN_SPEED_M_S);
         let steering_m = STEERING_M_S2 * (seconds.powi(5) / 20.0).sqrt();

@@ -310,6 +310,11 @@ impl LateralFilter {
         self.filter.speed = self.filter.speed.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S);
     }
 
+    /// Moves the position: another point of the obstacle is followed.
+    pub(super) fn shift(&mut self, by_m: f64) {
+        self.filter.position += by_m;
+    }
+
     /// Lateral position, in metres right of the camera axis.
     pub fn lateral_m(&self) -> f64 {
         self.filter.position

@@ -62,6 +62,9 @@ pub struct Track {
     pub classification: Classification,
     /// Whether it moves over ground; unknown while the own motion is.
     pub movement: Movement,
+    /// Smoothed insets of its sides, in metres ([`Region::inset_m`]). They count over ground: the box at the near distance
+    /// seems to move as the vehicle passes, the thing itself does not.
+    inset_m: [f64; 2],
     /// Whether its speeds are over ground.
     is_over_ground: bool,
     /// Standard deviation of the closing speed of a standing thing in its place, in m/s.
@@ -76,6 +79,20 @@ impl Track {
     /// Distance, in metres.
     pub fn distance_m(&self) -> f64 {
         self.longitudinal.distance_m()
+    }
+
+    /// Width of the thing itself, in metres; that of its box while the own motion is unknown.
+    pub fn front_m(&self) -> f64 {
+        if self.is_over_ground {
+            (self.width_m - self.inset_m[0] - self.inset_m[1]).max(0.0)
+        } else {
+            self.width_m
+        }
+    }
+
+    /// From the middle of the box to that of the thing itself, in metres; 0 while the own motion is unknown.
+    fn shift_m(&self) -> f64 {
+        if self.is_over_ground { middle_shift_m(self.inset_m) } else { 0.0 }
     }
 
     /// Closing speed (decrease of the distance), in m/s: the own speed if it stands.
@@ -152,7 +169,7 @@ impl Track {
         let (bounds, distance_m) = &self.last;
         let z = self.longitudinal.distance_m();
         let scale = distance_m / z;
-        let centre = rig.cx_px + rig.focal_px * self.lateral.lateral_m() / z;
+        let centre = rig.cx_px + rig.focal_px * (self.lateral.lateral_m() - self.shift_m()) / z;
         // A truncated box shows only a part of the object, whose full width extends beyond the border.
         let half = if self.is_truncated {
             rig.focal_px * self.width_m / z / 2.0
@@ -370,7 +387,9 @@ impl Tracker {
         self.own = motion.map(|m| OwnRates::of(&m, &self.body));
         let Some((rates, motion)) = self.own.zip(motion) else {
             for track in &mut self.tracks {
-                if std::mem::take(&mut track.is_over_ground) {
+                if track.is_over_ground {
+                    track.lateral.shift(-track.shift_m());
+                    track.is_over_ground = false;
                     track.filters().end();
                     (track.movement, track.own_sigma_m_s) = (Movement::Unknown, 0.0);
                 }
@@ -381,11 +400,12 @@ impl Tracker {
         };
         let step = PlanarStep::of(&motion, &self.body, elapsed_s);
         for track in &mut self.tracks {
-            let is_over_ground = std::mem::replace(&mut track.is_over_ground, true);
-            let mut filters = track.filters();
-            if !is_over_ground {
-                filters.begin(&rates);
+            if !track.is_over_ground {
+                track.is_over_ground = true;
+                track.lateral.shift(track.shift_m());
+                track.filters().begin(&rates);
             }
+            let mut filters = track.filters();
             filters.predict(&step, &rates, elapsed_s);
             let place = [track.lateral.lateral_m(), track.longitudinal.distance_m()];
             track.own_sigma_m_s = rates.sigma_at(place)[1];
@@ -439,10 +459,12 @@ impl Tracker {
             classification: Classification::default(),
             movement: Movement::Unknown,
             own_sigma_m_s: 0.0,
+            inset_m: region.inset_m,
             is_over_ground: self.own.is_some(),
             last: (region.bounds, region.distance_m),
         };
         if let Some(rates) = &self.own {
+            track.lateral.shift(track.shift_m());
             track.filters().start(rates);
             track.own_sigma_m_s = rates.sigma_at([region.lateral_m, region.distance_m])[1];
         }
@@ -472,7 +494,11 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
         // A box that became wider or narrower may have gained or lost a side.
         _ => (region.lateral_m, centre_sigma_m(region, &rig, is_truncated).hypot(other / 2.0)),
     };
-    track.lateral.update(lateral_m, sigma_m);
+    let shift_m = if track.is_over_ground { middle_shift_m(region.inset_m) } else { 0.0 };
+    track.lateral.update(lateral_m + shift_m, sigma_m);
+    for (smoothed, inset_m) in track.inset_m.iter_mut().zip(region.inset_m) {
+        *smoothed += WIDTH_GAIN * (inset_m - *smoothed);
+    }
     track.is_truncated = is_truncated;
     if !is_truncated {
         track.width_jitter += WIDTH_GAIN * (change - track.width_jitter);
@@ -487,6 +513,11 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
     track.seen = track.seen.saturating_add(1);
     track.consecutive_frames = track.consecutive_frames.saturating_add(1);
     (track.missed, track.unseen_s) = (0, 0.0);
+}
+
+/// From the middle of a box to that of the thing itself, in metres.
+fn middle_shift_m([left, right]: [f64; 2]) -> f64 {
+    (left - right) / 2.0
 }
 
 /// Whether a box touches the left and the right border of the area that both cameras see. On the left, the

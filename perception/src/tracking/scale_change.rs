@@ -454,6 +454,7 @@ mod tests {
             lateral_m,
             width_m: 1.8,
             height_m: 1.5,
+            inset_m: [0.0; 2],
             pixels: 500,
             confidence: 0.9,
         };

@@ -416,6 +416,7 @@ mod tests {
             lateral_m: 0.0,
             width_m: 1.6,
             height_m: 1.4,
+            inset_m: [0.0; 2],
             pixels: 900,
             confidence: 1.0,
         }

@@ -255,6 +255,7 @@ fn region(record: &RegionRecord) -> Region {
         lateral_m: record.lateral_m,
         width_m: record.width_m,
         height_m: record.height_m,
+        inset_m: record.inset_m,
         confidence: record.confidence,
         pixels: record.pixels,
     }
@@ -292,7 +293,7 @@ fn obstacle(track: &Track, confirmed: bool, in_path: bool, label: &str) -> Obsta
         distance_m: track.distance_m(),
         distance_sigma_m: track.longitudinal.distance_sigma_m(),
         lateral_m: track.lateral.lateral_m(),
-        width_m: track.width_m,
+        width_m: track.front_m(),
         height_m: track.region.height_m,
         across_m_s: ground.map_or(track.lateral.speed_m_s(), |g| g.speed_m_s[0]),
         along_m_s: ground.map_or(0.0, |g| g.speed_m_s[1]),

@@ -160,6 +160,7 @@ fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
         width_m: region.width_m,
         height_m: region.height_m,
         confidence: region.confidence,
+        inset_m: region.inset_m,
         bounds: [b.x, b.y, b.width, b.height],
         crop: [crop_x, crop_y, crop_width, crop_height],
         crop_offset: 0,

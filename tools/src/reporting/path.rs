@@ -1,6 +1,6 @@
 //! The vehicle's path as the alarm sees it: in the record of a frame, and in pictures.
 
-use crate::reporting::record::tidy;
+use crate::reporting::tidy::tidy;
 use perception::motion::path::SweptPath;
 use perception::rig::Rig;
 use serde::{Deserialize, Serialize};

@@ -132,10 +132,11 @@ fn assert_same(report: &Value, reference: &Value) {
             (number(&row["translation_percent"]) - number(&expected[0])).abs() < 0.0051,
             "{row} {expected}"
         );
-        assert!(
-            (number(&row["rotation_deg_per_m"]) - number(&expected[1])).abs() < 5.1e-5,
-            "{row} {expected}"
-        );
+        // The reference takes the arc cosine of the trace, which for small angles magnifies what poses of six digits are not
+        // orthogonal by.
+        let rotation = number(&expected[1]);
+        let apart = (number(&row["rotation_deg_per_m"]) - rotation).abs();
+        assert!(apart < 5.1e-5 + 0.01 * rotation, "{row} {expected}");
     }
     let rates = &report["frame_to_frame"];
     let apart = |ours: &str| (number(&rates[ours]) - number(&reference[ours])).abs();

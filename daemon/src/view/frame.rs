@@ -10,7 +10,6 @@ use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde::Serialize;
 use std::sync::OnceLock;
-use tools::reporting::path::on_road;
 use tools::reporting::picture::Picture;
 use tools::reporting::record::{FrameRecord, tidy};
 use tools::reporting::{colour, v_disparity};
@@ -138,12 +137,9 @@ impl Frame {
     ) -> Self {
         let ms = |from: u64, to: u64| tidy(to.saturating_sub(from) as f64 * 1e-6);
         let profile = road.profile_px.iter().enumerate().filter(|(_, d)| **d > 0.0);
-        let pixels = |points: &[[f64; 2]]| {
-            let pixel =
-                |(x, y): (f64, f64)| (tidy((x * 10.0).round() / 10.0), tidy((y * 10.0).round() / 10.0));
-            on_road(&rig, road.profile_px, points).into_iter().map(pixel).collect()
-        };
-        let path_px = [pixels(&record.path.left_m), pixels(&record.path.right_m)];
+        let tenths = |(x, y): (f64, f64)| (tidy((x * 10.0).round() / 10.0), tidy((y * 10.0).round() / 10.0));
+        let edges = record.path.in_image(&rig, road.profile_px);
+        let path_px = edges.map(|edge| edge.into_iter().map(tenths).collect());
         let tilt = record.road.map(|r| tidy((r.horizon_px - rig.cy_px) / rig.focal_px));
         Self {
             line: FrameLine {

@@ -12,4 +12,5 @@ pub mod poses;
 pub mod record;
 pub mod summary;
 pub mod svg;
+pub mod tidy;
 pub mod v_disparity;

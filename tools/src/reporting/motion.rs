@@ -1,6 +1,6 @@
 //! The vehicle's own motion: in the record of a frame, and over a run.
 
-use crate::reporting::record::tidy;
+use crate::reporting::tidy::tidy;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

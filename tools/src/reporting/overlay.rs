@@ -67,7 +67,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
             }
         }
     }
-    for edge in record.path.in_image(&input) {
+    for edge in record.path.in_image(&input.rig, input.profile_px) {
         for pair in edge.windows(2) {
             let [from, to] = [pair[0], pair[1]].map(|(x, y)| (x.round() as i32, y.round() as i32));
             picture.line(from, to, BLUE, 2);

@@ -1,7 +1,6 @@
 //! The vehicle's path as the alarm sees it: in the record of a frame, and in pictures.
 
-use crate::reporting::overlay::OverlayInput;
-use crate::reporting::record::tidy;
+use crate::reporting::tidy::tidy;
 use perception::motion::path::SweptPath;
 use perception::rig::Rig;
 use serde::{Deserialize, Serialize};
@@ -34,7 +33,7 @@ const MAX_HEADING_RAD: f64 = 1.4;
 
 /// Column and row of points on the road, where the road's profile has them: a place at a distance lies in the row whose
 /// disparity belongs to it.
-pub fn on_road(rig: &Rig, profile_px: &[f32], points: &[[f64; 2]]) -> Vec<(f64, f64)> {
+fn on_road(rig: &Rig, profile_px: &[f32], points: &[[f64; 2]]) -> Vec<(f64, f64)> {
     points
         .iter()
         .filter(|[_, z]| *z > 0.0)
@@ -89,10 +88,24 @@ impl PathLine {
         line
     }
 
-    /// Both edges in the left image, where the road is seen: column, row.
-    pub fn in_image(&self, input: &OverlayInput<'_>) -> [Vec<(f64, f64)>; 2] {
-        [&self.left_m, &self.right_m].map(|points| on_road(&input.rig, input.profile_px, points))
+    /// Both edges in the left image, where the road is seen: column, row. Between two points there are more, because a
+    /// straight line on the road is not one in the picture of a road that bends or rises.
+    pub fn in_image(&self, rig: &Rig, profile_px: &[f32]) -> [Vec<(f64, f64)>; 2] {
+        [&self.left_m, &self.right_m].map(|points| on_road(rig, profile_px, &finer(points)))
     }
+}
+
+/// Parts of each step of an edge in a picture.
+const PARTS: u32 = 4;
+
+/// An edge with points between its points.
+fn finer(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let between = |pair: &[[f64; 2]], part: u32| {
+        let share = f64::from(part) / f64::from(PARTS);
+        std::array::from_fn(|i| pair[0][i] + share * (pair[1][i] - pair[0][i]))
+    };
+    let inner = points.windows(2).flat_map(|pair| (0..PARTS).map(move |part| between(pair, part)));
+    inner.chain(points.last().copied()).collect()
 }
 
 #[cfg(test)]
@@ -142,6 +155,11 @@ mod tests {
         for ((x, y), (u, v)) in drawn.into_iter().zip([(370.0, 262.5), (295.0, 231.25)]) {
             assert!((x - u).abs() < 1e-6 && (y - v).abs() < 1e-3, "{x} {y}");
         }
+        // In pictures there are points between, and none beyond the last.
+        let line = PathLine { left_m: vec![[1.0, 8.0], [1.0, 12.0]], ..PathLine::default() };
+        let [left, right] = line.in_image(&RIG, &profile);
+        assert_eq!((left.len(), right.len()), (5, 0));
+        assert!(left[2].1 > left[3].1 && (left[2].0 - 370.0).abs() < 1e-6, "{left:?}");
         assert!(on_road(&RIG, &[], &points).is_empty() && on_road(&RIG, &[3.0; 9], &points).is_empty());
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::reporting::motion::MotionLine;
 use crate::reporting::path::PathLine;
+pub use crate::reporting::tidy::{tidy, tidy_finite};
 use serde::{Deserialize, Serialize};
 
 /// Record of one frame. Field names contain the units.
@@ -120,15 +121,4 @@ impl AlarmLine {
             (level, None) => format!("{level}{nearest}"),
         }
     }
-}
-
-/// Rounds to four decimals, enough for all measured values and readable. Values that are not finite become 0,
-/// as JSON cannot represent them.
-pub fn tidy(value: f64) -> f64 {
-    if value.is_finite() { (value * 1e4).round() / 1e4 } else { 0.0 }
-}
-
-/// [`tidy`], with `None` for values that are not finite.
-pub fn tidy_finite(value: f64) -> Option<f64> {
-    value.is_finite().then(|| tidy(value))
 }

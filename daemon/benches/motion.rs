@@ -50,6 +50,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (stereo, own) = (median(&mut stereo_ms), median(&mut odometry_ms));
     println!("{name}, {width}x{height}, {frames} frames, motion known in {known}");
     println!("stereo   {stereo:6.2} ms (median)");
-    println!("odometry {own:6.2} ms (median), at most {:.2} ms; {:.1} % of stereo", odometry_ms[odometry_ms.len() - 1], 100.0 * own / stereo);
+    println!(
+        "odometry {own:6.2} ms (median), at most {:.2} ms; {:.1} % of stereo",
+        odometry_ms[odometry_ms.len() - 1],
+        100.0 * own / stereo
+    );
     Ok(())
 }

@@ -1,7 +1,20 @@
 //! The vehicle's own motion between its record in the header and the type of the algorithms.
 
+use config::Config;
 use messages::motion::{MotionRecord, health};
 use perception::motion::Motion;
+use perception::motion::body::Body;
+
+/// The vehicle's body.
+pub fn body(config: &Config) -> Body {
+    let c = &config.vehicle;
+    Body {
+        width_m: c.width_m,
+        front_m: c.front_m,
+        camera_right_m: c.camera_right_m,
+        rear_axle_m: c.rear_axle_m,
+    }
+}
 
 /// The motion of a header; `None` if it is unknown.
 pub fn motion(record: &MotionRecord) -> Option<Motion> {
@@ -16,7 +29,6 @@ pub fn motion(record: &MotionRecord) -> Option<Motion> {
 }
 
 /// The record of a known motion, without pose.
-#[allow(dead_code)] // Called by the stage that determines the motion.
 pub fn motion_record(motion: &Motion) -> MotionRecord {
     MotionRecord {
         speed_m_s: motion.speed_m_s,
@@ -33,6 +45,11 @@ pub fn motion_record(motion: &Motion) -> MotionRecord {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_default_configuration_matches_the_default_body() {
+        assert_eq!(body(&Config::default()), Body::default());
+    }
 
     #[test]
     fn a_known_motion_returns_from_its_record_and_an_unknown_one_does_not() {

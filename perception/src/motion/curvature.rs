@@ -28,6 +28,16 @@ const ROAD_SIGMA_PER_M: f64 = 0.003;
 /// Road and own path agree within this many standard deviations; else the vehicle leaves the road.
 const AGREEMENT_SIGMAS: f64 = 3.0;
 
+/// Yaw rate of a driver's steady corrections on a straight road, in rad/s, and of the road's own unevenness: they are over
+/// before the vehicle is there.
+const CORRECTIONS_RAD_S: f64 = 0.02;
+
+/// The part of a yaw rate that lasts, in rad/s: nearly nothing of a correction, nearly all of a bend.
+fn lasting_rad_s(yaw_rate_rad_s: f64) -> f64 {
+    let square = yaw_rate_rad_s * yaw_rate_rad_s;
+    yaw_rate_rad_s * square / (square + CORRECTIONS_RAD_S * CORRECTIONS_RAD_S)
+}
+
 /// Filters the curvature; start anew after a gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurvatureFilter {
@@ -62,6 +72,7 @@ impl CurvatureFilter {
         body: Body,
         road: Option<EdgeCurve>,
     ) -> SweptPath {
+        let body = body.at_speed(motion.speed_m_s);
         let speed = motion.speed_m_s.abs().max(MIN_SPEED_M_S);
         let walk = STEERING_M_S2 / (speed * speed);
         let highest = MAX_SIGMA_PER_M * MAX_SIGMA_PER_M;
@@ -69,7 +80,7 @@ impl CurvatureFilter {
         self.variance = Some(before);
         // Backwards the same wheel angle turns the other way, and the path behind is no path ahead.
         if motion.speed_m_s >= MIN_SPEED_M_S {
-            let measured = motion.yaw_rate_rad_s / motion.speed_m_s;
+            let measured = lasting_rad_s(motion.yaw_rate_rad_s) / motion.speed_m_s;
             let noise =
                 (motion.yaw_rate_sigma_rad_s / speed).hypot(measured * motion.speed_sigma_m_s / speed);
             let noise = (noise * noise).max(1e-12);

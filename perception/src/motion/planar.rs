@@ -1,8 +1,8 @@
 //! What the vehicle's own motion does to a point on the road, seen from the camera.
 //!
 //! Input: [`Motion`] and [`Body`]. Output: the displacement of the camera over a time ([`PlanarStep`]), and the rate at
-//! which a standing point moves in the camera's axes ([`OwnRates`]). The vehicle moves along an arc about its rear axle
-//! (no side slip); the camera, ahead of the axle, swings sideways with the yaw.
+//! which a standing point moves in the camera's axes ([`OwnRates`]). The vehicle moves along an arc about its rear axle,
+//! or at speed about a point ahead of it ([`Body::at_speed`]); the camera, ahead of the axle, swings sideways with the yaw.
 
 use super::Motion;
 use super::body::Body;
@@ -27,6 +27,7 @@ pub struct PlanarStep {
 impl PlanarStep {
     /// The displacement within `elapsed_s` seconds.
     pub fn of(motion: &Motion, body: &Body, elapsed_s: f64) -> Self {
+        let body = body.at_speed(motion.speed_m_s);
         let yaw = motion.yaw_rate_rad_s * elapsed_s;
         let (sine, cosine) = yaw.sin_cos();
         // The rear axle moves along the chord of its arc.
@@ -85,6 +86,7 @@ pub struct OwnRates {
 impl OwnRates {
     /// The rates during this motion.
     pub fn of(motion: &Motion, body: &Body) -> Self {
+        let body = body.at_speed(motion.speed_m_s);
         let yaw_rate = motion.yaw_rate_rad_s;
         Self {
             yaw_rate_rad_s: yaw_rate,

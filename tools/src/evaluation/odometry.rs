@@ -7,6 +7,8 @@
 use super::quantile;
 use crate::reporting::record::tidy;
 use perception::motion::Motion;
+use perception::motion::body::Body;
+use perception::motion::curvature::CurvatureFilter;
 use perception::motion::pose::Pose;
 use serde::Serialize;
 use sources::motion_file::Trajectory;
@@ -156,9 +158,9 @@ pub struct OdometryScore {
     pub consistency: Option<Consistency>,
 }
 
-/// Scores an estimate. `rear_axle_m` is the distance from the camera back to the axle about which the vehicle turns. Both
+/// Scores an estimate. `body` is the vehicle, for the path ahead. Both
 /// have one entry per frame; what exceeds the shorter one is ignored.
-pub fn score(truth: &Truth, estimate: &[EstimateFrame], rear_axle_m: f64) -> OdometryScore {
+pub fn score(truth: &Truth, estimate: &[EstimateFrame], body: &Body) -> OdometryScore {
     let frames = truth.frames.len().min(estimate.len());
     let both =
         Both { truth: &truth.frames[..frames], estimate: &estimate[..frames], is_planar: truth.is_planar };
@@ -178,7 +180,7 @@ pub fn score(truth: &Truth, estimate: &[EstimateFrame], rear_axle_m: f64) -> Odo
         drift_all: mean_drift(&parts, |_| true),
         frame_to_frame: rate_errors(both.frame_to_frame()),
         filtered: rate_errors(both.filtered().map(|frame| (frame.speed, frame.yaw_rate))),
-        path: both.path_errors(rear_axle_m),
+        path: both.path_errors(body),
         consistency: both.consistency(),
     }
 }
@@ -252,9 +254,6 @@ pub fn path_distance_m(curvature_per_m: f64, rear_axle_m: f64, place: [f64; 2]) 
     (squares / (own + other)).abs()
 }
 
-/// Speed below which a yaw rate says nothing of a curvature, in m/s.
-const MIN_SPEED_M_S: f64 = 0.5;
-
 /// Errors of the filtered motion at one frame.
 struct MotionError {
     speed: f64,
@@ -326,15 +325,16 @@ impl<'a> Both<'a> {
         })
     }
 
-    fn path_errors(&self, rear_axle_m: f64) -> Option<PathErrors> {
+    fn path_errors(&self, body: &Body) -> Option<PathErrors> {
         let (mut arcs, mut straights) = (Vec::new(), Vec::new());
+        let (mut curvature, mut before_s) = (CurvatureFilter::default(), None);
         for (frame, start) in self.estimate.iter().zip(self.truth) {
+            let elapsed_s = start.time_s - before_s.replace(start.time_s).unwrap_or(start.time_s);
+            let path = frame.motion.map(|motion| curvature.update(&motion, elapsed_s, *body, None));
             let place = place_at(self.truth, start.time_s + AHEAD_S);
-            let (Some(motion), Some(place)) = (frame.motion, place) else { continue };
+            let (Some(path), Some(place)) = (path, place) else { continue };
             let [x, _, z] = start.pose.inverse().apply(place);
-            let is_moving = motion.speed_m_s.abs() >= MIN_SPEED_M_S;
-            let curvature_per_m = if is_moving { motion.yaw_rate_rad_s / motion.speed_m_s } else { 0.0 };
-            arcs.push(path_distance_m(curvature_per_m, rear_axle_m, [x, z]));
+            arcs.push(path_distance_m(path.curvature_per_m, path.body.rear_axle_m, [x, z]));
             straights.push(x.abs());
         }
         let good = |errors: &[f64]| {
@@ -388,6 +388,9 @@ fn place_at(truth: &[TruthFrame], time_s: f64) -> Option<[f64; 3]> {
 mod tests {
     use super::*;
 
+    /// A camera above the axle about which the vehicle turns.
+    const AT_AXLE: Body = Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 0.0 };
+
     /// A drive with `speed` and `yaw_rate` about a rear axle `axle_m` behind the camera, at 10 frames a second.
     fn drive(speed: f64, yaw_rate: f64, axle_m: f64, frames: usize) -> Trajectory {
         let pose = |i: usize| {
@@ -425,7 +428,7 @@ mod tests {
         let truth = Truth::new(&path, &times(101));
         let estimate: Vec<EstimateFrame> =
             path.poses.iter().map(|&pose| EstimateFrame { pose, motion: moving(10.0, 0.2) }).collect();
-        let score = score(&truth, &estimate, 1.6);
+        let score = score(&truth, &estimate, &Body::default());
         let lengths: Vec<f64> = score.drift.iter().map(|d| d.length_m).collect();
         assert_eq!(lengths, [10.0, 20.0, 40.0, 80.0, 100.0]);
         assert!(score.drift.iter().all(|d| d.translation_percent < 1e-6 && d.rotation_deg_per_m < 1e-5));
@@ -452,7 +455,7 @@ mod tests {
                 motion: (i % 2 == 0).then(|| moving(10.3, 0.02).unwrap()),
             })
             .collect();
-        let score = score(&truth, &estimate, 0.0);
+        let score = score(&truth, &estimate, &AT_AXLE);
         for drift in score.drift.iter().chain(&score.drift_all) {
             assert!(
                 (drift.translation_percent - 2.0).abs() < 1e-3 && drift.rotation_deg_per_m == 0.0,
@@ -477,7 +480,7 @@ mod tests {
         let poses = drive(10.0, 0.0, 0.0, 50).poses;
         let estimate: Vec<EstimateFrame> =
             poses.into_iter().map(|pose| EstimateFrame { pose, motion: None }).collect();
-        let score = score(&truth, &estimate, 0.0);
+        let score = score(&truth, &estimate, &AT_AXLE);
         // 0.01 rad a metre; the last frame of a part lies up to a frame beyond its length.
         let drift = score.drift[2];
         assert!((drift.rotation_deg_per_m - 0.573).abs() < 0.02, "{drift:?}");
@@ -522,7 +525,7 @@ mod tests {
         let truth = Truth::new(&path, &[]);
         assert!(truth.is_planar && truth.frames.len() == 5);
         let estimate = vec![EstimateFrame { pose: Pose::IDENTITY, motion: moving(9.0, 0.1) }; 7];
-        let score = score(&truth, &estimate, 0.0);
+        let score = score(&truth, &estimate, &AT_AXLE);
         let steps = score.frame_to_frame.unwrap();
         assert_eq!(
             (score.frames, steps.frames, steps.speed_rms_m_s, steps.yaw_rate_rms_rad_s),
@@ -531,6 +534,6 @@ mod tests {
         assert_eq!(score.filtered.unwrap().speed_rms_m_s, 0.0);
         assert_eq!((score.drift.len(), score.path), (0, None), "too short");
         // Nothing at all.
-        assert_eq!(super::score(&Truth::default(), &[], 0.0), OdometryScore::default());
+        assert_eq!(super::score(&Truth::default(), &[], &AT_AXLE), OdometryScore::default());
     }
 }

@@ -179,7 +179,8 @@ mod tests {
     #[test]
     fn the_report_tells_every_figure_and_the_plots_are_drawings() {
         let (truth, estimate) = bend();
-        let score = crate::evaluation::odometry::score(&truth, &estimate, 0.0);
+        let score =
+            crate::evaluation::odometry::score(&truth, &estimate, &perception::motion::body::Body::default());
         let report = OdometryReport { name: "bend".into(), truth: "poses.txt".into(), score };
         let text = report.to_string();
         for part in [

@@ -7,6 +7,7 @@ use crate::command::error::CommandError;
 use crate::command::own_motion::{OwnMotion, frames_used, process, set_recording};
 use crate::in_process::{Pipeline, PipelineError};
 use crate::input;
+use crate::stages::motion::body;
 use clap::Args;
 use config::Config;
 use sources::PairSource;
@@ -92,7 +93,7 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
     check_count(args, &from, path.poses.len(), motion.frames.len())?;
     let truth = Truth::new(&path, &motion.times_s);
     warn_of_times(&truth, &motion.times_s);
-    let mut score = score(&truth, &motion.frames, config.vehicle.rear_axle_m);
+    let mut score = score(&truth, &motion.frames, &body(&config));
     if args.estimate.is_some() {
         // Poses alone do not tell it.
         score.unknown_percent = None;

@@ -6,6 +6,7 @@ pub mod parameters;
 use super::motion::motion;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
+use crate::stages::motion::body;
 use cascade::recogniser;
 use config::Config;
 use messages::alarm::Faults;
@@ -14,7 +15,7 @@ use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessa
 use messages::regions::{self, RegionRecord, Regions, RegionsMessage, RoadRecord};
 use messages::source_time::SourceTimeRecord;
 use messages::typed::{Output, Written};
-use parameters::{alarm_parameters, body, schedule_parameters, tracker_parameters};
+use parameters::{alarm_parameters, schedule_parameters, tracker_parameters};
 use perception::alarm::{Alarm, Candidate};
 use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;

@@ -3,7 +3,6 @@
 use crate::stages::whole_number::whole;
 use config::Config;
 use perception::alarm::AlarmParameters;
-use perception::motion::body::Body;
 use perception::tracking::TrackerParameters;
 use perception::tracking::classification_schedule::ScheduleParameters;
 
@@ -35,17 +34,6 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
     }
 }
 
-/// The vehicle's body.
-pub fn body(config: &Config) -> Body {
-    let c = &config.vehicle;
-    Body {
-        width_m: c.width_m,
-        front_m: c.front_m,
-        camera_right_m: c.camera_right_m,
-        rear_axle_m: c.rear_axle_m,
-    }
-}
-
 /// Parameters of the classification schedule.
 pub fn schedule_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
@@ -61,7 +49,6 @@ mod tests {
         let config = Config::default();
         assert_eq!(tracker_parameters(&config), TrackerParameters::default());
         assert_eq!(alarm_parameters(&config), AlarmParameters::default());
-        assert_eq!(body(&config), Body::default());
         assert_eq!(schedule_parameters(&config), ScheduleParameters::default());
     }
 }

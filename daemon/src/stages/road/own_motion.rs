@@ -1,6 +1,7 @@
 //! The vehicle's own motion in the stage road: odometry, the filter that joins it with the vehicle's bus, and the record
 //! in the header.
 
+use crate::stages::motion::motion_record;
 use crate::stages::stage::FrameContext;
 use crate::stages::vehicle_record;
 use messages::motion::{MotionRecord, health};
@@ -68,7 +69,8 @@ impl OwnMotion {
             _ => None,
         };
         self.inliers = estimate.map_or(0, |e| e.inliers as u32);
-        self.motion = self.filter.update(elapsed_s, estimate, &vehicle_record::reading(&frame.vehicle).sample);
+        self.motion =
+            self.filter.update(elapsed_s, estimate, &vehicle_record::reading(&frame.vehicle).sample);
         match estimate.filter(|_| self.filter.health().odometry) {
             Some(estimate) => {
                 // It refers to an earlier frame, if the motion was not known meanwhile.
@@ -99,20 +101,13 @@ impl OwnMotion {
             (disagree, health::DISAGREE),
             (standstill, health::STANDSTILL),
         ];
-        let motion = self.motion.unwrap_or_default();
         MotionRecord {
-            speed_m_s: motion.speed_m_s,
-            speed_sigma_m_s: motion.speed_sigma_m_s,
-            acceleration_m_s2: motion.acceleration_m_s2,
-            acceleration_sigma_m_s2: motion.acceleration_sigma_m_s2,
-            yaw_rate_rad_s: motion.yaw_rate_rad_s,
-            yaw_rate_sigma_rad_s: motion.yaw_rate_sigma_rad_s,
             position_m: self.pose.translation_m,
             orientation: self.pose.quaternion(),
             health: bits.iter().filter(|(is_set, _)| *is_set).map(|(_, bit)| bit).sum(),
             inliers: self.inliers,
             resets: self.resets,
-            reserved: 0,
+            ..self.motion.as_ref().map(motion_record).unwrap_or_default()
         }
         .limited()
     }

@@ -157,8 +157,7 @@ impl Confirmation {
         }
         let Some(step) = step else { return };
         for candidate in &mut self.candidates {
-            let frames = f64::from(candidate.unseen);
-            let [x, foot, disparity_px] = candidate.place_after(frames);
+            let [x, foot, disparity_px] = candidate.predicted_place();
             let distance_m = rig.distance_m(disparity_px);
             let [right_m, ahead_m] = step.place([rig.lateral_m(x, distance_m), distance_m]);
             let ahead_m = ahead_m.max(MIN_DISTANCE_M);
@@ -300,13 +299,9 @@ impl Candidate {
         self.evidence >= ESTABLISHED.0 && self.sightings >= ESTABLISHED.1
     }
 
-    /// Predicted centre column, foot row and disparity.
+    /// Predicted centre column, foot row and disparity, moved by the own motion so far.
     fn predicted_place(&self) -> [f64; 3] {
-        self.place_after(f64::from(self.unseen))
-    }
-
-    /// The place this many frames after the last sighting, moved by the own motion so far.
-    fn place_after(&self, frames: f64) -> [f64; 3] {
+        let frames = f64::from(self.unseen);
         let [x, foot, disparity_px] = centre_foot_disparity(&self.region);
         let ([dx, dfoot, rate], own) = (self.step, self.own);
         [

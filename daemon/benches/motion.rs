@@ -6,8 +6,8 @@
 use perception::image::GreyView;
 use perception::motion::odometry::{Odometry, OdometryResult};
 use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
+use sources::PairSource;
 use sources::scene::Scene;
-use sources::source::PairSource;
 use std::time::Instant;
 
 const DISPARITIES: usize = 64;

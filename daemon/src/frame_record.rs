@@ -81,6 +81,7 @@ fn path_line(motion: &MotionRecord, alarm: &AlarmRecord) -> PathLine {
             front_m: alarm.path_front_m,
             camera_right_m: alarm.path_camera_right_m,
             rear_axle_m: alarm.path_rear_axle_m,
+            camera_yaw_rad: alarm.path_camera_yaw_rad,
         },
         edges: (edges.from_m > 0.0).then_some(edges),
     };

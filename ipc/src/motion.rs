@@ -157,6 +157,8 @@ pub struct MotionRecord {
     pub yaw_rate_rad_s: f64,
     /// Its standard deviation, in rad/s.
     pub yaw_rate_sigma_rad_s: f64,
+    /// Yaw of the camera in the vehicle, in rad, to the left positive, as odometry has found it; 0 until then.
+    pub camera_yaw_rad: f64,
     /// Position since the start of the run or the last reset, in metres: right, down, forward of the first camera.
     pub position_m: [f64; 3],
     /// Orientation since then as a unit quaternion: x, y, z, w.
@@ -179,6 +181,7 @@ ranges! {
         acceleration_sigma_m_s2: within(0.0, MAX_ACCELERATION_M_S2),
         yaw_rate_rad_s: within(-MAX_YAW_RATE_RAD_S, MAX_YAW_RATE_RAD_S),
         yaw_rate_sigma_rad_s: within(0.0, MAX_YAW_RATE_RAD_S),
+        camera_yaw_rad: within(-0.1, 0.1),
         position_m: crate::range::Each(within(-1e9, 1e9)),
         orientation: crate::range::Each(within(-1.000_001, 1.000_001)),
         health: within(0, health::ALL),

@@ -3,10 +3,10 @@
 use crate::command::error::CommandError;
 use crate::command::replay::set_source;
 use crate::in_process::Pipeline;
+use crate::stages::motion::motion;
 use config::Config;
 use indicatif::ProgressBar;
 use messages::motion::MotionRecord;
-use perception::motion::Motion;
 use std::path::Path;
 use tools::evaluation::odometry::EstimateFrame;
 use tools::reporting::poses::{PathJoiner, Reading, pose_of};
@@ -59,7 +59,7 @@ fn join(records: &[(u64, MotionRecord)]) -> OwnMotion {
     let mut joiner = PathJoiner::default();
     let frames = records.iter().map(|(_, record)| {
         let pose = joiner.next(reading(record));
-        EstimateFrame { pose, motion: filtered(record) }
+        EstimateFrame { pose, motion: motion(record) }
     });
     let frames = frames.collect();
     OwnMotion {
@@ -73,18 +73,6 @@ fn join(records: &[(u64, MotionRecord)]) -> OwnMotion {
 fn reading(record: &MotionRecord) -> Option<Reading> {
     let pose = pose_of(record.orientation, record.position_m)?;
     Some(Reading { pose, resets: record.resets })
-}
-
-/// The filtered motion; `None` while it is unknown.
-fn filtered(record: &MotionRecord) -> Option<Motion> {
-    record.is_known().then_some(Motion {
-        speed_m_s: record.speed_m_s,
-        speed_sigma_m_s: record.speed_sigma_m_s,
-        acceleration_m_s2: record.acceleration_m_s2,
-        acceleration_sigma_m_s2: record.acceleration_sigma_m_s2,
-        yaw_rate_rad_s: record.yaw_rate_rad_s,
-        yaw_rate_sigma_rad_s: record.yaw_rate_sigma_rad_s,
-    })
 }
 
 #[cfg(test)]

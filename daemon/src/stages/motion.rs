@@ -13,6 +13,8 @@ pub fn body(config: &Config) -> Body {
         front_m: c.front_m,
         camera_right_m: c.camera_right_m,
         rear_axle_m: c.rear_axle_m,
+        // Learned from the motion.
+        camera_yaw_rad: 0.0,
     }
 }
 
@@ -25,6 +27,7 @@ pub fn motion(record: &MotionRecord) -> Option<Motion> {
         acceleration_sigma_m_s2: record.acceleration_sigma_m_s2,
         yaw_rate_rad_s: record.yaw_rate_rad_s,
         yaw_rate_sigma_rad_s: record.yaw_rate_sigma_rad_s,
+        camera_yaw_rad: record.camera_yaw_rad,
     })
 }
 
@@ -37,6 +40,7 @@ pub fn motion_record(motion: &Motion) -> MotionRecord {
         acceleration_sigma_m_s2: motion.acceleration_sigma_m_s2,
         yaw_rate_rad_s: motion.yaw_rate_rad_s,
         yaw_rate_sigma_rad_s: motion.yaw_rate_sigma_rad_s,
+        camera_yaw_rad: motion.camera_yaw_rad,
         health: health::KNOWN,
         ..MotionRecord::default()
     }
@@ -60,6 +64,7 @@ mod tests {
             acceleration_sigma_m_s2: 0.3,
             yaw_rate_rad_s: 0.2,
             yaw_rate_sigma_rad_s: 0.005,
+            camera_yaw_rad: 0.01,
         };
         assert_eq!(motion(&motion_record(&known)), Some(known));
         assert_eq!(motion(&MotionRecord { health: health::ODOMETRY, ..motion_record(&known) }), None);

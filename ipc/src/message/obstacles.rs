@@ -30,7 +30,7 @@ pub struct AlarmRecord {
     /// 1 if the level differs from that of the previous frame, else 0.
     pub changed: u32,
     /// 1 if the path follows from the vehicle's motion: the strip that its body sweeps. 0: the motion is unknown, the
-    /// path is the straight strip of the configuration, and the fields `path_…` are 0.
+    /// path is the straight strip of the configuration, and of the fields `path_…` only its half width and the body are set.
     pub path_known: u32,
     /// Distance of the nearest obstacle in the path, in metres; infinite if there is none.
     pub nearest_m: f64,
@@ -66,6 +66,8 @@ pub struct AlarmRecord {
     pub path_rear_axle_m: f64,
     /// Distance from the camera forward to the front of the body, in metres.
     pub path_front_m: f64,
+    /// Yaw of the camera in the vehicle, in rad, to the left positive.
+    pub path_camera_yaw_rad: f64,
 }
 
 /// Maximum curvature of a path, in 1/m: a radius of 1 m, less than any vehicle's.
@@ -105,6 +107,7 @@ ranges! {
         path_camera_right_m: BODY_M,
         path_rear_axle_m: BODY_M,
         path_front_m: BODY_M,
+        path_camera_yaw_rad: within(-0.1, 0.1),
     }
 }
 

@@ -72,7 +72,7 @@ impl CurvatureFilter {
         body: Body,
         road: Option<EdgeCurve>,
     ) -> SweptPath {
-        let body = body.at_speed(motion.speed_m_s);
+        let body = body.during(motion);
         let speed = motion.speed_m_s.abs().max(MIN_SPEED_M_S);
         let walk = STEERING_M_S2 / (speed * speed);
         let highest = MAX_SIGMA_PER_M * MAX_SIGMA_PER_M;

@@ -31,7 +31,12 @@ const BUS_YAW_RATE_SIGMA_RAD_S: f64 = 0.01;
 const LEARNING_TIME_S: f64 = 30.0;
 const MAX_FACTOR_ERROR: f64 = 0.06;
 const MAX_OFFSET_RAD_S: f64 = 0.05;
-/// Below this speed, in m/s, the factor is not learned.
+/// Yaw rate up to which the vehicle drives straight ahead, in rad/s: at 4 m/s the swing of a camera 1.6 m ahead of the axle
+/// is less than half a degree, and as often to the left as to the right.
+const MAX_STRAIGHT_RAD_S: f64 = 0.02;
+/// Largest yaw of the camera in the vehicle that is taken for its mounting, in rad: 5 degrees.
+const MAX_CAMERA_YAW_RAD: f64 = 0.09;
+/// Below this speed, in m/s, nothing is learned.
 const MIN_LEARNING_SPEED_M_S: f64 = 4.0;
 /// Odometry and bus disagree if their speeds differ by more than this, in m/s, and this share, or their yaw rates by more
 /// than this, in rad/s, for this time, in seconds.
@@ -74,12 +79,14 @@ pub struct MotionFilter {
     /// Yaw rate of the bus − true one.
     offset: Learned,
     disagree_s: f64,
+    camera_yaw: Learned,
 }
 
 impl MotionFilter {
     /// Forgets the motion; what was learned about the bus stays.
     pub fn reset(&mut self) {
-        *self = Self { factor: self.factor, offset: self.offset, ..Self::default() };
+        let Self { factor, offset, camera_yaw, .. } = *self;
+        *self = Self { factor, offset, camera_yaw, ..Self::default() };
     }
 
     /// What the motion is known from.
@@ -97,6 +104,7 @@ impl MotionFilter {
             acceleration_sigma_m_s2: speed.p[2].sqrt(),
             yaw_rate_rad_s: yaw.value,
             yaw_rate_sigma_rad_s: yaw.p[0].sqrt(),
+            camera_yaw_rad: self.camera_yaw.value,
         };
         let is_known = motion.speed_sigma_m_s <= MAX_SPEED_SIGMA_M_S
             && motion.yaw_rate_sigma_rad_s <= MAX_YAW_RATE_SIGMA_RAD_S;
@@ -122,6 +130,9 @@ impl MotionFilter {
         let measured = odometry.map(Measured::of);
         self.compare(elapsed_s, measured, bus_speed, bus_yaw_rate);
         let measured = measured.filter(|_| !self.health.disagree);
+        if let Some(m) = measured.filter(Measured::shows_the_direction) {
+            self.camera_yaw.learn(elapsed_s, m.direction_rad, MAX_CAMERA_YAW_RAD);
+        }
         if let Some(m) = measured {
             let sigma = m.speed_sigma.hypot(ODOMETRY_SPEED_SIGMA_M_S);
             update(&mut self.speed, m.speed_m_s, m.age_s, sigma);
@@ -187,20 +198,30 @@ struct Measured {
     yaw_rate_rad_s: f64,
     yaw_rate_sigma: f64,
     age_s: f64,
+    /// Direction of travel to the right of the camera's axis, in rad.
+    direction_rad: f64,
 }
 
 impl Measured {
+    /// Whether the vehicle drives straight ahead, so that the direction of travel is the vehicle's.
+    fn shows_the_direction(&self) -> bool {
+        self.speed_m_s >= MIN_LEARNING_SPEED_M_S && self.yaw_rate_rad_s.abs() <= MAX_STRAIGHT_RAD_S
+    }
+
     fn of(estimate: &OdometryEstimate) -> Self {
         let elapsed_s = estimate.elapsed_s.max(1e-3);
-        let [_, down, forward] = estimate.motion.translation_m;
+        let [right, down, forward] = estimate.motion.translation_m;
+        let yaw_rad = -estimate.motion.rotation_vector()[1];
         let sigma = |k: usize| estimate.covariance[(k, k)].max(0.0).sqrt() / elapsed_s;
         Self {
             // The camera may look a little up or down.
             speed_m_s: forward.hypot(down).copysign(forward) / elapsed_s,
             speed_sigma: sigma(2),
-            yaw_rate_rad_s: -estimate.motion.rotation_vector()[1] / elapsed_s,
+            yaw_rate_rad_s: yaw_rad / elapsed_s,
             yaw_rate_sigma: sigma(4),
             age_s: elapsed_s / 2.0,
+            // The chord of an arc points half of its angle to the side.
+            direction_rad: right.atan2(forward) + yaw_rad / 2.0,
         }
     }
 }
@@ -359,6 +380,22 @@ mod tests {
         assert!((motion.speed_m_s - 10.0).abs() < 0.06, "{motion:?}");
         assert!(motion.yaw_rate_rad_s.abs() < 0.004, "{motion:?}");
         assert!(!filter.health().odometry && filter.health().bus_speed);
+    }
+
+    #[test]
+    fn the_yaw_of_the_camera_in_the_vehicle_is_found() {
+        let mut filter = MotionFilter::default();
+        // A camera that looks 2 degrees to the left sees the vehicle move to the right.
+        let camera_yaw = 2.0_f64.to_radians();
+        for k in 0..250 {
+            let yaw_rate = if k % 50 < 20 { 0.3 } else { 0.0 };
+            let mut seen = odometry(9.0, yaw_rate, PERIOD_S);
+            let (sine, cosine) = (camera_yaw - yaw_rate * PERIOD_S / 2.0).sin_cos();
+            seen.motion.translation_m = [9.0 * PERIOD_S * sine, 0.0, 9.0 * PERIOD_S * cosine];
+            filter.update(PERIOD_S, Some(&seen), &VehicleSample::default());
+        }
+        let found = filter.motion().unwrap().camera_yaw_rad;
+        assert!((found - camera_yaw).abs() < 0.002, "{found}");
     }
 
     #[test]

@@ -56,7 +56,7 @@ pub struct AlongPath {
     pub arc_m: f64,
     /// Distance from the arc to the right, in metres.
     pub offset_m: f64,
-    /// Heading of the path there, relative to the vehicle, in rad, to the left positive.
+    /// Heading of the path there, relative to the camera, in rad, to the left positive.
     pub heading_rad: f64,
 }
 
@@ -89,19 +89,22 @@ fn seen_from(p: Planar, origin: Planar, heading: f64) -> Planar {
 
 impl SweptPath {
     /// A place in the camera's axes in those of the vehicle, about its rear axle.
-    fn in_vehicle(&self, [right, ahead]: Planar) -> Planar {
+    fn in_vehicle(&self, place: Planar) -> Planar {
+        let [right, ahead] = self.body.turn_to_vehicle(place);
         [right + self.body.camera_right_m, ahead + self.body.rear_axle_m]
     }
 
     /// A place along the path.
     pub fn along(&self, place: Planar) -> AlongPath {
         let place = self.in_vehicle(place);
-        let first = along_arc(self.curvature_per_m, place);
+        let mut first = along_arc(self.curvature_per_m, place);
+        first.heading_rad -= self.body.camera_yaw_rad;
         let Some(edges) = self.edges.filter(|edges| first.arc_m > edges.from_m) else { return first };
         let heading = self.curvature_per_m * edges.from_m;
         let from = arc_end(self.curvature_per_m, edges.from_m);
         let second = along_arc(edges.curvature_per_m, seen_from(place, from, heading));
-        AlongPath { arc_m: edges.from_m + second.arc_m, heading_rad: heading + second.heading_rad, ..second }
+        let heading_rad = heading + second.heading_rad - self.body.camera_yaw_rad;
+        AlongPath { arc_m: edges.from_m + second.arc_m, heading_rad, ..second }
     }
 
     /// The place at this arc length from the rear axle and this offset to the right, in the camera's axes.
@@ -116,10 +119,10 @@ impl SweptPath {
             heading += edges.curvature_per_m * (arc_m - edges.from_m);
         }
         let (sine, cosine) = heading.sin_cos();
-        [
+        self.body.turn_to_camera([
             place[0] + cosine * offset_m - self.body.camera_right_m,
             place[1] + sine * offset_m - self.body.rear_axle_m,
-        ]
+        ])
     }
 
     /// Whether the vehicle stands.
@@ -168,7 +171,7 @@ mod tests {
             curvature_sigma_per_m: 0.001,
             speed_m_s: 10.0,
             speed_sigma_m_s: 0.1,
-            body: Body { camera_right_m: 0.2, ..Body::default() },
+            body: Body { camera_right_m: 0.2, camera_yaw_rad: 0.03, ..Body::default() },
             edges,
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Input: [`Motion`] and [`Body`]. Output: the displacement of the camera over a time ([`PlanarStep`]), and the rate at
 //! which a standing point moves in the camera's axes ([`OwnRates`]). The vehicle moves along an arc about its rear axle,
-//! or at speed about a point ahead of it ([`Body::at_speed`]); the camera, ahead of the axle, swings sideways with the yaw.
+//! or at speed about a point ahead of it ([`Body::during`]); the camera, ahead of the axle, swings sideways with the yaw.
 
 use super::Motion;
 use super::body::Body;
@@ -27,7 +27,7 @@ pub struct PlanarStep {
 impl PlanarStep {
     /// The displacement within `elapsed_s` seconds.
     pub fn of(motion: &Motion, body: &Body, elapsed_s: f64) -> Self {
-        let body = body.at_speed(motion.speed_m_s);
+        let body = body.during(motion);
         let yaw = motion.yaw_rate_rad_s * elapsed_s;
         let (sine, cosine) = yaw.sin_cos();
         // The rear axle moves along the chord of its arc.
@@ -37,10 +37,10 @@ impl PlanarStep {
         Self {
             sine,
             cosine,
-            shift_m: [
+            shift_m: body.turn_to_camera([
                 -chord * half.sin() + right * cosine - ahead * sine - right,
                 chord * half.cos() + right * sine + ahead * cosine - ahead,
-            ],
+            ]),
             yaw_sigma_rad: motion.yaw_rate_sigma_rad_s * elapsed_s,
             way_sigma_m: motion.speed_sigma_m_s * elapsed_s,
         }
@@ -86,12 +86,15 @@ pub struct OwnRates {
 impl OwnRates {
     /// The rates during this motion.
     pub fn of(motion: &Motion, body: &Body) -> Self {
-        let body = body.at_speed(motion.speed_m_s);
+        let body = body.during(motion);
         let yaw_rate = motion.yaw_rate_rad_s;
         Self {
             yaw_rate_rad_s: yaw_rate,
             yaw_rate_sigma_rad_s: motion.yaw_rate_sigma_rad_s,
-            camera_m_s: [-yaw_rate * body.rear_axle_m, motion.speed_m_s + yaw_rate * body.camera_right_m],
+            camera_m_s: body.turn_to_camera([
+                -yaw_rate * body.rear_axle_m,
+                motion.speed_m_s + yaw_rate * body.camera_right_m,
+            ]),
             speed_sigma_m_s: motion.speed_sigma_m_s,
         }
     }
@@ -117,7 +120,8 @@ impl OwnRates {
 mod tests {
     use super::*;
 
-    const BODY: Body = Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.3, rear_axle_m: 1.6 };
+    const BODY: Body =
+        Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.3, rear_axle_m: 1.6, camera_yaw_rad: 0.0 };
 
     fn motion(speed_m_s: f64, yaw_rate_rad_s: f64) -> Motion {
         Motion { speed_m_s, yaw_rate_rad_s, ..Motion::default() }

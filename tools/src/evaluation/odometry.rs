@@ -239,7 +239,8 @@ fn size([x, y, z]: [f64; 3], is_planar: bool) -> f64 {
 }
 
 /// Distance of a place from the path of the camera, in metres. The vehicle turns about a point beside its rear axle, so
-/// that the camera, too, moves on a circle about it. `place` is right and forward of the camera.
+/// that the camera, too, moves on a circle about it. `place` is right and forward of the camera, in the
+/// vehicle's axes.
 pub fn path_distance_m(curvature_per_m: f64, rear_axle_m: f64, place: [f64; 2]) -> f64 {
     let [right, forward] = place;
     if curvature_per_m.abs() < 1e-9 {
@@ -334,7 +335,8 @@ impl<'a> Both<'a> {
             let place = place_at(self.truth, start.time_s + AHEAD_S);
             let (Some(path), Some(place)) = (path, place) else { continue };
             let [x, _, z] = start.pose.inverse().apply(place);
-            arcs.push(path_distance_m(path.curvature_per_m, path.body.rear_axle_m, [x, z]));
+            let place = path.body.turn_to_vehicle([x, z]);
+            arcs.push(path_distance_m(path.curvature_per_m, path.body.rear_axle_m, place));
             straights.push(x.abs());
         }
         let good = |errors: &[f64]| {
@@ -389,7 +391,8 @@ mod tests {
     use super::*;
 
     /// A camera above the axle about which the vehicle turns.
-    const AT_AXLE: Body = Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 0.0 };
+    const AT_AXLE: Body =
+        Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 0.0, camera_yaw_rad: 0.0 };
 
     /// A drive with `speed` and `yaw_rate` about a rear axle `axle_m` behind the camera, at 10 frames a second.
     fn drive(speed: f64, yaw_rate: f64, axle_m: f64, frames: usize) -> Trajectory {

@@ -121,7 +121,13 @@ mod tests {
             curvature_sigma_per_m: 0.001,
             speed_m_s: 10.0,
             speed_sigma_m_s: 0.1,
-            body: Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.2, rear_axle_m: 1.6 },
+            body: Body {
+                width_m: 1.8,
+                front_m: 1.7,
+                camera_right_m: 0.2,
+                rear_axle_m: 1.6,
+                camera_yaw_rad: 0.0,
+            },
             edges: None,
         }
     }

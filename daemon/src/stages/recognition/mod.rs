@@ -119,7 +119,7 @@ impl RecognitionStage {
             horizon_px: road.horizon_px,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
-            ..self.path.as_ref().map(path_fields).unwrap_or_default()
+            ..self.path.as_ref().map_or_else(|| self.straight_fields(), path_fields)
         }
         .limited();
         self.records.clear();
@@ -131,6 +131,16 @@ impl RecognitionStage {
         }
         self.last = Some((frame.sequence, alarm));
         alarm
+    }
+
+    /// The fields of an alarm for the straight strip, while the own motion is unknown.
+    fn straight_fields(&self) -> AlarmRecord {
+        AlarmRecord {
+            path_half_width_m: self.path_width_m / 2.0,
+            path_rear_axle_m: self.body.rear_axle_m,
+            path_front_m: self.body.front_m,
+            ..AlarmRecord::default()
+        }
     }
 
     /// Updates tracks and classes from the regions of a message.
@@ -284,6 +294,7 @@ fn path_fields(path: &SweptPath) -> AlarmRecord {
         path_camera_right_m: path.body.camera_right_m,
         path_rear_axle_m: path.body.rear_axle_m,
         path_front_m: path.body.front_m,
+        path_camera_yaw_rad: path.body.camera_yaw_rad,
         ..AlarmRecord::default()
     }
 }

@@ -30,7 +30,7 @@ const AGREEMENT_SIGMAS: f64 = 3.0;
 
 /// Yaw rate of a driver's steady corrections on a straight road, in rad/s, and of the road's own unevenness: they are over
 /// before the vehicle is there.
-const CORRECTIONS_RAD_S: f64 = 0.02;
+const CORRECTIONS_RAD_S: f64 = 0.03;
 
 /// The part of a yaw rate that lasts, in rad/s: nearly nothing of a correction, nearly all of a bend.
 fn lasting_rad_s(yaw_rate_rad_s: f64) -> f64 {

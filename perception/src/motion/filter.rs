@@ -387,7 +387,7 @@ mod tests {
         let mut filter = MotionFilter::default();
         // A camera that looks 2 degrees to the left sees the vehicle move to the right.
         let camera_yaw = 2.0_f64.to_radians();
-        for k in 0..250 {
+        for k in 0..800 {
             let yaw_rate = if k % 50 < 20 { 0.3 } else { 0.0 };
             let mut seen = odometry(9.0, yaw_rate, PERIOD_S);
             let (sine, cosine) = (camera_yaw - yaw_rate * PERIOD_S / 2.0).sin_cos();

@@ -212,7 +212,9 @@ mod tests {
             let path = path(curvature, None);
             let body = path.body;
             // The corners of the body and its sides at the rear axle, in the camera's axes at the start.
-            let corner = |right: f64, ahead: f64| path.along([right - body.camera_right_m, ahead]).offset_m;
+            let corner = |right: f64, ahead: f64| {
+                path.along(body.turn_to_camera([right - body.camera_right_m, ahead])).offset_m
+            };
             let sides = [-body.width_m / 2.0, body.width_m / 2.0];
             let offsets = sides.map(|x| [corner(x, body.front_m), corner(x, -body.rear_axle_m)]);
             let (least, most) = offsets

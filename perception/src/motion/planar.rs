@@ -134,9 +134,10 @@ mod tests {
         let step = PlanarStep::of(&motion(10.0 * quarter, quarter), &BODY, 1.0);
         assert!((step.yaw_rad() - quarter).abs() < 1e-12);
         // In the axes of the axle: the place where it ends, seen from the camera at the start.
-        let axle_end = [-10.0 - BODY.camera_right_m, 10.0 - BODY.rear_axle_m];
+        let body = BODY.during(&motion(10.0 * quarter, quarter));
+        let axle_end = [-10.0 - body.camera_right_m, 10.0 - body.rear_axle_m];
         let seen = step.place(axle_end);
-        assert!((seen[0] + BODY.camera_right_m).abs() < 1e-9 && (seen[1] + BODY.rear_axle_m).abs() < 1e-9);
+        assert!((seen[0] + body.camera_right_m).abs() < 1e-9 && (seen[1] + body.rear_axle_m).abs() < 1e-9);
         // What moved ahead at the start moves to the right at the end.
         let turned = step.direction([0.0, 5.0]);
         assert!((turned[0] - 5.0).abs() < 1e-9 && turned[1].abs() < 1e-9, "{turned:?}");

@@ -64,6 +64,8 @@ pub const MAX_SPEED_M_S: f64 = 300.0;
 pub const MAX_ACCELERATION_M_S2: f64 = 100.0;
 /// Maximum yaw rate, in rad/s: a vehicle that spins has less.
 pub const MAX_YAW_RATE_RAD_S: f64 = 20.0;
+/// Maximum yaw acceleration, in rad/s²: the maximum yaw rate within half a second.
+pub const MAX_YAW_ACCELERATION_RAD_S2: f64 = 40.0;
 /// Maximum age of a value of the bus, in seconds.
 pub const MAX_AGE_S: f64 = 60.0;
 /// Maximum angle of the steering wheel, in rad: four turns.
@@ -157,6 +159,8 @@ pub struct MotionRecord {
     pub yaw_rate_rad_s: f64,
     /// Its standard deviation, in rad/s.
     pub yaw_rate_sigma_rad_s: f64,
+    /// Yaw acceleration, in rad/s², to the left positive.
+    pub yaw_acceleration_rad_s2: f64,
     /// Yaw of the camera in the vehicle, in rad, to the left positive, as odometry has found it; 0 until then.
     pub camera_yaw_rad: f64,
     /// Position since the start of the run or the last reset, in metres: right, down, forward of the first camera.
@@ -181,6 +185,7 @@ ranges! {
         acceleration_sigma_m_s2: within(0.0, MAX_ACCELERATION_M_S2),
         yaw_rate_rad_s: within(-MAX_YAW_RATE_RAD_S, MAX_YAW_RATE_RAD_S),
         yaw_rate_sigma_rad_s: within(0.0, MAX_YAW_RATE_RAD_S),
+        yaw_acceleration_rad_s2: within(-MAX_YAW_ACCELERATION_RAD_S2, MAX_YAW_ACCELERATION_RAD_S2),
         camera_yaw_rad: within(-0.1, 0.1),
         position_m: crate::range::Each(within(-1e9, 1e9)),
         orientation: crate::range::Each(within(-1.000_001, 1.000_001)),

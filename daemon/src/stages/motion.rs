@@ -27,6 +27,7 @@ pub fn motion(record: &MotionRecord) -> Option<Motion> {
         acceleration_sigma_m_s2: record.acceleration_sigma_m_s2,
         yaw_rate_rad_s: record.yaw_rate_rad_s,
         yaw_rate_sigma_rad_s: record.yaw_rate_sigma_rad_s,
+        yaw_acceleration_rad_s2: record.yaw_acceleration_rad_s2,
         camera_yaw_rad: record.camera_yaw_rad,
     })
 }
@@ -40,6 +41,7 @@ pub fn motion_record(motion: &Motion) -> MotionRecord {
         acceleration_sigma_m_s2: motion.acceleration_sigma_m_s2,
         yaw_rate_rad_s: motion.yaw_rate_rad_s,
         yaw_rate_sigma_rad_s: motion.yaw_rate_sigma_rad_s,
+        yaw_acceleration_rad_s2: motion.yaw_acceleration_rad_s2,
         camera_yaw_rad: motion.camera_yaw_rad,
         health: health::KNOWN,
         ..MotionRecord::default()
@@ -64,6 +66,7 @@ mod tests {
             acceleration_sigma_m_s2: 0.3,
             yaw_rate_rad_s: 0.2,
             yaw_rate_sigma_rad_s: 0.005,
+            yaw_acceleration_rad_s2: 0.3,
             camera_yaw_rad: 0.01,
         };
         assert_eq!(motion(&motion_record(&known)), Some(known));

@@ -39,6 +39,8 @@ pub struct Candidate {
     /// Whether the vehicle drives towards it, so that its distance alone may raise the alarm; on the straight strip that
     /// is not asked.
     pub(super) is_approached: bool,
+    /// Whether it is so probably in the way that it may raise a level, and not only keep one.
+    pub(super) may_raise: bool,
 }
 
 impl Candidate {
@@ -61,6 +63,7 @@ impl Candidate {
             },
             ground: track.ground(),
             is_approached: true,
+            may_raise: true,
         }
     }
 
@@ -99,7 +102,11 @@ impl Candidate {
     /// raised a level.
     pub fn in_the_way(self, path: Option<&SweptPath>, path_width_m: f64, is_held: bool) -> Option<Self> {
         let Some((path, obstacle)) = path.zip(self.obstacle()) else {
-            return self.is_in_the_way(path_width_m).then_some(Self { is_approached: true, ..self });
+            return self.is_in_the_way(path_width_m).then_some(Self {
+                is_approached: true,
+                may_raise: true,
+                ..self
+            });
         };
         let found = encounter(path, &obstacle);
         if !found.is_in_the_way(is_held) {
@@ -117,6 +124,7 @@ impl Candidate {
             closing_m_s: found.closing_m_s,
             time_to_collision: ttc,
             is_approached: is_approached && found.is_in_strip(is_held) && !path.is_at_rest(),
+            may_raise: found.is_in_the_way(false),
             ..self
         })
     }

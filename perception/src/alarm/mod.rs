@@ -62,7 +62,7 @@ impl Default for AlarmParameters {
             distance_m: 10.0,
             distance_s: 2.0,
             ttc_warning_s: 2.8,
-            ttc_alarm_s: 1.6,
+            ttc_alarm_s: 1.7,
             deceleration_warning_m_s2: 3.5,
             deceleration_alarm_m_s2: 5.0,
             path_width_m: 2.4,
@@ -300,7 +300,11 @@ impl Alarm {
         let mut counts =
             counts.copied().unwrap_or(RuleCounts { track: candidate.track, warning: 0, alarm: 0 });
         let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
-        let alarm = self.triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm));
+        // What keeps a warning because it may still be in the way raises no alarm.
+        let may = candidate.may_raise || is_held(AlarmLevel::Alarm);
+        let alarm = self
+            .triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
+            .filter(|_| may);
         let warning = self
             .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
             .or(alarm);

@@ -47,7 +47,7 @@ pub struct Encounter {
 /// From this probability on an obstacle is in the way,
 const IN_THE_WAY: f64 = 0.65;
 /// and one that already raised a level remains it.
-const STILL_IN_THE_WAY: f64 = 0.35;
+const STILL_IN_THE_WAY: f64 = 0.5;
 /// Standard deviation of the sides of a box, in metres, beyond that of its centre.
 const SIDE_SIGMA_M: f64 = 0.1;
 /// Longest prediction, in seconds; later nothing is urgent.

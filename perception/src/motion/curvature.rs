@@ -38,6 +38,18 @@ fn lasting_rad_s(yaw_rate_rad_s: f64) -> f64 {
     yaw_rate_rad_s * square / (square + CORRECTIONS_RAD_S * CORRECTIONS_RAD_S)
 }
 
+/// Yaw acceleration of a driver's corrections, in rad/s²; more begins or ends a turn.
+const CORRECTING_RAD_S2: f64 = 0.15;
+/// For how long a turn goes on to begin, in seconds.
+const TURNING_IN_S: f64 = 0.4;
+
+/// What the yaw rate will change by, in rad/s, as a turn begins or ends.
+fn coming_rad_s(motion: &Motion) -> f64 {
+    let acceleration = motion.yaw_acceleration_rad_s2;
+    let turning_in = (acceleration.abs() - CORRECTING_RAD_S2).max(0.0);
+    turning_in.copysign(acceleration) * TURNING_IN_S
+}
+
 /// Filters the curvature; start anew after a gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurvatureFilter {
@@ -80,7 +92,7 @@ impl CurvatureFilter {
         self.variance = Some(before);
         // Backwards the same wheel angle turns the other way, and the path behind is no path ahead.
         if motion.speed_m_s >= MIN_SPEED_M_S {
-            let measured = lasting_rad_s(motion.yaw_rate_rad_s) / motion.speed_m_s;
+            let measured = (lasting_rad_s(motion.yaw_rate_rad_s) + coming_rad_s(motion)) / motion.speed_m_s;
             let noise =
                 (motion.yaw_rate_sigma_rad_s / speed).hypot(measured * motion.speed_sigma_m_s / speed);
             let noise = (noise * noise).max(1e-12);

@@ -104,6 +104,7 @@ impl MotionFilter {
             acceleration_sigma_m_s2: speed.p[2].sqrt(),
             yaw_rate_rad_s: yaw.value,
             yaw_rate_sigma_rad_s: yaw.p[0].sqrt(),
+            yaw_acceleration_rad_s2: yaw.rate,
             camera_yaw_rad: self.camera_yaw.value,
         };
         let is_known = motion.speed_sigma_m_s <= MAX_SPEED_SIGMA_M_S

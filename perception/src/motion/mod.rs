@@ -31,6 +31,8 @@ pub struct Motion {
     pub yaw_rate_rad_s: f64,
     /// Standard deviation of the yaw rate, in rad/s.
     pub yaw_rate_sigma_rad_s: f64,
+    /// Yaw acceleration, in rad/s², to the left positive.
+    pub yaw_acceleration_rad_s2: f64,
     /// Yaw of the camera in the vehicle, in rad, to the left positive, as odometry has found it; 0 until then.
     pub camera_yaw_rad: f64,
 }
@@ -45,6 +47,7 @@ impl Motion {
             self.acceleration_sigma_m_s2,
             self.yaw_rate_rad_s,
             self.yaw_rate_sigma_rad_s,
+            self.yaw_acceleration_rad_s2,
             self.camera_yaw_rad,
         ]
         .iter()

@@ -10,7 +10,7 @@
 pub mod ground;
 
 /// Smallest distance, in metres.
-const MIN_DISTANCE_M: f64 = 0.3;
+pub(super) const MIN_DISTANCE_M: f64 = 0.3;
 
 /// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects.
 const INITIAL_CLOSING_SIGMA_M_S: f64 = 12.0;

@@ -29,7 +29,7 @@ use crate::rig::Rig;
 use assign::Assignment;
 use classification::Classification;
 use filter::ground::{Filters, GroundMotion, Movement};
-use filter::{DistanceFilter, LateralFilter, TimeToCollision};
+use filter::{DistanceFilter, LateralFilter, MIN_DISTANCE_M, TimeToCollision};
 
 /// An obstacle that is tracked from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -335,6 +335,8 @@ impl Tracker {
         let elapsed_s = step.elapsed_s();
         let regions = &regions[..regions.len().min(MAX_DETECTIONS)];
         self.predict(elapsed_s, motion);
+        // What has passed the camera cannot be detected again, while its disparity would match everything near.
+        self.tracks.retain(|track| track.distance_m() > MIN_DISTANCE_M);
         for track in &mut self.tracks {
             track.missed += 1;
             track.unseen_s += elapsed_s;

@@ -26,6 +26,8 @@ use std::ops::RangeInclusive;
 
 /// What odometry knows of the motion since the frame before.
 #[derive(Clone, Copy, Debug, PartialEq)]
+// A box would be an allocation per frame.
+#[allow(clippy::large_enum_variant)]
 pub enum OdometryResult {
     /// The first frame, or the first after [`Odometry::reset`].
     First,

@@ -33,7 +33,7 @@ fn lockstep_gives_the_same_bytes_twice_and_in_one_process() {
         (&12.into(), &0.into(), &12.into())
     );
     // The comparison can fail: another parameter gives other bytes.
-    bench.configure("[alarm]\ndistance_m = 50\n");
+    bench.configure("[motion]\nodometry = false\n[alarm]\ndistance_m = 50\n");
     bench.ok(&["replay", &recording, "--in-process", "--out", "d"]);
     assert!(files(&a) != files(&bench.path("d")));
 }

@@ -64,7 +64,7 @@ fn a_lockstep_run_and_the_replay_of_its_recording_are_equal_to_the_last_byte() {
     let error = bench.fails(&["replay", &recording, "--lockstep", "--record", "run.mcap"]);
     assert!(error.contains("run.mcap: is there already"), "{error}");
     // Other parameters on the recorded pairs: the comparison shows what they change.
-    bench.configure("[alarm]\ndistance_m = 50\n");
+    bench.configure("[motion]\nodometry = false\n[alarm]\ndistance_m = 50\n");
     bench.ok(&["replay", "run.mcap", "--lockstep", "--out", "d"]);
     let output = bench.run(&["compare", "a", "d", "--json"]);
     assert_eq!(output.status.code(), Some(1));

@@ -1,7 +1,9 @@
 //! The vehicle's body around its camera.
 
 use super::Motion;
-use super::planar::Planar;
+
+/// A place or a velocity in the plane of the road: to the right and forward, in metres or m/s.
+pub type Planar = [f64; 2];
 
 /// Where the camera is in the vehicle, and how large the body is.
 #[derive(Clone, Copy, Debug, PartialEq)]

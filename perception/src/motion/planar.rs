@@ -6,9 +6,7 @@
 
 use super::Motion;
 use super::body::Body;
-
-/// A place or a velocity in the plane of the road: to the right and forward, in metres or m/s.
-pub type Planar = [f64; 2];
+pub use super::body::Planar;
 
 /// Displacement of the camera over a time, in its axes at the start.
 #[derive(Clone, Copy, Debug, PartialEq)]

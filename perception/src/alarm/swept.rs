@@ -5,7 +5,7 @@
 //!
 //! One noise model: the offset of the obstacle from the path at the time of arrival is normally distributed. Its
 //! variance is that of the measured place, of the obstacle's own motion until then, and of the path. An obstacle is in the
-//! way if an overlap is probable ([`IN_THE_WAY`]).
+//! way if an overlap is probable (`IN_THE_WAY`).
 //!
 //! Where a moving thing will be is predicted twice: straight on over ground, and along the path with the offset's rate,
 //! as traffic in a bend does. As in [`super::path`] both must agree before a thing that is outside counts, or one that is

@@ -183,10 +183,10 @@ mod tests {
 BU_: ESP Gateway\r
 BO_ 291 Motion: 8 ESP\r
  SG_ Speed : 8|16@1+ (0.01,0) [0|300] \"km/h\"  Gateway\r
- SG_ YawRate : 31|16@0- (0.005,0) [-100|100] \"\u{b0}/s\" Vector__XXX\r
- SG_ Mode M : 0|4@1+ (1,0) [0|0] \"\" Vector__XXX\r
- SG_ Part m3 : 40|8@1+ (1,0) [0|0] \"\" Vector__XXX\r
- SG_ Ratio : 32|32@1- (1,0) [0|0] \"\" Vector__XXX\r
+ SG_ YawRate : 31|16@0- (0.005,0) [-100|100] \"\u{b0}/s\" Display\r
+ SG_ Mode M : 0|4@1+ (1,0) [0|0] \"\" Display\r
+ SG_ Part m3 : 40|8@1+ (1,0) [0|0] \"\" Display\r
+ SG_ Ratio : 32|32@1- (1,0) [0|0] \"\" Display\r
 BO_ 2566844672 Wide: 3 ESP\r
  SG_ Angle : 0|16@1- (0.1,0) [0|0] \"deg\" Gateway\r
  SG_ Long : 8|24@1+ (1,0) [0|0] \"\" Gateway\r

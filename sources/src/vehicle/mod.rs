@@ -2,7 +2,7 @@
 //!
 //! [`Decoder`] finds the signals that are configured, in a DBC file or in DBC's own notation, and turns the frames of the
 //! bus into values. [`BusState`] keeps the newest value of each, and [`BusState::reading`] gives what holds at the time of
-//! an image. Neither reads a clock or a socket; [`can`] (feature `can`) reads SocketCAN.
+//! an image. Neither reads a clock or a socket; `can` (with the feature of that name) reads SocketCAN.
 //!
 //! ```
 //! use lookout_sources::vehicle::{BusSettings, Decoder, Frame};

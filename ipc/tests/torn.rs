@@ -11,6 +11,7 @@ use lookout_ipc::port::Sample;
 use lookout_ipc::regions::{self, RegionRecord, RoadRecord, Writer};
 use lookout_ipc::service::{OBSTACLES, REGIONS, ServiceSpec};
 use std::hint::black_box;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 const WIDTH: u32 = 64;
@@ -22,6 +23,10 @@ const MIN_ACCEPTED: u32 = 30;
 /// Looks at a value that was checked, for as long as a stage does.
 const LOOKS: usize = 300;
 
+/// One test at a time: on two cores, two readers that never sleep would leave each writer the core of its own reader, so
+/// that nothing changes while it is read.
+static ALONE: Mutex<()> = Mutex::new(());
+
 /// Sends a message, and reads it for two seconds while its header and its payload are overwritten. `read` returns whether
 /// it was accepted.
 fn read_while_written(
@@ -30,6 +35,7 @@ fn read_while_written(
     payload: &[u8],
     mut read: impl FnMut(&Header, &[u8]) -> bool,
 ) {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(name, folder.path());
     let _lock = InstanceLock::take(&instance).unwrap();

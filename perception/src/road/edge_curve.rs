@@ -8,6 +8,10 @@ use nalgebra::{SMatrix, SVector};
 /// Fewest edges, and smallest extent of them along the road in metres: with less, noise is a bend.
 const MIN_EDGES: usize = 6;
 const MIN_SPAN_M: f64 = 8.0;
+/// Fewest edges of a side that tell a curvature and their agreement with it; and how many standard deviations both sides
+/// may differ by.
+const MIN_SIDE_EDGES: usize = 4;
+const AGREEMENT_SIGMAS: f64 = 3.0;
 /// An edge this far from the others, in metres, is none of the road: a driveway, a parked car.
 const MAX_RESIDUAL_M: f64 = 0.35;
 /// Standard deviation of an edge across, in metres: half a cell.
@@ -38,10 +42,25 @@ pub fn edge_curve(edges: impl Iterator<Item = EdgePlace> + Clone) -> Option<Edge
     if kept.clone().count() < MIN_EDGES || span.1 - span.0 < MIN_SPAN_M {
         return None;
     }
+    if !sides_agree(&kept) {
+        return None;
+    }
     let (solution, inverse) = fit(kept)?;
     let sigma_per_m = SIGMA_M * inverse[(3, 3)].max(0.0).sqrt();
     let is_ahead = solution[2].abs() <= MAX_SLOPE && solution[3].is_finite();
     is_ahead.then_some(EdgeCurve { curvature_per_m: solution[3], sigma_per_m })
+}
+
+/// Whether both sides are seen, and bend alike when each is fitted alone: a row of parked cars, or a driveway, bends one.
+fn sides_agree(edges: &(impl Iterator<Item = EdgePlace> + Clone)) -> bool {
+    let alone = |side: usize| {
+        let own = edges.clone().filter(move |edge| edge.0 == side);
+        let (solution, inverse) = (own.clone().count() >= MIN_SIDE_EDGES).then(|| fit(own)).flatten()?;
+        Some((solution[3], inverse[(3, 3)].max(0.0)))
+    };
+    alone(0).zip(alone(1)).is_some_and(|((left, a), (right, b))| {
+        (left - right).abs() <= AGREEMENT_SIGMAS * SIGMA_M * (a + b).sqrt()
+    })
 }
 
 /// Derivatives of an edge's lateral position by the unknowns: offsets left and right, slope, curvature.
@@ -89,7 +108,7 @@ mod tests {
     #[test]
     fn the_curvature_of_both_edges_is_found_with_its_error() {
         let mut random = fastrand::Rng::with_seed(4);
-        for sides in [&[(0, -2.5), (1, 4.0)][..], &[(0, -2.5)], &[(1, 3.0)]] {
+        for sides in [&[(0, -2.5), (1, 4.0)][..], &[(0, -4.0), (1, 3.0)]] {
             for truth in [-0.02, 0.0, 0.0167] {
                 for _ in 0..20 {
                     let all = edges(truth, sides, &mut random);
@@ -102,6 +121,17 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn one_side_alone_and_sides_that_bend_differently_tell_nothing() {
+        let mut random = fastrand::Rng::with_seed(5);
+        for side in [(0, -2.5), (1, 3.0)] {
+            assert_eq!(edge_curve(edges(0.01, &[side], &mut random).into_iter()), None);
+        }
+        let mut both = edges(0.0, &[(0, -2.5)], &mut random);
+        both.extend(edges(0.03, &[(1, 3.0)], &mut random));
+        assert_eq!(edge_curve(both.into_iter()), None);
     }
 
     #[test]

@@ -11,7 +11,7 @@ const EXTENDED: u32 = 1 << 31;
 /// See [`EXTENDED`].
 const REMOTE: u32 = 1 << 30;
 
-/// Largest age of a kernel timestamp that is believed: older ones mean that the clock was set in between.
+/// Largest age of a kernel timestamp that is used: older ones mean that the clock was set in between.
 const MAX_DELAY: Duration = Duration::from_secs(10);
 
 /// An open bus. It receives only the frames that a decoder needs.

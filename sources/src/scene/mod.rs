@@ -40,7 +40,7 @@ pub mod world;
 pub use drive::Drive;
 pub use truth::{ObjectClass, ObjectTruth, OwnMotion, RoadTruth, SceneTruth};
 
-use crate::{PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError};
 use file::{SceneError, SceneFile};
 use lens::Coarse;
 use paint::{Mirror, Painter, Row, Shade};
@@ -246,6 +246,10 @@ impl PairSource for Scene {
 
     fn rig(&self) -> Option<Rig> {
         Some(self.world.rig)
+    }
+
+    fn geometry(&self) -> Geometry {
+        Geometry::Rectified
     }
 
     fn count(&self) -> Option<u64> {

@@ -84,6 +84,7 @@ fn path_line(motion: &MotionRecord, alarm: &AlarmRecord) -> PathLine {
             camera_yaw_rad: alarm.path_camera_yaw_rad,
         },
         edges: (edges.from_m > 0.0).then_some(edges),
+        is_turning_in: false,
     };
     PathLine::new(&path, known)
 }

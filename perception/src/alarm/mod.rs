@@ -302,11 +302,14 @@ impl Alarm {
         let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
         // What keeps a warning because it may still be in the way raises no alarm.
         let may = candidate.may_raise || is_held(AlarmLevel::Alarm);
+        // A warning looks farther ahead than a turn that begins is known.
+        let may_warn = is_held(AlarmLevel::Warning) || !self.path.is_some_and(|path| path.is_turning_in);
         let alarm = self
             .triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
             .filter(|_| may);
         let warning = self
             .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
+            .filter(|_| may_warn)
             .or(alarm);
         for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {

@@ -269,7 +269,7 @@ impl Collector {
             required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
             reason,
         };
-        if record.level > before.max(alarm::STANDBY) || record.level == alarm::OFF {
+        if record.level > before.max(alarm::CLEAR) || record.level == alarm::OFF {
             tracing::warn!("{change}");
         } else {
             tracing::info!("{change}");
@@ -486,7 +486,7 @@ mod tests {
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
         let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();
-        assert_eq!(changes, ["standby", "alarm", "off", "alarm", "warning", "standby", "off"]);
+        assert_eq!(changes, ["clear", "alarm", "off", "alarm", "warning", "clear", "off"]);
         assert_eq!(summary.alarm_changes[6].reason, "a stage is not running");
         let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);

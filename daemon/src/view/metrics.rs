@@ -262,7 +262,7 @@ mod tests {
             samples.iter().find(|(l, _)| l.contains(label)).expect(name).1
         };
         assert_eq!((value("up", ""), value("frames_total", "")), (1.0, 77.0));
-        assert_eq!((value("alarm", "alarm"), value("alarm", "standby")), (1.0, 0.0));
+        assert_eq!((value("alarm", "alarm"), value("alarm", "clear")), (1.0, 0.0));
         assert_eq!(value("process_cpu_ratio", "stereo"), 0.5);
         assert!((value("latency_seconds", "0.5") - 0.02).abs() < 1e-9);
         assert_eq!(value("temperature_celsius", r#"sensor="a \"b\"\\""#), 48.5);

@@ -40,7 +40,7 @@ pub struct RoadLine {
 /// Alarm state of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AlarmLine {
-    /// `off`, `standby`, `warning` or `alarm`.
+    /// `off`, `clear`, `warning` or `alarm`.
     pub level: String,
     /// The rule that raised it: `distance`, `time_to_collision` or `deceleration`.
     pub rule: Option<String>,

@@ -115,7 +115,7 @@ pub struct CalibrationChange {
 pub struct AlarmChange {
     /// Sequence number of the frame.
     pub sequence: u64,
-    /// `off`, `standby`, `warning` or `alarm`.
+    /// `off`, `clear`, `warning` or `alarm`.
     pub level: String,
     /// The rule that raised the alarm.
     pub rule: Option<String>,

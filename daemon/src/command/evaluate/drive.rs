@@ -10,6 +10,7 @@ use crate::in_process::Pipeline;
 use clap::Args;
 use config::Config;
 use indicatif::ProgressBar;
+use messages::alarm::Faults;
 use messages::motion::MotionRecord;
 use perception::rig::Rig;
 use sources::motion_file::Trajectory;
@@ -227,7 +228,6 @@ fn play(
 ) -> Result<Played, CommandError> {
     let mut played = Played::default();
     for index in 0..frames {
-        let source_ns = pipeline.time_ns(index);
         let result = pipeline.frame(index, index)?;
         let images = result.images;
         if with_roads {
@@ -235,8 +235,9 @@ fn play(
             played.roads.push(RoadLines { profile_px, edges: images.edges });
         }
         (played.size, played.rig) = ((images.width, images.height), Some(images.rig));
-        played.motions.push((source_ns, result.motion));
-        played.off_reasons.push(result.faults.descriptions().map(Into::into).collect());
+        played.motions.push((result.source_ns, result.motion));
+        let faults = Faults(result.alarm.faults);
+        played.off_reasons.push(faults.descriptions().map(Into::into).collect());
         played.records.push(result.record);
         bar.inc(1);
     }

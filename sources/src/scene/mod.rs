@@ -8,6 +8,7 @@
 //! curvature, integrated twice ([`plan::Plan`]); its height is the integral of the grade ([`ground::Course`]). The world is
 //! rigid: every frame shows the same one, from where the vehicle stands ([`route::Route`]).
 
+mod bay;
 mod boundary;
 pub mod conditions;
 mod counts;

@@ -74,6 +74,17 @@ pub struct StripFile {
     pub rise_m: f64,
     /// What it is covered with.
     pub cover: Cover,
+    /// Mean grey value, instead of the cover's.
+    #[serde(default)]
+    pub grey: Option<f64>,
+}
+
+impl StripFile {
+    /// Its material, and [`ROAD`] or [`VERGE`].
+    pub fn surface(&self) -> (Material, u16) {
+        let (material, owner) = self.cover.surface();
+        (Material { grey: self.grey.map_or(material.grey, |grey| grey as f32), ..material }, owner)
+    }
 }
 
 /// Greatest width of a strip, step and rise, in metres.
@@ -92,7 +103,10 @@ impl SceneFile {
         if !strips.is_empty() && !self.road.branch.is_empty() {
             return Err("road.strip: a road with branches has no strips; leave one of both out".into());
         }
-        for StripFile { width_m, step_m, rise_m, .. } in strips {
+        for StripFile { width_m, step_m, rise_m, grey, .. } in strips {
+            if let Some(grey) = grey.filter(|grey| !(5.0..=250.0).contains(grey)) {
+                return Err(format!("road.strip: grey = {grey}: give a grey value from 5 to 250"));
+            }
             let is_small = (-MAX_M.1..=MAX_M.1).contains(step_m) && (-MAX_M.2..=MAX_M.2).contains(rise_m);
             if !(0.02..=MAX_M.0).contains(width_m) || !is_small {
                 return Err(format!(
@@ -131,6 +145,7 @@ mod tests {
         let fault =
             |text: &str| SceneFile::parse(&format!("{start}{text}"), "x.toml").unwrap_err().to_string();
         assert!(fault(&strip("width_m = 200\n")).contains("width_m = 200"));
+        assert!(fault(&strip("width_m = 2\ngrey = 300\n")).contains("grey = 300"));
         assert!(fault(&strip("width_m = 2\nrise_m = nan\n")).contains("rise_m = NaN"));
         assert!(fault(&strip("width_m = 2\n").repeat(33)).contains("33 strips: give at most 32"));
         let bent = format!("[road]\nbend_per_km = 50\n{}", strip("width_m = 30\n"));

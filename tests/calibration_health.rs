@@ -193,7 +193,8 @@ fn real_pair(bench: &Bench, name: &str, rows: f64, count: usize) -> Option<Strin
         .collect();
     for index in 0..count {
         for (side, pixels) in [("left", &left), ("right", &moved)] {
-            save_grey(&folder.join(side).join(format!("{index:06}.pgm")), pixels, width, height);
+            let path = folder.join(side).join(format!("{index:06}.pgm"));
+            save_grey(&path, pixels, width as u32, height as u32);
         }
     }
     let rig = "focal_px = 721.5377\nbaseline_m = 0.5327\ncx_px = 609.5593\ncy_px = 172.854\n";

@@ -1,7 +1,7 @@
 //! Which vertical offsets are corrected while the cameras run, and how fast: small offsets, roll and slow drift.
 
-use super::EpipolarCheck;
 use super::field::RowField;
+use super::{EpipolarCheck, EpipolarState};
 
 /// Remaining typical offset from which on it is corrected, in px: a quarter of a pixel loses 1 % of the matches and
 /// changes distances at 30 m by about 1 % ([`super::harm`]). Below it the correction would follow its own noise.
@@ -21,6 +21,9 @@ const SPEED_PX_S: f64 = 2.0;
 
 /// Checks in a row between which the estimate must rest before it counts as settled.
 const SETTLED_CHECKS: u32 = 3;
+
+/// The same where matching suffers: a correction that begins early is only slow to begin with.
+const URGENT_CHECKS: u32 = 1;
 
 /// Typical change between two checks up to which the estimate rests, in px.
 const REST_PX: f64 = 0.1;
@@ -94,10 +97,14 @@ impl RowCorrection {
         let rests = check.typical_px(&(total - self.last)) < REST_PX;
         self.rested = if rests { self.rested + 1 } else { 0 };
         self.last = total;
-        if self.rested < SETTLED_CHECKS {
+        let is_urgent = check.health().state == EpipolarState::Degraded;
+        if self.rested < if is_urgent { URGENT_CHECKS } else { SETTLED_CHECKS } {
             return;
         }
-        let start = *self.start.get_or_insert(total);
+        if self.start.is_none() && self.rested >= SETTLED_CHECKS {
+            self.start = Some(total);
+        }
+        let start = self.start.unwrap_or(total);
         self.moved_px = check.typical_px(&(total - start));
         self.has_moved = self.moved_px > if self.has_moved { MOVED_PX.1 } else { MOVED_PX.0 };
         let is_under_way = self.applied != self.target;

@@ -11,11 +11,11 @@ use tools::reporting::poses::pose_line;
 
 const FRAMES: usize = 40;
 
-/// Poses at 8 m/s, ten a second, turning to the left by this rate in rad/s.
-fn poses(yaw_rate_rad_s: f64) -> Vec<Pose> {
+/// Poses ten a second: 8 m/s ahead, so much to the right in m/s, turning to the left by this rate in rad/s.
+fn poses(across_m_s: f64, yaw_rate_rad_s: f64) -> Vec<Pose> {
     let mut pose = Pose::IDENTITY;
     let step = Pose {
-        translation_m: [0.0, 0.0, 0.8],
+        translation_m: [0.1 * across_m_s, 0.0, 0.8],
         ..Pose::from_rotation_vector([0.0, -0.1 * yaw_rate_rad_s, 0.0])
     };
     let next = |_: usize| {
@@ -31,13 +31,14 @@ fn save(path: &Path, poses: &[Pose]) {
     std::fs::write(path, text).expect("the poses are written");
 }
 
-/// A recording of the synthetic drive, in which a car drives ahead, and paths: `ahead.txt` through that car, `aside.txt`
-/// away from it.
+/// A recording of the synthetic drive, in which a car drives ahead, and paths: `ahead.txt` through that car, `bend.txt` to
+/// the left of it, `aside.txt` where the cameras see nothing.
 fn bench() -> (Bench, String) {
     let bench = Bench::new();
     let recording = bench.record("drive", FRAMES as u64);
-    save(&bench.path("ahead.txt"), &poses(0.0));
-    save(&bench.path("aside.txt"), &poses(0.6));
+    save(&bench.path("ahead.txt"), &poses(0.0, 0.0));
+    save(&bench.path("bend.txt"), &poses(0.0, 0.6));
+    save(&bench.path("aside.txt"), &poses(30.0, 0.0));
     (bench, recording)
 }
 
@@ -99,7 +100,7 @@ fn several_recordings_have_a_row_each_and_a_page_with_pictures() {
 fn mistakes_in_the_files_are_told_before_the_run() {
     let (bench, recording) = bench();
     let fails = |args: &[&str]| bench.fails(&[&["evaluate", "drive"], args].concat());
-    save(&bench.path("short.txt"), &poses(0.0)[1..]);
+    save(&bench.path("short.txt"), &poses(0.0, 0.0)[1..]);
     let error = fails(&[&recording, "--poses", "short.txt"]);
     assert!(error.contains("short.txt: 39 poses for 40 frames"), "{error}");
     let error = fails(&[&recording, "--poses", "none.txt"]);
@@ -164,13 +165,12 @@ fn the_figures_are_those_of_the_reference_implementation() {
     }
     let Some(python) = python("numpy", "numpy") else { return };
     let (bench, recording) = bench();
-    save(&bench.path("slight.txt"), &poses(0.05));
     save_oxts(&bench);
     bench.ok(&["replay", &recording, "--in-process", "--out", "out"]);
     assert_eq!(lines(&bench.path("out")).len(), FRAMES);
     let truths: [&[&str]; 4] = [
         &["--poses", "ahead.txt"],
-        &["--poses", "slight.txt"],
+        &["--poses", "bend.txt"],
         &["--poses", "aside.txt"],
         &["--oxts", "oxts.csv", "--times", "times.csv"],
     ];

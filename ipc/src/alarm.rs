@@ -53,7 +53,7 @@ impl Faults {
     pub const BLOCKED: Self = Self(1 << 3);
     /// The contrast of the left and the right image differs too much.
     pub const UNLIKE: Self = Self(1 << 4);
-    /// The epipolar alignment is degraded: the cameras have moved since they were calibrated.
+    /// The rows of both images differ so much that matching suffers, after any correction.
     pub const CALIBRATION: Self = Self(1 << 5);
     /// The road has too little texture to be matched.
     pub const SPARSE: Self = Self(1 << 6);
@@ -66,6 +66,8 @@ impl Faults {
 
     /// The time of the source stands still or jumps too often.
     pub const TIME: Self = Self(1 << 10);
+    /// The images are no pair: swapped, the same, or with rows far apart.
+    pub const PAIRING: Self = Self(1 << 11);
     /// All self-checks.
     pub const ALL: Self = Self((1 << DESCRIPTIONS.len()) - 1);
 
@@ -105,7 +107,7 @@ impl Faults {
 }
 
 /// Description of each self-check, in the order of display.
-const DESCRIPTIONS: [(Faults, &str); 11] = [
+const DESCRIPTIONS: [(Faults, &str); 12] = [
     (Faults::STAGE, "a stage is not running"),
     (Faults::STALE, "no result for too long"),
     (Faults::OLD, "the frame is too old"),
@@ -114,7 +116,8 @@ const DESCRIPTIONS: [(Faults, &str); 11] = [
     (Faults::BRIGHT, "the picture is too bright"),
     (Faults::BLOCKED, "the picture shows nothing: is a camera covered?"),
     (Faults::UNLIKE, "left and right picture are too unlike"),
-    (Faults::CALIBRATION, "the cameras have moved: calibrate again"),
+    (Faults::PAIRING, "the pictures are no pair: swapped, the same, or their rows far apart"),
+    (Faults::CALIBRATION, "the rows of the pictures differ, and matches are lost: calibrate again"),
     (Faults::SPARSE, "too little texture on the road"),
     (Faults::NO_ROAD, "no road seen"),
 ];

@@ -13,6 +13,7 @@ mod boundary;
 pub mod conditions;
 mod counts;
 mod course;
+mod cross_section;
 pub mod cycles;
 mod drive;
 mod error;
@@ -276,13 +277,13 @@ impl PairSource for Scene {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use truth::{FIRST_OBJECT, ROAD};
 
     /// Mean grey error, and share of errors above 12 levels, of the right image warped to the left one by the
     /// true disparity, over pixels visible in both images.
-    fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
+    pub fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
         let truth = &frame.truth;
         let (mut sum, mut large, mut count) = (0.0, 0, 0);
         for y in 0..truth.height {

@@ -50,7 +50,7 @@ pub mod world;
 pub use drive::Drive;
 pub use truth::{BoundaryTruth, FreeGround, ObjectClass, ObjectTruth, OwnMotion, RoadTruth, SceneTruth};
 
-use crate::{PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError};
 use file::{SceneError, SceneFile};
 use lens::Coarse;
 use paint::{Mirror, Painter, Row, Shade};
@@ -256,6 +256,10 @@ impl PairSource for Scene {
 
     fn rig(&self) -> Option<Rig> {
         Some(self.world.rig)
+    }
+
+    fn geometry(&self) -> Geometry {
+        Geometry::Rectified
     }
 
     fn count(&self) -> Option<u64> {

@@ -6,6 +6,7 @@ pub mod box_score;
 pub mod compare;
 pub mod detection;
 pub mod disturb;
+pub mod drive;
 pub mod error_picture;
 pub mod files;
 pub mod fill;

@@ -281,7 +281,7 @@ impl PairSource for Scene {
 }
 
 #[cfg(test)]
-pub mod tests {
+mod tests {
     use super::*;
     use truth::{FIRST_OBJECT, ROAD};
 

@@ -101,8 +101,8 @@ fn text_of(place: &str, settings: &str) -> Result<String, SceneError> {
 
 /// The seed among the settings of a generated scene; 1 where none is given or it is no number.
 fn seed(settings: &str) -> u64 {
-    let given = settings.split('&').filter_map(|setting| setting.strip_prefix("seed="));
-    given.last().and_then(|value| value.parse().ok()).unwrap_or(1)
+    let mut given = settings.split('&').filter_map(|setting| setting.strip_prefix("seed="));
+    given.next_back().and_then(|value| value.parse().ok()).unwrap_or(1)
 }
 
 /// Applies the settings of a scene name.

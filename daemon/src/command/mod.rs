@@ -25,6 +25,7 @@ mod replay;
 mod restore_clocks;
 mod rig;
 mod run;
+mod scene;
 mod soak;
 mod stage;
 mod status;
@@ -111,6 +112,9 @@ pub enum Command {
     /// Show a calibration, or convert it to another program's format
     #[command(after_help = rig::HELP)]
     Rig(rig::RigCommand),
+    /// Print a synthetic scene as a TOML file, to read or change it
+    #[command(after_help = scene::HELP)]
+    Scene(scene::SceneCommand),
     /// Detect objects in images with a cascade
     #[command(after_help = detect::HELP)]
     Detect(detect::Detect),
@@ -171,6 +175,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Evaluate { what } => evaluate::run(what, log),
+        Command::Scene(args) => scene::run(&args),
         Command::Detect(args) => detect::run(&args, log),
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),

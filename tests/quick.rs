@@ -5,6 +5,7 @@ mod architecture;
 mod bad_input;
 mod board;
 mod calibrate;
+mod can_out;
 mod commands;
 mod evaluate;
 mod faults;

@@ -22,6 +22,8 @@ mod dbc;
 mod encoder;
 pub mod layout;
 mod link;
+#[cfg(test)]
+mod page;
 mod signal;
 #[cfg(feature = "can")]
 pub mod socket;

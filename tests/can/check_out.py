@@ -101,9 +101,9 @@ class Check:
         self.equal("Path_Objects", cycle["Path_Objects"], len(record["obstacles"]))
         nearest_m = alarm["nearest_m"]
         if is_off:
-            self.equal("Path_Clearance", cycle["Path_Clearance"], None)
+            self.equal("Path_FreeDistance", cycle["Path_FreeDistance"], None)
         elif nearest_m is None:
-            self.equal("Path_Clearance", cycle["Path_Clearance"], float("inf"))
+            self.equal("Path_FreeDistance", cycle["Path_FreeDistance"], float("inf"))
         if is_off or nearest_m is None:
             self.equal("Nearest_Distance", cycle["Nearest_Distance"], None)
         else:

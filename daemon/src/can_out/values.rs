@@ -64,7 +64,7 @@ fn path(alarm: &AlarmRecord, objects: &[Object]) -> PathAhead {
     let known = |value: f64| (alarm.path_known == 1).then_some(value);
     PathAhead {
         is_known: alarm.path_known == 1,
-        clearance_m: (alarm.level != OFF).then(|| (alarm.nearest_m - alarm.path_front_m).max(0.0)),
+        free_m: (alarm.level != OFF).then(|| (alarm.nearest_m - alarm.path_front_m).max(0.0)),
         curvature_per_m: known(alarm.path_curvature_per_m),
         curvature_sigma_per_m: known(alarm.path_curvature_sigma_per_m),
         half_width_m: (alarm.path_half_width_m > 0.0).then_some(alarm.path_half_width_m),
@@ -127,16 +127,19 @@ mod tests {
     /// The layout has names of its own, because it has a version of its own.
     #[test]
     fn the_numbers_of_the_layout_are_those_of_the_messages() {
-        assert_eq!((LEVELS[0], LEVELS[2], LEVELS[3]), ("off", "warning", "alarm"));
-        assert_eq!((layout::LEVELS.len(), layout::LEVELS[3]), (LEVELS.len(), LEVELS[3]));
-        assert_eq!((layout::RULES, layout::MOVING), (&RULES[..], &MOVING[..]));
+        assert_eq!((layout::LEVELS, layout::RULES), (&LEVELS[..], &RULES[..]));
+        assert_eq!((layout::MOVING, layout::SOURCES), (&MOVING[..], &StatusRecord::SOURCES[..]));
         assert_eq!(layout::DAEMON_STATES[..4], StatusRecord::STATES);
         assert_eq!((layout::DAEMON_STATES.len(), DaemonState::NotRunning as usize), (5, 4));
         assert_eq!(layout::EXISTENCE[Existence::Predicted as usize], "predicted");
         // A self-check that is added gets a signal and a name, too.
         assert_eq!(Faults::ALL.0, (1 << layout::FAULTS.len()) - 1);
-        for (fault, name) in [(Faults::NO_ROAD, "NoRoad"), (Faults::OLD, "Old"), (Faults::TIME, "SourceTime")]
-        {
+        for (fault, name) in [
+            (Faults::NO_ROAD, "NoRoad"),
+            (Faults::OLD, "Old"),
+            (Faults::TIME, "SourceTime"),
+            (Faults::PAIRING, "Pairing"),
+        ] {
             assert_eq!(layout::FAULTS[fault.0.trailing_zeros() as usize], name);
         }
         let own = [tools::can_out::STAGE_FAULT, tools::can_out::STALE_FAULT];
@@ -186,7 +189,7 @@ mod tests {
         let all = [beside, tentative, record(3, 12.0), record(4, 30.0)];
         let got = values(alarm, &all);
         assert_eq!(got.nearest.unwrap().track, 3);
-        assert_eq!((got.path.clearance_m, got.path.objects, got.path.objects_in_path), (Some(10.3), 4, 2));
+        assert_eq!((got.path.free_m, got.path.objects, got.path.objects_in_path), (Some(10.3), 4, 2));
         assert_eq!((got.nearest.unwrap().class, got.objects.len()), (Some(1), 4));
         // The one that raised the alarm is held in the path a little beyond its edge.
         assert_eq!(values(alarm, &[beside, record(4, 30.0)]).nearest.unwrap().track, 1);
@@ -194,13 +197,13 @@ mod tests {
         assert_eq!((unknown.track, unknown.distance_m), (0, Some(12.0)));
         let free = AlarmRecord { nearest_m: f64::INFINITY, ..alarm };
         let got = values(free, &all);
-        assert_eq!((got.nearest, got.path.clearance_m), (None, Some(f64::INFINITY)));
+        assert_eq!((got.nearest, got.path.free_m), (None, Some(f64::INFINITY)));
         // The front of a long bonnet touches what is still before the camera.
         let touching = AlarmRecord { nearest_m: 1.0, ..alarm };
-        assert_eq!(values(touching, &[]).path.clearance_m, Some(0.0));
+        assert_eq!(values(touching, &[]).path.free_m, Some(0.0));
         let off = AlarmRecord { level: OFF, faults: 1, ..alarm };
         let got = values(off, &all);
-        assert_eq!((got.nearest, got.path.clearance_m, got.objects.len()), (None, None, 4));
+        assert_eq!((got.nearest, got.path.free_m, got.objects.len()), (None, None, 4));
     }
 
     #[test]

@@ -148,7 +148,9 @@ impl Watcher {
             match status::view(sample.header(), sample.payload()) {
                 Ok(status) => {
                     self.heard = Instant::now();
-                    self.shared.values().daemon = Some(daemon_state(&status));
+                    let mut values = self.shared.values();
+                    values.daemon = Some(daemon_state(&status));
+                    values.source = u32::try_from(status.source).ok();
                 }
                 Err(error) => self.refused("status", &error),
             }

@@ -145,6 +145,7 @@ mod tests {
             Object { distance_m: Some(33.35), lateral_m: Some(-2.45), track: 9, ..Object::default() };
         let values = Values {
             daemon: Some(DaemonState::Running),
+            source: None,
             result: Some(ResultValues { objects: vec![object], ..ResultValues::default() }),
             withdrawn: 0,
         };

@@ -112,7 +112,7 @@ mod tests {
             is_road_seen: true,
             path: PathAhead {
                 is_known: true,
-                clearance_m: Some(10.64),
+                free_m: Some(10.64),
                 curvature_per_m: Some(-0.0123),
                 curvature_sigma_per_m: Some(0.0021),
                 half_width_m: Some(0.9),
@@ -137,7 +137,12 @@ mod tests {
     /// Frames of three cycles: a fresh result, a stale one, and no daemon.
     fn frames() -> Vec<Vec<OutFrame>> {
         let mut encoder = Encoder::new(IDENTIFIERS);
-        let fresh = Values { daemon: Some(DaemonState::Degraded), result: Some(result()), withdrawn: 0 };
+        let fresh = Values {
+            daemon: Some(DaemonState::Degraded),
+            source: Some(1),
+            result: Some(result()),
+            withdrawn: 0,
+        };
         let absent = Values { daemon: Some(DaemonState::NotRunning), ..Values::default() };
         [(&fresh, 1_123_400_000), (&fresh, 1_600_000_000), (&absent, 0)]
             .map(|(values, now_ns)| {
@@ -173,9 +178,10 @@ mod tests {
             ("Status_AlarmRule", 2.0, 0.0),
             ("Status_DaemonState", 2.0, 0.0),
             ("Status_FaultStale", 0.0, 0.0),
+            ("Status_Source", 1.0, 0.0),
             ("Status_Age", 123.4, 1.0),
             ("Status_FrameNumber", 44.0, 0.0),
-            ("Path_Clearance", 10.64, 0.05),
+            ("Path_FreeDistance", 10.64, 0.05),
             ("Path_Curvature", -0.0123, 0.0005),
             ("Path_HalfWidth", 0.9, 0.02),
             ("Path_Objects", 2.0, 0.0),
@@ -203,7 +209,7 @@ mod tests {
         }
         assert_eq!(decoded(0, "Object3_Distance"), None);
         for cycle in [1, 2] {
-            for name in ["Nearest_Distance", "Path_Clearance", "Own_Known", "Object1Shape_Existence"] {
+            for name in ["Nearest_Distance", "Path_FreeDistance", "Own_Known", "Object1Shape_Existence"] {
                 assert_eq!(decoded(cycle, name), None, "{name}");
             }
             assert_eq!(decoded(cycle, "Status_AlarmLevel"), Some(0.0));

@@ -37,6 +37,9 @@ pub const RULES: &[&str] = &["none", "distance", "time_to_collision", "decelerat
 /// States of the daemon, by number ([`super::DaemonState`]).
 pub const DAEMON_STATES: &[&str] = &["starting", "running", "degraded", "stopping", "not running"];
 
+/// Where the frames come from, by number.
+pub const SOURCES: &[&str] = &["cameras", "recording", "scene"];
+
 /// How an obstacle is known, by number ([`super::Existence`]).
 pub const EXISTENCE: &[&str] = &["none", "tentative", "measured", "predicted"];
 
@@ -60,6 +63,7 @@ pub const FAULTS: &[&str] = &[
     "Stage",
     "Stale",
     "SourceTime",
+    "Pairing",
 ];
 
 /// States of what is true or not.
@@ -119,6 +123,8 @@ signals! {
         DaemonState: 18 | 3, Coding::State(DAEMON_STATES), |s| s.daemon.map(f64::from);
         /// Whether the road was seen.
         RoadSeen: 21 | 2, YES_NO, |s| s.is_road_seen.and_then(yes);
+        /// A self-check failed that has no bit of its own.
+        FaultOther: 23 | 1, Coding::Bit, |s| yes(s.faults >> FAULTS.len() != 0);
         /// No road was detected.
         FaultNoRoad: 24 | 1, Coding::Bit, |s| fault(s, 0);
         /// An image is too dark.
@@ -129,7 +135,7 @@ signals! {
         FaultBlocked: 27 | 1, Coding::Bit, |s| fault(s, 3);
         /// The left and the right image differ too much.
         FaultUnlike: 28 | 1, Coding::Bit, |s| fault(s, 4);
-        /// The cameras have moved since they were calibrated.
+        /// The rows of both images differ so much that matching suffers: the cameras have moved.
         FaultCalibration: 29 | 1, Coding::Bit, |s| fault(s, 5);
         /// The road has too little texture.
         FaultSparse: 30 | 1, Coding::Bit, |s| fault(s, 6);
@@ -141,14 +147,16 @@ signals! {
         FaultStale: 33 | 1, Coding::Bit, |s| fault(s, 9);
         /// The time of the source stands still or jumps.
         FaultSourceTime: 34 | 1, Coding::Bit, |s| fault(s, 10);
-        /// Another self-check failed.
-        FaultOther: 35 | 1, Coding::Bit, |s| yes(s.faults >> FAULTS.len() != 0);
+        /// The images are no pair: swapped, the same, or with rows far apart.
+        FaultPairing: 35 | 1, Coding::Bit, |s| fault(s, 11);
         /// Version of the layout of all frames.
         LayoutVersion: 36 | 4, Coding::LowBits, |_| Some(VERSION.into());
         /// Age of the last result: time from the exposure of its images to this frame.
         Age: 40 | 14, number(1.0, 0.0, "ms"), |s| s.age_ms;
         /// Low bits of the number of the frame that the values come from.
         FrameNumber: 54 | 8, Coding::LowBits, |s| s.sequence.map(|n| (n & 0xff) as f64);
+        /// Where the frames come from; not available without a daemon. Only those of cameras show the road now.
+        Source: 62 | 2, Coding::State(SOURCES), |s| s.source.map(f64::from);
     }
 }
 
@@ -157,7 +165,7 @@ signals! {
     PATH of PathAhead {
         /// Distance from the front of the body to the nearest obstacle in the path. The largest value: none is seen as far
         /// as the system sees, which does not mean that there is none. Not available while the alarm is off.
-        Clearance: 12 | 12, number(0.05, 0.0, "m"), |p| p.clearance_m;
+        FreeDistance: 12 | 12, number(0.05, 0.0, "m"), |p| p.free_m;
         /// Whether the path follows from the vehicle's motion; else it is the straight strip of the configuration.
         Known: 24 | 2, YES_NO, |p| yes(p.is_known);
         /// Curvature of the path, to the left positive.

@@ -1,7 +1,7 @@
 //! The tables of signals in docs/can.md, written from the layout. Only a test uses them: it compares the page.
 
 use super::layout::{
-    CLASSES, DAEMON_STATES, EXISTENCE, HEAD, LEVELS, MOVING, OBJECT, OWN, PATH, RULES, SHAPE, STATUS,
+    CLASSES, DAEMON_STATES, EXISTENCE, HEAD, LEVELS, MOVING, OBJECT, OWN, PATH, RULES, SHAPE, SOURCES, STATUS,
 };
 use super::signal::{Coding, Signal};
 use std::fmt::Write;
@@ -66,7 +66,7 @@ fn the_page_has_the_tables_of_the_layout() {
         panic!("docs/can.md is stale: replace its tables by what this test prints");
     }
     // Nothing of the layout is left out.
-    for names in [LEVELS, RULES, DAEMON_STATES, EXISTENCE, CLASSES, MOVING] {
+    for names in [LEVELS, RULES, DAEMON_STATES, EXISTENCE, CLASSES, MOVING, SOURCES] {
         assert!(
             names.iter().enumerate().all(|(n, name)| tables.contains(&format!("{n} {name}"))),
             "{names:?}"

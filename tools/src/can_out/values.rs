@@ -74,7 +74,7 @@ pub struct PathAhead {
     pub is_known: bool,
     /// Distance from the front of the body to the nearest obstacle in the path, in metres; infinite if none is seen.
     /// `None` while the alarm cannot judge.
-    pub clearance_m: Option<f64>,
+    pub free_m: Option<f64>,
     /// Curvature in 1/m, to the left positive.
     pub curvature_per_m: Option<f64>,
     /// Its standard deviation, in 1/m.
@@ -136,6 +136,8 @@ pub struct ResultValues {
 pub struct Values {
     /// State of the daemon; `None` if it does not answer.
     pub daemon: Option<DaemonState>,
+    /// Where its frames come from: an index into [`super::layout::SOURCES`]; `None` if it does not say.
+    pub source: Option<u32>,
     /// Its last result.
     pub result: Option<ResultValues>,
     /// The result no longer holds, for these failed self-checks; 0 if it holds.
@@ -151,6 +153,7 @@ pub struct Status {
     pub faults: u32,
     pub age_ms: Option<f64>,
     pub sequence: Option<u64>,
+    pub source: Option<u32>,
     pub is_road_seen: Option<bool>,
 }
 
@@ -180,6 +183,7 @@ impl Values {
             daemon,
             age_ms: age_ns.map(|age_ns| age_ns as f64 * 1e-6),
             sequence: self.result.as_ref().map(|result| result.sequence),
+            source: self.source.filter(|_| is_running),
             faults: self.withdrawn | if is_running { STALE_FAULT } else { STAGE_FAULT },
             ..Status::default()
         };
@@ -227,7 +231,7 @@ mod tests {
             nearest: Some(object(2, 10.0)),
             ..ResultValues::default()
         };
-        Values { daemon: Some(DaemonState::Running), result: Some(result), withdrawn: 0 }
+        Values { daemon: Some(DaemonState::Running), source: Some(1), result: Some(result), withdrawn: 0 }
     }
 
     #[test]
@@ -263,6 +267,8 @@ mod tests {
             assert_eq!((cycle.status.daemon, cycle.status.age_ms), (daemon.map(|_| 4), None));
         }
         let ended = Values { daemon: Some(DaemonState::NotRunning), ..values() };
-        assert_eq!(ended.cycle(1_100_000_000, STALE_NS).status.level, 0, "its last result no longer holds");
+        let status = ended.cycle(1_100_000_000, STALE_NS).status;
+        assert_eq!((status.level, status.source), (0, None), "its last result no longer holds");
+        assert_eq!(values().cycle(1_100_000_000, STALE_NS).status.source, Some(1));
     }
 }

@@ -6,6 +6,7 @@ mod architecture;
 mod bad_input;
 mod board;
 mod calibrate;
+mod can_out;
 mod commands;
 mod evaluate;
 mod evaluate_drive;

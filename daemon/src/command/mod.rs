@@ -2,6 +2,7 @@
 
 mod attach;
 mod calibrate;
+mod can;
 mod check_config;
 mod compare;
 mod completions;
@@ -85,6 +86,9 @@ pub enum Command {
     /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
+    /// Send what a running daemon finds on a CAN bus: alarm, nearest obstacle, path, obstacles
+    #[command(after_help = can::HELP)]
+    Can(can::Can),
     /// Compute a point cloud from one pair
     #[command(after_help = point_cloud::HELP)]
     PointCloud(point_cloud::PointCloudCommand),
@@ -165,6 +169,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
+        Command::Can(args) => can::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Record(args) => record::run(&args, log),
         Command::Compare(args) => compare::run(&args),

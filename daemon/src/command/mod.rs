@@ -12,6 +12,7 @@ mod detect;
 mod disparity;
 mod error;
 mod evaluate;
+mod low_priority;
 mod man;
 mod number;
 mod obstacles;
@@ -28,7 +29,9 @@ mod run;
 mod soak;
 mod stage;
 mod status;
+mod stream;
 mod train;
+mod video;
 mod view;
 
 pub use error::CommandError;
@@ -54,6 +57,7 @@ use clap::{CommandFactory, Parser, Subcommand};
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          status of the running daemon
   lookout view                                    the same in a browser, with pictures
+  lookout stream | jq .alarm.level                results as lines of JSON
   lookout record -o drive.mcap                    record the running daemon
 
 Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
@@ -84,6 +88,9 @@ pub enum Command {
     /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
+    /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
+    #[command(after_help = stream::HELP)]
+    Stream(stream::Stream),
     /// Compute a point cloud from one pair
     #[command(after_help = point_cloud::HELP)]
     PointCloud(point_cloud::PointCloudCommand),
@@ -161,6 +168,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
+        Command::Stream(args) => stream::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Record(args) => record::run(&args, log),
         Command::Compare(args) => compare::run(&args),

@@ -1,6 +1,7 @@
 //! Output formats: images, plots, overlays, frame records and run summaries.
 
 pub mod colour;
+pub mod fields;
 pub mod motion;
 pub mod output;
 pub mod overlay;
@@ -14,3 +15,4 @@ pub mod summary;
 pub mod svg;
 pub mod tidy;
 pub mod v_disparity;
+pub mod video;

@@ -1,6 +1,7 @@
 //! `lookout replay --video`.
 
-use crate::support::{Bench, lines};
+use crate::support::{Bench, Need, lines, skip};
+use std::process::Command;
 
 /// Width and height of a GIF, from its head.
 fn size(gif: &[u8]) -> (u16, u16) {
@@ -43,4 +44,18 @@ fn a_video_beside_results_leaves_them_and_a_missing_encoder_is_reported_before_t
     std::fs::create_dir(bench.path("run.frames")).expect("a folder");
     let error = bench.fails(&["replay", &recording, "--in-process", "--video", "run.gif"]);
     assert!(error.contains("run.frames: ") && bench.path("run.frames").is_dir(), "{error}");
+}
+
+#[test]
+fn ffmpeg_makes_an_mp4_of_every_frame() {
+    if !Command::new("ffmpeg").arg("-version").output().is_ok_and(|output| output.status.success()) {
+        skip(Need::Ffmpeg, "ffmpeg is not on the PATH");
+        return;
+    }
+    let bench = Bench::new();
+    let recording = bench.record("drive", 5);
+    let text = bench.ok(&["replay", &recording, "--in-process", "--video", "run.mp4"]);
+    assert!(text.contains("video in run.mp4: 5 pictures, 0.5 s"), "{text}");
+    let bytes = std::fs::read(bench.path("run.mp4")).expect("the video");
+    assert_eq!(bytes.get(4..8), Some(&b"ftyp"[..]), "the head of an MP4");
 }

@@ -33,14 +33,15 @@ pub const HELP: &str = "Examples:
   lookout stream --socket /run/lookout-stream/socket         as a member of the socket's group
   lookout stream --serve -c /etc/lookout/lookout.toml        serves stream.socket
 
-One JSON object a line, one line a frame, with the fields of obstacles.jsonl (docs/outputs.md). run and
-sequence identify a frame: run differs at each start of the daemon. A line with \"withdrawn\": true says that
-the results before it no longer hold: the daemon has ended, or a stage has died. The topic status adds the
-daemon's state once a second, as lookout status --json shows it.
+One JSON object a line, one line a frame, with the fields of obstacles.jsonl (docs/outputs.md). run
+and sequence identify a frame: run differs at each start of the daemon. A line with \"withdrawn\":
+true says that the results before it no longer hold: the daemon has ended, or a stage has died. The
+topic status adds the daemon's state once a second, as lookout status --json shows it.
 
-It waits for the daemon, continues across its restarts, and ends when its reader does. A reader that is slower
-than the daemon gets fewer frames, each the newest. It runs at the lowest priority and never blocks a stage. It
-must run as the daemon's user, or read the socket that lookout stream --serve offers to a group.";
+It waits for the daemon, continues across its restarts, and ends when its reader does. A reader that
+is slower than the daemon gets fewer frames, each the newest. It runs at the lowest priority and
+never blocks a stage. It must run as the daemon's user, or read the socket that lookout stream
+--serve offers to a group.";
 
 #[derive(Args, Debug)]
 pub struct Stream {

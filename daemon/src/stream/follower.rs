@@ -51,17 +51,22 @@ impl Follower {
         while !self.stop.load(Ordering::Relaxed) {
             // Each time, because the folder of a service appears with the daemon.
             let instance = Instance::find(&self.name, &self.directory);
-            let run = instance.prefix();
-            let (why, is_ended) = match why_absent(&instance).map_or_else(|| self.follow(&instance), Err) {
-                Err(why) => (why, true),
-                Ok(()) => (ended(&instance), !instance.is_running() || instance.prefix() != run),
+            let result = match why_absent(&instance) {
+                Some(why) => Err(why),
+                None => self.follow(&instance),
             };
             if self.stop.load(Ordering::Relaxed) {
                 break;
             }
-            if is_ended {
-                self.runs.end(&why);
-                self.notice.waits(why);
+            match result {
+                Ok(()) => {
+                    self.runs.end("the daemon has ended");
+                    self.notice.waits(absent(&instance));
+                }
+                Err(why) => {
+                    self.runs.end(&why);
+                    self.notice.waits(why);
+                }
             }
             std::thread::sleep(CHECK_PERIOD);
         }
@@ -69,9 +74,11 @@ impl Follower {
 
     /// Follows one run to its end.
     fn follow(&mut self, instance: &Instance) -> Result<(), String> {
-        let result = self.follow_run(instance);
-        // Its memory is removed when it ends, also while it is being joined.
-        result.map_err(|error| if instance.is_running() { error.to_string() } else { ended(instance) })
+        match self.follow_run(instance) {
+            Err(error) if instance.is_running() => Err(error.to_string()),
+            // Its memory is removed when it ends, also while it is being read.
+            Ok(()) | Err(_) => Ok(()),
+        }
     }
 
     fn follow_run(&mut self, instance: &Instance) -> Result<(), IpcError> {
@@ -124,7 +131,9 @@ impl Follower {
             };
             run.heard = Instant::now();
             self.notice.goes_on(&format!("the daemon \"{}\" answers again", self.name));
-            if self.runs.has_status() && self.runs.is_read() {
+            if !self.runs.is_read() {
+                self.runs.skip_status();
+            } else if self.runs.has_status() {
                 match serde_json::to_string(&StatusJson::new(&status)) {
                     Ok(json) => self.runs.status(&run.id, &json),
                     Err(error) => self.refuse("status", &error),
@@ -140,10 +149,14 @@ impl Follower {
             Ok(message) => message,
             Err(error) => return self.refuse("obstacles", &error),
         };
-        if !run.newest.accepts(header) || !(self.runs.has_frames() && self.runs.is_read()) {
+        if !run.newest.accepts(header) || !self.runs.has_frames() {
             return;
         }
         let withdrawn = header.withdraws == 1;
+        // Without readers nothing is converted.
+        if !withdrawn && !self.runs.is_read() {
+            return self.runs.skip(&run.id, header.sequence, header.source_ns as f64 * 1e-9);
+        }
         match Entry::new(&run.id, &frame_record(header, &message), withdrawn) {
             Ok(mut entry) => {
                 entry.fields.insert("capture_ns".into(), header.capture_ns.into());
@@ -158,8 +171,8 @@ impl Follower {
     }
 }
 
-fn ended(instance: &Instance) -> String {
-    format!("the daemon \"{}\" has ended: waits for the next", instance.name())
+fn absent(instance: &Instance) -> String {
+    format!("no daemon named \"{}\" is running: waits for one", instance.name())
 }
 
 /// Why there is no daemon to read.
@@ -169,5 +182,5 @@ fn why_absent(instance: &Instance) -> Option<String> {
         return Some(error.to_string());
     }
     let is_there = instance.is_running() && instance.prefix().is_some();
-    (!is_there).then(|| format!("no daemon named \"{}\" is running: waits for one", instance.name()))
+    (!is_there).then(|| absent(instance))
 }

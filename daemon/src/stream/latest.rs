@@ -51,12 +51,9 @@ impl Latest {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Counts a reader. The first one gets nothing from before, because without readers nothing was kept up to date.
+    /// Counts a reader.
     pub fn reader(&self) -> Reader<'_> {
-        if self.readers.fetch_add(1, Ordering::Relaxed) == 0 {
-            let mut state = self.state();
-            (state.frame, state.status) = (None, None);
-        }
+        self.readers.fetch_add(1, Ordering::Relaxed);
         Reader(self)
     }
 
@@ -75,6 +72,11 @@ impl Latest {
         self.changed.notify_all();
     }
 
+    /// Removes a frame that is no longer the newest.
+    pub fn clear_frame(&self) {
+        self.state().frame = None;
+    }
+
     /// Publishes the daemon's state, a JSON object.
     pub fn status(&self, run: &str, json: &str) {
         let mut state = self.state();
@@ -84,7 +86,7 @@ impl Latest {
         self.changed.notify_all();
     }
 
-    /// Removes the state of a daemon that has ended.
+    /// Removes a state that is out of date.
     pub fn clear_status(&self) {
         self.state().status = None;
     }

@@ -111,6 +111,17 @@ impl Runs {
         true
     }
 
+    /// There is a new frame, but nobody reads: whoever comes next gets no old one.
+    pub fn skip(&mut self, run: &str, sequence: u64, time_s: f64) {
+        self.last = Some(Last { run: run.into(), sequence, time_s, holds: true });
+        self.latest.clear_frame();
+    }
+
+    /// There is a new state, but nobody reads.
+    pub fn skip_status(&self) {
+        self.latest.clear_status();
+    }
+
     /// Publishes the daemon's state, a JSON object.
     pub fn status(&self, run: &str, json: &str) {
         if self.topics.has_status() {
@@ -186,6 +197,20 @@ mod tests {
         assert_eq!(line(), None);
         assert!(!runs.publish(&entry("a", 7)), "it was withdrawn");
         assert!(runs.publish(&entry("a", 8)));
+    }
+
+    #[test]
+    fn who_comes_late_gets_no_old_frame_but_learns_that_results_have_ended() {
+        let latest = Arc::new(Latest::default());
+        let mut runs = Runs::new(Arc::clone(&latest), Topics::all());
+        let newcomer = || latest.next(&mut Seen::default(), Duration::ZERO);
+        runs.publish(&entry("a", 1));
+        assert!(newcomer().is_some());
+        runs.skip("a", 2, 0.2);
+        assert_eq!(newcomer(), None);
+        runs.end("the daemon has ended");
+        let line = newcomer().unwrap();
+        assert!(line.contains("\"sequence\":2") && line.contains("\"withdrawn\":true"), "{line}");
     }
 
     #[test]

@@ -18,9 +18,9 @@ use std::path::Path;
 const MAX_WIDTH: u32 = 800;
 
 /// Maximum number of pictures a second.
-const MAX_RATE_HZ: f64 = 10.0;
+const MAX_RATE_HZ: f64 = 15.0;
 
-/// Maximum number of pictures: a minute.
+/// Maximum number of pictures: 40 s to a minute, about 70 MB of 640 × 480 pixels.
 pub const MAX_PICTURES: u64 = 600;
 
 /// Pictures come a little later or earlier than their rate.

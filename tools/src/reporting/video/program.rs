@@ -11,11 +11,22 @@ use std::process::{Child, Command, Stdio};
 /// Bytes of the program's error messages that are repeated.
 const MAX_WORDS: u64 = 2000;
 
-/// GStreamer's elements for each container: encoders in the order of preference with their parsers, and the multiplexer.
-const ELEMENTS: [(&str, &[(&str, &str)], &str); 3] = [
-    ("mp4", H264, "mp4mux"),
-    ("mkv", H264, "matroskamux"),
-    ("webm", &[("vp8enc", "identity"), ("vp9enc", "identity")], "webmmux"),
+/// GStreamer's elements for a container.
+struct Elements {
+    container: &'static str,
+    /// Encoders in the order of preference, each with its parser.
+    encoders: &'static [(&'static str, &'static str)],
+    multiplexer: &'static str,
+}
+
+const ELEMENTS: [Elements; 3] = [
+    Elements { container: "mp4", encoders: H264, multiplexer: "mp4mux" },
+    Elements { container: "mkv", encoders: H264, multiplexer: "matroskamux" },
+    Elements {
+        container: "webm",
+        encoders: &[("vp8enc", "identity"), ("vp9enc", "identity")],
+        multiplexer: "webmmux",
+    },
 ];
 
 /// H.264: software encoders, then that of the Raspberry Pi and others.
@@ -58,18 +69,22 @@ impl Program {
             command.args(["--exists", element]).stdout(Stdio::null()).stderr(Stdio::null());
             command.status().is_ok_and(|status| status.success())
         };
-        let of = |encoders: &[(&str, &str)]| encoders.iter().map(|(e, _)| *e).collect::<Vec<_>>().join(", ");
-        let Some((_, encoders, multiplexer)) = ELEMENTS.iter().find(|(name, ..)| *name == container) else {
+        let Some(elements) = ELEMENTS.iter().find(|elements| elements.container == container) else {
             return Err(format!("GStreamer is not used for .{container}"));
         };
+        let multiplexer = elements.multiplexer;
         if !exists("rawvideoparse") || !exists(multiplexer) {
             return Err(format!(
                 "ffmpeg is not on the PATH, and GStreamer has no rawvideoparse or {multiplexer}"
             ));
         }
+        let encoders = elements.encoders;
         match encoders.iter().find(|(encoder, parser)| exists(encoder) && exists(parser)) {
             Some((encoder, parser)) => Ok(Self::GStreamer { launch, encoder, parser, multiplexer }),
-            None => Err(format!("ffmpeg is not on the PATH, and GStreamer has none of {}", of(encoders))),
+            None => {
+                let names: Vec<_> = encoders.iter().map(|(encoder, _)| *encoder).collect();
+                Err(format!("ffmpeg is not on the PATH, and GStreamer has none of {}", names.join(", ")))
+            }
         }
     }
 

@@ -352,7 +352,7 @@ fn a_turn_that_begins_raises_alarms_but_no_warnings() {
         level
     };
     let levels = |distance_m| [level_at(distance_m, false), level_at(distance_m, true)];
-    assert_eq!(levels(25.0), [AlarmLevel::Warning, AlarmLevel::Standby]);
+    assert_eq!(levels(25.0), [AlarmLevel::Warning, AlarmLevel::Clear]);
     assert_eq!(levels(15.0), [AlarmLevel::Alarm; 2]);
 }
 

@@ -13,6 +13,7 @@ mod detect;
 mod disparity;
 mod error;
 mod evaluate;
+mod low_priority;
 mod man;
 mod number;
 mod obstacles;
@@ -30,7 +31,9 @@ mod scene;
 mod soak;
 mod stage;
 mod status;
+mod stream;
 mod train;
+mod video;
 mod view;
 
 pub use error::CommandError;
@@ -56,6 +59,7 @@ use clap::{CommandFactory, Parser, Subcommand};
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          status of the running daemon
   lookout view                                    the same in a browser, with pictures
+  lookout stream | jq .alarm.level                results as lines of JSON
   lookout record -o drive.mcap                    record the running daemon
 
 Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
@@ -89,6 +93,9 @@ pub enum Command {
     /// Send what a running daemon finds on a CAN bus: alarm, nearest obstacle, path, obstacles
     #[command(after_help = can::HELP)]
     Can(can::Can),
+    /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
+    #[command(after_help = stream::HELP)]
+    Stream(stream::Stream),
     /// Compute a point cloud from one pair
     #[command(after_help = point_cloud::HELP)]
     PointCloud(point_cloud::PointCloudCommand),
@@ -170,6 +177,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
         Command::Can(args) => can::run(&args, log),
+        Command::Stream(args) => stream::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Record(args) => record::run(&args, log),
         Command::Compare(args) => compare::run(&args),

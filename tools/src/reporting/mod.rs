@@ -2,6 +2,7 @@
 
 pub mod alarm_times;
 pub mod colour;
+pub mod fields;
 pub mod html;
 pub mod motion;
 pub mod output;
@@ -16,3 +17,4 @@ pub mod summary;
 pub mod svg;
 pub mod tidy;
 pub mod v_disparity;
+pub mod video;

@@ -134,7 +134,9 @@ impl SceneDetector {
             return Scene { road: None, profile_px, regions: &[], free_m, edges };
         };
         let profile = self.road.profile();
-        let regions = self.obstacles.detect(depth, profile, self.road.surface());
+        let surface = self.road.surface();
+        self.obstacles.find_stixels(depth, surface);
+        let regions = self.obstacles.detect(depth, profile, surface, &[]);
         let profile_px = profile.disparity_px();
         let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
         let min_px = self.rig.disparity_px(self.max_distance_m);

@@ -19,6 +19,7 @@
 //! [`scene`] has a runnable example.
 
 pub mod alarm;
+pub mod boundary;
 pub mod calibration;
 pub mod depth;
 pub mod detection;

@@ -42,7 +42,11 @@
 //! assert!((scene.regions[0].distance_m - 12.0).abs() < 0.4);
 //! ```
 
+use crate::alarm::AlarmParameters;
+use crate::boundary::{Boundary, BoundaryFinder};
 use crate::depth::DepthView;
+use crate::detection::stixel_use::StixelUse;
+use crate::detection::stixels::Stixels;
 use crate::detection::{ObstacleDetector, RegionParameters};
 use crate::motion::planar::PlanarStep;
 use crate::region::Region;
@@ -50,15 +54,28 @@ use crate::rig::Rig;
 use crate::road::edges::Edges;
 use crate::road::free_space::FreeSpace;
 use crate::road::histogram::VDisparity;
+use crate::road::surface::RoadSurface;
 use crate::road::{RoadEstimator, RoadModel, RoadParameters};
 
 /// Parameters of the road model and of obstacle detection.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneParameters {
     /// Road model.
     pub road: RoadParameters,
     /// Obstacle regions.
     pub regions: RegionParameters,
+    /// Width of the own path, in metres: what stands in it is an obstacle even where it is part of a boundary.
+    pub path_width_m: f64,
+}
+
+impl Default for SceneParameters {
+    fn default() -> Self {
+        Self {
+            road: RoadParameters::default(),
+            regions: RegionParameters::default(),
+            path_width_m: AlarmParameters::default().path_width_m,
+        }
+    }
 }
 
 /// Road and obstacles of one disparity map.
@@ -75,6 +92,8 @@ pub struct Scene<'a> {
     pub free_m: &'a [f32],
     /// Left and right edges of the road.
     pub edges: &'a Edges,
+    /// Boundaries beside the path, nearest first.
+    pub boundaries: &'a [Boundary],
 }
 
 /// Detects road and obstacle regions in disparity maps of one size; memory is allocated once.
@@ -84,6 +103,10 @@ pub struct SceneDetector {
     max_distance_m: f64,
     road: RoadEstimator,
     obstacles: ObstacleDetector,
+    boundaries: BoundaryFinder,
+    /// Own motion and seconds since the last map.
+    step: Option<PlanarStep>,
+    elapsed_s: f64,
     free_space: FreeSpace,
 }
 
@@ -96,10 +119,15 @@ impl SceneDetector {
         height: usize,
         disparities: usize,
     ) -> Self {
+        let obstacles = ObstacleDetector::new(parameters.regions, rig, width, height, disparities);
+        let path_width_m = parameters.path_width_m;
         Self {
+            boundaries: BoundaryFinder::new(rig, path_width_m, &parameters.regions, obstacles.stixels()),
+            step: None,
+            elapsed_s: 0.0,
             max_distance_m: parameters.regions.max_distance_m,
             road: RoadEstimator::new(parameters.road, rig, width, height, disparities),
-            obstacles: ObstacleDetector::new(parameters.regions, rig, width, height, disparities),
+            obstacles,
             free_space: FreeSpace::new(width),
             rig,
         }
@@ -110,16 +138,39 @@ impl SceneDetector {
         self.road.v_disparity()
     }
 
+    /// The stixels of the last map, and what each of them was used for.
+    pub fn stixels(&self) -> &Stixels {
+        self.obstacles.stixels()
+    }
+
+    /// What each stixel of the last map was used for; empty if no road was visible.
+    pub fn uses(&self) -> &[StixelUse] {
+        self.boundaries.uses()
+    }
+
+    /// The road surface of the last map with a visible road.
+    pub fn surface(&self) -> &RoadSurface {
+        self.road.surface()
+    }
+
     /// Forgets what was seen before, as after a gap or a step back in time ([`crate::frame_clock`]): the confirmation
     /// of regions over frames. The road is estimated in each map anew.
     pub fn reset(&mut self) {
         self.obstacles.reset();
+        self.boundaries.reset();
     }
 
     /// Sets the displacement of the camera from the last map to the next one, by which the memory of regions is moved;
     /// `None` if it is unknown. Call it before each [`Self::detect`]: it holds for one map.
     pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
         self.obstacles.set_own_motion(step);
+        self.step = step;
+    }
+
+    /// Sets the time since the last map, in seconds, by which what is remembered ages. Call it before each
+    /// [`Self::detect`]; it holds until it is set anew.
+    pub fn set_elapsed_s(&mut self, elapsed_s: f64) {
+        self.elapsed_s = elapsed_s;
     }
 
     /// Detects the road in a map, then the obstacles on it.
@@ -129,21 +180,23 @@ impl SceneDetector {
     pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
         let Some(model) = self.road.estimate(depth) else {
             self.free_space.clear();
+            self.boundaries.reset();
             let profile_px = self.road.profile().disparity_px();
             let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
-            return Scene { road: None, profile_px, regions: &[], free_m, edges };
+            return Scene { road: None, profile_px, regions: &[], free_m, edges, boundaries: &[] };
         };
         let profile = self.road.profile();
         let surface = self.road.surface();
-        self.obstacles.find_stixels(depth, surface);
-        let regions = self.obstacles.detect(depth, profile, surface, &[]);
+        let stixels = self.obstacles.find_stixels(depth, surface);
+        self.boundaries.update(stixels, (surface, profile.top()), self.step.take(), self.elapsed_s);
+        let regions = self.obstacles.detect(depth, profile, surface, self.boundaries.uses());
         let profile_px = profile.disparity_px();
         let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
         let min_px = self.rig.disparity_px(self.max_distance_m);
         let visible_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
         self.free_space.update(regions, visible_m);
         let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
-        Scene { road: Some(model), profile_px, regions, free_m, edges }
+        Scene { road: Some(model), profile_px, regions, free_m, edges, boundaries: self.boundaries.boundaries() }
     }
 }
 

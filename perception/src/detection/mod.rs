@@ -93,6 +93,11 @@ impl ObstacleDetector {
         self.small.set_own_motion(step);
     }
 
+    /// The stixels of the last map.
+    pub fn stixels(&self) -> &Stixels {
+        &self.stixels
+    }
+
     /// Extracts the stixels of a map, before [`Self::detect`].
     pub fn find_stixels(&mut self, depth: DepthView<'_>, surface: &RoadSurface) -> &Stixels {
         let p = &self.parameters;

@@ -1,0 +1,160 @@
+//! Heights above the road in a grid of directions and distances, as the camera sees the ground.
+//!
+//! Input: the disparities of the strips ([`crate::detection::stixels`]) and the road's surface. Output: for each sector (some
+//! strips) and each range of distances the number of pixels near the ground, the mean of their heights and its spread.
+//! Ground, at the road's height or at another one, has one height in a cell; what stands has many.
+
+use super::heights::{BATCH, PixelBatch};
+use super::surface::RoadSurface;
+use crate::rig::Rig;
+
+/// Strips per sector.
+pub const SECTOR_STRIPS: usize = 2;
+
+/// Nearest and farthest distance of the grid, in metres.
+pub const RANGE_M: (f64, f64) = (2.0, 62.0);
+
+/// Ratio of the far to the near end of a cell. It bounds what can stand unseen in a cell behind which the ground is seen:
+/// 7 % of the camera's height.
+pub const CELL_RATIO: f64 = 1.075;
+
+/// Pixels farther than this from the road's height, in metres, are no ground.
+pub const MAX_HEIGHT_M: f64 = 0.6;
+
+/// Entries per px of disparity in the table of cells.
+const ENTRIES_PER_PX: usize = 32;
+
+/// Pixels near the ground in a cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Number of pixels (of strips).
+    pub count: f32,
+    sum_m: f32,
+    square_m2: f32,
+}
+
+impl Cell {
+    /// Mean height above the road, in metres.
+    pub fn mean_m(&self) -> f32 {
+        self.sum_m / self.count.max(1.0)
+    }
+
+    /// Standard deviation of the heights, in metres.
+    pub fn spread_m(&self) -> f32 {
+        (self.square_m2 / self.count.max(1.0) - self.mean_m().powi(2)).max(0.0).sqrt()
+    }
+}
+
+/// The grid of a frame; memory is allocated once.
+#[derive(Debug)]
+pub struct GroundGrid {
+    cells: Vec<Cell>,
+    /// Cell of each disparity; `bins` for none.
+    bin_of: Vec<u8>,
+    /// Number of pixels of a cell that is all ground.
+    expected: Vec<f32>,
+    bins: usize,
+    sectors: usize,
+    rig: Rig,
+}
+
+impl GroundGrid {
+    /// An empty grid for this number of strips.
+    pub fn new(rig: Rig, strips: usize) -> Self {
+        let bins = ((RANGE_M.1 / RANGE_M.0).ln() / CELL_RATIO.ln()) as usize;
+        let bin_of = (0..256 * ENTRIES_PER_PX).map(|i| {
+            let distance_m = rig.distance_m((i as f64 + 0.5) / ENTRIES_PER_PX as f64);
+            let bin = (distance_m / RANGE_M.0).ln() / CELL_RATIO.ln();
+            if bin >= 0.0 && bin < bins as f64 { bin as u8 } else { bins as u8 }
+        });
+        let sectors = strips.div_ceil(SECTOR_STRIPS);
+        Self {
+            cells: vec![Cell::default(); sectors * bins],
+            bin_of: bin_of.collect(),
+            expected: vec![0.0; bins],
+            bins,
+            sectors,
+            rig,
+        }
+    }
+
+    /// Number of sectors, from the left.
+    pub fn sectors(&self) -> usize {
+        self.sectors
+    }
+
+    /// Number of cells of a sector, from near to far.
+    pub fn bins(&self) -> usize {
+        self.bins
+    }
+
+    /// The cells of a sector, from near to far.
+    pub fn sector(&self, sector: usize) -> &[Cell] {
+        &self.cells[sector * self.bins..(sector + 1) * self.bins]
+    }
+
+    /// Nearest distance of a cell, in metres.
+    pub fn near_m(&self, bin: usize) -> f64 {
+        RANGE_M.0 * CELL_RATIO.powi(bin as i32)
+    }
+
+    /// Cell of a disparity in px; `None` outside of the grid.
+    pub fn bin(&self, disparity_px: f64) -> Option<usize> {
+        let bin = *self.bin_of.get((disparity_px * ENTRIES_PER_PX as f64) as usize)?;
+        (usize::from(bin) < self.bins).then_some(bin.into())
+    }
+
+    /// Number of pixels of a cell that is all ground.
+    pub fn expected(&self, bin: usize) -> f32 {
+        self.expected[bin]
+    }
+
+    /// Disparity of the middle of a cell, in px.
+    pub fn disparity_px(&self, bin: usize) -> f64 {
+        self.rig.disparity_px(self.near_m(bin) * CELL_RATIO.sqrt())
+    }
+
+    /// Removes all pixels.
+    pub fn clear(&mut self) {
+        self.cells.fill(Cell::default());
+    }
+
+    /// Computes how many pixels each cell has where all of it is ground, in images with this number of rows.
+    pub fn expect(&mut self, surface: &RoadSurface, height: usize) {
+        let row = |distance_m: f64| {
+            let row = surface.row_at(self.rig.cx_px, self.rig.disparity_px(distance_m));
+            row.clamp(0.0, height as f32)
+        };
+        let mut near_m = RANGE_M.0;
+        for expected in &mut self.expected {
+            let rows = row(near_m) - row(near_m * CELL_RATIO);
+            *expected = if rows.is_finite() { rows.max(0.0) * SECTOR_STRIPS as f32 } else { 0.0 };
+            near_m *= CELL_RATIO;
+        }
+    }
+
+    /// Adds the disparities of a strip (1/256 px, row by row) from row `top` on.
+    pub fn add_strip(&mut self, strip: usize, x_px: f64, depths: &[u16], top: usize, surface: &RoadSurface) {
+        let cells = &mut self.cells[strip / SECTOR_STRIPS * self.bins..][..self.bins];
+        let mut pixels = PixelBatch::default();
+        let mut heights_m = [0.0; BATCH];
+        for from in (top..depths.len()).step_by(BATCH) {
+            pixels.clear();
+            for y in from..(from + BATCH).min(depths.len()) {
+                pixels.push(x_px as f32, y as f32, depths[y], depths[y] > 0);
+            }
+            surface.heights_m(&pixels, &mut heights_m);
+            for (&d, &height) in pixels.disparity.iter().zip(&heights_m).take(pixels.count()) {
+                let bin = self.bin_of[usize::from(d) * ENTRIES_PER_PX / 256];
+                // This form of the comparison rejects NaN.
+                if height.abs() < MAX_HEIGHT_M
+                    && let Some(cell) = cells.get_mut(usize::from(bin))
+                {
+                    cell.count += 1.0;
+                    cell.sum_m += height as f32;
+                    cell.square_m2 += (height * height) as f32;
+                }
+            }
+        }
+    }
+}

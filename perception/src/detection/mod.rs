@@ -98,6 +98,11 @@ impl ObstacleDetector {
         &self.stixels
     }
 
+    /// The obstacles of the last map, nearest first.
+    pub fn regions(&self) -> &[Region] {
+        &self.regions
+    }
+
     /// Extracts the stixels of a map, before [`Self::detect`].
     pub fn find_stixels(&mut self, depth: DepthView<'_>, surface: &RoadSurface) -> &Stixels {
         let p = &self.parameters;

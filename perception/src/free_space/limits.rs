@@ -1,4 +1,4 @@
-//! Hand-set limits of boundaries and of raised ground, with unit and reason.
+//! Hand-set limits of boundaries, raised ground and free space, with unit and reason.
 
 /// Standard deviation of the disparity of a stixel, in px, beside the noise of the frame: what the steps of a matcher and
 /// the blur at depth edges leave.
@@ -49,3 +49,45 @@ pub const FORGET_S: f64 = 0.5;
 
 /// Margin of the own path on each side, in metres: what stands so near to the path stays an obstacle.
 pub const PATH_MARGIN_M: f64 = 0.4;
+
+/// Heights of raised ground above the road, in metres: from a low kerb on; what is higher than a bank behind a kerb is a
+/// bonnet or a wall.
+pub const RAISED_M: std::ops::Range<f32> = 0.06..0.5;
+
+/// Pixels farther than this from the height of the road, in metres, are no ground at all.
+pub const MAX_GROUND_M: f64 = 0.6;
+
+/// Largest standard deviation of the heights of ground in a cell, in metres: grass and camber. The face of a wall of
+/// 0.4 m has 0.12.
+pub const MAX_SPREAD_M: f64 = 0.07;
+
+/// Least share of a cell's pixels that lie on the ground, where it is known.
+pub const MIN_GROUND_SHARE: f32 = 0.3;
+
+/// Fewest pixels (of strips) on which the height of a cell is based.
+pub const MIN_CELL_PIXELS: f32 = 3.0;
+
+/// Least depth of raised ground, in metres: more than the top of a wall.
+pub const MIN_RAISED_DEPTH_M: f64 = 1.0;
+
+/// Largest slope of raised ground, in metres a metre.
+pub const MAX_SLOPE: f64 = 0.15;
+
+/// Largest difference of free ground from the height of the road, in metres: camber and the error of the road's model.
+pub const MAX_LEVEL_M: f64 = 0.1;
+
+/// Largest difference of free ground from the disparity of the road, in standard deviations of the noise of the frame.
+pub const LEVEL_SIGMAS: f64 = 2.5;
+
+/// Cells without known ground that free space may bridge: two of them are 16 % of the distance, and what stands in them
+/// hides the ground behind, if it is higher than 0.2 m.
+pub const MAX_BRIDGED_CELLS: usize = 2;
+
+/// Farthest start of free space, as a multiple of the nearest distance that the image shows: a bonnet.
+pub const MAX_START_RATIO: f64 = 2.0;
+
+/// Free space ends this number of standard deviations before what stands there.
+pub const FREE_SIGMAS: f64 = 2.0;
+
+/// Least vertical extent of a stixel that ends free space, in metres; less is noise of the matcher on the road.
+pub const MIN_STANDING_M: f64 = 0.15;

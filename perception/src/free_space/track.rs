@@ -2,7 +2,7 @@
 
 use super::corridor::Corridor;
 use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, ROUGHNESS_M};
-use super::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
+use super::boundary::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
 use crate::motion::planar::PlanarStep;
 
 /// Nearest distance of a point that is kept, in metres.
@@ -72,7 +72,8 @@ impl TrackList {
                 (track.is_matched, track.unseen_s) = (true, 0.0);
                 track.seen_s += elapsed_s;
             } else if self.tracks.len() < MAX_TRACKS {
-                let boundary = Boundary { id: self.next_id, ..*curve };
+                let mut boundary = *curve;
+                boundary.id = self.next_id;
                 self.next_id = self.next_id.wrapping_add(1).max(1);
                 self.tracks.push(Track { boundary, seen_s: 0.0, unseen_s: 0.0, is_matched: true });
             }
@@ -112,7 +113,7 @@ fn side(boundary: &Boundary, corridor: &Corridor) -> Side {
 /// Moves a boundary with the camera; what is then behind it is dropped.
 fn shift(boundary: &mut Boundary, step: &PlanarStep) {
     let before = *boundary;
-    boundary.count = 0;
+    boundary.clear();
     for point in before.points() {
         let place = [point.lateral_m, point.distance_m];
         let [lateral_m, distance_m] = step.place(place);
@@ -165,7 +166,8 @@ fn separation_m(curve: &Boundary, boundary: &Boundary) -> Option<f64> {
 /// The curve of a frame, joined with what was known: its points moved towards the known ones by their errors, and the known
 /// points beyond its ends.
 fn joined(curve: &Boundary, known: &Boundary, elapsed_s: f64) -> Boundary {
-    let mut out = Boundary { id: known.id, side: known.side, ..Boundary::default() };
+    let mut out = *known;
+    out.clear();
     let ray = |p: &BoundaryPoint| p.lateral_m / p.distance_m;
     let ends = [curve.points().first(), curve.points().last()].map(|p| p.map_or(0.0, ray));
     let kept = |p: &BoundaryPoint| BoundaryPoint { unseen_s: p.unseen_s + elapsed_s, ..*p };

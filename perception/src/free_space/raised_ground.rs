@@ -4,22 +4,10 @@
 //! before or behind it go on at that height: the top of a low wall does not.
 
 use super::ground_grid::GroundGrid;
-use super::surface::RoadSurface;
-
-/// Heights of raised ground above the road, in metres: a low kerb, and the bank behind a high one.
-const HEIGHT_M: std::ops::Range<f32> = 0.06..0.5;
-
-/// Largest standard deviation of the heights in a cell, in metres: grass and camber. The face of a wall of 0.4 m has 0.12.
-const MAX_SPREAD_M: f64 = 0.07;
-
-/// Least share of a cell's pixels.
-const MIN_SHARE: f32 = 0.3;
-
-/// Least depth of raised ground, in metres: more than the top of a wall.
-const MIN_DEPTH_M: f64 = 1.0;
-
-/// Largest slope of the ground, in metres a metre.
-const MAX_SLOPE: f64 = 0.15;
+use super::limits::{
+    MAX_SLOPE, MAX_SPREAD_M, MIN_CELL_PIXELS, MIN_GROUND_SHARE, MIN_RAISED_DEPTH_M, RAISED_M,
+};
+use crate::road::surface::RoadSurface;
 
 /// Cells with raised ground; memory is allocated once.
 #[derive(Debug)]
@@ -53,8 +41,8 @@ impl RaisedGround {
             let is_raised = |bin: usize| {
                 let cell = &cells[bin];
                 let noise_m = surface.height_noise_m(grid.disparity_px(bin));
-                cell.count >= (MIN_SHARE * grid.expected(bin)).max(3.0)
-                    && HEIGHT_M.contains(&cell.mean_m())
+                cell.count >= (MIN_GROUND_SHARE * grid.expected(bin)).max(MIN_CELL_PIXELS)
+                    && RAISED_M.contains(&cell.mean_m())
                     && f64::from(cell.spread_m()) <= MAX_SPREAD_M.hypot(1.5 * noise_m)
             };
             let continues = |bin: usize| {
@@ -74,7 +62,7 @@ impl RaisedGround {
                 while bin < self.bins && is_raised(bin) && continues(bin) {
                     bin += 1;
                 }
-                if bin - from >= 2 && grid.near_m(bin) - grid.near_m(from) >= MIN_DEPTH_M {
+                if bin - from >= 2 && grid.near_m(bin) - grid.near_m(from) >= MIN_RAISED_DEPTH_M {
                     marks[from..bin].fill(true);
                 }
             }

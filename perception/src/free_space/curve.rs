@@ -9,7 +9,7 @@ use super::limits::{
     BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M, MAX_HIDDEN_M,
     MIN_LENGTH_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
 };
-use super::{Boundary, BoundaryPoint, MAX_POINTS};
+use super::boundary::{Boundary, BoundaryPoint, MAX_POINTS};
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::{Stixel, Stixels};
 use crate::rig::Rig;
@@ -140,6 +140,7 @@ impl CurveFinder {
                 continue;
             }
             self.follow(stixels, seed, noise_px);
+            self.trim_start(noise_px);
             if self.is_boundary() {
                 let curve = self.curve();
                 self.curves.push(curve);
@@ -202,6 +203,32 @@ impl CurveFinder {
                     }
                 }
             }
+        }
+    }
+
+    /// Drops the first members, as far as the others do not lead back to them: where a curve begins, its direction is not
+    /// known yet, and anything is taken.
+    fn trim_start(&mut self, noise_px: f64) {
+        let Some(last) = self.members.last() else { return };
+        let sigma = STIXEL_SIGMA_PX.hypot(noise_px) / self.rig.disparity_px(1.0);
+        let mut at = Follower {
+            slope: last.slope,
+            inverse_m: last.inverse_m,
+            rate: 0.0,
+            variance: [sigma * sigma, 0.0, RATE_PER_M * RATE_PER_M],
+        };
+        let leads = |member: &Member| {
+            at.advance(member.slope);
+            let spread = at.spread(sigma);
+            let gate = GATE_SIGMAS * (at.variance[0] + spread).sqrt();
+            let is_near = (member.inverse_m - at.inverse_m).abs() <= gate;
+            at.correct(member.inverse_m, spread);
+            is_near
+        };
+        let kept = self.members.iter().rev().skip(1).map(leads).take_while(|is_near| *is_near).count() + 1;
+        self.members.drain(..self.members.len() - kept);
+        if let Some(first) = self.members.first_mut() {
+            first.seen_m = 0.0;
         }
     }
 

@@ -47,7 +47,8 @@ mod tests {
         let straight = Corridor::new(2.4, None);
         assert!(straight.contains([1.5, 30.0]) && !straight.contains([1.7, 30.0]));
         let motion = Motion { speed_m_s: 10.0, yaw_rate_rad_s: 0.5, ..Motion::default() };
-        let body = Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 0.0, camera_yaw_rad: 0.0 };
+        let body =
+            Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 0.0, camera_yaw_rad: 0.0 };
         let bent = Corridor::new(2.4, Some(PlanarStep::of(&motion, &body, 0.1)));
         // 0.05/m: 10 m ahead the path is 2.5 m to the left.
         assert!(bent.contains([-2.5, 10.0]) && bent.contains([0.0, 10.0]) && !bent.contains([2.5, 10.0]));

@@ -5,11 +5,11 @@
 //! error everywhere, because disparity is proportional to w. An error or a roughness of r metres across the line is
 //! w·r/ρ, a turn of its direction by an angle changes the rate of w by angle / (w·ρ²).
 
-use super::limits::{
-    BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M, MAX_HIDDEN_M,
-    MIN_LENGTH_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
-};
 use super::boundary::{Boundary, BoundaryPoint, MAX_POINTS};
+use super::limits::{
+    BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M,
+    MAX_HIDDEN_M, MIN_LENGTH_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
+};
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::{Stixel, Stixels};
 use crate::rig::Rig;
@@ -136,7 +136,10 @@ impl CurveFinder {
         self.visited.resize(stixels.list().len(), false);
         self.curves.clear();
         for seed in 0..stixels.list().len() {
-            if self.visited[seed] || stixels.list()[seed].low_m > MAX_FOOT_M || self.curves.len() == MAX_CURVES {
+            if self.visited[seed]
+                || stixels.list()[seed].low_m > MAX_FOOT_M
+                || self.curves.len() == MAX_CURVES
+            {
                 continue;
             }
             self.follow(stixels, seed, noise_px);
@@ -173,12 +176,14 @@ impl CurveFinder {
             let gate = GATE_SIGMAS * (at.variance[0] + spread).sqrt();
             let limit = at.inverse_m * MAX_GAP_M / at.line_m();
             // While the rate is unknown the gate is that of the steepest curve; then no jump across counts.
-            let gate = if self.members.len() < 4 { gate } else { gate.min(limit.max(GATE_SIGMAS * first.sigma)) };
+            let gate =
+                if self.members.len() < 4 { gate } else { gate.min(limit.max(GATE_SIGMAS * first.sigma)) };
             if at.inverse_m < 1e-3 || (self.members.len() >= 4 && at.line_m() < MIN_LINE_M) {
                 break;
             }
             since_m += step_m;
-            let away = |i: &usize| (RayStixel::new(&list[*i], &self.rig, noise_px).inverse_m - at.inverse_m).abs();
+            let away =
+                |i: &usize| (RayStixel::new(&list[*i], &self.rig, noise_px).inverse_m - at.inverse_m).abs();
             let stands = |i: &usize| list[*i].low_m <= MAX_FOOT_M && !self.visited[*i];
             let nearest = stixels.range(strip).filter(stands).min_by(|a, b| away(a).total_cmp(&away(b)));
             match nearest.filter(|i| away(i) <= gate) {

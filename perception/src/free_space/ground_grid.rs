@@ -4,7 +4,7 @@
 //! strips) and each range of distances the number of pixels near the ground, the mean of their heights and its spread.
 //! Ground, at the road's height or at another one, has one height in a cell; what stands has many.
 
-use super::limits::{LEVEL_SIGMAS, MAX_GROUND_M, MAX_LEVEL_M};
+use super::limits::{BORDER_PX, LEVEL_SIGMAS, MAX_GROUND_M, MAX_LEVEL_M};
 use super::road_view::RoadView;
 use crate::detection::stixels::Stixels;
 use crate::rig::Rig;
@@ -182,6 +182,7 @@ impl GroundGrid {
     /// Counts the pixels of a strip that are at the disparity of the road.
     fn add_road(&mut self, strip: usize, depths: &[u16], road: RoadView<'_>) {
         let cells = &mut self.road_cells[strip / self.sector_strips * self.bins..][..self.bins];
+        let column = Stixels::column(strip) as f32;
         let tilt_px = -road.surface.tilt().levelled_px(Stixels::column(strip), 0.0) as f32;
         let rows = depths.iter().zip(road.profile_px).zip(&self.tolerance_px).skip(road.top);
         for ((&d, &profile_px), &tolerance_px) in rows {
@@ -189,7 +190,9 @@ impl GroundGrid {
             let bin = self.bin_of.get((road_px * ENTRIES_PER_PX as f32) as usize).copied().unwrap_or(u8::MAX);
             if let Some(cell) = cells.get_mut(usize::from(bin)) {
                 cell.all += 1;
-                cell.level += u16::from(d > 0 && (f32::from(d) / 256.0 - road_px).abs() <= tolerance_px);
+                let in_right = column - road_px >= BORDER_PX;
+                cell.level +=
+                    u16::from(in_right && d > 0 && (f32::from(d) / 256.0 - road_px).abs() <= tolerance_px);
             }
         }
     }

@@ -86,6 +86,12 @@ pub const MAX_BRIDGED_CELLS: usize = 2;
 /// Farthest start of free space, as a multiple of the nearest distance that the image shows: a bonnet.
 pub const MAX_START_RATIO: f64 = 2.0;
 
+/// Share of the sectors that show ground where free space starts: cars beside a narrow lane hide the others.
+pub const MIN_START_SHARE: f64 = 0.125;
+
+/// Columns from the left side of the right image, in px, in which the matcher's windows reach beyond it.
+pub const BORDER_PX: f32 = 12.0;
+
 /// Free space ends this number of standard deviations before what stands there.
 pub const FREE_SIGMAS: f64 = 2.0;
 

@@ -55,12 +55,7 @@ pub struct FreeSpaceFinder {
 
 impl FreeSpaceFinder {
     /// A finder for such stixels. `path_width_m` is the width of the own path, `regions` are the parameters of obstacles.
-    pub fn new(
-        rig: Rig,
-        path_width_m: f64,
-        regions: &RegionParameters,
-        stixels: &Stixels,
-    ) -> Self {
+    pub fn new(rig: Rig, path_width_m: f64, regions: &RegionParameters, stixels: &Stixels) -> Self {
         let grid = GroundGrid::new(rig, stixels);
         Self {
             path_width_m,
@@ -113,7 +108,8 @@ impl FreeSpaceFinder {
         self.mark_boundaries(stixels, road.surface.noise_px());
         for (stixel_use, stixel) in self.uses.iter_mut().zip(stixels.list()) {
             // Of what is not higher than road may be, nothing is an obstacle, wherever it is.
-            let is_road = *stixel_use == StixelUse::RaisedGround && f64::from(stixel.high_m) <= self.min_height_m;
+            let is_road =
+                *stixel_use == StixelUse::RaisedGround && f64::from(stixel.high_m) <= self.min_height_m;
             if !stixel_use.is_free() && !is_road && corridor.contains(place(stixel, &self.rig)) {
                 *stixel_use = StixelUse::Free;
             }
@@ -182,3 +178,6 @@ fn belongs(stixel: &Stixel, boundary: &Meeting, rig: &Rig, noise_px: f64) -> boo
     (boundary.height_m >= LOW_HEIGHT_M || !is_high)
         && (ray.inverse_m - 1.0 / boundary.distance_m).abs() <= gate
 }
+
+#[cfg(test)]
+mod tests;

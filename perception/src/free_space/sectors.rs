@@ -9,7 +9,7 @@ use super::curve::RayStixel;
 use super::ground_grid::{GroundGrid, RoadCell};
 use super::limits::{
     FREE_SIGMAS, LOW_HEIGHT_M, MAX_BRIDGED_CELLS, MAX_START_RATIO, MIN_CELL_PIXELS, MIN_GROUND_SHARE,
-    MIN_STANDING_M,
+    MIN_STANDING_M, MIN_START_SHARE,
 };
 use super::raised_ground::RaisedGround;
 use super::road_view::RoadView;
@@ -110,7 +110,8 @@ impl SectorFinder {
             for boundary in input.boundaries {
                 let slopes = [sector.left_slope, sector.right_slope];
                 for meeting in slopes.into_iter().filter_map(|slope| boundary.meet(slope)) {
-                    let error_m = FREE_SIGMAS * meeting.sigma_m * meeting.distance_m / meeting.line_m.max(0.1);
+                    let error_m =
+                        FREE_SIGMAS * meeting.sigma_m * meeting.distance_m / meeting.line_m.max(0.1);
                     sector.limit(meeting.distance_m - error_m, FreeEnd::Boundary);
                 }
             }
@@ -124,7 +125,8 @@ impl SectorFinder {
         }
         self.limit_by_stixels(input);
         for region in input.regions {
-            let error_m = FREE_SIGMAS * self.rig.distance_error_m(region.distance_m, region.disparity_sigma_px);
+            let error_m =
+                FREE_SIGMAS * self.rig.distance_error_m(region.distance_m, region.disparity_sigma_px);
             let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);
             let end = to.div_ceil(self.columns).min(self.sectors.len());
             for sector in &mut self.sectors[(from / self.columns).min(end)..end] {
@@ -149,10 +151,13 @@ impl SectorFinder {
             }
             let ray = RayStixel::new(stixel, &self.rig, input.road.surface.noise_px());
             let distance_m = 1.0 / (ray.inverse_m + FREE_SIGMAS * ray.sigma);
-            let end =
-                if *stixel_use == StixelUse::Boundary { FreeEnd::Boundary } else { FreeEnd::Obstacle };
-            if let Some(sector) = self.sectors.get_mut(input.grid.sector_of(stixel.strip as usize)) {
-                sector.limit(distance_m, end);
+            let end = if *stixel_use == StixelUse::Boundary { FreeEnd::Boundary } else { FreeEnd::Obstacle };
+            // At its sides the matcher smooths it into the ground behind.
+            let strip = stixel.strip as usize;
+            for sector in input.grid.sector_of(strip.saturating_sub(1))..=input.grid.sector_of(strip + 1) {
+                if let Some(sector) = self.sectors.get_mut(sector) {
+                    sector.limit(distance_m, end);
+                }
             }
         }
     }
@@ -169,11 +174,12 @@ impl FreeSector {
 
 /// Whether enough of a cell is known to be ground at the road's height.
 fn is_ground(cell: &RoadCell) -> bool {
-    f32::from(cell.level) >= MIN_GROUND_SHARE * f32::from(cell.all) && f32::from(cell.level) >= MIN_CELL_PIXELS
+    f32::from(cell.level) >= MIN_GROUND_SHARE * f32::from(cell.all)
+        && f32::from(cell.level) >= MIN_CELL_PIXELS
 }
 
-/// The first cell in which half of the sectors that show it show ground: nearer is a bonnet, or what is too near to be
-/// matched.
+/// The first cell in which some of the sectors show ground ([`MIN_START_SHARE`]): nearer is a bonnet, or what is too near to
+/// be matched.
 fn common_start(grid: &GroundGrid) -> Option<usize> {
     let first_visible = (0..grid.bins()).find(|&bin| grid.expected(bin) >= MIN_CELL_PIXELS)?;
     let latest_m = MAX_START_RATIO * grid.near_m(first_visible);
@@ -181,7 +187,7 @@ fn common_start(grid: &GroundGrid) -> Option<usize> {
         let count = |test: fn(&RoadCell) -> bool| {
             (0..grid.sectors()).filter(|&sector| test(&grid.road_sector(sector)[*bin])).count()
         };
-        2 * count(is_ground) >= count(|cell| cell.all > 0).max(1)
+        count(is_ground) as f64 >= MIN_START_SHARE * count(|cell| cell.all > 0).max(1) as f64
     };
     (first_visible..grid.bins()).take_while(|&bin| grid.near_m(bin) <= latest_m).find(is_start)
 }

@@ -1,8 +1,8 @@
 //! Boundaries over frames: moved by the own motion, confirmed and forgotten in seconds.
 
+use super::boundary::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
 use super::corridor::Corridor;
 use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, ROUGHNESS_M};
-use super::boundary::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
 use crate::motion::planar::PlanarStep;
 
 /// Nearest distance of a point that is kept, in metres.
@@ -53,7 +53,13 @@ impl TrackList {
     }
 
     /// Joins the curves of a frame.
-    pub fn update(&mut self, curves: &[Boundary], step: Option<PlanarStep>, elapsed_s: f64, corridor: &Corridor) {
+    pub fn update(
+        &mut self,
+        curves: &[Boundary],
+        step: Option<PlanarStep>,
+        elapsed_s: f64,
+        corridor: &Corridor,
+    ) {
         for track in &mut self.tracks {
             track.is_matched = false;
             if let Some(step) = &step {
@@ -61,9 +67,10 @@ impl TrackList {
             }
         }
         for curve in curves {
-            let distances = self.tracks.iter().map(|track| {
-                if track.is_matched { None } else { separation_m(curve, &track.boundary) }
-            });
+            let distances = self
+                .tracks
+                .iter()
+                .map(|track| if track.is_matched { None } else { separation_m(curve, &track.boundary) });
             let nearest =
                 distances.enumerate().filter_map(|(i, d)| Some((i, d?))).min_by(|a, b| a.1.total_cmp(&b.1));
             if let Some((i, _)) = nearest {

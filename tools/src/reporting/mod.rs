@@ -10,6 +10,7 @@ pub mod plot;
 pub mod ply;
 pub mod poses;
 pub mod record;
+pub mod space;
 pub mod summary;
 pub mod svg;
 pub mod tidy;

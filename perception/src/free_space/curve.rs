@@ -8,7 +8,7 @@
 use super::boundary::{Boundary, BoundaryPoint, MAX_POINTS};
 use super::limits::{
     BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M,
-    MAX_HIDDEN_M, MIN_LENGTH_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
+    MAX_HIDDEN_M, MIN_LENGTH_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
 };
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::{Stixel, Stixels};
@@ -257,9 +257,10 @@ impl CurveFinder {
 
     /// Whether the collected members are longer than a vehicle, without the gaps between vehicles, and steady.
     fn is_boundary(&mut self) -> bool {
-        let is_low = |height_m: f64| height_m < LOW_HEIGHT_M;
+        // Lower is the face of raised ground.
+        let is_low = |height_m: f64| (f64::from(RAISED_M.end)..LOW_HEIGHT_M).contains(&height_m);
         self.is_steady(MAX_GAP_M, MIN_LENGTH_M).is_some_and(is_low)
-            || self.is_steady(LORRY_GAP_M, LONGEST_VEHICLE_M).is_some()
+            || self.is_steady(LORRY_GAP_M, LONGEST_VEHICLE_M).is_some_and(|height_m| height_m >= LOW_HEIGHT_M)
     }
 
     /// The median height of the members, if the part in which a gap of `gap_m` would be seen is longer than `length_m`

@@ -33,7 +33,7 @@ use boundary::{Boundary, Meeting};
 use corridor::Corridor;
 use curve::{CurveFinder, RayStixel};
 use ground_grid::GroundGrid;
-use limits::{GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GROUND_M, ROUGHNESS_M};
+use limits::{GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GROUND_M, MAX_SPREAD_M, ROUGHNESS_M};
 use raised_ground::RaisedGround;
 use road_view::RoadView;
 use sectors::{FreeSector, SectorFinder, SectorInput};
@@ -136,8 +136,14 @@ impl FreeSpaceFinder {
         self.uses.extend(stixels.list().iter().map(|stixel| {
             let raised = self.raised.sector(self.grid.sector_of(stixel.strip as usize));
             let bin = self.grid.bin(stixel.disparity_px.into());
+            let cells = self.grid.sector(self.grid.sector_of(stixel.strip as usize));
             let is_low = f64::from(stixel.high_m) <= MAX_GROUND_M;
-            let is_ground = is_low && bin.is_some_and(|bin| raised[bin]);
+            // The face of a kerb is not higher than the ground behind it.
+            let is_face = |behind: usize| {
+                raised.get(behind) == Some(&true)
+                    && stixel.high_m <= cells[behind].mean_m() + 2.0 * MAX_SPREAD_M as f32
+            };
+            let is_ground = is_low && bin.is_some_and(|bin| raised[bin] || is_face(bin + 1));
             if is_ground { StixelUse::RaisedGround } else { StixelUse::Free }
         }));
     }

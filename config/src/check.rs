@@ -1,5 +1,6 @@
 //! Parses and checks a configuration. All errors are reported at once, each with its line, key and remedy.
 
+use crate::automatic::AUTO;
 use crate::keys::{self, Key, Kind};
 use crate::limits::{MAX_BYTES, MAX_ERRORS, MAX_PATH_BYTES, MAX_SUGGESTED_CHARS};
 use crate::tables::Config;
@@ -250,6 +251,7 @@ impl Checker<'_> {
         };
         let fits = match key.kind {
             Kind::Switch => value.get_ref().as_bool().is_some(),
+            Kind::Automatic => value.get_ref().as_bool().is_some() || value.get_ref().as_str() == Some(AUTO),
             Kind::Whole(low, high) => whole().is_some_and(|v| (low..=high).contains(&v)),
             Kind::Number(low, high) => number().is_some_and(|v| (low..=high).contains(&v)),
             Kind::Choice(words) => value.get_ref().as_str().is_some_and(|v| words.contains(&v)),

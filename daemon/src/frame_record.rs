@@ -1,6 +1,6 @@
 //! Converts an `obstacles` message to the record that is written as JSON and drawn on overlays.
 
-use messages::alarm::{Faults, level_name, rule_name};
+use messages::alarm::{level_name, rule_name};
 use messages::header::{Header, get_text};
 use messages::motion::{MotionRecord, health};
 use messages::obstacles::{AlarmRecord, Obstacles};
@@ -9,8 +9,10 @@ use perception::motion::body::Body;
 use perception::motion::path::{EdgesAhead, SweptPath};
 use tools::reporting::motion::MotionLine;
 use tools::reporting::path::PathLine;
+use tools::reporting::record::{
+    AlarmLine, AlarmObject, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite,
+};
 use tools::reporting::space::{BoundaryLine, centimetres};
-use tools::reporting::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
 
 /// The record of a frame. Values that the message marks as absent become `None`.
 pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
@@ -35,7 +37,8 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
             nearest_m: tidy_finite(alarm.nearest_m),
             time_to_collision_s: tidy_finite(alarm.time_to_collision_s),
             required_deceleration_m_s2: (alarm.track > 0).then(|| tidy(alarm.required_deceleration_m_s2)),
-            reason: (alarm.level == messages::alarm::OFF).then(|| Faults(alarm.faults).to_string()),
+            reason: Some(alarm.reason()),
+            object: alarm_object(alarm),
         },
         obstacles: message
             .obstacles
@@ -55,6 +58,7 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
                 lateral_m: tidy(o.lateral_m),
                 width_m: tidy(o.width_m),
                 height_m: tidy(o.height_m),
+                clearance_m: tidy_finite(o.clearance_m),
                 across_m_s: (o.seen > 1).then(|| tidy(o.across_m_s)),
                 closing_m_s: (o.seen > 1).then(|| tidy(o.closing_m_s)),
                 closing_sigma_m_s: (o.seen > 1).then(|| tidy(o.closing_sigma_m_s)),
@@ -65,6 +69,16 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
             })
             .collect(),
     }
+}
+
+/// What an alarm is about.
+pub fn alarm_object(alarm: &AlarmRecord) -> Option<AlarmObject> {
+    let class = get_text(&alarm.class);
+    (alarm.object > 0).then(|| AlarmObject {
+        track: alarm.object,
+        class: (!class.is_empty()).then_some(class),
+        clearance_m: tidy_finite(alarm.clearance_m),
+    })
 }
 
 /// The path of an alarm; without edges if the message tells no width.
@@ -88,6 +102,7 @@ fn path_line(motion: &MotionRecord, alarm: &AlarmRecord) -> PathLine {
             camera_yaw_rad: alarm.path_camera_yaw_rad,
         },
         edges: (edges.from_m > 0.0).then_some(edges),
+        is_turning_in: false,
     };
     PathLine::new(&path, known)
 }

@@ -10,6 +10,7 @@ use crate::stages::vehicle_record::record;
 use config::Config;
 use messages::header::{Header, Kind, MessageError};
 use messages::motion::MotionRecord;
+use messages::obstacles::AlarmRecord;
 use messages::pipeline::SERVICES;
 use messages::regions::RegionRecord;
 use messages::source_time::SourceTimeRecord;
@@ -88,6 +89,12 @@ pub struct FrameResult<'a> {
     pub regions: Records<RegionRecord, { regions::MAX_COUNT }>,
     /// Whether a road was detected.
     pub road_seen: bool,
+    /// The vehicle's own motion.
+    pub motion: MotionRecord,
+    /// The alarm.
+    pub alarm: AlarmRecord,
+    /// Source time, in ns.
+    pub source_ns: u64,
 }
 
 impl Pipeline {
@@ -160,6 +167,7 @@ impl Pipeline {
         });
         let message = obstacles::view(obstacles.0, obstacles.1)?;
         let record = frame_record(obstacles.0, &message);
+        let (motion, source_ns, alarm) = (obstacles.0.motion, obstacles.0.source_ns, message.alarm);
         let depth = depth::view(depth.0, depth.1)?;
         let regions = regions::view(regions.0, regions.1)?;
         let images = OverlayInput {
@@ -171,7 +179,19 @@ impl Pipeline {
             height: self.format.height,
             rig: self.format.rig(),
         };
-        Ok(FrameResult { record, images, regions: regions.regions, road_seen: regions.road.seen == 1 })
+        let road_seen = regions.road.seen == 1;
+        Ok(FrameResult { record, images, regions: regions.regions, road_seen, motion, alarm, source_ns })
+    }
+
+    /// The left image of pair `index`, row-major, without processing it.
+    ///
+    /// # Errors
+    /// If the pair cannot be read.
+    pub fn left(&mut self, index: u64) -> Result<&[u8], PipelineError> {
+        let pair = place(&self.slots, Kind::Pair);
+        let (left, right) = pair::split_mut(self.slots[pair].buffer.get_mut());
+        self.source.read(index, left, right)?;
+        Ok(left)
     }
 
     /// The vehicle's own motion at pair `index` of the source, and its source time in ns. Stages after the road do not

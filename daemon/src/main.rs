@@ -1,5 +1,6 @@
 //! `lookout`: stereo obstacle detection ahead of a vehicle. The daemon, its stages and all subcommands.
 
+mod alarm_tally;
 mod command;
 mod frame_record;
 mod host;

@@ -1,8 +1,9 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
-use crate::frame_record::motion_line;
+use crate::alarm_tally::alarm_times;
+use crate::frame_record::{alarm_object, motion_line};
 use crate::stages::vehicle_record::reading;
-use messages::alarm::{Faults, level_name, rule_name};
+use messages::alarm::{level_name, rule_name};
 use messages::device::DeviceRecord;
 use messages::heat::HeatRecord;
 use messages::motion::VehicleRecord;
@@ -12,7 +13,9 @@ use perception::stereo::device::STAGES;
 use serde::Serialize;
 use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
+use tools::reporting::alarm_times::AlarmTimes;
 use tools::reporting::motion::MotionLine;
+use tools::reporting::record::AlarmObject;
 
 /// The status as JSON.
 #[derive(Serialize)]
@@ -26,8 +29,10 @@ pub struct StatusJson {
     latency_p99_ms: f32,
     alarm: &'static str,
     alarm_rule: Option<&'static str>,
-    alarm_reason: Option<String>,
-    alarms: u32,
+    alarm_reason: String,
+    alarm_object: Option<AlarmObject>,
+    alarm_times: AlarmTimes,
+    alarms: u64,
     obstacles: u32,
     nearest_m: Option<f64>,
     deadline: DeadlineJson,
@@ -71,14 +76,21 @@ struct PacingJson {
 #[derive(Serialize)]
 struct CalibrationJson {
     state: &'static str,
+    cause: &'static str,
     text: String,
+    remedy: &'static str,
     offset_px: f32,
     across_px: f32,
     down_px: f32,
-    worst_px: f32,
+    typical_px: f32,
+    total_px: f32,
     sigma_px: f32,
-    bound_px: f32,
+    lost: f32,
+    lost_max: f32,
+    distance_error: f32,
     corrected_px: f32,
+    moved_px: f32,
+    moved: bool,
 }
 
 #[derive(Serialize)]
@@ -138,13 +150,14 @@ impl StatusJson {
             frames: status.frames,
             latency_p50_ms: status.latency_p50_ms,
             latency_p99_ms: status.latency_p99_ms,
-            alarm: level_name(status.alarm),
-            alarm_rule: rule_name(status.alarm_rule),
-            alarm_reason: (status.alarm == messages::alarm::OFF)
-                .then(|| Faults(status.alarm_faults).to_string()),
+            alarm: level_name(status.alarm.level),
+            alarm_rule: rule_name(status.alarm.rule),
+            alarm_reason: status.alarm.reason(),
+            alarm_object: alarm_object(&status.alarm),
+            alarm_times: alarm_times(&status.alarm_time),
             alarms: status.alarms,
             obstacles: status.obstacles,
-            nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
+            nearest_m: Some(status.alarm.nearest_m).filter(|m| m.is_finite()),
             deadline: DeadlineJson {
                 deadline_ms: (status.deadline.deadline_ns > 0)
                     .then_some(status.deadline.deadline_ns as f64 * 1e-6),
@@ -169,14 +182,21 @@ impl StatusJson {
             },
             calibration: CalibrationJson {
                 state: status.calibration.state().name(),
+                cause: status.calibration.cause().name(),
                 text: status.calibration.to_string(),
+                remedy: status.calibration.remedy(),
                 offset_px: status.calibration.offset_px,
                 across_px: status.calibration.across_px,
                 down_px: status.calibration.down_px,
-                worst_px: status.calibration.worst_px,
+                typical_px: status.calibration.typical_px,
+                total_px: status.calibration.total_px,
                 sigma_px: status.calibration.sigma_px,
-                bound_px: status.calibration.bound_px,
+                lost: status.calibration.lost,
+                lost_max: status.calibration.lost_max,
+                distance_error: status.calibration.distance_error,
                 corrected_px: status.calibration.corrected_px,
+                moved_px: status.calibration.moved_px,
+                moved: status.calibration.has_moved(),
             },
             heat: HeatJson::new(&status.heat),
             device: DeviceJson::new(&status.device),

@@ -36,6 +36,8 @@
 //! Only this crate uses iceoryx2, with its non-generic ports, so that its generic code is compiled once.
 
 pub mod alarm;
+mod alarm_text;
+pub mod alarm_time;
 pub mod allocation;
 pub mod bus;
 pub mod calibration;

@@ -1,5 +1,6 @@
 //! `lookout replay`.
 
+use crate::alarm_tally::{AlarmTally, alarm_times};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
@@ -166,10 +167,11 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     let mut writer = args.out.as_deref().map(FrameWriter::open).transpose()?;
     let bar = progress(Some(frames), "frames");
     let start = Instant::now();
-    let mut motion = MotionTally::default();
+    let (mut motion, mut alarm) = (MotionTally::default(), AlarmTally::default());
     for sequence in 0..frames {
         let result = pipeline.frame(sequence, sequence % count.max(1))?;
         motion.add(&result.record.motion);
+        alarm.add(sequence, result.source_ns, &result.alarm);
         if let Some(writer) = &mut writer {
             writer.write(&result.record, Some(result.images))?;
         }
@@ -178,8 +180,16 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
     let rate_hz = frames as f64 / seconds;
-    let motion = motion.summary();
-    let summary = RunSummary { seconds, rate_hz, offered: frames, frames, motion, ..RunSummary::default() };
+    let (motion, alarm_times) = (motion.summary(), alarm_times(&alarm.record()));
+    let summary = RunSummary {
+        seconds,
+        rate_hz,
+        offered: frames,
+        frames,
+        motion,
+        alarm_times,
+        ..RunSummary::default()
+    };
     if let Some(out) = &args.out {
         write_summary(out, &summary)?;
     }
@@ -187,7 +197,9 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         return say(serde_json::to_string_pretty(&summary)?);
     }
     match &args.out {
-        Some(out) => say(format_args!("{frames} frames, results in {}", out.display())),
-        None => say(format_args!("{frames} frames")),
+        Some(out) => {
+            say(format_args!("{frames} frames, results in {}\n{}", out.display(), summary.alarm_times))
+        }
+        None => say(format_args!("{frames} frames\n{}", summary.alarm_times)),
     }
 }

@@ -2,8 +2,11 @@
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
+use crate::alarm_tally::{AlarmTally, alarm_times};
+use crate::frame_record::alarm_object;
 use messages::alarm::{self, Faults};
-use messages::calibration::{CalibrationRecord, CalibrationState};
+use messages::alarm_time::AlarmTimeRecord;
+use messages::calibration::{CalibrationCause, CalibrationRecord, CalibrationState};
 use messages::deadline::DeadlineRecord;
 use messages::device::DeviceRecord;
 use messages::header::{Header, put_text};
@@ -91,12 +94,13 @@ pub struct Collector {
     /// Level and rule of the alarm that were logged last.
     alarm_logged: Option<(u32, u32)>,
     alarm_changes: Vec<AlarmChange>,
+    alarm_tally: AlarmTally,
     /// The vehicle's own motion over all results.
     pub motion: MotionTally,
     status_ns: u64,
     calibration: CalibrationRecord,
     /// The state that was logged last: good or degraded; unknown before the first.
-    calibration_logged: CalibrationState,
+    calibration_logged: (CalibrationState, CalibrationCause, bool),
     calibration_changes: Vec<CalibrationChange>,
     device: DeviceRecord,
 }
@@ -128,10 +132,11 @@ impl Collector {
             alarms: 0,
             alarm_logged: None,
             alarm_changes: Vec::new(),
+            alarm_tally: AlarmTally::default(),
             motion: MotionTally::default(),
             status_ns: now_ns,
             calibration: CalibrationRecord::default(),
-            calibration_logged: CalibrationState::Unknown,
+            calibration_logged: (CalibrationState::Unknown, CalibrationCause::None, false),
             calibration_changes: Vec::new(),
             device: DeviceRecord::default(),
         }
@@ -198,25 +203,27 @@ impl Collector {
         self.calibration = calibration;
         let state = calibration.state();
         let is_known = matches!(state, CalibrationState::Good | CalibrationState::Degraded);
-        if !is_known || state == self.calibration_logged {
+        let summary = (state, calibration.cause(), calibration.has_moved());
+        if !is_known || summary == self.calibration_logged {
             return;
         }
-        if state == CalibrationState::Degraded {
-            tracing::warn!(
-                sequence,
-                "calibration {calibration}: the cameras have moved: calibrate again, or set calibration.correct_px"
-            );
-        } else {
+        let remedy = calibration.remedy();
+        if remedy.is_empty() {
             tracing::info!(sequence, "calibration {calibration}");
+        } else {
+            tracing::warn!(sequence, "calibration {calibration}: {remedy}");
         }
-        self.calibration_logged = state;
+        self.calibration_logged = summary;
         if self.calibration_changes.len() < MAX_CHANGES {
             self.calibration_changes.push(CalibrationChange {
                 sequence,
                 state: state.name().into(),
+                cause: calibration.cause().name().into(),
                 text: calibration.to_string(),
-                worst_px: calibration.worst_px.into(),
+                lost: calibration.lost.into(),
+                typical_px: calibration.typical_px.into(),
                 corrected_px: calibration.corrected_px.into(),
+                moved_px: if calibration.has_moved() { calibration.moved_px.into() } else { 0.0 },
             });
         }
     }
@@ -247,17 +254,19 @@ impl Collector {
     }
 
     /// Adds the alarm of a frame, and logs it if its level or rule has changed.
-    pub fn alarm(&mut self, sequence: u64, record: &AlarmRecord) {
+    pub fn alarm(&mut self, header: &Header, record: &AlarmRecord) {
+        self.alarm_tally.add(header.sequence, header.source_ns, record);
+        self.log_alarm(header.sequence, record);
+    }
+
+    /// Logs and keeps a change of the alarm's level or rule.
+    fn log_alarm(&mut self, sequence: u64, record: &AlarmRecord) {
         let now = (record.level, record.rule);
         if self.alarm_logged == Some(now) {
             return;
         }
         let before = self.alarm_logged.replace(now).map_or(alarm::OFF, |(level, _)| level);
         let (level, rule) = (alarm::level_name(record.level), alarm::rule_name(record.rule));
-        let reason = match record.level {
-            alarm::OFF => Faults(record.faults).to_string(),
-            _ => String::new(),
-        };
         let finite = |v: f64| v.is_finite().then_some((v * 100.0).round() / 100.0);
         let change = AlarmChange {
             sequence,
@@ -267,9 +276,10 @@ impl Collector {
             nearest_m: finite(record.nearest_m),
             time_to_collision_s: finite(record.time_to_collision_s),
             required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
-            reason,
+            reason: record.reason(),
+            object: alarm_object(record),
         };
-        if record.level > before.max(alarm::STANDBY) || record.level == alarm::OFF {
+        if record.level > before.max(alarm::CLEAR) || record.level == alarm::OFF {
             tracing::warn!("{change}");
         } else {
             tracing::info!("{change}");
@@ -284,15 +294,17 @@ impl Collector {
 
     /// The scheduler has switched the alarm off because of `faults`. Without faults, nothing changes.
     pub fn alarm_off(&mut self, faults: Faults) {
-        if !faults.is_none() && self.alarm_logged.is_some_and(|(level, _)| level != alarm::OFF) {
-            let record = AlarmRecord {
-                faults: faults.0,
-                nearest_m: f64::INFINITY,
-                time_to_collision_s: f64::INFINITY,
-                ..AlarmRecord::default()
-            };
-            self.alarm(self.last_sequence.unwrap_or(0), &record);
+        if !faults.is_none() {
+            self.alarm_tally.withdraw(faults);
         }
+        if !faults.is_none() && self.alarm_logged.is_some_and(|(level, _)| level != alarm::OFF) {
+            self.log_alarm(self.last_sequence.unwrap_or(0), &AlarmRecord::off(faults));
+        }
+    }
+
+    /// Frames and time in each level of the alarm.
+    pub fn alarm_time(&self) -> AlarmTimeRecord {
+        self.alarm_tally.record()
     }
 
     /// When the first result arrived, in ns of CLOCK_MONOTONIC.
@@ -412,6 +424,7 @@ impl Collector {
             processes,
             shared_bytes,
             alarms: self.alarms,
+            alarm_times: alarm_times(&self.alarm_tally.record()),
             alarm_changes: self.alarm_changes.clone(),
             motion: self.motion.summary(),
             calibration: self.calibration_changes.clone(),
@@ -464,7 +477,7 @@ mod tests {
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
         // Only changes between good and degraded are kept; unknown is not a change.
         for (sequence, state) in [(0, 1), (1, 2), (2, 2), (3, 3), (4, 1), (5, 3), (6, 2)] {
-            let calibration = CalibrationRecord { state, worst_px: 0.75, ..CalibrationRecord::default() };
+            let calibration = CalibrationRecord { state, typical_px: 0.75, ..CalibrationRecord::default() };
             header.sequence = sequence;
             let report = ReportRecord { calibration, ..report(Role::Stereo, 12, sequence) };
             collector.report(&header, &report, 3_000_000_000);
@@ -472,7 +485,9 @@ mod tests {
         assert_eq!(collector.calibration().state(), CalibrationState::Good);
         for (sequence, level) in [1, 3, 3, 0, 3, 2, 1].into_iter().enumerate() {
             let record = AlarmRecord { level, rule: u32::from(level > 1), ..AlarmRecord::default() };
-            collector.alarm(sequence as u64, &record);
+            header.sequence = sequence as u64;
+            header.source_ns = 100_000_000 * header.sequence;
+            collector.alarm(&header, &record);
         }
         collector.alarm_off(Faults::NONE);
         collector.alarm_off(Faults::STAGE);
@@ -486,8 +501,11 @@ mod tests {
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
         let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();
-        assert_eq!(changes, ["standby", "alarm", "off", "alarm", "warning", "standby", "off"]);
+        assert_eq!(changes, ["clear", "alarm", "off", "alarm", "warning", "clear", "off"]);
         assert_eq!(summary.alarm_changes[6].reason, "a stage is not running");
+        let times = &summary.alarm_times;
+        let frames = [&times.off, &times.clear, &times.warning, &times.alarm].map(|time| time.frames);
+        assert_eq!((frames, times.alarm.seconds), ([1, 2, 1, 3], 0.3));
         let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);
         assert!((recognition.work.p50_ms - 4.0).abs() < 0.01);

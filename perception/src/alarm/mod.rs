@@ -81,7 +81,7 @@ pub enum AlarmLevel {
     #[default]
     Off = 0,
     /// The alarm judges, and no dangerous obstacle is known.
-    Standby = 1,
+    Clear = 1,
     /// An obstacle will become dangerous.
     Warning = 2,
     /// An obstacle is dangerous.
@@ -112,6 +112,10 @@ pub struct AlarmState {
     pub rule: AlarmRule,
     /// Track that raised the level.
     pub track: Option<u32>,
+    /// What the state is about: the track that raised the level, or else the nearest in the path.
+    pub object: Option<u32>,
+    /// Whether the level is only held: what raised it does not call for it in this frame.
+    pub is_held: bool,
     /// Whether the level differs from that of the previous frame.
     pub changed: bool,
     /// Distance of the nearest obstacle in the path, in metres, whether or not it is dangerous.
@@ -225,7 +229,7 @@ impl Alarm {
         let before = self.level;
         let step = self.clock.step(time_ns);
         if step.is_discontinuity() {
-            self.silence(AlarmLevel::Standby);
+            self.silence(AlarmLevel::Clear);
         }
         if !can_judge {
             self.silence(AlarmLevel::Off);
@@ -243,7 +247,7 @@ impl Alarm {
         let lead_s = if lead <= 0.5 { lead } else { 0.0 };
         std::mem::swap(&mut self.counts, &mut self.before);
         self.counts.clear();
-        let mut nearest_m: Option<f64> = None;
+        let mut nearest: Option<(f64, u32)> = None;
         let mut cause: Option<Cause> = None;
         for candidate in candidates.into_iter().take(CAPACITY) {
             if !candidate.is_finite() {
@@ -254,7 +258,9 @@ impl Alarm {
             let Some(candidate) = candidate.in_the_way(self.path.as_ref(), width_m, is_held) else {
                 continue;
             };
-            nearest_m = Some(nearest_m.map_or(candidate.distance_m, |n| n.min(candidate.distance_m)));
+            if nearest.is_none_or(|(distance_m, _)| candidate.distance_m < distance_m) {
+                nearest = Some((candidate.distance_m, candidate.track));
+            }
             if let Some(of) = self.evaluate(&candidate, lead_s)
                 && cause.is_none_or(|c| (of.level, c.candidate.distance_m) > (c.level, candidate.distance_m))
             {
@@ -268,8 +274,10 @@ impl Alarm {
             level: self.level,
             rule: self.rule,
             track: self.track,
+            object: self.track.or(nearest.map(|(_, track)| track)),
+            is_held: self.track.is_some() && now.is_none(),
             changed: before != self.level,
-            nearest_m,
+            nearest_m: nearest.map(|(distance_m, _)| distance_m),
             time_to_collision: now.and_then(|c| c.time_to_collision),
             required_deceleration_m_s2: now.map_or(0.0, |c| c.required_deceleration_m_s2()),
         }
@@ -282,7 +290,7 @@ impl Alarm {
 
     /// Raises the level immediately, lowers it after the hold time.
     fn set_level(&mut self, time_ns: u64, cause: Option<Cause>) {
-        let wanted = cause.map_or(AlarmLevel::Standby, |c| c.level);
+        let wanted = cause.map_or(AlarmLevel::Clear, |c| c.level);
         if wanted >= self.level || time_ns >= self.until_ns {
             self.level = wanted;
             self.rule = cause.map_or(AlarmRule::None, |c| c.rule);
@@ -302,11 +310,14 @@ impl Alarm {
         let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
         // What keeps a warning because it may still be in the way raises no alarm.
         let may = candidate.may_raise || is_held(AlarmLevel::Alarm);
+        // A warning looks farther ahead than a turn that begins is known.
+        let may_warn = is_held(AlarmLevel::Warning) || !self.path.is_some_and(|path| path.is_turning_in);
         let alarm = self
             .triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
             .filter(|_| may);
         let warning = self
             .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
+            .filter(|_| may_warn)
             .or(alarm);
         for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {
@@ -447,7 +458,7 @@ mod tests {
             let mut alarm = alarm();
             for frame in 1..6 {
                 let state = alarm.update(frame * PERIOD_NS, true, [bad]);
-                assert_eq!((state.level, state.nearest_m), (AlarmLevel::Standby, None), "{bad:?}");
+                assert_eq!((state.level, state.nearest_m), (AlarmLevel::Clear, None), "{bad:?}");
                 let state = alarm.update(frame * PERIOD_NS + PERIOD_NS / 2, true, [bad, good]);
                 assert_eq!(state.nearest_m, Some(30.0), "{bad:?}");
             }
@@ -500,12 +511,12 @@ mod tests {
         for frame in 0..20 {
             let z = if frame == 10 { 4.0 } else { 30.0 };
             let state = alarm.update(frame * PERIOD_NS, true, [at(z, 0.0)]);
-            assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
+            assert_eq!(state.level, AlarmLevel::Clear, "frame {frame}");
         }
         // An undetected new track confirms nothing either.
         let gone = Candidate { consecutive_frames: 0, seen: 4, ..at(4.0, 0.0) };
         for frame in 20..25 {
-            assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
+            assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Clear);
         }
     }
 
@@ -517,27 +528,31 @@ mod tests {
             time += PERIOD_NS;
             alarm.update(time, true, candidates.iter().copied())
         };
-        assert!(step(&mut alarm, &[]).changed, "from off to standby");
+        assert!(step(&mut alarm, &[]).changed, "from off to clear");
         step(&mut alarm, &[at(9.0, 0.0)]);
         let state = step(&mut alarm, &[Candidate { track: 8, ..at(30.0, 0.0) }, at(9.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Alarm, Some(7), true));
-        assert_eq!((state.rule, state.nearest_m), (AlarmRule::Distance, Some(9.0)));
+        assert_eq!((state.rule, state.nearest_m, state.object), (AlarmRule::Distance, Some(9.0), Some(7)));
         // 11 m is beyond the limit, but within the hysteresis.
         for _ in 0..20 {
             let state = step(&mut alarm, &[at(11.0, 0.0)]);
-            assert_eq!((state.level, state.changed), (AlarmLevel::Alarm, false));
+            assert_eq!((state.level, state.changed, state.is_held), (AlarmLevel::Alarm, false, false));
         }
         // Beyond the hysteresis: held for five more frames.
         for _ in 0..4 {
             let state = step(&mut alarm, &[at(12.0, 0.0)]);
-            assert_eq!((state.level, state.rule), (AlarmLevel::Alarm, AlarmRule::Distance));
+            assert_eq!(
+                (state.level, state.rule, state.is_held),
+                (AlarmLevel::Alarm, AlarmRule::Distance, true)
+            );
         }
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
-        assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Standby, None, true));
+        assert_eq!((state.level, state.track, state.object), (AlarmLevel::Clear, None, Some(7)));
+        assert!(state.changed && !state.is_held);
         // A restarted recording holds nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);
-        assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Standby);
+        assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Clear);
     }
 
     #[test]
@@ -546,7 +561,7 @@ mod tests {
         for frame in 0..5 {
             let both = [beside(3.5, at(5.0, 8.0)), beside(-2.2, at(5.0, 8.0))];
             let state = alarm.update(frame * PERIOD_NS, true, both);
-            assert_eq!((state.level, state.nearest_m), (AlarmLevel::Standby, None));
+            assert_eq!((state.level, state.nearest_m), (AlarmLevel::Clear, None));
         }
     }
 
@@ -563,7 +578,7 @@ mod tests {
         ] {
             let mut alarm = alarm();
             for frame in 0..5 {
-                assert_eq!(alarm.update(frame * PERIOD_NS, true, [wrong]).level, AlarmLevel::Standby);
+                assert_eq!(alarm.update(frame * PERIOD_NS, true, [wrong]).level, AlarmLevel::Clear);
             }
         }
     }
@@ -578,7 +593,7 @@ mod tests {
         assert_eq!((state.level, state.nearest_m, state.changed), (AlarmLevel::Off, None, true));
         assert!(!alarm.update(4 * PERIOD_NS, false, []).changed);
         // Confirmation starts again afterwards.
-        assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Standby);
+        assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Clear);
         assert_eq!(alarm.update(6 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Alarm);
     }
 }

@@ -88,11 +88,11 @@ pub const OBSTACLES: Schema = Schema::Json {
 "path":{"type":"object","description":"The strip that the vehicle will sweep: edges as right and forward of the left camera","properties":{"known":{"type":"boolean"},"curvature_per_m":{"type":["number","null"]},"curvature_sigma_per_m":{"type":["number","null"]},"left_m":{"type":"array"},"right_m":{"type":"array"},"sigma_m":{"type":"array"}}},
 "free_space_m":{"type":"array","description":"Polygons on the road that are known to be free: corners as right and forward of the left camera","items":{"type":"array"}},
 "boundaries":{"type":"array","description":"Walls, hedges, fences, guard rails, fronts of houses beside the path","items":{"type":"object","properties":{"id":{"type":"integer"},"side":{"type":"string","enum":["left","right","across"]},"points_m":{"type":"array"},"height_m":{"type":"array"},"sigma_m":{"type":"array"}}}},
-"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","standby","warning","alarm"]},"rule":{"type":["string","null"]},"track":{"type":["integer","null"]},"changed":{"type":"boolean"},"nearest_m":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"required_deceleration_m_s2":{"type":["number","null"]},"reason":{"type":["string","null"]}}},
+"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","clear","warning","alarm"]},"rule":{"type":["string","null"]},"track":{"type":["integer","null"]},"changed":{"type":"boolean"},"nearest_m":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"required_deceleration_m_s2":{"type":["number","null"]},"reason":{"type":"string","description":"Why it has this level, in words"},"object":{"type":["object","null"],"description":"What it is about: the object that raised the level, or else the nearest in the path","properties":{"track":{"type":"integer"},"class":{"type":["string","null"]},"clearance_m":{"type":["number","null"],"description":"Gap to the path when the vehicle arrives; negative where they overlap"}}}}},
 "obstacles":{"type":"array","items":{"type":"object","properties":{
 "track":{"type":"integer"},"class":{"type":"string"},"score":{"type":["number","null"]},"confirmed":{"type":"boolean"},
 "x_px":{"type":"integer"},"y_px":{"type":"integer"},"width_px":{"type":"integer"},"height_px":{"type":"integer"},
-"distance_m":{"type":"number"},"distance_sigma_m":{"type":"number"},"lateral_m":{"type":"number"},"width_m":{"type":"number"},"height_m":{"type":"number"},
+"distance_m":{"type":"number"},"distance_sigma_m":{"type":"number"},"lateral_m":{"type":"number"},"width_m":{"type":"number"},"height_m":{"type":"number"},"clearance_m":{"type":["number","null"],"description":"Gap to the path when the vehicle arrives; negative where they overlap"},
 "missed":{"type":"integer"},"in_path":{"type":"boolean"},"across_m_s":{"type":["number","null"]},
 "closing_m_s":{"type":["number","null"]},"closing_sigma_m_s":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"time_to_collision_sigma_s":{"type":["number","null"]}}}}}}"#,
 };
@@ -103,10 +103,10 @@ pub const STATUS: Schema = Schema::Json {
     text: r#"{"title":"lookout.Status","type":"object","description":"How the daemon is doing: what lookout status --json prints",
 "properties":{
 "pid":{"type":"integer"},"state":{"type":"string"},"reason":{"type":"string"},"uptime_s":{"type":"number"},"frames":{"type":"integer"},
-"latency_p50_ms":{"type":"number"},"latency_p99_ms":{"type":"number"},"alarm":{"type":"string"},"alarms":{"type":"integer"},
+"latency_p50_ms":{"type":"number"},"latency_p99_ms":{"type":"number"},"alarm":{"type":"string"},"alarm_rule":{"type":["string","null"]},"alarm_reason":{"type":"string"},"alarm_object":{"type":["object","null"]},"alarm_times":{"type":"object","description":"Frames and seconds by level, and why it was off"},"alarms":{"type":"integer"},
 "obstacles":{"type":"integer"},"nearest_m":{"type":["number","null"]},
 "motion":{"type":"object","properties":{"known":{"type":"boolean"},"sources":{"type":"array"},"speed_m_s":{"type":["number","null"]},"yaw_rate_rad_s":{"type":["number","null"]}}},
-"calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"worst_px":{"type":"number"}}},
+"calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"typical_px":{"type":"number"},"lost":{"type":"number"},"moved":{"type":"boolean"}}},
 "processes":{"type":"array","items":{"type":"object","properties":{
 "role":{"type":"string"},"state":{"type":"string"},"pid":{"type":"integer"},"restarts":{"type":"integer"},"frames":{"type":"integer"},
 "skipped":{"type":"integer"},"refused":{"type":"integer"},"rate_hz":{"type":"number"},"p50_ms":{"type":"number"},"p99_ms":{"type":"number"},

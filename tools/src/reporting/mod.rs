@@ -1,6 +1,8 @@
 //! Output formats: images, plots, overlays, frame records and run summaries.
 
+pub mod alarm_times;
 pub mod colour;
+pub mod html;
 pub mod motion;
 pub mod output;
 pub mod overlay;

@@ -97,7 +97,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
     }
     let colour = match record.alarm.level.as_str() {
         "alarm" => RED,
-        "standby" => WHITE,
+        "clear" => WHITE,
         _ => ORANGE,
     };
     if ["warning", "alarm"].contains(&record.alarm.level.as_str()) {

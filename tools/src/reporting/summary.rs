@@ -1,6 +1,8 @@
 //! The summary of a run, as printed by `demo` and `replay`, and as written to `summary.json`.
 
+use crate::reporting::alarm_times::AlarmTimes;
 use crate::reporting::motion::MotionSummary;
+use crate::reporting::record::AlarmObject;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -95,7 +97,7 @@ pub struct ProcessSummary {
     pub restarts: u32,
 }
 
-/// A change of the calibration monitor's state.
+/// A change of the calibration monitor's state, or the cameras have moved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationChange {
     /// Sequence number of the frame.
@@ -104,10 +106,20 @@ pub struct CalibrationChange {
     pub state: String,
     /// Description with the measured values.
     pub text: String,
-    /// Largest row offset in the image, in pixels.
-    pub worst_px: f64,
+    /// Why it is degraded: `none`, `rows_differ`, `beyond_correction`, `rows_apart`, `swapped` or `identical`.
+    #[serde(default)]
+    pub cause: String,
+    /// Share of matches that the remaining row offset loses, 0 to 1.
+    #[serde(default)]
+    pub lost: f64,
+    /// Typical row offset after the correction, in pixels.
+    #[serde(default)]
+    pub typical_px: f64,
     /// Row correction applied to the right image at that time, in pixels.
     pub corrected_px: f64,
+    /// Change of the row offset since the start, in pixels; 0 unless the cameras have moved.
+    #[serde(default)]
+    pub moved_px: f64,
 }
 
 /// A change of the alarm level.
@@ -115,7 +127,7 @@ pub struct CalibrationChange {
 pub struct AlarmChange {
     /// Sequence number of the frame.
     pub sequence: u64,
-    /// `off`, `standby`, `warning` or `alarm`.
+    /// `off`, `clear`, `warning` or `alarm`.
     pub level: String,
     /// The rule that raised the alarm.
     pub rule: Option<String>,
@@ -127,32 +139,24 @@ pub struct AlarmChange {
     pub time_to_collision_s: Option<f64>,
     /// Deceleration needed to stop before it.
     pub required_deceleration_m_s2: Option<f64>,
-    /// Why the alarm is off; empty otherwise.
+    /// Why it has this level, in words.
     pub reason: String,
+    /// What the level is about: the object that raised it, or else the nearest in the path.
+    #[serde(default)]
+    pub object: Option<AlarmObject>,
 }
 
 impl fmt::Display for AlarmChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "alarm {} at frame {}", self.level, self.sequence)?;
-        if !self.reason.is_empty() {
-            write!(f, ": {}", self.reason)?;
+        write!(f, "alarm {} at frame {}: {}", self.level, self.sequence, self.reason)?;
+        if let Some(object) = &self.object {
+            write!(f, ", {object}")?;
         }
-        if let Some(rule) = &self.rule {
-            write!(f, ": rule {}", rule.replace('_', " "))?;
+        match self.nearest_m {
+            // The reason of a clear alarm has it already.
+            Some(nearest) if self.rule.is_some() => write!(f, ", nearest in the path {nearest:.1} m"),
+            _ => Ok(()),
         }
-        if let Some(track) = self.track {
-            write!(f, ", track {track}")?;
-        }
-        if let Some(nearest) = self.nearest_m {
-            write!(f, ", nearest in the path {nearest:.1} m")?;
-        }
-        if let Some(ttc) = self.time_to_collision_s {
-            write!(f, ", {ttc:.1} s to collision")?;
-        }
-        if let Some(braking) = self.required_deceleration_m_s2 {
-            write!(f, ", {braking:.1} m/s2 needed")?;
-        }
-        Ok(())
     }
 }
 
@@ -199,6 +203,9 @@ pub struct RunSummary {
     pub file_bytes: u64,
     /// Number of alarms.
     pub alarms: u32,
+    /// Frames and time in each level of the alarm, and why it was off.
+    #[serde(default)]
+    pub alarm_times: AlarmTimes,
     /// What was wrong with the time of the source.
     #[serde(default)]
     pub source_time: SourceTimeSummary,
@@ -280,6 +287,7 @@ impl fmt::Display for RunSummary {
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
         )?;
+        write!(f, "\n{}", self.alarm_times)?;
         if self.source_time != SourceTimeSummary::default() {
             let SourceTimeSummary { gaps, steps_back, repeats, dropped_obstacles } = self.source_time;
             write!(
@@ -289,8 +297,8 @@ impl fmt::Display for RunSummary {
             )?;
         }
         write!(f, "\n{}", self.motion)?;
-        // Reported only when the state was ever different from good.
-        if self.calibration.iter().any(|change| change.state != "good") {
+        // Reported only when the state was ever different from good, or the cameras have moved.
+        if self.calibration.iter().any(|change| change.state != "good" || change.moved_px > 0.0) {
             for change in &self.calibration {
                 write!(f, "\ncalibration, frame {}: {}", change.sequence, change.text)?;
             }

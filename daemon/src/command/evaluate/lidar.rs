@@ -42,8 +42,9 @@ One line per picture: the estimated camera height above the road, regions within
 and 90th percentile of their distance error against LiDAR. One line per label: LiDAR distance of
 its near side, the region that overlaps its box most, and that region's distance. A car is
 evaluable within 40 m, with half of it in the picture and at most partly occluded; it is covered
-by a region with an overlap (intersection over union) of 0.4. Labels that are not evaluable are in
-brackets.
+by a region with an overlap (intersection over union) of 0.4. Its boxes are the regions that lie
+mostly in its box, at a depth that it has: more than one are fragments. Labels that are not
+evaluable are in brackets.
 
 A single picture has no history, so regions.confirm is off; --repeat processes each picture N
 times in a row with regions.confirm as configured.

@@ -110,6 +110,7 @@ impl RecognitionStage {
             track: state.track.unwrap_or(0),
             faults: faults.0,
             changed: u32::from(state.changed),
+            held: u32::from(state.is_held),
             nearest_m: state.nearest_m.unwrap_or(f64::INFINITY),
             time_to_collision_s: state.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
             required_deceleration_m_s2: state.required_deceleration_m_s2,
@@ -121,17 +122,33 @@ impl RecognitionStage {
             camera_height_m: road.camera_height_m,
             space: road.space,
             ..self.path.as_ref().map_or_else(|| self.straight_fields(), path_fields)
-        }
-        .limited();
+        };
+        let alarm = self.with_object(alarm, state.object).limited();
+        let tracker = &self.tracker;
         self.records.clear();
         for track in tracker.tracks().iter().take(MAX_COUNT) {
             let confirmed = tracker.is_confirmed(track);
             let candidate = Candidate::of(track);
             let in_path = candidate.in_the_way(self.path.as_ref(), self.path_width_m, false).is_some();
-            self.records.push(obstacle(track, confirmed, in_path, &self.label));
+            let clearance_m = candidate.clearance_m(self.path.as_ref(), self.path_width_m);
+            let record = obstacle(track, confirmed, in_path, &self.label);
+            self.records.push(ObstacleRecord { clearance_m, ..record }.limited());
         }
         self.last = Some((frame.sequence, alarm));
         alarm
+    }
+
+    /// An alarm with the fields of what it is about: class and clearance are unknown of a track that is lost.
+    fn with_object(&self, alarm: AlarmRecord, object: Option<u32>) -> AlarmRecord {
+        let track = self.tracker.tracks().iter().find(|track| Some(track.id) == object);
+        AlarmRecord {
+            object: object.unwrap_or(0),
+            clearance_m: track.map_or(f64::INFINITY, |track| {
+                Candidate::of(track).clearance_m(self.path.as_ref(), self.path_width_m)
+            }),
+            class: track.map_or([0; 16], |track| class(track, &self.label)),
+            ..alarm
+        }
     }
 
     /// The fields of an alarm for the straight strip, while the own motion is unknown.
@@ -300,11 +317,16 @@ fn path_fields(path: &SweptPath) -> AlarmRecord {
     }
 }
 
+/// Name of a track's class.
+fn class(track: &Track, label: &str) -> [u8; 16] {
+    let mut class = [0; 16];
+    put_text(&mut class, if track.classification.score().is_some() { label } else { UNRECOGNISED });
+    class
+}
+
 fn obstacle(track: &Track, confirmed: bool, in_path: bool, label: &str) -> ObstacleRecord {
     let b = track.region.bounds;
-    let mut class = [0; 16];
     let score = track.classification.score();
-    put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
     let ttc = track.time_to_collision();
     let ground = track.ground();
     ObstacleRecord {
@@ -327,9 +349,9 @@ fn obstacle(track: &Track, confirmed: bool, in_path: bool, label: &str) -> Obsta
         in_path: u32::from(in_path),
         moving: track.movement as u32,
         score: score.map_or(0.0, f64::from),
-        class,
+        class: class(track, label),
+        ..ObstacleRecord::default()
     }
-    .limited()
 }
 
 #[cfg(test)]
@@ -340,7 +362,7 @@ mod tests {
 
     #[test]
     fn numbers_of_levels_and_rules_match_their_names() {
-        let levels = [AlarmLevel::Off, AlarmLevel::Standby, AlarmLevel::Warning, AlarmLevel::Alarm];
+        let levels = [AlarmLevel::Off, AlarmLevel::Clear, AlarmLevel::Warning, AlarmLevel::Alarm];
         assert_eq!(levels.map(|l| level_name(l as u32)), LEVELS);
         assert_eq!(levels[3] as u32, messages::alarm::ALARM);
         let rules = [AlarmRule::Distance, AlarmRule::TimeToCollision, AlarmRule::Deceleration];

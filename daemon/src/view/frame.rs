@@ -278,7 +278,8 @@ mod tests {
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
         let mut road = RoadRecord::default();
         (road.space.sectors, road.space.slope_step) = (8, 8.0 / 400.0);
-        for (sector, far_m) in road.space.free.iter_mut().zip([0.0, 12.504, 0.0, 0.0, 40.0, 40.0, 40.0, 40.0]) {
+        for (sector, far_m) in road.space.free.iter_mut().zip([0.0, 12.504, 0.0, 0.0, 40.0, 40.0, 40.0, 40.0])
+        {
             sector.far_m = far_m;
         }
         let bytes = Writer::new(payload, road, &profile, 0).unwrap().bytes();
@@ -288,7 +289,8 @@ mod tests {
         // 400 px x 0.2 m / 10 m = 8 px, which the road has in row 32.
         record.path.left_m = vec![[-0.5, 10.0], [-0.5, 1000.0]];
         record.free_space_m = vec![vec![[-0.5, 10.0], [0.5, 10.0]]];
-        let boundary = BoundaryLine { points_m: vec![[0.5, 10.0]], height_m: vec![0.5], ..BoundaryLine::default() };
+        let boundary =
+            BoundaryLine { points_m: vec![[0.5, 10.0]], height_m: vec![0.5], ..BoundaryLine::default() };
         record.boundaries = vec![boundary];
         Frame::new(&header, record, images, &road, RIG, 16)
     }

@@ -14,8 +14,8 @@ use prost::bytes::Bytes;
 use serde::Serialize;
 use sources::recording::foxglove::{
     CameraCalibration, Color, CompressedImage, CubePrimitive, FrameTransform, ImageAnnotations, KeyValuePair,
-    LinePrimitive, PackedElementField, Point2, Point3, PointCloud, PointsAnnotation, Pose, RawImage, SceneEntity,
-    SceneEntityDeletion, SceneUpdate, TextAnnotation, TextPrimitive, Timestamp, line_primitive,
+    LinePrimitive, PackedElementField, Point2, Point3, PointCloud, PointsAnnotation, Pose, RawImage,
+    SceneEntity, SceneEntityDeletion, SceneUpdate, TextAnnotation, TextPrimitive, Timestamp, line_primitive,
     packed_element_field, points_annotation, scene_entity_deletion,
 };
 
@@ -298,7 +298,8 @@ pub fn scene(stamp: Stamp, record: &FrameRecord, rig: &Rig) -> Message {
         let places = || boundary.points_m.iter().zip(&boundary.height_m);
         let foot = places().map(|(place, _)| ground.point(*place, 0.0)).collect();
         let top = places().map(|(place, height_m)| ground.point(*place, *height_m)).collect();
-        let posts = places().flat_map(|(place, height_m)| [0.0, *height_m].map(|up| ground.point(*place, up)));
+        let posts =
+            places().flat_map(|(place, height_m)| [0.0, *height_m].map(|up| ground.point(*place, up)));
         let lines = [
             line(line_primitive::Type::LineStrip, foot, BOUNDARY),
             line(line_primitive::Type::LineStrip, top, BOUNDARY),

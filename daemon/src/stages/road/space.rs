@@ -79,13 +79,8 @@ mod tests {
     #[test]
     fn the_names_of_the_messages_are_those_of_the_algorithms() {
         let ends = [FreeEnd::Unknown, FreeEnd::Obstacle, FreeEnd::Boundary, FreeEnd::Edge];
-        let sectors = ends.map(|end| FreeSector {
-            left_slope: -0.5,
-            right_slope: -0.49,
-            near_m: 4.0,
-            far_m: 9.0,
-            end,
-        });
+        let sectors =
+            ends.map(|end| FreeSector { left_slope: -0.5, right_slope: -0.49, near_m: 4.0, far_m: 9.0, end });
         let record = space_record(&sectors, &[Boundary::default()]);
         for (sector, name) in record.free().iter().zip(["unknown", "obstacle", "boundary", "edge"]) {
             assert_eq!((sector.far_m, ENDS[sector.end as usize]), (9.0, name));

@@ -30,7 +30,8 @@ pub struct CalibrationMonitor {
     /// Number of frames from one check to the next.
     every: u64,
     frames: u64,
-    checks: u64,
+    /// Number of times at which the pairing could have been looked at.
+    looks: u64,
     /// Source time of the last frame, and of the last check, in ns.
     frame_ns: Option<u64>,
     check_ns: Option<u64>,
@@ -55,7 +56,7 @@ impl CalibrationMonitor {
             correction: RowCorrection::new(c.correct_px),
             every: c.every_frames.unsigned_abs().max(1),
             frames: 0,
-            checks: 0,
+            looks: 0,
             frame_ns: None,
             check_ns: None,
             correct_px: c.correct_px,
@@ -85,16 +86,20 @@ impl CalibrationMonitor {
     /// Checks a pair after matching, at every `calibration.every_frames`-th call. `pair.right` is the image that
     /// [`Self::correct`] has written.
     pub fn update(&mut self, pair: MatchedPair<'_>, source_ns: u64) {
-        let is_due = self.frames.is_multiple_of(self.every);
+        let phase = self.frames % self.every;
         self.frames += 1;
-        if !is_due {
+        // Not in the frame that bears the other check.
+        if phase == self.every / 2 {
+            if self.pairing.result() != Pairing::Pair || self.looks.is_multiple_of(PAIRING_EVERY) {
+                self.pairing.update(pair.left, pair.right);
+                self.judge();
+            }
+            self.looks += 1;
+        }
+        if phase != 0 {
             return;
         }
         let seconds = seconds_since(self.check_ns.replace(source_ns), source_ns);
-        if self.pairing.result() != Pairing::Pair || self.checks.is_multiple_of(PAIRING_EVERY) {
-            self.pairing.update(pair.left, pair.right);
-        }
-        self.checks += 1;
         let health = self.check.update(pair, &self.correction.applied(), seconds);
         if health.state != EpipolarState::Unknown {
             self.correction.update(&self.check);

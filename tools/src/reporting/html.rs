@@ -56,9 +56,9 @@ fn base64(bytes: &[u8]) -> String {
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {
         let three =
-            chunk.iter().fold(0_u32, |all, &byte| all << 8 | u32::from(byte)) << (8 * (3 - chunk.len()));
+            chunk.iter().fold(0_u32, |all, &byte| (all << 8) | u32::from(byte)) << (8 * (3 - chunk.len()));
         for digit in 0..4 {
-            let index = (three >> (18 - 6 * digit) & 63) as usize;
+            let index = ((three >> (18 - 6 * digit)) & 63) as usize;
             text.push(if digit <= chunk.len() { DIGITS[index] as char } else { '=' });
         }
     }

@@ -285,7 +285,7 @@ mod tests {
             .map(|i| {
                 let track = if i < 10 { 1 } else { 2 };
                 let thing = ObstacleLine { track, ..thing(12.0, 0.5, 1.0) };
-                record(i, "clear", if i < 20 || i > 50 { vec![thing] } else { vec![] })
+                record(i, "clear", if !(20..=50).contains(&i) { vec![thing] } else { vec![] })
             })
             .collect();
         let found = judge(&path, &records, &[], &VIEW);

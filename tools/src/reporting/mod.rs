@@ -2,6 +2,7 @@
 
 pub mod alarm_times;
 pub mod colour;
+pub mod fields;
 pub mod html;
 pub mod motion;
 pub mod output;
@@ -17,3 +18,4 @@ pub mod summary;
 pub mod svg;
 pub mod tidy;
 pub mod v_disparity;
+pub mod video;

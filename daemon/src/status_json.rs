@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 use tools::reporting::alarm_times::AlarmTimes;
 use tools::reporting::motion::MotionLine;
 use tools::reporting::record::AlarmObject;
+use tools::reporting::space::centimetres;
 
 /// The status as JSON.
 #[derive(Serialize)]
@@ -36,6 +37,9 @@ pub struct StatusJson {
     alarms: u64,
     obstacles: u32,
     nearest_m: Option<f64>,
+    /// How far a lane of the vehicle's width straight ahead is known to be free; `None` if no ground is.
+    free_ahead_m: Option<f64>,
+    boundaries: u32,
     deadline: DeadlineJson,
     source_time: SourceTimeJson,
     motion: MotionLine,
@@ -160,6 +164,8 @@ impl StatusJson {
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: Some(status.alarm.nearest_m).filter(|m| m.is_finite()),
+            free_ahead_m: status.alarm.space.free_ahead_m(status.alarm.path_half_width_m).map(centimetres),
+            boundaries: status.alarm.space.boundaries,
             deadline: DeadlineJson {
                 deadline_ms: (status.deadline.deadline_ns > 0)
                     .then_some(status.deadline.deadline_ns as f64 * 1e-6),

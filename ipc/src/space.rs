@@ -147,6 +147,27 @@ impl SpaceRecord {
         &self.lines[..(self.boundaries as usize).min(MAX_BOUNDARIES)]
     }
 
+    /// How far a lane of this half width straight ahead is known to be free, in metres: 0 if nothing is known in a direction
+    /// that the lane has where it is seen; `None` if no ground is free at all.
+    pub fn free_ahead_m(&self, half_width_m: f64) -> Option<f64> {
+        let free = self.free();
+        let nearest_m =
+            free.iter().filter(|s| s.far_m > 0.0).map(|s| f64::from(s.near_m)).reduce(f64::min)?;
+        let slope = |i: usize| f64::from(self.left_slope) + f64::from(self.slope_step) * i as f64;
+        let in_lane = |&(i, sector): &(usize, &SectorRecord)| {
+            // A sector enters the lane at its near end.
+            let lane = half_width_m / nearest_m.max(f64::from(sector.near_m)).max(1.0);
+            slope(i) < lane && slope(i + 1) > -lane
+        };
+        // What ends outside of the lane does not bound it.
+        let bounds = |&(i, sector): &(usize, &SectorRecord)| {
+            let far_m = f64::from(sector.far_m);
+            far_m == 0.0 || (slope(i) * far_m < half_width_m && slope(i + 1) * far_m > -half_width_m)
+        };
+        let sectors = free.iter().enumerate().filter(in_lane).filter(bounds);
+        sectors.map(|(_, sector)| f64::from(sector.far_m)).reduce(f64::min)
+    }
+
     /// The free space as polygons on the ground: each a list of corners, right and ahead of the camera in metres, along the
     /// far side from left to right and back along the near side. Between two sectors the smaller range counts, so that the
     /// polygons contain nothing that is not free.
@@ -201,6 +222,24 @@ mod tests {
         assert!((left[2][0] - 20.0 * -0.1).abs() < 1e-5, "{left:?}");
         assert!((right[0][0] - 30.0 * 0.1).abs() < 1e-5 && (right[2][0] - 15.0).abs() < 1e-4, "{right:?}");
         assert!(SpaceRecord::default().polygons().is_empty());
+    }
+
+    #[test]
+    fn the_lane_ahead_is_as_free_as_its_nearest_bound() {
+        let mut record =
+            SpaceRecord { sectors: 40, left_slope: -0.4, slope_step: 0.02, ..SpaceRecord::default() };
+        assert_eq!(record.free_ahead_m(1.0), None);
+        for sector in &mut record.free[..40] {
+            (sector.near_m, sector.far_m) = (4.0, 30.0);
+        }
+        assert_eq!(record.free_ahead_m(1.0), Some(30.0));
+        // 0.11 to the right at 15 m: 1.65 m beside the axis, outside of the lane; at 8 m inside.
+        record.free[25].far_m = 15.0;
+        assert_eq!(record.free_ahead_m(1.0), Some(30.0));
+        record.free[25].far_m = 8.0;
+        assert_eq!(record.free_ahead_m(1.0), Some(8.0));
+        (record.free[20].near_m, record.free[20].far_m) = (0.0, 0.0);
+        assert_eq!(record.free_ahead_m(1.0), Some(0.0), "unknown is not free");
     }
 
     #[test]

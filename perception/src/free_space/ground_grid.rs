@@ -4,7 +4,7 @@
 //! strips) and each range of distances the number of pixels near the ground, the mean of their heights and its spread.
 //! Ground, at the road's height or at another one, has one height in a cell; what stands has many.
 
-use super::limits::{BORDER_PX, LEVEL_SIGMAS, MAX_GROUND_M, MAX_LEVEL_M};
+use super::limits::{BORDER_PX, FREE_SIGMAS, MAX_GROUND_M, MAX_LEVEL_M};
 use super::road_view::RoadView;
 use crate::detection::stixels::Stixels;
 use crate::rig::Rig;
@@ -156,7 +156,7 @@ impl GroundGrid {
             // What a difference in height is in disparity.
             let noise_px = road.surface.noise_px();
             let level_px = MAX_LEVEL_M * noise_px / road.surface.height_noise_m(f64::from(road_px)).max(1e-6);
-            *tolerance = level_px.hypot(LEVEL_SIGMAS * noise_px) as f32;
+            *tolerance = level_px.hypot(FREE_SIGMAS * noise_px) as f32;
         }
         for strip in 0..stixels.strips() {
             self.add_strip(strip, stixels.depths(strip), road);

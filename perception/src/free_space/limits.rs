@@ -54,8 +54,8 @@ pub const PATH_MARGIN_M: f64 = 0.4;
 /// bonnet or a wall.
 pub const RAISED_M: std::ops::Range<f32> = 0.06..0.5;
 
-/// Pixels farther than this from the height of the road, in metres, are no ground at all.
-pub const MAX_GROUND_M: f64 = 0.6;
+/// Pixels farther than this from the height of the road, in metres, are no ground at all: two spreads above the highest.
+pub const MAX_GROUND_M: f64 = RAISED_M.end as f64 + 2.0 * MAX_SPREAD_M;
 
 /// Largest standard deviation of the heights of ground in a cell, in metres: grass and camber. The face of a wall of
 /// 0.4 m has 0.12.
@@ -76,9 +76,6 @@ pub const MAX_SLOPE: f64 = 0.15;
 /// Largest difference of free ground from the height of the road, in metres: camber and the error of the road's model.
 pub const MAX_LEVEL_M: f64 = 0.1;
 
-/// Largest difference of free ground from the disparity of the road, in standard deviations of the noise of the frame.
-pub const LEVEL_SIGMAS: f64 = 2.5;
-
 /// Cells without known ground that free space may bridge: two of them are 16 % of the distance, and what stands in them
 /// hides the ground behind, if it is higher than 0.2 m.
 pub const MAX_BRIDGED_CELLS: usize = 2;
@@ -92,7 +89,8 @@ pub const MIN_START_SHARE: f64 = 0.125;
 /// Columns from the left side of the right image, in px, in which the matcher's windows reach beyond it.
 pub const BORDER_PX: f32 = 12.0;
 
-/// Free space ends this number of standard deviations before what stands there.
+/// Free space ends this number of standard deviations before what stands there, and is within as many of the disparity of
+/// the road.
 pub const FREE_SIGMAS: f64 = 2.0;
 
 /// Least vertical extent of a stixel that ends free space, in metres; less is noise of the matcher on the road.

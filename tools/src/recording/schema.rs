@@ -104,7 +104,7 @@ pub const STATUS: Schema = Schema::Json {
 "properties":{
 "pid":{"type":"integer"},"state":{"type":"string"},"reason":{"type":"string"},"uptime_s":{"type":"number"},"frames":{"type":"integer"},
 "latency_p50_ms":{"type":"number"},"latency_p99_ms":{"type":"number"},"alarm":{"type":"string"},"alarm_rule":{"type":["string","null"]},"alarm_reason":{"type":"string"},"alarm_object":{"type":["object","null"]},"alarm_times":{"type":"object","description":"Frames and seconds by level, and why it was off"},"alarms":{"type":"integer"},
-"obstacles":{"type":"integer"},"nearest_m":{"type":["number","null"]},
+"obstacles":{"type":"integer"},"nearest_m":{"type":["number","null"]},"free_ahead_m":{"type":["number","null"]},"boundaries":{"type":"integer"},
 "motion":{"type":"object","properties":{"known":{"type":"boolean"},"sources":{"type":"array"},"speed_m_s":{"type":["number","null"]},"yaw_rate_rad_s":{"type":["number","null"]}}},
 "calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"typical_px":{"type":"number"},"lost":{"type":"number"},"moved":{"type":"boolean"}}},
 "processes":{"type":"array","items":{"type":"object","properties":{

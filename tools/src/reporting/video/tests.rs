@@ -96,6 +96,16 @@ fn an_encoder_gets_every_picture_as_often_as_its_time_requires() {
 }
 
 #[test]
+fn a_result_without_an_overlay_is_bridged() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = results(folder.path(), &[0.0, 0.1, 0.2, 0.3, 0.4], (4, 4));
+    std::fs::remove_file(out.join("overlay/000001.png")).unwrap();
+    let path = folder.path().join("run.gif");
+    let video = Plan::new(&path, OsStr::new("")).unwrap().write(&out, &mut |_| ()).unwrap();
+    assert_eq!((video.pictures, (video.seconds * 10.0).round()), (4, 5.0));
+}
+
+#[test]
 fn gstreamer_is_used_where_there_is_no_ffmpeg() {
     let folder = tempfile::tempdir().unwrap();
     let script = "for f; do :; done; exec cat > \"${f#location=}\"";

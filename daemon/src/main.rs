@@ -1,6 +1,7 @@
 //! `lookout`: stereo obstacle detection ahead of a vehicle. The daemon, its stages and all subcommands.
 
 mod alarm_tally;
+mod can_out;
 mod command;
 mod frame_record;
 mod host;

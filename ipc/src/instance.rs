@@ -210,6 +210,11 @@ impl Instance {
         &self.directory
     }
 
+    /// The file in which `lookout can` tells the state of its bus. It is removed with the run.
+    pub fn can_out_path(&self) -> PathBuf {
+        self.directory.join("can_out")
+    }
+
     /// The folder of the service registry.
     pub fn bus_directory(&self) -> PathBuf {
         self.directory.join("bus")
@@ -444,6 +449,7 @@ impl Drop for InstanceLock {
     fn drop(&mut self) {
         self.prefix.remove_files();
         let _ = std::fs::remove_dir_all(self.instance.bus_directory());
+        let _ = std::fs::remove_file(self.instance.can_out_path());
         let _ = std::fs::remove_file(self.instance.lock_path());
         let _ = std::fs::remove_dir(&self.instance.directory);
         if let (true, Some(base)) =

@@ -2,6 +2,7 @@
 
 mod alarm;
 mod board;
+mod can_out;
 mod daemon;
 mod realtime;
 mod recognition;
@@ -14,6 +15,7 @@ mod vehicle;
 
 pub use alarm::Alarm;
 pub use board::{Board, Clocks, Heat};
+pub use can_out::CanOut;
 pub use daemon::{Cores, Instance, Log, Supervision};
 pub use realtime::{Pacing, Realtime};
 pub use recognition::{Recognition, Tracking};
@@ -49,5 +51,6 @@ crate::table::configuration! {
         camera: Camera,
         realtime: Realtime,
         pacing: Pacing,
+        can_out: CanOut,
     }
 }

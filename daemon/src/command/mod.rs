@@ -2,6 +2,7 @@
 
 mod attach;
 mod calibrate;
+mod can;
 mod check_config;
 mod compare;
 mod completions;
@@ -26,6 +27,7 @@ mod replay;
 mod restore_clocks;
 mod rig;
 mod run;
+mod scene;
 mod soak;
 mod stage;
 mod status;
@@ -88,6 +90,9 @@ pub enum Command {
     /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
+    /// Send what a running daemon finds on a CAN bus: alarm, nearest obstacle, path, obstacles
+    #[command(after_help = can::HELP)]
+    Can(can::Can),
     /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
     #[command(after_help = stream::HELP)]
     Stream(stream::Stream),
@@ -118,6 +123,9 @@ pub enum Command {
     /// Show a calibration, or convert it to another program's format
     #[command(after_help = rig::HELP)]
     Rig(rig::RigCommand),
+    /// Print a synthetic scene as a TOML file, to read or change it
+    #[command(after_help = scene::HELP)]
+    Scene(scene::SceneCommand),
     /// Detect objects in images with a cascade
     #[command(after_help = detect::HELP)]
     Detect(detect::Detect),
@@ -168,6 +176,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
+        Command::Can(args) => can::run(&args, log),
         Command::Stream(args) => stream::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Record(args) => record::run(&args, log),
@@ -179,6 +188,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Evaluate { what } => evaluate::run(what, log),
+        Command::Scene(args) => scene::run(&args),
         Command::Detect(args) => detect::run(&args, log),
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),

@@ -99,6 +99,8 @@ pub struct StatusRecord {
     pub state: u32,
     /// Number of confirmed obstacles in the last result.
     pub obstacles: u32,
+    /// Where the frames come from: 0 = cameras, 1 = recorded pairs, 2 = a synthetic scene: an index into [`Self::SOURCES`].
+    pub source: u64,
     /// Time since the daemon started, in ns.
     pub uptime_ns: u64,
     /// Number of results.
@@ -143,6 +145,7 @@ ranges! {
         processes: within(0, Role::COUNT as u32),
         state: within(0, Self::STATES.len() as u32 - 1),
         obstacles: within(0, MAX_OBSTACLES as u32),
+        source: within(0, Self::SOURCES.len() as u64 - 1),
         uptime_ns: CLOCK_NS,
         frames: COUNT,
         alarms: COUNT,
@@ -168,6 +171,9 @@ impl StatusRecord {
     /// Names of the states, indexed by their numbers.
     pub const STATES: [&str; 4] = ["starting", "running", "degraded", "stopping"];
 
+    /// Names of the sources, indexed by their numbers.
+    pub const SOURCES: [&str; 3] = ["cameras", "recording", "scene"];
+
     /// A status without processes; all counts are zero.
     pub fn empty() -> Self {
         Self { heat: HeatRecord::empty(), alarm: AlarmRecord::off(Faults::NONE), ..Self::zeroed() }
@@ -181,6 +187,11 @@ impl StatusRecord {
     /// Reason for the state.
     pub fn reason(&self) -> String {
         get_text(&self.reason)
+    }
+
+    /// Name of the source; an unknown number counts as the last.
+    pub fn source_name(&self) -> &'static str {
+        Self::SOURCES[self.source.min(2) as usize]
     }
 
     /// Name of the state; an unknown number counts as the last.

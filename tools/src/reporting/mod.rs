@@ -13,6 +13,7 @@ pub mod plot;
 pub mod ply;
 pub mod poses;
 pub mod record;
+pub mod space;
 pub mod summary;
 pub mod svg;
 pub mod tidy;

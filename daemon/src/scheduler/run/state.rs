@@ -46,6 +46,11 @@ impl Run {
         self.diagnostics.set(Condition::GivenUp, self.supervisor.given_up_reason().as_deref());
 
         status.pid = std::process::id();
+        status.source = match self.launch.config.source.kind.as_str() {
+            "camera" => 0,
+            "scene" => 2,
+            _ => 1,
+        };
         let is_running = self.phase == Phase::Running && self.supervisor.all_running();
         status.state = match self.phase {
             Phase::Draining { .. } | Phase::Stopping => 3,

@@ -46,8 +46,12 @@ impl Frames {
         for line in BufReader::new(File::open(&path).map_err(io)?).lines() {
             let record: FrameRecord = serde_json::from_str(&line.map_err(io)?)
                 .map_err(|e| VideoError::Damaged { path: path.clone(), reason: e.to_string() })?;
-            paths.push(folder.join(OVERLAYS).join(picture_name(record.sequence)));
-            times_s.push(record.time_s);
+            let overlay = folder.join(OVERLAYS).join(picture_name(record.sequence));
+            // At live rate a result may have come without its images.
+            if overlay.is_file() {
+                paths.push(overlay);
+                times_s.push(record.time_s);
+            }
         }
         let first = paths.first().ok_or_else(|| VideoError::Empty(path.clone()))?;
         let (width, height) = image::image_dimensions(first)

@@ -2,6 +2,7 @@
 
 use super::frames::Frames;
 use super::outcome::{Video, VideoError};
+use image::RgbImage;
 use std::ffi::{OsStr, OsString};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -113,7 +114,7 @@ impl Program {
             }
             Self::GStreamer { launch, encoder, parser, multiplexer } => {
                 let mut command = Command::new(launch);
-                command.args(["-q", "fdsrc", "fd=0", "!", "rawvideoparse", "format=rgb"]);
+                command.args(["-q", "fdsrc", "fd=0", "!", "rawvideoparse", "format=rgbx"]);
                 command.arg(format!("width={width}")).arg(format!("height={height}"));
                 command.arg(format!("framerate=1000000/{period_us}"));
                 command.args(["!", "videoconvert", "!", "video/x-raw,format=I420", "!", encoder]);
@@ -145,7 +146,11 @@ impl Program {
             .spawn()
             .map_err(|e| failed(e.to_string()))?;
         let words = last_words(&mut child);
-        let sent = send(&mut child, frames, size, done);
+        let pixels: fn(RgbImage) -> Vec<u8> = match self {
+            Self::Ffmpeg(_) => RgbImage::into_raw,
+            Self::GStreamer { .. } => with_fourth_byte,
+        };
+        let sent = send(&mut child, frames, (size, pixels), done);
         // Its input has ended: it completes the file.
         let status = child.wait().map_err(|e| failed(e.to_string()))?;
         let words = words.and_then(|thread| thread.join().ok()).unwrap_or_default();
@@ -173,11 +178,16 @@ fn last_words(child: &mut Child) -> Option<std::thread::JoinHandle<String>> {
     std::thread::Builder::new().name("encoder".into()).spawn(collect).ok()
 }
 
+/// Pixels of four bytes: GStreamer takes rows of three bytes a pixel for padded to a multiple of four.
+fn with_fourth_byte(picture: RgbImage) -> Vec<u8> {
+    picture.pixels().flat_map(|pixel| [pixel.0[0], pixel.0[1], pixel.0[2], u8::MAX]).collect()
+}
+
 /// Sends all pictures, each as often as its time requires; returns their number.
 fn send(
     child: &mut Child,
     frames: &Frames,
-    (width, height): (u32, u32),
+    ((width, height), pixels): ((u32, u32), fn(RgbImage) -> Vec<u8>),
     done: &mut dyn FnMut(u64),
 ) -> Result<u64, VideoError> {
     let pipe = |source| VideoError::Io { path: "the pipe to the encoder".into(), source };
@@ -188,15 +198,16 @@ fn send(
         if picture.dimensions() != (width, height) {
             // Without its last column or row; of a single one, repeated.
             let (from_width, from_height) = picture.dimensions();
-            picture = image::RgbImage::from_fn(width, height, |x, y| {
+            picture = RgbImage::from_fn(width, height, |x, y| {
                 *picture.get_pixel(x.min(from_width - 1), y.min(from_height - 1))
             });
         }
         time_s += frame.shown_s;
         // At least once: no frame is left out.
         let until = ((time_s / frames.period_s).round() as u64).max(pictures + 1);
+        let bytes = pixels(picture);
         for _ in pictures..until {
-            input.write_all(picture.as_raw()).map_err(pipe)?;
+            input.write_all(&bytes).map_err(pipe)?;
         }
         pictures = until;
         done(i as u64 + 1);

@@ -96,6 +96,16 @@ fn an_encoder_gets_every_picture_as_often_as_its_time_requires() {
 }
 
 #[test]
+fn a_result_without_an_overlay_is_bridged() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = results(folder.path(), &[0.0, 0.1, 0.2, 0.3, 0.4], (4, 4));
+    std::fs::remove_file(out.join("overlay/000001.png")).unwrap();
+    let path = folder.path().join("run.gif");
+    let video = Plan::new(&path, OsStr::new("")).unwrap().write(&out, &mut |_| ()).unwrap();
+    assert_eq!((video.pictures, (video.seconds * 10.0).round()), (4, 5.0));
+}
+
+#[test]
 fn gstreamer_is_used_where_there_is_no_ffmpeg() {
     let folder = tempfile::tempdir().unwrap();
     let script = "for f; do :; done; exec cat > \"${f#location=}\"";
@@ -103,12 +113,13 @@ fn gstreamer_is_used_where_there_is_no_ffmpeg() {
     // It has one encoder only.
     program(folder.path(), "gst-inspect-1.0", "case $2 in x264enc) exit 1;; esac");
     search.push(":/bin");
-    let out = results(folder.path(), &[0.0, 0.1], (4, 4));
+    let out = results(folder.path(), &[0.0, 0.1], (6, 4));
     let path = folder.path().join("run.mkv");
     let plan = Plan::new(&path, &search).unwrap();
     assert!(format!("{plan:?}").contains("openh264enc"), "{plan:?}");
     plan.write(&out, &mut |_| ()).unwrap();
-    assert_eq!(std::fs::read(&path).unwrap().len(), 2 * 4 * 4 * 3);
+    // Four bytes a pixel: a row of 6 pixels of three bytes would be padded.
+    assert_eq!(std::fs::read(&path).unwrap().len(), 2 * 6 * 4 * 4);
     program(folder.path(), "gst-inspect-1.0", "case $2 in *enc) exit 1;; esac");
     let error = Plan::new(&path, &search).unwrap_err().to_string();
     assert!(error.contains("GStreamer has none of x264enc, openh264enc"), "{error}");

@@ -18,6 +18,7 @@ mod silence;
 mod soak;
 mod stages;
 mod status_json;
+mod stream;
 mod view;
 
 use clap::Parser;

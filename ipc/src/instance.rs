@@ -290,7 +290,10 @@ fn is_own_folder(path: &Path) -> bool {
 /// Checks that no other user can replace what lies in a folder: it, the folders above it and the links on its path
 /// belong to this user or root, and where everybody may write, names can be removed by their owners alone (the sticky
 /// bit). What does not exist yet is not checked.
-fn check_trusted(path: &Path) -> Result<(), InstanceError> {
+///
+/// # Errors
+/// [`InstanceError::Foreign`] with the first folder or link that somebody else can change.
+pub fn check_trusted(path: &Path) -> Result<(), InstanceError> {
     const WRITABLE_BY_ALL: u32 = 0o002;
     const STICKY: u32 = 0o1000;
     // In a user namespace root's files may belong to another number.

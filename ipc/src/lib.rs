@@ -63,6 +63,7 @@ pub mod rig;
 pub mod run_files;
 pub mod service;
 pub mod source_time;
+pub mod space;
 pub mod stall;
 pub mod typed;
 pub mod wait;

@@ -79,7 +79,7 @@ fn regions_that_were_checked_do_not_change() {
     let mut memory = vec![0_u64; regions::max_payload_bytes(WIDTH as usize, HEIGHT as usize).div_ceil(8)];
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = RoadRecord { seen: 1, slope: 0.123_456, camera_height_m: 1.25, ..RoadRecord::default() };
-    let mut writer = Writer::new(payload, road, &[1.5; HEIGHT as usize], &[20.0; 8], 6).unwrap();
+    let mut writer = Writer::new(payload, road, &[1.5; HEIGHT as usize], 6).unwrap();
     for _ in 0..6 {
         let region = RegionRecord {
             disparity_px: 4.0,

@@ -10,6 +10,7 @@ mod road;
 mod soak;
 mod source;
 mod stereo;
+mod stream;
 mod vehicle;
 
 pub use alarm::Alarm;
@@ -22,6 +23,7 @@ pub use road::{Regions, Road};
 pub use soak::Soak;
 pub use source::{Camera, Source};
 pub use stereo::{Calibration, Stereo};
+pub use stream::Stream;
 pub use vehicle::{Motion, Vehicle};
 
 crate::table::configuration! {
@@ -45,6 +47,7 @@ crate::table::configuration! {
         clocks: Clocks,
         board: Board,
         soak: Soak,
+        stream: Stream,
         camera: Camera,
         realtime: Realtime,
         pacing: Pacing,

@@ -13,6 +13,7 @@ use tools::can_out::{DaemonState, Existence, Object, Own, PathAhead, ResultValue
 const SAME_DISTANCE_M: f64 = 0.01;
 
 /// The state that a status tells.
+#[cfg(feature = "can")]
 pub fn daemon_state(status: &StatusRecord) -> DaemonState {
     match status.state {
         0 => DaemonState::Starting,

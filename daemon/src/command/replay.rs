@@ -7,6 +7,7 @@ use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use crate::command::number::fps;
+use crate::command::video::Film;
 use crate::in_process::Pipeline;
 use crate::scheduler::{self, Ends, RunOptions};
 use clap::Args;
@@ -25,6 +26,7 @@ pub const HELP: &str = "Examples:
   lookout replay RECORDING --in-process --out reference
   lookout replay drive.mcap --lockstep --out again
   lookout replay RECORDING --lockstep --record drive.mcap
+  lookout replay RECORDING --lockstep --video drive.mp4
   lookout replay scene:street --out results
   lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
   lookout replay scene:my/road.toml
@@ -44,7 +46,12 @@ may follow: ?weather=sunny, light_rain, heavy_rain, night, snow, backlight or ov
 rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
-(one line per frame) and summary.json.";
+(one line per frame) and summary.json.
+
+--video makes a video of the overlays when the run has ended. FILE.mp4, .mkv and .webm are encoded by
+ffmpeg or GStreamer (gst-launch-1.0) on the PATH. FILE.gif needs neither; it has at most 15 pictures
+a second, 600 in all and 800 columns. Without --out the overlays need room beside the video while it
+is made.";
 
 #[derive(Args, Debug)]
 pub struct Replay {
@@ -70,6 +77,9 @@ pub struct Replay {
     /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Video of the overlays, made when the run has ended: FILE.gif, or FILE.mp4, .mkv, .webm by ffmpeg or GStreamer
+    #[arg(long, value_name = "FILE")]
+    pub video: Option<PathBuf>,
     /// Also record the run to an MCAP file; with --lockstep without loss
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "in_process")]
     pub record: Option<PathBuf>,
@@ -94,13 +104,15 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     if let Some(rig) = &args.rig {
         config.source.rig.clone_from(rig);
     }
+    let film = Film::prepare(args.video.as_deref(), args.out.as_deref())?;
     if args.in_process {
-        return in_process(args, &config);
+        in_process(args, &config, film.folder())?;
+        return film.finish(args.json);
     }
     let options = RunOptions {
         lockstep: args.lockstep,
         limit: args.limit,
-        out: args.out.clone(),
+        out: film.folder().map(Path::to_owned),
         record: args.record.clone(),
         ends: Ends::WithSource,
     };
@@ -119,7 +131,7 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
                 "stopped by a signal after {frames} frames: results are incomplete"
             )))
         }
-        None => Ok(()),
+        None => film.finish(args.json),
     }
 }
 
@@ -153,7 +165,7 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
 }
 
 /// Runs the same stages as the daemon in this process, frame by frame.
-fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
+fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), CommandError> {
     let mut pipeline = Pipeline::open(config)?;
     let count = pipeline.count().unwrap_or(u64::MAX);
     let frames = match args.limit {
@@ -161,10 +173,10 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         Some(limit) => limit.min(count),
         None => count,
     };
-    if let Some(out) = &args.out {
+    if let Some(out) = out {
         prepare(out)?;
     }
-    let mut writer = args.out.as_deref().map(FrameWriter::open).transpose()?;
+    let mut writer = out.map(FrameWriter::open).transpose()?;
     let bar = progress(Some(frames), "frames");
     let start = Instant::now();
     let (mut motion, mut alarm) = (MotionTally::default(), AlarmTally::default());

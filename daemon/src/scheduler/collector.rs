@@ -215,16 +215,7 @@ impl Collector {
         }
         self.calibration_logged = summary;
         if self.calibration_changes.len() < MAX_CHANGES {
-            self.calibration_changes.push(CalibrationChange {
-                sequence,
-                state: state.name().into(),
-                cause: calibration.cause().name().into(),
-                text: calibration.to_string(),
-                lost: calibration.lost.into(),
-                typical_px: calibration.typical_px.into(),
-                corrected_px: calibration.corrected_px.into(),
-                moved_px: if calibration.has_moved() { calibration.moved_px.into() } else { 0.0 },
-            });
+            self.calibration_changes.push(calibration_change(sequence, &calibration));
         }
     }
 
@@ -428,7 +419,23 @@ impl Collector {
             alarm_changes: self.alarm_changes.clone(),
             motion: self.motion.summary(),
             calibration: self.calibration_changes.clone(),
+            calibration_last: (self.calibration_logged.0 != CalibrationState::Unknown)
+                .then(|| calibration_change(self.last_sequence.unwrap_or(0), &self.calibration)),
         }
+    }
+}
+
+/// The state of the calibration for the summary of a run.
+fn calibration_change(sequence: u64, calibration: &CalibrationRecord) -> CalibrationChange {
+    CalibrationChange {
+        sequence,
+        state: calibration.state().name().into(),
+        cause: calibration.cause().name().into(),
+        text: calibration.to_string(),
+        lost: calibration.lost.into(),
+        typical_px: calibration.typical_px.into(),
+        corrected_px: calibration.corrected_px.into(),
+        moved_px: if calibration.has_moved() { calibration.moved_px.into() } else { 0.0 },
     }
 }
 

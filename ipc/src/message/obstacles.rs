@@ -5,9 +5,10 @@ use crate::alarm::{Faults, LEVELS, MOVING, OFF, RULES};
 use crate::copied::{Records, copy_out};
 use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
 use crate::range::{
-    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, Ranged, SHARE, Within, ranges, within, within_or_infinite,
+    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, Nested, Ranged, SHARE, Within, ranges, within, within_or_infinite,
 };
 use super::regions::{CAMERA_HEIGHT_M, HORIZON_PX, SLOPE};
+use crate::space::SpaceRecord;
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
@@ -77,6 +78,8 @@ pub struct AlarmRecord {
     pub path_front_m: f64,
     /// Yaw of the camera in the vehicle, in rad, to the left positive.
     pub path_camera_yaw_rad: f64,
+    /// Free space and boundaries.
+    pub space: SpaceRecord,
 }
 
 /// Maximum curvature of a path, in 1/m: a radius of 1 m, less than any vehicle's.
@@ -124,6 +127,7 @@ ranges! {
         path_rear_axle_m: BODY_M,
         path_front_m: BODY_M,
         path_camera_yaw_rad: within(-0.1, 0.1),
+        space: Nested,
     }
 }
 

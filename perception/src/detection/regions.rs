@@ -2,6 +2,7 @@
 
 use super::confirmation::Confirmation;
 use super::photometric::Verifier;
+use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
@@ -149,10 +150,12 @@ impl RegionFinder {
     }
 
     /// Groups stixels into regions, nearest first; only the nearest `max_count` are kept. `size` is the width
-    /// and height of the image; `verifier` is `None` if the images are not available.
+    /// and height of the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says
+    /// to be free are grouped.
     pub fn find(
         &mut self,
         stixels: &Stixels,
+        uses: &[StixelUse],
         surface: &RoadSurface,
         rig: &Rig,
         size: (usize, usize),
@@ -161,6 +164,7 @@ impl RegionFinder {
         let list = stixels.list();
         self.regions.clear();
         self.visited.clear();
+        self.visited.extend(uses.iter().map(|stixel_use| !stixel_use.is_free()));
         self.visited.resize(list.len(), false);
         self.order.clear();
         self.order.extend(0..list.len() as u32);

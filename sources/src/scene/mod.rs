@@ -13,6 +13,7 @@ mod boundary;
 pub mod conditions;
 mod counts;
 mod course;
+mod cross_section;
 pub mod cycles;
 mod drive;
 mod error;
@@ -286,7 +287,7 @@ mod tests {
 
     /// Mean grey error, and share of errors above 12 levels, of the right image warped to the left one by the
     /// true disparity, over pixels visible in both images.
-    fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
+    pub fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
         let truth = &frame.truth;
         let (mut sum, mut large, mut count) = (0.0, 0, 0);
         for y in 0..truth.height {

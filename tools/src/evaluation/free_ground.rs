@@ -1,7 +1,7 @@
 //! Free space against the ground truth of a scene: how much of the truly free ground is found, and how many metres are
 //! wrongly called free.
 //!
-//! Free space is a polygon in metres: right of the left camera and ahead of it. Along the direction of each column of the
+//! Free space is a set of polygons in metres: right of the left camera and ahead of it. Along the direction of each column of the
 //! left image it is compared with what the column shows ([`FreeGround`]), from [`FROM_M`] to [`TO_M`] ahead. **Found** is
 //! the part of the truly free ground within the polygon. **Wrongly free** is what the polygon reaches beyond the nearest
 //! thing on the ground. Ground beside the asphalt before that thing counts for neither.
@@ -42,11 +42,12 @@ pub struct FreeGroundScore {
 }
 
 impl FreeGroundCounts {
-    /// Adds a frame: the polygon's corners as (right, ahead), in metres.
-    pub fn add(&mut self, truth: &FreeGround, rig: &Rig, polygon: &[[f64; 2]]) {
+    /// Adds a frame: polygons with their corners as (right, ahead), in metres.
+    pub fn add(&mut self, truth: &FreeGround, rig: &Rig, polygons: &[Vec<[f64; 2]>]) {
         for (x, (&free, &blocked)) in truth.free_m.iter().zip(&truth.blocked_m).enumerate() {
             let slope = (x as f64 - rig.cx_px) / rig.focal_px;
-            let reach = reach_m(polygon, slope).clamp(FROM_M, TO_M);
+            let reach =
+                polygons.iter().map(|polygon| reach_m(polygon, slope)).fold(FROM_M, f64::max).min(TO_M);
             let free = f64::from(free).clamp(FROM_M, TO_M);
             let blocked = f64::from(blocked);
             self.columns += 1;
@@ -108,15 +109,15 @@ mod tests {
         FreeGround { free_m: vec![free; 21], blocked_m: vec![blocked; 21] }
     }
 
-    fn square(to: f64) -> [[f64; 2]; 4] {
-        [[-5.0, 1.0], [5.0, 1.0], [5.0, to], [-5.0, to]]
+    fn square(to: f64) -> Vec<[f64; 2]> {
+        vec![[-5.0, 1.0], [5.0, 1.0], [5.0, to], [-5.0, to]]
     }
 
     #[test]
     fn free_ground_is_found_and_what_lies_behind_an_obstacle_is_wrong() {
         let score = |free, blocked, to| {
             let mut counts = FreeGroundCounts::default();
-            counts.add(&truth(free, blocked), &RIG, &square(to));
+            counts.add(&truth(free, blocked), &RIG, &[square(to)]);
             counts.score()
         };
         let right = score(20.0, 20.0, 20.0);

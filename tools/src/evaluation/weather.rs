@@ -1,11 +1,12 @@
 //! Detection, distance, class and road errors by weather, compared with the paper's table.
 
 use super::box_score::{BoxCounts, BoxScore};
+use super::free_ground::{FreeGroundCounts, FreeGroundScore};
 use super::quantile;
 use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
 use crate::reporting::record::{tidy, tidy_finite};
 use serde::Serialize;
-use sources::scene::{ObjectClass, RoadTruth};
+use sources::scene::{FreeGround, ObjectClass, RoadTruth};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -149,6 +150,8 @@ pub struct WeatherRow {
     pub obstacles: BoxScore,
     /// Share of the frames with an alarm that has no cause.
     pub false_alarms: Option<f64>,
+    /// Free space against the truly free ground.
+    pub free_space: FreeGroundScore,
 }
 
 /// Results of one frame.
@@ -182,6 +185,7 @@ pub struct Tally {
     regions: BoxCounts,
     obstacles: BoxCounts,
     false_alarms: usize,
+    free_ground: FreeGroundCounts,
     road_seen: usize,
     road_errors_m: Vec<f64>,
     /// For each evaluable object: true distance, and measured distance with its standard deviation.
@@ -206,6 +210,7 @@ impl Tally {
             regions: BoxCounts::default(),
             obstacles: BoxCounts::default(),
             false_alarms: 0,
+            free_ground: FreeGroundCounts::default(),
             road_seen: 0,
             road_errors_m: Vec::new(),
             distances: Vec::new(),
@@ -249,6 +254,11 @@ impl Tally {
         self.false_alarms += frames;
     }
 
+    /// Adds the free space of a frame.
+    pub fn add_free_space(&mut self, truth: &FreeGround, polygons: &[Vec<[f64; 2]>]) {
+        self.free_ground.add(truth, &self.rig, polygons);
+    }
+
     /// Adds the frames of another scene.
     pub fn merge(&mut self, other: Self) {
         self.frames += other.frames;
@@ -260,6 +270,7 @@ impl Tally {
         self.regions.merge(&other.regions);
         self.obstacles.merge(&other.obstacles);
         self.false_alarms += other.false_alarms;
+        self.free_ground.merge(&other.free_ground);
         self.road_seen += other.road_seen;
         self.road_errors_m.extend(other.road_errors_m);
         self.distances.extend(other.distances);
@@ -324,6 +335,7 @@ impl Tally {
             regions: self.regions.score(seconds),
             obstacles: self.obstacles.score(seconds),
             false_alarms: tidy_finite(self.false_alarms as f64 / self.frames as f64),
+            free_space: self.free_ground.score(),
         }
     }
 }
@@ -414,7 +426,7 @@ impl WeatherReport {
             f,
             "\nBoxes: share of the evaluable objects that are detected, the same if a box may find one object only, \
              boxes for each detected object, false boxes a minute on and off the road; of regions, of confirmed \
-             tracks; share of frames with a false alarm"
+             tracks; share of frames with a false alarm; share of the free ground that is found, m wrongly called free"
         )?;
         for row in &self.rows {
             write!(f, "{:<width$}", row.name())?;
@@ -429,7 +441,9 @@ impl WeatherReport {
                 );
                 write!(f, "{text:>34}")?;
             }
-            writeln!(f, "{:>8}", cell(row.false_alarms, 3))?;
+            let free = &row.free_space;
+            let text = [cell(row.false_alarms, 3), cell(free.found, 3), cell(free.wrong_m, 3)];
+            writeln!(f, "{:>8}{:>8}{:>8}", text[0], text[1], text[2])?;
         }
         Ok(())
     }

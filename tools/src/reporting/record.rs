@@ -2,6 +2,7 @@
 
 use crate::reporting::motion::MotionLine;
 use crate::reporting::path::PathLine;
+use crate::reporting::space::BoundaryLine;
 pub use crate::reporting::tidy::{tidy, tidy_finite};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -21,6 +22,12 @@ pub struct FrameRecord {
     /// The vehicle's path as the alarm sees it.
     #[serde(default)]
     pub path: PathLine,
+    /// Free space: polygons on the road, each a list of corners, right and forward of the left camera.
+    #[serde(default)]
+    pub free_space_m: Vec<Vec<[f64; 2]>>,
+    /// Boundaries beside the path, nearest first.
+    #[serde(default)]
+    pub boundaries: Vec<BoundaryLine>,
     /// The alarm.
     pub alarm: AlarmLine,
     /// The obstacles.

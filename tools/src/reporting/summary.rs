@@ -216,6 +216,9 @@ pub struct RunSummary {
     pub restarts: u32,
     /// Changes of the calibration monitor's state, up to one hundred.
     pub calibration: Vec<CalibrationChange>,
+    /// The calibration after the last frame; `None` if it is not monitored, or too little was matched.
+    #[serde(default)]
+    pub calibration_last: Option<CalibrationChange>,
     /// Changes of the alarm level with reasons, up to one hundred.
     #[serde(default)]
     pub alarm_changes: Vec<AlarmChange>,
@@ -302,6 +305,9 @@ impl fmt::Display for RunSummary {
             for change in &self.calibration {
                 write!(f, "\ncalibration, frame {}: {}", change.sequence, change.text)?;
             }
+        }
+        if let Some(last) = &self.calibration_last {
+            write!(f, "\ncalibration at the end: {}", last.text)?;
         }
         Ok(())
     }

@@ -54,6 +54,7 @@ the path ahead is known. false: false obstacles over these frames; tracks: their
 after which half of the confirmed tracks were lost (Kaplan and Meier; what left the picture or the range
 and what is there at the end tells only that it lived so long; > is a lower limit). jumps: share of
 consecutive measured boxes whose width changes by more than 30 %. pred: share of predicted boxes.
+unfree: share of the driven strip up to 15 m ahead that was not called free; what drove there counts.
 
 --out writes index.html, one file with time lines and pictures before, at and after each false warning,
 alarm and obstacle (the driven strip pink), and evaluation.json.";

@@ -120,6 +120,7 @@ impl RecognitionStage {
             horizon_px: road.horizon_px,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
+            space: road.space,
             ..self.path.as_ref().map_or_else(|| self.straight_fields(), path_fields)
         };
         let alarm = self.with_object(alarm, state.object).limited();

@@ -2,6 +2,7 @@
 
 pub mod own_motion;
 pub mod parameters;
+pub mod space;
 
 use super::motion::body;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
@@ -28,7 +29,6 @@ use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
 
 // The message holds the arrays of the algorithm as they are.
-const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
 const _: () = assert!(perception::road::edges::SEGMENTS == regions::SEGMENTS);
 
 /// Margin of a crop on each side of its region, as a share of the region's size: room for the search windows of the
@@ -104,6 +104,7 @@ impl Stage for RoadStage {
         let motion = self.own_motion.update(frame, step, left, disparity);
         let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
         self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
+        self.detector.set_elapsed_s(step.elapsed_s());
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
@@ -118,11 +119,12 @@ impl Stage for RoadStage {
                 roll: road.roll,
                 confidence: road.confidence,
                 camera_height_m: road.camera_height_m,
+                space: space::space_record(scene.free, scene.boundaries),
                 edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
             }
             .limited()
         });
-        let mut writer = output.begin(road, scene.profile_px, scene.free_m, scene.regions.len())?;
+        let mut writer = output.begin(road, scene.profile_px, scene.regions.len())?;
         for region in scene.regions {
             let record = record(region, self.width as u32, self.height as u32);
             let [x, y, width, height] = record.crop.map(|v| v as usize);

@@ -26,6 +26,7 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
             max_count: whole(r.count_max),
             confirm: r.confirm,
         },
+        path_width_m: config.alarm.path_width_m,
     }
 }
 

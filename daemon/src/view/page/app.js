@@ -170,6 +170,7 @@ function takeStatus(status, history) {
   page.samples = [...page.samples, ...history].slice(-KEPT);
   drawCharts(page.samples, page.stages);
   drawProcesses(status);
+  if (status.calibration.state !== "off") byId("k-health").append(`. Calibration ${status.calibration.text}`);
   const last = page.samples[page.samples.length - 1];
   const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames per second, ` : "";
   const why = status.reason ? ` (${status.reason})` : "";

@@ -119,7 +119,7 @@ fn on_verge(draft: &mut Draft, dice: &mut Dice, side: Side, (inner, outer): (f64
     traffic::walkers(draft, dice, side, (inner, outer), count);
 }
 
-/// Delineators, rails, banks, hedges, fences, walls and trees of one side.
+/// Rails, posts, banks, hedges, fences, walls and trees of one side.
 fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), beyond: Beyond) {
     let end = draft.way_m() + BEYOND_M;
     let start = -30.0;
@@ -165,6 +165,20 @@ fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), b
         }
         free += if kind == BesideKind::Bank { 6.5 } else { 1.4 };
     }
+    posts(draft, dice, side, verge.0);
+    if dice.chance(0.2) {
+        houses(draft, dice, side, free + 6.0);
+    }
+    let dense = dice.between(0.2, 1.0);
+    let near = (free, free + dice.between(3.0, 9.0));
+    green(draft, dice, side, near, dense);
+    green(draft, dice, side, (free + 9.0, free + 20.0), dense);
+}
+
+/// Delineators and signs beside the asphalt's edge.
+fn posts(draft: &mut Draft, dice: &mut Dice, side: Side, edge: f64) {
+    let end = draft.way_m() + BEYOND_M;
+    let start = -30.0;
     if dice.chance(0.7) {
         let spacing = dice.pick(&[25.0, 33.0, 50.0]);
         let mut at = start + dice.between(0.0, spacing);
@@ -173,7 +187,7 @@ fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), b
             let row = Row {
                 kind: BesideKind::Poles,
                 side,
-                out_m: round(verge.0 + 0.45),
+                out_m: round(edge + 0.45),
                 along,
                 height_m: 1.0,
                 grey: 100.0,
@@ -188,18 +202,11 @@ fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), b
         let row = Row {
             kind: BesideKind::Signs,
             side,
-            out_m: round(verge.0 + 0.7),
+            out_m: round(edge + 0.7),
             along,
             height_m: 2.5,
             grey: 100.0,
         };
         draft.single(row, 0.0);
     }
-    if dice.chance(0.2) {
-        houses(draft, dice, side, free + 6.0);
-    }
-    let dense = dice.between(0.2, 1.0);
-    let near = (free, free + dice.between(3.0, 9.0));
-    green(draft, dice, side, near, dense);
-    green(draft, dice, side, (free + 9.0, free + 20.0), dense);
 }

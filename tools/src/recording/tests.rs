@@ -433,7 +433,8 @@ fn free_space_and_boundaries_are_lines_on_the_road_in_the_scene() {
         sigma_m: vec![0.1, 0.05],
     };
     // The road falls: its horizon is 22 px (5 cm a metre) below the principal point.
-    let road = RoadLine { camera_height_m: 1.2, horizon_px: RIG.cy_px + 0.05 * RIG.focal_px, confidence: 0.9 };
+    let road =
+        RoadLine { camera_height_m: 1.2, horizon_px: RIG.cy_px + 0.05 * RIG.focal_px, confidence: 0.9 };
     let record = FrameRecord {
         road: Some(road),
         free_space_m: vec![vec![[-2.0, 30.0], [2.0, 30.0], [1.0, 5.0], [-1.0, 5.0]]],

@@ -84,7 +84,7 @@ echo "without a daemon: the frames say so"
 
 candump -L $bus >frames.log &
 dump=$!
-"$binary" replay -c car.toml --set source.fps=0 scene:street --lockstep --limit 60 --out results >log 2>&1 || fail "the replay"
+"$binary" replay -c car.toml --set source.fps=0 scene:street --lockstep --limit 24 --out results >log 2>&1 || fail "the replay"
 wait_for 60 "the end of the daemon is not told on the bus" daemon_is 4
 sleep 1
 kill $dump

@@ -17,19 +17,27 @@ pub mod watcher;
 #[cfg(feature = "can")]
 pub use shared::Shared;
 
-use crate::command::CommandError;
 use crate::stages::whole_number::whole;
 use config::Config;
+use thiserror::Error;
 use tools::can_out::{ID_COUNT, Identifiers, is_diagnostic};
 
 /// Maximum standard identifier.
 const MAX_STANDARD_ID: i64 = 0x7ff;
 
+/// Why the configured identifiers cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("can_out.base_id = {base:#x}: the {ID_COUNT} identifiers from there on cannot be used: {remedy}")]
+pub struct IdentifierError {
+    base: u32,
+    remedy: &'static str,
+}
+
 /// The identifiers that the configuration gives.
 ///
 /// # Errors
 /// If they are too large, or those of diagnostics.
-pub fn identifiers(config: &Config) -> Result<Identifiers, CommandError> {
+pub fn identifiers(config: &Config) -> Result<Identifiers, IdentifierError> {
     let c = &config.can_out;
     let base = whole::<u32>(c.base_id);
     if !is_diagnostic(base, c.extended_ids) {
@@ -40,9 +48,7 @@ pub fn identifiers(config: &Config) -> Result<Identifiers, CommandError> {
     } else {
         "choose others: 0x7df to 0x7ef, and 0x18da0000 to 0x18dbffff, belong to diagnostics (ISO 15765-4)"
     };
-    Err(CommandError::Other(format!(
-        "can_out.base_id = {base:#x}: the {ID_COUNT} identifiers from there on cannot be used: {remedy}"
-    )))
+    Err(IdentifierError { base, remedy })
 }
 
 #[cfg(test)]

@@ -78,6 +78,9 @@ pub enum CommandError {
     /// The board's clocks cannot be set.
     #[error(transparent)]
     Clock(#[from] crate::scheduler::clocks::ClockError),
+    /// CAN out cannot be configured.
+    #[error(transparent)]
+    CanOut(#[from] crate::can_out::IdentifierError),
     /// Reasons, one a line.
     #[error("{0}")]
     Lines(String),

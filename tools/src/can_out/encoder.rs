@@ -153,22 +153,50 @@ mod tests {
             .into()
     }
 
-    /// Signals of these frames as cantools 45.1 decodes them with config/can/lookout.dbc; `None`: not available.
-    /// Written by tests/can/decode_values.py.
-    type Expected = (usize, u32, [u8; 8], &'static [(&'static str, Option<f64>)]);
-    const EXPECTED: &[Expected] = &include!("cantools_values.in");
+    /// A frame as cantools decodes it.
+    struct Decoded {
+        cycle: usize,
+        id: u32,
+        data: String,
+        /// `None`: not available.
+        signals: Vec<(String, Option<f64>)>,
+    }
+
+    /// The frames of [`frames`] as cantools 45.1 decodes them with config/can/lookout.dbc. The file is written by
+    /// tests/can/decode_values.py.
+    fn expected() -> Vec<Decoded> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/can_out/cantools_values.txt");
+        let text = std::fs::read_to_string(path).unwrap();
+        let line = |line: &str| {
+            let mut words = line.split(' ');
+            let mut word = || words.next().unwrap();
+            let (cycle, id) = (word().parse().unwrap(), u32::from_str_radix(word(), 16).unwrap());
+            let data = word().to_owned();
+            let signal = |word: &str| {
+                let (name, value) = word.split_once('=').unwrap();
+                (name.to_owned(), (value != "-").then(|| value.parse().unwrap()))
+            };
+            Decoded { cycle, id, data, signals: words.map(signal).collect() }
+        };
+        text.lines().map(line).collect()
+    }
+
+    fn hexadecimal(data: &[u8; 8]) -> String {
+        data.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
 
     #[test]
     fn frames_decode_with_cantools_to_the_values_that_were_encoded() {
-        let all = frames();
-        for (cycle, id, data, signals) in EXPECTED {
+        let (all, expected) = (frames(), expected());
+        for Decoded { cycle, id, data, signals } in &expected {
             let frame = all[*cycle].iter().find(|f| f.id == *id).unwrap();
-            assert_eq!(frame.data, *data, "cycle {cycle}, {id:#x}: run tests/can/decode_values.py");
+            let sent = hexadecimal(&frame.data);
+            assert_eq!(sent, *data, "cycle {cycle}, {id:#x}: run tests/can/decode_values.py");
             assert!(!signals.is_empty());
         }
-        assert_eq!(EXPECTED.len(), 3 * 21);
+        assert_eq!(expected.len(), 3 * 21);
         let decoded = |cycle: usize, name: &str| {
-            let signals = EXPECTED.iter().filter(|e| e.0 == cycle).flat_map(|e| e.3);
+            let signals = expected.iter().filter(|e| e.cycle == cycle).flat_map(|e| &e.signals);
             let found: Vec<_> = signals.filter(|(n, _)| *n == name).collect();
             assert_eq!(found.len(), 1, "{name}");
             found[0].1
@@ -226,8 +254,7 @@ mod tests {
     fn print_the_frames_for_decode_values_py() {
         for (cycle, frames) in frames().iter().enumerate() {
             for frame in frames {
-                let data: String = frame.data.iter().map(|byte| format!("{byte:02x}")).collect();
-                println!("frame {cycle} {:x} {data}", frame.id);
+                println!("frame {cycle} {:x} {}", frame.id, hexadecimal(&frame.data));
             }
         }
     }

@@ -205,8 +205,9 @@ impl GroundGrid {
         let mut heights_m = [0.0; BATCH];
         for from in (road.top..depths.len()).step_by(BATCH) {
             pixels.clear();
-            for y in from..(from + BATCH).min(depths.len()) {
-                pixels.push(x_px, y as f32, depths[y], depths[y] > 0);
+            let batch = &depths[from..(from + BATCH).min(depths.len())];
+            for (i, &d) in batch.iter().enumerate() {
+                pixels.push(x_px, (from + i) as f32, d, d > 0);
             }
             road.surface.heights_m(&pixels, &mut heights_m);
             for (&d, &height) in pixels.disparity.iter().zip(&heights_m).take(pixels.count()) {

@@ -86,6 +86,9 @@ pub const MAX_START_RATIO: f64 = 2.0;
 /// Share of the sectors that show ground where free space starts: cars beside a narrow lane hide the others.
 pub const MIN_START_SHARE: f64 = 0.125;
 
+/// Fewest sectors side by side that are free ground: two decimetres at 5 m.
+pub const MIN_SECTORS: usize = 3;
+
 /// Columns from the left side of the right image, in px, in which the matcher's windows reach beyond it.
 pub const BORDER_PX: f32 = 12.0;
 

@@ -9,7 +9,7 @@ use super::curve::RayStixel;
 use super::ground_grid::{GroundGrid, RoadCell};
 use super::limits::{
     FREE_SIGMAS, LOW_HEIGHT_M, MAX_BRIDGED_CELLS, MAX_START_RATIO, MIN_CELL_PIXELS, MIN_GROUND_SHARE,
-    MIN_STANDING_M, MIN_START_SHARE,
+    MIN_SECTORS, MIN_STANDING_M, MIN_START_SHARE,
 };
 use super::raised_ground::RaisedGround;
 use super::road_view::RoadView;
@@ -133,10 +133,21 @@ impl SectorFinder {
                 sector.limit(region.distance_m - error_m, FreeEnd::Obstacle);
             }
         }
-        for sector in &mut self.sectors {
-            if sector.far_m <= sector.near_m {
-                (sector.near_m, sector.far_m) = (0.0, 0.0);
+        self.drop_slivers();
+    }
+
+    /// Drops ranges that are empty, and runs of sectors that are too narrow to be ground ([`MIN_SECTORS`]).
+    fn drop_slivers(&mut self) {
+        let mut from = 0;
+        while from < self.sectors.len() {
+            let run = self.sectors[from..].iter().take_while(|sector| sector.far_m > sector.near_m).count();
+            let end = from + run.max(1);
+            if run < MIN_SECTORS {
+                for sector in &mut self.sectors[from..end] {
+                    (sector.near_m, sector.far_m) = (0.0, 0.0);
+                }
             }
+            from = end;
         }
     }
 
@@ -211,7 +222,9 @@ fn known_ground(input: &SectorInput<'_>, sector: usize, start: usize) -> (f64, f
         }
         bin += 1;
     }
-    (input.grid.near_m(start), input.grid.near_m(end), reason)
+    // Of a cell that the image cuts off, less than its nearest ground is seen.
+    let is_cut = input.grid.expected(start) < input.grid.expected((start + 1).min(cells.len() - 1));
+    (input.grid.near_m(start + usize::from(is_cut)), input.grid.near_m(end), reason)
 }
 
 /// Distance at which the ray with this slope crosses the edge of the road on a side.

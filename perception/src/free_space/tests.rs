@@ -301,3 +301,16 @@ fn what_is_not_known_is_not_free() {
     let seen = detect(&mut detector(false), &vec![0; SIZE.0 * SIZE.1]);
     assert!(seen.free.iter().all(|sector| sector.far_m == 0.0) && seen.boundaries.is_empty());
 }
+
+#[test]
+fn a_sliver_of_ground_is_not_free_space() {
+    // Only a few columns of the near road are known, far from the rest.
+    let mut map = map(&[], 5);
+    for y in 240..SIZE.1 {
+        map[y * SIZE.0 + 400..y * SIZE.0 + 560].fill(0);
+        map[y * SIZE.0 + 572..(y + 1) * SIZE.0].fill(0);
+    }
+    let seen = detect(&mut detector(false), &map);
+    assert!(sector(&seen.free, 0.0, 10.0).far_m > 20.0);
+    assert!(seen.free[50..].iter().all(|sector| sector.far_m == 0.0), "{:?}", &seen.free[50..]);
+}

@@ -41,14 +41,37 @@ impl BoundaryLine {
     }
 }
 
-/// A polygon on the ground in the left image: column, row; empty if the road is not seen there.
+/// A polygon on the ground in the left image: column, row. Corners nearer than the image shows lie below it.
 pub fn polygon_in_image(rig: &Rig, profile_px: &[f32], corners_m: &[[f64; 2]]) -> Vec<(f64, f64)> {
-    on_road(rig, profile_px, &finer(corners_m))
+    let below = |[right, ahead]: [f64; 2]| {
+        let [.., upper, lower] = profile_px else { return None };
+        let (upper, lower) = (f64::from(*upper), f64::from(*lower));
+        let beyond_px = rig.focal_px * rig.baseline_m / ahead - lower;
+        let is_below = ahead > 0.0 && upper > 0.0 && lower > upper && beyond_px > 0.0;
+        let row = (profile_px.len() - 1) as f64 + beyond_px / (lower - upper);
+        is_below.then(|| (rig.cx_px + rig.focal_px * right / ahead, row))
+    };
+    let corner = |place: [f64; 2]| on_road(rig, profile_px, &[place]).pop().or_else(|| below(place));
+    finer(corners_m).into_iter().filter_map(corner).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_polygon_goes_on_below_the_picture() {
+        let rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 320.0, cy_px: 200.0 };
+        let profile: Vec<f32> = (0..300).map(|y| (0.2 * (y as f32 - 200.0)).max(0.0)).collect();
+        // The last row shows the road at 5.05 m; 4 m would lie in row 325.
+        let polygon = polygon_in_image(&rig, &profile, &[[-1.0, 10.0], [1.0, 10.0], [1.0, 4.0], [-1.0, 4.0]]);
+        let nearest = polygon.iter().map(|(_, y)| *y).fold(0.0, f64::max);
+        assert!((nearest - 325.0).abs() < 0.1, "{polygon:?}");
+        assert!(
+            polygon.iter().any(|(x, y)| (x - 445.0).abs() < 0.1 && (y - 325.0).abs() < 0.1),
+            "{polygon:?}"
+        );
+    }
 
     #[test]
     fn a_boundary_stands_on_the_road_in_the_picture() {

@@ -46,13 +46,15 @@ impl FreeGroundCounts {
     pub fn add(&mut self, truth: &FreeGround, rig: &Rig, polygons: &[Vec<[f64; 2]>]) {
         for (x, (&free, &blocked)) in truth.free_m.iter().zip(&truth.blocked_m).enumerate() {
             let slope = (x as f64 - rig.cx_px) / rig.focal_px;
-            let reach =
-                polygons.iter().map(|polygon| reach_m(polygon, slope)).fold(FROM_M, f64::max).min(TO_M);
+            let range = polygons.iter().find_map(|polygon| range_m(polygon, slope));
+            // Nearer ground than the cameras see is not found.
+            let (start, reach) =
+                range.map_or((FROM_M, FROM_M), |(near, far)| (near.max(FROM_M), far.min(TO_M)));
             let free = f64::from(free).clamp(FROM_M, TO_M);
             let blocked = f64::from(blocked);
             self.columns += 1;
             self.free_m += free - FROM_M;
-            self.found_m += free.min(reach) - FROM_M;
+            self.found_m += (free.min(reach) - start).max(0.0);
             let allowed = blocked + (TOLERANCE.0 * blocked).max(TOLERANCE.1);
             if reach > allowed && reach > FROM_M {
                 self.wrong_columns += 1;
@@ -81,9 +83,9 @@ impl FreeGroundCounts {
     }
 }
 
-/// How far ahead the polygon reaches along a direction, in metres right for each metre ahead: where the ray from the camera
-/// leaves it for the first time after [`FROM_M`]; 0 if it does not contain the ray there.
-fn reach_m(polygon: &[[f64; 2]], slope: f64) -> f64 {
+/// From where to where the polygon contains the ray in a direction, in metres right for each metre ahead: its first part that
+/// ends beyond [`FROM_M`].
+fn range_m(polygon: &[[f64; 2]], slope: f64) -> Option<(f64, f64)> {
     let off = |p: [f64; 2]| p[0] - slope * p[1];
     let mut crossings: Vec<f64> = Vec::new();
     for (k, &a) in polygon.iter().enumerate() {
@@ -95,8 +97,7 @@ fn reach_m(polygon: &[[f64; 2]], slope: f64) -> f64 {
     }
     crossings.sort_unstable_by(f64::total_cmp);
     // Behind each pair of crossings the ray is outside again.
-    let inside = crossings.chunks_exact(2).find(|pair| pair[0] <= FROM_M && pair[1] > FROM_M);
-    inside.map_or(0.0, |pair| pair[1])
+    crossings.chunks_exact(2).find(|pair| pair[1] > FROM_M).map(|pair| (pair[0], pair[1]))
 }
 
 #[cfg(test)]
@@ -129,6 +130,11 @@ mod tests {
         // A lawn behind a kerb, then a hedge: free up to the hedge is no fault.
         assert_eq!(score(10.0, 30.0, 29.0).wrong_m, Some(0.0));
         assert_eq!(score(20.0, 20.0, 0.5).found, Some(0.0));
+        // Free space that starts where the cameras see the ground: 8 to 20 of 5 to 20 m.
+        let mut later = FreeGroundCounts::default();
+        let far = vec![[-5.0, 8.0], [5.0, 8.0], [5.0, 20.0], [-5.0, 20.0]];
+        later.add(&truth(20.0, 30.0), &RIG, &[far]);
+        assert_eq!(later.score().found, Some(0.8));
         let mut none = FreeGroundCounts::default();
         none.add(&truth(20.0, 30.0), &RIG, &[]);
         assert_eq!((none.score().found, none.score().wrong_m), (Some(0.0), Some(0.0)));
@@ -147,8 +153,9 @@ mod tests {
             [-0.5, 30.0],
             [-5.0, 30.0],
         ];
-        assert!((reach_m(&notched, 0.0) - 12.0).abs() < 1e-9);
-        assert!((reach_m(&notched, 0.1) - 30.0).abs() < 1e-9);
-        assert_eq!(reach_m(&notched, 2.0), 0.0);
+        let reach_m = |slope| range_m(&notched, slope).map_or(0.0, |(_, far)| far);
+        assert!((reach_m(0.0) - 12.0).abs() < 1e-9);
+        assert!((reach_m(0.1) - 30.0).abs() < 1e-9);
+        assert_eq!(range_m(&notched, 5.5), None);
     }
 }

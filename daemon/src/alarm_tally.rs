@@ -62,7 +62,7 @@ fn count(levels: &mut [u64; LEVELS.len()], checks: &mut [u64], level: u32, fault
         *sum = sum.saturating_add(add);
     }
     if level == OFF {
-        for (bit, sum) in checks.iter_mut().enumerate().filter(|(bit, _)| (faults >> bit) & 1 == 1) {
+        for (_, sum) in checks.iter_mut().enumerate().filter(|(bit, _)| (faults >> bit) & 1 == 1) {
             *sum = sum.saturating_add(add);
         }
     }

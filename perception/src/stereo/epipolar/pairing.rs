@@ -27,7 +27,7 @@ pub enum Pairing {
 /// Width to which images are reduced, in px: a disparity of 4 px at 1242 px of width is still told from none.
 const REDUCED_WIDTH: usize = 240;
 /// Grid cells in which a corner is taken.
-const GRID: (usize, usize) = (8, 5);
+const GRID: (usize, usize) = (12, 6);
 /// Search range, as a share of the reduced width to both sides.
 const ASIDE_SHARE: f64 = 0.2;
 /// Search range up and down, in reduced pixels: 25 rows at 1242 px of width.

@@ -138,8 +138,8 @@ mod tests {
             let mut data = [ones; 8];
             DISTANCE.encode(Some(&Some(0.0)), &mut data);
             let read = u64::from_le_bytes(data);
-            assert_eq!(read >> 12 & 0xfff, 200);
-            assert_eq!(read & !(0xfff << 12), if ones == 0 { 0 } else { u64::MAX & !(0xfff << 12) });
+            assert_eq!((read >> 12) & 0xfff, 200);
+            assert_eq!(read & !(0xfff << 12), if ones == 0 { 0 } else { !(0xfff << 12) });
         }
     }
 }

@@ -183,11 +183,14 @@ fn with_fourth_byte(picture: RgbImage) -> Vec<u8> {
     picture.pixels().flat_map(|pixel| [pixel.0[0], pixel.0[1], pixel.0[2], u8::MAX]).collect()
 }
 
+/// Size of the pictures that an encoder takes, and how their pixels are written.
+type Pixels = ((u32, u32), fn(RgbImage) -> Vec<u8>);
+
 /// Sends all pictures, each as often as its time requires; returns their number.
 fn send(
     child: &mut Child,
     frames: &Frames,
-    ((width, height), pixels): ((u32, u32), fn(RgbImage) -> Vec<u8>),
+    ((width, height), pixels): Pixels,
     done: &mut dyn FnMut(u64),
 ) -> Result<u64, VideoError> {
     let pipe = |source| VideoError::Io { path: "the pipe to the encoder".into(), source };

@@ -35,7 +35,7 @@ pub fn dbc(identifiers: Identifiers, period_ms: u64) -> String {
     let (mut bodies, mut comments, mut periods, mut values) =
         (String::new(), String::new(), String::new(), String::new());
     for message in messages(identifiers.objects) {
-        let id = identifiers.base + message.offset | if identifiers.is_extended { EXTENDED_BIT } else { 0 };
+        let id = (identifiers.base + message.offset) | if identifiers.is_extended { EXTENDED_BIT } else { 0 };
         let _ = writeln!(bodies, "\nBO_ {id} {MESSAGE_PREFIX}{}: 8 {NODE}", message.name);
         let _ = writeln!(comments, "CM_ BO_ {id} \"{} Data id 0x{:04X}.\";", message.text, message.data_id());
         let _ = writeln!(periods, "BA_ \"GenMsgCycleTime\" BO_ {id} {period_ms};");

@@ -139,7 +139,8 @@ mod tests {
     fn boxes_road_and_alarm_are_where_they_belong() {
         let (width, height) = (200, 100);
         let disparity: Vec<u16> = (0..width * height).map(|i| if i / width > 60 { 512 } else { 0 }).collect();
-        let profile: Vec<f32> = (0..height).map(|y| if y > 60 { 2.0 } else { 0.0 }).collect();
+        // A camera 1 m above the road.
+        let profile: Vec<f32> = (0..height).map(|y| (0.3 * (y as f32 - 50.0)).max(0.0)).collect();
         let obstacle = |x: u32, confirmed| ObstacleLine {
             class: "vehicle".into(),
             confirmed,
@@ -159,7 +160,7 @@ mod tests {
                 ..AlarmLine::default()
             },
             // A box beyond the image border must not panic.
-            free_space_m: vec![vec![[-10.0, 12.0], [10.0, 12.0], [10.0, 6.0], [-10.0, 6.0]]],
+            free_space_m: vec![vec![[-10.0, 9.0], [10.0, 9.0], [10.0, 3.0], [-10.0, 3.0]]],
             obstacles: vec![obstacle(20, true), obstacle(100, false), obstacle(190, true)],
             ..FrameRecord::default()
         };

@@ -27,6 +27,7 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
             confirm: r.confirm,
         },
         path_width_m: config.alarm.path_width_m,
+        masks_regions: false,
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! The paper estimates this epipolar line distortion from its matches as a convex problem and feeds it
 //! back online. Here, in every cell of a grid, the strongest corner among the pixels with a confident disparity
-//! is searched in the right image in both directions and refined to sub-pixel precision ([`patch`]). A plane (offset +
+//! is searched in the right image in both directions and refined to sub-pixel precision (`patch.rs`). A plane (offset +
 //! gradients, [`field`]) is fitted to the vertical offsets of the last frames with Huber's loss, which is convex and so
 //! has a single solution for any start value.
 //!

@@ -1,6 +1,6 @@
 //! Shifting the rows of an image by a fraction of a pixel that changes over the image.
 //!
-//! There is no table: a plane needs one row and one fraction for each block of [`BLOCK`] pixels, so a correction may
+//! There is no table: a plane needs one row and one fraction for each block of `BLOCK` pixels, so a correction may
 //! change in every frame at no cost, and nothing is allocated.
 
 use super::field::{RowField, place};

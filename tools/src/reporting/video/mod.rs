@@ -2,7 +2,7 @@
 //!
 //! The video is made after the run, from the files that it left, so that encoding takes nothing from the frames.
 //! MP4, Matroska and WebM are written by a program on the `PATH`, ffmpeg or GStreamer, which gets raw pictures through a
-//! pipe; animated GIF is written here ([`gif`]).
+//! pipe; animated GIF is written here (`gif.rs`).
 
 mod frames;
 mod gif;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tools::can_out::{Encoder, Identifiers, Link, LinkState, OutFrame, Port, Values};
 
-/// Pause before frames that found no room are tried again: a bus of 500 kbit/s takes some four in that time.
+/// Pause before frames that a full queue refused are tried again: a bus of 500 kbit/s takes some four in that time.
 const RESUME: Duration = Duration::from_millis(1);
 
 /// Time after which a bus that was sending counts as sound: its next failure is logged as the first.

@@ -53,7 +53,7 @@ fn nearest(alarm: &AlarmRecord, objects: &[Object]) -> Option<Object> {
         let key = |o: &Object| (away(o), o.in_path != Some(true));
         key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
     });
-    // An obstacle that the message has no room for is known by its distance only.
+    // An obstacle beyond the capacity of the message is known by its distance only.
     let unknown =
         Object { existence: Existence::Measured, distance_m: Some(alarm.nearest_m), ..Object::default() };
     Some(same.filter(|o| away(o) < SAME_DISTANCE_M).copied().unwrap_or(unknown))

@@ -50,7 +50,7 @@ rig=paper or kitti.
 
 --video makes a video of the overlays when the run has ended. FILE.mp4, .mkv and .webm are encoded by
 ffmpeg or GStreamer (gst-launch-1.0) on the PATH. FILE.gif needs neither; it has at most 15 pictures
-a second, 600 in all and 800 columns. Without --out the overlays need room beside the video while it
+a second, 600 in all and 800 columns. Without --out the overlays need disk space beside the video while it
 is made.";
 
 #[derive(Args, Debug)]

@@ -29,7 +29,7 @@ impl Film {
         if let Some(out) = out {
             return Ok(Self { plan: Some(plan), folder: Some(out.to_owned()), is_own: false });
         }
-        // Beside the video, which has a disk with room; /tmp may be memory.
+        // Beside the video, which has a disk with free space; /tmp may be memory.
         let folder = plan.path().with_extension("frames");
         std::fs::create_dir(&folder).map_err(|error| {
             CommandError::Other(format!(

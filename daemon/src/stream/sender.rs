@@ -1,4 +1,4 @@
-//! Sends the newest line to one reader, whenever it has room.
+//! Sends the newest line to one reader, whenever it can take one.
 
 use super::latest::{Latest, Seen};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

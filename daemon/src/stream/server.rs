@@ -119,7 +119,7 @@ impl Server {
         }
     }
 
-    /// Serves a client on a thread of its own, if there is room.
+    /// Serves a client on a thread of its own, if a place is free.
     fn admit(&self, mut client: UnixStream) -> io::Result<()> {
         client.set_nonblocking(true)?;
         let peer = socket_peercred(&client)?;

@@ -2,7 +2,7 @@
 //! bus that fails is tried again. Time is passed in.
 //!
 //! The kernel gives each frame back when it was sent, on a real bus when another node has acknowledged it. A cycle is
-//! therefore sent only when the one before is through: a bus that takes nothing (bus-off, no other node, no room) holds at
+//! therefore sent only when the one before is through: a bus that takes nothing (bus-off, no other node, a full queue) holds at
 //! most one cycle, not a queue of old ones that would be sent when it recovers.
 
 use super::encoder::OutFrame;
@@ -48,7 +48,7 @@ pub trait Port {
     /// Sends a frame.
     ///
     /// # Errors
-    /// `WouldBlock` if there is no room; any other if the interface has failed.
+    /// `WouldBlock` if its queue is full; any other if the interface has failed.
     fn send(&mut self, frame: &OutFrame) -> io::Result<()>;
     /// The next frame or notice, if one has come.
     ///
@@ -89,7 +89,7 @@ pub struct LinkReport {
     pub cycles: u64,
     /// Cycles that the bus has taken.
     pub confirmed: u64,
-    /// Frames for which the interface had no room.
+    /// Frames that the full queue of the interface refused.
     pub dropped: u64,
     /// Cycles that were left out because the one before was not through, or the interface was not open.
     pub withheld: u64,
@@ -115,9 +115,9 @@ pub struct Link<P> {
     patience_ns: u64,
     /// The last frames of the last cycles.
     sent: VecDeque<[u8; 8]>,
-    /// Frames of this cycle for which there was no room yet.
+    /// Frames of this cycle that the full queue has refused so far.
     rest: VecDeque<OutFrame>,
-    /// The port had no room for all frames of the last cycle.
+    /// The port's queue was too full for all frames of the last cycle.
     is_full: bool,
     is_bus_off: bool,
     /// No cycle came through within the time for it.
@@ -170,13 +170,13 @@ impl<P: Port> Link<P> {
         self.describe(now_ns);
     }
 
-    /// Whether frames of the last cycle wait for room: the queue of an interface is short (10 frames as a rule).
+    /// Whether frames of the last cycle wait: the queue of an interface is short (10 frames as a rule).
     /// [`Self::resume`] sends them; those that still wait at the next cycle are dropped.
     pub fn has_rest(&self) -> bool {
         !self.rest.is_empty()
     }
 
-    /// Sends what waits for room.
+    /// Sends what waits for the queue.
     pub fn resume(&mut self, now_ns: u64) {
         while let Some(frame) = self.rest.front() {
             match self.port.send(frame) {

@@ -18,7 +18,7 @@ const BUS_OFF: u32 = 0x40;
 /// Class of notices: the controller was restarted.
 const RESTARTED: u32 = 0x100;
 
-/// The kernel's error when the queue of an interface has no room (ENOBUFS).
+/// The kernel's error when the queue of an interface is full (ENOBUFS).
 const NO_BUFFER: i32 = 105;
 
 /// An interface such as `can0`. Closed when it is dropped.

@@ -11,7 +11,7 @@ pub struct Video {
     pub pictures: u64,
     /// Playing time in seconds.
     pub seconds: f64,
-    /// Frames of the run that the file has no room for: a GIF has at most `MAX_PICTURES` pictures.
+    /// Frames of the run beyond the capacity of the file: a GIF has at most `MAX_PICTURES` pictures.
     pub left_out: u64,
 }
 

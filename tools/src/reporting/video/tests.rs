@@ -109,10 +109,10 @@ fn a_result_without_an_overlay_is_bridged() {
 fn gstreamer_is_used_where_there_is_no_ffmpeg() {
     let folder = tempfile::tempdir().unwrap();
     let script = "for f; do :; done; exec cat > \"${f#location=}\"";
-    let mut search = program(folder.path(), "gst-launch-1.0", script);
+    // Nothing else is on the PATH: a machine may have an ffmpeg.
+    let search = program(folder.path(), "gst-launch-1.0", script);
     // It has one encoder only.
     program(folder.path(), "gst-inspect-1.0", "case $2 in x264enc) exit 1;; esac");
-    search.push(":/bin");
     let out = results(folder.path(), &[0.0, 0.1], (6, 4));
     let path = folder.path().join("run.mkv");
     let plan = Plan::new(&path, &search).unwrap();

@@ -21,6 +21,10 @@ pub(crate) const CHECK_PERIOD: Duration = Duration::from_millis(250);
 pub(crate) struct Run {
     /// The pictures that were given, or wait for their result.
     held: Option<Sample>,
+    /// Whether the pictures were given.
+    given: bool,
+    /// A result that waits for its pictures.
+    result: Option<Box<(Header, Obstacles)>>,
     results: Subscriber,
     statuses: Subscriber,
     /// `None` if no pictures are wanted.
@@ -61,6 +65,8 @@ impl Run {
         let now = Instant::now();
         Ok(Some(Self {
             held: None,
+            given: false,
+            result: None,
             results: bus.subscriber(&service::OBSTACLES)?,
             statuses: bus.subscriber(&service::STATUS)?,
             depths,
@@ -96,9 +102,11 @@ impl Run {
         depth::view(sample.header(), sample.payload()).ok()
     }
 
-    /// Returns the pictures to the daemon.
+    /// Returns the pictures that were given to the daemon.
     pub fn release(&mut self) {
-        self.held = None;
+        if std::mem::take(&mut self.given) {
+            self.held = None;
+        }
     }
 
     /// The newest result, with its pictures if they are wanted; waits for it until `until`.
@@ -106,10 +114,11 @@ impl Run {
     /// # Errors
     /// If the ports are broken.
     pub fn next(&mut self, until: Instant) -> Result<Found, IpcError> {
-        let Self { held, results, statuses, depths, newest, rig, heard, checked, refused, .. } = self;
+        let Self {
+            held, given, result, results, statuses, depths, newest, rig, heard, checked, refused, ..
+        } = self;
         let (instance, prefix) = (&self.instance, &self.prefix);
         let depths = depths.as_ref();
-        let mut result: Option<Box<(Header, Obstacles)>> = None;
         let mut found = Found::Nothing;
         let subscribers: Vec<&Subscriber> = [&*results, &*statuses].into_iter().chain(depths).collect();
         wait::run::<IpcError>(&subscribers, || {
@@ -122,7 +131,7 @@ impl Run {
             while let Some(sample) = results.receive()? {
                 match obstacles::view(sample.header(), sample.payload()) {
                     Ok(view) if newest.accepts(sample.header()) => {
-                        result = Some(Box::new((*sample.header(), view)))
+                        *result = Some(Box::new((*sample.header(), view)))
                     }
                     Ok(_) => {}
                     Err(_) => *refused += 1,
@@ -130,10 +139,11 @@ impl Run {
             }
             let is_withdrawn = result.as_ref().is_some_and(|result| result.0.withdraws == 1);
             if !is_withdrawn && let Some(depths) = depths {
-                match_pictures(depths, held, &mut result, refused)?;
+                match_pictures(depths, held, result, refused)?;
             }
             let is_complete = result.is_some() && (is_withdrawn || depths.is_none() || held.is_some());
             if is_complete && let Some(result) = result.take() {
+                *given = true;
                 found = Found::Result(result);
                 return Ok(Next::Stop);
             }

@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const CRATES: [&str; 6] = ["config", "ipc", "perception", "sources", "tools", "daemon"];
+const CRATES: [&str; 8] =
+    ["config", "ipc", "perception", "sources", "tools", "daemon", "clients/rust", "clients/c"];
 
 /// A module as its path in the crate: `["stereo", "viterbi"]`.
 type Module = Vec<String>;

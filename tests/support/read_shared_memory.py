@@ -8,6 +8,7 @@ import numpy
 import lookout
 
 client = lookout.Client(*sys.argv[1:3], pictures=True)
+assert lookout.LEVEL_ALARM == 3 and lookout.FAULT_NO_ROAD == 1 and not hasattr(lookout, "numpy")
 before = None
 for frame in client:
     if frame.withdrawn:
@@ -34,6 +35,7 @@ for frame in client:
             pass
         # Records stay.
         assert before.alarm["level"] < 4
+    assert isinstance(frame, lookout.Frame)
     before = frame
     assert 0 < frame.age_s < 120
     if frame.rig["width"]:

@@ -12,7 +12,14 @@ pub fn module(structures: &[Structure]) -> String {
         "# {NOTE}\n\"\"\"Layout of the library's structures. docs/client-records.md describes the fields.\"\"\"\n\n"
     );
     text.push_str("import ctypes\n\nimport numpy\n\n");
-    let _ = writeln!(text, "LAYOUT = {VERSION}");
+    let records = structures.iter().filter(|structure| !structure.is_of_library());
+    let constants = groups().into_iter().flat_map(|group| group.constants);
+    let names = constants.map(|(name, ..)| name).chain(records.map(|record| upper(record.name)));
+    text.push_str("__all__ = [\n    \"LAYOUT\",\n");
+    for name in names {
+        let _ = writeln!(text, "    \"{name}\",");
+    }
+    let _ = write!(text, "]\n\nLAYOUT = {VERSION}\n");
     for group in groups() {
         let _ = write!(text, "\n# {}\n", group.docs);
         for (name, value, _) in group.constants {

@@ -10,8 +10,8 @@ The library is liblookout.so: the file that the variable LOOKOUT_LIBRARY names, 
 finds. docs/client-records.md describes the fields of the records: unit, sign, range, and what they hold where they are unknown.
 """
 
+from . import _layout
 from ._client import Client, Error, Frame
 from ._layout import *  # noqa: F403
-from ._layout import LAYOUT
 
-__all__ = ["Client", "Error", "Frame", "LAYOUT"]
+__all__ = ["Client", "Error", "Frame", *_layout.__all__]

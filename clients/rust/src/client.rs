@@ -178,5 +178,7 @@ impl Client {
 }
 
 fn absent(name: &str) -> String {
-    format!("no daemon named \"{name}\" is running")
+    format!(
+        "no daemon named \"{name}\" of this user is running (another user's: the socket of `lookout stream`)"
+    )
 }

@@ -36,6 +36,13 @@ fn line(results: &[Value], sequence: u64) -> Option<&Value> {
     results.iter().find(|line| line["sequence"] == sequence)
 }
 
+/// The first program in a language that the documentation shows.
+fn documented(language: &str) -> String {
+    let text = std::fs::read_to_string(root().join("docs/clients.md")).expect("the page is there");
+    let rest = text.split_once(&format!("```{language}\n")).expect("a program").1;
+    rest.split_once("```").expect("its end").0.to_owned()
+}
+
 /// Ends a replay in order. That it did not come to its end is its exit code.
 fn end(daemon: Daemon) {
     daemon.signal("TERM");
@@ -245,6 +252,9 @@ fn programs_in_c_read_frames_with_the_shared_and_the_static_library() {
         }
     }
     end(daemon);
+    let shown = bench.path("shown.c");
+    std::fs::write(&shown, documented("c")).expect("own folder");
+    compile(&prefix, &shown, &bench.path("shown"), false);
     let checks = bench.path("checks.c");
     std::fs::write(&checks, CHECKS).expect("own folder");
     let program = bench.path("checks");
@@ -336,9 +346,18 @@ fn a_python_package_is_installed_with_pip_and_shows_pictures_without_a_copy() {
     }
     assert!(compared >= WANTED, "{compared} of {} frames were written, too", got.len());
 
-    // The example, and errors that name the remedy.
+    // The page's program and the example, and errors that name the remedy.
+    let shown = bench.path("shown.py");
+    std::fs::write(&shown, documented("python") + "    if frame.rig[\"width\"]:\n        break\n")
+        .expect("own folder");
     let example = root().join("clients/python/examples/nearest.py");
     let daemon = bench.replay_endlessly(&bench.path("drive").display().to_string(), "10");
+    let named = format!("Client(\"{}\", \"{}\", ", bench.instance, bench.path("run").display());
+    let text = std::fs::read_to_string(&shown).expect("own file").replace("Client(", &named);
+    std::fs::write(&shown, text).expect("own folder");
+    let mut command = program(shown);
+    command.env("LOOKOUT_LIBRARY", &library);
+    assert!(ok(command).contains('['));
     let mut command = program(example.clone());
     command.env("LOOKOUT_LIBRARY", &library);
     let output = nearest(&bench, command, 20);

@@ -1,6 +1,7 @@
 //! The rig file: two calibrated cameras, their rectification and calibration quality, with serial number,
 //! date and checksum. Also import and export of the calibration formats of other programs.
 
+pub mod data_sets;
 mod exchange;
 mod yaml;
 

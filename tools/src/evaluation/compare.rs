@@ -73,9 +73,9 @@ pub fn read(path: &Path, by_pair: bool) -> Result<Frames, CompareError> {
     if frames.is_empty() { Err(CompareError::Empty { path: path.to_owned() }) } else { Ok(frames) }
 }
 
-/// Whether a path is a recording.
+/// Whether a path is a recording, by its ending or its first bytes.
 pub fn is_recording(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e == sources::recording::ENDING)
+    path.extension().is_some_and(|e| e == sources::recording::ENDING) || sources::recording::has_magic(path)
 }
 
 fn lines(path: &Path) -> Result<Frames, CompareError> {

@@ -3,8 +3,8 @@
 use crate::bounded_file::read_text;
 use crate::limits::CALIBRATION;
 use crate::{SourceError, rig_file, toml_text};
-use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::calibration::Crop;
+use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::Deserialize;
 use std::path::Path;

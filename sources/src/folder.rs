@@ -4,7 +4,6 @@ pub use crate::pairs::images;
 pub use crate::picture::read_grey;
 pub use crate::source::LAYOUTS;
 
-use crate::bayer::Bayer;
 use crate::calibration_file::{self, Calibration};
 use crate::motion_file::{TIMESTAMPS, read_timestamps};
 use crate::pairs::{self, Pair, Pairs};
@@ -32,15 +31,6 @@ pub struct FolderOptions {
     pub interpretation: Interpretation,
     /// Refuses a folder with a picture that cannot be read, instead of leaving its pair to [`PairSource::read`].
     pub is_strict: bool,
-}
-
-impl FolderOptions {
-    /// With a Bayer pattern.
-    #[must_use]
-    pub fn with_bayer(mut self, bayer: Option<Bayer>) -> Self {
-        self.interpretation.bayer = bayer;
-        self
-    }
 }
 
 /// Pairs of pictures, in the natural order of their names.
@@ -169,7 +159,8 @@ impl FolderSource {
             pairs,
         };
         source.find_rig(&calibration_folders)?;
-        let timestamps = calibration_folders.iter().map(|folder| folder.join(TIMESTAMPS)).find(|f| f.is_file());
+        let timestamps =
+            calibration_folders.iter().map(|folder| folder.join(TIMESTAMPS)).find(|f| f.is_file());
         source.times_s = match timestamps {
             Some(file) => Some(source.read_times(&file)?),
             None => source.times_of_names(),
@@ -195,16 +186,18 @@ impl FolderSource {
         let mut candidates: Vec<PathBuf> =
             folders.iter().flat_map(|folder| names.iter().map(move |name| folder.join(name))).collect();
         // KITTI's raw data have one calibration for the drives of a day, EuRoC one in the folder of each camera.
-        candidates.extend(
-            folders.iter().filter_map(|folder| folder.canonicalize().ok()?.parent().map(|f| f.join(calibration_file::KITTI_RAW))),
-        );
-        candidates.extend(left.parent().and_then(Path::parent).map(|camera| camera.join(calibration_file::SENSOR)));
+        candidates.extend(folders.iter().filter_map(|folder| {
+            folder.canonicalize().ok()?.parent().map(|f| f.join(calibration_file::KITTI_RAW))
+        }));
+        candidates
+            .extend(left.parent().and_then(Path::parent).map(|camera| camera.join(calibration_file::SENSOR)));
         self.rig_file = candidates.into_iter().find(|file| file.is_file());
         let folder = left.parent().unwrap_or(Path::new(""));
         // KITTI's grey cameras are 0 and 1.
         let is_grey = ["image_0", "image_00", "image_00/data"].iter().any(|name| folder.ends_with(name));
         self.has_colour_cameras = !is_grey;
-        let is_colour = ["image_2", "image_02", "image_02/data", "left"].iter().any(|name| folder.ends_with(name));
+        let is_colour =
+            ["image_2", "image_02", "image_02/data", "left"].iter().any(|name| folder.ends_with(name));
         let Some(file) = &self.rig_file else { return Ok(()) };
         let calibration = calibration_file::open_for(file, is_colour, self.size)?;
         self.geometry = match &calibration {
@@ -232,18 +225,18 @@ impl FolderSource {
             }
         }
         self.interpretation.bits = bits;
+        if let Some(bits) = bits {
+            let left = self.pairs[self.first].0.display();
+            self.notes.push(format!(
+                "{left}: 16-bit pictures are scaled from {bits} bits to 8; source.bits sets another depth"
+            ));
+        }
         Ok(())
     }
 
     /// Collects what the user should know.
     fn note(&mut self, headers: &Headers, is_by_order: bool) {
         let (count, (left, right)) = (self.pairs.len(), &self.pairs[self.first]);
-        if let (true, Some(bits)) = (headers.is_deep, self.interpretation.bits) {
-            self.notes.push(format!(
-                "{}: 16-bit pictures are scaled from {bits} bits to 8; source.bits sets another depth",
-                left.display()
-            ));
-        }
         if let Some(reason) = &headers.reason {
             self.notes.push(format!(
                 "{} of {count} pairs cannot be read and are left out, the first: {reason}; --strict stops instead",
@@ -365,6 +358,7 @@ impl PairSource for FolderSource {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bayer::Bayer;
     use image::GrayImage;
 
     struct Recording {
@@ -440,21 +434,77 @@ mod tests {
         assert!(error.contains("timestamps.csv: no line for image 8"), "{error}");
     }
 
+    /// Reads a pair of 12×9 pixels; the left one.
+    fn left(source: &mut FolderSource, index: u64) -> Result<Vec<u8>, String> {
+        let (mut l, mut r) = (vec![0; 108], vec![0; 108]);
+        source.read(index, &mut l, &mut r).map(|()| l).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_picture_that_is_missing_or_broken_costs_its_pair_only() {
+        let recording = Recording::new("left", "right", &["1.png", "2.png", "3.png"]);
+        std::fs::remove_file(recording.path("right/2.png")).unwrap();
+        std::fs::write(recording.path("left/1.png"), b"not an image").unwrap();
+        let mut source = FolderSource::open(recording.folder.path()).unwrap();
+        let notes = source.notes().join("\n");
+        assert!(notes.contains("2 of 3 pairs cannot be read") && notes.contains("left/1.png"), "{notes}");
+        assert_eq!((source.count(), source.size()), (Some(3), (12, 9)));
+        assert!(left(&mut source, 0).unwrap_err().contains("left/1.png: cannot be decoded"));
+        assert!(left(&mut source, 1).unwrap_err().contains("right/2.png: missing, but "));
+        assert_eq!(left(&mut source, 2).unwrap()[0], 2);
+        let strict = FolderOptions { is_strict: true, ..FolderOptions::default() };
+        let error = FolderSource::open_with(recording.folder.path(), &strict).unwrap_err();
+        assert!(error.is_of_one_pair() && error.to_string().contains("left/1.png"), "{error}");
+        // Where no pair can be read, that is an error.
+        std::fs::remove_file(recording.path("left/3.png")).unwrap();
+        assert!(recording.error().contains("left/1.png: cannot be decoded"));
+    }
+
+    #[test]
+    fn pictures_of_any_format_and_depth_are_read_by_layouts_and_patterns() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for side in ["l", "r"] {
+            for i in 1..3_u16 {
+                // Twelve bits; the first pair is darker than eight of them.
+                let deep = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(12, 9, |x, _| {
+                    [(x as u16 + 1) * 340 * (i - 1) + 7].into()
+                });
+                deep.save(path(&format!("{side}{i}.tif"))).unwrap();
+            }
+        }
+        let patterns = Some((path("l*.tif"), path("r*.tif")));
+        let mut source = FolderSource::open_with(
+            Path::new(""),
+            &FolderOptions { patterns: patterns.clone(), ..FolderOptions::default() },
+        )
+        .unwrap();
+        assert!(source.notes()[0].contains("scaled from 12 bits to 8; source.bits"), "{:?}", source.notes());
+        assert_eq!(left(&mut source, 0).unwrap()[0], 0, "7 of 4095");
+        assert_eq!(left(&mut source, 1).unwrap()[11], ((12 * 340 + 7) * 255 / 4095 + 1) as u8);
+        let interpretation = Interpretation { bits: Some(16), bayer: Bayer::named("rggb") };
+        let options = FolderOptions { patterns, interpretation, is_strict: false };
+        let mut source = FolderSource::open_with(Path::new(""), &options).unwrap();
+        assert!(source.notes().is_empty());
+        assert!(left(&mut source, 1).unwrap().iter().all(|v| *v < 17), "taken as 16 bits it is dark");
+    }
+
+    #[test]
+    fn names_that_are_times_give_the_times_of_euroc() {
+        let names = ["1403636579763555584.png", "1403636579813555456.png", "1403636579913555456.png"];
+        let recording = Recording::new("mav0/cam0/data", "mav0/cam1/data", &names);
+        let source = FolderSource::open(recording.folder.path()).unwrap();
+        assert_eq!([0, 1, 2].map(|i| source.time_ns(i) / 1_000_000), [0, 49, 149]);
+        let inner = FolderSource::open(&recording.path("mav0")).unwrap();
+        assert_eq!(inner.count(), Some(3));
+    }
+
     #[test]
     fn faults_are_named_before_the_first_frame() {
         let recording = Recording::new("left", "right", &["1.png", "2.png"]);
-        std::fs::remove_file(recording.path("right/2.png")).unwrap();
-        let error = recording.error();
-        assert!(error.contains("right/2.png: missing"), "{error}");
-        std::fs::rename(recording.path("left/2.png"), recording.path("right/2.png")).unwrap();
-        assert!(recording.error().contains("left/2.png: missing"));
-
         GrayImage::new(13, 9).save(recording.path("left/2.png")).unwrap();
         let error = recording.error();
         assert!(error.contains("left/2.png: 13x9") && error.contains("12x9"), "{error}");
-
-        std::fs::write(recording.path("left/2.png"), b"not an image").unwrap();
-        assert!(recording.error().contains("left/2.png: cannot be decoded"));
 
         let empty = Recording::new("left", "right", &[]);
         assert!(empty.error().contains("is empty"), "{}", empty.error());

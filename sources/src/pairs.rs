@@ -210,7 +210,8 @@ fn by_stem(lefts: &[PathBuf], rights: &[PathBuf]) -> Result<(Vec<Pair>, bool), S
 fn paired(lefts: Vec<(String, PathBuf)>, rights: Vec<(String, PathBuf)>) -> Option<Vec<Pair>> {
     let [lefts, rights] = [lefts, rights].map(|side| side.into_iter().collect::<BTreeMap<_, _>>());
     let example = lefts.iter().find_map(|(key, left)| Some((left.clone(), rights.get(key)?.clone())))?;
-    let mut keys: Vec<&String> = lefts.keys().chain(rights.keys()).collect::<BTreeSet<_>>().into_iter().collect();
+    let mut keys: Vec<&String> =
+        lefts.keys().chain(rights.keys()).collect::<BTreeSet<_>>().into_iter().collect();
     keys.sort_by(|a, b| natural(a, b));
     let pair = |key: &String| match (lefts.get(key), rights.get(key)) {
         (Some(left), Some(right)) => (left.clone(), right.clone()),
@@ -245,29 +246,37 @@ fn hint(folder: &Path) -> String {
     let mut here: Vec<PathBuf> = entries.take(MAX_EXAMINED).flatten().map(|entry| entry.path()).collect();
     here.sort();
     let name = |path: &Path| path.file_name().unwrap_or_default().display().to_string();
-    let has = |ending: &str| here.iter().find(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)));
+    let has = |ending: &str| {
+        here.iter().find(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)))
+    };
     if let Some(file) = has("mcap") {
         return format!(": it holds {0}: give that file, {1}", name(file), file.display());
     }
     if let Some((file, explanation)) = here.iter().filter(|path| path.is_file()).find_map(|path| {
-        Some((path, foreign::explain(path)?)).filter(|_| !is_picture(path) && !path.extension().is_some_and(|e| e == "toml"))
+        Some((path, foreign::explain(path)?))
+            .filter(|_| !is_picture(path) && !path.extension().is_some_and(|e| e == "toml"))
     }) {
         return format!(": it holds {}, {explanation}", name(file));
     }
-    let has_pairs = |path: &&PathBuf| LAYOUTS.iter().any(|(l, r)| path.join(l).is_dir() && path.join(r).is_dir());
+    let has_pairs =
+        |path: &&PathBuf| LAYOUTS.iter().any(|(l, r)| path.join(l).is_dir() && path.join(r).is_dir());
     if let Some(inner) = here.iter().find(has_pairs) {
         return format!(": its folder {} has pairs, give {}", name(inner), inner.display());
     }
-    if let Some((there, missing)) = LAYOUTS.iter().find_map(|(l, r)| match (folder.join(l).is_dir(), folder.join(r).is_dir()) {
-        (true, false) => Some((l, r)),
-        (false, true) => Some((r, l)),
-        _ => None,
-    }) {
+    if let Some((there, missing)) =
+        LAYOUTS.iter().find_map(|(l, r)| match (folder.join(l).is_dir(), folder.join(r).is_dir()) {
+            (true, false) => Some((l, r)),
+            (false, true) => Some((r, l)),
+            _ => None,
+        })
+    {
         return format!(": it has a folder {there}, but none named {missing}");
     }
     let pictures: Vec<String> = here.iter().filter(|path| is_picture(path)).map(|path| name(path)).collect();
     if !pictures.is_empty() {
-        let sides = |wanted: char| here.iter().filter(|path| is_picture(path) && side(&stem(path)).0 == wanted).count();
+        let sides = |wanted: char| {
+            here.iter().filter(|path| is_picture(path) && side(&stem(path)).0 == wanted).count()
+        };
         return match (sides('l'), sides('r')) {
             (0, 0) => format!(
                 ": it holds pictures such as {}, without left or right in their names",
@@ -308,22 +317,37 @@ mod tests {
     #[test]
     fn names_are_paired_in_every_layout() {
         for (files, expected) in [
-            (["left/1.png", "right/1.png", "left/10.png", "right/10.png", "left/9.png", "right/9.png"], vec![
-                "left/1.png right/1.png", "left/9.png right/9.png", "left/10.png right/10.png",
-            ]),
-            (["left_1.tif", "right_1.tif", "left_2.tif", "right_2.tif", "notes.txt", "x.png"], vec![
-                "left_1.tif right_1.tif", "left_2.tif right_2.tif",
-            ]),
-            (["left/a_left.png", "right/a_right.png", "left/b_left.png", "right/b_right.png", "rig.toml", "x"], vec![
-                "left/a_left.png right/a_right.png", "left/b_left.png right/b_right.png",
-            ]),
-            (["cam0/5.bmp", "cam1/5.webp", "cam0/6.bmp", "cam0/x.txt", "cam1/7.webp", "cam1/y"], vec![
-                "cam0/5.bmp cam1/5.webp", "cam0/6.bmp cam1/6.bmp", "cam0/7.webp cam1/7.webp",
-            ]),
-            (["frame_1_left.png", "frame_1_right.png", "frame_2_left.png", "frame_3_right.png", "a", "b"], vec![
-                "frame_1_left.png frame_1_right.png", "frame_2_left.png frame_2_right.png",
-                "frame_3_left.png frame_3_right.png",
-            ]),
+            (
+                ["left/1.png", "right/1.png", "left/10.png", "right/10.png", "left/9.png", "right/9.png"],
+                vec!["left/1.png right/1.png", "left/9.png right/9.png", "left/10.png right/10.png"],
+            ),
+            (
+                ["left_1.tif", "right_1.tif", "left_2.tif", "right_2.tif", "notes.txt", "x.png"],
+                vec!["left_1.tif right_1.tif", "left_2.tif right_2.tif"],
+            ),
+            (
+                [
+                    "left/a_left.png",
+                    "right/a_right.png",
+                    "left/b_left.png",
+                    "right/b_right.png",
+                    "rig.toml",
+                    "x",
+                ],
+                vec!["left/a_left.png right/a_right.png", "left/b_left.png right/b_right.png"],
+            ),
+            (
+                ["cam0/5.bmp", "cam1/5.webp", "cam0/6.bmp", "cam0/x.txt", "cam1/7.webp", "cam1/y"],
+                vec!["cam0/5.bmp cam1/5.webp", "cam0/6.bmp cam1/6.bmp", "cam0/7.webp cam1/7.webp"],
+            ),
+            (
+                ["frame_1_left.png", "frame_1_right.png", "frame_2_left.png", "frame_3_right.png", "a", "b"],
+                vec![
+                    "frame_1_left.png frame_1_right.png",
+                    "frame_2_left.png frame_2_right.png",
+                    "frame_3_left.png frame_3_right.png",
+                ],
+            ),
         ] {
             let folder = folder(&files);
             assert_eq!(names(&folder, find(folder.path())), expected);
@@ -332,7 +356,8 @@ mod tests {
 
     #[test]
     fn patterns_pair_by_what_their_stars_stand_for() {
-        let folder = folder(&["a/L01.png", "a/L02.png", "a/R01.png", "a/R02.png", "b/x.png", "b/y.png", "b/z.txt"]);
+        let folder =
+            folder(&["a/L01.png", "a/L02.png", "a/R01.png", "a/R02.png", "b/x.png", "b/y.png", "b/z.txt"]);
         let by = |left: &str, right: &str| by_patterns(&folder.path().join(left), &folder.path().join(right));
         let found = by("a/L*.png", "a/R*.png");
         assert_eq!(names(&folder, found), ["a/L01.png a/R01.png", "a/L02.png a/R02.png"]);

@@ -29,7 +29,7 @@ near object and its background.";
 
 #[derive(Args, Debug)]
 pub struct PointCloudCommand {
-    /// Left image (PNG, PGM, PPM; colour is converted to grey)
+    /// Left image (PNG, JPEG, TIFF, BMP, WebP, PGM, PPM; colour is converted to grey)
     pub left: PathBuf,
     /// Right image, rectified like the left
     pub right: PathBuf,

@@ -14,7 +14,9 @@ pub enum InputError {
     #[error("source.kind is \"folder\" or \"recording\", but source.path is empty: name the folder or file")]
     NoPath,
     /// Pictures of one camera are named by a pattern, those of the other are not.
-    #[error("one of source.left and source.right is empty: name the pictures of both cameras (--left and --right)")]
+    #[error(
+        "one of source.left and source.right is empty: name the pictures of both cameras (--left and --right)"
+    )]
     OnePattern,
     /// A camera is configured without a device.
     #[error(

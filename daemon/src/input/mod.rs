@@ -8,6 +8,7 @@ pub mod vehicle;
 use config::Config;
 pub use error::InputError;
 use perception::rig::Rig;
+pub use rectification::rectified;
 use sources::bayer::Bayer;
 use sources::folder::{FolderOptions, FolderSource};
 use sources::picture::Interpretation;
@@ -22,7 +23,7 @@ use sources::{PairSource, SourceError, calibration_file};
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     let (source, first_time_s) = open_raw(config)?;
     let source = vehicle::with_motion(config, source, first_time_s)?;
-    rectification::rectified(config, source)
+    rectified(config, source)
 }
 
 /// The source, and the time of its first pair on the clock of files beside it, in seconds.

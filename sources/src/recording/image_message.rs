@@ -158,11 +158,14 @@ fn decoded(raw: &Raw<'_>) -> Result<(Decoded, Option<Bayer>), String> {
     let decoded = match pixels {
         Pixels::Byte => Decoded::of_bytes(rows.flatten().copied().collect(), width, height),
         Pixels::Colour(bytes, at) => {
-            let grey = rows.flat_map(|line| line.chunks_exact(bytes).map(|p| picture::luma(&at.map(|i| p[i]))));
+            let grey =
+                rows.flat_map(|line| line.chunks_exact(bytes).map(|p| picture::luma(&at.map(|i| p[i]))));
             Decoded::of_bytes(grey.collect(), width, height)
         }
         Pixels::Word { is_big } => {
-            let word = |p: &[u8]| if is_big { u16::from_be_bytes([p[0], p[1]]) } else { u16::from_le_bytes([p[0], p[1]]) };
+            let word = |p: &[u8]| {
+                if is_big { u16::from_be_bytes([p[0], p[1]]) } else { u16::from_le_bytes([p[0], p[1]]) }
+            };
             Decoded::of_words(rows.flat_map(|line| line.chunks_exact(2).map(word)).collect(), width, height)
         }
     };

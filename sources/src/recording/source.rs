@@ -187,7 +187,8 @@ impl RecordingSource {
     fn image(&mut self, at: ImagePlace) -> Result<(Vec<u8>, usize, usize), SourceError> {
         let (decoded, bayer) = self.picture(at)?;
         let (width, height) = (decoded.width, decoded.height);
-        let how = Interpretation { bits: self.interpretation.bits, bayer: self.interpretation.bayer.or(bayer) };
+        let how =
+            Interpretation { bits: self.interpretation.bits, bayer: self.interpretation.bayer.or(bayer) };
         Ok((decoded.grey(how), width, height))
     }
 

@@ -51,8 +51,12 @@ pub fn kitti_raw(text: &str, colour: bool, size: Option<(usize, usize)>) -> Resu
 
 /// Exactly `N` numbers of a line `key: …`.
 fn values<const N: usize>(text: &str, key: &str) -> Result<[f64; N], String> {
-    let found = text.lines().enumerate().find(|(_, line)| line.split_ascii_whitespace().next() == Some(&format!("{key}:")));
-    let (i, line) = found.ok_or_else(|| format!("{key} is missing: give KITTI's calib_cam_to_cam.txt as it is"))?;
+    let found = text
+        .lines()
+        .enumerate()
+        .find(|(_, line)| line.split_ascii_whitespace().next() == Some(&format!("{key}:")));
+    let (i, line) =
+        found.ok_or_else(|| format!("{key} is missing: give KITTI's calib_cam_to_cam.txt as it is"))?;
     let list = line.split_ascii_whitespace().skip(1).map(|word| {
         let number = word.parse::<f64>().ok().filter(|v| v.is_finite());
         number.ok_or_else(|| format!("line {}: \"{}\" is not a number", i + 1, excerpt(word, VALUE_CHARS)))
@@ -76,7 +80,10 @@ pub(super) fn sensors(documents: &[Value]) -> Result<Cameras, String> {
         for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radial-tangential")] {
             let model = d.get(name).and_then(Value::word).unwrap_or("");
             if model != supported {
-                return Err(format!("{name} is \"{}\": {supported} is supported", excerpt(model, VALUE_CHARS)));
+                return Err(format!(
+                    "{name} is \"{}\": {supported} is supported",
+                    excerpt(model, VALUE_CHARS)
+                ));
             }
         }
         let [fx, fy, cx, cy] = numbers(d, "intrinsics")?;
@@ -108,7 +115,8 @@ mod tests {
                           T_02: 0.06 0 0\nS_rect_02: 90 40\nP_rect_02: 70 0 45 4.2 0 70 20 0 0 0 1 0\n";
 
     fn text() -> String {
-        let right = CAMERA.replace("_02", "_03").replace("0.06 0 0", "-0.44 0 0").replace("45 4.2", "45 -30.8");
+        let right =
+            CAMERA.replace("_02", "_03").replace("0.06 0 0", "-0.44 0 0").replace("45 4.2", "45 -30.8");
         format!("calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.950000e-02\n{CAMERA}{right}")
     }
 
@@ -160,7 +168,9 @@ mod tests {
         assert!(error.contains("cam1"), "{error}");
         // The body's y axis is the camera's x axis.
         write_sensor(&folder.path().join("cam1/sensor.yaml"), 0.11);
-        let Calibration::Cameras(file) = calibration_file::open(&left, true).unwrap() else { panic!("cameras") };
+        let Calibration::Cameras(file) = calibration_file::open(&left, true).unwrap() else {
+            panic!("cameras")
+        };
         assert!((file.between.translation_m - Vector3::new(-0.11, 0.0, 0.0)).norm() < 1e-12);
         assert!((file.between.rotation.matrix() - Matrix3::identity()).norm() < 1e-12);
         assert_eq!((file.size(), file.cameras[1].distortion[1]), ((64, 48), 0.07));

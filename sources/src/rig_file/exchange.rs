@@ -52,7 +52,9 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         _ => {}
     }
     // EuRoC has a file in the folder of each camera; the left one names the pair.
-    let both = (paths.len() == 1 && first.ends_with(calibration_file::SENSOR)).then(|| other_sensor(first)).flatten();
+    let both = (paths.len() == 1 && first.ends_with(calibration_file::SENSOR))
+        .then(|| other_sensor(first))
+        .flatten();
     let both: Vec<&PathBuf> = paths.iter().chain(&both).collect();
     let mut documents = Vec::new();
     for path in both {

@@ -3,6 +3,7 @@
 use sources::SourceError;
 use sources::folder::{LAYOUTS, images};
 use sources::natural::natural;
+use sources::pairs::side;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -73,16 +74,16 @@ impl Pictures {
                         if !folder.is_dir() {
                             return Ok(Vec::new());
                         }
-                        Ok(images(folder)?.into_iter().map(|p| (key(&stem(&p)).1, p)).collect())
+                        Ok(images(folder)?.into_iter().map(|p| (side(&stem(&p)).1, p)).collect())
                     };
                     (list(&l)?, list(&r)?)
                 }
                 None => {
-                    let of = |side: char| {
-                        let named = |p: &PathBuf| (key(&stem(p)), p.clone());
+                    let of = |wanted: char| {
+                        let named = |p: &PathBuf| (side(&stem(p)), p.clone());
                         here.iter()
                             .map(named)
-                            .filter(|((s, _), _)| *s == side)
+                            .filter(|((s, _), _)| *s == wanted)
                             .map(|((_, k), p)| (k, p))
                             .collect()
                     };
@@ -116,17 +117,6 @@ impl Pictures {
         pictures.single.sort();
         Ok(pictures)
     }
-}
-
-/// The side in a name ('l', 'r' or ' ') and the rest of the name.
-fn key(stem: &str) -> (char, String) {
-    let lower = stem.to_ascii_lowercase();
-    for (word, side) in [("left", 'l'), ("right", 'r')] {
-        if let Some(at) = lower.find(word) {
-            return (side, format!("{}{}", &lower[..at], &lower[at + word.len()..]));
-        }
-    }
-    (' ', lower)
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ mod evaluate_drive;
 mod faults;
 mod features;
 mod limits;
+mod mistakes;
 mod odometry;
 mod package;
 mod pipeline;

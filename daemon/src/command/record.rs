@@ -22,7 +22,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use tools::recording::{Choice, ImageForm};
+use tools::recording::{BYTES_PER_MB, Choice, ImageForm};
 use tools::recording::{Limits, Report, RingLimits};
 
 pub const HELP: &str = "Examples:
@@ -140,13 +140,13 @@ pub fn run(args: &Record, log: Option<&str>) -> Result<(), CommandError> {
 fn limits(args: &Record) -> Limits {
     let ns = |seconds: f64| (seconds * 1e9) as u64;
     Limits {
-        split_bytes: args.split_mb.map(|mb| mb << 20),
+        split_bytes: args.split_mb.map(|mb| mb * BYTES_PER_MB),
         split_ns: args.split_s.map(ns),
-        min_free_bytes: args.min_free_mb << 20,
+        min_free_bytes: args.min_free_mb * BYTES_PER_MB,
         ring: args.ring_s.map(|seconds| RingLimits {
             before_ns: ns(seconds),
             after_ns: ns(args.after_s),
-            bytes: usize::try_from(args.ring_mb << 20).unwrap_or(usize::MAX),
+            bytes: usize::try_from(args.ring_mb * BYTES_PER_MB).unwrap_or(usize::MAX),
         }),
     }
 }
@@ -279,7 +279,7 @@ impl Session {
         let report = self.feed.report();
         self.bar.set_position(report.frames);
         let lost = report.lost.values().sum::<u64>();
-        self.bar.set_message(format!("{} MB, {lost} lost", report.bytes >> 20));
+        self.bar.set_message(format!("{} MB, {lost} lost", report.bytes / BYTES_PER_MB));
         if self.feed.is_short() && !self.is_short {
             self.is_short = true;
             tracing::warn!(
@@ -309,7 +309,7 @@ fn print(args: &Record, report: &Report, reason: &str) -> Result<(), CommandErro
     say(format_args!(
         "{} frames, {:.1} MB; lost messages: {lost}; {reason}",
         report.frames,
-        report.bytes as f64 / f64::from(1 << 20)
+        report.bytes as f64 / BYTES_PER_MB as f64
     ))?;
     for file in &report.files {
         say(file.display())?;

@@ -107,8 +107,8 @@ fn what_is_no_recording_is_named_with_the_remedy() {
         &bench,
         &[
             ("replay", 2, &["PATH", "--help"]),
-            ("replay nowhere", 1, &["nowhere", "No such file"]),
-            ("replay nowhere.mcap", 1, &["nowhere.mcap", "No such file"]),
+            ("replay nowhere", 1, &["nowhere", "no such file or folder", "scene:NAME"]),
+            ("replay nowhere.mcap", 1, &["nowhere.mcap", "No such file", "lookout record"]),
             ("replay drive.bag", 1, &["drive.bag", "ROS 1 bag", "mcap convert drive.bag"]),
             ("replay drive.db3", 1, &["drive.db3", "ROS 2 bag in SQLite", "mcap convert drive.db3"]),
             ("replay bag", 1, &["bag", "bag_0.db3", "ROS 2 bag in SQLite", "mcap convert"]),
@@ -121,9 +121,9 @@ fn what_is_no_recording_is_named_with_the_remedy() {
             ("replay car.toml", 1, &["car.toml", "scene:car.toml", "-c"]),
             ("replay empty", 1, &["empty", "no stereo pairs", "it is empty", "left and right"]),
             ("replay text", 1, &["text/left", "no pictures here", "a.txt", "TIFF"]),
-            ("replay day", 1, &["day", "its folder drive has pairs", "give day/drive"]),
+            ("replay day", 1, &["day", "its folder drive has pairs: give day/drive"]),
             ("replay one", 1, &["it has a folder left, but none named right"]),
-            ("replay flat", 1, &["1 pictures of the left camera, none of the right", "right_1.png"]),
+            ("replay flat", 1, &["1 picture of the left camera, none of the right", "right_1.png"]),
             ("replay mixed", 1, &["a.png", "without left or right in their names", "--left and --right"]),
             ("replay uneven", 1, &["no left picture has a partner", "a.png", "c.png", "--left, --right"]),
             ("replay one/left/* --left a", 2, &["--left"]),
@@ -226,7 +226,11 @@ fn damaged_pictures_cost_their_pair_and_are_told() {
                 1,
                 &["vehicel", "OpenCV cascade XML", "vehicle for the one that ships"],
             ),
-            ("detect drive/rig.toml drive/left/000000.png", 1, &["drive/rig.toml", "XML"]),
+            (
+                "detect drive/rig.toml drive/left/000000.png",
+                1,
+                &["drive/rig.toml", "give an OpenCV cascade XML"],
+            ),
         ],
     );
     let args = [
@@ -274,16 +278,13 @@ fn calibrations_that_do_not_fit_are_told() {
         rotation: nalgebra::Rotation3::identity(),
         translation_m: nalgebra::Vector3::new(-0.12, 0.0, 0.0),
     };
-    let of = |size| {
-        sources::rig_file::RigFile::from_cameras(
-            [camera; 2],
-            between,
-            size,
-            perception::calibration::Crop::Valid,
-        )
-    };
-    of((640, 480)).unwrap().write(&bench.path("other.toml")).unwrap();
-    of((320, 240)).unwrap().write(&bench.path("lens.toml")).unwrap();
+    for (name, size) in [("other.toml", (640, 480)), ("lens.toml", (320, 240))] {
+        let (cx_px, cy_px) = (size.0 as f64 / 2.0, size.1 as f64 / 2.0);
+        let camera = perception::calibration::Camera { cx_px, cy_px, ..camera };
+        let crop = perception::calibration::Crop::Valid;
+        let rig = sources::rig_file::RigFile::from_cameras([camera; 2], between, size, crop).unwrap();
+        rig.write(&bench.path(name)).unwrap();
+    }
     let text = std::fs::read_to_string(bench.path("lens.toml")).unwrap();
     write(&bench, "edited.toml", text.replace("fx_px = 440.0", "fx_px = 441.0"));
     check(
@@ -404,22 +405,31 @@ fn wrong_command_lines_name_the_argument() {
             ("replay drive --lokstep", 2, &["--lokstep", "--lockstep"]),
             ("replay drive --fps 0", 2, &["--fps", "0"]),
             ("replay drive --fps 10 --lockstep", 2, &["--fps", "--lockstep"]),
-            ("replay drive --limit 0", 2, &["--limit"]),
-            ("replay drive --limit ten", 2, &["--limit", "ten"]),
+            ("replay drive --limit 0", 2, &["--limit", "give a whole number, at least 1"]),
+            ("replay drive --limit ten", 2, &["--limit", "ten", "give a whole number"]),
             ("replay drive extra", 2, &["extra"]),
             ("replay drive --video drive.xyz", 1, &["drive.xyz", ".mp4"]),
             ("replay drive --record there.mcap", 1, &["there.mcap", "is there already"]),
-            ("replay drive --in-process --out drive/rig.toml", 1, &["drive/rig.toml"]),
-            ("status --instance nobody", 1, &["nobody", "not running"]),
-            ("view --instance nobody --bind nowhere", 2, &["--bind", "nowhere"]),
-            ("record -o x.mcap --instance nobody", 1, &["nobody", "not running"]),
+            (
+                "replay drive --in-process --out drive/rig.toml",
+                1,
+                &["drive/rig.toml", "a file is where a folder is needed", "--out"],
+            ),
+            ("status --instance nobody", 1, &["no daemon named \"nobody\"", "lookout run", "--instance"]),
+            ("view --instance nobody --bind nowhere", 2, &["--bind", "nowhere", "127.0.0.1:8467"]),
+            (
+                "record -o x.mcap --instance nobody",
+                1,
+                &["no daemon named \"nobody\"", "lookout run", "--instance"],
+            ),
             ("record", 2, &["--out"]),
             ("record -o x.mcap --topics pictures", 2, &["--topics", "images"]),
-            ("record -o x.mcap --split-mb 0", 2, &["--split-mb"]),
-            ("compare drive nowhere", 1, &["obstacles.jsonl"]),
+            ("record -o x.mcap --split-mb 0", 2, &["--split-mb", "from 1 to 1000000"]),
+            ("compare drive nowhere", 1, &["drive/obstacles.jsonl", "lookout replay --out"]),
             ("scene nowhere", 1, &["nowhere", "street"]),
-            ("odometry nowhere", 1, &["nowhere"]),
-            ("evaluate stereo nowhere", 1, &["nowhere"]),
+            ("odometry nowhere", 2, &["--out <POSES.txt>"]),
+            ("odometry nowhere -o p.txt", 1, &["nowhere", "no such file or folder"]),
+            ("evaluate stereo nowhere", 1, &["nowhere", "give a folder of the data set"]),
             ("evaluate drives drive", 2, &["drives", "drive"]),
             ("completions basj", 2, &["basj", "bash"]),
             ("replay drive --log loud", 2, &["loud", "debug"]),

@@ -9,9 +9,6 @@ use crate::{SourceError, foreign};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Files that a hint names.
-const MAX_HINTS: usize = 3;
-
 /// Entries of a folder that are examined for a hint.
 const MAX_EXAMINED: usize = 1000;
 
@@ -87,6 +84,13 @@ pub fn find(path: &Path) -> Result<Pairs, SourceError> {
                 path: path.to_owned(),
                 explanation: "a file that is no recording: give a folder of pictures, or an MCAP file".into(),
             },
+            None if !path.exists() => SourceError::Foreign {
+                path: path.to_owned(),
+                explanation:
+                    "there is no such file or folder: give a folder of pictures, an MCAP file, or a scene as \
+                              scene:NAME"
+                        .into(),
+            },
             None => SourceError::Io { path: path.to_owned(), source },
         });
     }
@@ -97,7 +101,7 @@ pub fn find(path: &Path) -> Result<Pairs, SourceError> {
         if lefts.is_empty() && rights.is_empty() {
             continue;
         }
-        let empty = |folder: &Path| SourceError::Empty { path: folder.to_owned(), hint: hint(folder) };
+        let empty = |folder: &Path| SourceError::Empty { path: folder.to_owned(), hint: hint(folder).0 };
         match (lefts.is_empty(), rights.is_empty()) {
             (true, _) => return Err(empty(left)),
             (_, true) => return Err(empty(right)),
@@ -111,7 +115,7 @@ pub fn find(path: &Path) -> Result<Pairs, SourceError> {
         return Ok(Pairs { pairs, calibration_folders, is_by_order });
     }
     if let Some((left, _)) = candidates.first() {
-        return Err(SourceError::Empty { path: left.clone(), hint: hint(left) });
+        return Err(SourceError::Empty { path: left.clone(), hint: hint(left).0 });
     }
     let here = images(path)?;
     let of = |wanted: char| -> Vec<PathBuf> {
@@ -119,7 +123,8 @@ pub fn find(path: &Path) -> Result<Pairs, SourceError> {
     };
     let (lefts, rights) = (of('l'), of('r'));
     if lefts.is_empty() || rights.is_empty() {
-        return Err(SourceError::Layout { path: path.to_owned(), hint: hint(path) });
+        let (hint, says_remedy) = hint(path);
+        return Err(SourceError::Layout { path: path.to_owned(), hint, says_remedy });
     }
     let (pairs, is_by_order) = by_stem(&lefts, &rights)?;
     Ok(Pairs { pairs, calibration_folders: vec![path.to_owned()], is_by_order })
@@ -240,58 +245,67 @@ fn partner(of: &Path, own: &Path, other: &Path) -> PathBuf {
     })
 }
 
-/// What a folder without pairs holds, after ": "; empty if nothing that helps.
-fn hint(folder: &Path) -> String {
-    let Ok(entries) = std::fs::read_dir(folder) else { return String::new() };
+/// What a folder without pairs holds, after ": "; empty if nothing that helps. Also whether that says what to do.
+fn hint(folder: &Path) -> (String, bool) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return (String::new(), false) };
     let mut here: Vec<PathBuf> = entries.take(MAX_EXAMINED).flatten().map(|entry| entry.path()).collect();
     here.sort();
-    let name = |path: &Path| path.file_name().unwrap_or_default().display().to_string();
-    let has = |ending: &str| {
-        here.iter().find(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)))
-    };
-    if let Some(file) = has("mcap") {
-        return format!(": it holds {0}: give that file, {1}", name(file), file.display());
+    if let Some(recording) = other_recording(&here) {
+        return (recording, true);
     }
-    if let Some((file, explanation)) = here.iter().filter(|path| path.is_file()).find_map(|path| {
-        Some((path, foreign::explain(path)?))
-            .filter(|_| !is_picture(path) && !path.extension().is_some_and(|e| e == "toml"))
-    }) {
-        return format!(": it holds {}, {explanation}", name(file));
+    for (left, right) in LAYOUTS {
+        let (there, missing) = match (folder.join(left).is_dir(), folder.join(right).is_dir()) {
+            (true, false) => (left, right),
+            (false, true) => (right, left),
+            _ => continue,
+        };
+        return (format!(": it has a folder {there}, but none named {missing}"), false);
+    }
+    let pictures: Vec<&PathBuf> = here.iter().filter(|path| is_picture(path)).collect();
+    let text = match (&pictures[..], &here[..]) {
+        ([], []) => ": it is empty".into(),
+        ([], [file]) => format!(": it holds {}", name(file)),
+        ([], [file, ..]) => format!(": it holds {} files, such as {}", here.len(), name(file)),
+        ([first, ..], _) => {
+            let of = |wanted: char| pictures.iter().filter(|path| side(&stem(path)).0 == wanted).count();
+            let pictures =
+                |count: usize| if count == 1 { "1 picture".to_owned() } else { format!("{count} pictures") };
+            match (of('l'), of('r')) {
+                (0, 0) => format!(
+                    ": it holds pictures such as {}, without left or right in their names",
+                    name(first)
+                ),
+                (count, 0) => format!(": it holds {} of the left camera, none of the right", pictures(count)),
+                (0, count) => format!(": it holds {} of the right camera, none of the left", pictures(count)),
+                _ => String::new(),
+            }
+        }
+    };
+    (text, false)
+}
+
+/// A recording of another kind in a folder, or a folder with pairs in it, and what to do.
+fn other_recording(here: &[PathBuf]) -> Option<String> {
+    if let Some(file) =
+        here.iter().find(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap")))
+    {
+        return Some(format!(": it holds {}: give that file, {}", name(file), file.display()));
+    }
+    // Pictures and settings may lie in any folder.
+    let is_usual = |path: &PathBuf| is_picture(path) || path.extension().is_some_and(|e| e == "toml");
+    for file in here.iter().filter(|path| path.is_file() && !is_usual(path)) {
+        if let Some(explanation) = foreign::explain(file) {
+            return Some(format!(": it holds {}, {explanation}", name(file)));
+        }
     }
     let has_pairs =
         |path: &&PathBuf| LAYOUTS.iter().any(|(l, r)| path.join(l).is_dir() && path.join(r).is_dir());
-    if let Some(inner) = here.iter().find(has_pairs) {
-        return format!(": its folder {} has pairs, give {}", name(inner), inner.display());
-    }
-    if let Some((there, missing)) =
-        LAYOUTS.iter().find_map(|(l, r)| match (folder.join(l).is_dir(), folder.join(r).is_dir()) {
-            (true, false) => Some((l, r)),
-            (false, true) => Some((r, l)),
-            _ => None,
-        })
-    {
-        return format!(": it has a folder {there}, but none named {missing}");
-    }
-    let pictures: Vec<String> = here.iter().filter(|path| is_picture(path)).map(|path| name(path)).collect();
-    if !pictures.is_empty() {
-        let sides = |wanted: char| {
-            here.iter().filter(|path| is_picture(path) && side(&stem(path)).0 == wanted).count()
-        };
-        return match (sides('l'), sides('r')) {
-            (0, 0) => format!(
-                ": it holds pictures such as {}, without left or right in their names",
-                pictures[..pictures.len().min(MAX_HINTS)].join(", ")
-            ),
-            (count, 0) => format!(": it holds {count} pictures of the left camera, none of the right"),
-            (0, count) => format!(": it holds {count} pictures of the right camera, none of the left"),
-            _ => String::new(),
-        };
-    }
-    match &here[..] {
-        [] => ": it is empty".into(),
-        [file] => format!(": it holds {}", name(file)),
-        [file, ..] => format!(": it holds {} files, such as {}", here.len(), name(file)),
-    }
+    let inner = here.iter().find(has_pairs)?;
+    Some(format!(": its folder {} has pairs: give {}", name(inner), inner.display()))
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().display().to_string()
 }
 
 #[cfg(test)]
@@ -381,7 +395,7 @@ mod tests {
         for (files, expected) in [
             (["bag/metadata.yaml", "drive.mcap"], ["it holds drive.mcap", "give that file"]),
             (["drive.db3", "metadata.yaml"], ["ROS 2 bag in SQLite", "mcap convert"]),
-            (["day/left/1.png", "day/right/1.png"], ["its folder day has pairs", "give "]),
+            (["day/left/1.png", "day/right/1.png"], ["its folder day has pairs: give ", "/day"]),
             (["left/1.png", "rights/1.png"], ["it has a folder left", "none named right"]),
             (["one.png", "two.png"], ["such as one.png", "without left or right"]),
             (["left_1.png", "left_2.png"], ["2 pictures of the left camera", "none of the right"]),
@@ -390,7 +404,7 @@ mod tests {
         ] {
             let error = find(folder(&files).path()).unwrap_err().to_string();
             assert!(expected.iter().all(|part| error.contains(part)), "{error}");
-            assert!(error.contains("image_0 and image_1"), "{error}");
+            assert!(error.contains("no stereo pairs here: "), "{error}");
         }
         let error = find(folder(&["left/a.exr", "right/a.exr"]).path()).unwrap_err().to_string();
         assert!(error.contains("left: no pictures here: it holds a.exr: put PNG"), "{error}");

@@ -117,6 +117,12 @@ pub const LAYOUTS: [(&str, &str); 11] = [
     ("cam0", "cam1"),
 ];
 
+/// What to do with a folder in none of the [`LAYOUTS`].
+const LAYOUT_REMEDY: &str = ": give a folder with the left and the right pictures in two folders with the same names (left \
+                             and right, image_0 and image_1, image_2 and image_3, cam0 and cam1, a drive of KITTI's raw \
+                             data, mav0 of EuRoC), or in one, named left_1.png and right_1.png; or name them with --left \
+                             and --right";
+
 /// Errors of sources. Every text names the file or folder and the remedy.
 #[derive(Debug, Error)]
 pub enum SourceError {
@@ -130,16 +136,17 @@ pub enum SourceError {
     },
     /// The folder has none of the known layouts.
     #[error(
-        "{}: no stereo pairs here{hint}: give a folder with two folders of pictures, named {}, or with pictures named \
-         left_1.png and right_1.png; or name the pictures with --left and --right",
+        "{}: no stereo pairs here{hint}{}",
         path.display(),
-        LAYOUTS.map(|(l, r)| format!("{l} and {r}")).join(", or ")
+        if *says_remedy { "" } else { LAYOUT_REMEDY }
     )]
     Layout {
         /// The folder.
         path: PathBuf,
         /// What it holds instead, after ": "; may be empty.
         hint: String,
+        /// Whether the hint says what to do.
+        says_remedy: bool,
     },
     /// A file where a folder is needed.
     #[error("{}: {explanation}", path.display())]

@@ -3,7 +3,7 @@
 use crate::command::console::say;
 use crate::command::disparity::median;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
 use crate::stages::recognition::cascade;
 use clap::Args;
 use perception::image::GreyView;
@@ -46,7 +46,7 @@ pub struct Detect {
     #[arg(long, default_value_t = 3, value_name = "N")]
     pub neighbours: u32,
     /// Run the detector this many times on each image and print its processor time
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 10_000))]
     pub repeat: u32,
     /// Write the image with the boxes drawn; for a single image
     #[arg(long, value_name = "FILE")]
@@ -81,7 +81,12 @@ pub fn read_cascade(path: &Path) -> Result<Cascade, CommandError> {
             if cfg!(feature = "models") { ", or vehicle for the one that ships" } else { "" }
         ))
     })?;
-    xml::read(&text).map_err(|e| CommandError::Other(format!("{}: {e}", path.display())))
+    xml::read(&text).map_err(|e| {
+        CommandError::Other(format!(
+            "{}: {e}: give an OpenCV cascade XML as OpenCV or lookout train writes it",
+            path.display()
+        ))
+    })
 }
 
 pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {

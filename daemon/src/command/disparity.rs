@@ -4,7 +4,7 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
 use crate::input::interpretation;
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
@@ -39,7 +39,7 @@ pub struct Disparity {
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Number of disparities to search, from 0 px on [default: stereo.disparities]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(2, 255))]
     pub max_disparity: Option<u16>,
     /// Time limit in milliseconds: when it passes, the finest scale reached so far is the result
     /// [default: stereo.budget_ms]
@@ -52,7 +52,7 @@ pub struct Disparity {
     #[arg(long, value_enum)]
     pub backend: Option<Backend>,
     /// Run the matcher this many times; times are medians
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 10_000))]
     pub repeat: u32,
     /// Also write the map in colour
     #[arg(long, value_name = "FILE")]

@@ -75,7 +75,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run the whole daemon on a built-in synthetic drive: live table, pictures, plots, summary
+    /// Run the whole daemon on a synthetic drive: live table, pictures, plots, summary
     #[command(after_help = demo::HELP)]
     Demo(demo::Demo),
     /// Run the daemon in the foreground, as systemd starts it
@@ -90,7 +90,7 @@ pub enum Command {
     /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
-    /// Send what a running daemon finds on a CAN bus: alarm, nearest obstacle, path, obstacles
+    /// Send a running daemon's results on a CAN bus: alarm, path, obstacles
     #[command(after_help = can::HELP)]
     Can(can::Can),
     /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
@@ -139,11 +139,10 @@ pub enum Command {
         #[command(subcommand)]
         what: evaluate::Evaluate,
     },
-    /// Qualify a board: a long run that checks rates, latencies, memory, processor time and recovery
-    /// from faults against budgets
+    /// Qualify a board: a long run against budgets of rate, latency, memory, recovery
     #[command(after_help = soak::HELP)]
     Soak(soak::Soak),
-    /// Check a configuration: all errors with line and remedy, or the effective configuration
+    /// Check a configuration: all errors with line and remedy, or what is in effect
     #[command(after_help = check_config::HELP)]
     CheckConfig(check_config::CheckConfig),
     /// Restore the board's clocks after a daemon that set them was killed
@@ -152,8 +151,7 @@ pub enum Command {
     /// Generate a completion script for a shell
     #[command(after_help = completions::HELP)]
     Completions(completions::Completions),
-    /// Generate manual pages; for packages
-    #[command(hide = true)]
+    /// Generate manual pages
     Man(man::Man),
     /// Run a stage process; started by the scheduler
     #[command(hide = true)]

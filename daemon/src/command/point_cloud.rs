@@ -4,7 +4,7 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
 use crate::command::one_pair;
 use clap::{Args, ValueEnum};
 use perception::point_cloud::{self, Point, PointCloudParameters};
@@ -48,10 +48,10 @@ pub struct PointCloudCommand {
     #[arg(long, default_value_t = 80.0, value_name = "M", value_parser = distance)]
     pub distance_max: f64,
     /// Take every N-th column of every N-th row
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 64))]
     pub every: u32,
     /// Neighbours, of 24, that must have a similar depth; 0 keeps every point
-    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=24))]
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = whole::<u32>(0, 24))]
     pub neighbours: u32,
     /// Print the counts of points as JSON
     #[arg(long)]

@@ -6,7 +6,7 @@ use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
 use crate::recorder::{Feed, Plan};
 use crate::silence::TIMEOUT;
 use clap::Args;
@@ -63,7 +63,7 @@ pub struct Record {
     #[arg(long, value_name = "LIST", default_value_t = Choice::default())]
     pub topics: Choice,
     /// Start a new file after this many MB
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, 1_000_000))]
     pub split_mb: Option<u64>,
     /// Start a new file after this many seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
@@ -75,10 +75,10 @@ pub struct Record {
     #[arg(long, value_name = "N", default_value_t = 10.0, value_parser = seconds, requires = "ring_s")]
     pub after_s: f64,
     /// With --ring-s: memory limit, in MB
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u64).range(1..=65_536), requires = "ring_s")]
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = whole::<u64>(1, 65_536), requires = "ring_s")]
     pub ring_mb: u64,
     /// End the recording when less than this many MB are free on the disk
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0, 10_000_000))]
     pub min_free_mb: u64,
     /// End after this many seconds
     #[arg(long, value_name = "N", value_parser = seconds)]

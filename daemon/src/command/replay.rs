@@ -6,7 +6,7 @@ use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::fps;
+use crate::command::number::{fps, whole};
 use crate::command::video::Film;
 use crate::in_process::{Pipeline, PipelineError};
 use crate::scheduler::{self, Ends, RunOptions};
@@ -85,7 +85,7 @@ pub struct Replay {
     #[arg(long)]
     pub strict: bool,
     /// Stop after this many pairs
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub limit: Option<u64>,
     /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
     #[arg(long, value_name = "FILE")]

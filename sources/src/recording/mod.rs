@@ -76,7 +76,7 @@ pub fn has_magic(path: &Path) -> bool {
 #[derive(Debug, Error)]
 pub enum RecordingError {
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}: give a recording of `lookout record`, or a ROS 2 bag in MCAP", path.display())]
     Io {
         /// The file.
         path: PathBuf,

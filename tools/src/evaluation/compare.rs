@@ -17,7 +17,10 @@ const MIN_OVERLAP: f64 = 0.3;
 #[derive(Debug, Error)]
 pub enum CompareError {
     /// A file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error(
+        "{}: {source}: give a folder of lookout replay --out, its obstacles.jsonl, or a recording with obstacles",
+        path.display()
+    )]
     Io {
         /// Path of the file.
         path: PathBuf,

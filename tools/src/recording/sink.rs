@@ -56,7 +56,7 @@ pub const BYTES_PER_MB: u64 = 1_000_000;
 #[derive(Debug, Error)]
 pub enum RecordError {
     /// The file exists.
-    #[error("{}: is there already: give another name with -o, or remove it", path.display())]
+    #[error("{}: is there already: give another name, or remove it", path.display())]
     Exists {
         /// The file.
         path: PathBuf,

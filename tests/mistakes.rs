@@ -432,6 +432,16 @@ fn wrong_command_lines_name_the_argument() {
             ("evaluate stereo nowhere", 1, &["nowhere", "give a folder of the data set"]),
             ("evaluate drives drive", 2, &["drives", "drive"]),
             ("completions basj", 2, &["basj", "bash"]),
+            ("init", 2, &["--left", "--help"]),
+            ("init --left /dev/video0 -o i.toml", 1, &["--right", "--side-by-side"]),
+            ("init --left a --right b --board pi4", 2, &["pi4", "rpi5"]),
+            ("init --left a --right b --size 640 -o i.toml", 2, &["--size", "two whole numbers"]),
+            ("init --left a --right b --size 9x9 -o i.toml", 1, &["i.toml", "camera.width = 9", "from 32"]),
+            (
+                "init --left a --right b -o drive/rig.toml",
+                1,
+                &["drive/rig.toml", "is there already", "--force"],
+            ),
             ("replay drive --log loud", 2, &["loud", "debug"]),
         ],
     );

@@ -13,6 +13,7 @@ mod detect;
 mod disparity;
 mod error;
 mod evaluate;
+mod init;
 mod low_priority;
 mod man;
 mod number;
@@ -145,6 +146,9 @@ pub enum Command {
     /// Check a configuration: all errors with line and remedy, or what is in effect
     #[command(after_help = check_config::HELP)]
     CheckConfig(check_config::CheckConfig),
+    /// Write a commented configuration from options: cameras, board, rig
+    #[command(after_help = init::HELP)]
+    Init(init::Init),
     /// Restore the board's clocks after a daemon that set them was killed
     #[command(after_help = restore_clocks::HELP)]
     RestoreClocks(restore_clocks::RestoreClocks),
@@ -190,6 +194,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Detect(args) => detect::run(&args, log),
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
+        Command::Init(args) => init::run(&args),
         Command::RestoreClocks(args) => restore_clocks::run(&args, log),
         Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Man(args) => man::run(&args, Cli::command()),

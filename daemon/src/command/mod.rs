@@ -13,6 +13,7 @@ mod detect;
 mod disparity;
 mod error;
 mod evaluate;
+mod help_text;
 mod init;
 mod low_priority;
 mod man;
@@ -39,7 +40,7 @@ mod view;
 
 pub use error::CommandError;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Detects and tracks obstacles ahead of a vehicle with a stereo camera.
 ///
@@ -68,7 +69,7 @@ Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 pub struct Cli {
     /// Log level: error, warn, info, debug, trace [default: log.level of the configuration; warn
     /// for demo and replay]
-    #[arg(long, global = true, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
+    #[arg(long, global = true, display_order = 1000, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
     pub log: Option<String>,
     #[command(subcommand)]
     pub command: Command,
@@ -163,6 +164,12 @@ pub enum Command {
         /// Name of the stage, or writer.
         role: String,
     },
+}
+
+/// Reads the command line. Errors of usage, and help, end the process.
+pub fn parse() -> Cli {
+    let matches = help_text::reflowed(Cli::command()).get_matches();
+    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
 /// Runs a subcommand.

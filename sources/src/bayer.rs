@@ -1,6 +1,6 @@
 //! Grey pictures from the raw pixels of a colour sensor.
 
-use crate::picture::luma;
+use crate::luma::luma;
 
 /// Colours of the first two pixels of the first and of the second row, as V4L2 and ROS name the pattern.
 ///

@@ -1,5 +1,7 @@
 //! Reads the rig of a rectified source: KITTI `calib.txt` or rig TOML.
 
+pub use crate::rig_file::calibration::Calibration;
+
 use crate::bounded_file::read_text;
 use crate::limits::CALIBRATION;
 use crate::{SourceError, rig_file, toml_text};
@@ -23,36 +25,6 @@ struct RigFile {
     baseline_m: f64,
     cx_px: f64,
     cy_px: f64,
-}
-
-/// What a calibration file holds.
-#[derive(Clone, Debug)]
-pub enum Calibration {
-    /// The rig of a pair that is rectified already.
-    Rectified(Rig),
-    /// The cameras of pictures that are not, with the rig after rectification.
-    Cameras(Box<rig_file::RigFile>),
-}
-
-impl Calibration {
-    /// The rig of the rectified pair.
-    pub fn rig(&self) -> Rig {
-        match self {
-            Self::Rectified(rig) => *rig,
-            Self::Cameras(file) => file.rectification.rig,
-        }
-    }
-
-    /// The same, for pictures of a size.
-    ///
-    /// # Errors
-    /// If the file says that it is for pictures of another size.
-    pub fn rig_for(&self, size: (usize, usize)) -> Result<Rig, String> {
-        match self {
-            Self::Rectified(rig) => Ok(*rig),
-            Self::Cameras(file) => file.check_size(size).map(|()| file.rectification.rig),
-        }
-    }
 }
 
 /// Reads the rig of a calibration, see [`open`].

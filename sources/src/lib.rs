@@ -40,6 +40,7 @@ pub mod folder;
 mod foreign;
 mod glob;
 pub mod limits;
+mod luma;
 pub mod motion_file;
 pub mod natural;
 pub mod pairs;

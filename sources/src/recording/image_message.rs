@@ -4,6 +4,7 @@ use super::cdr::Cdr;
 use super::foxglove::{self, CameraCalibration, CompressedImage, RawImage};
 use super::index::Channel;
 use crate::bayer::Bayer;
+use crate::luma::luma;
 use crate::picture::{self, Decoded};
 use image::ImageReader;
 use perception::excerpt::{VALUE_CHARS, excerpt};
@@ -158,8 +159,7 @@ fn decoded(raw: &Raw<'_>) -> Result<(Decoded, Option<Bayer>), String> {
     let decoded = match pixels {
         Pixels::Byte => Decoded::of_bytes(rows.flatten().copied().collect(), width, height),
         Pixels::Colour(bytes, at) => {
-            let grey =
-                rows.flat_map(|line| line.chunks_exact(bytes).map(|p| picture::luma(&at.map(|i| p[i]))));
+            let grey = rows.flat_map(|line| line.chunks_exact(bytes).map(|p| luma(&at.map(|i| p[i]))));
             Decoded::of_bytes(grey.collect(), width, height)
         }
         Pixels::Word { is_big } => {

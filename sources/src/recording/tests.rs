@@ -1,7 +1,8 @@
 //! ROS 2 bags, which the tests encode themselves.
 
 use super::*;
-use crate::picture::{self, Interpretation};
+use crate::luma::luma;
+use crate::picture::Interpretation;
 use crate::{Geometry, PairSource, SourceError};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
@@ -249,7 +250,7 @@ fn images_of_sixteen_bits_and_of_a_colour_filter_are_read() {
         (left, right, source.notes().join(" "))
     };
     let (left, bayer, notes) = read(Interpretation::default());
-    assert_eq!((left, bayer), ([0, 128, 255, 0, 249, 6], [picture::luma(&[200, 120, 30]); 6]));
+    assert_eq!((left, bayer), ([0, 128, 255, 0, 249, 6], [luma(&[200, 120, 30]); 6]));
     assert!(notes.contains("scaled from 12 bits"), "{notes}");
     let (left, _, notes) = read(Interpretation { bits: Some(16), bayer: None });
     assert_eq!((left[2], &notes[..]), (16, ""));

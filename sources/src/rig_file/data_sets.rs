@@ -1,9 +1,9 @@
 //! Calibrations as data sets have them: KITTI's raw drives (`calib_cam_to_cam.txt`) and EuRoC (`sensor.yaml`).
 
-use super::exchange::{Cameras, camera, numbers, pixels, turn};
+use super::calibration::Calibration;
+use super::values::{Cameras, camera, numbers, pixels, turn};
 use super::yaml::Value;
 use super::{RigFile, check_camera};
-use crate::calibration_file::Calibration;
 use nalgebra::{Rotation3, Vector3};
 use perception::calibration::{Crop, Pose};
 use perception::excerpt::{VALUE_CHARS, excerpt};

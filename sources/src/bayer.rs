@@ -66,8 +66,8 @@ impl Bayer {
                 let columns = [-1, 0, 1].map(|by| mirrored(x, by, width));
                 let at = |i: usize, j: usize| u16::from(raw[rows[j] + columns[i]]);
                 let here = at(1, 1) as u8;
-                let beside = ((at(0, 1) + at(2, 1) + 1) / 2) as u8;
-                let above = ((at(1, 0) + at(1, 2) + 1) / 2) as u8;
+                let beside = (at(0, 1) + at(2, 1)).div_ceil(2) as u8;
+                let above = (at(1, 0) + at(1, 2)).div_ceil(2) as u8;
                 let cross = ((at(0, 1) + at(2, 1) + at(1, 0) + at(1, 2) + 2) / 4) as u8;
                 let corners = ((at(0, 0) + at(2, 0) + at(0, 2) + at(2, 2) + 2) / 4) as u8;
                 let rgb = match self.channel(x, y) {

@@ -260,6 +260,44 @@ mod tests {
     }
 
     #[test]
+    fn damaged_files_of_every_format_are_refused_or_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut random = fastrand::Rng::with_seed(1);
+        let grey: DynamicImage = GrayImage::from_fn(23, 17, |x, y| [(x * y) as u8].into()).into();
+        for (name, image) in [
+            ("g.tif", grey.clone()),
+            ("d.tif", deep(&[7; 12], 4)),
+            ("c.tif", grey.to_rgb8().into()),
+            ("g.bmp", grey.clone()),
+            ("c.bmp", grey.to_rgb8().into()),
+            ("c.webp", grey.to_rgb8().into()),
+            ("g.pgm", grey.clone()),
+        ] {
+            let path = saved(&folder, name, image);
+            let whole = std::fs::read(&path).unwrap();
+            for round in 0..400 {
+                let mut bytes = whole.clone();
+                for _ in 0..=random.usize(0..4) {
+                    let at = random.usize(0..bytes.len());
+                    bytes[at] = if random.bool() {
+                        random.u8(..)
+                    } else {
+                        [0, 1, 0x7f, 0x80, 0xff][random.usize(0..5)]
+                    };
+                }
+                if round % 4 == 0 {
+                    bytes.truncate(random.usize(0..whole.len()));
+                }
+                std::fs::write(&path, &bytes).unwrap();
+                let (head, read) = (header(&path), read_grey(&path));
+                if let (Ok(head), Ok((pixels, width, height))) = (head, read) {
+                    assert_eq!((pixels.len(), head.size), (width * height, (width, height)), "{name}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_header_says_what_a_picture_holds() {
         let folder = tempfile::tempdir().unwrap();
         let path = saved(&folder, "d.png", deep(&[1; 6], 3));

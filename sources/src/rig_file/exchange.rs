@@ -3,9 +3,9 @@
 
 use super::values::{Cameras, camera, numbers, pixels, turn};
 use super::yaml::{self, Value};
-use super::{RigFile, check_camera, data_sets, rotation, rows, write_atomically};
+use super::{RigFile, check_camera, data_sets, rows, write_atomically};
 use crate::bounded_file::read_text;
-use crate::limits::{CALIBRATION, MAX_SIDE_PX};
+use crate::limits::CALIBRATION;
 use crate::{SourceError, calibration_file};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};

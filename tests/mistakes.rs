@@ -455,6 +455,22 @@ fn wrong_command_lines_name_the_argument() {
     bench.assert_clean();
 }
 
+#[test]
+fn a_repeated_recording_ends_with_a_signal_and_other_instances_are_named() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 2);
+    let daemon = bench.start(&["replay", &recording, "--fps", "20", "--loop", "--log", "error"]);
+    // More than once through the recording.
+    bench.status_when(|status| status["frames"].as_u64() > Some(4));
+    let error = bench.fails(&["status", "--instance", "nobody"]);
+    let parts = ["no daemon named \"nobody\"", &format!("running: {}", bench.instance)[..], "--instance"];
+    assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    daemon.signal("INT");
+    let output = daemon.wait();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    bench.assert_clean();
+}
+
 /// The size of the table: each case is a mistake of its own.
 #[test]
 fn there_are_enough_cases() {

@@ -24,7 +24,7 @@ pub struct Obstacles {
     pub right: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Rig TOML or KITTI calib.txt [default: source.rig]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: source.rig]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Write the left image with road and obstacles drawn

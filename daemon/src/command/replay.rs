@@ -87,7 +87,7 @@ pub struct Replay {
     /// Stop after this many pairs
     #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub limit: Option<u64>,
-    /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: the calibration beside the recording]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json

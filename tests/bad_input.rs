@@ -5,7 +5,7 @@ use crate::support::{self, Bench, save_grey};
 /// Runs a replay that must fail, and checks what it says.
 fn refused(bench: &Bench, recording: &str, expected: &[&str]) {
     for mode in ["--lockstep", "--in-process"] {
-        let error = bench.fails(&["replay", recording, mode]);
+        let error = bench.fails(&["replay", recording, mode, "--strict"]);
         for part in expected {
             assert!(error.contains(part), "{mode}: \"{part}\" is not in: {error}");
         }
@@ -43,13 +43,13 @@ fn recordings_that_cannot_be_used() {
 }
 
 #[test]
-fn a_truncated_png_stops_the_replay_at_its_frame_and_keeps_the_others() {
+fn a_truncated_png_stops_a_strict_replay_at_its_frame_and_keeps_the_others() {
     let bench = Bench::new();
     let recording = bench.record("drive", 4);
     let path = bench.path("drive/right/000002.png");
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-    let error = bench.fails(&["replay", &recording, "--lockstep", "--out", "results"]);
+    let error = bench.fails(&["replay", &recording, "--lockstep", "--strict", "--out", "results"]);
     assert!(error.contains("right/000002.png: cannot be decoded"), "{error}");
     assert_eq!(support::lines(&bench.path("results")).len(), 2);
     bench.assert_clean();

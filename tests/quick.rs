@@ -14,6 +14,7 @@ mod evaluate_drive;
 mod faults;
 mod features;
 mod limits;
+mod mistakes;
 mod odometry;
 mod package;
 mod pipeline;

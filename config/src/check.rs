@@ -3,6 +3,7 @@
 use crate::automatic::AUTO;
 use crate::keys::{self, Key, Kind};
 use crate::limits::{MAX_BYTES, MAX_ERRORS, MAX_PATH_BYTES, MAX_SUGGESTED_CHARS};
+use crate::paths;
 use crate::tables::Config;
 use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use std::fmt;
@@ -50,6 +51,15 @@ impl fmt::Display for ConfigError {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigErrors(pub Vec<ConfigError>);
 
+impl ConfigErrors {
+    /// The same for settings that stand in no file.
+    #[must_use]
+    pub fn without_lines(mut self) -> Self {
+        self.0.iter_mut().for_each(|error| error.line = None);
+        self
+    }
+}
+
 impl fmt::Display for ConfigErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, error) in self.0.iter().enumerate() {
@@ -72,7 +82,11 @@ pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
     }
     let alone = |text| ConfigErrors(vec![ConfigError { file: path.to_owned(), line: None, text }]);
     match read(path) {
-        Ok((text, size)) if size <= MAX_BYTES => parse(&text, path),
+        Ok((text, size)) if size <= MAX_BYTES => {
+            let mut config = parse(&text, path)?;
+            paths::resolve(&mut config, path);
+            Ok(config)
+        }
         Ok((_, size)) => Err(alone(too_large(size))),
         Err(error) => {
             let names: Vec<&str> = profile_names().collect();

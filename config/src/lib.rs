@@ -10,11 +10,13 @@ mod check;
 mod key;
 pub mod keys;
 pub mod limits;
+mod paths;
 mod reference;
 pub mod stages;
 mod table;
 mod tables;
 
 pub use check::{ConfigError, ConfigErrors, load, parse, profile_names};
+pub use paths::place;
 pub use reference::reference;
 pub use tables::*;

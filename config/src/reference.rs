@@ -19,6 +19,10 @@ pub fn reference() -> String {
         MAX_BYTES >> 10,
         MAX_ERRORS
     );
+    out.push_str(
+        "Relative paths are relative to the file; where nothing is there, to the working directory. `lookout init` writes a\n\
+         commented file from a few options.\n\n",
+    );
     let names: Vec<String> = profile_names().map(|n| format!("`{n}`")).collect();
     let _ = writeln!(
         out,

@@ -104,6 +104,7 @@ impl Pipeline {
     /// If the source, its calibration or a stage cannot be used.
     pub fn open(config: &Config) -> Result<Self, PipelineError> {
         let source = input::open(config)?;
+        input::tell_notes(source.as_ref());
         let rig = input::rig(config, source.as_ref())?;
         Self::new(config, source, rig)
     }

@@ -20,7 +20,6 @@ mod status_json;
 mod stream;
 mod view;
 
-use clap::Parser;
 use printable::{Printable, PrintableLines};
 use std::process::ExitCode;
 
@@ -29,7 +28,7 @@ use std::process::ExitCode;
 static ALLOCATOR: messages::allocation::CountingAllocator = messages::allocation::CountingAllocator;
 
 fn main() -> ExitCode {
-    let cli = command::Cli::parse();
+    let cli = command::parse();
     let result = command::run(cli);
     logging::finish();
     match result {

@@ -66,9 +66,15 @@ pub enum InstanceError {
     },
     /// No daemon runs it.
     #[error(
-        "no daemon named \"{0}\" is running: start one with lookout run, or name another with --instance"
+        "no daemon named \"{name}\" is running{}: start one with lookout run, or name another with --instance",
+        if others.is_empty() { String::new() } else { format!("; running: {}", others.join(", ")) }
     )]
-    NotRunning(String),
+    NotRunning {
+        /// Its name.
+        name: String,
+        /// Instances that run in the same folder.
+        others: Vec<String>,
+    },
     /// Its folder or shared memory cannot be used.
     #[error("{}: {source}: give a folder that this user may write with instance.directory", path.display())]
     Io {
@@ -151,6 +157,24 @@ impl Instance {
         }
         let service = Self::new(name, Path::new(SERVICE_DIRECTORY));
         if service.owner().is_some() { service } else { here }
+    }
+
+    /// The error of a reader that finds this instance not running; it names those that are.
+    pub fn absent(&self) -> InstanceError {
+        /// Entries of the folder that are examined, and thus at most named.
+        const MAX_EXAMINED: usize = 64;
+        let entries = self.directory.parent().and_then(|base| std::fs::read_dir(base).ok());
+        let names = entries.into_iter().flatten().take(MAX_EXAMINED).flatten();
+        let mut others: Vec<String> = names
+            .filter_map(|entry| entry.file_name().into_string().ok())
+            .filter(|name| *name != self.name)
+            .filter(|name| {
+                let directory = self.directory.with_file_name(name);
+                Self { name: name.clone(), directory, is_default: self.is_default }.is_running()
+            })
+            .collect();
+        others.sort();
+        InstanceError::NotRunning { name: self.name.clone(), others }
     }
 
     /// User id of the owner of its folder; `None` if the folder does not exist.

@@ -1,12 +1,21 @@
 //! Reads the rig of a rectified source: KITTI `calib.txt` or rig TOML.
 
+pub use crate::rig_file::calibration::Calibration;
+
 use crate::bounded_file::read_text;
 use crate::limits::CALIBRATION;
 use crate::{SourceError, rig_file, toml_text};
+use perception::calibration::Crop;
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::Deserialize;
 use std::path::Path;
+
+/// Calibration of a day of KITTI's raw drives.
+pub const KITTI_RAW: &str = "calib_cam_to_cam.txt";
+
+/// Calibration of a camera of EuRoC.
+pub const SENSOR: &str = "sensor.yaml";
 
 /// A rig TOML of an already rectified pair: the fields of [`Rig`].
 #[derive(Deserialize)]
@@ -16,36 +25,6 @@ struct RigFile {
     baseline_m: f64,
     cx_px: f64,
     cy_px: f64,
-}
-
-/// What a calibration file holds.
-#[derive(Clone, Debug)]
-pub enum Calibration {
-    /// The rig of a pair that is rectified already.
-    Rectified(Rig),
-    /// The cameras of pictures that are not, with the rig after rectification.
-    Cameras(Box<rig_file::RigFile>),
-}
-
-impl Calibration {
-    /// The rig of the rectified pair.
-    pub fn rig(&self) -> Rig {
-        match self {
-            Self::Rectified(rig) => *rig,
-            Self::Cameras(file) => file.rectification.rig,
-        }
-    }
-
-    /// The same, for pictures of a size.
-    ///
-    /// # Errors
-    /// If the file says that it is for pictures of another size.
-    pub fn rig_for(&self, size: (usize, usize)) -> Result<Rig, String> {
-        match self {
-            Self::Rectified(rig) => Ok(*rig),
-            Self::Cameras(file) => file.check_size(size).map(|()| file.rectification.rig),
-        }
-    }
 }
 
 /// Reads the rig of a calibration, see [`open`].
@@ -62,20 +41,40 @@ pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
 /// As [`open`], and if the file is for pictures of another size.
 pub fn read_for(path: &Path, colour: bool, size: (usize, usize)) -> Result<Rig, SourceError> {
     let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
-    open(path, colour)?.rig_for(size).map_err(fail)
+    open_for(path, colour, size)?.rig_for(size).map_err(fail)
 }
 
-/// Reads a calibration from a TOML file (a rig file, or `focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, for any other
-/// extension, from a KITTI calibration: `P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each. Lines
+/// Reads a calibration for pictures of a size that is not known, see [`open_for`].
+///
+/// # Errors
+/// Names the file, the line or key, and the expected content.
+pub fn open(path: &Path, colour: bool) -> Result<Calibration, SourceError> {
+    open_sized(path, colour, None)
+}
+
+/// Reads a calibration for pictures of a size, of which some formats depend, from a TOML file (a rig file, or `focal_px`,
+/// `baseline_m`, `cx_px`, `cy_px`), a YAML file of OpenCV, Kalibr or EuRoC, KITTI's `calib_cam_to_cam.txt`, or, for any
+/// other extension, from a KITTI calibration: `P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each. Lines
 /// without names are numbered: line n is Pn. With `colour`, P2 and P3 (KITTI's colour cameras) take
 /// precedence where both pairs are present.
 ///
 /// # Errors
 /// Names the file, the line or key, and the expected content.
-pub fn open(path: &Path, colour: bool) -> Result<Calibration, SourceError> {
+pub fn open_for(path: &Path, colour: bool, size: (usize, usize)) -> Result<Calibration, SourceError> {
+    open_sized(path, colour, Some(size))
+}
+
+fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result<Calibration, SourceError> {
+    if path.extension().is_some_and(|e| e == "yaml" || e == "yml") {
+        let file = rig_file::import(&[path.to_owned()], size, Crop::Valid)?;
+        return Ok(Calibration::Cameras(Box::new(file)));
+    }
     let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
     let text =
         read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
+    if path.ends_with(KITTI_RAW) {
+        return rig_file::data_sets::kitti_raw(&text, colour, size).map_err(fail);
+    }
     let rig = if path.extension().is_some_and(|e| e == "toml") {
         // A full rig file describes the unrectified cameras; its rectified rig is the one of the recordings.
         if text.lines().any(|l| l.trim_start().starts_with("layout")) {

@@ -1,207 +1,279 @@
-//! Recorded pairs in folders: left and right folders, and the layouts of KITTI.
+//! Recorded pairs in folders: two folders of pictures, or one with pictures of both cameras, in many layouts.
 
+pub use crate::pairs::images;
+pub use crate::picture::read_grey;
 pub use crate::source::LAYOUTS;
 
 use crate::calibration_file::{self, Calibration};
-use crate::limits::{MAX_IMAGES, MAX_PICTURE_BYTES, MAX_SIDE_PX, PICTURE};
 use crate::motion_file::{TIMESTAMPS, read_timestamps};
+use crate::pairs::{self, Pair, Pairs};
+use crate::picture::{self, Decoded, Header, Interpretation};
 use crate::{Geometry, PairSource, SourceError};
-use image::error::{DecodingError, ImageFormatHint};
-use image::{DynamicImage, ImageError, ImageReader, Limits};
-use perception::excerpt::{REASON_CHARS, excerpt};
 use perception::rig::Rig;
-use std::fs::File;
-use std::io::{BufRead, BufReader, Seek};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-const ENDINGS: [&str; 6] = ["png", "pgm", "ppm", "pnm", "jpg", "jpeg"];
-
-/// Period of a folder without `timestamps.csv`: KITTI's 10 Hz.
+/// Period of a folder without times: KITTI's 10 Hz.
 const DEFAULT_PERIOD_NS: u64 = 100_000_000;
 
-/// Pairs of two image folders, in the order of their names.
+/// Pictures of each camera, evenly over the recording, in which the depth of 16-bit pictures is looked for.
+const DEPTH_SAMPLES: usize = 4;
+
+/// Digits of a name that is a time in nanoseconds since 1970, as EuRoC and TUM-VI have it: from 2001 on.
+const TIME_DIGITS: usize = 19;
+
+/// How a folder is read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FolderOptions {
+    /// Patterns of the left and the right pictures, instead of one of the [`LAYOUTS`].
+    pub patterns: Option<(PathBuf, PathBuf)>,
+    /// How values become grey levels.
+    pub interpretation: Interpretation,
+    /// Refuses a folder with a picture that cannot be read, instead of leaving its pair to [`PairSource::read`].
+    pub is_strict: bool,
+}
+
+/// Pairs of pictures, in the natural order of their names.
 #[derive(Debug)]
 pub struct FolderSource {
-    pairs: Vec<(PathBuf, PathBuf)>,
+    pairs: Vec<Pair>,
+    /// The first pair that can be read.
+    first: usize,
     size: (usize, usize),
     rig: Option<Rig>,
     rig_file: Option<PathBuf>,
     geometry: Geometry,
+    has_colour_cameras: bool,
+    interpretation: Interpretation,
+    notes: Vec<String>,
     /// Times of the pairs, in seconds, where the folder has them.
     times_s: Option<Vec<f64>>,
 }
 
-/// Decodes an image to grey. Returns its pixels, width and height.
-///
-/// # Errors
-/// When the file cannot be read or decoded.
-pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
-    let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let image = decode(open(path).map_err(io)?).map_err(|e| undecoded(path, &e))?;
-    Ok(grey_of(image))
+/// What the headers of all pictures say.
+struct Headers {
+    /// The first pair that can be read, and the header of its left picture.
+    first: usize,
+    header: Header,
+    /// Number of pairs with a picture that cannot be read, and the first reason.
+    unreadable: usize,
+    reason: Option<SourceError>,
+    has_colour: bool,
+    is_deep: bool,
 }
 
-/// Opens an image file within the limit of its size: some decoders read the whole file into memory.
-pub(crate) fn open(path: &Path) -> std::io::Result<ImageReader<BufReader<File>>> {
-    let file = File::open(path)?;
-    let about = file.metadata()?;
-    if !about.is_file() {
-        return Err(std::io::Error::other("not a regular file; give an image file"));
-    }
-    PICTURE.check(about.len())?;
-    ImageReader::new(BufReader::new(file)).with_guessed_format()
-}
-
-/// Decodes with limits above any camera's image size: a damaged header must not exhaust the memory.
-pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<DynamicImage, ImageError> {
-    let mut limits = Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
-    limits.max_alloc = Some(MAX_PICTURE_BYTES);
-    reader.limits(limits);
-    let image = reader.decode()?;
-    some_pixels(image.width(), image.height())?;
-    Ok(image)
-}
-
-/// A PNM may have a side of 0.
-fn some_pixels(width: u32, height: u32) -> Result<(), ImageError> {
-    if width > 0 && height > 0 {
-        return Ok(());
-    }
-    let reason = format!("an image of {width}x{height} pixels");
-    Err(ImageError::Decoding(DecodingError::new(ImageFormatHint::Unknown, reason)))
-}
-
-/// Grey pixels, width and height of an image.
-pub(crate) fn grey_of(image: DynamicImage) -> (Vec<u8>, usize, usize) {
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let pixels = match image {
-        DynamicImage::ImageLuma8(grey) => grey.into_raw(),
-        other if !other.color().has_color() => other.into_luma8().into_raw(),
-        colour => colour.into_rgb8().as_raw().chunks_exact(3).map(luma).collect(),
-    };
-    (pixels, width, height)
-}
-
-/// BT.601 luma in integer arithmetic: the result of OpenCV, and identical on every machine.
-pub(crate) fn luma(rgb: &[u8]) -> u8 {
-    let weighted: u32 = rgb.iter().zip([4899, 9617, 1868]).map(|(&v, weight)| u32::from(v) * weight).sum();
-    ((weighted + (1 << 13)) >> 14) as u8
-}
-
-fn undecoded(path: &Path, error: &ImageError) -> SourceError {
-    // A decoder may repeat what it found in a header.
-    let reason = excerpt(&error.to_string(), REASON_CHARS).into_owned();
-    SourceError::Decode { path: path.to_owned(), reason }
-}
-
-fn size_of(path: &Path) -> Result<(usize, usize), SourceError> {
-    let io = |source| SourceError::Io { path: path.to_owned(), source };
-    let size = open(path).map_err(io)?.into_dimensions();
-    let size = size.and_then(|(width, height)| some_pixels(width, height).map(|()| (width, height)));
-    let (width, height) = size.map_err(|e| undecoded(path, &e))?;
-    Ok((width as usize, height as usize))
-}
-
-/// Image files of a folder, sorted by name.
-///
-/// # Errors
-/// When the folder cannot be read, or has more than [`MAX_IMAGES`].
-pub fn images(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
-    let io = |source| SourceError::Io { path: folder.to_owned(), source };
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        if ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
-            if found.len() == MAX_IMAGES {
-                return Err(SourceError::TooMany {
-                    path: folder.to_owned(),
-                    what: "images",
-                    limit: MAX_IMAGES,
-                    remedy: "divide the recording into folders",
-                });
+impl Headers {
+    /// Reads all headers. Pictures of another size are an error, those that cannot be read only if `is_strict`.
+    fn read(pairs: &[Pair], is_strict: bool) -> Result<Self, SourceError> {
+        let mut found: Option<Self> = None;
+        let (mut unreadable, mut reason) = (0, None);
+        for (i, (left, right)) in pairs.iter().enumerate() {
+            let both = picture_of(left, right, picture::header)
+                .and_then(|l| Ok([l, picture_of(right, left, picture::header)?]));
+            let headers = match both {
+                Ok(headers) => headers,
+                Err(error) if error.is_of_one_pair() && !is_strict => {
+                    unreadable += 1;
+                    reason.get_or_insert(error);
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let found = found.get_or_insert(Self {
+                first: i,
+                header: headers[0],
+                unreadable: 0,
+                reason: None,
+                has_colour: false,
+                is_deep: false,
+            });
+            for (path, header) in [left, right].into_iter().zip(headers) {
+                if header.size != found.header.size {
+                    return Err(SourceError::Size {
+                        path: path.clone(),
+                        size: header.size,
+                        first: pairs[found.first].0.clone(),
+                        expected: found.header.size,
+                    });
+                }
+                found.has_colour |= header.has_colour;
+                found.is_deep |= header.is_deep;
             }
-            found.push(path);
+        }
+        match (found, reason) {
+            (Some(found), reason) => Ok(Self { unreadable, reason, ..found }),
+            (None, Some(reason)) => Err(reason),
+            (None, None) => Err(SourceError::End { index: 0, count: 0 }),
         }
     }
-    found.sort();
-    Ok(found)
+}
+
+/// Reads a picture; if it is not there, but its partner is, that is told.
+fn picture_of<T>(
+    path: &Path,
+    partner: &Path,
+    read: impl Fn(&Path) -> Result<T, SourceError>,
+) -> Result<T, SourceError> {
+    match read(path) {
+        Err(SourceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound && partner.is_file() => {
+            Err(SourceError::Unpaired { path: path.to_owned(), other: partner.to_owned() })
+        }
+        result => result,
+    }
 }
 
 impl FolderSource {
-    /// Opens a folder in one of the [`LAYOUTS`]. Reads the header of every image, so that a missing partner or
-    /// a different size is reported before the first frame.
-    ///
-    /// The rig comes from `rig.toml`, `calib.txt` or `calib/<first name>.txt` in the folder, where one
-    /// exists, and the times of the pairs from `timestamps.csv` (`name`, `left_s`).
+    /// Opens a folder with [`FolderOptions::default`].
     ///
     /// # Errors
     /// Names the faulty folder or file.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
-        if let Err(source) = std::fs::read_dir(path) {
-            return Err(SourceError::Io { path: path.to_owned(), source });
-        }
-        let Some((left, right)) =
-            LAYOUTS.iter().map(|(l, r)| (path.join(l), path.join(r))).find(|(l, r)| l.is_dir() && r.is_dir())
-        else {
-            return Err(SourceError::Layout { path: path.to_owned() });
+        Self::open_with(path, &FolderOptions::default())
+    }
+
+    /// Opens a folder in one of the [`LAYOUTS`], one with left and right in the names of its pictures, or the pictures of
+    /// two patterns. Reads the header of every image, so that a different size is reported before the first frame.
+    ///
+    /// The rig comes from `rig.toml`, `calib.txt`, `calib/<first name>.txt`, KITTI's `calib_cam_to_cam.txt` or EuRoC's
+    /// `sensor.yaml` beside the pictures, where one exists, and the times of the pairs from `timestamps.csv` (`name`,
+    /// `left_s`), or from names that are times in nanoseconds.
+    ///
+    /// # Errors
+    /// Names the faulty folder or file.
+    pub fn open_with(path: &Path, options: &FolderOptions) -> Result<Self, SourceError> {
+        let Pairs { pairs, calibration_folders, is_by_order } = match &options.patterns {
+            Some((left, right)) => pairs::by_patterns(left, right)?,
+            None => pairs::find(path)?,
         };
-        let lefts = images(&left)?;
-        let Some(first) = lefts.first().cloned() else {
-            return Err(SourceError::Empty { path: left });
+        let headers = Headers::read(&pairs, options.is_strict)?;
+        let mut source = Self {
+            first: headers.first,
+            size: headers.header.size,
+            rig: None,
+            rig_file: None,
+            geometry: Geometry::Unknown,
+            has_colour_cameras: true,
+            interpretation: options.interpretation,
+            notes: Vec::new(),
+            times_s: None,
+            pairs,
         };
-        let partner = |image: &Path, folder: &Path| folder.join(image.file_name().unwrap_or_default());
-        for image in images(&right)? {
-            let path = partner(&image, &left);
-            if !path.is_file() {
-                return Err(SourceError::Unpaired { path, other: image });
-            }
-        }
-        let expected = size_of(&first)?;
-        let mut pairs = Vec::with_capacity(lefts.len());
-        for image in lefts {
-            let other = partner(&image, &right);
-            if !other.is_file() {
-                return Err(SourceError::Unpaired { path: other, other: image });
-            }
-            for path in [&image, &other] {
-                let size = size_of(path)?;
-                if size != expected {
-                    return Err(SourceError::Size { path: path.clone(), size, first, expected });
-                }
-            }
-            pairs.push((image, other));
-        }
-        let stem = first.file_stem().map(|stem| {
-            let mut name = stem.to_owned();
-            name.push(".txt");
-            Path::new("calib").join(name)
-        });
-        let candidates = [Some("rig.toml".into()), Some("calib.txt".into()), stem];
-        let colour = left.ends_with("image_2") || left.ends_with("image_02/data") || left.ends_with("left");
-        let rig_file =
-            candidates.into_iter().flatten().map(|name| path.join(name)).find(|file| file.is_file());
-        let calibration = rig_file.as_deref().map(|file| calibration_file::open(file, colour)).transpose()?;
-        let geometry = match &calibration {
-            // The rig of a rectified pair says that there is one.
-            Some(Calibration::Rectified(_)) => Geometry::Rectified,
-            Some(Calibration::Cameras(_)) | None => Geometry::Unknown,
+        source.find_rig(&calibration_folders)?;
+        let timestamps =
+            calibration_folders.iter().map(|folder| folder.join(TIMESTAMPS)).find(|f| f.is_file());
+        source.times_s = match timestamps {
+            Some(file) => Some(source.read_times(&file)?),
+            None => source.times_of_names(),
         };
-        let rig = calibration.map(|calibration| calibration.rig());
-        let mut source = Self { pairs, size: expected, rig, rig_file, geometry, times_s: None };
-        source.times_s = source.read_times(&path.join(TIMESTAMPS))?;
+        if headers.is_deep && source.interpretation.bits.is_none() {
+            source.find_depth()?;
+        }
+        source.note(&headers, is_by_order);
         Ok(source)
     }
 
-    /// The times of the pairs from `timestamps.csv`, if it exists.
-    fn read_times(&self, path: &Path) -> Result<Option<Vec<f64>>, SourceError> {
-        if !path.is_file() {
-            return Ok(None);
+    /// The rig beside the pictures.
+    fn find_rig(&mut self, folders: &[PathBuf]) -> Result<(), SourceError> {
+        let left = &self.pairs[self.first].0;
+        let mut name = left.file_stem().unwrap_or_default().to_owned();
+        name.push(".txt");
+        let names = [
+            PathBuf::from("rig.toml"),
+            "calib.txt".into(),
+            Path::new("calib").join(name),
+            calibration_file::KITTI_RAW.into(),
+        ];
+        let mut candidates: Vec<PathBuf> =
+            folders.iter().flat_map(|folder| names.iter().map(move |name| folder.join(name))).collect();
+        // KITTI's raw data have one calibration for the drives of a day, EuRoC one in the folder of each camera.
+        candidates.extend(folders.iter().filter_map(|folder| {
+            folder.canonicalize().ok()?.parent().map(|f| f.join(calibration_file::KITTI_RAW))
+        }));
+        candidates
+            .extend(left.parent().and_then(Path::parent).map(|camera| camera.join(calibration_file::SENSOR)));
+        self.rig_file = candidates.into_iter().find(|file| file.is_file());
+        let folder = left.parent().unwrap_or(Path::new(""));
+        // KITTI's grey cameras are 0 and 1.
+        let is_grey = ["image_0", "image_00", "image_00/data"].iter().any(|name| folder.ends_with(name));
+        self.has_colour_cameras = !is_grey;
+        let is_colour =
+            ["image_2", "image_02", "image_02/data", "left"].iter().any(|name| folder.ends_with(name));
+        let Some(file) = &self.rig_file else { return Ok(()) };
+        let calibration = calibration_file::open_for(file, is_colour, self.size)?;
+        self.geometry = match &calibration {
+            // The rig of a rectified pair says that there is one.
+            Calibration::Rectified(_) => Geometry::Rectified,
+            Calibration::Cameras(_) => Geometry::Unknown,
+        };
+        self.rig = Some(calibration.rig());
+        Ok(())
+    }
+
+    /// The depth of 16-bit pictures: the largest of some.
+    fn find_depth(&mut self) -> Result<(), SourceError> {
+        let mut bits = None;
+        let step = self.pairs.len().div_ceil(DEPTH_SAMPLES).max(1);
+        for (left, right) in self.pairs[self.first..].iter().step_by(step) {
+            for path in [left, right] {
+                match Decoded::read(path) {
+                    Ok(decoded) => bits = bits.max(decoded.bits()),
+                    Err(error) if error.is_of_one_pair() => {}
+                    // It is reported when its turn comes.
+                    Err(SourceError::Io { .. }) => {}
+                    Err(error) => return Err(error),
+                }
+            }
         }
+        self.interpretation.bits = bits;
+        if let Some(bits) = bits {
+            let left = self.pairs[self.first].0.display();
+            self.notes.push(format!(
+                "{left}: 16-bit pictures are scaled from {bits} bits to 8; source.bits sets another depth"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Collects what the user should know.
+    fn note(&mut self, headers: &Headers, is_by_order: bool) {
+        let (count, (left, right)) = (self.pairs.len(), &self.pairs[self.first]);
+        if let Some(reason) = &headers.reason {
+            self.notes.push(format!(
+                "{} of {count} pairs cannot be read and are left out, the first: {reason}; --strict stops instead",
+                headers.unreadable
+            ));
+        }
+        if is_by_order {
+            self.notes.push(format!(
+                "the names of left and right pictures have nothing in common: they are paired in their order, the first are {} and {}",
+                left.display(),
+                right.display()
+            ));
+        }
+        if headers.has_colour && self.interpretation.bayer.is_some() {
+            self.notes.push(format!(
+                "{}: pictures with colours, but source.bayer is set, which is for raw pixels of a sensor: set it to \"none\"",
+                left.display()
+            ));
+        }
+    }
+
+    /// The times of the pairs from `timestamps.csv`.
+    fn read_times(&self, path: &Path) -> Result<Vec<f64>, SourceError> {
         let names = (0..self.pairs.len() as u64).map(|index| self.name(index).unwrap_or(""));
         let times_s = read_timestamps(path)?.of(names);
-        times_s.map(Some).map_err(|reason| SourceError::Motion { path: path.to_owned(), reason })
+        times_s.map_err(|reason| SourceError::Motion { path: path.to_owned(), reason })
+    }
+
+    /// The times of the pairs, if the names of the left pictures are times in nanoseconds.
+    fn times_of_names(&self) -> Option<Vec<f64>> {
+        let time = |index: usize| -> Option<u64> {
+            let name = self.name(index as u64)?;
+            (name.len() == TIME_DIGITS).then(|| name.parse().ok())?
+        };
+        let first = time(0)?;
+        // Less the first, because a double does not hold nanoseconds since 1970.
+        (0..self.pairs.len()).map(|index| Some(time(index)?.checked_sub(first)? as f64 * 1e-9)).collect()
     }
 
     /// Time of the first pair in `timestamps.csv`, in seconds; 0 without that file. The source time begins there.
@@ -232,6 +304,14 @@ impl PairSource for FolderSource {
         self.rig_file.as_deref()
     }
 
+    fn has_colour_cameras(&self) -> bool {
+        self.has_colour_cameras
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+
     fn count(&self) -> Option<u64> {
         Some(self.pairs.len() as u64)
     }
@@ -257,13 +337,15 @@ impl PairSource for FolderSource {
         let count = self.pairs.len() as u64;
         let pair = usize::try_from(index).ok().and_then(|i| self.pairs.get(i));
         let (left_path, right_path) = pair.ok_or(SourceError::End { index, count })?;
-        for (path, target) in [(left_path, left), (right_path, right)] {
-            let (pixels, width, height) = read_grey(path)?;
-            if (width, height) != self.size || pixels.len() != target.len() {
+        for (path, other, target) in [(left_path, right_path, left), (right_path, left_path, right)] {
+            let decoded = picture_of(path, other, Decoded::read)?;
+            let size = (decoded.width, decoded.height);
+            let pixels = decoded.grey(self.interpretation);
+            if size != self.size || pixels.len() != target.len() {
                 return Err(SourceError::Size {
                     path: path.clone(),
-                    size: (width, height),
-                    first: self.pairs[0].0.clone(),
+                    size,
+                    first: self.pairs[self.first].0.clone(),
                     expected: self.size,
                 });
             }
@@ -276,6 +358,7 @@ impl PairSource for FolderSource {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bayer::Bayer;
     use image::GrayImage;
 
     struct Recording {
@@ -321,16 +404,6 @@ mod tests {
     }
 
     #[test]
-    fn colour_becomes_grey_by_the_usual_weights() {
-        assert_eq!(luma(&[255, 255, 255]), 255);
-        assert_eq!((luma(&[255, 0, 0]), luma(&[0, 255, 0]), luma(&[0, 0, 255])), (76, 150, 29));
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("c.png");
-        image::RgbImage::from_pixel(3, 2, [10, 200, 30].into()).save(&path).unwrap();
-        assert_eq!(read_grey(&path).unwrap(), (vec![124; 6], 3, 2));
-    }
-
-    #[test]
     fn the_calibration_beside_the_images_is_used() {
         let recording = Recording::new("left", "right", &["7.png"]);
         std::fs::create_dir(recording.path("calib")).unwrap();
@@ -361,21 +434,77 @@ mod tests {
         assert!(error.contains("timestamps.csv: no line for image 8"), "{error}");
     }
 
+    /// Reads a pair of 12×9 pixels; the left one.
+    fn left(source: &mut FolderSource, index: u64) -> Result<Vec<u8>, String> {
+        let (mut l, mut r) = (vec![0; 108], vec![0; 108]);
+        source.read(index, &mut l, &mut r).map(|()| l).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_picture_that_is_missing_or_broken_costs_its_pair_only() {
+        let recording = Recording::new("left", "right", &["1.png", "2.png", "3.png"]);
+        std::fs::remove_file(recording.path("right/2.png")).unwrap();
+        std::fs::write(recording.path("left/1.png"), b"not an image").unwrap();
+        let mut source = FolderSource::open(recording.folder.path()).unwrap();
+        let notes = source.notes().join("\n");
+        assert!(notes.contains("2 of 3 pairs cannot be read") && notes.contains("left/1.png"), "{notes}");
+        assert_eq!((source.count(), source.size()), (Some(3), (12, 9)));
+        assert!(left(&mut source, 0).unwrap_err().contains("left/1.png: cannot be decoded"));
+        assert!(left(&mut source, 1).unwrap_err().contains("right/2.png: missing, but "));
+        assert_eq!(left(&mut source, 2).unwrap()[0], 2);
+        let strict = FolderOptions { is_strict: true, ..FolderOptions::default() };
+        let error = FolderSource::open_with(recording.folder.path(), &strict).unwrap_err();
+        assert!(error.is_of_one_pair() && error.to_string().contains("left/1.png"), "{error}");
+        // Where no pair can be read, that is an error.
+        std::fs::remove_file(recording.path("left/3.png")).unwrap();
+        assert!(recording.error().contains("left/1.png: cannot be decoded"));
+    }
+
+    #[test]
+    fn pictures_of_any_format_and_depth_are_read_by_layouts_and_patterns() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for side in ["l", "r"] {
+            for i in 1..3_u16 {
+                // Twelve bits; the first pair is darker than eight of them.
+                let deep = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(12, 9, |x, _| {
+                    [(x as u16 + 1) * 340 * (i - 1) + 7].into()
+                });
+                deep.save(path(&format!("{side}{i}.tif"))).unwrap();
+            }
+        }
+        let patterns = Some((path("l*.tif"), path("r*.tif")));
+        let mut source = FolderSource::open_with(
+            Path::new(""),
+            &FolderOptions { patterns: patterns.clone(), ..FolderOptions::default() },
+        )
+        .unwrap();
+        assert!(source.notes()[0].contains("scaled from 12 bits to 8; source.bits"), "{:?}", source.notes());
+        assert_eq!(left(&mut source, 0).unwrap()[0], 0, "7 of 4095");
+        assert_eq!(left(&mut source, 1).unwrap()[11], ((12 * 340 + 7) * 255 / 4095 + 1) as u8);
+        let interpretation = Interpretation { bits: Some(16), bayer: Bayer::named("rggb") };
+        let options = FolderOptions { patterns, interpretation, is_strict: false };
+        let mut source = FolderSource::open_with(Path::new(""), &options).unwrap();
+        assert!(source.notes().is_empty());
+        assert!(left(&mut source, 1).unwrap().iter().all(|v| *v < 17), "taken as 16 bits it is dark");
+    }
+
+    #[test]
+    fn names_that_are_times_give_the_times_of_euroc() {
+        let names = ["1403636579763555584.png", "1403636579813555456.png", "1403636579913555456.png"];
+        let recording = Recording::new("mav0/cam0/data", "mav0/cam1/data", &names);
+        let source = FolderSource::open(recording.folder.path()).unwrap();
+        assert_eq!([0, 1, 2].map(|i| source.time_ns(i) / 1_000_000), [0, 49, 149]);
+        let inner = FolderSource::open(&recording.path("mav0")).unwrap();
+        assert_eq!(inner.count(), Some(3));
+    }
+
     #[test]
     fn faults_are_named_before_the_first_frame() {
         let recording = Recording::new("left", "right", &["1.png", "2.png"]);
-        std::fs::remove_file(recording.path("right/2.png")).unwrap();
-        let error = recording.error();
-        assert!(error.contains("right/2.png: missing"), "{error}");
-        std::fs::rename(recording.path("left/2.png"), recording.path("right/2.png")).unwrap();
-        assert!(recording.error().contains("left/2.png: missing"));
-
         GrayImage::new(13, 9).save(recording.path("left/2.png")).unwrap();
         let error = recording.error();
         assert!(error.contains("left/2.png: 13x9") && error.contains("12x9"), "{error}");
-
-        std::fs::write(recording.path("left/2.png"), b"not an image").unwrap();
-        assert!(recording.error().contains("left/2.png: cannot be decoded"));
 
         let empty = Recording::new("left", "right", &[]);
         assert!(empty.error().contains("is empty"), "{}", empty.error());

@@ -31,13 +31,20 @@
 //! # Ok::<(), lookout_sources::SourceError>(())
 //! ```
 
+pub mod bayer;
 pub mod bounded_file;
 pub mod calibration_file;
 pub mod camera;
 pub mod chessboard;
 pub mod folder;
+mod foreign;
+mod glob;
 pub mod limits;
+mod luma;
 pub mod motion_file;
+pub mod natural;
+pub mod pairs;
+pub mod picture;
 pub mod recording;
 pub mod rectified;
 pub mod rig_file;

@@ -19,12 +19,11 @@ pub struct RectifiedSource {
 }
 
 impl RectifiedSource {
-    /// Rectifies the pairs of `inner` with the rig file `path`.
+    /// Rectifies the pairs of `inner` with the rig `file`, which was read from `path`.
     ///
     /// # Errors
-    /// When the file cannot be read, is not a calibration, or is for images of another size.
-    pub fn new(inner: Box<dyn PairSource>, path: PathBuf) -> Result<Self, SourceError> {
-        let file = RigFile::read(&path)?;
+    /// When the file is for images of another size.
+    pub fn new(inner: Box<dyn PairSource>, file: &RigFile, path: PathBuf) -> Result<Self, SourceError> {
         let (width, height) = inner.size();
         file.check_size((width, height))
             .map_err(|reason| SourceError::Calibration { path: path.clone(), reason })?;
@@ -45,6 +44,10 @@ impl PairSource for RectifiedSource {
 
     fn geometry(&self) -> Geometry {
         Geometry::Rectified
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.inner.notes()
     }
 
     fn count(&self) -> Option<u64> {
@@ -124,7 +127,7 @@ mod tests {
         };
         let rig = RigFile::from_cameras([camera; 2], between, (64, 48), Crop::Valid).unwrap();
         rig.write(&path).unwrap();
-        let mut source = RectifiedSource::new(Box::new(Slope), path.clone()).unwrap();
+        let mut source = RectifiedSource::new(Box::new(Slope), &rig, path.clone()).unwrap();
         assert_eq!(source.rig(), Some(rig.rectification.rig));
         let (mut left, mut right) = (vec![0; 64 * 48], vec![0; 64 * 48]);
         source.read(0, &mut left, &mut right).unwrap();
@@ -136,7 +139,7 @@ mod tests {
         }
         let rig = RigFile::from_cameras([camera; 2], between, (80, 48), Crop::Valid).unwrap();
         rig.write(&path).unwrap();
-        let error = RectifiedSource::new(Box::new(Slope), path).err().unwrap().to_string();
+        let error = RectifiedSource::new(Box::new(Slope), &rig, path).err().unwrap().to_string();
         assert!(error.contains("80x48"), "{error}");
     }
 }

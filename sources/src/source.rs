@@ -39,6 +39,11 @@ pub trait PairSource {
         None
     }
 
+    /// Whether the pictures are those of KITTI's colour cameras, where a calibration has grey ones, too.
+    fn has_colour_cameras(&self) -> bool {
+        true
+    }
+
     /// Number of pairs; `None` for an endless source.
     fn count(&self) -> Option<u64>;
 
@@ -49,6 +54,11 @@ pub trait PairSource {
     /// pair. A live source returns the time of its latest pair on the monotonic clock.
     fn time_ns(&self, index: u64) -> u64 {
         index.saturating_mul(self.period_ns())
+    }
+
+    /// What the user should know of the source before the first pair, one sentence each.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// What the vehicle reported at the time of pair `index`, once that pair was read; nothing unless the source knows it.
@@ -93,14 +103,25 @@ pub enum Readiness {
 }
 
 /// Names of the folders with the left and the right images, most specific first.
-pub const LAYOUTS: [(&str, &str); 6] = [
+pub const LAYOUTS: [(&str, &str); 11] = [
     ("image_2", "image_3"),
     ("image_0", "image_1"),
     ("image_l", "image_r"),
     ("left", "right"),
     ("image_02/data", "image_03/data"),
     ("image_00/data", "image_01/data"),
+    ("image_02", "image_03"),
+    ("image_00", "image_01"),
+    ("mav0/cam0/data", "mav0/cam1/data"),
+    ("cam0/data", "cam1/data"),
+    ("cam0", "cam1"),
 ];
+
+/// What to do with a folder in none of the [`LAYOUTS`].
+const LAYOUT_REMEDY: &str = ": give a folder with the left and the right pictures in two folders with the same names (left \
+                             and right, image_0 and image_1, image_2 and image_3, cam0 and cam1, a drive of KITTI's raw \
+                             data, mav0 of EuRoC), or in one, named left_1.png and right_1.png; or name them with --left \
+                             and --right";
 
 /// Errors of sources. Every text names the file or folder and the remedy.
 #[derive(Debug, Error)]
@@ -115,19 +136,60 @@ pub enum SourceError {
     },
     /// The folder has none of the known layouts.
     #[error(
-        "{}: no stereo pairs here: expected two folders named {}, with images of the same names in both",
+        "{}: no stereo pairs here{hint}{}",
         path.display(),
-        LAYOUTS.map(|(l, r)| format!("{l} and {r}")).join(", or ")
+        if *says_remedy { "" } else { LAYOUT_REMEDY }
     )]
     Layout {
         /// The folder.
         path: PathBuf,
+        /// What it holds instead, after ": "; may be empty.
+        hint: String,
+        /// Whether the hint says what to do.
+        says_remedy: bool,
+    },
+    /// A file where a folder is needed.
+    #[error("{}: {explanation}", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What it is, and what to do.
+        explanation: String,
     },
     /// The left folder contains no image.
-    #[error("{}: the folder is empty: put PNG, PGM or PPM images into it", path.display())]
+    #[error(
+        "{}: no pictures here{hint}: put PNG, JPEG, TIFF, BMP, WebP, PGM or PPM images into it", path.display()
+    )]
     Empty {
         /// The folder.
         path: PathBuf,
+        /// What it holds instead, after ": "; may be empty.
+        hint: String,
+    },
+    /// A pattern that cannot be used, or matches nothing.
+    #[error("{}: {reason}", pattern.display())]
+    Pattern {
+        /// The pattern.
+        pattern: PathBuf,
+        /// Why, and the remedy.
+        reason: String,
+    },
+    /// Pictures of two cameras whose names have nothing in common.
+    #[error(
+        "no left picture has a partner: {lefts} in {} such as {}, {rights} in {} such as {}: give both the same names, but for \
+         the words left and right, or name them with patterns whose stars stand for the same text: --left, --right",
+        left.parent().unwrap_or(left).display(), left.file_name().unwrap_or_default().display(),
+        right.parent().unwrap_or(right).display(), right.file_name().unwrap_or_default().display()
+    )]
+    NoPartners {
+        /// A left picture.
+        left: PathBuf,
+        /// Number of left pictures.
+        lefts: usize,
+        /// A right picture.
+        right: PathBuf,
+        /// Number of right pictures.
+        rights: usize,
     },
     /// One image of a pair is missing.
     #[error("{}: missing, but {} is there: add it, or remove the other", path.display(), other.display())]
@@ -202,4 +264,15 @@ pub enum SourceError {
         /// Number of pairs.
         count: u64,
     },
+}
+
+impl SourceError {
+    /// Whether one pair is damaged and the others may be fine: a picture that is missing or cannot be decoded.
+    pub fn is_of_one_pair(&self) -> bool {
+        match self {
+            Self::Decode { .. } | Self::Unpaired { .. } => true,
+            Self::Recording(error) => matches!(error, RecordingError::Message { .. }),
+            _ => false,
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use super::containers;
 use super::harness::{Format, fuzz_format, written};
 use fastrand::Rng;
-use image::ImageFormat::{Jpeg, Png, Pnm};
+use image::ImageFormat::{Bmp, Jpeg, Png, Pnm, Tiff, WebP};
 use image::{DynamicImage, ImageBuffer, Luma};
 
 /// A small image of a random size, kind and format.
@@ -12,12 +12,12 @@ fn some_picture(random: &mut Rng) -> Vec<u8> {
     let step = random.u32(1..9);
     let grey = image::GrayImage::from_fn(width, height, |x, y| [(x * y * step % 251) as u8].into());
     let grey = DynamicImage::from(grey);
-    let format = [Png, Png, Jpeg, Pnm][random.usize(0..4)];
+    let format = [Png, Png, Jpeg, Pnm, Tiff, Bmp, WebP][random.usize(0..7)];
     let image: DynamicImage = match random.u8(0..6) {
         0 => grey.to_rgb8().into(),
         1 if format == Png => grey.to_rgba8().into(),
         2 if format == Png => grey.to_luma_alpha8().into(),
-        3 if format == Png => grey.to_luma16().into(),
+        3 if format == Png || format == Tiff => grey.to_luma16().into(),
         4 if format == Png => grey.to_rgb16().into(),
         _ => grey,
     };

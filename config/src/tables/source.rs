@@ -16,6 +16,25 @@ table! {
     /// built-in drive). `lookout replay PATH` sets it.
     path: Path = "";
 
+    /// Pattern of the left pictures, instead of `source.path`: a folder, or names with `*` and `?`, such as
+    /// `cam0/*.png`. `source.right` names the right ones; pictures belong together whose stars stand for the same text.
+    left: Path = "";
+
+    /// Pattern of the right pictures.
+    right: Path = "";
+
+    /// Bits that 16-bit pictures use. `auto` takes the fewest of 8, 10, 12, 14 and 16 that hold the values of some
+    /// pictures, and says which.
+    bits: Choice(&["auto", "8", "10", "12", "14", "16"]) = "auto";
+
+    /// Colour filter of pictures that hold the raw pixels of a sensor: the colours of the first two pixels of the first and
+    /// of the second row. The missing colours are interpolated bilinearly and become grey. Images of a recording whose
+    /// encoding names the filter need no setting.
+    bayer: Choice(&["none", "rggb", "bggr", "grbg", "gbrg"]) = "none";
+
+    /// Stops at a pair with a picture that is missing or cannot be decoded. Otherwise the pair is left out, counted and told.
+    strict: Switch = false;
+
     /// Random seed of the built-in drive; the same seed gives the same images. Other scenes define their own.
     seed: Whole(0, 1 << 53) = 1;
 

@@ -27,7 +27,7 @@ pub fn attach(config: &Config, subcommand: &str) -> Result<Attached, CommandErro
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
     check_owner(&instance, subcommand)?;
     if !instance.is_running() {
-        return Err(InstanceError::NotRunning(instance.name().to_owned()).into());
+        return Err(instance.absent().into());
     }
     let stop = stop_on_signals()?;
     let bus = Bus::join(&instance).map_err(|error| cannot_join(&instance, error))?;
@@ -50,7 +50,7 @@ pub fn cannot_join(instance: &Instance, error: IpcError) -> CommandError {
 /// The error of a reader that gets no message from a daemon.
 pub fn silent(instance: &Instance) -> CommandError {
     match silence::reason(instance) {
-        None => InstanceError::NotRunning(instance.name().to_owned()).into(),
+        None => instance.absent().into(),
         Some(reason) => CommandError::Other(reason),
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::command::error::CommandError;
 use clap::Args;
-use config::Config;
+use config::{Config, ConfigErrors};
 use std::path::PathBuf;
 
 /// Arguments that choose and override the configuration.
@@ -48,7 +48,7 @@ pub fn read(
     if let Some(name) = &args.instance {
         // Parsed as a configuration, so that the same check applies as to instance.name.
         let text = format!("[instance]\nname = {}", toml::Value::String(name.clone()));
-        config::parse(&text, std::path::Path::new("--instance"))?;
+        config::parse(&text, std::path::Path::new("--instance")).map_err(ConfigErrors::without_lines)?;
         config.instance.name.clone_from(name);
     }
     let level = match (log, default_level, &args.config) {
@@ -85,5 +85,7 @@ fn with_set(config: Config, settings: &[String]) -> Result<Config, CommandError>
         let table = entry.as_table_mut().ok_or_else(|| wrong(setting))?;
         table.insert(key.to_owned(), value);
     }
-    Ok(config::parse(&document.to_string(), std::path::Path::new("--set"))?)
+    // The lines are those of a text that nobody wrote.
+    Ok(config::parse(&document.to_string(), std::path::Path::new("--set"))
+        .map_err(ConfigErrors::without_lines)?)
 }

@@ -3,18 +3,17 @@
 use crate::command::console::say;
 use crate::command::disparity::median;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
+use crate::stages::recognition::cascade;
 use clap::Args;
 use perception::image::GreyView;
 use perception::recognition::group::Group;
 use perception::recognition::{Cascade, Detector, Sizes, xml};
 use serde::Serialize;
-use sources::bounded_file;
 use sources::folder::read_grey;
-use sources::limits::CASCADE;
 use std::path::Path;
 use std::path::PathBuf;
-use tools::reporting::picture::{Colour, Picture};
+use tools::reporting::picture::{Colour, Picture, check_ending};
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
@@ -28,9 +27,9 @@ Boxes and defaults are those of OpenCV's detectMultiScale with the same image an
 
 #[derive(Args, Debug)]
 pub struct Detect {
-    /// OpenCV cascade XML
+    /// OpenCV cascade XML, or vehicle for the one that ships
     pub cascade: PathBuf,
-    /// Images (PNG, JPEG, PGM, PPM; colour is converted to grey)
+    /// Images (PNG, JPEG, TIFF, BMP, WebP, PGM, PPM; colour is converted to grey)
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
     /// Scale factor from one window size to the next, OpenCV's scaleFactor
@@ -47,7 +46,7 @@ pub struct Detect {
     #[arg(long, default_value_t = 3, value_name = "N")]
     pub neighbours: u32,
     /// Run the detector this many times on each image and print its processor time
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 10_000))]
     pub repeat: u32,
     /// Write the image with the boxes drawn; for a single image
     #[arg(long, value_name = "FILE")]
@@ -70,14 +69,24 @@ struct Found<'a> {
     score: u32,
 }
 
-/// Reads a cascade.
+/// Reads a cascade: a file, or the name of one that ships.
 ///
 /// # Errors
 /// Names the file.
 pub fn read_cascade(path: &Path) -> Result<Cascade, CommandError> {
-    let text = bounded_file::read_text(path, &CASCADE)
-        .map_err(|e| CommandError::Other(format!("{}: {e}: give an OpenCV cascade XML", path.display())))?;
-    xml::read(&text).map_err(|e| CommandError::Other(format!("{}: {e}", path.display())))
+    let text = cascade::text(path).map_err(|e| {
+        CommandError::Other(format!(
+            "{}: {e}: give an OpenCV cascade XML{}",
+            path.display(),
+            if cfg!(feature = "models") { ", or vehicle for the one that ships" } else { "" }
+        ))
+    })?;
+    xml::read(&text).map_err(|e| {
+        CommandError::Other(format!(
+            "{}: {e}: give an OpenCV cascade XML as OpenCV or lookout train writes it",
+            path.display()
+        ))
+    })
 }
 
 pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
@@ -86,6 +95,7 @@ pub fn run(args: &Detect, log: Option<&str>) -> Result<(), CommandError> {
         let text = format!("--overlay takes one image, {} were given", args.images.len());
         return Err(CommandError::Other(text));
     }
+    args.overlay.as_deref().map(|path| check_ending(path, false)).transpose()?;
     let cascade = read_cascade(&args.cascade)?;
     let sizes = Sizes::Range { min_px: args.min_px, max_px: args.max_px, growth: args.growth };
     let mut found = Vec::new();

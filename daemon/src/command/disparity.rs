@@ -4,18 +4,20 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
+use crate::input::interpretation;
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use perception::image::GreyView;
 use perception::stereo::device::STAGES;
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use serde::Serialize;
-use sources::folder::read_grey;
+use sources::picture::{Decoded, Interpretation};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
+use tools::reporting::picture::check_ending;
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
@@ -27,7 +29,7 @@ pub const HELP: &str = "Examples:
 
 #[derive(Args, Debug)]
 pub struct Disparity {
-    /// Left image (PNG, PGM, PPM; colour is converted to grey)
+    /// Left image (PNG, JPEG, TIFF, BMP, WebP, PGM, PPM; colour is converted to grey)
     pub left: PathBuf,
     /// Right image, rectified like the left
     pub right: PathBuf,
@@ -37,7 +39,7 @@ pub struct Disparity {
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Number of disparities to search, from 0 px on [default: stereo.disparities]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=255))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(2, 255))]
     pub max_disparity: Option<u16>,
     /// Time limit in milliseconds: when it passes, the finest scale reached so far is the result
     /// [default: stereo.budget_ms]
@@ -50,7 +52,7 @@ pub struct Disparity {
     #[arg(long, value_enum)]
     pub backend: Option<Backend>,
     /// Run the matcher this many times; times are medians
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 10_000))]
     pub repeat: u32,
     /// Also write the map in colour
     #[arg(long, value_name = "FILE")]
@@ -141,16 +143,32 @@ impl DeviceFigures {
 /// # Errors
 /// If an image cannot be read, or the sizes differ.
 pub fn read_pair(left: &Path, right: &Path) -> Result<(Vec<u8>, Vec<u8>, usize, usize), CommandError> {
-    let (left_pixels, width, height) = read_grey(left)?;
-    let (right_pixels, right_width, right_height) = read_grey(right)?;
-    if (right_width, right_height) != (width, height) {
+    read_pair_as(left, right, Interpretation::default())
+}
+
+/// The same, with values that become grey levels as `how` says. Both images are taken to have the same depth.
+///
+/// # Errors
+/// See [`read_pair`].
+pub fn read_pair_as(
+    left: &Path,
+    right: &Path,
+    how: Interpretation,
+) -> Result<(Vec<u8>, Vec<u8>, usize, usize), CommandError> {
+    let (left_image, right_image) = (Decoded::read(left)?, Decoded::read(right)?);
+    let (width, height) = (left_image.width, left_image.height);
+    if (right_image.width, right_image.height) != (width, height) {
         return Err(CommandError::Other(format!(
-            "{} is {width}x{height}, but {} is {right_width}x{right_height}: give both images of a rectified pair",
+            "{} is {width}x{height}, but {} is {}x{}: give both images of a rectified pair",
             left.display(),
-            right.display()
+            right.display(),
+            right_image.width,
+            right_image.height
         )));
     }
-    Ok((left_pixels, right_pixels, width, height))
+    let found = left_image.bits().max(right_image.bits());
+    let how = Interpretation { bits: how.bits.or(found), ..how };
+    Ok((left_image.grey(how), right_image.grey(how), width, height))
 }
 
 /// The median of some times, the upper one of an even number; sorts them. NaN for none.
@@ -161,9 +179,11 @@ pub fn median(times: &mut [f64]) -> f64 {
 
 pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "disparity", None)?;
+    check_ending(&args.out, true)?;
+    args.color.as_deref().map(|path| check_ending(path, false)).transpose()?;
     let disparities =
         args.max_disparity.map_or(usize::try_from(config.stereo.disparities).unwrap_or(0), usize::from);
-    let (left, right, width, height) = read_pair(&args.left, &args.right)?;
+    let (left, right, width, height) = read_pair_as(&args.left, &args.right, interpretation(&config))?;
     let left = GreyView::new(&left, width, height, width)?;
     let right = GreyView::new(&right, width, height, width)?;
     let method = args.method.unwrap_or(Method::configured(&config));

@@ -13,6 +13,8 @@ mod detect;
 mod disparity;
 mod error;
 mod evaluate;
+mod help_text;
+mod init;
 mod low_priority;
 mod man;
 mod number;
@@ -38,7 +40,7 @@ mod view;
 
 pub use error::CommandError;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Detects and tracks obstacles ahead of a vehicle with a stereo camera.
 ///
@@ -67,7 +69,7 @@ Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 pub struct Cli {
     /// Log level: error, warn, info, debug, trace [default: log.level of the configuration; warn
     /// for demo and replay]
-    #[arg(long, global = true, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
+    #[arg(long, global = true, display_order = 1000, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
     pub log: Option<String>,
     #[command(subcommand)]
     pub command: Command,
@@ -75,7 +77,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run the whole daemon on a built-in synthetic drive: live table, pictures, plots, summary
+    /// Run the whole daemon on a synthetic drive: live table, pictures, plots, summary
     #[command(after_help = demo::HELP)]
     Demo(demo::Demo),
     /// Run the daemon in the foreground, as systemd starts it
@@ -90,7 +92,7 @@ pub enum Command {
     /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
-    /// Send what a running daemon finds on a CAN bus: alarm, nearest obstacle, path, obstacles
+    /// Send a running daemon's results on a CAN bus: alarm, path, obstacles
     #[command(after_help = can::HELP)]
     Can(can::Can),
     /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
@@ -139,21 +141,22 @@ pub enum Command {
         #[command(subcommand)]
         what: evaluate::Evaluate,
     },
-    /// Qualify a board: a long run that checks rates, latencies, memory, processor time and recovery
-    /// from faults against budgets
+    /// Qualify a board: a long run against budgets of rate, latency, memory, recovery
     #[command(after_help = soak::HELP)]
     Soak(soak::Soak),
-    /// Check a configuration: all errors with line and remedy, or the effective configuration
+    /// Check a configuration: all errors with line and remedy, or what is in effect
     #[command(after_help = check_config::HELP)]
     CheckConfig(check_config::CheckConfig),
+    /// Write a commented configuration from options: cameras, board, rig
+    #[command(after_help = init::HELP)]
+    Init(init::Init),
     /// Restore the board's clocks after a daemon that set them was killed
     #[command(after_help = restore_clocks::HELP)]
     RestoreClocks(restore_clocks::RestoreClocks),
     /// Generate a completion script for a shell
     #[command(after_help = completions::HELP)]
     Completions(completions::Completions),
-    /// Generate manual pages; for packages
-    #[command(hide = true)]
+    /// Generate manual pages
     Man(man::Man),
     /// Run a stage process; started by the scheduler
     #[command(hide = true)]
@@ -161,6 +164,12 @@ pub enum Command {
         /// Name of the stage, or writer.
         role: String,
     },
+}
+
+/// Reads the command line. Errors of usage, and help, end the process.
+pub fn parse() -> Cli {
+    let matches = help_text::reflowed(Cli::command()).get_matches();
+    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
 /// Runs a subcommand.
@@ -192,6 +201,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Detect(args) => detect::run(&args, log),
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
+        Command::Init(args) => init::run(&args),
         Command::RestoreClocks(args) => restore_clocks::run(&args, log),
         Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Man(args) => man::run(&args, Cli::command()),

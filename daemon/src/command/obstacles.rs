@@ -7,6 +7,7 @@ use crate::command::error::CommandError;
 use crate::command::one_pair;
 use clap::Args;
 use std::path::PathBuf;
+use tools::reporting::picture::check_ending;
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
@@ -23,7 +24,7 @@ pub struct Obstacles {
     pub right: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Rig TOML or KITTI calib.txt [default: source.rig]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: source.rig]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Write the left image with road and obstacles drawn
@@ -36,6 +37,7 @@ pub struct Obstacles {
 
 pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;
+    args.overlay.as_deref().map(|path| check_ending(path, false)).transpose()?;
     // There is only one frame, so nothing can be confirmed over time.
     config.tracking.confirm_frames = 1;
     config.regions.confirm = false;

@@ -4,6 +4,7 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::{progress, say};
 use crate::command::error::CommandError;
+use crate::command::number::whole;
 use crate::command::own_motion::{OwnMotion, frames_used, process, set_recording};
 use crate::in_process::Pipeline;
 use clap::Args;
@@ -35,7 +36,7 @@ pub struct Odometry {
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Stop after this many pairs [default: all; 1000 of an endless scene]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub limit: Option<u64>,
     /// Poses, in KITTI's format; - for standard output
     #[arg(short, long, value_name = "POSES.txt")]

@@ -1,8 +1,10 @@
 //! Runs the stages in this process on a single pair of image files.
 
-use crate::command::disparity::read_pair;
+use crate::command::disparity::read_pair_as;
 use crate::command::error::CommandError;
 use crate::in_process::Pipeline;
+use crate::input;
+use crate::scheduler::RunError;
 use config::Config;
 use perception::rig::Rig;
 use sources::{PairSource, SourceError, calibration_file};
@@ -58,10 +60,14 @@ pub(super) fn pipeline(
                 .into(),
         ));
     }
-    let (left_pixels, right_pixels, width, height) = read_pair(left, right)?;
+    let (left_pixels, right_pixels, width, height) =
+        read_pair_as(left, right, input::interpretation(config))?;
+    let mut config = config.clone();
+    config.source.rig = rig_path.to_owned();
     let rig = calibration_file::read_for(rig_path, true, (width, height))?;
     let source = OnePair { left: left_pixels, right: right_pixels, size: (width, height), rig };
-    let pipeline = Pipeline::new(config, Box::new(source), rig)
+    let source = input::rectified(&config, Box::new(source)).map_err(RunError::from)?;
+    let pipeline = Pipeline::new(&config, source, rig)
         .map_err(|error| CommandError::Other(format!("{}: {error}", left.display())))?;
     Ok((pipeline, rig))
 }

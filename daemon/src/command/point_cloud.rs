@@ -4,7 +4,7 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
 use crate::command::one_pair;
 use clap::{Args, ValueEnum};
 use perception::point_cloud::{self, Point, PointCloudParameters};
@@ -29,7 +29,7 @@ near object and its background.";
 
 #[derive(Args, Debug)]
 pub struct PointCloudCommand {
-    /// Left image (PNG, PGM, PPM; colour is converted to grey)
+    /// Left image (PNG, JPEG, TIFF, BMP, WebP, PGM, PPM; colour is converted to grey)
     pub left: PathBuf,
     /// Right image, rectified like the left
     pub right: PathBuf,
@@ -38,7 +38,7 @@ pub struct PointCloudCommand {
     pub out: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Rig TOML or KITTI calib.txt [default: source.rig]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: source.rig]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Meaning of a point's colour
@@ -48,10 +48,10 @@ pub struct PointCloudCommand {
     #[arg(long, default_value_t = 80.0, value_name = "M", value_parser = distance)]
     pub distance_max: f64,
     /// Take every N-th column of every N-th row
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 64))]
     pub every: u32,
     /// Neighbours, of 24, that must have a similar depth; 0 keeps every point
-    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=24))]
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = whole::<u32>(0, 24))]
     pub neighbours: u32,
     /// Print the counts of points as JSON
     #[arg(long)]

@@ -6,7 +6,7 @@ use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::number;
+use crate::command::number::{number, whole};
 use crate::recorder::{Feed, Plan};
 use clap::Args;
 use indicatif::ProgressBar;
@@ -22,7 +22,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use tools::recording::{Choice, ImageForm};
+use tools::recording::{BYTES_PER_MB, Choice, ImageForm};
 use tools::recording::{Limits, Report, RingLimits};
 
 pub const HELP: &str = "Examples:
@@ -63,7 +63,7 @@ pub struct Record {
     #[arg(long, value_name = "LIST", default_value_t = Choice::default())]
     pub topics: Choice,
     /// Start a new file after this many MB
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, 1_000_000))]
     pub split_mb: Option<u64>,
     /// Start a new file after this many seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
@@ -75,10 +75,10 @@ pub struct Record {
     #[arg(long, value_name = "N", default_value_t = 10.0, value_parser = seconds, requires = "ring_s")]
     pub after_s: f64,
     /// With --ring-s: memory limit, in MB
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u64).range(1..=65_536), requires = "ring_s")]
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = whole::<u64>(1, 65_536), requires = "ring_s")]
     pub ring_mb: u64,
     /// End the recording when less than this many MB are free on the disk
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0, 10_000_000))]
     pub min_free_mb: u64,
     /// End after this many seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
@@ -140,13 +140,13 @@ pub fn run(args: &Record, log: Option<&str>) -> Result<(), CommandError> {
 fn limits(args: &Record) -> Limits {
     let ns = |seconds: f64| (seconds * 1e9) as u64;
     Limits {
-        split_bytes: args.split_mb.map(|mb| mb << 20),
+        split_bytes: args.split_mb.map(|mb| mb * BYTES_PER_MB),
         split_ns: args.split_s.map(ns),
-        min_free_bytes: args.min_free_mb << 20,
+        min_free_bytes: args.min_free_mb * BYTES_PER_MB,
         ring: args.ring_s.map(|seconds| RingLimits {
             before_ns: ns(seconds),
             after_ns: ns(args.after_s),
-            bytes: usize::try_from(args.ring_mb << 20).unwrap_or(usize::MAX),
+            bytes: usize::try_from(args.ring_mb * BYTES_PER_MB).unwrap_or(usize::MAX),
         }),
     }
 }
@@ -279,7 +279,7 @@ impl Session {
         let report = self.feed.report();
         self.bar.set_position(report.frames);
         let lost = report.lost.values().sum::<u64>();
-        self.bar.set_message(format!("{} MB, {lost} lost", report.bytes >> 20));
+        self.bar.set_message(format!("{} MB, {lost} lost", report.bytes / BYTES_PER_MB));
         if self.feed.is_short() && !self.is_short {
             self.is_short = true;
             tracing::warn!(
@@ -309,7 +309,7 @@ fn print(args: &Record, report: &Report, reason: &str) -> Result<(), CommandErro
     say(format_args!(
         "{} frames, {:.1} MB; lost messages: {lost}; {reason}",
         report.frames,
-        report.bytes as f64 / f64::from(1 << 20)
+        report.bytes as f64 / BYTES_PER_MB as f64
     ))?;
     for file in &report.files {
         say(file.display())?;

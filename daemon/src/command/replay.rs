@@ -6,12 +6,13 @@ use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
-use crate::command::number::fps;
+use crate::command::number::{fps, whole};
 use crate::command::video::Film;
-use crate::in_process::Pipeline;
+use crate::in_process::{Pipeline, PipelineError};
 use crate::scheduler::{self, Ends, RunOptions};
 use clap::Args;
 use config::Config;
+use sources::SourceError;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -24,6 +25,7 @@ pub const HELP: &str = "Examples:
   lookout replay ../shared/data/kitti_sequence_1 --lockstep --out results
   lookout replay RECORDING --fps 12.5 --loop --limit 1000
   lookout replay RECORDING --in-process --out reference
+  lookout replay --left 'cam0/*.png' --right 'cam1/*.png' --rig rig.toml
   lookout replay drive.mcap --lockstep --out again
   lookout replay RECORDING --lockstep --record drive.mcap
   lookout replay RECORDING --lockstep --video drive.mp4
@@ -31,9 +33,13 @@ pub const HELP: &str = "Examples:
   lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
   lookout replay scene:my/road.toml
 
-PATH is a folder with two folders of images with the same names: image_2 and image_3, image_0 and
-image_1, image_l and image_r, left and right, image_02/data and image_03/data, or image_00/data and
-image_01/data. The calibration is read from rig.toml, calib.txt or calib/NAME.txt beside them.
+PATH is a folder with two folders of pictures with the same names: left and right, image_2 and image_3,
+image_0 and image_1, image_l and image_r, cam0 and cam1, a drive of KITTI's raw data, or a sequence of
+EuRoC (mav0); or a folder with pictures such as left_1.png and right_1.png. Any other pictures are
+named by --left and --right. The calibration is read from rig.toml, calib.txt, calib/NAME.txt,
+calib_cam_to_cam.txt or sensor.yaml beside them. Pictures are PNG, JPEG, TIFF, BMP, WebP, PGM or PPM,
+grey or coloured; 16-bit ones are scaled by the bits that they use (source.bits), raw ones of a colour
+sensor need source.bayer. A pair with a picture that cannot be read is left out and counted.
 
 PATH may also be an MCAP file: a recording of lookout record, or a ROS 2 bag with two image topics
 whose names differ by left and right, and their camera_info. A truncated file is read up to its last
@@ -56,7 +62,14 @@ is made.";
 #[derive(Args, Debug)]
 pub struct Replay {
     /// Folder or MCAP file of the recording, or scene:NAME
-    pub path: PathBuf,
+    #[arg(required_unless_present_any = ["left", "right"])]
+    pub path: Option<PathBuf>,
+    /// Left pictures, instead of PATH: a folder, or a pattern such as 'cam0/*.png', in quotes
+    #[arg(long, value_name = "PATTERN", requires = "right", conflicts_with = "path")]
+    pub left: Option<PathBuf>,
+    /// Right pictures; they belong to left ones for which the stars stand for the same text
+    #[arg(long, value_name = "PATTERN", requires = "left", conflicts_with = "path")]
+    pub right: Option<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Pairs per second [default: the rate of the recording]
@@ -65,13 +78,16 @@ pub struct Replay {
     /// Process every frame, one at a time: results are reproducible byte for byte
     #[arg(long)]
     pub lockstep: bool,
-    /// Start over at the end of the recording
-    #[arg(long = "loop", requires = "limit")]
+    /// Start over at the end of the recording; without --limit until Ctrl-C
+    #[arg(long = "loop")]
     pub repeat: bool,
+    /// Stop at a pair that cannot be read, instead of leaving it out
+    #[arg(long)]
+    pub strict: bool,
     /// Stop after this many pairs
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub limit: Option<u64>,
-    /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: the calibration beside the recording]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json
@@ -96,8 +112,14 @@ const SCENE: &str = "scene:";
 
 pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "scheduler", Some("warn"))?;
-    set_source(&mut config, &args.path);
+    match (&args.path, &args.left, &args.right) {
+        (Some(path), ..) => set_source(&mut config, path),
+        (None, Some(left), Some(right)) => set_patterns(&mut config, left, right),
+        // Refused by the parser.
+        _ => {}
+    }
     config.source.repeat = args.repeat;
+    config.source.strict |= args.strict;
     if let Some(fps) = args.fps {
         config.source.fps = fps;
     }
@@ -125,7 +147,8 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     finish(args, &outcome.summary)?;
     match outcome.failure {
         Some(failure) => Err(CommandError::Other(failure)),
-        None if outcome.was_stopped => {
+        // Without --limit a repeated recording has no other end.
+        None if outcome.was_stopped && !(args.repeat && args.limit.is_none()) => {
             let frames = outcome.summary.frames;
             Err(CommandError::Other(format!(
                 "stopped by a signal after {frames} frames: results are incomplete"
@@ -143,11 +166,21 @@ pub fn set_source(config: &mut Config, path: &Path) {
             config.source.path = scene.into();
         }
         None => {
+            config.source.left = PathBuf::new();
+            config.source.right = PathBuf::new();
             let is_file = tools::evaluation::compare::is_recording(path);
             config.source.kind = if is_file { "recording" } else { "folder" }.into();
             config.source.path = path.to_owned();
         }
     }
+}
+
+/// Configures the source from two patterns.
+fn set_patterns(config: &mut Config, left: &Path, right: &Path) {
+    config.source.kind = "folder".into();
+    config.source.path = PathBuf::new();
+    config.source.left = left.to_owned();
+    config.source.right = right.to_owned();
 }
 
 fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
@@ -164,6 +197,22 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
     }
 }
 
+/// Pairs that cannot be read.
+#[derive(Default)]
+struct LeftOut {
+    count: u64,
+    last: Option<SourceError>,
+}
+
+impl LeftOut {
+    /// Tells and counts one.
+    fn add(&mut self, sequence: u64, error: SourceError) {
+        tracing::warn!(sequence, "pair left out: {error}");
+        self.count += 1;
+        self.last = Some(error);
+    }
+}
+
 /// Runs the same stages as the daemon in this process, frame by frame.
 fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), CommandError> {
     let mut pipeline = Pipeline::open(config)?;
@@ -171,6 +220,11 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
     let frames = match args.limit {
         Some(limit) if args.repeat => limit,
         Some(limit) => limit.min(count),
+        None if args.repeat => {
+            return Err(CommandError::Other(
+                "--loop with --in-process has no end: give --limit, or leave out --in-process and end with Ctrl-C".into(),
+            ));
+        }
         None => count,
     };
     if let Some(out) = out {
@@ -179,9 +233,17 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
     let mut writer = out.map(FrameWriter::open).transpose()?;
     let bar = progress(Some(frames), "frames");
     let start = Instant::now();
+    let mut left_out = LeftOut::default();
     let (mut motion, mut alarm) = (MotionTally::default(), AlarmTally::default());
     for sequence in 0..frames {
-        let result = pipeline.frame(sequence, sequence % count.max(1))?;
+        let result = match pipeline.frame(sequence, sequence % count.max(1)) {
+            Err(PipelineError::Source(error)) if error.is_of_one_pair() && !config.source.strict => {
+                left_out.add(sequence, error);
+                bar.inc(1);
+                continue;
+            }
+            result => result?,
+        };
         motion.add(&result.record.motion);
         alarm.add(sequence, result.source_ns, &result.alarm);
         if let Some(writer) = &mut writer {
@@ -191,6 +253,11 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
     }
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
+    let unreadable = left_out.count;
+    let frames = frames - unreadable;
+    if let (0, Some(last)) = (frames, left_out.last) {
+        return Err(CommandError::Other(format!("no pair can be read: {last}")));
+    }
     let rate_hz = frames as f64 / seconds;
     let (motion, alarm_times) = (motion.summary(), alarm_times(&alarm.record()));
     let summary = RunSummary {
@@ -198,6 +265,7 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
         rate_hz,
         offered: frames,
         frames,
+        unreadable,
         motion,
         alarm_times,
         ..RunSummary::default()

@@ -4,7 +4,7 @@ use crate::command::attach::{check_owner, stop_on_signals};
 use crate::command::config_args::{ConfigArgs, load};
 use crate::command::error::CommandError;
 use crate::command::low_priority::yield_to_the_daemon;
-use crate::command::number::fps;
+use crate::command::number::{fps, whole};
 use crate::stream::follower::Follower;
 use crate::stream::latest::Latest;
 use crate::stream::relay::Relay;
@@ -54,7 +54,7 @@ pub struct Stream {
     #[arg(long, value_name = "HZ", value_parser = fps)]
     pub rate: Option<f64>,
     /// End after this many lines
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub limit: Option<u64>,
     /// Read the socket of lookout stream --serve instead of shared memory [default: stream.socket, where the daemon
     /// runs as another user]

@@ -40,13 +40,17 @@ pub struct View {
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Address and port to listen on; port 0 chooses a free one
-    #[arg(long, default_value = ADDRESS, value_name = "ADDRESS:PORT")]
+    #[arg(long, default_value = ADDRESS, value_name = "ADDRESS:PORT", value_parser = address)]
     pub bind: SocketAddr,
     /// Access token: 16 or more letters, digits, - and _. @FILE reads it from a file, so that other users
     /// do not see it in the list of processes [default: on an address that is not loopback a random one
     /// is generated and printed]
     #[arg(long, value_name = "TOKEN")]
     pub token: Option<String>,
+}
+
+fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| format!("give an IP address and a port, such as {ADDRESS} or 0.0.0.0:8467"))
 }
 
 pub fn run(args: &View, log: Option<&str>) -> Result<(), CommandError> {

@@ -157,6 +157,18 @@ impl Host {
         self.send_report(false)
     }
 
+    /// Reports that the source left pair `sequence` out, because it cannot be read; it is ready for the next.
+    ///
+    /// # Errors
+    /// If the report cannot be sent.
+    pub fn left_out(&mut self, sequence: u64, reason: &str) -> Result<(), HostError> {
+        self.header = Header::new(Kind::Report);
+        self.header.sequence = sequence;
+        self.set_health(Health::Unreadable, reason)?;
+        self.report.set_health(Health::Ready, "");
+        Ok(())
+    }
+
     /// Reports a finished frame: its age when the stage took it, and the time of the work, both in nanoseconds.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! Errors of opening the source.
 
 use sources::SourceError;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Why the source cannot be opened.
@@ -12,6 +13,11 @@ pub enum InputError {
     /// A folder or recording is configured without a path.
     #[error("source.kind is \"folder\" or \"recording\", but source.path is empty: name the folder or file")]
     NoPath,
+    /// Pictures of one camera are named by a pattern, those of the other are not.
+    #[error(
+        "one of source.left and source.right is empty: name the pictures of both cameras (--left and --right)"
+    )]
+    OnePattern,
     /// A camera is configured without a device.
     #[error(
         "source.kind is \"camera\", but camera.left or camera.right is empty: name both devices, or set \
@@ -24,6 +30,12 @@ pub enum InputError {
     /// Rectification without a rig file.
     #[error("source.rectify is true, but source.rig is empty: name a file of `lookout calibrate`")]
     NoCameras,
+    /// Rectification with the rig of a pair that is rectified.
+    #[error(
+        "source.rectify is true, but {} describes rectified pictures: name a file of `lookout calibrate`, or set \
+         source.rectify to \"auto\"", .0.display()
+    )]
+    NoDistortion(PathBuf),
     /// Pictures with lens distortion, and nothing to rectify them with.
     #[error(
         "{0}: its calibration says that the pictures are not rectified: name the rig of the cameras with --rig or \

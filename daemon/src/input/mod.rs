@@ -8,7 +8,10 @@ pub mod vehicle;
 use config::Config;
 pub use error::InputError;
 use perception::rig::Rig;
-use sources::folder::FolderSource;
+pub use rectification::rectified;
+use sources::bayer::Bayer;
+use sources::folder::{FolderOptions, FolderSource};
+use sources::picture::Interpretation;
 use sources::recording::RecordingSource;
 use sources::scene::{Drive, Scene};
 use sources::{PairSource, SourceError, calibration_file};
@@ -20,16 +23,18 @@ use sources::{PairSource, SourceError, calibration_file};
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     let (source, first_time_s) = open_raw(config)?;
     let source = vehicle::with_motion(config, source, first_time_s)?;
-    rectification::rectified(config, source)
+    rectified(config, source)
 }
 
 /// The source, and the time of its first pair on the clock of files beside it, in seconds.
 fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
     let source = &config.source;
     let opened: Box<dyn PairSource> = match source.kind.as_str() {
-        "folder" | "recording" if source.path.as_os_str().is_empty() => return Err(InputError::NoPath),
+        "folder" | "recording" if source.path.as_os_str().is_empty() && !has_patterns(config) => {
+            return Err(InputError::NoPath);
+        }
         "folder" => {
-            let folder = FolderSource::open(&source.path)?;
+            let folder = FolderSource::open_with(&source.path, &folder_options(config)?)?;
             let first_time_s = folder.first_time_s();
             return Ok((Box::new(folder), first_time_s));
         }
@@ -42,7 +47,7 @@ fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
                     "the recording was cut off: it is read up to its last whole chunk"
                 );
             }
-            Box::new(recording.stale_after(vehicle::stale_s(config)))
+            Box::new(recording.interpreted(interpretation(config))?.stale_after(vehicle::stale_s(config)))
         }
         "camera" => Box::new(cameras::source(config)?),
         _ if !source.path.as_os_str().is_empty() => {
@@ -58,6 +63,35 @@ fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
     Ok((opened, 0.0))
 }
 
+/// How the values of pictures become grey levels, as `source.bits` and `source.bayer` say.
+pub fn interpretation(config: &Config) -> Interpretation {
+    // "auto" and "none" are no numbers and no patterns.
+    Interpretation { bits: config.source.bits.parse().ok(), bayer: Bayer::named(&config.source.bayer) }
+}
+
+/// Whether the pictures are named by patterns.
+fn has_patterns(config: &Config) -> bool {
+    !config.source.left.as_os_str().is_empty() || !config.source.right.as_os_str().is_empty()
+}
+
+/// How a folder is read.
+fn folder_options(config: &Config) -> Result<FolderOptions, InputError> {
+    let source = &config.source;
+    let patterns = match (source.left.as_os_str().is_empty(), source.right.as_os_str().is_empty()) {
+        (true, true) => None,
+        (false, false) => Some((source.left.clone(), source.right.clone())),
+        _ => return Err(InputError::OnePattern),
+    };
+    Ok(FolderOptions { patterns, interpretation: interpretation(config), is_strict: source.strict })
+}
+
+/// Tells what the user should know of the source before the first pair.
+pub fn tell_notes(source: &dyn PairSource) {
+    for note in source.notes() {
+        tracing::warn!("{note}");
+    }
+}
+
 /// The rig of the run: from `source.rig`, else that of the source.
 ///
 /// # Errors
@@ -66,7 +100,7 @@ pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> 
     let rig = if config.source.rig.as_os_str().is_empty() {
         source.rig().ok_or_else(|| InputError::NoRig(name(config)))?
     } else {
-        calibration_file::read_for(&config.source.rig, true, source.size())?
+        calibration_file::read_for(&config.source.rig, source.has_colour_cameras(), source.size())?
     };
     let (width, height) = source.size();
     if !(0.0..=width as f64).contains(&rig.cx_px) || !(0.0..=height as f64).contains(&rig.cy_px) {
@@ -85,6 +119,7 @@ pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> 
 fn name(config: &Config) -> String {
     match config.source.kind.as_str() {
         "camera" => "the cameras".to_owned(),
+        "folder" if has_patterns(config) => config.source.left.display().to_string(),
         _ => config.source.path.display().to_string(),
     }
 }

@@ -7,7 +7,7 @@ use config::automatic::Automatic;
 use sources::calibration_file::{self, Calibration};
 use sources::rectified::RectifiedSource;
 use sources::{Geometry, PairSource, SourceError};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Largest distance by which a rig may move pixels if its pictures count as rectified, in px: a step of the remapping.
 const MAX_RECTIFIED_PX: f64 = 1.0 / 32.0;
@@ -18,13 +18,17 @@ const MAX_RECTIFIED_PX: f64 = 1.0 / 32.0;
 /// If a rig file cannot be read or is for pictures of another size, or if pictures would have to be rectified and cannot.
 pub fn rectified(config: &Config, source: Box<dyn PairSource>) -> Result<Box<dyn PairSource>, InputError> {
     let rig = &config.source.rig;
+    let read = |path: &Path| calibration_file::open_for(path, source.has_colour_cameras(), source.size());
     let path =
         if rig.as_os_str().is_empty() { source.rig_file().map(PathBuf::from) } else { Some(rig.clone()) };
     if config.source.rectify == Automatic::On {
         let path = path.ok_or(InputError::NoCameras)?;
-        return Ok(Box::new(RectifiedSource::new(source, path)?));
+        return match read(&path)? {
+            Calibration::Cameras(file) => Ok(Box::new(RectifiedSource::new(source, &file, path)?)),
+            Calibration::Rectified(_) => Err(InputError::NoDistortion(path)),
+        };
     }
-    let calibration = path.as_deref().map(|path| calibration_file::open(path, true)).transpose()?;
+    let calibration = path.as_deref().map(read).transpose()?;
     let Some((path, Calibration::Cameras(file))) = path.zip(calibration) else {
         let is_refused = config.source.rectify == Automatic::Auto && source.geometry() == Geometry::Distorted;
         return if is_refused { Err(InputError::Distorted(name(config))) } else { Ok(source) };
@@ -37,7 +41,7 @@ pub fn rectified(config: &Config, source: Box<dyn PairSource>) -> Result<Box<dyn
         return Ok(source);
     }
     tracing::info!(rig = %path.display(), "pictures are rectified; source.rectify = false takes them as they are");
-    Ok(Box::new(RectifiedSource::new(source, path)?))
+    Ok(Box::new(RectifiedSource::new(source, &file, path)?))
 }
 
 #[cfg(test)]
@@ -47,7 +51,6 @@ mod tests {
     use perception::calibration::{Camera, Crop, Pose};
     use perception::rig::Rig;
     use sources::rig_file::RigFile;
-    use std::path::Path;
 
     /// A source with brightness that grows to the right.
     struct Slope(Geometry);

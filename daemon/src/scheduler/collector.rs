@@ -88,6 +88,10 @@ pub struct Collector {
     first_result_ns: Option<u64>,
     last_result_ns: u64,
     results: u64,
+    /// Number of pairs that the source left out.
+    unreadable: u64,
+    /// Sequence of the last of them, and the reason.
+    last_unreadable: Option<(u64, String)>,
     last_sequence: Option<u64>,
     /// Number of times that the level `alarm` was entered.
     pub alarms: u32,
@@ -128,6 +132,8 @@ impl Collector {
             first_result_ns: None,
             last_result_ns: now_ns,
             results: 0,
+            unreadable: 0,
+            last_unreadable: None,
             last_sequence: None,
             alarms: 0,
             alarm_logged: None,
@@ -170,6 +176,21 @@ impl Collector {
             }
         }
         is_new
+    }
+
+    /// The source left a pair out. Returns whether that is new.
+    pub fn unreadable(&mut self, sequence: u64, reason: &str) -> bool {
+        let is_new = self.last_unreadable.as_ref().is_none_or(|(last, _)| sequence > *last);
+        if is_new {
+            self.unreadable += 1;
+            self.last_unreadable = Some((sequence, reason.to_owned()));
+        }
+        is_new
+    }
+
+    /// Why the last pair was left out, if one was.
+    pub fn last_unreadable(&self) -> Option<&str> {
+        self.last_unreadable.as_ref().map(|(_, reason)| &reason[..])
     }
 
     /// The process of a role has ended. Its totals are kept.
@@ -405,6 +426,7 @@ impl Collector {
             offered,
             frames: self.results,
             dropped,
+            unreadable: self.unreadable,
             lost: offered.saturating_sub(self.results).saturating_sub(dropped),
             file_bytes: self.roles.iter().map(|f| f.last.file_bytes).max().unwrap_or(0),
             rate_hz: if seconds > 0.0 { self.results.saturating_sub(1) as f64 / seconds } else { 0.0 },

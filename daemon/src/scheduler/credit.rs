@@ -96,6 +96,17 @@ impl Credit {
         role == Role::SOURCE && self.all_running && std::mem::take(&mut self.request_again) && self.request()
     }
 
+    /// The source left pair `sequence` out: nothing will finish it. Returns whether the command has changed.
+    pub fn left_out(&mut self, sequence: u64, now_ns: u64) -> bool {
+        self.moved_ns = now_ns;
+        if !self.is_lockstep() || sequence != self.command.credit {
+            return false;
+        }
+        self.command.credit = self.command.credit.saturating_add(1);
+        self.command.attempt = 0;
+        true
+    }
+
     fn is_done(&self, sequence: u64) -> bool {
         self.finishing.iter().all(|(_, last)| *last >= Some(sequence))
     }
@@ -218,6 +229,18 @@ mod tests {
         // A frame that the source was not allowed to publish is ignored.
         assert!(!flow.frame_done(Role::Recognition, u64::MAX, 8));
         assert_eq!(flow.command().credit, 2);
+    }
+
+    #[test]
+    fn a_pair_that_the_source_leaves_out_is_not_waited_for() {
+        let mut flow = flow(true, true);
+        assert!(!flow.left_out(1, 1), "not its turn");
+        assert!(flow.left_out(0, 1) && flow.left_out(1, 2));
+        assert_eq!((flow.command().credit, flow.resume_at()), (2, 2));
+        flow.frame_done(Role::Capture, 2, 3);
+        flow.frame_done(Role::Recognition, 2, 3);
+        assert!(flow.frame_done(Role::Writer, 2, 4));
+        assert!(flow.left_out(3, 5) && flow.is_empty(true, 5), "the last pair is left out");
     }
 
     #[test]

@@ -318,6 +318,9 @@ impl Run {
                 self.send_command()?;
             }
         }
+        if report.health() == Health::Unreadable && role == Role::SOURCE {
+            return self.take_unreadable(header.sequence, &report.text(), now);
+        }
         if report.health() == Health::Finished && role == Role::SOURCE {
             self.credit.source_finished();
         }
@@ -331,6 +334,14 @@ impl Run {
             self.send_command()?;
         }
         Ok(())
+    }
+
+    /// The source left a pair out. A restarted source may tell that once more.
+    fn take_unreadable(&mut self, sequence: u64, reason: &str, now: u64) -> Result<(), IpcError> {
+        if self.collector.unreadable(sequence, reason) {
+            tracing::warn!(sequence, "pair left out: {reason}");
+        }
+        if self.credit.left_out(sequence, now) { self.send_command() } else { Ok(()) }
     }
 
     fn send_command(&self) -> Result<(), IpcError> {
@@ -494,7 +505,10 @@ impl Run {
         }
         let may_be_empty = self.options.ends == Ends::Never || self.was_stopped;
         if failure.is_none() && !may_be_empty && self.collector.results() == 0 {
-            failure = Some("there was no result: see the log for the reason".into());
+            failure = Some(match self.collector.last_unreadable() {
+                Some(reason) => format!("no pair can be read: {reason}"),
+                None => "there was no result: see the log for the reason".into(),
+            });
         }
         let summary = self.collector.summary(&self.supervisor, &self.plan, self.shared_bytes, now);
         tracing::info!(frames = summary.frames, dropped = summary.dropped, lost = summary.lost, "stopped");

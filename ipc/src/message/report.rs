@@ -25,6 +25,8 @@ pub enum Health {
     Unusable = 3,
     /// The stage is alive, and its source gives no pairs. The text says since when.
     Stalled = 4,
+    /// The source left the pair of this sequence out, because a picture of it cannot be read. The text says which.
+    Unreadable = 5,
 }
 
 /// Report of a stage.
@@ -76,7 +78,7 @@ pub struct ReportRecord {
 ranges! {
     ReportRecord as "report" {
         role: within(0, Role::COUNT as u32 - 1),
-        health: within(0, Health::Stalled as u32),
+        health: within(0, Health::Unreadable as u32),
         pid: within(0, MAX_PID),
         is_frame: FLAG,
         frames: COUNT,
@@ -127,6 +129,7 @@ impl ReportRecord {
             2 => Health::Finished,
             3 => Health::Unusable,
             4 => Health::Stalled,
+            5 => Health::Unreadable,
             _ => Health::Starting,
         }
     }

@@ -70,7 +70,7 @@ fn jpeg(frame: &[u8], width: usize, grey: &mut [u8]) -> Result<(), String> {
         return Err(format!("a JPEG of {w}x{h} pixels, expected {width}x{}", grey.len() / width.max(1)));
     }
     let image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
-    grey.copy_from_slice(&crate::folder::grey_of(image).0);
+    grey.copy_from_slice(&crate::picture::grey_of(image).0);
     Ok(())
 }
 

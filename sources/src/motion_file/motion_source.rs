@@ -58,6 +58,14 @@ impl PairSource for MotionSource {
         self.inner.rig_file()
     }
 
+    fn notes(&self) -> Vec<String> {
+        self.inner.notes()
+    }
+
+    fn has_colour_cameras(&self) -> bool {
+        self.inner.has_colour_cameras()
+    }
+
     fn count(&self) -> Option<u64> {
         self.inner.count()
     }

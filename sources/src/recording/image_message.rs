@@ -3,7 +3,9 @@
 use super::cdr::Cdr;
 use super::foxglove::{self, CameraCalibration, CompressedImage, RawImage};
 use super::index::Channel;
-use crate::folder;
+use crate::bayer::Bayer;
+use crate::luma::luma;
+use crate::picture::{self, Decoded};
 use image::ImageReader;
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use prost::bytes::Bytes;
@@ -40,17 +42,19 @@ struct Raw<'a> {
     height: usize,
     encoding: &'a str,
     step: usize,
+    /// Words of two bytes have the high one first.
+    is_big: bool,
     data: &'a [u8],
 }
 
 /// Error of a CDR message that cannot be read.
 const NOT_CDR: &str = "the message is cut off or not plain CDR";
 
-/// Grey pixels, width and height of an image message.
+/// The image of a message, and the colour filter that its encoding names.
 ///
 /// # Errors
 /// If the message or its image cannot be decoded: the reason.
-pub fn grey(channel: &Channel, message: &Bytes) -> Result<(Vec<u8>, usize, usize), String> {
+pub fn picture(channel: &Channel, message: &Bytes) -> Result<(Decoded, Option<Bayer>), String> {
     if kind(channel) == Some(Kind::Compressed) {
         if channel.encoding == "cdr" {
             return decode_file(cdr_compressed(message).ok_or(NOT_CDR)?);
@@ -59,24 +63,25 @@ pub fn grey(channel: &Channel, message: &Bytes) -> Result<(Vec<u8>, usize, usize
         return decode_file(&image.data);
     }
     if channel.encoding == "cdr" {
-        return to_grey(&cdr_image(message).ok_or(NOT_CDR)?);
+        return decoded(&cdr_image(message).ok_or(NOT_CDR)?);
     }
     let image: RawImage = foxglove::decode(message)?;
-    to_grey(&Raw {
+    decoded(&Raw {
         width: image.width as usize,
         height: image.height as usize,
         encoding: &image.encoding,
         step: image.step as usize,
+        is_big: false,
         data: &image.data,
     })
 }
 
-fn decode_file(file: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
+fn decode_file(file: &[u8]) -> Result<(Decoded, Option<Bayer>), String> {
     if file.is_empty() {
         return Err("the message holds no image".into());
     }
     let reader = ImageReader::new(Cursor::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
-    Ok(folder::grey_of(folder::decode(reader).map_err(|e| e.to_string())?))
+    Ok((Decoded::of(picture::decode(reader).map_err(|e| e.to_string())?), None))
 }
 
 fn cdr_image(message: &[u8]) -> Option<Raw<'_>> {
@@ -84,9 +89,9 @@ fn cdr_image(message: &[u8]) -> Option<Raw<'_>> {
     cdr.header()?;
     let (height, width) = (cdr.u32()? as usize, cdr.u32()? as usize);
     let encoding = cdr.text()?;
-    cdr.u8()?;
+    let is_big = cdr.u8()? != 0;
     let step = cdr.u32()? as usize;
-    Some(Raw { width, height, encoding, step, data: cdr.bytes()? })
+    Some(Raw { width, height, encoding, step, is_big, data: cdr.bytes()? })
 }
 
 fn cdr_compressed(message: &[u8]) -> Option<&[u8]> {
@@ -96,18 +101,51 @@ fn cdr_compressed(message: &[u8]) -> Option<&[u8]> {
     cdr.bytes()
 }
 
-fn to_grey(raw: &Raw<'_>) -> Result<(Vec<u8>, usize, usize), String> {
-    // Bytes of a pixel, and the offsets of red, green and blue in it.
-    let (bytes, rgb) = match raw.encoding {
-        "mono8" | "8UC1" => (1, None),
-        "rgb8" => (3, Some([0, 1, 2])),
-        "bgr8" | "8UC3" => (3, Some([2, 1, 0])),
-        "rgba8" => (4, Some([0, 1, 2])),
-        "bgra8" => (4, Some([2, 1, 0])),
-        other => {
-            let other = excerpt(other, VALUE_CHARS);
-            return Err(format!("pixels are \"{other}\"; mono8, rgb8, bgr8, rgba8 and bgra8 can be read"));
-        }
+/// How the pixels of an encoding lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pixels {
+    /// Grey or a colour filter, one byte each.
+    Byte,
+    /// Grey or a colour filter, two bytes each, the high one first if so.
+    Word { is_big: bool },
+    /// So many bytes, with the offsets of red, green and blue.
+    Colour(usize, [usize; 3]),
+}
+
+/// Encodings that can be read, for an error.
+const ENCODINGS: &str = "mono8, mono16, rgb8, bgr8, rgba8, bgra8 and bayer_rggb8 (bggr, gbrg, grbg; 8 or 16)";
+
+/// The pixels of an encoding and its colour filter.
+fn pixels(encoding: &str, is_big: bool) -> Option<(Pixels, Option<Bayer>)> {
+    if let Some(pattern) = encoding.strip_prefix("bayer_") {
+        let (pattern, bits) = pattern.split_at_checked(4)?;
+        let pixels = match bits {
+            "8" => Pixels::Byte,
+            "16" => Pixels::Word { is_big },
+            _ => return None,
+        };
+        return Bayer::named(pattern).map(|bayer| (pixels, Some(bayer)));
+    }
+    let pixels = match encoding {
+        "mono8" | "8UC1" => Pixels::Byte,
+        "mono16" | "16UC1" => Pixels::Word { is_big },
+        "rgb8" => Pixels::Colour(3, [0, 1, 2]),
+        "bgr8" | "8UC3" => Pixels::Colour(3, [2, 1, 0]),
+        "rgba8" => Pixels::Colour(4, [0, 1, 2]),
+        "bgra8" => Pixels::Colour(4, [2, 1, 0]),
+        _ => return None,
+    };
+    Some((pixels, None))
+}
+
+fn decoded(raw: &Raw<'_>) -> Result<(Decoded, Option<Bayer>), String> {
+    let (pixels, bayer) = pixels(raw.encoding, raw.is_big).ok_or_else(|| {
+        format!("pixels are \"{}\"; {ENCODINGS} can be read", excerpt(raw.encoding, VALUE_CHARS))
+    })?;
+    let bytes = match pixels {
+        Pixels::Byte => 1,
+        Pixels::Word { .. } => 2,
+        Pixels::Colour(bytes, _) => bytes,
     };
     let row = raw.width.checked_mul(bytes).filter(|&row| row > 0 && raw.height > 0);
     let row = row.ok_or_else(|| format!("an image of {}x{} pixels", raw.width, raw.height))?;
@@ -116,16 +154,22 @@ fn to_grey(raw: &Raw<'_>) -> Result<(Vec<u8>, usize, usize), String> {
     if step < row || needed.is_none_or(|needed| needed > raw.data.len()) {
         return Err(format!("{} bytes are too few for {}x{} pixels", raw.data.len(), raw.width, raw.height));
     }
-    let mut grey = Vec::with_capacity(raw.width * raw.height);
-    for line in raw.data.chunks(step).take(raw.height) {
-        match rgb {
-            None => grey.extend_from_slice(&line[..row]),
-            Some(at) => {
-                grey.extend(line[..row].chunks_exact(bytes).map(|p| folder::luma(&at.map(|i| p[i]))));
-            }
+    let rows = raw.data.chunks(step).take(raw.height).map(|line| &line[..row]);
+    let (width, height) = (raw.width, raw.height);
+    let decoded = match pixels {
+        Pixels::Byte => Decoded::of_bytes(rows.flatten().copied().collect(), width, height),
+        Pixels::Colour(bytes, at) => {
+            let grey = rows.flat_map(|line| line.chunks_exact(bytes).map(|p| luma(&at.map(|i| p[i]))));
+            Decoded::of_bytes(grey.collect(), width, height)
         }
-    }
-    Ok((grey, raw.width, raw.height))
+        Pixels::Word { is_big } => {
+            let word = |p: &[u8]| {
+                if is_big { u16::from_be_bytes([p[0], p[1]]) } else { u16::from_le_bytes([p[0], p[1]]) }
+            };
+            Decoded::of_words(rows.flat_map(|line| line.chunks_exact(2).map(word)).collect(), width, height)
+        }
+    };
+    Ok((decoded, bayer))
 }
 
 /// What a calibration message says of a camera.

@@ -2,6 +2,7 @@
 //! at the end of the file, which a truncated recording does not have.
 
 use super::{RecordingError, lengths};
+use crate::foreign;
 use crate::limits::{
     MAX_CHUNK_BYTES, MAX_CHUNK_MESSAGES, MAX_CHUNKS, MAX_DESCRIPTION_BYTES, MAX_KEPT_BYTES, MAX_MESSAGES,
     MAX_TOPICS,
@@ -91,7 +92,9 @@ impl Index {
         let size = file.metadata().map_err(io)?.len();
         let mut magic = [0; 8];
         if file.read_exact(&mut magic).is_err() || magic != *mcap::MAGIC {
-            return Err(RecordingError::Foreign { path: path.to_owned() });
+            let explanation = foreign::explain(path)
+                .unwrap_or_else(|| "give a recording of `lookout record`, or a ROS 2 bag in MCAP".into());
+            return Err(RecordingError::Foreign { path: path.to_owned(), explanation });
         }
         let mut index = Self {
             path: path.to_owned(),

@@ -18,7 +18,9 @@ pub use index::{Cut, Index, Stored};
 pub use source::RecordingSource;
 pub use vehicle::VehicleLine;
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Left image.
@@ -60,11 +62,21 @@ pub const SUMMARY: &str = "lookout.summary";
 /// File name extension of recordings.
 pub const ENDING: &str = "mcap";
 
+/// Whether a file begins as MCAP files do.
+pub fn has_magic(path: &Path) -> bool {
+    // Opening a pipe would wait for its writer.
+    path.is_file()
+        && File::open(path).is_ok_and(|mut file| {
+            let mut magic = [0; mcap::MAGIC.len()];
+            file.read_exact(&mut magic).is_ok() && magic == *mcap::MAGIC
+        })
+}
+
 /// Why a recording cannot be used.
 #[derive(Debug, Error)]
 pub enum RecordingError {
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}: give a recording of `lookout record`, or a ROS 2 bag in MCAP", path.display())]
     Io {
         /// The file.
         path: PathBuf,
@@ -72,10 +84,12 @@ pub enum RecordingError {
         source: std::io::Error,
     },
     /// The file is not in MCAP format.
-    #[error("{}: no MCAP file: give a recording of `lookout record`, or a ROS 2 bag in MCAP", path.display())]
+    #[error("{}: no MCAP file: {explanation}", path.display())]
     Foreign {
         /// The file.
         path: PathBuf,
+        /// What it is instead, and what to do.
+        explanation: String,
     },
     /// A record is damaged.
     #[error(

@@ -1,9 +1,11 @@
 //! Stereo pairs from a recording.
 
-use super::image_message::{CameraMessage, Kind, camera_message, grey, kind};
+use super::image_message::{CameraMessage, Kind, camera_message, kind, picture};
 use super::index::{Channel, Cut, Index, Stored};
 use super::vehicle::VehicleLine;
 use super::{ABOUT, LEFT_IMAGE, RIGHT_IMAGE, RecordingError, VEHICLE, VEHICLE_SCHEMA};
+use crate::bayer::Bayer;
+use crate::picture::{Decoded, Interpretation};
 use crate::vehicle::VehicleReading;
 use crate::{Geometry, PairSource, SourceError};
 use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
@@ -16,6 +18,9 @@ const KEPT: usize = 2;
 
 /// Time from a message of the vehicle to a pair up to which it is used, in seconds, unless another is set.
 const DEFAULT_STALE_S: f64 = 0.5;
+
+/// Pairs, evenly over the recording, in which the depth of 16-bit images is looked for.
+const DEPTH_SAMPLES: usize = 4;
 
 /// Topics that an error lists.
 const MAX_LISTED: usize = 20;
@@ -44,6 +49,9 @@ pub struct RecordingSource {
     /// Messages of the vehicle, in the order of their times.
     vehicle: Vec<ImagePlace>,
     stale_s: f64,
+    interpretation: Interpretation,
+    /// Depth of 16-bit images, where it was looked for.
+    depth_found: Option<u8>,
     /// What the vehicle reported at the pair that was read last, and the index of that.
     reading: (u64, VehicleReading),
 }
@@ -93,6 +101,8 @@ impl RecordingSource {
             kept: Vec::new(),
             vehicle,
             stale_s: DEFAULT_STALE_S,
+            interpretation: Interpretation::default(),
+            depth_found: None,
             reading: (u64::MAX, VehicleReading::default()),
         };
         let is_rect = source.channel(sides[0]).topic.contains("rect");
@@ -167,10 +177,42 @@ impl RecordingSource {
     }
 
     /// Decodes one image.
-    fn image(&mut self, at: ImagePlace) -> Result<(Vec<u8>, usize, usize), SourceError> {
+    fn picture(&mut self, at: ImagePlace) -> Result<(Decoded, Option<Bayer>), SourceError> {
         let channel = self.channel(at.channel);
-        let read = grey(&channel, &self.message(at)?.data);
+        let read = picture(&channel, &self.message(at)?.data);
         read.map_err(|reason| self.fault(at, reason))
+    }
+
+    /// Grey levels, width and height of one image.
+    fn image(&mut self, at: ImagePlace) -> Result<(Vec<u8>, usize, usize), SourceError> {
+        let (decoded, bayer) = self.picture(at)?;
+        let (width, height) = (decoded.width, decoded.height);
+        let how =
+            Interpretation { bits: self.interpretation.bits, bayer: self.interpretation.bayer.or(bayer) };
+        Ok((decoded.grey(how), width, height))
+    }
+
+    /// The same recording, with values that become grey levels as `how` says. The depth of 16-bit images that it leaves
+    /// open is the largest of some pairs, evenly over the recording.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn interpreted(mut self, how: Interpretation) -> Result<Self, SourceError> {
+        self.interpretation = how;
+        let mut bits = None;
+        let step = self.frames.len().div_ceil(DEPTH_SAMPLES).max(1);
+        let places: Vec<ImagePlace> = self.frames.iter().step_by(step).flatten().copied().collect();
+        for place in places {
+            match self.picture(place) {
+                Ok((decoded, _)) if decoded.bits().is_none() => break,
+                Ok((decoded, _)) => bits = bits.max(decoded.bits()),
+                Err(error) if error.is_of_one_pair() => {}
+                Err(error) => return Err(error),
+            }
+        }
+        self.interpretation.bits = how.bits.or(bits);
+        self.depth_found = if how.bits.is_none() { bits } else { None };
+        Ok(self)
     }
 
     /// The message at a place.
@@ -318,6 +360,16 @@ fn typical_period(frames: &[[ImagePlace; 2]]) -> u64 {
 }
 
 impl PairSource for RecordingSource {
+    fn notes(&self) -> Vec<String> {
+        let note = |bits: u8| {
+            format!(
+                "{}: 16-bit images are scaled from {bits} bits to 8; source.bits sets another depth",
+                self.index.path().display()
+            )
+        };
+        self.depth_found.map(note).into_iter().collect()
+    }
+
     fn size(&self) -> (usize, usize) {
         self.size
     }

@@ -1,6 +1,8 @@
 //! ROS 2 bags, which the tests encode themselves.
 
 use super::*;
+use crate::luma::luma;
+use crate::picture::Interpretation;
 use crate::{Geometry, PairSource, SourceError};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
@@ -229,6 +231,32 @@ fn a_bag_says_whether_its_pictures_are_rectified() {
 }
 
 #[test]
+fn images_of_sixteen_bits_and_of_a_colour_filter_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deep.mcap");
+    let twelve: Vec<u8> = [0_u16, 2048, 4095, 1, 4000, 100].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let deep = || CdrWriter::image("mono16", 3, 2, 6, &twelve);
+    // One colour behind the filter: red, green, red; green, blue, green.
+    let raw = CdrWriter::image("bayer_rggb8", 3, 2, 3, &[200, 120, 200, 120, 30, 120]);
+    let mut messages = vec![(LEFT, "Image", 0, deep()), (RIGHT, "Image", 0, deep())];
+    messages.extend([(LEFT, "Image", 100, raw.clone()), (RIGHT, "Image", 100, raw)]);
+    bag(&path, None, &messages);
+    let read = |how: Interpretation| {
+        let mut source = RecordingSource::open(&path).unwrap().interpreted(how).unwrap();
+        let (mut left, mut right) = ([0; 6], [0; 6]);
+        source.read(0, &mut left, &mut right).unwrap();
+        assert_eq!(left, right);
+        source.read(1, &mut right, &mut [0; 6]).unwrap();
+        (left, right, source.notes().join(" "))
+    };
+    let (left, bayer, notes) = read(Interpretation::default());
+    assert_eq!((left, bayer), ([0, 128, 255, 0, 249, 6], [luma(&[200, 120, 30]); 6]));
+    assert!(notes.contains("scaled from 12 bits"), "{notes}");
+    let (left, _, notes) = read(Interpretation { bits: Some(16), bayer: None });
+    assert_eq!((left[2], &notes[..]), (16, ""));
+}
+
+#[test]
 fn what_is_not_understood_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let error = |messages: &[(&str, &str, u64, Vec<u8>)]| {
@@ -246,8 +274,12 @@ fn what_is_not_understood_is_named() {
     let alone = error(&[(LEFT, "Image", 0, image("mono8", 6))]);
     assert!(alone.contains("a.mcap: no pairs of images") && alone.contains(LEFT), "{alone}");
     let pair = |left: Vec<u8>, right: Vec<u8>| error(&[(LEFT, "Image", 0, left), (RIGHT, "Image", 0, right)]);
-    let bayer = pair(image("bayer_rggb8", 6), image("mono8", 6));
-    assert!(bayer.contains("bayer_rggb8") && bayer.contains(LEFT), "{bayer}");
+    for encoding in ["yuv422", "bayer_rgxx8", "bayer_rggb12", "bayer_é"] {
+        let other = pair(image(encoding, 6), image("mono8", 6));
+        assert!(other.contains(encoding) && other.contains(LEFT) && other.contains("mono16"), "{other}");
+    }
+    let short = pair(image("mono16", 6), image("mono16", 6));
+    assert!(short.contains("6 bytes are too few for 3x2"), "{short}");
     let short = pair(image("mono8", 5), image("mono8", 6));
     assert!(short.contains("5 bytes are too few for 3x2"), "{short}");
     let cut = pair(image("mono8", 6)[..30].to_vec(), image("mono8", 6));

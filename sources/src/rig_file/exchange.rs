@@ -1,10 +1,11 @@
 //! Import and export of calibrations: OpenCV YAML, ROS camera_info, Kalibr camchain and KITTI calib.txt. All
 //! are converted to two cameras, in metres, left to right.
 
+use super::values::{Cameras, camera, numbers, pixels, turn};
 use super::yaml::{self, Value};
-use super::{RigFile, check_camera, rotation, rows, write_atomically};
+use super::{RigFile, check_camera, data_sets, rows, write_atomically};
 use crate::bounded_file::read_text;
-use crate::limits::{CALIBRATION, MAX_SIDE_PX};
+use crate::limits::CALIBRATION;
 use crate::{SourceError, calibration_file};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};
@@ -51,8 +52,13 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         }
         _ => {}
     }
+    // EuRoC has a file in the folder of each camera; the left one names the pair.
+    let both = (paths.len() == 1 && first.ends_with(calibration_file::SENSOR))
+        .then(|| other_sensor(first))
+        .flatten();
+    let both: Vec<&PathBuf> = paths.iter().chain(&both).collect();
     let mut documents = Vec::new();
-    for path in paths {
+    for path in both {
         let text =
             read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.clone(), source })?;
         let document =
@@ -64,10 +70,12 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         kalibr(&documents[0])
     } else if key("camera_matrix") {
         ros(&documents)
+    } else if key("T_BS") {
+        data_sets::sensors(&documents)
     } else if key("M1") || key("K1") {
         opencv(&documents, size)
     } else {
-        Err("found none of cam0 (Kalibr), camera_matrix (ROS), M1 or K1 (OpenCV)".into())
+        Err("found none of cam0 (Kalibr), camera_matrix (ROS), T_BS (EuRoC), M1 or K1 (OpenCV)".into())
     };
     let (cameras, between, size) = read.map_err(fail)?;
     for (camera, name) in cameras.iter().zip(["the left camera", "the right camera"]) {
@@ -76,37 +84,11 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
     RigFile::from_cameras(cameras, between, size, crop).map_err(fail)
 }
 
-type Cameras = ([Camera; 2], Pose, (usize, usize));
-
-/// Exactly `N` numbers under a key.
-fn numbers<const N: usize>(value: &Value, key: &str) -> Result<[f64; N], String> {
-    let found = value.get(key).ok_or_else(|| format!("{key} is missing"))?;
-    let list = found.numbers().ok_or_else(|| format!("{key} contains an item that is not a number"))?;
-    let count = list.len();
-    list.try_into().map_err(|_| format!("{key} has {count} numbers, not {N}"))
-}
-
-fn camera(k: &[f64; 9], distortion: &[f64]) -> Result<Camera, String> {
-    if distortion.len() > 8 && distortion[8..].iter().any(|v| *v != 0.0) {
-        return Err("thin-prism and tilted lenses (more than 8 coefficients) are not supported".into());
-    }
-    let mut all = [0.0; 8];
-    for (a, d) in all.iter_mut().zip(distortion) {
-        *a = *d;
-    }
-    Ok(Camera { fx_px: k[0], fy_px: k[4], cx_px: k[2], cy_px: k[5], distortion: all })
-}
-
-fn turn(m: &[f64; 9], what: &str) -> Result<Rotation3<f64>, String> {
-    rotation(&[[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]], what)
-}
-
-fn pixels(value: f64) -> Result<usize, String> {
-    if (1.0..=f64::from(MAX_SIDE_PX)).contains(&value) && value.fract() == 0.0 {
-        Ok(value as usize)
-    } else {
-        Err(format!("invalid image width or height: {value} px"))
-    }
+/// The `sensor.yaml` of the right camera, beside that of the left in a folder whose name ends with 0.
+fn other_sensor(left: &Path) -> Option<PathBuf> {
+    let camera = left.parent()?;
+    let name = camera.file_name()?.to_str()?.strip_suffix('0')?;
+    Some(camera.with_file_name(format!("{name}1")).join(calibration_file::SENSOR))
 }
 
 fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, String> {

@@ -1,7 +1,10 @@
 //! The rig file: two calibrated cameras, their rectification and calibration quality, with serial number,
 //! date and checksum. Also import and export of the calibration formats of other programs.
 
+pub mod calibration;
+pub mod data_sets;
 mod exchange;
+mod values;
 mod yaml;
 
 pub use exchange::{Format, import, write as export};

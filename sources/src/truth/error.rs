@@ -33,7 +33,7 @@ pub enum TruthError {
         other: PathBuf,
     },
     /// A file or folder that cannot be read.
-    #[error("{}: {source}: make it readable, or remove it", path.display())]
+    #[error("{}: {source}: give a folder of the data set that this user may read", path.display())]
     Io {
         /// Path that was opened.
         path: PathBuf,

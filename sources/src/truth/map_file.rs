@@ -2,7 +2,7 @@
 
 use super::error::TruthError;
 use super::pfm;
-use crate::{SourceError, folder};
+use crate::{SourceError, picture};
 use image::DynamicImage;
 use std::path::Path;
 
@@ -26,8 +26,8 @@ impl DisparityMap {
 
 fn decode(path: &Path) -> Result<DynamicImage, TruthError> {
     let io = |source| TruthError::Io { path: path.to_owned(), source };
-    let reader = folder::open(path).map_err(io)?;
-    folder::decode(reader)
+    let reader = picture::open(path).map_err(io)?;
+    picture::decode(reader)
         .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() }.into())
 }
 

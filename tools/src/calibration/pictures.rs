@@ -2,7 +2,8 @@
 
 use sources::SourceError;
 use sources::folder::{LAYOUTS, images};
-use std::cmp::Ordering;
+use sources::natural::natural;
+use sources::pairs::side;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -54,30 +55,6 @@ pub struct Pictures {
     pub single: Vec<PathBuf>,
 }
 
-/// Natural order: numbers within names compare by value, so left2 precedes left10.
-pub fn natural(a: &str, b: &str) -> Ordering {
-    let (mut a, mut b) = (a, b);
-    loop {
-        let digits = |s: &str| s.len() - s.trim_start_matches(|c: char| c.is_ascii_digit()).len();
-        let (m, n) = (digits(a), digits(b));
-        if m > 0 && n > 0 {
-            let value = |s: &str| s.trim_start_matches('0').to_owned();
-            let (x, y) = (value(&a[..m]), value(&b[..n]));
-            let order = x.len().cmp(&y.len()).then_with(|| x.cmp(&y));
-            if order != Ordering::Equal {
-                return order;
-            }
-            (a, b) = (&a[m..], &b[n..]);
-            continue;
-        }
-        let (mut x, mut y) = (a.chars(), b.chars());
-        match (x.next(), y.next()) {
-            (Some(c), Some(d)) if c == d => (a, b) = (x.as_str(), y.as_str()),
-            (c, d) => return c.cmp(&d),
-        }
-    }
-}
-
 fn stem(path: &Path) -> String {
     path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
 }
@@ -97,16 +74,16 @@ impl Pictures {
                         if !folder.is_dir() {
                             return Ok(Vec::new());
                         }
-                        Ok(images(folder)?.into_iter().map(|p| (key(&stem(&p)).1, p)).collect())
+                        Ok(images(folder)?.into_iter().map(|p| (side(&stem(&p)).1, p)).collect())
                     };
                     (list(&l)?, list(&r)?)
                 }
                 None => {
-                    let of = |side: char| {
-                        let named = |p: &PathBuf| (key(&stem(p)), p.clone());
+                    let of = |wanted: char| {
+                        let named = |p: &PathBuf| (side(&stem(p)), p.clone());
                         here.iter()
                             .map(named)
-                            .filter(|((s, _), _)| *s == side)
+                            .filter(|((s, _), _)| *s == wanted)
                             .map(|((_, k), p)| (k, p))
                             .collect()
                     };
@@ -142,17 +119,6 @@ impl Pictures {
     }
 }
 
-/// The side in a name ('l', 'r' or ' ') and the rest of the name.
-fn key(stem: &str) -> (char, String) {
-    let lower = stem.to_ascii_lowercase();
-    for (word, side) in [("left", 'l'), ("right", 'r')] {
-        if let Some(at) = lower.find(word) {
-            return (side, format!("{}{}", &lower[..at], &lower[at + word.len()..]));
-        }
-    }
-    (' ', lower)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,12 +152,5 @@ mod tests {
         assert!(error.contains("2 images of the left camera, none of the other"), "{error}");
         assert!(matches!(Pictures::find(folder(&["a.png"]).path()), Err(PicturesError::None { .. })));
         assert!(Pictures::find(Path::new("/no/such")).unwrap_err().to_string().contains("/no/such"));
-    }
-
-    #[test]
-    fn numbers_are_compared_by_value() {
-        let mut names = ["a10", "a9", "a010b", "a", "b1", "a1"];
-        names.sort_by(|a, b| natural(a, b));
-        assert_eq!(names, ["a", "a1", "a9", "a10", "a010b", "b1"]);
     }
 }

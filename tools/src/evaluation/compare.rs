@@ -17,7 +17,10 @@ const MIN_OVERLAP: f64 = 0.3;
 #[derive(Debug, Error)]
 pub enum CompareError {
     /// A file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error(
+        "{}: {source}: give a folder of lookout replay --out, its obstacles.jsonl, or a recording with obstacles",
+        path.display()
+    )]
     Io {
         /// Path of the file.
         path: PathBuf,
@@ -73,9 +76,9 @@ pub fn read(path: &Path, by_pair: bool) -> Result<Frames, CompareError> {
     if frames.is_empty() { Err(CompareError::Empty { path: path.to_owned() }) } else { Ok(frames) }
 }
 
-/// Whether a path is a recording.
+/// Whether a path is a recording, by its ending or its first bytes.
 pub fn is_recording(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e == sources::recording::ENDING)
+    path.extension().is_some_and(|e| e == sources::recording::ENDING) || sources::recording::has_magic(path)
 }
 
 fn lines(path: &Path) -> Result<Frames, CompareError> {

@@ -20,6 +20,8 @@ pub struct McapFile {
     form: ImageForm,
     channels: BTreeMap<Topic, u16>,
     bytes: Arc<AtomicU64>,
+    /// Bytes of messages in the chunk that is being assembled.
+    pending_bytes: u64,
     first_ns: Option<u64>,
     chunk_ns: u64,
     /// Number of messages written.
@@ -46,13 +48,27 @@ impl McapFile {
         let name = sources::recording::ABOUT.to_owned();
         writer.write_metadata(&Metadata { name, metadata: about.clone() })?;
         let channels = BTreeMap::new();
-        let file = Self { writer, form, channels, bytes, first_ns: None, chunk_ns: 0, messages: 0 };
+        let file = Self {
+            writer,
+            form,
+            channels,
+            bytes,
+            pending_bytes: 0,
+            first_ns: None,
+            chunk_ns: 0,
+            messages: 0,
+        };
         Ok(file)
     }
 
     /// Number of bytes written so far.
     pub fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed)
+    }
+
+    /// The same with those of the chunk that is being assembled.
+    pub fn bytes_with_pending(&self) -> u64 {
+        self.bytes().saturating_add(self.pending_bytes)
     }
 
     /// Time from the first message to `time_ns`, in nanoseconds.
@@ -78,6 +94,7 @@ impl McapFile {
         let is_due = self.first_ns.is_some() && message.time_ns.saturating_sub(self.chunk_ns) >= CHUNK_NS;
         if is_due {
             self.writer.flush()?;
+            self.pending_bytes = 0;
         }
         if is_due || self.first_ns.is_none() {
             self.chunk_ns = message.time_ns;
@@ -89,7 +106,11 @@ impl McapFile {
             log_time: message.time_ns,
             publish_time: message.time_ns,
         };
+        let written = self.bytes.load(Ordering::Relaxed);
         self.writer.write_to_known_channel(&header, &message.data)?;
+        // A chunk that is full is written, with all that was pending.
+        let is_written = self.bytes.load(Ordering::Relaxed) != written;
+        self.pending_bytes = if is_written { 0 } else { self.pending_bytes + message.data.len() as u64 };
         self.messages += 1;
         Ok(is_due)
     }

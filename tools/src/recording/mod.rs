@@ -17,5 +17,5 @@ mod tests;
 mod topic;
 
 pub use recorder::{Offer, Recorder};
-pub use sink::{About, Item, Limits, RecordError, Report, RingLimits, Sink};
+pub use sink::{About, BYTES_PER_MB, Item, Limits, RecordError, Report, RingLimits, Sink};
 pub use topic::{Choice, ImageForm, Message, Topic};

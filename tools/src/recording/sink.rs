@@ -49,11 +49,14 @@ pub enum Item {
     },
 }
 
+/// Bytes of a megabyte, as disks and files are measured. Memory is told in MiB.
+pub const BYTES_PER_MB: u64 = 1_000_000;
+
 /// Why a recording cannot start, or ends early.
 #[derive(Debug, Error)]
 pub enum RecordError {
     /// The file exists.
-    #[error("{}: is there already: give another name with -o, or remove it", path.display())]
+    #[error("{}: is there already: give another name, or remove it", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
@@ -232,7 +235,7 @@ impl Sink {
         if free >= self.limits.min_free_bytes {
             return Ok(());
         }
-        let (free_mb, min_mb) = (free >> 20, self.limits.min_free_bytes >> 20);
+        let (free_mb, min_mb) = (free / BYTES_PER_MB, self.limits.min_free_bytes / BYTES_PER_MB);
         Err(RecordError::Space { path: path.to_owned(), free_mb, min_mb })
     }
 
@@ -272,7 +275,7 @@ impl Sink {
         if let Some(file) = &self.file
             && !matches!(message.topic, Topic::RightImage | Topic::Vehicle | Topic::Pair)
         {
-            let is_long = self.limits.split_bytes.is_some_and(|most| file.bytes() >= most)
+            let is_long = self.limits.split_bytes.is_some_and(|most| file.bytes_with_pending() >= most)
                 || self.limits.split_ns.is_some_and(|most| file.age_ns(message.time_ns) >= most);
             if is_long {
                 self.close("continued in the next file")?;

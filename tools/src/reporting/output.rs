@@ -22,7 +22,7 @@ const SUMMARY: &str = "summary.json";
 #[derive(Debug, Error)]
 pub enum OutputError {
     /// A folder or file cannot be written.
-    #[error("{}: {source}: give a folder that can be written with --out", path.display())]
+    #[error("{}: {}: give a folder that can be written with --out", path.display(), reason(source))]
     Io {
         /// Path that was written.
         path: PathBuf,
@@ -32,6 +32,14 @@ pub enum OutputError {
     /// An image cannot be written.
     #[error(transparent)]
     Picture(#[from] PictureError),
+}
+
+/// The reason in words, where that of the system is a riddle.
+fn reason(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotADirectory => "a file is where a folder is needed".into(),
+        _ => error.to_string(),
+    }
 }
 
 /// Writes frames to a folder in order of arrival.

@@ -5,6 +5,7 @@ use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::*;
 use embedded_graphics::primitives::{Line, PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Baseline, Text};
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use std::convert::Infallible;
@@ -132,6 +133,36 @@ impl Picture {
     }
 }
 
+/// Quality of JPEG files, in percent.
+const JPEG_QUALITY: u8 = 90;
+
+/// The format of a picture, by the ending of its file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// `.png`, or none.
+    Png,
+    /// `.jpg` or `.jpeg`.
+    Jpeg,
+}
+
+/// The format in which a picture is written; `is_map` if it has 16 bits. Commands check it before they work.
+///
+/// # Errors
+/// If it is neither PNG nor JPEG, or a JPEG of a map.
+pub fn check_ending(path: &Path, is_map: bool) -> Result<Ending, PictureError> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let fail = |reason: &str| Err(PictureError { path: path.to_owned(), reason: reason.to_owned() });
+    match (&ending[..], is_map) {
+        ("png" | "", _) => Ok(Ending::Png),
+        ("jpg" | "jpeg", false) => Ok(Ending::Jpeg),
+        ("jpg" | "jpeg", true) => {
+            fail("a disparity map has 16 bits, which JPEG does not hold: name a .png file")
+        }
+        (_, true) => fail("disparity maps are written as PNG: name a .png file"),
+        (_, false) => fail("pictures are written as PNG or JPEG: name a .png or .jpg file"),
+    }
+}
+
 fn save_png(
     path: &Path,
     data: &[u8],
@@ -140,12 +171,18 @@ fn save_png(
     colour: ExtendedColorType,
 ) -> Result<(), PictureError> {
     let fail = |reason: String| PictureError { path: path.to_owned(), reason };
+    let is_jpeg = check_ending(path, colour == ExtendedColorType::L16)? == Ending::Jpeg;
     // Written to a temporary file and renamed: the process may be killed while writing.
     let part = path.with_extension("part");
     let file = BufWriter::new(File::create(&part).map_err(|e| fail(e.to_string()))?);
-    PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Up)
-        .write_image(data, width as u32, height as u32, colour)
-        .map_err(|e| fail(e.to_string()))?;
+    let (w, h) = (width as u32, height as u32);
+    let written = if is_jpeg {
+        JpegEncoder::new_with_quality(file, JPEG_QUALITY).write_image(data, w, h, colour)
+    } else {
+        PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Up)
+            .write_image(data, w, h, colour)
+    };
+    written.map_err(|e| fail(e.to_string()))?;
     std::fs::rename(&part, path).map_err(|e| fail(e.to_string()))
 }
 

@@ -186,6 +186,9 @@ pub struct RunSummary {
     pub frames: u64,
     /// Frames replaced by newer ones on the way, in all stages.
     pub dropped: u64,
+    /// Pairs that the source left out, because a picture was missing or could not be decoded.
+    #[serde(default)]
+    pub unreadable: u64,
     /// Frames lost with a stage that died or at the end of the run.
     pub lost: u64,
     /// Results per second.
@@ -290,6 +293,9 @@ impl fmt::Display for RunSummary {
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
         )?;
+        if self.unreadable > 0 {
+            write!(f, "\n{} pairs left out, because they cannot be read", self.unreadable)?;
+        }
         write!(f, "\n{}", self.alarm_times)?;
         if self.source_time != SourceTimeSummary::default() {
             let SourceTimeSummary { gaps, steps_back, repeats, dropped_obstacles } = self.source_time;

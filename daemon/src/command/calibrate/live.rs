@@ -76,6 +76,8 @@ fn set_source(config: &mut Config, path: &Path) {
             let is_file = tools::evaluation::compare::is_recording(path);
             config.source.kind = if is_file { "recording" } else { "folder" }.into();
             config.source.path = path.to_owned();
+            config.source.left = PathBuf::new();
+            config.source.right = PathBuf::new();
         }
     }
 }

@@ -149,7 +149,9 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     }
     if redo {
         let kept = if args.out.exists() { " is kept unchanged" } else { " is not written" };
-        return Err(CommandError::Other(format!("verdict: redo; {}{kept}", args.out.display())));
+        let reason = outcome.verdict.reasons.iter().find(|reason| reason.grade == Grade::Redo);
+        let reason = reason.map(|reason| format!(": {}", reason.text)).unwrap_or_default();
+        return Err(CommandError::Other(format!("verdict: redo; {}{kept}{reason}", args.out.display())));
     }
     Ok(())
 }

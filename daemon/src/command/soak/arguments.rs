@@ -1,6 +1,7 @@
 //! The arguments of `lookout soak`.
 
 use crate::command::config_args::ConfigArgs;
+use crate::command::number::whole;
 use crate::command::number::{fps, number};
 use clap::Args;
 use std::path::PathBuf;
@@ -43,7 +44,7 @@ pub struct Soak {
     #[arg(long)]
     pub faults: bool,
     /// Inject this many SIGKILLs, each right after the recovery from the previous one
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub kills: Option<u64>,
     /// Seed of the faults [default: from the clock; it is printed]
     #[arg(long, value_name = "N")]

@@ -13,7 +13,7 @@ use crate::status_json::StatusJson;
 use clap::Args;
 use dashboard::Dashboard;
 use messages::bus::Bus;
-use messages::instance::{Instance, InstanceError};
+use messages::instance::Instance;
 use messages::service;
 use messages::silence::TIMEOUT;
 use messages::status::{self, StatusRecord};
@@ -59,7 +59,7 @@ impl Shown {
 pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "status", Some("error"))?;
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
-    let absent = || CommandError::from(InstanceError::NotRunning(instance.name().to_owned()));
+    let absent = || CommandError::from(instance.absent());
     check_owner(&instance, "status")?;
     if !instance.is_running() {
         return Err(absent());

@@ -21,6 +21,7 @@ use tools::recording::RecordError;
 /// Opens the source, and checks that the stages can be configured for its frames.
 pub(super) fn open_source(config: &Config) -> Result<(Box<dyn PairSource>, FrameFormat), RunError> {
     let source = input::open(config)?;
+    input::tell_notes(source.as_ref());
     let rig = input::rig(config, source.as_ref())?;
     let (width, height) = source.size();
     let source_name = || match config.source.kind.as_str() {

@@ -18,7 +18,7 @@ use messages::port::{Loan, Publisher};
 use messages::report::Health;
 use messages::service;
 use messages::wait::{self, Next};
-use reader::Reader;
+use reader::{Reader, Unread};
 use sources::{PairSource, Readiness};
 use std::time::Duration;
 
@@ -32,6 +32,10 @@ const MIN_PAUSE: Duration = Duration::from_micros(50);
 const RETRY_FIRST_NS: u64 = 1_000_000_000;
 /// Maximum time before a retry.
 const RETRY_MAX_NS: u64 = 30_000_000_000;
+
+/// Pairs in a row that are left out because they cannot be read, before the source counts as failed: 3 s at 10 Hz. More
+/// is no damage of a file, but a lost disk.
+const MAX_LEFT_OUT_IN_A_ROW: u32 = 30;
 
 /// Runs the stage.
 ///
@@ -49,6 +53,8 @@ pub fn run(mut host: Host) -> Result<(), HostError> {
     let mut capture = Capture {
         next: host.launch.first_sequence,
         published: None,
+        left_out_in_a_row: 0,
+        is_next_left_out: false,
         due_ns: 0,
         stall_ns: (host.launch.config.pacing.stall_ms * 1e6) as u64,
         command: None,
@@ -127,6 +133,10 @@ struct Capture<'a> {
     next: u64,
     /// Sequence and attempt of the last published pair; the reader keeps this pair.
     published: Option<(u64, u32)>,
+    /// Pairs that cannot be read since the last that could.
+    left_out_in_a_row: u32,
+    /// The reader goes on behind pair [`Self::next`], which failed.
+    is_next_left_out: bool,
     /// When the next pair is due at live rate, in ns of CLOCK_MONOTONIC; 0 before the first.
     due_ns: u64,
     /// Lateness of a pair from which the source counts as stalled, in nanoseconds.
@@ -305,6 +315,9 @@ impl Capture<'_> {
         {
             self.state = State::Failed { retry_ns, wait_ns, trying: true };
             self.input.release(self.next);
+            if std::mem::take(&mut self.is_next_left_out) {
+                self.advance_past(self.next);
+            }
         }
         if matches!(self.state, State::Failed { trying: false, .. }) {
             return Ok(false);
@@ -351,16 +364,38 @@ impl Capture<'_> {
         host.set_health(Health::Unusable, reason)
     }
 
+    /// Goes on with the pair after `sequence`, which cannot be read.
+    fn leave_out(&mut self, host: &mut Host, sequence: u64, reason: &str) -> Result<(), HostError> {
+        self.left_out_in_a_row += 1;
+        self.input.release(sequence);
+        self.advance_past(sequence);
+        host.left_out(sequence, reason)
+    }
+
+    /// Goes on behind a pair that is not published.
+    fn advance_past(&mut self, sequence: u64) {
+        // No older pair is requested again, and the reader needs its slot.
+        if let Some((before, _)) = self.published.take() {
+            self.input.release(before);
+        }
+        self.next = self.next.max(sequence.saturating_add(1));
+    }
+
     /// Copies a pair to shared memory and sends it. Returns false if it is not available or cannot be read.
     fn publish(&mut self, host: &mut Host, sequence: u64, attempt: u32) -> Result<bool, HostError> {
         let Input::Recorded(reader) = self.input else { return Ok(false) };
         let Some(pair) = reader.pair(sequence) else {
             return self.miss(host).map(|()| false);
         };
-        if let Err(reason) = &pair.result {
-            let reason = reason.clone();
+        if let Err(unread) = &pair.result {
+            let Unread { reason, is_left_out } = unread.clone();
             drop(pair);
-            return self.fail(host, &reason).map(|()| false);
+            return if is_left_out && self.left_out_in_a_row < MAX_LEFT_OUT_IN_A_ROW {
+                self.leave_out(host, sequence, &reason).map(|()| false)
+            } else {
+                self.is_next_left_out = is_left_out;
+                self.fail(host, &reason).map(|()| false)
+            };
         }
         let format = host.launch.frames;
         let begin_ns = monotonic_ns();
@@ -406,6 +441,7 @@ impl Capture<'_> {
             self.input.release(before);
         }
         self.next = self.next.max(sequence.saturating_add(1));
+        self.left_out_in_a_row = 0;
         if attempt > 0 {
             // A repeated frame is not counted again.
             return Ok(());

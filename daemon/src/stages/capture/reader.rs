@@ -30,10 +30,25 @@ pub struct Pair {
     pub source_ns: u64,
     /// What the vehicle reported, as the source knows it.
     pub vehicle: VehicleRecord,
-    /// Error text with file and remedy, if the pair cannot be read.
-    pub result: Result<(), String>,
+    /// Why the pair cannot be read, if so.
+    pub result: Result<(), Unread>,
     /// Time of reading, in nanoseconds.
     pub read_ns: u64,
+}
+
+/// Why a pair cannot be read.
+#[derive(Clone, Debug)]
+pub struct Unread {
+    /// Error text with file and remedy.
+    pub reason: String,
+    /// Whether the source goes on with the next pair. Otherwise this one is retried.
+    pub is_left_out: bool,
+}
+
+impl From<String> for Unread {
+    fn from(reason: String) -> Self {
+        Self { reason, is_left_out: false }
+    }
 }
 
 /// Memory of a pair. `is_full` states whether the stage or the reader owns it, so the lock never blocks.
@@ -103,7 +118,8 @@ impl Reader {
         (pair.sequence == sequence).then_some(pair)
     }
 
-    /// Releases the slot of pair `sequence` for the next pair. If the pair could not be read, it is retried.
+    /// Releases the slot of pair `sequence` for the next pair. If the pair could not be read and is not left out, it is
+    /// retried.
     pub fn release(&self, sequence: u64) {
         self.slots[place(sequence)].is_full.store(false, Ordering::Release);
         self.thread.unpark();
@@ -136,9 +152,10 @@ fn fill(launch: &Launch, slots: &[Slot; SLOTS], ready: &OwnedFd) {
         {
             tracing::warn!(sequence, "the vehicle's motion: {text}");
         }
-        match pair.result {
+        match &pair.result {
             Ok(()) => sequence += 1,
             // The retry opens the source again: its folder itself may have been missing.
+            Err(unread) if unread.is_left_out => sequence += 1,
             Err(_) => source = None,
         }
         drop(pair);
@@ -152,7 +169,7 @@ fn read(
     source: &mut Option<Box<dyn PairSource>>,
     pair: &mut Pair,
     sequence: u64,
-) -> Result<(), String> {
+) -> Result<(), Unread> {
     let source = match source {
         Some(source) => source,
         None => source.insert(input::open(&launch.config).map_err(|error| error.to_string())?),
@@ -162,13 +179,17 @@ fn read(
         return Err(format!(
             "the source has {}x{} pixels now, the run began with {}x{}: restart the daemon",
             size.0, size.1, expected.0, expected.1
-        ));
+        )
+        .into());
     }
     let index = match source.count() {
         Some(count) if launch.config.source.repeat => sequence % count.max(1),
         _ => sequence,
     };
-    source.read(index, &mut pair.left, &mut pair.right).map_err(|error| error.to_string())?;
+    source.read(index, &mut pair.left, &mut pair.right).map_err(|error| Unread {
+        reason: error.to_string(),
+        is_left_out: error.is_of_one_pair() && !launch.config.source.strict,
+    })?;
     let rounds_ns = (sequence - index).saturating_mul(launch.source_period_ns);
     pair.source_ns = rounds_ns.saturating_add(source.time_ns(index));
     pair.vehicle = record(&source.vehicle(index));

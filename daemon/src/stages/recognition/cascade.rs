@@ -46,6 +46,17 @@ fn shipped(name: &Path) -> Option<&'static str> {
     None
 }
 
+/// The XML of a cascade: of one that ships, by its name, or of a file.
+///
+/// # Errors
+/// If the file cannot be read, or is too large.
+pub fn text(path: &Path) -> std::io::Result<Cow<'static, str>> {
+    match shipped(path) {
+        Some(text) => Ok(Cow::Borrowed(text)),
+        None => bounded_file::read_text(path, &CASCADE).map(Cow::Owned),
+    }
+}
+
 /// The recogniser with the configured cascade, for crops of up to `width` × `height` pixels; `None` if
 /// `recognition.cascade` is empty.
 ///
@@ -61,12 +72,7 @@ pub fn recogniser(
         return Ok(None);
     }
     let path = || c.cascade.clone();
-    let text = match shipped(&c.cascade) {
-        Some(text) => Cow::Borrowed(text),
-        None => bounded_file::read_text(&c.cascade, &CASCADE)
-            .map_err(|source| CascadeError::File { path: path(), source })?
-            .into(),
-    };
+    let text = text(&c.cascade).map_err(|source| CascadeError::File { path: path(), source })?;
     let cascade = xml::read(&text).map_err(|source| CascadeError::Content { path: path(), source })?;
     let parameters = RecogniserParameters {
         sizes: Sizes::Range {

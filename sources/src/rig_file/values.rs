@@ -1,0 +1,41 @@
+//! Numbers of calibration files, and what is made of them.
+
+use super::rotation;
+use super::yaml::Value;
+use crate::limits::MAX_SIDE_PX;
+use nalgebra::Rotation3;
+use perception::calibration::{Camera, Pose};
+
+/// Left and right camera, the transform between them, and the size of their pictures.
+pub(super) type Cameras = ([Camera; 2], Pose, (usize, usize));
+
+/// Exactly `N` numbers under a key.
+pub(super) fn numbers<const N: usize>(value: &Value, key: &str) -> Result<[f64; N], String> {
+    let found = value.get(key).ok_or_else(|| format!("{key} is missing"))?;
+    let list = found.numbers().ok_or_else(|| format!("{key} contains an item that is not a number"))?;
+    let count = list.len();
+    list.try_into().map_err(|_| format!("{key} has {count} numbers, not {N}"))
+}
+
+pub(super) fn camera(k: &[f64; 9], distortion: &[f64]) -> Result<Camera, String> {
+    if distortion.len() > 8 && distortion[8..].iter().any(|v| *v != 0.0) {
+        return Err("thin-prism and tilted lenses (more than 8 coefficients) are not supported".into());
+    }
+    let mut all = [0.0; 8];
+    for (a, d) in all.iter_mut().zip(distortion) {
+        *a = *d;
+    }
+    Ok(Camera { fx_px: k[0], fy_px: k[4], cx_px: k[2], cy_px: k[5], distortion: all })
+}
+
+pub(super) fn turn(m: &[f64; 9], what: &str) -> Result<Rotation3<f64>, String> {
+    rotation(&[[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]], what)
+}
+
+pub(super) fn pixels(value: f64) -> Result<usize, String> {
+    if (1.0..=f64::from(MAX_SIDE_PX)).contains(&value) && value.fract() == 0.0 {
+        Ok(value as usize)
+    } else {
+        Err(format!("invalid image width or height: {value} px"))
+    }
+}

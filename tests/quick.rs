@@ -10,6 +10,7 @@ mod can_out;
 mod commands;
 mod evaluate;
 mod evaluate_drive;
+mod evaluate_ncap;
 mod faults;
 mod features;
 mod limits;

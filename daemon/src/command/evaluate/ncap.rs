@@ -159,7 +159,7 @@ pub fn run(args: &EvaluateNcap, log: Option<&str>) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let (mut runs, mut films): (Vec<_>, Vec<(usize, Vec<Still>)>) = (Vec::new(), Vec::new());
     for (index, Played { run, film }) in played.into_iter().enumerate() {
-        if run.verdict.passed != Some(true) && films.len() < MAX_FILMED && !film.is_empty() {
+        if films.len() < MAX_FILMED && !film.is_empty() {
             films.push((index, film));
         }
         runs.push(run);

@@ -42,7 +42,7 @@ const PICTURE_WIDTH: usize = 560;
 pub struct Played {
     /// What happened.
     pub run: Run,
-    /// Its pictures, if they were wanted and it did not pass.
+    /// Its pictures, if they were wanted and it failed.
     pub film: Vec<Still>,
 }
 
@@ -114,7 +114,9 @@ pub fn play(case: &Case, config: &Config, with_pictures: bool) -> Result<Played,
         let rig = run.rig;
         let result = run.process(index)?;
         let before = watch.raised;
-        watch.look(time_s, &spot, &result, &rig);
+        // What is reported where a hidden target is belongs to what hides it.
+        let spot = (watch.visible_s.is_some() || impact_s.is_none()).then_some(spot);
+        watch.look(time_s, spot, &result, &rig);
         let ttc_s = meets_s - time_s;
         let is_due = stills.next_if(|&still| ttc_s <= still).is_some();
         if with_pictures && (is_due || watch.raised != before) {
@@ -144,17 +146,19 @@ impl Watch {
         case.miss.is_none() && raised.is_some()
     }
 
-    fn look(&mut self, time_s: f64, spot: &Spot, result: &FrameResult<'_>, rig: &Rig) {
+    /// Takes in a frame; `spot` is where the target is seen.
+    fn look(&mut self, time_s: f64, spot: Option<Spot>, result: &FrameResult<'_>, rig: &Rig) {
+        let is_there = |distance_m, lateral_m| spot.is_some_and(|s| s.has(distance_m, lateral_m, SAME_PLACE));
         let is_detected = |region: &messages::regions::RegionRecord| {
             let middle = f64::from(region.bounds[0]) + 0.5 * f64::from(region.bounds[2]);
-            spot.has(region.distance_m, rig.lateral_m(middle, region.distance_m), SAME_PLACE)
+            is_there(region.distance_m, rig.lateral_m(middle, region.distance_m))
         };
         if self.detected_s.is_none() && result.regions.iter().any(|region| is_detected(region)) {
             self.detected_s = Some(time_s);
         }
         let record = &result.record;
         for obstacle in record.obstacles.iter().filter(|obstacle| obstacle.confirmed) {
-            if spot.has(obstacle.distance_m, obstacle.lateral_m, SAME_PLACE) {
+            if is_there(obstacle.distance_m, obstacle.lateral_m) {
                 self.tracked_s.get_or_insert(time_s);
                 if !self.tracks.contains(&obstacle.track) {
                     self.tracks.push(obstacle.track);
@@ -181,11 +185,11 @@ impl Watch {
     }
 
     /// Whether the level of a frame is about the target.
-    fn is_target(&self, spot: &Spot, record: &FrameRecord) -> bool {
+    fn is_target(&self, spot: Option<Spot>, record: &FrameRecord) -> bool {
         let Some(track) = record.alarm.track else { return self.raised.warning_s.is_some() };
         let obstacle = record.obstacles.iter().find(|obstacle| obstacle.track == track);
         self.tracks.contains(&track)
-            || obstacle.is_some_and(|o| spot.has(o.distance_m, o.lateral_m, SAME_CAUSE))
+            || spot.zip(obstacle).is_some_and(|(s, o)| s.has(o.distance_m, o.lateral_m, SAME_CAUSE))
     }
 
     fn judged(self, case: &Case, course: &Course, impact_s: Option<f64>) -> Played {
@@ -230,7 +234,7 @@ impl Watch {
             off_reason: self.off.map(|(_, reason)| reason),
             verdict,
         };
-        let film = if run.verdict.passed == Some(true) { Vec::new() } else { self.film };
+        let film = if run.verdict.passed == Some(false) { self.film } else { Vec::new() };
         Played { run, film }
     }
 

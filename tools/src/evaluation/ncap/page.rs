@@ -1,7 +1,7 @@
 //! The result of the standard tests as one HTML page that needs no other file: a coloured table by row and speed, near
 //! misses, and filmstrips of runs that failed.
 
-use super::report::{Line, NcapReport, seconds};
+use super::report::{Line, NOT_JUDGED, NcapReport, seconds};
 use crate::reporting::html::{escaped, page};
 use std::fmt::Write;
 
@@ -62,9 +62,9 @@ pub fn to_html(report: &NcapReport, films: &[(usize, Vec<Still>)]) -> String {
     body.push_str("</ul>\n");
     grid(&mut body, &report.near_misses, |line| format!("<b>{}/{}</b>", line.passed, line.judged));
     let failed: Vec<usize> =
-        (0..report.runs.len()).filter(|&k| report.runs[k].verdict.passed != Some(true)).collect();
+        (0..report.runs.len()).filter(|&k| report.runs[k].verdict.passed == Some(false)).collect();
     if !failed.is_empty() {
-        body.push_str("<h2>Runs that failed or are not judged</h2>\n");
+        body.push_str("<h2>Runs that failed</h2>\n");
     }
     for k in failed {
         let _ = writeln!(body, "<p>{}</p>", escaped(&report.runs[k].explanation()));
@@ -79,6 +79,15 @@ pub fn to_html(report: &NcapReport, films: &[(usize, Vec<Still>)]) -> String {
             );
         }
         body.push_str("</div>\n");
+    }
+    let not_judged = report.not_judged();
+    if !not_judged.is_empty() {
+        let _ = writeln!(
+            body,
+            "<h2>Not judged</h2>\n<p>{}: {}.</p>",
+            NOT_JUDGED,
+            escaped(&not_judged.join("; "))
+        );
     }
     page(&title, &body)
 }

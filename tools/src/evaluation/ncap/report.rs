@@ -8,6 +8,10 @@ use std::fmt;
 /// Failed runs that are printed; all are in the JSON document.
 const MAX_PRINTED: usize = 60;
 
+/// Why runs are not judged.
+pub const NOT_JUDGED: &str =
+    "as half of the target comes into both pictures, or moves as it will, too late for any rule";
+
 /// When something happened first, as time until the impact, or until the target is passed, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FirstTimes {
@@ -167,6 +171,14 @@ impl NcapReport {
     }
 }
 
+impl NcapReport {
+    /// Rows, with speed and weather, in no run of which anything can be asked for.
+    pub fn not_judged(&self) -> Vec<String> {
+        let lines = self.table.iter().filter(|line| line.judged == 0);
+        lines.map(|line| format!("{} at {} km/h, {}", line.row, line.own_km_h, line.weather)).collect()
+    }
+}
+
 /// The lines of some runs, in the order of the first run of each.
 fn lines(runs: &[&Run]) -> Vec<Line> {
     let mut groups: Vec<Vec<&Run>> = Vec::new();
@@ -309,18 +321,20 @@ impl fmt::Display for NcapReport {
         for sum in &self.near_miss_sums {
             writeln!(f, "silent, {sum}")?;
         }
-        let listed = |passed| self.runs.iter().filter(move |run: &&Run| run.verdict.passed == passed);
-        for (title, passed) in [("Failed:", Some(false)), ("Not judged:", None)] {
-            if listed(passed).next().is_some() {
-                writeln!(f, "\n{title}")?;
-            }
-            for run in listed(passed).take(MAX_PRINTED) {
-                writeln!(f, "  {}", run.explanation())?;
-            }
-            let more = listed(passed).count().saturating_sub(MAX_PRINTED);
-            if more > 0 {
-                writeln!(f, "  and {more} more: --json and --out have all")?;
-            }
+        let failed = || self.runs.iter().filter(|run| run.verdict.passed == Some(false));
+        if failed().next().is_some() {
+            writeln!(f, "\nFailed:")?;
+        }
+        for run in failed().take(MAX_PRINTED) {
+            writeln!(f, "  {}", run.explanation())?;
+        }
+        let more = failed().count().saturating_sub(MAX_PRINTED);
+        if more > 0 {
+            writeln!(f, "  and {more} more: --json and --out have all")?;
+        }
+        let not_judged = self.not_judged();
+        if !not_judged.is_empty() {
+            writeln!(f, "\nNot judged, {NOT_JUDGED}: {}", not_judged.join("; "))?;
         }
         Ok(())
     }
@@ -376,7 +390,8 @@ pub(super) mod tests {
             assert!(text.contains(part), "{part}: {text}");
         }
         assert!(
-            text.contains("silent, sunny: runs 1 of 2") && text.contains("Not judged:\n  CBFA-30"),
+            text.contains("silent, sunny: runs 1 of 2")
+                && text.contains("too late for any rule: CBFA at 30 km/h, sunny"),
             "{text}"
         );
         let json = serde_json::to_value(&report).unwrap();

@@ -10,7 +10,7 @@ use sources::PairSource;
 use sources::scene::Scene;
 use sources::scene::ncap::case::Case;
 use sources::scene::ncap::course::{Course, OWN_REACH_M, OWN_WIDTH_M};
-use sources::scene::ncap::row::Duty;
+use sources::scene::ncap::row::{Duty, Motion};
 use sources::scene::ncap::text;
 use tools::evaluation::ncap::page::Still;
 use tools::evaluation::ncap::report::{FirstTimes, Run};
@@ -98,6 +98,7 @@ pub fn play(case: &Case, config: &Config, with_pictures: bool) -> Result<Played,
     // Time to which TTC counts, and at which the run ends.
     let meets_s = impact_s.unwrap_or(course.lead_s);
     let end_s = if impact_s.is_some() { meets_s } else { meets_s + AFTER_S };
+    let is_hidden = impact_s.is_some() && matches!(case.row.motion, Motion::Crosses { is_hidden: true, .. });
     let mut watch = Watch::default();
     let mut stills = STILLS_S.into_iter().peekable();
     for index in 0..frames {
@@ -115,7 +116,7 @@ pub fn play(case: &Case, config: &Config, with_pictures: bool) -> Result<Played,
         let result = run.process(index)?;
         let before = watch.raised;
         // What is reported where a hidden target is belongs to what hides it.
-        let spot = (watch.visible_s.is_some() || impact_s.is_none()).then_some(spot);
+        let spot = (watch.visible_s.is_some() || !is_hidden).then_some(spot);
         watch.look(time_s, spot, &result, &rig);
         let ttc_s = meets_s - time_s;
         let is_due = stills.next_if(|&still| ttc_s <= still).is_some();

@@ -250,3 +250,51 @@ impl Watch {
         Verdict { passed: Some(reasons.is_empty()), reasons, ..Verdict::default() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tools::reporting::record::{AlarmLine, ObstacleLine};
+
+    const SPOT: Spot = Spot { ahead_m: 20.0, across_m: (-0.9, 0.9) };
+
+    #[test]
+    fn what_is_reported_at_the_targets_place_is_the_target() {
+        for (distance_m, lateral_m, is_there) in
+            [(20.0, 0.0, true), (22.9, 1.6, true), (23.1, 0.0, false), (20.0, -1.7, false), (17.1, 0.0, true)]
+        {
+            assert_eq!(SPOT.has(distance_m, lateral_m, SAME_PLACE), is_there, "{distance_m} {lateral_m}");
+        }
+        // Near, some metres count.
+        assert!(Spot { ahead_m: 3.0, ..SPOT }.has(4.4, 0.0, SAME_PLACE));
+    }
+
+    #[test]
+    fn a_level_belongs_to_the_target_by_track_or_place() {
+        let obstacle =
+            |track, lateral_m| ObstacleLine { track, distance_m: 20.0, lateral_m, ..ObstacleLine::default() };
+        let record = |track| FrameRecord {
+            alarm: AlarmLine { level: "warning".into(), track: Some(track), ..AlarmLine::default() },
+            obstacles: vec![obstacle(1, 0.0), obstacle(2, 6.0)],
+            ..FrameRecord::default()
+        };
+        let watch = Watch { tracks: vec![9], ..Watch::default() };
+        let is_target = |track, spot| watch.is_target(spot, &record(track));
+        assert!(is_target(1, Some(SPOT)) && !is_target(2, Some(SPOT)));
+        // A lost track that was the target; and nothing is, while the target is hidden.
+        assert!(is_target(9, Some(SPOT)) && !is_target(1, None));
+    }
+
+    #[test]
+    fn a_near_miss_passes_in_silence_only() {
+        assert_eq!(Watch::default().silence(5.0).passed, Some(true));
+        for raised in [
+            Raised { warning_s: Some(3.0), ..Raised::default() },
+            Raised { other_s: Some(3.0), ..Raised::default() },
+        ] {
+            let verdict = Watch { raised, ..Watch::default() }.silence(5.0);
+            assert_eq!(verdict.passed, Some(false));
+            assert!(verdict.reasons[0].contains("2.00 s before it is passed"), "{verdict:?}");
+        }
+    }
+}

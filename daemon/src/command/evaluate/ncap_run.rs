@@ -154,7 +154,7 @@ impl Watch {
             let middle = f64::from(region.bounds[0]) + 0.5 * f64::from(region.bounds[2]);
             is_there(region.distance_m, rig.lateral_m(middle, region.distance_m))
         };
-        if self.detected_s.is_none() && result.regions.iter().any(|region| is_detected(region)) {
+        if self.detected_s.is_none() && result.regions.iter().any(is_detected) {
             self.detected_s = Some(time_s);
         }
         let record = &result.record;

@@ -16,7 +16,7 @@ use sources::scene::ncap::text;
 use std::path::{Path, PathBuf};
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::ncap::page::{Still, to_html};
-use tools::evaluation::ncap::report::NcapReport;
+use tools::evaluation::ncap::report::{NcapReport, Setup};
 use tools::reporting::output::OutputError;
 
 /// Text below the options of `--help`.
@@ -164,7 +164,8 @@ pub fn run(args: &EvaluateNcap, log: Option<&str>) -> Result<(), CommandError> {
         }
         runs.push(run);
     }
-    let report = NcapReport::new((args.year, args.rig.clone(), args.fps, args.seeds), runs);
+    let setup = Setup { year: args.year, rig: args.rig.clone(), fps: args.fps, seeds: args.seeds };
+    let report = NcapReport::new(setup, runs);
     if let Some(out) = &args.out {
         write_report(out, &report)?;
         let path = out.join("index.html");

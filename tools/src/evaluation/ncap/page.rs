@@ -1,7 +1,7 @@
 //! The result of the standard tests as one HTML page that needs no other file: a coloured table by row and speed, near
 //! misses, and filmstrips of runs that failed.
 
-use super::report::{Line, NOT_JUDGED, NcapReport, seconds};
+use super::report::{Line, NOT_JUDGED, NcapReport, Setup, seconds};
 use crate::reporting::html::{escaped, page};
 use std::fmt::Write;
 
@@ -28,15 +28,11 @@ fn colour(line: &Line) -> &'static str {
 
 /// The page. `films` has the pictures of runs by their place in the report's list.
 pub fn to_html(report: &NcapReport, films: &[(usize, Vec<Still>)]) -> String {
-    let title = format!("Standard tests {}, rig {}", report.year, report.rig);
+    let Setup { year, rig, fps, seeds: (from, to) } = &report.setup;
+    let title = format!("Standard tests {year}, rig {rig}");
     let mut body = format!("<h1>{}</h1>\n", escaped(&title));
-    let (from, to) = report.seeds;
-    let _ = writeln!(
-        body,
-        "<p>{} pairs/s, seeds {from} to {to}.</p>\n<pre>{}</pre>",
-        report.fps,
-        escaped(&report.rules)
-    );
+    let _ =
+        writeln!(body, "<p>{fps} pairs/s, seeds {from} to {to}.</p>\n<pre>{}</pre>", escaped(&report.rules));
     body.push_str("<h2>Impacts</h2>\n<ul>\n");
     for sum in &report.sums {
         let _ = writeln!(body, "<li>passed, {}</li>", escaped(&sum.to_string()));

@@ -126,9 +126,9 @@ pub struct Sum {
     pub lines: (usize, usize),
 }
 
-/// The result.
+/// What the runs have in common.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct NcapReport {
+pub struct Setup {
     /// Protocol.
     pub year: u16,
     /// Cameras.
@@ -137,6 +137,14 @@ pub struct NcapReport {
     pub fps: f64,
     /// First and last seed.
     pub seeds: (u64, u64),
+}
+
+/// The result.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct NcapReport {
+    /// What the runs have in common.
+    #[serde(flatten)]
+    pub setup: Setup,
     /// The rules in words.
     pub rules: String,
     /// Sums of the impacts, by weather.
@@ -153,7 +161,7 @@ pub struct NcapReport {
 
 impl NcapReport {
     /// The report of some runs.
-    pub fn new((year, rig, fps, seeds): (u16, String, f64, (u64, u64)), runs: Vec<Run>) -> Self {
+    pub fn new(setup: Setup, runs: Vec<Run>) -> Self {
         let (hits, misses): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.miss.is_none());
         let (table, near_misses) = (lines(&hits), lines(&misses));
         Self {
@@ -162,10 +170,7 @@ impl NcapReport {
             table,
             near_misses,
             rules: TEXT.into(),
-            year,
-            rig,
-            fps,
-            seeds,
+            setup,
             runs,
         }
     }
@@ -281,12 +286,8 @@ impl Run {
 
 impl fmt::Display for NcapReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (from, to) = self.seeds;
-        writeln!(
-            f,
-            "{} tests, rig {}, {} pairs/s, seeds {from}-{to}\n{}\n",
-            self.year, self.rig, self.fps, self.rules
-        )?;
+        let Setup { year, rig, fps, seeds: (from, to) } = &self.setup;
+        writeln!(f, "{year} tests, rig {rig}, {fps} pairs/s, seeds {from}-{to}\n{}\n", self.rules)?;
         let width = self.table.iter().chain(&self.near_misses).map(|line| line.row.chars().count());
         let width = width.max().unwrap_or(0).max("row".len());
         writeln!(
@@ -372,7 +373,7 @@ pub(super) mod tests {
             miss(true),
             miss(false),
         ];
-        NcapReport::new((2026, "paper".into(), 12.5, (1, 2)), runs)
+        NcapReport::new(Setup { year: 2026, rig: "paper".into(), fps: 12.5, seeds: (1, 2) }, runs)
     }
 
     #[test]

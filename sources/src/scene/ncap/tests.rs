@@ -2,7 +2,7 @@
 
 use super::case::{Case, Selection, names};
 use super::course::{Course, OWN_REACH_M};
-use super::row::{Duty, Miss, Motion, ROWS};
+use super::row::{Duty, Miss, Motion, ROWS, Target};
 use super::text;
 use crate::PairSource;
 use crate::scene::Scene;
@@ -79,10 +79,15 @@ fn the_scene_shows_what_the_course_says() {
             let way_m = course.own_m_s * truth.time_s;
             let outline = course.target(truth.time_s);
             let (ahead, (left, right)) = outline.seen_from(&course.own_pose(way_m));
-            // Meshes are a little smaller than their box; in a turn the nearest visible part is not the nearest corner.
-            let slack = if case.row.turn.is_some() { 0.5 } else { 0.16 };
+            // Meshes are a little smaller than their box, a bicycle is thinner than its handlebar, and in a turn the nearest
+            // visible part is not the nearest corner.
+            let is_thin = matches!(case.row.target, Target::Bicycle | Target::Motorcycle);
+            let slack = if case.row.turn.is_some() || is_thin { 0.5 } else { 0.16 };
+            // Of what the border cuts, the nearest part may be outside.
+            let is_cut =
+                object.bounds.x == 0 || (object.bounds.x + object.bounds.width) as usize == truth.width;
             assert!(
-                (object.distance_m - ahead).abs() < slack,
+                is_cut || (object.distance_m - ahead).abs() < slack,
                 "{name} {index}: {} {ahead}",
                 object.distance_m
             );

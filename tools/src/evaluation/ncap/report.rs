@@ -177,6 +177,46 @@ impl NcapReport {
 }
 
 impl NcapReport {
+    fn write_table(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<width$} {:<10} {:>4} {:>7} {:<22} {:>9} {:>8} {:>12} {:>10}",
+            "row", "weather", "km/h", "passed", "rules", "warning s", "alarm s", "impact km/h", "unbraked"
+        )?;
+        for line in &self.table {
+            writeln!(
+                f,
+                "{:<width$} {:<10} {:>4} {:>7} {:<22} {:>9} {:>8} {:>12.0} {:>10.0}",
+                line.row,
+                line.weather,
+                line.own_km_h,
+                if line.judged > 0 { format!("{}/{}", line.passed, line.judged) } else { "-".into() },
+                line.rules.join(" "),
+                seconds(line.warning_ttc_s),
+                seconds(line.alarm_ttc_s),
+                line.impact_km_h,
+                line.free_impact_km_h
+            )?;
+        }
+        for sum in &self.sums {
+            writeln!(f, "passed, {sum}")?;
+        }
+        Ok(())
+    }
+
+    fn write_near_misses(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
+        writeln!(f, "\n{:<width$} {:<10} {:>4} {:>7} near miss", "row", "weather", "km/h", "silent")?;
+        for line in &self.near_misses {
+            let silent = format!("{}/{}", line.passed, line.judged);
+            let miss = line.miss.as_deref().unwrap_or("");
+            writeln!(f, "{:<width$} {:<10} {:>4} {silent:>7} {miss}", line.row, line.weather, line.own_km_h)?;
+        }
+        for sum in &self.near_miss_sums {
+            writeln!(f, "silent, {sum}")?;
+        }
+        Ok(())
+    }
+
     /// Rows, with speed and weather, in no run of which anything can be asked for.
     pub fn not_judged(&self) -> Vec<String> {
         let lines = self.table.iter().filter(|line| line.judged == 0);
@@ -290,37 +330,11 @@ impl fmt::Display for NcapReport {
         writeln!(f, "{year} tests, rig {rig}, {fps} pairs/s, seeds {from}-{to}\n{}\n", self.rules)?;
         let width = self.table.iter().chain(&self.near_misses).map(|line| line.row.chars().count());
         let width = width.max().unwrap_or(0).max("row".len());
-        writeln!(
-            f,
-            "{:<width$} {:<10} {:>4} {:>7} {:<22} {:>9} {:>8} {:>12} {:>10}",
-            "row", "weather", "km/h", "passed", "rules", "warning s", "alarm s", "impact km/h", "unbraked"
-        )?;
-        for line in &self.table {
-            writeln!(
-                f,
-                "{:<width$} {:<10} {:>4} {:>7} {:<22} {:>9} {:>8} {:>12.0} {:>10.0}",
-                line.row,
-                line.weather,
-                line.own_km_h,
-                if line.judged > 0 { format!("{}/{}", line.passed, line.judged) } else { "-".into() },
-                line.rules.join(" "),
-                seconds(line.warning_ttc_s),
-                seconds(line.alarm_ttc_s),
-                line.impact_km_h,
-                line.free_impact_km_h
-            )?;
+        if !self.table.is_empty() {
+            self.write_table(f, width)?;
         }
-        for sum in &self.sums {
-            writeln!(f, "passed, {sum}")?;
-        }
-        writeln!(f, "\n{:<width$} {:<10} {:>4} {:>7} near miss", "row", "weather", "km/h", "silent")?;
-        for line in &self.near_misses {
-            let silent = format!("{}/{}", line.passed, line.judged);
-            let miss = line.miss.as_deref().unwrap_or("");
-            writeln!(f, "{:<width$} {:<10} {:>4} {silent:>7} {miss}", line.row, line.weather, line.own_km_h)?;
-        }
-        for sum in &self.near_miss_sums {
-            writeln!(f, "silent, {sum}")?;
+        if !self.near_misses.is_empty() {
+            self.write_near_misses(f, width)?;
         }
         let failed = || self.runs.iter().filter(|run| run.verdict.passed == Some(false));
         if failed().next().is_some() {

@@ -11,6 +11,7 @@ mod clients;
 mod commands;
 mod evaluate;
 mod evaluate_drive;
+mod evaluate_ncap;
 mod faults;
 mod features;
 mod limits;

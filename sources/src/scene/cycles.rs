@@ -1,4 +1,4 @@
-//! Meshes of bicycles: near side (their rear) at z = 0, wheels on y = 0.
+//! Meshes of bicycles and motorcycles: near side (their rear) at z = 0, wheels on y = 0.
 
 use super::material::{Look, Material};
 use super::mesh::{Mesh, Point, add, unit};
@@ -89,5 +89,49 @@ pub fn cyclist(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
         );
     }
     mesh.ball([0.0, 1.63 * h, 0.88 * l], [0.1 * h, 0.12 * h, 0.11 * h], 0, hair);
+    mesh
+}
+
+/// A person on a motorcycle, `size` (width of the handlebar, height of the rider, length).
+pub fn motorcyclist(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
+    let mut mesh = Mesh::default();
+    let (w, h, l) = (size[0] / 2.0, size[1] / 1.75, size[2] / 2.08);
+    let tyre = Material::new(Look::Plain, 30.0, 0.3, 0.02);
+    let body = Material::new(Look::Plain, grey * 1.3, 0.45, 0.015).shifted(seed);
+    let leather = Material::new(Look::Plain, grey * 0.7, 0.5, 0.018).shifted(seed + 2.0);
+    let helmet = Material::new(Look::Plain, 170.0, 0.3, 0.015).shifted(seed);
+    // Wheels: two wide drums.
+    for z in [0.32 * l, size[2] - 0.32 * l] {
+        let ring = |x: f64| -> [Point; 8] {
+            std::array::from_fn(|k| {
+                let turn = std::f64::consts::TAU * (k as f64 + 0.5) / 8.0;
+                [x, (0.31 + 0.335 * turn.sin()).max(0.0) * h, z + 0.32 * l * turn.cos()]
+            })
+        };
+        mesh.loft(&ring(-0.07), &ring(0.07), tyre);
+        for side in [-0.07, 0.07] {
+            mesh.patch(&ring(side), [side, 0.0, 0.0], tyre);
+        }
+    }
+    let z = |from: f64, to: f64| (from * l, to * l);
+    mesh.block((-0.17, 0.17), (0.28 * h, 0.72 * h), z(0.62, 1.42), body);
+    mesh.block((-0.13, 0.13), (0.68 * h, 0.8 * h), z(0.12, 1.0), leather);
+    mesh.frustum([(-0.16, 0.16), (-0.12, 0.12)], (0.72 * h, 0.96 * h), [z(0.95, 1.4), z(1.0, 1.3)], body);
+    // Mudguard, tail lamp and number plate.
+    mesh.block((-0.1, 0.1), (0.5 * h, 0.68 * h), z(0.1, 0.4), tyre);
+    let plate = Material::new(Look::Plain, 205.0, 0.8, 0.01).shifted(seed);
+    mesh.rear_patch((-0.09, 0.09), (0.5 * h, 0.66 * h), 0.095 * l, plate);
+    tube(&mut mesh, [0.0, 0.32 * h, 1.76 * l], [0.0, 1.0 * h, 1.45 * l], 0.05, body);
+    tube(&mut mesh, [-w, 1.02 * h, 1.42 * l], [w, 1.02 * h, 1.42 * l], 0.02, tyre);
+    // The rider.
+    mesh.frustum([(-0.17, 0.17), (-0.23, 0.23)], (0.8 * h, 1.42 * h), [z(0.55, 0.85), z(0.72, 1.0)], leather);
+    for side in [-1.0, 1.0] {
+        let knee = [side * 0.24, 0.72 * h, 1.12 * l];
+        tube(&mut mesh, [side * 0.15, 0.85 * h, 0.72 * l], knee, 0.085, leather);
+        tube(&mut mesh, knee, [side * 0.22, 0.33 * h, 0.85 * l], 0.065, leather);
+        let shoulder = [side * 0.22, 1.34 * h, 0.88 * l];
+        tube(&mut mesh, shoulder, [side * 0.9 * w, 1.05 * h, 1.36 * l], 0.055, leather);
+    }
+    mesh.ball([0.0, 1.6 * h, 0.94 * l], [0.13 * h, 0.15 * h, 0.15 * h], 0, helmet);
     mesh
 }

@@ -34,7 +34,7 @@ pub enum SceneError {
     },
     /// Invalid settings after the question mark.
     #[error(
-        "{name}: {setting}: give weather=NAME, seed=N or rig=paper|kitti, joined by &; weathers are {weathers}"
+        "{name}: {setting}: give weather=NAME, seed=N or rig=paper|kitti|board, joined by &; weathers are {weathers}"
     )]
     Setting {
         /// The complete name.

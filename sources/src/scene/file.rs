@@ -110,9 +110,28 @@ pub enum NamedRig {
     Paper,
     /// KITTI's grey cameras: 1242 × 375 px, baseline 0.54 m, focal length 721 px.
     Kitti,
+    /// Two cameras of a board: 1280 × 720 px, baseline 0.30 m, focal length 1060 px (62 degrees, as a Raspberry Pi camera 2).
+    Board,
 }
 
 impl NamedRig {
+    /// All rigs.
+    pub const ALL: [Self; 3] = [Self::Paper, Self::Kitti, Self::Board];
+
+    /// Name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Kitti => "kitti",
+            Self::Board => "board",
+        }
+    }
+
+    /// The rig with this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|rig| rig.name() == name)
+    }
+
     /// Rig, image size and height above the road.
     pub fn values(self) -> (Rig, (usize, usize), f64) {
         match self {
@@ -121,6 +140,9 @@ impl NamedRig {
             }
             Self::Kitti => {
                 (Rig { focal_px: 721.5, baseline_m: 0.54, cx_px: 609.6, cy_px: 172.9 }, (1242, 375), 1.65)
+            }
+            Self::Board => {
+                (Rig { focal_px: 1060.0, baseline_m: 0.3, cx_px: 640.0, cy_px: 340.0 }, (1280, 720), 1.3)
             }
         }
     }
@@ -350,6 +372,8 @@ pub enum ObjectKind {
     Cyclist,
     /// A bicycle on its stand.
     Bicycle,
+    /// A person on a motorcycle.
+    Motorcyclist,
 }
 
 /// A single object, static or moving. Exactly one of `along_m`, `path` and `ahead` positions it.

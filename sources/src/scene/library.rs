@@ -116,8 +116,7 @@ fn set(mut scene: SceneFile, name: &str, settings: &str) -> Result<SceneFile, Sc
         match setting.split_once('=').ok_or_else(wrong)? {
             ("weather", value) => scene.weather = Weather::named(value).ok_or_else(wrong)?,
             ("seed", value) => scene.seed = value.parse().map_err(|_| wrong())?,
-            ("rig", "paper") => scene.camera.rig = NamedRig::Paper,
-            ("rig", "kitti") => scene.camera.rig = NamedRig::Kitti,
+            ("rig", value) => scene.camera.rig = NamedRig::named(value).ok_or_else(wrong)?,
             _ => return Err(wrong()),
         }
     }

@@ -28,6 +28,7 @@ pub mod material;
 pub mod mesh;
 mod model;
 pub mod motion;
+pub mod ncap;
 pub mod paint;
 pub mod plan;
 pub mod precipitation;
@@ -240,6 +241,12 @@ impl Scene {
     pub fn target(&mut self) -> Option<u16> {
         self.world.place(0.0);
         self.world.target(0.0)
+    }
+
+    /// The number in [`SceneTruth::owner`] of the first object that the file names.
+    pub fn first_subject(&self) -> Option<u16> {
+        let place = self.world.instances().iter().position(|instance| instance.subject);
+        place.map(|k| truth::FIRST_OBJECT + k as u16)
     }
 
     /// Ground truth of pair `index`, without rendering it.

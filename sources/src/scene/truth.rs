@@ -45,6 +45,8 @@ pub enum ObjectClass {
     Lorry,
     /// A bicycle, with or without a rider.
     Bicycle,
+    /// A motorcycle with its rider.
+    Motorcycle,
     /// A piece of fence.
     Fence,
     /// A piece of a bank of earth.
@@ -72,6 +74,7 @@ impl ObjectClass {
             Self::Block => "block",
             Self::Lorry => "lorry",
             Self::Bicycle => "bicycle",
+            Self::Motorcycle => "motorcycle",
             Self::Fence => "fence",
             Self::Bank => "bank",
             Self::Bush => "bush",

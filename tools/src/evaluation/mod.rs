@@ -12,6 +12,7 @@ pub mod files;
 pub mod fill;
 pub mod free_ground;
 pub mod lidar;
+pub mod ncap;
 pub mod odometry;
 pub mod odometry_report;
 pub mod report;

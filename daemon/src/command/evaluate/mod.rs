@@ -3,10 +3,14 @@
 mod detection;
 mod distance;
 mod drive;
+mod in_parallel;
 mod lidar;
+mod ncap;
+mod ncap_run;
 mod odometry;
 mod recognition;
 mod scene_run;
+mod seed_range;
 mod stereo;
 mod time;
 mod true_path;
@@ -25,6 +29,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate time                          gaps, jumps and repeats in the source's time
   lookout evaluate odometry DIR --poses FILE     own motion against true poses
   lookout evaluate drive DIR                     your own drive, judged by the way that was driven
+  lookout evaluate ncap                          the standard tests: warnings in time, near misses
   lookout evaluate lidar DIR                     recorded images with LiDAR depth and labels
   lookout evaluate stereo --help";
 
@@ -51,6 +56,9 @@ pub enum Evaluate {
     /// Evaluate drives without labels, by the strip that the vehicle then drove through
     #[command(after_help = drive::HELP)]
     Drive(drive::EvaluateDrive),
+    /// Evaluate warnings and alarms by the standard tests of forward-collision systems, and near misses
+    #[command(after_help = ncap::HELP)]
+    Ncap(ncap::EvaluateNcap),
     /// Evaluate a cascade on pictures with and without objects
     #[command(after_help = detection::HELP)]
     Detection(detection::EvaluateDetection),
@@ -72,6 +80,7 @@ pub fn run(what: Evaluate, log: Option<&str>) -> Result<(), CommandError> {
         Evaluate::Lidar(args) => lidar::run(&args, log),
         Evaluate::Odometry(args) => odometry::run(&args, log),
         Evaluate::Drive(args) => drive::run(&args, log),
+        Evaluate::Ncap(args) => ncap::run(&args, log),
         Evaluate::Detection(args) => detection::run(&args, log),
         Evaluate::Recognition(args) => recognition::run(&args, log),
     }

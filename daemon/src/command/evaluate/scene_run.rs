@@ -81,6 +81,19 @@ impl SceneRun {
         Ok((truth, self.pipeline.frame(index, index)?))
     }
 
+    /// The truth of frame `index` alone. It costs about as much as the pictures.
+    pub fn truth(&self, index: u64) -> SceneTruth {
+        self.scene.borrow_mut().truth(index)
+    }
+
+    /// Processes frame `index` without its truth.
+    ///
+    /// # Errors
+    /// If the scene has no such frame.
+    pub fn process(&mut self, index: u64) -> Result<FrameResult<'_>, CommandError> {
+        Ok(self.pipeline.frame(index, index)?)
+    }
+
     /// Continues with another scene, which needs the same cameras.
     pub fn change(&mut self, scene: Scene) {
         *self.scene.borrow_mut() = scene;

@@ -1,6 +1,8 @@
 //! `lookout evaluate weather`.
 
+use super::in_parallel::in_parallel;
 use super::scene_run::{SceneRun, found};
+use super::seed_range::seed_range;
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
@@ -19,8 +21,6 @@ use sources::scene::file::Weather;
 use sources::scene::library;
 use sources::scene::texture::hash;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::scene_match::{Detection, match_frame};
 use tools::evaluation::time_score::{FrameDuty, Undisturbed};
@@ -77,7 +77,7 @@ pub struct EvaluateWeather {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub frames: Option<u64>,
     /// Seeds of each scene, summed in one row: from and to, as 100-199
-    #[arg(long, value_name = "A-B", value_parser = seeds)]
+    #[arg(long, value_name = "A-B", value_parser = seed_range)]
     pub seeds: Option<(u64, u64)>,
     /// Scenes that are processed at the same time
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
@@ -95,17 +95,6 @@ const FRAMES: (u64, u64) = (200, 40);
 
 /// Frames before those that are evaluated with `--seeds`, so that tracks are confirmed: a second.
 const WARM_UP: u64 = 12;
-
-/// Most seeds of one run.
-const MAX_SEEDS: u64 = 10_000;
-
-/// Parses `A-B`.
-fn seeds(text: &str) -> Result<(u64, u64), String> {
-    let wrong = || format!("give the first and the last seed, up to {MAX_SEEDS} of them, as 100-199");
-    let (from, to) = text.split_once('-').unwrap_or((text, text));
-    let (from, to): (u64, u64) = from.parse().ok().zip(to.parse().ok()).ok_or_else(wrong)?;
-    if from <= to && to - from < MAX_SEEDS { Ok((from, to)) } else { Err(wrong()) }
-}
 
 /// A scene in one weather: a row of the tables.
 struct Condition {
@@ -256,41 +245,6 @@ fn tracks<'a>(obstacles: &'a [ObstacleLine], vehicle: &str) -> Vec<(&'a Obstacle
     confirmed.map(track).collect()
 }
 
-/// Processes the scenes with some threads; the results are in the order of the jobs, whatever the threads.
-fn process_all(
-    jobs: &[Job],
-    rows: &[Condition],
-    args: &EvaluateWeather,
-    config: &Config,
-    bar: &ProgressBar,
-) -> Result<Vec<Part>, CommandError> {
-    let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<(usize, Result<Part, CommandError>)>> = Mutex::new(Vec::new());
-    let work = || {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(job) = jobs.get(index) else { break };
-            let row = &rows[job.row];
-            bar.set_message(format!("{} {}", job.scene, row.weather.name()));
-            let part = process(job, row, args, config, bar);
-            let is_fault = part.is_err();
-            results.lock().unwrap_or_else(PoisonError::into_inner).push((index, part));
-            if is_fault {
-                next.store(jobs.len(), Ordering::Relaxed);
-            }
-        }
-    };
-    std::thread::scope(|scope| {
-        for _ in 1..args.threads.min(jobs.len() as u64) {
-            scope.spawn(work);
-        }
-        work();
-    });
-    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    results.sort_by_key(|(index, _)| *index);
-    results.into_iter().map(|(_, part)| part).collect()
-}
-
 pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "evaluate", Some("warn"))?;
     let (rows, jobs) = conditions(args)?;
@@ -299,7 +253,11 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
     }
     let each = args.frames.unwrap_or(if args.seeds.is_some() { FRAMES.1 + WARM_UP } else { FRAMES.0 });
     let bar = progress(Some(jobs.len() as u64 * each), "frames");
-    let parts = process_all(&jobs, &rows, args, &config, &bar)?;
+    let parts = in_parallel(&jobs, args.threads, |job| {
+        let row = &rows[job.row];
+        bar.set_message(format!("{} {}", job.scene, row.weather.name()));
+        process(job, row, args, &config, &bar)
+    })?;
     bar.finish_and_clear();
     let mut merged: Vec<Option<Part>> = rows.iter().map(|_| None).collect();
     for (job, part) in jobs.iter().zip(parts) {
@@ -330,14 +288,6 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn seeds_are_a_range() {
-        assert_eq!((seeds("200-229"), seeds("7")), (Ok((200, 229)), Ok((7, 7))));
-        for wrong in ["", "a", "9-3", "0-10000", "1-2-3", "-5"] {
-            assert!(seeds(wrong).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn the_part_of_a_scene_lies_within_it() {

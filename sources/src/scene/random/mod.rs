@@ -6,7 +6,7 @@
 
 mod car_park;
 mod country;
-mod dice;
+pub(super) mod dice;
 mod draft;
 mod fast;
 mod occupancy;

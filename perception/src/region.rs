@@ -52,6 +52,8 @@ pub struct Region {
     pub pixels: u32,
     /// Mean confidence of these pixels, 0 to 1.
     pub confidence: f64,
+    /// Evidence that this sighting is a real obstacle: natural logarithm of the likelihood ratio. 0 tells nothing.
+    pub evidence: f64,
 }
 
 /// Maximum magnitude of a measure of a valid region, in its unit: far above all that cameras see, and so small that no
@@ -68,6 +70,7 @@ impl Region {
             && self.disparity_px <= MAX_MEASURE
             && self.lateral_m.abs() <= MAX_MEASURE
             && sizes.iter().chain(&self.inset_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && self.evidence.abs() <= MAX_MEASURE
             && x.checked_add(width).is_some()
             && y.checked_add(height).is_some()
     }

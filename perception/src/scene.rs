@@ -29,11 +29,7 @@
 //! let disparity = DisparityView::new(&map, width, height).expect("one disparity per pixel");
 //! let depth = DepthView::new(disparity, &confidence).expect("one confidence per pixel");
 //!
-//! // Regions are confirmed over several frames.
 //! let mut detector = SceneDetector::new(SceneParameters::default(), rig, width, height, 64);
-//! for _ in 0..3 {
-//!     detector.detect(depth);
-//! }
 //! let scene = detector.detect(depth);
 //!
 //! let road = scene.road.expect("a visible road");
@@ -44,7 +40,6 @@
 
 use crate::depth::DepthView;
 use crate::detection::{ObstacleDetector, RegionParameters};
-use crate::motion::planar::PlanarStep;
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::edges::Edges;
@@ -68,7 +63,7 @@ pub struct Scene<'a> {
     pub road: Option<RoadModel>,
     /// Disparity of the road in each row, in px; 0 above the road.
     pub profile_px: &'a [f32],
-    /// Obstacle regions, nearest first.
+    /// Sightings of obstacles in this map, nearest first; see [`crate::detection`].
     pub regions: &'a [Region],
     /// Free distance ahead in metres for each group of [`crate::road::free_space::COLUMNS`] columns; 0
     /// without a road.
@@ -110,18 +105,6 @@ impl SceneDetector {
         self.road.v_disparity()
     }
 
-    /// Forgets what was seen before, as after a gap or a step back in time ([`crate::frame_clock`]): the confirmation
-    /// of regions over frames. The road is estimated in each map anew.
-    pub fn reset(&mut self) {
-        self.obstacles.reset();
-    }
-
-    /// Sets the displacement of the camera from the last map to the next one, by which the memory of regions is moved;
-    /// `None` if it is unknown. Call it before each [`Self::detect`]: it holds for one map.
-    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
-        self.obstacles.set_own_motion(step);
-    }
-
     /// Detects the road in a map, then the obstacles on it.
     ///
     /// # Panics
@@ -139,7 +122,8 @@ impl SceneDetector {
         let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
         let min_px = self.rig.disparity_px(self.max_distance_m);
         let visible_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
-        self.free_space.update(regions, visible_m);
+        let likely = regions.iter().filter(|region| region.evidence > 0.0);
+        self.free_space.update(likely, visible_m);
         let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
         Scene { road: Some(model), profile_px, regions, free_m, edges }
     }
@@ -183,14 +167,6 @@ mod tests {
         DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
     }
 
-    /// Result of the fourth frame with the same map, after confirmation.
-    fn detect_repeatedly<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
-        for _ in 0..3 {
-            detector.detect(full_confidence(map));
-        }
-        detector.detect(full_confidence(map))
-    }
-
     fn detector() -> SceneDetector {
         SceneDetector::new(SceneParameters::default(), RIG, 320, 240, 64)
     }
@@ -200,7 +176,7 @@ mod tests {
         let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
         let map = map(&boxes, 0.0);
         let mut detector = detector();
-        let scene = detect_repeatedly(&mut detector, &map);
+        let scene = detector.detect(full_confidence(&map));
         let road = scene.road.expect("the road is visible");
         assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
         assert!(road.confidence > 0.8, "{road:?}");
@@ -232,7 +208,7 @@ mod tests {
             }
         }
         let mut detector = detector();
-        let scene = detect_repeatedly(&mut detector, &map);
+        let scene = detector.detect(full_confidence(&map));
         let [car] = scene.regions else { panic!("{:?}", scene.regions) };
         let side_end = RIG.cx_px - 1.6 * RIG.focal_px / 7.4;
         assert!(f64::from(car.bounds.x + car.bounds.width) > side_end - 8.0, "{car:?}");
@@ -244,7 +220,7 @@ mod tests {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
-            let scene = detect_repeatedly(&mut detector, &map);
+            let scene = detector.detect(full_confidence(&map));
             let road = scene.road.expect("the road is visible");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
@@ -257,7 +233,7 @@ mod tests {
         for roll in [0.01, -0.01] {
             let map = map(&boxes, roll);
             let mut detector = detector();
-            let scene = detect_repeatedly(&mut detector, &map);
+            let scene = detector.detect(full_confidence(&map));
             assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
             for region in scene.regions {
                 assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");

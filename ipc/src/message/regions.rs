@@ -131,6 +131,8 @@ pub struct RegionRecord {
     pub height_m: f64,
     /// Mean confidence of its disparities, 0 to 1.
     pub confidence: f64,
+    /// Evidence that it is a real obstacle: natural logarithm of the likelihood ratio.
+    pub evidence: f64,
     /// By how much the thing itself ends inside of the left and of the right side of the box, in metres.
     pub inset_m: [f64; 2],
     /// The box: left, top, width, height, in px; within the image.
@@ -150,6 +152,9 @@ const MIN_DISPARITY_PX: f64 = 1.0 / 256.0;
 /// Maximum disparity, in px: the width of an image.
 const MAX_DISPARITY_PX: f64 = MAX_SIDE as f64;
 
+/// Evidence of a region: far beyond certainty in either direction.
+const EVIDENCE: Within<f64> = within(-1e6, 1e6);
+
 /// Maximum number of pixels of an image.
 const MAX_PIXELS: u32 = MAX_SIDE * MAX_SIDE;
 
@@ -162,6 +167,7 @@ ranges! {
         width_m: METRES,
         height_m: METRES,
         confidence: SHARE,
+        evidence: EVIDENCE,
         inset_m: Each(METRES),
         bounds: Each(within(0, MAX_SIDE)),
         crop: Each(within(0, MAX_SIDE)),

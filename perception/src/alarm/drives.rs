@@ -183,6 +183,7 @@ fn region(camera: Place, thing: &Thing, at: Place, random: &mut fastrand::Rng) -
         inset_m: [0.0; 2],
         pixels: 2000,
         confidence: 0.9,
+        evidence: 4.0,
     };
     region.set_ends([left_m, right_m]);
     Some(region)

@@ -29,7 +29,7 @@ impl FreeSpace {
     }
 
     /// Computes the free space of a frame from its regions and the distance up to which its road is visible.
-    pub fn update(&mut self, regions: &[Region], visible_m: f64) {
+    pub fn update<'a>(&mut self, regions: impl Iterator<Item = &'a Region>, visible_m: f64) {
         self.free_m.fill(visible_m as f32);
         for region in regions {
             let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);
@@ -59,10 +59,11 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 500,
             confidence: 0.9,
+            evidence: 4.0,
         };
         let mut free = FreeSpace::new(60);
         assert_eq!(free.free_m(), [0.0; 8]);
-        free.update(&[region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)], 45.0);
+        free.update([region(17, 15, 12.0), region(8, 12, 20.0), region(56, 20, 9.0)].iter(), 45.0);
         assert_eq!(free.free_m(), [45.0, 20.0, 12.0, 12.0, 45.0, 45.0, 45.0, 9.0]);
         free.clear();
         assert_eq!(free.free_m(), [0.0; 8]);

@@ -58,6 +58,8 @@ pub struct Track {
     pub consecutive_frames: u32,
     /// Smoothed change of the width from frame to frame: mean absolute log ratio.
     pub width_jitter: f64,
+    /// Log-odds that it exists.
+    pub existence: f64,
     /// Accumulated classification.
     pub classification: Classification,
     /// Whether it moves over ground; unknown while the own motion is.
@@ -212,6 +214,12 @@ const MAX_LENGTH_M: f64 = 10_000.0;
 /// Tracks with a larger speed or standard deviation of it are dropped, in m/s: several times that of any vehicle.
 const MAX_SPEED_M_S: f64 = 1_000.0;
 
+/// Log-odds of existence from which a track is confirmed, limits of the evidence of a sighting and of the sum, and the share
+/// of the sum that is kept from frame to frame.
+const CONFIRM_LOG_ODDS: f64 = 2.5;
+const MAX_SIGHTING_EVIDENCE: f64 = 3.0;
+const MAX_LOG_ODDS: f64 = 9.0;
+const KEPT_SHARE: f64 = 0.8;
 /// Largest number of regions per frame; the nearest are used.
 const MAX_DETECTIONS: usize = 64;
 /// Gate of the disparity difference: this many standard deviations of prediction and measurement,
@@ -295,7 +303,7 @@ impl Tracker {
 
     /// Whether a track is confirmed as an obstacle.
     pub fn is_confirmed(&self, track: &Track) -> bool {
-        track.seen >= self.parameters.confirm_frames
+        track.seen >= self.parameters.confirm_frames && track.existence >= CONFIRM_LOG_ODDS
     }
 
     /// Number of tracks and regions that were dropped because their numbers meant nothing: not finite, or beyond what
@@ -372,7 +380,10 @@ impl Tracker {
         for (d, region) in regions.iter().enumerate() {
             if !region.is_valid() {
                 self.dropped += 1;
-            } else if !self.matched[d] && self.tracks.len() < self.parameters.max_count {
+            } else if !self.matched[d]
+                && region.evidence > 0.0
+                && self.tracks.len() < self.parameters.max_count
+            {
                 let track = self.begin(d, region);
                 if track.is_plausible() {
                     self.tracks.push(track);
@@ -459,6 +470,7 @@ impl Tracker {
             seen: 1,
             missed: 0,
             unseen_s: 0.0,
+            existence: region.evidence.min(MAX_SIGHTING_EVIDENCE),
             classification: Classification::default(),
             movement: Movement::Unknown,
             own_sigma_m_s: 0.0,
@@ -516,6 +528,8 @@ fn update_track(track: &mut Track, d: usize, region: &Region, (rig, size): (Rig,
     track.region = *region;
     track.detection = Some(d);
     track.last = (region.bounds, region.distance_m);
+    track.existence =
+        (KEPT_SHARE * track.existence + region.evidence.min(MAX_SIGHTING_EVIDENCE)).min(MAX_LOG_ODDS);
     track.seen = track.seen.saturating_add(1);
     track.consecutive_frames = track.consecutive_frames.saturating_add(1);
     (track.missed, track.unseen_s) = (0, 0.0);

@@ -457,6 +457,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 500,
             confidence: 0.9,
+            evidence: 4.0,
         };
         (pixels, region)
     }

@@ -33,6 +33,7 @@ fn sized(distance_m: f64, lateral_m: f64, width_m: f64, height_m: f64) -> Region
         inset_m: [0.0; 2],
         pixels: 2000,
         confidence: 0.9,
+        evidence: 4.0,
     }
 }
 

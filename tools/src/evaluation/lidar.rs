@@ -419,6 +419,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 900,
             confidence: 1.0,
+            evidence: 4.0,
         }
     }
 

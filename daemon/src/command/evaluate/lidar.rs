@@ -12,6 +12,7 @@ use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use config::Config;
 use perception::depth::DepthView;
+use perception::detection::SINGLE_PICTURE_EVIDENCE;
 use perception::image::GreyView;
 use perception::region::Region;
 use perception::rig::Rig;
@@ -80,11 +81,7 @@ struct FramePicture {
 }
 
 pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> {
-    let mut config = load(&args.config, log, "evaluate", Some("warn"))?;
-    if args.repeat == 1 {
-        // A single frame cannot confirm anything over time.
-        config.regions.confirm = false;
-    }
+    let config = load(&args.config, log, "evaluate", Some("warn"))?;
     let mut named: Vec<(String, LidarFrame)> = Vec::new();
     let mut sets: Vec<String> = Vec::new();
     for root in &args.sets {
@@ -111,12 +108,15 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
             detector.detect(seen.depth(frame)?);
         }
         let scene = detector.detect(seen.depth(frame)?);
+        // A single picture has no history: strong evidence decides.
+        let regions: Vec<Region> =
+            scene.regions.iter().filter(|r| r.evidence >= SINGLE_PICTURE_EVIDENCE).copied().collect();
         let from = if frame.right.is_some() { Disparity::Matched } else { Disparity::DepthMap };
         let camera_m = scene.road.map(|road| road.camera_height_m);
-        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, scene.regions));
-        rows.extend(labels.iter().map(|label| judge(name, label, &depth_m, scene.regions)));
+        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, &regions));
+        rows.extend(labels.iter().map(|label| judge(name, label, &depth_m, &regions)));
         if let Some(out) = &args.out {
-            let mut picture = seen.overlay(scene.profile_px, scene.regions, &rig);
+            let mut picture = seen.overlay(scene.profile_px, &regions, &rig);
             for label in &labels {
                 draw(&mut picture, label, label_distance_m(&depth_m, label));
             }

@@ -270,6 +270,7 @@ fn region(record: &RegionRecord) -> Region {
         height_m: record.height_m,
         inset_m: record.inset_m,
         confidence: record.confidence,
+        evidence: record.evidence,
         pixels: record.pixels,
     }
 }

@@ -3,7 +3,6 @@
 pub mod own_motion;
 pub mod parameters;
 
-use super::motion::body;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
 use config::Config;
@@ -19,8 +18,6 @@ use perception::depth::DepthView;
 use perception::frame_clock::FrameClock;
 use perception::image::GreyView;
 use perception::image_quality::{TextureMonitor, road_texture};
-use perception::motion::body::Body;
-use perception::motion::planar::PlanarStep;
 use perception::region::Region;
 use perception::rig::Rig;
 use perception::road::edges::Edge;
@@ -42,7 +39,6 @@ const MIN_CROP: u32 = 32;
 pub struct RoadStage {
     detector: SceneDetector,
     own_motion: OwnMotion,
-    body: Body,
     clock: FrameClock,
     rig: Rig,
     path_width_m: f64,
@@ -69,7 +65,6 @@ impl Stage for RoadStage {
         );
         Ok(Self {
             detector,
-            body: body(config),
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
             rig: format.rig(),
@@ -98,12 +93,7 @@ impl Stage for RoadStage {
                 needed: self.width * self.height,
             })?;
         let step = self.clock.step(frame.source_ns);
-        if step.is_discontinuity() {
-            self.detector.reset();
-        }
-        let motion = self.own_motion.update(frame, step, left, disparity);
-        let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
-        self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
+        self.own_motion.update(frame, step, left, disparity);
         let scene = self.detector.detect(depth_view);
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
@@ -167,6 +157,7 @@ fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
         width_m: region.width_m,
         height_m: region.height_m,
         confidence: region.confidence,
+        evidence: region.evidence,
         inset_m: region.inset_m,
         bounds: [b.x, b.y, b.width, b.height],
         crop: [crop_x, crop_y, crop_width, crop_height],

@@ -24,7 +24,6 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
             depth_span_m: r.depth_span_m,
             min_pixels: whole(r.pixels_min),
             max_count: whole(r.count_max),
-            confirm: r.confirm,
         },
     }
 }

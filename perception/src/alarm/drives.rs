@@ -11,7 +11,7 @@ use crate::motion::curvature::CurvatureFilter;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::edge_curve::{EdgeCurve, edge_curve};
-use crate::tracking::{Tracker, TrackerParameters};
+use crate::tracking::{Frame, Track, Tracker, TrackerParameters};
 use std::ops::Range;
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
@@ -242,11 +242,12 @@ impl Drive {
                 ..Motion::default()
             });
             let time_ns = (seconds * 1e9) as u64;
-            tracker.update_with_motion(time_ns, &regions, motion);
+            tracker.follow(&Frame { motion, ..Frame::new(time_ns, &regions) });
             let road = self.road_ahead(camera, way_m, &mut random);
             let path = motion.map(|m| curvature.update(&m, PERIOD_S, body, road));
-            let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
-            let state = alarm.update_on_path(time_ns, true, path, confirmed.map(Candidate::of));
+            let confirmed = tracker.confirmed().map(Track::state);
+            let state =
+                alarm.update_on_path(time_ns, true, path, confirmed.map(|obstacle| Candidate::of(&obstacle)));
             outcome.warning_frames += u32::from(state.level >= AlarmLevel::Warning);
             if state.level == AlarmLevel::Alarm {
                 outcome.alarm_frames += 1;

@@ -33,7 +33,7 @@ const CUSUM_DECAY: f64 = 0.8;
 const CUSUM_THRESHOLD: f64 = 6.0;
 
 /// A normalised innovation above this counts as an outlier; its weight decreases with its size.
-const OUTLIER_SIGMAS: f64 = 3.0;
+pub(super) const OUTLIER_SIGMAS: f64 = 3.0;
 
 /// This many consecutive outliers that agree are a step of the measurement (another side of the object is
 /// measured). If they grow, the speed has changed.

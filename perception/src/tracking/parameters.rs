@@ -1,0 +1,92 @@
+//! Every number of the tracker that somebody chose, with its unit and the reason.
+
+/// Parameters of the tracker that the configuration sets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerParameters {
+    /// Probability of existence from which a track is confirmed as an obstacle.
+    pub confirm_probability: f64,
+    /// Longest time for which a track is predicted without a sighting, in seconds.
+    pub max_unseen_s: f64,
+    /// Smallest box overlap for an assignment, 0 to 1.
+    pub min_overlap: f64,
+    /// Distance beyond which nothing is detected, in metres.
+    pub max_distance_m: f64,
+    /// Largest disparity that is searched, in px: nearer things are not detected.
+    pub max_disparity_px: f64,
+    /// Largest number of tracks.
+    pub max_count: usize,
+}
+
+impl Default for TrackerParameters {
+    fn default() -> Self {
+        Self {
+            confirm_probability: 0.9,
+            max_unseen_s: 1.5,
+            min_overlap: 0.2,
+            max_distance_m: 60.0,
+            max_disparity_px: 128.0,
+            max_count: 128,
+        }
+    }
+}
+
+// Existence.
+
+/// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
+/// below which a track ends, as less is then known of it than before it was seen.
+pub const BIRTH_PROBABILITY: f64 = 0.1;
+/// A confirmed track remains confirmed down to this probability: more probable than not.
+pub const KEEP_PROBABILITY: f64 = 0.5;
+/// Largest evidence of one sighting: a likelihood ratio of 20. However distinct a snowflake in front of the lens is, it is one
+/// for one frame.
+pub const MAX_EVIDENCE: f64 = 3.0;
+/// Correlation time of the errors of successive sightings, in seconds: looks at shorter intervals see the same noise and
+/// count by the time between them. Two frames at 12.5 frames a second.
+pub const CORRELATION_S: f64 = 0.15;
+/// Number of independent looks that are remembered. The evidence of one structure errs to the same side in each frame, so that
+/// it must not add up without limit.
+pub const MEMORY_LOOKS: f64 = 5.0;
+/// Mean time for which a thing remains where it is expected while nobody can see it there, in seconds.
+pub const LEAVING_TIME_S: f64 = 4.0;
+
+// Association.
+
+/// Gate of the disparity difference: this many standard deviations of prediction and measurement,
+pub const GATE_SIGMAS: f64 = 4.0;
+/// plus this many px, plus this share of the disparity: the near side jumps when parts are merged.
+pub const GATE_PX: f64 = 0.5;
+/// See [`GATE_PX`].
+pub const GATE_SHARE: f64 = 0.08;
+/// Weight of containment: if one box contains the other, the overlap is at least this share of the contained area, since
+/// sightings split and merge.
+pub const CONTAINMENT_WEIGHT: f64 = 0.6;
+/// Cost of boxes without overlap, in the unit of a squared normalised innovation.
+pub const OVERLAP_COST: f64 = 12.0;
+/// Cost of widths that differ by a factor of e, in the same unit.
+pub const SIZE_COST: f64 = 3.0;
+/// Cost of a sighting without a track, in the same unit.
+pub const UNMATCHED_COST: f64 = 24.0;
+/// Share of a box that lies within the body of a track if it is a part of that thing.
+pub const BODY_SHARE: f64 = 0.7;
+/// Length of the body of a thing behind its near side, in metres: that of a car.
+pub const BODY_LENGTH_M: f64 = 4.5;
+
+// Extent.
+
+/// Time constant of the sides of a thing, in seconds: faster, and each fragment changes its size; slower, and it lags behind
+/// what comes into view as the vehicle passes.
+pub const EXTENT_TIME_S: f64 = 0.3;
+/// Standard deviation of the middle of a box, in px: sides are found in strips of four columns;
+pub const CENTRE_SIGMA_PX: f64 = 3.0;
+/// and as a share of the width.
+pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
+/// A box closer to the border of the picture than this, in px, is cut by it.
+pub const BORDER_PX: f64 = 8.0;
+
+// Disparity.
+
+/// Inflation of the disparity's standard deviation: its errors are correlated over frames, while the filter assumes
+/// independence.
+pub const NOISE_INFLATION: f64 = 1.5;
+/// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
+pub const MIN_SIGMA_PX: f64 = 0.08;

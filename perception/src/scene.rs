@@ -39,6 +39,7 @@
 //! ```
 
 use crate::depth::DepthView;
+use crate::detection::photometric::Verifier;
 use crate::detection::{ObstacleDetector, RegionParameters};
 use crate::region::Region;
 use crate::rig::Rig;
@@ -70,6 +71,8 @@ pub struct Scene<'a> {
     pub free_m: &'a [f32],
     /// Left and right edges of the road.
     pub edges: &'a Edges,
+    /// Looks for a region in both pictures of this map; `None` without pictures or road.
+    pub verifier: Option<Verifier<'a>>,
 }
 
 /// Detects road and obstacle regions in disparity maps of one size; memory is allocated once.
@@ -109,15 +112,18 @@ impl SceneDetector {
     ///
     /// # Panics
     /// When the size of the map differs from that of the detector.
-    pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
+    pub fn detect<'a>(&'a mut self, depth: DepthView<'a>) -> Scene<'a> {
         let Some(model) = self.road.estimate(depth) else {
             self.free_space.clear();
             let profile_px = self.road.profile().disparity_px();
             let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
-            return Scene { road: None, profile_px, regions: &[], free_m, edges };
+            return Scene { road: None, profile_px, regions: &[], free_m, edges, verifier: None };
         };
         let profile = self.road.profile();
-        let regions = self.obstacles.detect(depth, profile, self.road.surface());
+        let surface = self.road.surface();
+        self.obstacles.detect(depth, profile, surface);
+        let (regions, verifier) =
+            (self.obstacles.regions(), self.obstacles.verifier(depth, profile, surface));
         let profile_px = profile.disparity_px();
         let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
         let min_px = self.rig.disparity_px(self.max_distance_m);
@@ -125,7 +131,7 @@ impl SceneDetector {
         let likely = regions.iter().filter(|region| region.evidence > 0.0);
         self.free_space.update(likely, visible_m);
         let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
-        Scene { road: Some(model), profile_px, regions, free_m, edges }
+        Scene { road: Some(model), profile_px, regions, free_m, edges, verifier }
     }
 }
 

@@ -251,7 +251,7 @@ fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -
 mod tests {
     use super::*;
     use messages::header::Kind;
-    use messages::regions::{self, RoadRecord, Writer};
+    use messages::regions::{self, Counts, RoadRecord, Writer};
 
     const RIG: Rig = Rig { focal_px: 400.0, baseline_m: 0.2, cx_px: 32.0, cy_px: 16.0 };
 
@@ -262,7 +262,9 @@ mod tests {
         let mut memory = vec![0_u64; 4096];
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
         let free_m = [0.0, 12.504, f32::NAN, -3.0, 40.0, 40.0, 40.0, 40.0];
-        let bytes = Writer::new(payload, RoadRecord::default(), &profile, &free_m, 0).unwrap().bytes();
+        let bytes = Writer::new(payload, RoadRecord::default(), &profile, &free_m, Counts::default())
+            .unwrap()
+            .bytes();
         let road = regions::view(&header, &payload[..bytes]).unwrap();
         let images = Images { left: vec![77; 64 * 48], disparity: vec![4 * 256; 64 * 48] };
         let mut record = FrameRecord { sequence: 5, ..FrameRecord::default() };

@@ -83,13 +83,24 @@ impl ObstacleDetector {
         }
     }
 
-    /// Finds what may be obstacles on the road, nearest first. Of more than `max_count`, those with most evidence are kept.
-    pub fn detect(
-        &mut self,
-        depth: DepthView<'_>,
-        profile: &RoadProfile,
+    /// Sightings of the last map: what may be obstacles on the road, nearest first.
+    pub fn regions(&self) -> &[Region] {
+        &self.regions
+    }
+
+    /// Looks for regions in both pictures of the last map; `None` if it has none.
+    pub fn verifier<'a>(
+        &'a self,
+        depth: DepthView<'a>,
+        profile: &'a RoadProfile,
         surface: &RoadSurface,
-    ) -> &[Region] {
+    ) -> Option<Verifier<'a>> {
+        let road = RoadGeometry { profile_px: profile.disparity_px(), tilt: surface.tilt(), rig: self.rig };
+        Some(Verifier { images: depth.images()?, road, stixels: &self.stixels })
+    }
+
+    /// Finds what may be obstacles on the road. Of more than `max_count`, those with most evidence are kept.
+    pub fn detect(&mut self, depth: DepthView<'_>, profile: &RoadProfile, surface: &RoadSurface) {
         let p = &self.parameters;
         let stixel_parameters = StixelParameters {
             min_height_m: STIXEL_HEIGHT_SHARE * p.min_height_m,
@@ -119,6 +130,5 @@ impl ObstacleDetector {
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
         });
-        &self.regions
     }
 }

@@ -81,6 +81,8 @@ pub struct Tracker {
     owners: Vec<Option<u32>>,
     /// Whether a sighting is explained by a track, so that none begins with it.
     explained: Vec<bool>,
+    /// Number of the track of each sighting; 0: none.
+    numbers: Vec<u32>,
     order: Vec<(f64, u32)>,
     next_id: u32,
     clock: FrameClock,
@@ -99,6 +101,7 @@ impl Tracker {
             assignment: Assignment::new(MAX_SIGHTINGS, parameters.max_count),
             owners: Vec::with_capacity(MAX_SIGHTINGS),
             explained: Vec::with_capacity(MAX_SIGHTINGS),
+            numbers: Vec::with_capacity(MAX_SIGHTINGS),
             order: Vec::with_capacity(parameters.max_count),
             parameters,
             rig,
@@ -125,6 +128,11 @@ impl Tracker {
     /// The tracks that count as obstacles.
     pub fn confirmed(&self) -> impl Iterator<Item = &Track> {
         self.tracks.iter().filter(|track| track.is_confirmed)
+    }
+
+    /// Number of the track to which a sighting of the last frame belongs; 0 if it belongs to none.
+    pub fn track_of(&self, sighting: usize) -> u32 {
+        self.numbers.get(sighting).copied().unwrap_or(0)
     }
 
     /// Number of tracks and sightings that were dropped because their numbers meant nothing: not finite, or beyond what
@@ -253,6 +261,9 @@ impl Tracker {
             }
             self.explained.push(is_explained);
         }
+        let number = |owner: &Option<u32>| owner.map_or(0, |t| self.tracks[t as usize].id);
+        self.numbers.clear();
+        self.numbers.extend(self.owners.iter().map(number));
     }
 
     /// Updates each track with its sighting, joined from all parts.
@@ -348,8 +359,10 @@ impl Tracker {
             self.bodies.swap(older, whole);
             // What follows the part is now at the other place.
             let ended = whole.max(part);
-            let id = self.tracks[whole.min(part)].id.min(self.tracks[ended].id);
+            let ids = [older, ended].map(|t| self.tracks[t].id);
+            let id = ids[0].min(ids[1]);
             self.tracks[older].id = id;
+            self.numbers.iter_mut().filter(|number| ids.contains(number)).for_each(|number| *number = id);
             self.tracks[ended].existence = existence::Existence::new(MIN_EVIDENCE);
         }
     }
@@ -380,6 +393,7 @@ impl Tracker {
                 let mut track = Track::begin(self.next_id, s, region, cameras, self.own.as_ref());
                 track.is_confirmed = track.existence.probability() >= self.parameters.confirm_probability;
                 if track.is_plausible() {
+                    self.numbers[s] = track.id;
                     self.next_id = self.next_id.wrapping_add(1).max(1);
                     self.tracks.push(track);
                 } else {

@@ -1,6 +1,6 @@
 //! `lookout evaluate weather`.
 
-use super::scene_run::{SceneRun, found};
+use super::scene_run::{SceneRun, detection, reported};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
@@ -9,7 +9,6 @@ use crate::command::error::CommandError;
 use crate::stages::stereo::matcher::Method;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use perception::region::PixelBox;
 use sources::scene::Scene;
 use sources::scene::file::Weather;
 use sources::scene::library;
@@ -28,8 +27,8 @@ pub const HELP: &str = "Examples:
   lookout evaluate weather crest-traffic dip-traffic --weather sunny --ablation
   lookout evaluate weather 'street?rig=kitti' my/road.toml --out results
 
-Every frame is processed by the same stages as in the daemon, in one process. Its regions are
-compared with the exact ground truth of the scene. The table has one line per scene and weather,
+Every frame is processed by the same stages as in the daemon, in one process. Its confirmed
+obstacles are compared with the exact ground truth of the scene. The table has one line per scene and weather,
 with the paper's accuracy beside it.
 
 evaluable: objects named by the scene, 3 to 40 m away (debris to 20 m), at least half visible, in
@@ -129,7 +128,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
         let mut best: Option<(usize, Picture)> = None;
         for index in 0..frames {
             let (truth, result) = run.frame(index)?;
-            let regions: Vec<Detection> = result.regions.iter().map(|region| found(region, &rig)).collect();
+            let regions: Vec<Detection> = reported(&result.record.obstacles).collect();
             let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
             let tracks: Vec<(&ObstacleLine, ClassifiedTrack)> = result
                 .record
@@ -137,9 +136,8 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 .iter()
                 .filter(|o| o.confirmed)
                 .map(|o| {
-                    let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
-                    let found = Detection { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
-                    (o, ClassifiedTrack { found, is_vehicle: o.class == config.recognition.label })
+                    let is_vehicle = o.class == config.recognition.label;
+                    (o, ClassifiedTrack { found: detection(o), is_vehicle })
                 })
                 .collect();
             let is_false = |found: &Detection| {

@@ -396,16 +396,20 @@ fn pictures_without_a_board_have_none() {
     }
 }
 
-/// The synthetic drive, `frames` pairs; from `turned` on the right camera is pitched by 0.2 degrees.
+/// The synthetic drive, whose right camera is pitched by 0.2 degrees from pair 12 on.
 #[test]
 fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
     let _turn = turns::beside_others();
     use perception::rectify::Remap;
     use perception::simd::Level;
-    use perception::stereo::epipolar::{EpipolarCheck, EpipolarHealth, EpipolarParameters, EpipolarState};
+    use perception::stereo::epipolar::correction::RowCorrection;
+    use perception::stereo::epipolar::shift::shift_rows;
+    use perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters, EpipolarState, MatchedPair};
     use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
     use sources::PairSource;
 
+    /// Time between two pairs, in seconds.
+    const STEP: f64 = 0.1;
     let (width, height) = (640, 480);
     let mut drive = sources::scene::Drive::paper(1);
     assert_eq!(drive.size(), (width, height));
@@ -420,57 +424,49 @@ fn a_camera_that_turns_in_flight_is_noticed_and_comes_back_when_corrected() {
     let mut matcher =
         Mpv::new(MpvParameters::default(), Search::Windows, width, height, 64).expect("a matcher");
     let mut check = EpipolarCheck::new(EpipolarParameters::default());
+    // The offset is 3 px: more than is corrected by default.
+    let mut correction = RowCorrection::new(4.0);
     let (mut left, mut right) = (vec![0; width * height], vec![0; width * height]);
     let (mut seen, mut corrected) = (vec![0; width * height], vec![0; width * height]);
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
-    let mut correction: Option<Remap> = None;
-    let mut frame = |index: u64, is_turned: bool, correction: Option<&Remap>| {
+    let (mut noticed, mut back) = (None, None);
+    for index in 0..50 {
         drive.read(index, &mut left, &mut right).expect("the drive never ends");
         let view = |p| perception::image::GreyView::new(p, width, height, width).expect("the size fits");
-        if is_turned {
+        if index >= 12 {
             turned.apply(view(&right), &mut seen).expect("the size fits");
         } else {
             seen.copy_from_slice(&right);
         }
-        match correction {
-            Some(table) => table.apply(view(&seen), &mut corrected).expect("the size fits"),
-            None => corrected.copy_from_slice(&seen),
-        }
+        correction.advance(STEP);
+        shift_rows(Level::best(), view(&seen), &correction.applied(), &mut corrected);
         let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
         matcher.compute(view(&left), view(&corrected), output).expect("the size fits");
         let map = DisparityView::new(&disparity, width, height).expect("the size fits");
-        check.update(view(&left), view(&corrected), map, &confidence)
-    };
-    let (mut noticed, mut back) = (None, None);
-    let mut shifts: Vec<EpipolarHealth> = Vec::new();
-    for index in 0..70 {
-        let health = frame(index, index >= 12, correction.as_ref());
+        let pair = MatchedPair {
+            left: view(&left),
+            right: view(&corrected),
+            disparity: map,
+            confidence: &confidence,
+        };
+        let health = check.update(pair, &correction.applied(), STEP);
+        correction.update(&check);
         if index == 11 {
             assert_eq!(health.state, EpipolarState::Good, "{health:?}");
+            assert!(!correction.has_moved() && health.lost < 0.02, "{health:?}");
         }
         if index >= 12 && noticed.is_none() && health.state == EpipolarState::Degraded {
             noticed = Some(index - 11);
         }
-        // In steps: with a large row offset the matches that measure it are off, too.
-        if (index == 40 || index == 48) && health.state == EpipolarState::Degraded {
-            println!("frame {index}: {health:?}");
-            shifts.push(health);
-            let table = Remap::new(Level::best(), width, height, |x, y| {
-                let place = shifts.iter().rev().fold((x as f64, y as f64), |p, s| {
-                    let moved = s.corrected((width, height), x, y).1 - y as f64;
-                    (p.0, p.1 + moved)
-                });
-                Some(place)
-            });
-            correction = Some(table);
-        }
-        if index > 40 && back.is_none() && health.state == EpipolarState::Good {
-            back = Some(index - 40);
+        if noticed.is_some() && back.is_none() && health.state == EpipolarState::Good {
+            back = Some(index - 11);
         }
     }
-    println!("noticed after {noticed:?} frames, good again {back:?} frames after the correction");
-    assert!(noticed.is_some_and(|n| n <= 30), "{noticed:?}");
+    let health = check.health();
+    println!("noticed after {noticed:?} frames, good again after {back:?}: {health:?}");
+    assert!(noticed.is_some_and(|n| n <= 10), "{noticed:?}");
     assert!(back.is_some_and(|n| n <= 29), "{back:?}");
+    assert!(health.typical_px < 0.3 && health.lost < 0.02 && correction.has_moved(), "{health:?}");
 }
 
 #[test]
@@ -480,16 +476,40 @@ fn a_recording_is_rectified_as_it_is_read() {
     let (json, ok) = calibrate(&bench, &bench.path("set"), &BOARD);
     assert!(ok, "{json:#}");
     let rig = bench.path("rig.toml").display().to_string();
-    let args = ["replay", "set", "--in-process", "--limit", "2", "--rig", &rig, "--out", "seen"];
-    bench.ok(&[&args[..], &["--set", "source.rectify=true"]].concat());
     bench.ok(&["rectify", "rig.toml", "set/left/1.png", "set/right/1.png", "-o", "one"]);
-    // The overlay shows the left image: they agree where nothing is drawn.
-    let overlay = image::open(bench.path("seen/overlay/000000.png")).unwrap().into_rgb8();
     let left = image::open(bench.path("one/left.png")).unwrap().into_luma8();
-    let same = left.enumerate_pixels().filter(|(x, y, p)| overlay.get_pixel(*x, *y).0 == [p.0[0]; 3]).count();
-    assert!(same > SIZE.0 * SIZE.1 / 10, "{same} pixels agree");
+    // The overlay shows the left image: they agree where nothing is drawn.
+    let agreeing = |out: &str| {
+        let overlay = image::open(bench.path(out).join("overlay/000000.png")).unwrap().into_rgb8();
+        left.enumerate_pixels().filter(|(x, y, p)| overlay.get_pixel(*x, *y).0 == [p.0[0]; 3]).count()
+    };
+    let enough = SIZE.0 * SIZE.1 / 10;
+    // By itself, because the rig can; when told to; and not when told not to.
+    for (out, setting, is_rectified) in
+        [("seen", None, true), ("told", Some("true"), true), ("raw", Some("false"), false)]
+    {
+        let setting = setting.map(|value| format!("source.rectify={value}"));
+        let args = ["replay", "set", "--in-process", "--limit", "2", "--rig", &rig, "--out", out];
+        let more: Vec<&str> = setting.iter().flat_map(|setting| ["--set", setting]).collect();
+        bench.ok(&[&args[..], &more].concat());
+        assert_eq!(agreeing(out) > enough, is_rectified, "{out}: {} pixels agree", agreeing(out));
+    }
     let error = bench.fails(&["replay", "set", "--in-process", "--set", "source.rectify=true"]);
     assert!(error.contains("source.rig"), "{error}");
+    // The file beside the pictures counts, too.
+    std::fs::copy(&rig, bench.path("set/rig.toml")).unwrap();
+    bench.ok(&["replay", "set", "--in-process", "--limit", "2", "--out", "beside"]);
+    assert!(agreeing("beside") > enough, "{} pixels agree", agreeing("beside"));
+    // A rig for pictures of another size is refused, whatever is set.
+    let small = bench.record("small", 2);
+    for value in ["\"auto\"", "true", "false"] {
+        let setting = format!("source.rectify={value}");
+        let error = bench.fails(&["replay", &small, "--in-process", "--rig", &rig, "--set", &setting]);
+        assert!(error.contains("480x360") && error.contains("320x240"), "{value}: {error}");
+    }
+    let pair = ["small/left/000000.png", "small/right/000000.png"];
+    let error = bench.fails(&["obstacles", pair[0], pair[1], "--rig", &rig]);
+    assert!(error.contains("480x360") && error.contains("320x240"), "{error}");
 }
 
 #[test]

@@ -122,7 +122,7 @@ fn one_pair_gives_disparity_and_obstacles() {
     });
     assert!(car.is_some_and(|c| c["class"] == "vehicle"), "{record}");
     assert!(image::open(bench.path("o.png")).is_ok());
-    assert!(bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml"]).contains("alarm: standby"));
+    assert!(bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml"]).contains("alarm: clear"));
 }
 
 #[test]

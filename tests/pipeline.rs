@@ -59,7 +59,7 @@ fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
     assert!(missed.len() <= 4, "the car ahead was missed in frames {missed:?} of 30");
     // It comes from 16 m to 6 m; the alarm is set to 10 m.
     let level = |i: usize| lines[i]["alarm"]["level"].as_str().unwrap();
-    assert_eq!(level(3), "standby");
+    assert_eq!(level(3), "clear");
     let raised = lines.iter().find(|l| l["alarm"]["level"] == "alarm").expect("an alarm");
     let alarm = &raised["alarm"];
     assert!(alarm["rule"] == "distance" && alarm["changed"] == true && alarm["track"].is_u64(), "{alarm}");

@@ -107,5 +107,5 @@ fn an_alarm_that_cannot_decide_is_off_and_says_why() {
         "--set",
         "alarm.self_check=false",
     ]);
-    assert_eq!(support::lines(&bench.path("b"))[9]["alarm"]["level"], "standby");
+    assert_eq!(support::lines(&bench.path("b"))[9]["alarm"]["level"], "clear");
 }

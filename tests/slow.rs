@@ -7,6 +7,7 @@ mod faults_lockstep;
 mod fuzz;
 mod realtime_load;
 mod recording_readers;
+mod row_offset_cost;
 mod scene_approaches;
 mod second_user;
 mod shifted_view;

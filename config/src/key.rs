@@ -9,6 +9,8 @@ use std::fmt;
 pub enum Kind {
     /// true or false.
     Switch,
+    /// "auto", true or false.
+    Automatic,
     /// A whole number in a range.
     Whole(i64, i64),
     /// A number in a range.
@@ -28,6 +30,7 @@ impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Kind::Switch => f.write_str("true or false"),
+            Kind::Automatic => f.write_str("\"auto\", true or false"),
             Kind::Whole(low, high) => write!(f, "a whole number from {low} to {high}"),
             Kind::Number(low, high) => write!(f, "a number from {low} to {high}"),
             Kind::Choice(words) => write!(f, "one of \"{}\"", words.join("\", \"")),

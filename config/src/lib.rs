@@ -5,6 +5,7 @@
 //! and what a reload does with it. The types here, the checks, error messages, `docs/configuration.md` and
 //! the reload of a running daemon are derived from that declaration ([`keys::all`]).
 
+pub mod automatic;
 mod check;
 mod key;
 pub mod keys;

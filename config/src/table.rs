@@ -29,7 +29,7 @@ pub trait Table {
 /// ```
 ///
 /// The doc comment of a key is both its rustdoc and its description on the reference page. A kind is one of
-/// [`Kind`]'s: `Switch` (bool), `Whole` (i64), `Number` (f64), `Choice` (String), `Name` (String), `Path` (PathBuf),
+/// [`Kind`]'s: `Switch` (bool), `Automatic` ([`crate::automatic::Automatic`]), `Whole` (i64), `Number` (f64), `Choice` (String), `Name` (String), `Path` (PathBuf),
 /// `Text` (String). `in` gives the unit. The default may be any expression, such as the default of an
 /// algorithm in `perception`.
 ///
@@ -99,6 +99,7 @@ macro_rules! table {
 /// What follows from the kind of a key: its type, its default and its [`Key`].
 macro_rules! kind {
     (type Switch) => { bool };
+    (type Automatic) => { $crate::automatic::Automatic };
     (type Whole $range:tt) => { i64 };
     (type Number $range:tt) => { f64 };
     (type Choice $choices:tt) => { String };

@@ -42,6 +42,8 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
                 score: (o.score > 0.0).then(|| tidy(o.score)),
                 confirmed: o.confirmed == 1,
                 missed: o.missed,
+                predicted: o.missed > 0,
+                probability: tidy(o.probability),
                 x_px: o.bounds[0],
                 y_px: o.bounds[1],
                 width_px: o.bounds[2],
@@ -84,6 +86,7 @@ fn path_line(motion: &MotionRecord, alarm: &AlarmRecord) -> PathLine {
             camera_yaw_rad: alarm.path_camera_yaw_rad,
         },
         edges: (edges.from_m > 0.0).then_some(edges),
+        is_turning_in: false,
     };
     PathLine::new(&path, known)
 }

@@ -8,6 +8,7 @@ use crate::stages;
 use crate::stages::stage::{FrameError, FrameStage, SetupError};
 use crate::stages::vehicle_record::record;
 use config::Config;
+use messages::alarm::Faults;
 use messages::header::{Header, Kind, MessageError};
 use messages::motion::MotionRecord;
 use messages::pipeline::SERVICES;
@@ -88,6 +89,10 @@ pub struct FrameResult<'a> {
     pub tracks: Records<TrackRecord, MAX_TRACKS>,
     /// Whether a road was detected.
     pub road_seen: bool,
+    /// The vehicle's own motion.
+    pub motion: MotionRecord,
+    /// Self-checks that failed: why the alarm is off.
+    pub faults: Faults,
 }
 
 impl Pipeline {
@@ -133,6 +138,11 @@ impl Pipeline {
         self.source.count()
     }
 
+    /// Source time of pair `index`, in ns.
+    pub fn time_ns(&self, index: u64) -> u64 {
+        self.source.time_ns(index)
+    }
+
     /// Processes pair `index` of the source with all stages, as frame `sequence`.
     ///
     /// # Errors
@@ -160,6 +170,7 @@ impl Pipeline {
         });
         let message = obstacles::view(obstacles.0, obstacles.1)?;
         let record = frame_record(obstacles.0, &message);
+        let (motion, faults) = (obstacles.0.motion, Faults(message.alarm.faults));
         let depth = depth::view(depth.0, depth.1)?;
         let regions = regions::view(regions.0, regions.1)?;
         let images = OverlayInput {
@@ -172,7 +183,18 @@ impl Pipeline {
             rig: self.format.rig(),
         };
         let (road_seen, tracks) = (regions.road.seen == 1, regions.tracks);
-        Ok(FrameResult { record, images, tracks, road_seen })
+        Ok(FrameResult { record, images, tracks, road_seen, motion, faults })
+    }
+
+    /// The left image of pair `index`, row-major, without processing it.
+    ///
+    /// # Errors
+    /// If the pair cannot be read.
+    pub fn left(&mut self, index: u64) -> Result<&[u8], PipelineError> {
+        let pair = place(&self.slots, Kind::Pair);
+        let (left, right) = pair::split_mut(self.slots[pair].buffer.get_mut());
+        self.source.read(index, left, right)?;
+        Ok(left)
     }
 
     /// The vehicle's own motion at pair `index` of the source, and its source time in ns. Stages after the road do not

@@ -3,13 +3,13 @@
 use std::fmt;
 
 /// Names of the levels, indexed by their numbers in messages.
-pub const LEVELS: [&str; 4] = ["off", "standby", "warning", "alarm"];
+pub const LEVELS: [&str; 4] = ["off", "clear", "warning", "alarm"];
 
 /// The level `off`: a self-check failed, so the system cannot judge.
 pub const OFF: u32 = 0;
 
-/// The level `standby`: clear; all self-checks pass and no rule applies.
-pub const STANDBY: u32 = 1;
+/// The level `clear`: all self-checks pass and no rule applies.
+pub const CLEAR: u32 = 1;
 
 /// The level `alarm`.
 pub const ALARM: u32 = 3;
@@ -53,7 +53,7 @@ impl Faults {
     pub const BLOCKED: Self = Self(1 << 3);
     /// The contrast of the left and the right image differs too much.
     pub const UNLIKE: Self = Self(1 << 4);
-    /// The epipolar alignment is degraded: the cameras have moved since they were calibrated.
+    /// The rows of both images differ so much that matching suffers, after any correction.
     pub const CALIBRATION: Self = Self(1 << 5);
     /// The road has too little texture to be matched.
     pub const SPARSE: Self = Self(1 << 6);
@@ -66,6 +66,8 @@ impl Faults {
 
     /// The time of the source stands still or jumps too often.
     pub const TIME: Self = Self(1 << 10);
+    /// The images are no pair: swapped, the same, or with rows far apart.
+    pub const PAIRING: Self = Self(1 << 11);
     /// All self-checks.
     pub const ALL: Self = Self((1 << DESCRIPTIONS.len()) - 1);
 
@@ -85,6 +87,13 @@ impl Faults {
         Self(self.0 | other.0)
     }
 
+    /// The descriptions of those that failed, in the order of display. A bit that this version does not know is a failed
+    /// self-check, too.
+    pub fn descriptions(self) -> impl Iterator<Item = &'static str> {
+        let unknown = (self.0 & !Self::ALL.0 != 0).then_some("a self-check failed");
+        DESCRIPTIONS.iter().filter(move |(fault, _)| self.has(*fault)).map(|(_, text)| *text).chain(unknown)
+    }
+
     /// `self` if `failed`, else none.
     #[must_use]
     pub fn when(self, failed: bool) -> Self {
@@ -93,7 +102,7 @@ impl Faults {
 }
 
 /// Description of each self-check, in the order of display.
-const DESCRIPTIONS: [(Faults, &str); 11] = [
+const DESCRIPTIONS: [(Faults, &str); 12] = [
     (Faults::STAGE, "a stage is not running"),
     (Faults::STALE, "no result for too long"),
     (Faults::OLD, "the frame is too old"),
@@ -102,23 +111,19 @@ const DESCRIPTIONS: [(Faults, &str); 11] = [
     (Faults::BRIGHT, "the picture is too bright"),
     (Faults::BLOCKED, "the picture shows nothing: is a camera covered?"),
     (Faults::UNLIKE, "left and right picture are too unlike"),
-    (Faults::CALIBRATION, "the cameras have moved: calibrate again"),
+    (Faults::PAIRING, "the pictures are no pair: swapped, the same, or their rows far apart"),
+    (Faults::CALIBRATION, "the rows of the pictures differ, and matches are lost: calibrate again"),
     (Faults::SPARSE, "too little texture on the road"),
     (Faults::NO_ROAD, "no road seen"),
 ];
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut first = true;
-        for (fault, description) in DESCRIPTIONS {
-            if self.has(fault) {
-                f.write_str(if first { "" } else { "; " })?;
-                f.write_str(description)?;
-                first = false;
-            }
+        for (i, description) in self.descriptions().enumerate() {
+            f.write_str(if i > 0 { "; " } else { "" })?;
+            f.write_str(description)?;
         }
-        // A bit that this version does not know is a failed self-check, too.
-        if first && !self.is_none() { f.write_str("a self-check failed") } else { Ok(()) }
+        Ok(())
     }
 }
 
@@ -131,6 +136,7 @@ mod tests {
         assert_eq!(Faults::NONE.to_string(), "");
         let two = Faults::NO_ROAD.and(Faults::DARK.when(true)).and(Faults::OLD.when(false));
         assert_eq!(two.to_string(), "the picture is too dark; no road seen");
+        assert_eq!(two.descriptions().collect::<Vec<_>>(), ["the picture is too dark", "no road seen"]);
         assert!(two.has(Faults::NO_ROAD) && !two.has(Faults::OLD) && !two.is_none());
         assert_eq!(Faults(1 << 30).to_string(), "a self-check failed");
         for (bit, (fault, _)) in DESCRIPTIONS.iter().enumerate() {

@@ -8,7 +8,10 @@ use lookout_perception::stereo::blocks::Block;
 use lookout_perception::stereo::confidence::ConfidenceFilter;
 use lookout_perception::stereo::cost::{CostParameters, CostStrip, STRIP};
 use lookout_perception::stereo::energy::EnergyRow;
-use lookout_perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters};
+use lookout_perception::stereo::epipolar::field::RowField;
+use lookout_perception::stereo::epipolar::pairing::PairingCheck;
+use lookout_perception::stereo::epipolar::shift::shift_rows;
+use lookout_perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters, MatchedPair};
 use lookout_perception::stereo::fill::{BridgeParameters, Fill};
 use lookout_perception::stereo::median::Median;
 use lookout_perception::stereo::pyramid;
@@ -207,9 +210,21 @@ fn frames(c: &mut Criterion) {
         let mut check = EpipolarCheck::new(EpipolarParameters::default());
         group.bench_function("calibration check", |b| {
             b.iter(|| {
-                let map = DisparityView::new(&disparity, width, height)?;
-                Some(check.update(left.view(), right.view(), map, &confidence))
+                let disparity = DisparityView::new(&disparity, width, height)?;
+                let pair = MatchedPair {
+                    left: left.view(),
+                    right: right.view(),
+                    disparity,
+                    confidence: &confidence,
+                };
+                Some(check.update(pair, &RowField::ZERO, 0.1))
             });
+        });
+        let mut pairing = PairingCheck::new(width, height, 4.0);
+        group.bench_function("pairing check", |b| b.iter(|| pairing.update(left.view(), right.view())));
+        let field = RowField { offset_px: 0.6, across_px: -0.2, down_px: 0.1 };
+        group.bench_function("row shift", |b| {
+            b.iter(|| shift_rows(Level::best(), right.view(), &field, &mut confidence));
         });
         group.finish();
     }

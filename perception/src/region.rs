@@ -16,12 +16,16 @@ pub struct PixelBox {
 }
 
 impl PixelBox {
-    /// Intersection over union, 0 to 1.
-    pub fn overlap(&self, other: &PixelBox) -> f64 {
+    /// Area that both cover, in px².
+    pub fn shared_area(&self, other: &PixelBox) -> f64 {
         let span =
             |a: u32, al: u32, b: u32, bl: u32| f64::from((a + al).min(b + bl).saturating_sub(a.max(b)));
-        let shared =
-            span(self.x, self.width, other.x, other.width) * span(self.y, self.height, other.y, other.height);
+        span(self.x, self.width, other.x, other.width) * span(self.y, self.height, other.y, other.height)
+    }
+
+    /// Intersection over union, 0 to 1.
+    pub fn overlap(&self, other: &PixelBox) -> f64 {
+        let shared = self.shared_area(other);
         let area = |b: &PixelBox| f64::from(b.width) * f64::from(b.height);
         let joint = area(self) + area(other) - shared;
         if joint > 0.0 { shared / joint } else { 0.0 }

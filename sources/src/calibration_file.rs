@@ -2,7 +2,7 @@
 
 use crate::bounded_file::read_text;
 use crate::limits::CALIBRATION;
-use crate::{SourceError, toml_text};
+use crate::{SourceError, rig_file, toml_text};
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::Deserialize;
@@ -18,28 +18,76 @@ struct RigFile {
     cy_px: f64,
 }
 
-/// Reads a rig from a TOML file (`focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, for any other
+/// What a calibration file holds.
+#[derive(Clone, Debug)]
+pub enum Calibration {
+    /// The rig of a pair that is rectified already.
+    Rectified(Rig),
+    /// The cameras of pictures that are not, with the rig after rectification.
+    Cameras(Box<rig_file::RigFile>),
+}
+
+impl Calibration {
+    /// The rig of the rectified pair.
+    pub fn rig(&self) -> Rig {
+        match self {
+            Self::Rectified(rig) => *rig,
+            Self::Cameras(file) => file.rectification.rig,
+        }
+    }
+
+    /// The same, for pictures of a size.
+    ///
+    /// # Errors
+    /// If the file says that it is for pictures of another size.
+    pub fn rig_for(&self, size: (usize, usize)) -> Result<Rig, String> {
+        match self {
+            Self::Rectified(rig) => Ok(*rig),
+            Self::Cameras(file) => file.check_size(size).map(|()| file.rectification.rig),
+        }
+    }
+}
+
+/// Reads the rig of a calibration, see [`open`].
+///
+/// # Errors
+/// Names the file, the line or key, and the expected content.
+pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
+    Ok(open(path, colour)?.rig())
+}
+
+/// Reads the rig of a calibration, for pictures of `size`.
+///
+/// # Errors
+/// As [`open`], and if the file is for pictures of another size.
+pub fn read_for(path: &Path, colour: bool, size: (usize, usize)) -> Result<Rig, SourceError> {
+    let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
+    open(path, colour)?.rig_for(size).map_err(fail)
+}
+
+/// Reads a calibration from a TOML file (a rig file, or `focal_px`, `baseline_m`, `cx_px`, `cy_px`) or, for any other
 /// extension, from a KITTI calibration: `P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each. Lines
 /// without names are numbered: line n is Pn. With `colour`, P2 and P3 (KITTI's colour cameras) take
 /// precedence where both pairs are present.
 ///
 /// # Errors
 /// Names the file, the line or key, and the expected content.
-pub fn read(path: &Path, colour: bool) -> Result<Rig, SourceError> {
+pub fn open(path: &Path, colour: bool) -> Result<Calibration, SourceError> {
     let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
     let text =
         read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
     let rig = if path.extension().is_some_and(|e| e == "toml") {
         // A full rig file describes the unrectified cameras; its rectified rig is the one of the recordings.
         if text.lines().any(|l| l.trim_start().starts_with("layout")) {
-            return Ok(crate::rig_file::RigFile::from_toml(&text).map_err(fail)?.rectification.rig);
+            let file = rig_file::RigFile::from_toml(&text).map_err(fail)?;
+            return Ok(Calibration::Cameras(Box::new(file)));
         }
         let file: RigFile = toml_text::parse(&text).map_err(|e| fail(e.to_string()))?;
         Rig { focal_px: file.focal_px, baseline_m: file.baseline_m, cx_px: file.cx_px, cy_px: file.cy_px }
     } else {
         kitti(&text, colour).map_err(fail)?
     };
-    rig.checked().map_err(|e| fail(e.to_string()))
+    rig.checked().map(Calibration::Rectified).map_err(|e| fail(e.to_string()))
 }
 
 fn kitti(text: &str, colour: bool) -> Result<Rig, String> {

@@ -2,9 +2,10 @@
 
 pub use crate::source::LAYOUTS;
 
+use crate::calibration_file::{self, Calibration};
 use crate::limits::{MAX_IMAGES, MAX_PICTURE_BYTES, MAX_SIDE_PX, PICTURE};
 use crate::motion_file::{TIMESTAMPS, read_timestamps};
-use crate::{PairSource, SourceError, calibration_file};
+use crate::{Geometry, PairSource, SourceError};
 use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageError, ImageReader, Limits};
 use perception::excerpt::{REASON_CHARS, excerpt};
@@ -24,6 +25,8 @@ pub struct FolderSource {
     pairs: Vec<(PathBuf, PathBuf)>,
     size: (usize, usize),
     rig: Option<Rig>,
+    rig_file: Option<PathBuf>,
+    geometry: Geometry,
     /// Times of the pairs, in seconds, where the folder has them.
     times_s: Option<Vec<f64>>,
 }
@@ -177,14 +180,16 @@ impl FolderSource {
         });
         let candidates = [Some("rig.toml".into()), Some("calib.txt".into()), stem];
         let colour = left.ends_with("image_2") || left.ends_with("image_02/data") || left.ends_with("left");
-        let rig = candidates
-            .into_iter()
-            .flatten()
-            .map(|name| path.join(name))
-            .find(|file| file.is_file())
-            .map(|file| calibration_file::read(&file, colour))
-            .transpose()?;
-        let mut source = Self { pairs, size: expected, rig, times_s: None };
+        let rig_file =
+            candidates.into_iter().flatten().map(|name| path.join(name)).find(|file| file.is_file());
+        let calibration = rig_file.as_deref().map(|file| calibration_file::open(file, colour)).transpose()?;
+        let geometry = match &calibration {
+            // The rig of a rectified pair says that there is one.
+            Some(Calibration::Rectified(_)) => Geometry::Rectified,
+            Some(Calibration::Cameras(_)) | None => Geometry::Unknown,
+        };
+        let rig = calibration.map(|calibration| calibration.rig());
+        let mut source = Self { pairs, size: expected, rig, rig_file, geometry, times_s: None };
         source.times_s = source.read_times(&path.join(TIMESTAMPS))?;
         Ok(source)
     }
@@ -217,6 +222,14 @@ impl PairSource for FolderSource {
 
     fn rig(&self) -> Option<Rig> {
         self.rig
+    }
+
+    fn geometry(&self) -> Geometry {
+        self.geometry
+    }
+
+    fn rig_file(&self) -> Option<&Path> {
+        self.rig_file.as_deref()
     }
 
     fn count(&self) -> Option<u64> {

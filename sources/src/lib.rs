@@ -47,4 +47,4 @@ mod toml_text;
 pub mod truth;
 pub mod vehicle;
 
-pub use source::{LiveSource, PairSource, Readiness, SourceError};
+pub use source::{Geometry, LiveSource, PairSource, Readiness, SourceError};

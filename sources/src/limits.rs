@@ -19,6 +19,9 @@ pub const MAX_WAYPOINTS: usize = 3600;
 /// Lane markings of a road, solid or dashed. Each is drawn in every frame.
 pub const MAX_LANE_MARKINGS: usize = 32;
 
+/// Strips of ground beside a road. Each is drawn in every frame.
+pub const MAX_STRIPS: usize = 32;
+
 /// Calibrations: rig files and those of OpenCV, ROS, Kalibr and KITTI. Each has less than 10 KiB.
 pub const CALIBRATION: FileLimit = FileLimit {
     what: "a calibration",

@@ -2,7 +2,7 @@
 
 use crate::rig_file::RigFile;
 use crate::vehicle::VehicleReading;
-use crate::{LiveSource, PairSource, SourceError};
+use crate::{Geometry, LiveSource, PairSource, SourceError};
 use perception::image::GreyView;
 use perception::rectify::Remap;
 use perception::rig::Rig;
@@ -26,13 +26,8 @@ impl RectifiedSource {
     pub fn new(inner: Box<dyn PairSource>, path: PathBuf) -> Result<Self, SourceError> {
         let file = RigFile::read(&path)?;
         let (width, height) = inner.size();
-        if file.size() != (width, height) {
-            let (w, h) = file.size();
-            let reason = format!(
-                "calibrated with images of {w}x{h} pixels, the source has {width}x{height}: calibrate at that size"
-            );
-            return Err(SourceError::Calibration { path, reason });
-        }
+        file.check_size((width, height))
+            .map_err(|reason| SourceError::Calibration { path: path.clone(), reason })?;
         let tables = [0, 1].map(|side| Remap::rectifying(&file.cameras, &file.rectification, side));
         let raw = [vec![0; width * height], vec![0; width * height]];
         Ok(Self { inner, tables, rig: file.rectification.rig, raw, path })
@@ -46,6 +41,10 @@ impl PairSource for RectifiedSource {
 
     fn rig(&self) -> Option<Rig> {
         Some(self.rig)
+    }
+
+    fn geometry(&self) -> Geometry {
+        Geometry::Rectified
     }
 
     fn count(&self) -> Option<u64> {

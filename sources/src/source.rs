@@ -4,9 +4,21 @@ use crate::recording::RecordingError;
 use crate::scene::file::SceneError;
 use crate::vehicle::VehicleReading;
 use perception::rig::Rig;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
+
+/// What a source says about its pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Geometry {
+    /// Nothing.
+    #[default]
+    Unknown,
+    /// They are rectified.
+    Rectified,
+    /// They are as the cameras took them, with the distortion of the lenses.
+    Distorted,
+}
 
 /// A sequence of stereo pairs of one size, read by index, so that a source can be resumed, repeated, and read
 /// twice with the same result.
@@ -16,6 +28,16 @@ pub trait PairSource {
 
     /// Rectified intrinsics and baseline, where known; needed to convert disparity to metres.
     fn rig(&self) -> Option<Rig>;
+
+    /// What the source says about its pictures.
+    fn geometry(&self) -> Geometry {
+        Geometry::Unknown
+    }
+
+    /// The file beside the pictures from which [`Self::rig`] is.
+    fn rig_file(&self) -> Option<&Path> {
+        None
+    }
 
     /// Number of pairs; `None` for an endless source.
     fn count(&self) -> Option<u64>;

@@ -1,5 +1,6 @@
 //! Where image pairs come from.
 
+use crate::automatic::Automatic;
 use crate::key::Reload;
 use crate::table::table;
 
@@ -27,9 +28,11 @@ table! {
     /// Calibration: a rig TOML file or a KITTI calib.txt. If empty, the calibration beside the recording is used.
     rig: Path = "";
 
-    /// Rectifies each pair with the camera models of `source.rig`, a file of `lookout calibrate`. For pairs that
-    /// are not rectified yet.
-    rectify: Switch = false;
+    /// Rectifies each pair with the camera models of `source.rig` or of `rig.toml` beside the recording, a file of
+    /// `lookout calibrate`. `auto` does so whenever there is such a file, unless the source says that its pairs are
+    /// rectified (scenes, recordings of `lookout record`, a KITTI calib.txt beside the pictures); `false` takes pairs
+    /// as they are.
+    rectify: Automatic = Automatic::Auto;
 }
 
 table! {

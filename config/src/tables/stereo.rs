@@ -6,6 +6,7 @@ use perception::stereo::MpvParameters as Mpv;
 use perception::stereo::cost::DEFAULT_K2;
 use perception::stereo::device::DEFAULT_TIMEOUT;
 use perception::stereo::epipolar::EpipolarParameters;
+use perception::stereo::epipolar::correction::DEFAULT_LIMIT_PX;
 use perception::stereo::viterbi::Merge;
 use perception::stereo::winner::SubPixel;
 
@@ -121,17 +122,18 @@ table! {
     /// Monitoring of the epipolar alignment.
     pub struct Calibration, reload: Reload::Readers;
 
-    /// Monitors whether matching points lie in the same row of both images; if they do not, the daemon is
-    /// degraded.
+    /// Monitors whether matching points lie in the same row of both images, and whether the images are a pair; if too
+    /// many matches are lost, the daemon is degraded.
     check: Switch = true;
 
     /// Number of frames from one check to the next. Larger values cost less time and detect changes later.
     every_frames: Whole(1, 1000) in "frames" = 3;
 
-    /// Vertical offset of matching points, anywhere in the image, above which the calibration counts as degraded.
+    /// Vertical offset of matching points whose cost makes the calibration degraded: what an offset of this size would
+    /// lose in matches is the limit, 9 % at 1 px. What counts is the loss after correction, where pixels are matched.
     bound_px: Number(0.1, 5.0) in "px" = EpipolarParameters::default().bound_px;
 
-    /// Vertical offsets up to this value are corrected by shifting the rows of the right image; 0 only reports
-    /// them.
-    correct_px: Number(0.0, 20.0) in "px" = 0.0;
+    /// Vertical offsets up to this value are corrected, smoothly, by shifting the rows of the right image; above it the
+    /// calibration is degraded. 0 only reports them.
+    correct_px: Number(0.0, 20.0) in "px" = DEFAULT_LIMIT_PX;
 }

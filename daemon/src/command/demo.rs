@@ -12,6 +12,7 @@ use crate::stages::road::parameters::scene_parameters;
 use crate::{input, scheduler::RunOutcome};
 use clap::Args;
 use config::Config;
+use config::automatic::Automatic;
 use messages::pipeline::PATH;
 use perception::depth::DepthView;
 use perception::scene::SceneDetector;
@@ -54,7 +55,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
     config.source.path = PathBuf::new();
     // The scene defines its own rig.
     config.source.rig = PathBuf::new();
-    config.source.rectify = false;
+    config.source.rectify = Automatic::Off;
     if args.config.config.is_none() {
         config.stereo.disparities = DISPARITIES;
     }

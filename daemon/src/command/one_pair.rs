@@ -58,8 +58,8 @@ pub(super) fn pipeline(
                 .into(),
         ));
     }
-    let rig = calibration_file::read(rig_path, true)?;
     let (left_pixels, right_pixels, width, height) = read_pair(left, right)?;
+    let rig = calibration_file::read_for(rig_path, true, (width, height))?;
     let source = OnePair { left: left_pixels, right: right_pixels, size: (width, height), rig };
     let pipeline = Pipeline::new(config, Box::new(source), rig)
         .map_err(|error| CommandError::Other(format!("{}: {error}", left.display())))?;

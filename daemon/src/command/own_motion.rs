@@ -54,8 +54,8 @@ pub fn process(pipeline: &mut Pipeline, frames: u64, bar: &ProgressBar) -> Resul
     Ok(join(&records))
 }
 
-/// Joins the motion of frames to one path.
-fn join(records: &[(u64, MotionRecord)]) -> OwnMotion {
+/// Joins the motion of frames, with their source times in ns, to one path.
+pub fn join(records: &[(u64, MotionRecord)]) -> OwnMotion {
     let mut joiner = PathJoiner::default();
     let frames = records.iter().map(|(_, record)| {
         let pose = joiner.next(reading(record));

@@ -24,6 +24,13 @@ pub enum InputError {
     /// Rectification without a rig file.
     #[error("source.rectify is true, but source.rig is empty: name a file of `lookout calibrate`")]
     NoCameras,
+    /// Pictures with lens distortion, and nothing to rectify them with.
+    #[error(
+        "{0}: its calibration says that the pictures are not rectified: name the rig of the cameras with --rig or \
+         source.rig (a file of `lookout calibrate` or `lookout rig`), record rectified pictures, or take them as they \
+         are with source.rectify = false"
+    )]
+    Distorted(String),
     /// Cameras with a file of motion.
     #[error(
         "vehicle.motion = \"{0}\", but source.kind is \"camera\": give the vehicle's bus with vehicle.bus, or leave it empty"

@@ -2,6 +2,7 @@
 
 mod cameras;
 mod error;
+mod rectification;
 pub mod vehicle;
 
 use config::Config;
@@ -9,24 +10,17 @@ pub use error::InputError;
 use perception::rig::Rig;
 use sources::folder::FolderSource;
 use sources::recording::RecordingSource;
-use sources::rectified::RectifiedSource;
 use sources::scene::{Drive, Scene};
 use sources::{PairSource, SourceError, calibration_file};
 
-/// Opens the source, with rectification if that is configured.
+/// Opens the source, with rectification as `source.rectify` says.
 ///
 /// # Errors
-/// If the source or the rig file cannot be opened.
+/// If the source or the rig file cannot be opened, or does not fit to the pictures.
 pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     let (source, first_time_s) = open_raw(config)?;
     let source = vehicle::with_motion(config, source, first_time_s)?;
-    if !config.source.rectify {
-        return Ok(source);
-    }
-    if config.source.rig.as_os_str().is_empty() {
-        return Err(InputError::NoCameras);
-    }
-    Ok(Box::new(RectifiedSource::new(source, config.source.rig.clone())?))
+    rectification::rectified(config, source)
 }
 
 /// The source, and the time of its first pair on the clock of files beside it, in seconds.
@@ -67,16 +61,32 @@ fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
 /// The rig of the run: from `source.rig`, else that of the source.
 ///
 /// # Errors
-/// If there is none, or its file cannot be read.
+/// If there is none, its file cannot be read, or it is for pictures of another size.
 pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> {
-    if !config.source.rig.as_os_str().is_empty() {
-        return Ok(calibration_file::read(&config.source.rig, true)?);
+    let rig = if config.source.rig.as_os_str().is_empty() {
+        source.rig().ok_or_else(|| InputError::NoRig(name(config)))?
+    } else {
+        calibration_file::read_for(&config.source.rig, true, source.size())?
+    };
+    let (width, height) = source.size();
+    if !(0.0..=width as f64).contains(&rig.cx_px) || !(0.0..=height as f64).contains(&rig.cy_px) {
+        tracing::warn!(
+            cx_px = rig.cx_px,
+            cy_px = rig.cy_px,
+            width,
+            height,
+            "the principal point of the rig lies outside of the pictures: is it for pictures of another size?"
+        );
     }
-    let name = || match config.source.kind.as_str() {
+    Ok(rig)
+}
+
+/// What the source is called in errors.
+fn name(config: &Config) -> String {
+    match config.source.kind.as_str() {
         "camera" => "the cameras".to_owned(),
         _ => config.source.path.display().to_string(),
-    };
-    source.rig().ok_or_else(|| InputError::NoRig(name()))
+    }
 }
 
 /// Time between pairs, in nanoseconds: from `source.fps`, else that of the source. At least 1.

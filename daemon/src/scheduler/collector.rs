@@ -3,7 +3,7 @@
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
 use messages::alarm::{self, Faults};
-use messages::calibration::{CalibrationRecord, CalibrationState};
+use messages::calibration::{CalibrationCause, CalibrationRecord, CalibrationState};
 use messages::deadline::DeadlineRecord;
 use messages::device::DeviceRecord;
 use messages::header::{Header, put_text};
@@ -96,7 +96,7 @@ pub struct Collector {
     status_ns: u64,
     calibration: CalibrationRecord,
     /// The state that was logged last: good or degraded; unknown before the first.
-    calibration_logged: CalibrationState,
+    calibration_logged: (CalibrationState, CalibrationCause, bool),
     calibration_changes: Vec<CalibrationChange>,
     device: DeviceRecord,
 }
@@ -131,7 +131,7 @@ impl Collector {
             motion: MotionTally::default(),
             status_ns: now_ns,
             calibration: CalibrationRecord::default(),
-            calibration_logged: CalibrationState::Unknown,
+            calibration_logged: (CalibrationState::Unknown, CalibrationCause::None, false),
             calibration_changes: Vec::new(),
             device: DeviceRecord::default(),
         }
@@ -198,25 +198,27 @@ impl Collector {
         self.calibration = calibration;
         let state = calibration.state();
         let is_known = matches!(state, CalibrationState::Good | CalibrationState::Degraded);
-        if !is_known || state == self.calibration_logged {
+        let summary = (state, calibration.cause(), calibration.has_moved());
+        if !is_known || summary == self.calibration_logged {
             return;
         }
-        if state == CalibrationState::Degraded {
-            tracing::warn!(
-                sequence,
-                "calibration {calibration}: the cameras have moved: calibrate again, or set calibration.correct_px"
-            );
-        } else {
+        let remedy = calibration.remedy();
+        if remedy.is_empty() {
             tracing::info!(sequence, "calibration {calibration}");
+        } else {
+            tracing::warn!(sequence, "calibration {calibration}: {remedy}");
         }
-        self.calibration_logged = state;
+        self.calibration_logged = summary;
         if self.calibration_changes.len() < MAX_CHANGES {
             self.calibration_changes.push(CalibrationChange {
                 sequence,
                 state: state.name().into(),
+                cause: calibration.cause().name().into(),
                 text: calibration.to_string(),
-                worst_px: calibration.worst_px.into(),
+                lost: calibration.lost.into(),
+                typical_px: calibration.typical_px.into(),
                 corrected_px: calibration.corrected_px.into(),
+                moved_px: if calibration.has_moved() { calibration.moved_px.into() } else { 0.0 },
             });
         }
     }
@@ -269,7 +271,7 @@ impl Collector {
             required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
             reason,
         };
-        if record.level > before.max(alarm::STANDBY) || record.level == alarm::OFF {
+        if record.level > before.max(alarm::CLEAR) || record.level == alarm::OFF {
             tracing::warn!("{change}");
         } else {
             tracing::info!("{change}");
@@ -464,7 +466,7 @@ mod tests {
         collector.report(&header, &report(Role::Capture, 9, 8), 3_000_000_000);
         // Only changes between good and degraded are kept; unknown is not a change.
         for (sequence, state) in [(0, 1), (1, 2), (2, 2), (3, 3), (4, 1), (5, 3), (6, 2)] {
-            let calibration = CalibrationRecord { state, worst_px: 0.75, ..CalibrationRecord::default() };
+            let calibration = CalibrationRecord { state, typical_px: 0.75, ..CalibrationRecord::default() };
             header.sequence = sequence;
             let report = ReportRecord { calibration, ..report(Role::Stereo, 12, sequence) };
             collector.report(&header, &report, 3_000_000_000);
@@ -486,7 +488,7 @@ mod tests {
         let changes = summary.calibration.iter().map(|c| (c.sequence, &c.state[..])).collect::<Vec<_>>();
         assert_eq!(changes, [(1, "good"), (3, "degraded"), (6, "good")]);
         let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();
-        assert_eq!(changes, ["standby", "alarm", "off", "alarm", "warning", "standby", "off"]);
+        assert_eq!(changes, ["clear", "alarm", "off", "alarm", "warning", "clear", "off"]);
         assert_eq!(summary.alarm_changes[6].reason, "a stage is not running");
         let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);

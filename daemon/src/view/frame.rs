@@ -57,7 +57,7 @@ impl Part {
     }
 }
 
-/// A region, before tracking.
+/// A sighting, before tracking.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 struct RegionLine {
     x_px: u32,
@@ -67,6 +67,7 @@ struct RegionLine {
     distance_m: f64,
     lateral_m: f64,
     width_m: f64,
+    evidence: f64,
 }
 
 impl RegionLine {
@@ -74,7 +75,8 @@ impl RegionLine {
         let [x_px, y_px, width_px, height_px] = region.bounds;
         let (distance_m, lateral_m, width_m) =
             (tidy(region.distance_m), tidy(region.lateral_m), tidy(region.width_m));
-        Self { x_px, y_px, width_px, height_px, distance_m, lateral_m, width_m }
+        let evidence = tidy(region.evidence);
+        Self { x_px, y_px, width_px, height_px, distance_m, lateral_m, width_m, evidence }
     }
 }
 

@@ -98,8 +98,17 @@ const METRICS: &[Metric] = &[
         let holds = states.iter().position(|state| *state == status.calibration.state()).unwrap_or(1);
         out.one_of("state", &states.map(CalibrationState::name), holds);
     })),
-    gauge("calibration_offset_pixels", "Largest vertical offset between the pictures.", |s, out| status(s, |status| {
-        out.one(status.calibration.worst_px.into());
+    gauge("calibration_lost_matches_ratio", "Share of matches lost because rows differ.", |s, out| status(s, |status| {
+        out.one(status.calibration.lost.into());
+    })),
+    gauge("calibration_correction_pixels", "Offset by which the rows of the right picture are shifted.", |s, out| status(s, |status| {
+        out.one(status.calibration.corrected_px.into());
+    })),
+    gauge("calibration_moved_pixels", "Change of the row offset since the start.", |s, out| status(s, |status| {
+        out.one(status.calibration.moved_px.into());
+    })),
+    gauge("calibration_offset_pixels", "Typical vertical offset between the pictures after correction.", |s, out| status(s, |status| {
+        out.one(status.calibration.typical_px.into());
     })),
     gauge("process_up", "Whether the process is running.", |s, out| each(s, out, |p| flag(p.pid > 0))),
     counter("process_frames_total", "Frames finished.", |s, out| each(s, out, |p| p.frames as f64)),
@@ -262,7 +271,7 @@ mod tests {
             samples.iter().find(|(l, _)| l.contains(label)).expect(name).1
         };
         assert_eq!((value("up", ""), value("frames_total", "")), (1.0, 77.0));
-        assert_eq!((value("alarm", "alarm"), value("alarm", "standby")), (1.0, 0.0));
+        assert_eq!((value("alarm", "alarm"), value("alarm", "clear")), (1.0, 0.0));
         assert_eq!(value("process_cpu_ratio", "stereo"), 0.5);
         assert!((value("latency_seconds", "0.5") - 0.02).abs() < 1e-9);
         assert_eq!(value("temperature_celsius", r#"sensor="a \"b\"\\""#), 48.5);

@@ -18,7 +18,7 @@ pub const MAX_COUNT: usize = 128;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct AlarmRecord {
-    /// Level of the alarm: 0 = off (a self-check failed), 1 = standby, 2 = warning, 3 = alarm
+    /// Level of the alarm: 0 = off (a self-check failed), 1 = clear, 2 = warning, 3 = alarm
     /// ([`crate::alarm::LEVELS`]).
     pub level: u32,
     /// The rule that raised it: an index into [`crate::alarm::RULES`]; 0 = none.

@@ -81,7 +81,7 @@ pub enum AlarmLevel {
     #[default]
     Off = 0,
     /// The alarm judges, and no dangerous obstacle is known.
-    Standby = 1,
+    Clear = 1,
     /// An obstacle will become dangerous.
     Warning = 2,
     /// An obstacle is dangerous.
@@ -193,7 +193,7 @@ impl Alarm {
 
     /// Starts anew: the numbers of tracks mean others from now on.
     pub fn reset(&mut self) {
-        self.silence(AlarmLevel::Standby);
+        self.silence(AlarmLevel::Clear);
     }
 
     /// Evaluates one frame on the straight strip. If `can_judge` is false, the alarm is off regardless of the candidates. No level is held
@@ -230,7 +230,7 @@ impl Alarm {
         let before = self.level;
         let step = self.clock.step(time_ns);
         if step.is_discontinuity() {
-            self.silence(AlarmLevel::Standby);
+            self.silence(AlarmLevel::Clear);
         }
         if !can_judge {
             self.silence(AlarmLevel::Off);
@@ -287,7 +287,7 @@ impl Alarm {
 
     /// Raises the level immediately, lowers it after the hold time.
     fn set_level(&mut self, time_ns: u64, cause: Option<Cause>) {
-        let wanted = cause.map_or(AlarmLevel::Standby, |c| c.level);
+        let wanted = cause.map_or(AlarmLevel::Clear, |c| c.level);
         if wanted >= self.level || time_ns >= self.until_ns {
             self.level = wanted;
             self.rule = cause.map_or(AlarmRule::None, |c| c.rule);
@@ -307,11 +307,14 @@ impl Alarm {
         let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
         // What keeps a warning because it may still be in the way raises no alarm.
         let may = candidate.may_raise || is_held(AlarmLevel::Alarm);
+        // A warning looks farther ahead than a turn that begins is known.
+        let may_warn = is_held(AlarmLevel::Warning) || !self.path.is_some_and(|path| path.is_turning_in);
         let alarm = self
             .triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
             .filter(|_| may);
         let warning = self
             .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
+            .filter(|_| may_warn)
             .or(alarm);
         for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
             *count = match rule {
@@ -452,7 +455,7 @@ mod tests {
             let mut alarm = alarm();
             for frame in 1..6 {
                 let state = alarm.update(frame * PERIOD_NS, true, [bad]);
-                assert_eq!((state.level, state.nearest_m), (AlarmLevel::Standby, None), "{bad:?}");
+                assert_eq!((state.level, state.nearest_m), (AlarmLevel::Clear, None), "{bad:?}");
                 let state = alarm.update(frame * PERIOD_NS + PERIOD_NS / 2, true, [bad, good]);
                 assert_eq!(state.nearest_m, Some(30.0), "{bad:?}");
             }
@@ -505,12 +508,12 @@ mod tests {
         for frame in 0..20 {
             let z = if frame == 10 { 4.0 } else { 30.0 };
             let state = alarm.update(frame * PERIOD_NS, true, [at(z, 0.0)]);
-            assert_eq!(state.level, AlarmLevel::Standby, "frame {frame}");
+            assert_eq!(state.level, AlarmLevel::Clear, "frame {frame}");
         }
         // An undetected new track confirms nothing either.
         let gone = Candidate { consecutive_frames: 0, seen: 4, ..at(4.0, 0.0) };
         for frame in 20..25 {
-            assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Standby);
+            assert_eq!(alarm.update(frame * PERIOD_NS, true, [gone]).level, AlarmLevel::Clear);
         }
     }
 
@@ -522,7 +525,7 @@ mod tests {
             time += PERIOD_NS;
             alarm.update(time, true, candidates.iter().copied())
         };
-        assert!(step(&mut alarm, &[]).changed, "from off to standby");
+        assert!(step(&mut alarm, &[]).changed, "from off to clear");
         step(&mut alarm, &[at(9.0, 0.0)]);
         let state = step(&mut alarm, &[Candidate { track: 8, ..at(30.0, 0.0) }, at(9.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Alarm, Some(7), true));
@@ -538,11 +541,11 @@ mod tests {
             assert_eq!((state.level, state.rule), (AlarmLevel::Alarm, AlarmRule::Distance));
         }
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
-        assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Standby, None, true));
+        assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Clear, None, true));
         // A restarted recording holds nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);
-        assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Standby);
+        assert_eq!(alarm.update(0, true, []).level, AlarmLevel::Clear);
     }
 
     #[test]
@@ -551,7 +554,7 @@ mod tests {
         for frame in 0..5 {
             let both = [beside(3.5, at(5.0, 8.0)), beside(-2.2, at(5.0, 8.0))];
             let state = alarm.update(frame * PERIOD_NS, true, both);
-            assert_eq!((state.level, state.nearest_m), (AlarmLevel::Standby, None));
+            assert_eq!((state.level, state.nearest_m), (AlarmLevel::Clear, None));
         }
     }
 
@@ -568,7 +571,7 @@ mod tests {
         ] {
             let mut alarm = alarm();
             for frame in 0..5 {
-                assert_eq!(alarm.update(frame * PERIOD_NS, true, [wrong]).level, AlarmLevel::Standby);
+                assert_eq!(alarm.update(frame * PERIOD_NS, true, [wrong]).level, AlarmLevel::Clear);
             }
         }
     }
@@ -583,7 +586,7 @@ mod tests {
         assert_eq!((state.level, state.nearest_m, state.changed), (AlarmLevel::Off, None, true));
         assert!(!alarm.update(4 * PERIOD_NS, false, []).changed);
         // Confirmation starts again afterwards.
-        assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Standby);
+        assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Clear);
         assert_eq!(alarm.update(6 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Alarm);
     }
 }

@@ -205,6 +205,7 @@ mod tests {
             speed_sigma_m_s: 0.1,
             body: Body::default(),
             edges: None,
+            is_turning_in: false,
         }
     }
 

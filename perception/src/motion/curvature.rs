@@ -50,6 +50,11 @@ fn coming_rad_s(motion: &Motion) -> f64 {
     turning_in.copysign(acceleration) * TURNING_IN_S
 }
 
+/// Whether a turn begins: the yaw rate grows faster than by a driver's corrections.
+fn is_turning_in(motion: &Motion) -> bool {
+    coming_rad_s(motion) * motion.yaw_rate_rad_s > 0.0
+}
+
 /// Filters the curvature; start anew after a gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurvatureFilter {
@@ -115,10 +120,17 @@ impl CurvatureFilter {
             speed_sigma_m_s: motion.speed_sigma_m_s,
             body,
             edges: road.and_then(|road| self.edges_ahead(speed, sigma, &body, road)),
+            is_turning_in: is_turning_in(motion),
         };
         // At rest nothing is swept: what comes straight to the body counts, wherever the wheels point.
         if path.is_at_rest() {
-            return SweptPath { curvature_per_m: 0.0, curvature_sigma_per_m: 0.0, edges: None, ..path };
+            return SweptPath {
+                curvature_per_m: 0.0,
+                curvature_sigma_per_m: 0.0,
+                edges: None,
+                is_turning_in: false,
+                ..path
+            };
         }
         path
     }
@@ -178,6 +190,24 @@ mod tests {
         }
         let turns = filter.update(&motion(8.0, 1.0), PERIOD_S, Body::default(), road(0.0));
         assert_eq!(turns.edges, None);
+    }
+
+    #[test]
+    fn a_turn_begins_while_the_yaw_rate_grows() {
+        let mut filter = CurvatureFilter::default();
+        let mut path = |yaw_rate_rad_s, yaw_acceleration_rad_s2| {
+            let motion = Motion { yaw_acceleration_rad_s2, ..motion(10.0, yaw_rate_rad_s) };
+            filter.update(&motion, PERIOD_S, Body::default(), None)
+        };
+        for side in [1.0, -1.0] {
+            assert!(path(0.05 * side, 0.3 * side).is_turning_in);
+            // A correction, a steady bend, the end of one.
+            assert!(!path(0.02 * side, 0.1 * side).is_turning_in);
+            assert!(!path(0.3 * side, 0.0).is_turning_in);
+            assert!(!path(0.2 * side, -0.3 * side).is_turning_in);
+        }
+        let at_rest = Motion { yaw_acceleration_rad_s2: 0.3, ..motion(0.0, 0.05) };
+        assert!(!filter.update(&at_rest, PERIOD_S, Body::default(), None).is_turning_in);
     }
 
     #[test]

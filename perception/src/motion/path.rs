@@ -47,6 +47,8 @@ pub struct SweptPath {
     pub body: Body,
     /// The path farther ahead; `None` if the arc goes on.
     pub edges: Option<EdgesAhead>,
+    /// Whether a turn begins: the arc still tightens, so what lies seconds ahead on it is not yet known to be in the way.
+    pub is_turning_in: bool,
 }
 
 /// A place along a path.
@@ -173,6 +175,7 @@ mod tests {
             speed_sigma_m_s: 0.1,
             body: Body { camera_right_m: 0.2, camera_yaw_rad: 0.03, ..Body::default() },
             edges,
+            is_turning_in: false,
         }
     }
 

@@ -4,9 +4,9 @@
 //! several sightings: one that nobody owns and that lies within the body of a track is a part of that thing.
 
 use super::extent::{contained_share, edges_of};
-use super::filter::OUTLIER_SIGMAS;
 use super::parameters::{
-    BODY_LENGTH_M, BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OVERLAP_COST, SIZE_COST,
+    BODY_LENGTH_M, BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OUTLIER_SIGMAS,
+    OVERLAP_COST, SIZE_COST,
 };
 use super::track::Track;
 use crate::region::{PixelBox, Region};
@@ -44,7 +44,7 @@ pub(super) fn agreement(track: &Track, body: &[f64; 4], region: &Region) -> f64 
 /// Whether a disparity, in px, is one of the thing of a track, whose body reaches back from the near side.
 fn is_in_depth(track: &Track, disparity_px: f64, gate_px: f64, rig: &Rig) -> bool {
     let nearest_px = track.longitudinal.disparity_px() + gate_px;
-    let farthest_px = rig.disparity_px(track.distance_m() + BODY_LENGTH_M) - gate_px;
+    let farthest_px = rig.disparity_px(track.distance_m() + BODY_LENGTH_M);
     (farthest_px..=nearest_px).contains(&disparity_px)
 }
 
@@ -85,6 +85,12 @@ pub(super) fn join(whole: &mut Region, part: &Region, rig: &Rig) {
         (whole.confidence * pixels[0] + part.confidence * pixels[1]) / (pixels[0] + pixels[1]).max(1.0);
     whole.pixels = whole.pixels.saturating_add(part.pixels);
     whole.evidence = whole.evidence.max(part.evidence);
+}
+
+/// The part of a box inside of a picture of `size` (width, height).
+pub(super) fn inside([left, top, right, bottom]: [f64; 4], (width, height): (u32, u32)) -> [f64; 4] {
+    let [width, height] = [width, height].map(f64::from);
+    [left.clamp(0.0, width), top.clamp(0.0, height), right.clamp(0.0, width), bottom.clamp(0.0, height)]
 }
 
 /// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is

@@ -4,15 +4,12 @@
 //! the thing: its sides are filtered in metres at the near side, and clipped where the picture ends. A side that the border of
 //! the picture cuts is not seen; the thing is then at least as wide as before.
 
-use super::parameters::{BORDER_PX, EXTENT_TIME_S};
+use super::parameters::{BORDER_PX, EXTENT_TIME_S, MAX_RATIO};
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
 /// Smallest width and height of a thing, in metres: less than anything that is detected.
 const MIN_SIZE_M: f64 = 0.05;
-/// A single sighting changes a side as if the thing were at most this many times as large, or small, as before.
-const MAX_RATIO: f64 = 2.0;
-
 /// Extent of a thing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {

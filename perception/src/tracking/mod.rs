@@ -39,7 +39,7 @@ use filter::ground::Movement;
 pub use parameters::TrackerParameters;
 use parameters::{KEEP_PROBABILITY, MAX_EVIDENCE, UNMATCHED_COST};
 pub use track::{Obstacle, Track};
-use visibility::{Expected, visible_share};
+use visibility::{Expected, inside_share, visible_share};
 
 /// Largest number of sightings per frame; the first ones are used.
 const MAX_SIGHTINGS: usize = 64;
@@ -74,7 +74,7 @@ pub struct Tracker {
     /// Width and height of the image, in px.
     size: (u32, u32),
     tracks: Vec<Track>,
-    /// Expected box of each track.
+    /// Expected box of each track inside of the picture.
     bodies: Vec<[f64; 4]>,
     assignment: Assignment,
     /// Track of each sighting.
@@ -195,7 +195,7 @@ impl Tracker {
             track.missed = track.missed.saturating_add(1);
             track.unseen_s += elapsed_s;
             track.detection = None;
-            self.bodies.push(track.body(&self.rig));
+            self.bodies.push(association::inside(track.body(&self.rig), self.size));
         }
     }
 
@@ -304,7 +304,10 @@ impl Tracker {
             let evidence =
                 self.predicted(t).filter(|_| share > 0.0).and_then(|region| (frame.verify)(&region));
             let track = &mut self.tracks[t];
-            track.existence.look(evidence.unwrap_or(MIN_EVIDENCE), share, elapsed_s);
+            // Pictures that show something there confirm nothing: it may be anything at that distance. But nothing is missed.
+            if evidence.is_none_or(|evidence| evidence < 0.0) {
+                track.existence.look(evidence.unwrap_or(MIN_EVIDENCE), share, elapsed_s);
+            }
             track.consecutive_frames = 0;
         }
     }
@@ -313,7 +316,7 @@ impl Tracker {
     fn visible_share(&self, t: usize) -> f64 {
         let track = &self.tracks[t];
         let thing = Expected {
-            edges: self.bodies[t],
+            edges: track.body(&self.rig),
             distance_m: track.distance_m(),
             disparity_px: track.longitudinal.disparity_px(),
         };
@@ -325,7 +328,8 @@ impl Tracker {
 
     /// The region of track `t` as it is expected in the picture; `None` if it is not completely inside.
     fn predicted(&self, t: usize) -> Option<Region> {
-        let (track, edges) = (&self.tracks[t], self.bodies[t]);
+        let track = &self.tracks[t];
+        let edges = track.body(&self.rig);
         let bounds = extent::clip(edges, self.size)?;
         let is_inside = edges[0] >= 0.0
             && edges[1] >= 0.0
@@ -343,7 +347,7 @@ impl Tracker {
     /// remains.
     fn join(&mut self) {
         for body in self.bodies.iter_mut().zip(&self.tracks) {
-            *body.0 = body.1.body(&self.rig);
+            *body.0 = association::inside(body.1.body(&self.rig), self.size);
         }
         for part in 0..self.tracks.len() {
             let (track, body) = (&self.tracks[part], &self.bodies[part]);
@@ -374,7 +378,9 @@ impl Tracker {
             let probability = track.existence.probability();
             let level = if track.is_confirmed { KEEP_PROBABILITY } else { parameters.confirm_probability };
             track.is_confirmed = probability >= level;
-            !track.existence.is_over()
+            let is_known = track.missed == 0 || !is_outside(&track.body(&cameras.0), track, cameras.1);
+            is_known
+                && !track.existence.is_over()
                 && track.unseen_s <= parameters.max_unseen_s
                 && track.place_box(cameras)
         });
@@ -402,6 +408,11 @@ impl Tracker {
             }
         }
     }
+}
+
+/// Whether most of a thing without a sighting is outside of the area that both cameras see: it has left, and does not come back.
+fn is_outside(body: &[f64; 4], track: &Track, size: (u32, u32)) -> bool {
+    inside_share(body, track.longitudinal.disparity_px(), size) < 0.5
 }
 
 #[cfg(test)]

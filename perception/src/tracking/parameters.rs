@@ -21,7 +21,7 @@ impl Default for TrackerParameters {
     fn default() -> Self {
         Self {
             confirm_probability: 0.9,
-            max_unseen_s: 1.5,
+            max_unseen_s: 1.0,
             min_overlap: 0.2,
             max_distance_m: 60.0,
             max_disparity_px: 128.0,
@@ -48,6 +48,9 @@ pub const CORRELATION_S: f64 = 0.15;
 pub const MEMORY_LOOKS: f64 = 5.0;
 /// Mean time for which a thing remains where it is expected while nobody can see it there, in seconds.
 pub const LEAVING_TIME_S: f64 = 4.0;
+
+/// From this share of the range on, things are detected less and less; at the range not at all.
+pub const FADING_SHARE: f64 = 0.75;
 
 // Association.
 
@@ -76,6 +79,8 @@ pub const BODY_LENGTH_M: f64 = 4.5;
 /// Time constant of the sides of a thing, in seconds: faster, and each fragment changes its size; slower, and it lags behind
 /// what comes into view as the vehicle passes.
 pub const EXTENT_TIME_S: f64 = 0.3;
+/// A single sighting changes a side as if the thing were at most this many times as large, or small, as before.
+pub const MAX_RATIO: f64 = 2.0;
 /// Standard deviation of the middle of a box, in px: sides are found in strips of four columns;
 pub const CENTRE_SIGMA_PX: f64 = 3.0;
 /// and as a share of the width.
@@ -90,3 +95,41 @@ pub const BORDER_PX: f64 = 8.0;
 pub const NOISE_INFLATION: f64 = 1.5;
 /// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
 pub const MIN_SIGMA_PX: f64 = 0.08;
+
+// Motion.
+
+/// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects.
+pub const INITIAL_CLOSING_SIGMA_M_S: f64 = 12.0;
+/// Initial standard deviation of the lateral speed, in m/s.
+pub const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
+/// Process noise of the closing speed: spectral density of the acceleration, in m²/s³. Corresponds to a
+/// standard deviation of 0.5 m/s after one second.
+pub const PROCESS_NOISE: f64 = 0.25;
+/// Process noise during a manoeuvre such as braking, detected by the CUSUM test, in m²/s³.
+pub const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
+/// Process noise of the lateral speed, in m²/s³.
+pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
+/// Share of the CUSUM statistic that is kept from frame to frame.
+pub const CUSUM_DECAY: f64 = 0.8;
+/// CUSUM statistic above which the innovations are biased: 3.6 standard deviations of the statistic under
+/// noise.
+pub const CUSUM_THRESHOLD: f64 = 6.0;
+/// A normalised innovation above this counts as an outlier; its weight decreases with its size.
+pub const OUTLIER_SIGMAS: f64 = 3.0;
+/// This many consecutive outliers that agree are a step of the measurement (another side of the object is
+/// measured). If they grow, the speed has changed.
+pub const STEP_FRAMES: u8 = 3;
+
+// Standing or moving.
+
+/// Speeds that a standing thing seems to have, in m/s, as its visible part changes and the own motion errs.
+pub const STANDING_SPEED_M_S: f64 = 0.4;
+/// Squared normalised speeds (two degrees of freedom) below which a thing may stand, and above which it moves: 86 % and
+/// 1 % of standing ones.
+pub const STANDING_CHI2: f64 = 4.0;
+/// See [`STANDING_CHI2`].
+pub const MOVING_CHI2: f64 = 9.0;
+/// A thing is said to stand once its speeds are known better than this, in m/s,
+pub const MAX_STANDING_SIGMA_M_S: f64 = 1.0;
+/// along the axis of a fast vehicle better than this share of its speed.
+pub const MAX_STANDING_SIGMA_SHARE: f64 = 0.1;

@@ -228,7 +228,7 @@ fn followed() -> (Tracker, Alarm, u64) {
         time = S + frame * PERIOD_NS;
         let ahead = 38.0 - 8.0 * 0.08 * frame as f64;
         let level = process_frame(&mut tracker, &mut alarm, time, &[region(ahead, 0.0), region(ahead, -3.4)]);
-        assert_eq!(level, AlarmLevel::Standby);
+        assert_eq!(level, AlarmLevel::Clear);
     }
     (tracker, alarm, time)
 }
@@ -240,11 +240,7 @@ fn a_gap_in_time_ends_all_tracks_and_raises_nothing() {
         for frame in 0..20 {
             let time = (time + gap_ns).saturating_add(frame * PERIOD_NS);
             let level = process_frame(&mut tracker, &mut alarm, time, &[]);
-            assert_eq!(
-                (level, tracker.tracks().len()),
-                (AlarmLevel::Standby, 0),
-                "{gap_ns} ns, frame {frame}"
-            );
+            assert_eq!((level, tracker.tracks().len()), (AlarmLevel::Clear, 0), "{gap_ns} ns, frame {frame}");
         }
     }
 }
@@ -255,7 +251,7 @@ fn what_is_not_seen_raises_nothing_and_ends_after_a_second() {
         let (mut tracker, mut alarm, time) = followed();
         for frame in 1..40 {
             let level = process_frame(&mut tracker, &mut alarm, time + frame * step_ns, &[]);
-            assert_eq!(level, AlarmLevel::Standby, "steps of {step_ns} ns, frame {frame}");
+            assert_eq!(level, AlarmLevel::Clear, "steps of {step_ns} ns, frame {frame}");
             let unseen_s = (frame * step_ns) as f64 * 1e-9;
             if unseen_s < 0.25 {
                 assert_eq!(tracker.confirmed().count(), 2, "{unseen_s} s unseen, steps of {step_ns} ns");
@@ -278,7 +274,7 @@ fn an_alarm_is_kept_at_most_for_the_hold_time_without_a_detection() {
     for frame in 20..40 {
         let time = frame * PERIOD_NS;
         let level = process_frame(&mut tracker, &mut alarm, time, &[]);
-        let expected = if time - last_ns < hold_ns { AlarmLevel::Alarm } else { AlarmLevel::Standby };
+        let expected = if time - last_ns < hold_ns { AlarmLevel::Alarm } else { AlarmLevel::Clear };
         assert_eq!(level, expected, "{} ns after the last detection", time - last_ns);
     }
 }
@@ -289,7 +285,7 @@ fn a_step_back_starts_anew_and_a_repeated_time_adds_nothing() {
     for back_ns in [1, 1_000_000, S] {
         let (mut tracker, mut alarm, time) = followed();
         let level = process_frame(&mut tracker, &mut alarm, time - back_ns, &car);
-        assert_eq!((level, tracker.tracks().len(), tracker.tracks()[0].seen), (AlarmLevel::Standby, 1, 1));
+        assert_eq!((level, tracker.tracks().len(), tracker.tracks()[0].seen), (AlarmLevel::Clear, 1, 1));
     }
     // One sighting of a car that comes from the side, repeated: neither track nor alarm is confirmed by it.
     let (mut tracker, mut alarm, time) = followed();
@@ -297,7 +293,7 @@ fn a_step_back_starts_anew_and_a_repeated_time_adds_nothing() {
     let tracks = tracker.tracks().to_vec();
     for repeat_ns in [0, 1, 400_000] {
         let level = process_frame(&mut tracker, &mut alarm, time + PERIOD_NS + repeat_ns, &car);
-        assert_eq!((level, tracker.tracks()), (AlarmLevel::Standby, &tracks[..]));
+        assert_eq!((level, tracker.tracks()), (AlarmLevel::Clear, &tracks[..]));
     }
 }
 
@@ -416,7 +412,7 @@ fn a_single_bad_frame_raises_no_alarm() {
                 regions.push(region(4.0 + 4.0 * random.f64(), random.f64() - 0.5));
             }
             let level = process_frame(&mut tracker, &mut alarm, frame * PERIOD_NS, &regions);
-            assert_eq!(level, AlarmLevel::Standby, "seed {seed}, frame {frame}");
+            assert_eq!(level, AlarmLevel::Clear, "seed {seed}, frame {frame}");
         }
     }
 }
@@ -426,11 +422,11 @@ fn a_car_in_the_path_raises_an_alarm_and_one_in_the_next_lane_does_not() {
     for seed in 0..40 {
         let mut random = fastrand::Rng::with_seed(seed);
         for (lateral, expected) in
-            [(3.5, AlarmLevel::Standby), (-3.3, AlarmLevel::Standby), (0.4, AlarmLevel::Alarm)]
+            [(3.5, AlarmLevel::Clear), (-3.3, AlarmLevel::Clear), (0.4, AlarmLevel::Alarm)]
         {
             let mut tracker = tracker();
             let mut alarm = Alarm::new(AlarmParameters::default());
-            let (mut z, mut frame, mut worst) = (60.0, 0, AlarmLevel::Standby);
+            let (mut z, mut frame, mut worst) = (60.0, 0, AlarmLevel::Clear);
             while z > 3.0 {
                 let car = noisy(region(z, lateral), &mut random);
                 worst = worst.max(process_frame(&mut tracker, &mut alarm, frame * PERIOD_NS, &[car]));

@@ -109,8 +109,13 @@ impl Track {
         let (lateral_m, sigma_m) = match (cut.left, cut.right) {
             (true, false) => (region.lateral_m + other / 2.0, centre_sigma_m(region, &rig, false)),
             (false, true) => (region.lateral_m - other / 2.0, centre_sigma_m(region, &rig, false)),
-            // A box that became wider or narrower may have gained or lost a side.
-            _ => (region.lateral_m, centre_sigma_m(region, &rig, cut.any()).hypot(other / 2.0)),
+            // A box that became wider or narrower may have gained or lost a side: the middle is between the places that
+            // either side alone gives.
+            _ => {
+                let (middle_m, half_m) = (self.lateral.lateral_m() - self.shift_m(), other.abs() / 2.0);
+                let lateral_m = middle_m.clamp(region.lateral_m - half_m, region.lateral_m + half_m);
+                (lateral_m, centre_sigma_m(region, &rig, cut.any()).hypot(half_m))
+            }
         };
         // While a thing enters the image its width is unknown; what grows must not look like a speed over ground.
         let is_partial = cut.any() && self.is_over_ground;

@@ -1,10 +1,7 @@
 //! How much of a thing should be seen in a frame: what lies inside both pictures, within range, and is not hidden.
 
 use super::extent::contained_share;
-use super::parameters::TrackerParameters;
-
-/// From this share of the range on, things are detected less and less; at the range not at all.
-const FADING_SHARE: f64 = 0.75;
+use super::parameters::{FADING_SHARE, TrackerParameters};
 
 /// Where the box of a thing is expected, in px, and its distance in metres.
 #[derive(Clone, Copy, Debug)]
@@ -22,18 +19,22 @@ pub(super) fn visible_share(
     thing: &Expected,
     nearer: impl Iterator<Item = [f64; 4]>,
     parameters: &TrackerParameters,
-    (width, height): (u32, u32),
+    size: (u32, u32),
 ) -> f64 {
     if thing.disparity_px > parameters.max_disparity_px {
         return 0.0;
     }
     let share = thing.distance_m / parameters.max_distance_m;
     let in_range = ((1.0 - share) / (1.0 - FADING_SHARE)).clamp(0.0, 1.0);
-    // On the left, the right camera misses as many columns as the disparity.
-    let both = [thing.disparity_px, 0.0, f64::from(width), f64::from(height)];
-    let inside = contained_share(&thing.edges, &both);
+    let inside = inside_share(&thing.edges, thing.disparity_px, size);
     let hidden: f64 = nearer.map(|edges| contained_share(&thing.edges, &edges)).sum();
     in_range * inside * (1.0 - hidden).max(0.0)
+}
+
+/// Share of a box that lies within the area that both cameras see, 0 to 1.
+pub(super) fn inside_share(edges: &[f64; 4], disparity_px: f64, (width, height): (u32, u32)) -> f64 {
+    // On the left, the right camera misses as many columns as the disparity.
+    contained_share(edges, &[disparity_px, 0.0, f64::from(width), f64::from(height)])
 }
 
 #[cfg(test)]

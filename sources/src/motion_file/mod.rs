@@ -21,7 +21,7 @@ mod trajectory;
 
 pub use motion_source::MotionSource;
 pub use motion_table::{MOTION_CSV, MotionTable};
-pub use oxts::read_oxts;
+pub use oxts::{OXTS_LEVER_ARM_M, read_oxts};
 pub use poses::read_poses;
 pub use timestamps::{FrameTimes, TIMESTAMPS, read_timestamps};
 pub use trajectory::Trajectory;

@@ -2,7 +2,7 @@
 
 use super::motion_table::MotionTable;
 use crate::vehicle::VehicleReading;
-use crate::{LiveSource, PairSource, SourceError};
+use crate::{Geometry, LiveSource, PairSource, SourceError};
 use perception::rig::Rig;
 use std::path::Path;
 
@@ -48,6 +48,14 @@ impl PairSource for MotionSource {
 
     fn rig(&self) -> Option<Rig> {
         self.inner.rig()
+    }
+
+    fn geometry(&self) -> Geometry {
+        self.inner.geometry()
+    }
+
+    fn rig_file(&self) -> Option<&Path> {
+        self.inner.rig_file()
     }
 
     fn count(&self) -> Option<u64> {

@@ -11,7 +11,7 @@ use std::path::Path;
 const EARTH_M: f64 = 6_378_137.0;
 
 /// Distance from the inertial unit forward to the left camera in KITTI's vehicle, in metres.
-const LEVER_ARM_M: f64 = 1.1;
+pub const OXTS_LEVER_ARM_M: f64 = 1.1;
 
 /// Largest latitude that the projection is used for, in degrees: beyond it is no road.
 const MAX_LATITUDE_DEG: f64 = 85.0;
@@ -92,7 +92,7 @@ fn path(samples: &[Sample], times_s: &[f64]) -> Result<Trajectory, String> {
     for &time_s in times_s {
         let [east_m, north_m, heading, speed_m_s, yaw_rate_rad_s] = between(samples, &planar, time_s)?;
         let (sine, cosine) = heading.sin_cos();
-        let camera = [east_m + LEVER_ARM_M * cosine, north_m + LEVER_ARM_M * sine, heading];
+        let camera = [east_m + OXTS_LEVER_ARM_M * cosine, north_m + OXTS_LEVER_ARM_M * sine, heading];
         let start = *origin.get_or_insert(camera);
         let (sine, cosine) = start[2].sin_cos();
         let (east_m, north_m) = (camera[0] - start[0], camera[1] - start[1]);

@@ -128,29 +128,58 @@ fn to_grey(raw: &Raw<'_>) -> Result<(Vec<u8>, usize, usize), String> {
     Ok((grey, raw.width, raw.height))
 }
 
-/// The 3 × 4 projection matrix of a calibration message, in row-major order; `None` if the message cannot be
-/// decoded or has no such matrix.
-pub fn projection(channel: &Channel, message: &Bytes) -> Option<[f64; 12]> {
+/// What a calibration message says of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraMessage {
+    /// Width and height of its pictures, in pixels; 0 if the message does not say.
+    pub size: (u32, u32),
+    /// Whether its pictures differ from rectified ones: it has a distortion, or a rectifying rotation.
+    pub is_distorted: bool,
+    /// The 3 × 4 projection matrix after rectification, in row-major order.
+    pub projection: [f64; 12],
+}
+
+/// Largest distortion coefficient, and largest difference of a rotation matrix from the identity, of pictures that count
+/// as rectified: less than a tenth of a pixel at the border of a picture.
+const MAX_RECTIFIED: f64 = 1e-4;
+
+/// Reads a calibration message; `None` if it cannot be decoded or has no projection matrix.
+pub fn camera_message(channel: &Channel, message: &Bytes) -> Option<CameraMessage> {
+    /// The rotation that changes nothing. ROS writes zeros where there is none.
+    const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let is_bent = |d: &f64| d.abs() > MAX_RECTIFIED;
+    let turns = |r: &[f64]| {
+        let is_set = r.iter().any(|v| *v != 0.0);
+        is_set && r.iter().zip(IDENTITY).any(|(v, one)| (v - one).abs() > MAX_RECTIFIED)
+    };
     if channel.encoding == "cdr" {
         let mut cdr = Cdr::new(message)?;
         cdr.header()?;
-        // Height and width, distortion model, D, K, R: skipped.
-        cdr.u32()?;
-        cdr.u32()?;
+        let (height, width) = (cdr.u32()?, cdr.u32()?);
+        // The distortion model.
         cdr.text()?;
         let coefficients = cdr.u32()?;
+        let mut is_distorted = false;
         for _ in 0..coefficients {
+            is_distorted |= is_bent(&cdr.f64()?);
+        }
+        // K is skipped.
+        for _ in 0..9 {
             cdr.f64()?;
         }
-        for _ in 0..18 {
-            cdr.f64()?;
-        }
-        let mut p = [0.0; 12];
-        for value in &mut p {
+        let mut r = [0.0; 9];
+        for value in &mut r {
             *value = cdr.f64()?;
         }
-        return Some(p);
+        let mut projection = [0.0; 12];
+        for value in &mut projection {
+            *value = cdr.f64()?;
+        }
+        let is_distorted = is_distorted || turns(&r);
+        return Some(CameraMessage { size: (width, height), is_distorted, projection });
     }
     let calibration: CameraCalibration = foxglove::decode(message).ok()?;
-    calibration.p.try_into().ok()
+    let is_distorted = calibration.d.iter().any(is_bent) || turns(&calibration.r);
+    let size = (calibration.width, calibration.height);
+    Some(CameraMessage { size, is_distorted, projection: calibration.p.try_into().ok()? })
 }

@@ -1,11 +1,11 @@
 //! Stereo pairs from a recording.
 
-use super::image_message::{Kind, grey, kind, projection};
+use super::image_message::{CameraMessage, Kind, camera_message, grey, kind};
 use super::index::{Channel, Cut, Index, Stored};
 use super::vehicle::VehicleLine;
 use super::{ABOUT, LEFT_IMAGE, RIGHT_IMAGE, RecordingError, VEHICLE, VEHICLE_SCHEMA};
 use crate::vehicle::VehicleReading;
-use crate::{PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError};
 use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use std::collections::{BTreeSet, HashMap};
@@ -38,6 +38,7 @@ pub struct RecordingSource {
     frames: Vec<[ImagePlace; 2]>,
     size: (usize, usize),
     rig: Option<Rig>,
+    geometry: Geometry,
     period_ns: u64,
     kept: Vec<(usize, Vec<Stored>)>,
     /// Messages of the vehicle, in the order of their times.
@@ -86,14 +87,32 @@ impl RecordingSource {
             frames,
             size: (0, 0),
             rig,
+            // A recording of `lookout record` holds pairs as they were matched, with their rig.
+            geometry: if rig.is_some() { Geometry::Rectified } else { Geometry::Unknown },
             period_ns,
             kept: Vec::new(),
             vehicle,
             stale_s: DEFAULT_STALE_S,
             reading: (u64::MAX, VehicleReading::default()),
         };
-        if source.rig.is_none() {
-            source.rig = source.rig_of_calibrations()?;
+        let is_rect = source.channel(sides[0]).topic.contains("rect");
+        let mut named = (0, 0);
+        if source.rig.is_none()
+            && let Some([left, right]) = source.cameras()?
+        {
+            // Fourth column of the right camera's projection matrix: −focal length × baseline.
+            let (l, r) = (left.projection, right.projection);
+            let rig = Rig { focal_px: l[0], baseline_m: (l[3] - r[3]) / l[0], cx_px: l[2], cy_px: l[6] };
+            // Uncalibrated cameras publish zeros.
+            let is_calibrated = l[0] > 0.0 && rig.baseline_m.abs() > 0.0;
+            source.rig = is_calibrated.then_some(rig);
+            // Both topics of a camera, raw and rectified, have the same calibration.
+            source.geometry = match is_calibrated {
+                true if is_rect || !(left.is_distorted || right.is_distorted) => Geometry::Rectified,
+                true => Geometry::Distorted,
+                false => Geometry::Unknown,
+            };
+            named = if is_calibrated { left.size } else { named };
         }
         if let Some(rig) = source.rig {
             source.rig = Some(rig.checked().map_err(|e| no_pairs(format!("its calibration: {e}")))?);
@@ -105,6 +124,13 @@ impl RecordingSource {
             return Err(no_pairs(format!("left images have {w}x{h} pixels, right ones {w2}x{h2}")).into());
         }
         source.size = sizes[0];
+        let (w, h) = named;
+        if named != (0, 0) && (w as usize, h as usize) != source.size {
+            let (width, height) = source.size;
+            let reason =
+                format!("its calibration is for images of {w}x{h} pixels, they have {width}x{height}");
+            return Err(no_pairs(reason).into());
+        }
         Ok(source)
     }
 
@@ -185,9 +211,9 @@ impl RecordingSource {
         Ok(line.reading(later_s, self.stale_s))
     }
 
-    /// The rig from the projection matrices of both cameras; `None` if they are missing or zero.
-    fn rig_of_calibrations(&mut self) -> Result<Option<Rig>, SourceError> {
-        let mut found: [Option<[f64; 12]>; 2] = [None, None];
+    /// The calibrations of both cameras; `None` if one is missing.
+    fn cameras(&mut self) -> Result<Option<[CameraMessage; 2]>, SourceError> {
+        let mut found: [Option<CameraMessage>; 2] = [None, None];
         let calibrations = self.index.channels().filter(|(_, c)| kind(c) == Some(Kind::Calibration));
         let wanted: BTreeSet<u16> = calibrations.map(|(id, _)| id).collect();
         for place in 0..self.index.places() {
@@ -200,15 +226,11 @@ impl RecordingSource {
             for message in self.index.load(place)?.iter().filter(|m| wanted.contains(&m.channel)) {
                 let channel = self.channel(message.channel);
                 let side = usize::from(channel.topic.contains("right"));
-                found[side] = found[side].or_else(|| projection(&channel, &message.data));
+                found[side] = found[side].or_else(|| camera_message(&channel, &message.data));
             }
         }
         let [Some(left), Some(right)] = found else { return Ok(None) };
-        // Fourth column of the right camera's projection matrix: −focal length × baseline.
-        let baseline_m = (left[3] - right[3]) / left[0];
-        let rig = Rig { focal_px: left[0], baseline_m, cx_px: left[2], cy_px: left[6] };
-        // Uncalibrated cameras publish zeros.
-        Ok((left[0] > 0.0 && baseline_m.abs() > 0.0).then_some(rig))
+        Ok(Some([left, right]))
     }
 }
 
@@ -302,6 +324,10 @@ impl PairSource for RecordingSource {
 
     fn rig(&self) -> Option<Rig> {
         self.rig
+    }
+
+    fn geometry(&self) -> Geometry {
+        self.geometry
     }
 
     fn count(&self) -> Option<u64> {

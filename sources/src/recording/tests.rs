@@ -1,7 +1,7 @@
 //! ROS 2 bags, which the tests encode themselves.
 
 use super::*;
-use crate::{PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use std::collections::BTreeMap;
@@ -113,13 +113,20 @@ impl CdrWriter {
     }
 
     fn camera_info(p: [f64; 12]) -> Vec<u8> {
+        Self::camera_info_with(p, (3, 2), 0.5)
+    }
+
+    /// For images of a size; `d` is each coefficient of the distortion.
+    fn camera_info_with(p: [f64; 12], (width, height): (u32, u32), d: f64) -> Vec<u8> {
         let mut cdr = Self::new();
         cdr.header();
-        cdr.u32(2);
-        cdr.u32(3);
+        cdr.u32(height);
+        cdr.u32(width);
         cdr.text("plumb_bob");
         cdr.u32(5);
-        (0..5 + 9 + 9).for_each(|_| cdr.f64(0.5));
+        (0..5).for_each(|_| cdr.f64(d));
+        (0..9).for_each(|_| cdr.f64(0.5));
+        (0..9).for_each(|i| cdr.f64(if i % 4 == 0 { 1.0 } else { 0.0 }));
         p.into_iter().for_each(|v| cdr.f64(v));
         cdr.0
     }
@@ -192,6 +199,33 @@ fn a_ros_2_bag_is_a_source() {
         assert_eq!(levels, [(10, 20, 0), (11, 21, 100), (13, 23, 300), (14, 24, 400), (15, 150, 500)]);
         assert!(matches!(source.read(5, &mut left, &mut right), Err(SourceError::End { count: 5, .. })));
     }
+}
+
+#[test]
+fn a_bag_says_whether_its_pictures_are_rectified() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let open = |topic: &str, size: (u32, u32), d: f64| {
+        let image = CdrWriter::image("mono8", 3, 2, 3, &[9; 6]);
+        let info = |side: &str, shift: f64| {
+            let data = CdrWriter::camera_info_with(projection(shift), size, d);
+            (format!("/stereo/{side}/camera_info"), "CameraInfo", data)
+        };
+        let picture = |side: &str| (format!("/stereo/{side}/{topic}"), "Image", image.clone());
+        let messages = [info("left", 0.0), info("right", -60.0), picture("left"), picture("right")];
+        let messages: Vec<(&str, &str, u64, Vec<u8>)> =
+            messages.iter().map(|(topic, kind, data)| (&topic[..], *kind, 0, data.clone())).collect();
+        bag(&path, None, &messages);
+        RecordingSource::open(&path)
+    };
+    let geometry = |topic: &str, d: f64| open(topic, (3, 2), d).unwrap().geometry();
+    assert_eq!(geometry("image_rect", 0.3), Geometry::Rectified);
+    assert_eq!(geometry("image_raw", 0.0), Geometry::Rectified);
+    assert_eq!(geometry("image_raw", 0.3), Geometry::Distorted);
+    // An older file may not say for which size it is.
+    assert_eq!(open("image_rect", (0, 0), 0.0).unwrap().geometry(), Geometry::Rectified);
+    let error = open("image_rect", (6, 4), 0.0).unwrap_err().to_string();
+    assert!(error.contains("6x4") && error.contains("3x2"), "{error}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ pub use exchange::{Format, import, write as export};
 use crate::bounded_file::read_text;
 use crate::limits::{CALIBRATION, MAX_SIDE_PX};
 use crate::{SourceError, toml_text};
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use perception::calibration::{Camera, Crop, Pose, Rectification};
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
@@ -135,6 +135,37 @@ impl RigFile {
     /// Image width and height, in pixels.
     pub fn size(&self) -> (usize, usize) {
         self.rectification.size
+    }
+
+    /// Checks that pictures have the size with which the cameras were calibrated.
+    ///
+    /// # Errors
+    /// Names both sizes and the remedy.
+    pub fn check_size(&self, (width, height): (usize, usize)) -> Result<(), String> {
+        let (w, h) = self.size();
+        if (w, h) == (width, height) {
+            return Ok(());
+        }
+        Err(format!(
+            "calibrated with images of {w}x{h} pixels, the source has {width}x{height}: calibrate at that size"
+        ))
+    }
+
+    /// Largest distance by which rectification moves a pixel of either camera, in pixels, over a grid; infinite where
+    /// it is not defined.
+    pub fn rectification_px(&self) -> f64 {
+        /// Positions along a side.
+        const GRID: usize = 9;
+        let (width, height) = self.size();
+        let mut largest: f64 = 0.0;
+        for at in 0..2 * GRID * GRID {
+            let (side, i, j) = (at % 2, at / 2 % GRID, at / 2 / GRID);
+            let along = |i: usize, length: usize| (i * (length - 1)) as f64 / (GRID - 1) as f64;
+            let pixel = Vector2::new(along(i, width.max(1)), along(j, height.max(1)));
+            let from = self.rectification.source(&self.cameras, side, pixel);
+            largest = largest.max(from.map_or(f64::INFINITY, |from| (from - pixel).norm()));
+        }
+        largest
     }
 
     /// A rig from cameras that another program calibrated; the rectification is computed here.

@@ -36,8 +36,16 @@ impl BesideFile {
         self.spacing_m.unwrap_or(match self.kind {
             BesideKind::Buildings => 13.0,
             BesideKind::Trees => 9.0,
-            BesideKind::Hedge | BesideKind::GuardRail | BesideKind::Wall => 4.0,
+            BesideKind::Hedge
+            | BesideKind::GuardRail
+            | BesideKind::Wall
+            | BesideKind::StoneWall
+            | BesideKind::Fence
+            | BesideKind::Barrier
+            | BesideKind::Bank => 4.0,
             BesideKind::Poles => 20.0,
+            BesideKind::Signs => 60.0,
+            BesideKind::Bushes => 6.0,
             BesideKind::Lamps => 25.0,
             BesideKind::ParkedCars => 12.0,
         })

@@ -2,7 +2,7 @@
 
 use super::file::SceneFile;
 use super::{Scene, SceneFrame, library};
-use crate::{PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError};
 use perception::rig::Rig;
 use std::sync::LazyLock;
 
@@ -75,6 +75,10 @@ impl PairSource for Drive {
 
     fn rig(&self) -> Option<Rig> {
         self.scene.rig()
+    }
+
+    fn geometry(&self) -> Geometry {
+        Geometry::Rectified
     }
 
     fn count(&self) -> Option<u64> {

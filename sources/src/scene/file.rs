@@ -1,14 +1,14 @@
 //! Format of scene files (TOML) and their validation.
 
+pub use super::error::SceneError;
 use super::motion::{Path, Waypoints};
 use super::sensor::Sensor;
+use super::strip::StripFile;
 use crate::limits::SCENE;
 use crate::toml_text;
 use perception::rig::{Rig, RigError};
 use serde::{Deserialize, Deserializer, de::Error};
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
-use thiserror::Error;
 
 /// Contents of a scene file.
 #[derive(Clone, Debug, Deserialize)]
@@ -213,6 +213,9 @@ pub struct RoadFile {
     pub bend_per_km: Waypoints,
     /// Straight roads that cross it or go on where it turns off.
     pub branch: Vec<BranchFile>,
+    /// Strips of ground beyond the asphalt, each side from its edge outwards. A side that has any has no kerb and no
+    /// pavement by the values above. Objects stand on the ground of their place.
+    pub strip: Vec<StripFile>,
 }
 
 /// A straight road with the road's cross-section: one that crosses it, or that goes on where the road turns off.
@@ -243,6 +246,7 @@ impl Default for RoadFile {
             grade_percent: Waypoints::constant(0.0),
             bend_per_km: Waypoints::constant(0.0),
             branch: Vec::new(),
+            strip: Vec::new(),
         }
     }
 }
@@ -267,6 +271,18 @@ pub enum BesideKind {
     Lamps,
     /// Parked cars.
     ParkedCars,
+    /// A wooden fence of boards with gaps.
+    Fence,
+    /// A wall of natural stone.
+    StoneWall,
+    /// A bank of earth, steep towards the road.
+    Bank,
+    /// A concrete barrier.
+    Barrier,
+    /// Traffic signs on posts.
+    Signs,
+    /// Single bushes.
+    Bushes,
 }
 
 /// A row of objects beside the road.
@@ -290,8 +306,14 @@ pub struct BesideFile {
     /// Height in metres, for kinds with a variable height.
     #[serde(default, deserialize_with = "size_m")]
     pub height_m: Option<f64>,
+    /// Length of a house along the road, in metres; by default 1 to 2 m less than the spacing.
+    #[serde(default, deserialize_with = "size_m")]
+    pub length_m: Option<f64>,
     /// Number of the branch, from 1, that it stands beside; the road itself by default.
     pub branch: Option<usize>,
+    /// Mean grey value, for kinds with a variable one.
+    #[serde(default, deserialize_with = "grey")]
+    pub grey: Option<f64>,
 }
 
 /// Kinds of single objects.
@@ -318,6 +340,12 @@ pub enum ObjectKind {
     Bridge,
     /// A plain block.
     Block,
+    /// A lorry.
+    Lorry,
+    /// A person on a bicycle.
+    Cyclist,
+    /// A bicycle on its stand.
+    Bicycle,
 }
 
 /// A single object, static or moving. Exactly one of `along_m`, `path` and `ahead` positions it.
@@ -423,49 +451,6 @@ fn sizes_m<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[f64; 3]>, D::Error
     Ok(Some(sizes))
 }
 
-/// Errors of scenes. Every text names the file, the line or the value, and the remedy.
-#[derive(Debug, Error)]
-pub enum SceneError {
-    /// No scene with this name.
-    #[error("{name}: no such scene: give a TOML file, or one of {known}")]
-    Unknown {
-        /// The requested name.
-        name: String,
-        /// The built-in scenes.
-        known: String,
-    },
-    /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// Path of the file.
-        path: PathBuf,
-        /// Cause.
-        source: std::io::Error,
-    },
-    /// The file is not a valid scene.
-    #[error("{file}{}: {reason}", line.map_or(String::new(), |line| format!(":{line}")))]
-    File {
-        /// The file, or the name of a built-in scene.
-        file: String,
-        /// Line number, from 1.
-        line: Option<usize>,
-        /// The fault and the remedy.
-        reason: String,
-    },
-    /// Invalid settings after the question mark.
-    #[error(
-        "{name}: {setting}: give weather=NAME, seed=N or rig=paper|kitti, joined by &; weathers are {weathers}"
-    )]
-    Setting {
-        /// The complete name.
-        name: String,
-        /// The invalid setting.
-        setting: String,
-        /// Names of the known weathers.
-        weathers: String,
-    },
-}
-
 impl SceneFile {
     /// Parses the text of a scene; `file` is the name for errors.
     ///
@@ -503,6 +488,7 @@ impl SceneFile {
             return Err(fault(None, "road.grade_percent: give grades from -30 to 30 percent".into()));
         }
         scene.check_course().map_err(|reason| fault(None, reason))?;
+        scene.check_strips().map_err(|reason| fault(None, reason))?;
         let angles = [&scene.camera.pitch_deg, &scene.camera.roll_deg];
         if angles.into_iter().flatten().any(|angle| angle.max_abs() > 20.0) {
             return Err(fault(

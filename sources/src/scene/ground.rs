@@ -4,6 +4,7 @@ use super::file::RoadFile;
 use super::material::{Line, Look, Material, Style};
 use super::mesh::{Axis, Face};
 use super::motion::Waypoints;
+use super::strip::{Cover, Side};
 use super::truth::{ROAD, VERGE};
 
 /// Distance up to which the course is integrated, in metres; the road continues straight beyond.
@@ -109,32 +110,36 @@ pub struct Piece {
 #[derive(Clone, Debug)]
 pub struct Ground {
     pieces: Vec<Piece>,
+    /// Whether objects stand on the ground of their place; else all stand at the height of the asphalt.
+    carries: bool,
 }
 
 impl Ground {
     /// The ground described by a file.
     pub fn new(road: &RoadFile) -> Self {
         let (left, right) = road.edges_m;
-        let (kerb, pavement) = (road.kerb_m, road.pavement_m);
         let asphalt = Material::new(Look::Road, 96.0, 1.0, 0.012);
-        let stone = Material::new(Look::Plain, 158.0, 0.5, 0.02);
-        let slabs = Material::new(Look::Paving, 138.0, 0.6, 0.015);
-        let grass = Material::new(Look::Grass, 82.0, 0.55, 0.02);
-        let mut pieces = Vec::new();
-        let mut add = |from, to, material, owner| {
-            if from != to {
-                pieces.push(Piece { from, to, material, owner });
-            }
-        };
-        let beyond = kerb - if kerb > 0.0 { 0.02 } else { 0.0 };
-        add((-SIDE_M, beyond), (left - pavement, beyond), grass, VERGE);
-        add((left - pavement, kerb), (left, kerb), slabs, VERGE);
-        add((left, kerb), (left, 0.0), stone, VERGE);
-        add((left, 0.0), (right, 0.0), asphalt, ROAD);
-        add((right, 0.0), (right, kerb), stone, VERGE);
-        add((right, kerb), (right + pavement, kerb), slabs, VERGE);
-        add((right + pavement, beyond), (SIDE_M, beyond), grass, VERGE);
-        Self { pieces }
+        let mut pieces: Vec<Piece> = beside(road, Side::Left, left).into_iter().map(mirrored).collect();
+        pieces.reverse();
+        pieces.push(Piece { from: (left, 0.0), to: (right, 0.0), material: asphalt, owner: ROAD });
+        pieces.extend(beside(road, Side::Right, right));
+        pieces.retain(|piece| piece.from != piece.to);
+        Self { pieces, carries: !road.strip.is_empty() }
+    }
+
+    /// Height of the lowest ground between two lateral positions, above the asphalt, where objects stand on the ground of
+    /// their place; else 0. In metres.
+    pub fn lowest_m(&self, from_m: f64, to_m: f64) -> f64 {
+        if !self.carries {
+            return 0.0;
+        }
+        let reached = self.pieces.iter().filter(|piece| piece.to.0 > from_m && piece.from.0 < to_m);
+        reached.fold(f64::INFINITY, |least, piece| {
+            let (a, b) = (piece.from, piece.to);
+            let up =
+                |lateral: f64| a.1 + (b.1 - a.1) * ((lateral - a.0) / (b.0 - a.0).max(1e-9)).clamp(0.0, 1.0);
+            least.min(up(from_m.max(a.0))).min(up(to_m.min(b.0)))
+        })
     }
 
     /// The pieces of its cross-section, from left to right; the outermost are grass.
@@ -180,6 +185,40 @@ impl Ground {
             before = Some((z, spot));
         }
     }
+}
+
+/// The ground on one side of the asphalt, whose edge is at `edge_m`, from there outwards: on the left side as in a mirror,
+/// with laterals that increase outwards.
+fn beside(road: &RoadFile, side: Side, edge_m: f64) -> Vec<Piece> {
+    let mut at = (if side == Side::Left { -edge_m } else { edge_m }, 0.0);
+    let mut pieces = Vec::new();
+    let mut add = |across: f64, up: f64, (material, owner): (Material, u16)| {
+        let to = (at.0 + across, at.1 + up);
+        pieces.push(Piece { from: at, to, material, owner });
+        at = to;
+    };
+    let mut below = 0.0;
+    if road.strip.iter().any(|strip| strip.side == side) {
+        for strip in road.strip.iter().filter(|strip| strip.side == side) {
+            add(0.0, strip.step_m, Cover::Stone.surface());
+            add(strip.width_m, strip.rise_m, strip.cover.surface());
+        }
+    } else {
+        add(0.0, road.kerb_m, Cover::Stone.surface());
+        add(road.pavement_m, 0.0, Cover::Pavement.surface());
+        // Grass begins a little below the slabs.
+        below = if road.kerb_m > 0.0 { 0.02 } else { 0.0 };
+    }
+    let (outer, up) = (at.0, at.1 - below);
+    let grass = Material::new(Look::Grass, 82.0, 0.55, 0.02);
+    pieces.push(Piece { from: (outer, up), to: (SIDE_M, up), material: grass, owner: VERGE });
+    pieces
+}
+
+/// A piece of the right side, on the left.
+fn mirrored(piece: Piece) -> Piece {
+    let over = |(lateral, up): (f64, f64)| (-lateral, up);
+    Piece { from: over(piece.to), to: over(piece.from), ..piece }
 }
 
 /// Surface style of the road described by a file.

@@ -1,6 +1,7 @@
 //! Built-in scenes and scene names.
 
 use super::file::{NamedRig, SceneError, SceneFile, Weather};
+use super::random;
 use crate::bounded_file;
 use crate::limits::SCENE;
 use std::path::Path;
@@ -10,6 +11,9 @@ macro_rules! scenes {
         [$(($name, include_str!(concat!("../../../config/scenes/", $name, ".toml")))),*]
     };
 }
+
+/// Name of the scenes that a seed generates.
+pub const RANDOM: &str = "random";
 
 /// Built-in scenes: name and TOML text.
 pub const SCENES: [(&str, &str); 30] = scenes![
@@ -50,13 +54,17 @@ fn split(name: &str) -> (&str, &str) {
     name.split_once('?').unwrap_or((name, ""))
 }
 
-/// Loads a scene: a built-in `NAME` or a path, optionally followed by `?weather=night&seed=7&rig=kitti`.
+/// Loads a scene: a built-in `NAME`, `random`, or a path, optionally followed by `?weather=night&seed=7&rig=kitti`.
 ///
 /// # Errors
 /// When there is no such scene, or it is invalid.
 pub fn load(name: &str) -> Result<SceneFile, SceneError> {
     let (place, settings) = split(name);
-    let mut scene = match SCENES.iter().find(|(known, _)| *known == place) {
+    if place == RANDOM {
+        let text = random::text(seed(settings));
+        return set(SceneFile::parse(&text, &format!("scene {name}"))?, name, settings);
+    }
+    let scene = match SCENES.iter().find(|(known, _)| *known == place) {
         Some((known, text)) => SceneFile::parse(text, &format!("scene {known}"))?,
         None if place.ends_with(".toml") || place.contains('/') || Path::new(place).is_file() => {
             let path = Path::new(place);
@@ -65,10 +73,21 @@ pub fn load(name: &str) -> Result<SceneFile, SceneError> {
             SceneFile::parse(&text, place)?
         }
         None => {
-            let known = SCENES.map(|(known, _)| known).join(", ");
+            let known = format!("{}, {RANDOM}?seed=N", SCENES.map(|(known, _)| known).join(", "));
             return Err(SceneError::Unknown { name: place.to_owned(), known });
         }
     };
+    set(scene, name, settings)
+}
+
+/// The seed among the settings of a generated scene; 1 where none is given or it is no number.
+fn seed(settings: &str) -> u64 {
+    let given = settings.split('&').filter_map(|setting| setting.strip_prefix("seed="));
+    given.last().and_then(|value| value.parse().ok()).unwrap_or(1)
+}
+
+/// Applies the settings of a scene name.
+fn set(mut scene: SceneFile, name: &str, settings: &str) -> Result<SceneFile, SceneError> {
     for setting in settings.split('&').filter(|setting| !setting.is_empty()) {
         let wrong = || SceneError::Setting {
             name: name.to_owned(),

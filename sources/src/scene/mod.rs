@@ -8,28 +8,36 @@
 //! curvature, integrated twice ([`plan::Plan`]); its height is the integral of the grade ([`ground::Course`]). The world is
 //! rigid: every frame shows the same one, from where the vehicle stands ([`route::Route`]).
 
+mod boundary;
 pub mod conditions;
 mod counts;
 mod course;
+pub mod cycles;
 mod drive;
+mod error;
 pub mod file;
 mod footprint;
+mod free_ground;
 pub mod ground;
 pub mod lens;
 pub mod library;
 pub mod light;
 pub mod material;
 pub mod mesh;
+mod model;
 pub mod motion;
 pub mod paint;
 pub mod plan;
 pub mod precipitation;
 pub mod props;
+pub mod random;
 #[cfg(test)]
 mod rigid_world;
+pub mod roadside;
 pub mod route;
 pub mod sensor;
 pub mod streets;
+pub mod strip;
 mod survey;
 pub mod texture;
 pub mod truth;
@@ -38,9 +46,9 @@ pub mod view;
 pub mod world;
 
 pub use drive::Drive;
-pub use truth::{ObjectClass, ObjectTruth, OwnMotion, RoadTruth, SceneTruth};
+pub use truth::{BoundaryTruth, FreeGround, ObjectClass, ObjectTruth, OwnMotion, RoadTruth, SceneTruth};
 
-use crate::{PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError};
 use file::{SceneError, SceneFile};
 use lens::Coarse;
 use paint::{Mirror, Painter, Row, Shade};
@@ -246,6 +254,10 @@ impl PairSource for Scene {
 
     fn rig(&self) -> Option<Rig> {
         Some(self.world.rig)
+    }
+
+    fn geometry(&self) -> Geometry {
+        Geometry::Rectified
     }
 
     fn count(&self) -> Option<u64> {

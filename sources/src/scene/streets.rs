@@ -66,8 +66,12 @@ impl Streets {
         roads.extend(road.branch.iter().enumerate().map(along_branch));
         let is_level = road.grade_percent.is_always(0.0);
         let lowest = roads[0].iter().fold(f64::MAX, |least, knot| least.min(knot.rise_m));
-        let plane_m = lowest - PLANE_DEPTH_M;
-        let sides = (road.edges_m.0 - road.pavement_m, road.edges_m.1 + road.pavement_m);
+        let pieces = ground.pieces();
+        // Ditches lie above the plane.
+        let depth_m = pieces.iter().fold(0.0_f64, |least, piece| least.min(piece.from.1).min(piece.to.1));
+        let foot_m = depth_m - PLANE_DEPTH_M;
+        let plane_m = lowest + foot_m;
+        let sides = (pieces[0].to.0, pieces[pieces.len() - 1].from.0);
         // The bank of a level road ends on the plane; that of a hilly one reaches as far as the bends allow.
         let radius_m = 1000.0 / road.bend_per_km.max_abs().max(1e-9);
         let farthest = if is_level { BANK_M } else { SIDE_M.min(0.9 * radius_m) };
@@ -81,7 +85,7 @@ impl Streets {
                 let mut piece = *piece;
                 let down = own + if piece.owner == VERGE { depth } else { 0.0 };
                 (piece.from.1, piece.to.1) = (piece.from.1 - down, piece.to.1 - down);
-                let foot = |up: f64| if is_level { -PLANE_DEPTH_M } else { up };
+                let foot = |up: f64| if is_level { foot_m } else { up };
                 if piece.from.0 <= -SIDE_M {
                     piece.from = (ends.0, foot(piece.from.1));
                 }

@@ -1,7 +1,7 @@
 //! Computes the ground truth of a frame from the world's geometry.
 
 use super::Scene;
-use super::truth::{FIRST_OBJECT, ObjectTruth, ROAD, RoadTruth, SceneTruth};
+use super::truth::{FIRST_OBJECT, FreeGround, ObjectTruth, ROAD, RoadTruth, SceneTruth};
 use super::view::{Camera, MIDDLE, Surface, View};
 use super::world::Present;
 use perception::region::PixelBox;
@@ -20,11 +20,17 @@ impl Map {
         view.project(camera, surfaces);
         let (mut depth, mut seen) = ([vec![0.0; width]], [vec![0; width]]);
         let (mut inverse_z, mut number) = (Vec::new(), Vec::new());
-        for y in 0..height {
+        // Above the first patch and below the last there is nothing.
+        let rows = view.rows();
+        inverse_z.resize(rows.start * width, 0.0);
+        number.resize(rows.start * width, 0);
+        for y in rows {
             view.row(camera, y, &MIDDLE, &mut depth, &mut seen);
             inverse_z.extend_from_slice(&depth[0]);
             number.extend_from_slice(&seen[0]);
         }
+        inverse_z.resize(height * width, 0.0);
+        number.resize(height * width, 0);
         Self { view, inverse_z, number }
     }
 }
@@ -63,6 +69,8 @@ impl Scene {
             .collect();
         objects.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.id.cmp(&b.id)));
         let motion = world.motion(time_s);
+        let road = self.road_truth(&left_camera, time_s);
+        let free = FreeGround::new(&owner, &disparity_px, width, &world.rig, &world.pose(time_s), &road);
         SceneTruth {
             time_s,
             ego_speed_m_s: motion.speed_m_s,
@@ -73,7 +81,9 @@ impl Scene {
             in_both,
             owner,
             objects,
-            road: self.road_truth(&left_camera, time_s),
+            road,
+            boundaries: world.boundaries(|instance| stats[instance].pixels),
+            free,
         }
     }
 

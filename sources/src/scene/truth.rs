@@ -41,6 +41,16 @@ pub enum ObjectClass {
     Bridge,
     /// A plain block.
     Block,
+    /// A lorry.
+    Lorry,
+    /// A bicycle, with or without a rider.
+    Bicycle,
+    /// A piece of fence.
+    Fence,
+    /// A piece of a bank of earth.
+    Bank,
+    /// A bush.
+    Bush,
 }
 
 impl ObjectClass {
@@ -60,7 +70,17 @@ impl ObjectClass {
             Self::Tree => "tree",
             Self::Bridge => "bridge",
             Self::Block => "block",
+            Self::Lorry => "lorry",
+            Self::Bicycle => "bicycle",
+            Self::Fence => "fence",
+            Self::Bank => "bank",
+            Self::Bush => "bush",
         }
+    }
+
+    /// Whether it bounds the ground along the road: a polyline rather than a single object.
+    pub fn is_boundary(self) -> bool {
+        matches!(self, Self::Hedge | Self::GuardRail | Self::Wall | Self::Building | Self::Fence | Self::Bank)
     }
 }
 
@@ -122,6 +142,32 @@ impl RoadTruth {
     }
 }
 
+/// A boundary beside the road in one frame: hedge, wall, fence, guard rail, bank or building fronts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoundaryTruth {
+    /// Its class; [`ObjectClass::is_boundary`].
+    pub class: ObjectClass,
+    /// Height above its foot, in metres.
+    pub height_m: f64,
+    /// Foot of the side that faces the vehicle: metres right of the left camera and metres ahead of it, on the ground
+    /// as the vehicle stands on it, in the order of the row.
+    pub points_m: Vec<[f64; 2]>,
+    /// For each piece between two points, whether any pixel of it is visible in the left image.
+    pub seen: Vec<bool>,
+}
+
+/// Free ground in one frame, for each column of the left image, in metres along the camera's axis.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FreeGround {
+    /// Distance up to which the column shows asphalt without a break, from the lowest row on, with nothing on it; 0 where
+    /// the lowest row shows none. This much is truly free.
+    pub free_m: Vec<f32>,
+    /// Distance of the nearest thing on the ground that the column shows, of any class, named or not: overhangs higher than
+    /// 2.2 m excepted; infinite where it shows none. Beyond it nothing is free. Between [`Self::free_m`] and this lies
+    /// ground beside the asphalt, or hidden behind a crest: whether that is free is left open.
+    pub blocked_m: Vec<f32>,
+}
+
 /// Own motion of the vehicle, at the left camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OwnMotion {
@@ -160,4 +206,8 @@ pub struct SceneTruth {
     pub objects: Vec<ObjectTruth>,
     /// The road.
     pub road: RoadTruth,
+    /// Boundaries beside the road, up to 100 m ahead.
+    pub boundaries: Vec<BoundaryTruth>,
+    /// Free ground.
+    pub free: FreeGround,
 }

@@ -216,3 +216,51 @@ pub fn bus(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
     mesh.rear_patch((-w * 0.8, w * 0.8), (0.15, y(0.35)), 0.4, TYRE);
     mesh
 }
+
+/// A lorry with a box body.
+pub fn lorry(size: [f64; 3], grey: f32, seed: f32) -> Mesh {
+    let mut mesh = Mesh::default();
+    let (w, h, l) = (size[0] / 2.0, size[1], size[2]);
+    let body = Material::new(Look::Paint, grey, 0.28, 0.03).shifted(seed);
+    let cab = paint(grey * 0.7, seed + 1.0);
+    let chassis = Material::new(Look::Plain, 45.0, 0.3, 0.02).shifted(seed);
+    // Box, chassis and cab; the cab is a little lower, with a gap behind it.
+    let (box_end, cab_start) = (l - 2.4, l - 2.1);
+    mesh.block((-w, w), (1.15, h), (0.02, box_end), body);
+    mesh.block((-0.55 * w, 0.55 * w), (0.55, 1.15), (0.1, l - 0.2), chassis);
+    mesh.extrude(
+        &[(cab_start, 0.5), (cab_start, 0.78 * h), (l - 0.35, 0.78 * h), (l, 0.5 * h), (l, 0.45)],
+        (-0.97 * w, 0.97 * w),
+        cab,
+    );
+    for side in [-1.0, 1.0] {
+        for z in [1.3, 2.5, l - 1.4] {
+            wheel(&mut mesh, side * (w - 0.05), z, 0.5, side);
+        }
+        // The side guard between the wheels.
+        mesh.side_patch(side * (w - 0.1), (0.55, 0.95), (3.3, l - 2.6), side, chassis);
+        let glass = GLASS.shifted(seed);
+        mesh.side_patch(side * (0.97 * w + 0.006), (0.5 * h, 0.7 * h), (l - 1.5, l - 0.6), side, glass);
+        let (a, b) = (side * w * 0.97, side * w * 0.75);
+        let x = if a < b { (a, b) } else { (b, a) };
+        mesh.rear_patch(x, (0.8, 1.02), 0.006, RED_LAMP.glowing(TAIL_GLOW));
+        let lamp =
+            [[x.0, 0.65, l + 0.006], [x.1, 0.65, l + 0.006], [x.1, 0.9, l + 0.006], [x.0, 0.9, l + 0.006]];
+        mesh.patch(&lamp, [0.0, 0.0, 1.0], CLEAR_LAMP.glowing(HEAD_GLOW));
+    }
+    // Doors at the rear, the underrun bar, the number plate.
+    mesh.rear_patch((-0.015, 0.015), (1.25, h - 0.1), 0.01, BUMPER);
+    for x in [-0.45, 0.45] {
+        mesh.rear_patch((x * w - 0.02, x * w + 0.02), (1.25, h - 0.1), 0.008, BUMPER);
+    }
+    mesh.rear_patch((-w * 0.98, w * 0.98), (0.45, 0.7), 0.0, BUMPER);
+    mesh.rear_patch((-0.26, 0.26), (0.85, 0.97), 0.004, PLATE.shifted(seed));
+    let front = [
+        [-0.88 * w, 0.52 * h, l - 0.035],
+        [0.88 * w, 0.52 * h, l - 0.035],
+        [0.88 * w, 0.72 * h, l - 0.25],
+        [-0.88 * w, 0.72 * h, l - 0.25],
+    ];
+    mesh.patch(&front, [0.0, 0.1, 1.0], GLASS.shifted(seed));
+    mesh
+}

@@ -312,6 +312,13 @@ impl View {
         self.restart();
     }
 
+    /// Rows that any patch covers.
+    pub fn rows(&self) -> std::ops::Range<usize> {
+        let first = self.patches.iter().map(|patch| patch.first_row).min().unwrap_or(0);
+        let last = self.patches.iter().map(|patch| patch.last_row).max().unwrap_or(-1);
+        first.max(0) as usize..(last + 1).max(first).max(0) as usize
+    }
+
     /// Returns to the first row.
     pub fn restart(&mut self) {
         self.next = 0;

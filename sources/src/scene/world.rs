@@ -1,20 +1,20 @@
 //! All objects of a scene, and their positions at a time.
 
 use super::conditions::Conditions;
-use super::file::{BesideFile, BesideKind, ObjectFile, ObjectKind, SceneFile};
+use super::file::{BesideFile, BesideKind, ObjectFile, SceneFile};
 use super::ground::Ground;
 use super::lens::Glare;
 use super::light::Light;
 use super::material::{Look, Material};
 use super::mesh::{Face, Mesh, Placement, Point};
+use super::model;
 use super::motion::Path;
 use super::plan::PlanPose;
 use super::route::{Route, Standpoint};
 use super::streets::Streets;
-use super::texture::{hash, unit};
+use super::texture::hash;
 use super::truth::{FIRST_OBJECT, ObjectClass, OwnMotion};
 use super::view::{Pose, Surface};
-use super::{props, vehicles};
 use crate::limits::MAX_SCENE_OBJECTS;
 use perception::rig::Rig;
 
@@ -49,6 +49,8 @@ pub struct Instance {
     place: Place,
     /// Number of the road along which it is placed.
     road: usize,
+    /// Index of the row beside the road of which it is a piece.
+    pub row: Option<usize>,
     shadow: Option<(Point, Point)>,
     /// Lateral position of the light below its lamp, in metres.
     pool_x_m: Option<f64>,
@@ -192,6 +194,7 @@ impl World {
             mesh: self.meshes.len() - 1,
             place,
             road: 0,
+            row: None,
             shadow,
             pool_x_m: None,
         });
@@ -210,45 +213,12 @@ impl World {
             let long = spacing * self.stretch(row, along);
             let round = if self.file.repeats && round_m > 0.0 { along.rem_euclid(round_m) } else { along };
             let key = hash(self.file.seed ^ n << 40 ^ ((round * 16.0).round() as i64 as u64) << 8);
-            let own = |i: u64| unit(key ^ i);
-            let shift = own(0) as f32 * 3.0;
-            let height = |usual: f64| row.height_m.unwrap_or(usual);
-            let (class, mesh, depth) = match row.kind {
-                BesideKind::Buildings => {
-                    let size = [9.0, height(5.0 + 5.0 * own(1)), (long - 1.0 - own(2)).max(1.0)];
-                    (
-                        ObjectClass::Building,
-                        props::building(size, 95.0 + 75.0 * own(3) as f32, shift),
-                        size[0],
-                    )
-                }
-                BesideKind::Trees => (ObjectClass::Tree, props::tree(height(5.5 + 2.5 * own(1)), key), 0.0),
-                BesideKind::Hedge => {
-                    let size = [0.9, height(1.1), long];
-                    (ObjectClass::Hedge, props::hedge(size, 70.0, key), size[0])
-                }
-                BesideKind::GuardRail => {
-                    (ObjectClass::GuardRail, props::guard_rail(long, height(0.75), -side), 0.1)
-                }
-                BesideKind::Wall => (ObjectClass::Wall, props::wall(long, height(1.8), shift), 0.3),
-                BesideKind::Poles => {
-                    (ObjectClass::Pole, props::pole([0.16, height(1.1), 0.16], 70.0, shift), 0.16)
-                }
-                BesideKind::Lamps => (ObjectClass::Pole, props::lamp(height(6.0), -side), 0.0),
-                BesideKind::ParkedCars => {
-                    let grey = 55.0 + 130.0 * own(1) as f32;
-                    let mesh = if own(2) < 0.25 {
-                        vehicles::van([1.95, height(2.2), 5.2], grey, shift)
-                    } else {
-                        vehicles::car([1.78, height(1.46), 4.3], grey, shift)
-                    };
-                    (ObjectClass::Car, mesh, 1.8)
-                }
-            };
+            let (class, mesh, depth) = model::of_row(row, side, long, key);
             let lateral = row.lateral_m + side * depth / 2.0;
             let place = Place::Along(Path::even(along, lateral, 0.0, 0.0, seconds));
             let instance = self.add(class, mesh, 0.0, place, false);
             instance.road = row.branch.unwrap_or(0);
+            instance.row = Some(n as usize);
             if row.kind == BesideKind::Lamps {
                 instance.pool_x_m = Some(-side * 0.8);
                 instance.shadow = None;
@@ -258,29 +228,7 @@ impl World {
 
     fn add_object(&mut self, n: u64, object: &ObjectFile) {
         let key = hash(self.file.seed ^ 0x0b1e_c700 ^ n << 20);
-        let shift = unit(key) as f32 * 3.0;
-        let grey = |usual: f64| object.grey.unwrap_or(usual) as f32;
-        let size = |usual: [f64; 3]| object.size_m.unwrap_or(usual);
-        let (class, mesh) = match object.kind {
-            ObjectKind::Car => (ObjectClass::Car, vehicles::car(size([1.8, 1.46, 4.4]), grey(95.0), shift)),
-            ObjectKind::Van => (ObjectClass::Car, vehicles::van(size([1.98, 2.3, 5.4]), grey(160.0), shift)),
-            ObjectKind::Bus => (ObjectClass::Bus, vehicles::bus(size([2.5, 3.05, 11.5]), grey(150.0), shift)),
-            ObjectKind::Pedestrian => {
-                (ObjectClass::Pedestrian, props::pedestrian(size([0.55, 1.75, 0.4]), grey(75.0), shift))
-            }
-            ObjectKind::Cone => {
-                (ObjectClass::Cone, props::cone(size([0.38, 0.75, 0.38]), grey(118.0), shift))
-            }
-            ObjectKind::Debris => {
-                (ObjectClass::Debris, props::debris(size([0.1, 0.1, 0.1]), grey(165.0), shift))
-            }
-            ObjectKind::Pole => (ObjectClass::Pole, props::pole(size([0.16, 1.1, 0.16]), grey(70.0), shift)),
-            ObjectKind::Hedge => (ObjectClass::Hedge, props::hedge(size([5.0, 0.9, 1.2]), grey(70.0), key)),
-            ObjectKind::Bridge => (ObjectClass::Bridge, props::bridge(size([14.0, 5.0, 9.0]), grey(125.0))),
-            ObjectKind::Block => {
-                (ObjectClass::Block, props::block(size([0.7, 0.6, 0.5]), grey(150.0), shift))
-            }
-        };
+        let (class, mesh) = model::of_object(object, key);
         let seconds = self.file.seconds;
         let place = match (&object.path, &object.ahead) {
             (Some(path), _) => Place::Along(path.clone()),
@@ -405,13 +353,14 @@ impl World {
             Place::Along(path) | Place::Ahead(path) => path.at(time_s),
         };
         let is_relative = matches!(instance.place, Place::Ahead(_));
+        let up = self.foot_m(instance, across);
         if !self.route.turns() {
             let ahead = if is_relative { place } else { place - stand.along_m };
             if ahead > MAX_DRAWN_M || ahead + greatest[2] < -6.0 {
                 return None;
             }
             let spot = course.spot(stand.along_m, ahead);
-            let at = [across - stand.lateral_m, spot.up_m, ahead];
+            let at = [across - stand.lateral_m, spot.up_m + up, ahead];
             return Some((Placement::new(at, 0.0, spot.slope), across));
         }
         let along = if is_relative { stand.along_m + place } else { place };
@@ -424,7 +373,7 @@ impl World {
         let heading =
             if is_short { road(along).heading_rad } else { (far[0] - near[0]).atan2(far[1] - near[1]) };
         let rise = if instance.road > 0 { 0.0 } else { course.rise_m(along) };
-        let at = stand.see(near, rise);
+        let at = stand.see(near, rise + up);
         let yaw = heading - stand.at.heading_rad;
         let middle = at[2] + 0.5 * long * yaw.cos();
         let radius = long.max(greatest[0] - least[0]);
@@ -433,6 +382,13 @@ impl World {
         }
         let grade = if instance.road > 0 { 0.0 } else { course.grade(along) };
         Some((Placement::new(at, yaw, grade + stand.tilt() * yaw.cos()), across))
+    }
+
+    /// Height of the ground on which an object stands, above the asphalt, in metres.
+    fn foot_m(&self, instance: &Instance, across: f64) -> f64 {
+        let half = self.boxes[instance.mesh].1[0];
+        let is_elsewhere = instance.road > 0 || instance.class == ObjectClass::Bridge;
+        if is_elsewhere { 0.0 } else { self.ground.lowest_m(across - half, across + half) }
     }
 
     /// Turns the sun with the world.
@@ -469,7 +425,8 @@ impl World {
         self.conditions.wet.max(self.file.road.wet) > 0.3
     }
 
-    fn pose(&self, time_s: f64) -> Pose {
+    /// Pose of the left camera in the vehicle's frame.
+    pub fn pose(&self, time_s: f64) -> Pose {
         let camera = &self.file.camera;
         let angle = |line: &Option<super::motion::Waypoints>, sway: f64, hz: f64| {
             let still = line.as_ref().map_or(0.0, |line| line.value(time_s));

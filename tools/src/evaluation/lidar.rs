@@ -7,6 +7,9 @@
 //! The **LiDAR distance** of a car refers to its near side, as that of a region does: the first decile of the
 //! depths within its box and within its length of the labelled position. That of a region without a label is
 //! computed in the same way from the depths around the most frequent depth of its box.
+//!
+//! The **boxes of a car** are the regions that lie at least by half of their own area in its box, at a depth that the car
+//! has. One is right; each more is a fragment, or a thing in front of it.
 
 use super::quantile;
 use super::weather::cell;
@@ -28,6 +31,9 @@ const MAX_TRUNCATION: f64 = 0.5;
 
 /// Minimum number of depth values for a LiDAR distance.
 const MIN_DEPTHS: usize = 30;
+
+/// Share of a region's box in that of a car from which the region is one of the car's boxes.
+const MIN_SHARE_IN_CAR: f64 = 0.5;
 
 /// Quantile of the depths that defines the near side.
 const NEAR_QUANTILE: f64 = 0.1;
@@ -90,6 +96,8 @@ pub struct LabelRow {
     pub region_m: Option<f64>,
     /// Error relative to the LiDAR distance, in percent; positive is too far.
     pub error_percent: Option<f64>,
+    /// Number of regions in its box at its depth.
+    pub boxes: usize,
     /// Result.
     pub verdict: Verdict,
 }
@@ -127,7 +135,7 @@ pub struct Errors {
 pub struct LidarReport {
     /// Name of the matcher.
     pub method: String,
-    /// Number of times each image was processed in a row; 1: single images, without `regions.confirm`.
+    /// Number of times each image was processed in a row; 1: single images, of which sightings with strong evidence count.
     pub repeats: u64,
     /// Images.
     pub pictures: Vec<PictureRow>,
@@ -140,6 +148,8 @@ pub struct LidarReport {
     pub covered: usize,
     /// `covered` ÷ `evaluable`.
     pub share: Option<f64>,
+    /// Mean number of boxes of an evaluable car that has any.
+    pub boxes_per_car: Option<f64>,
     /// Distance errors of the covered cars.
     pub cars: Errors,
     /// Distance errors of all regions of matched pairs.
@@ -185,11 +195,24 @@ pub fn label_box(label: &Label, width: usize, height: usize) -> PixelBox {
     PixelBox { x, y, width: right.saturating_sub(x), height: bottom.saturating_sub(y) }
 }
 
+/// Nearest and farthest distance of a labelled object, in metres, wherever it turns its sides.
+fn depth_range_m(label: &Label) -> (f64, f64) {
+    let reach = 0.5 * label.length_m.hypot(label.width_m) + 0.3;
+    (label.distance_m - reach, label.distance_m + reach)
+}
+
 /// LiDAR distance of a labelled object's near side, in metres.
 pub fn label_distance_m(depth_m: &DisparityMap, label: &Label) -> Option<f64> {
-    let reach = 0.5 * label.length_m.hypot(label.width_m) + 0.3;
     let bounds = label_box(label, depth_m.width, depth_m.height);
-    near_side_m(depths(depth_m, &bounds, (label.distance_m - reach, label.distance_m + reach)))
+    near_side_m(depths(depth_m, &bounds, depth_range_m(label)))
+}
+
+/// Whether a region is one of a labelled object's boxes, of which one is enough.
+fn is_box_of(region: &Region, label: &Label, bounds: &PixelBox) -> bool {
+    let (near_m, far_m) = depth_range_m(label);
+    let (own, shared) = (&region.bounds, region.bounds.shared_area(bounds));
+    let area = f64::from(own.width) * f64::from(own.height);
+    (near_m..=far_m).contains(&region.distance_m) && shared >= MIN_SHARE_IN_CAR * area && shared > 0.0
 }
 
 /// LiDAR distance of the near side of the dominant surface in a box, in metres.
@@ -235,6 +258,7 @@ pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Re
         overlap: tidy(shared),
         region_m: region_m.map(tidy),
         error_percent: region_m.zip(lidar_m).map(|(found, truth)| error_percent(found, truth)),
+        boxes: regions.iter().filter(|region| is_box_of(region, label, &bounds)).count(),
         verdict,
     }
 }
@@ -269,6 +293,8 @@ impl LidarReport {
         let covered = count(Verdict::Covered);
         let evaluable = covered + count(Verdict::Missed);
         let cars = labels.iter().filter(|row| row.verdict == Verdict::Covered);
+        let in_view = labels.iter().filter(|row| matches!(row.verdict, Verdict::Covered | Verdict::Missed));
+        let boxes: Vec<f64> = in_view.map(|row| row.boxes as f64).filter(|&boxes| boxes > 0.0).collect();
         let of = |disparity: Disparity| {
             let rows = pictures.iter().filter(move |row| row.disparity == disparity);
             Errors::new(rows.flat_map(|row| row.errors_percent.iter().copied()))
@@ -279,6 +305,7 @@ impl LidarReport {
             evaluable,
             covered,
             share: tidy_finite(covered as f64 / evaluable as f64),
+            boxes_per_car: tidy_finite(boxes.iter().sum::<f64>() / boxes.len() as f64),
             cars: Errors::new(cars.filter_map(|row| row.error_percent)),
             matched: of(Disparity::Matched),
             depth_map: of(Disparity::DepthMap),
@@ -326,14 +353,14 @@ impl fmt::Display for LidarReport {
         if !self.labels.is_empty() {
             writeln!(
                 f,
-                "\n{:<width$}{:>12}{:>9}{:>9}{:>9}{:>10}{:>9}  ",
-                "picture", "label", "label m", "LiDAR m", "overlap", "region m", "error %"
+                "\n{:<width$}{:>12}{:>9}{:>9}{:>9}{:>10}{:>9}{:>7}  ",
+                "picture", "label", "label m", "LiDAR m", "overlap", "region m", "error %", "boxes"
             )?;
         }
         for row in &self.labels {
             writeln!(
                 f,
-                "{:<width$}{:>12}{:>9.2}{:>9}{:>9.2}{:>10}{:>9}  {}",
+                "{:<width$}{:>12}{:>9.2}{:>9}{:>9.2}{:>10}{:>9}{:>7}  {}",
                 row.picture,
                 row.class,
                 row.label_m,
@@ -341,6 +368,7 @@ impl fmt::Display for LidarReport {
                 row.overlap,
                 cell(row.region_m, 2),
                 cell(row.error_percent, 2),
+                row.boxes,
                 row.verdict.name()
             )?;
         }
@@ -348,10 +376,11 @@ impl fmt::Display for LidarReport {
         if self.evaluable > 0 {
             writeln!(
                 f,
-                "cars within {MAX_DISTANCE_M} m in view: {} of {} covered ({}); {}",
+                "cars within {MAX_DISTANCE_M} m in view: {} of {} covered ({}); boxes a car {}; {}",
                 self.covered,
                 self.evaluable,
                 cell(self.share, 3),
+                cell(self.boxes_per_car, 2),
                 self.cars
             )?;
         }
@@ -368,8 +397,8 @@ impl fmt::Display for LidarReport {
             )?;
         }
         let history = match self.repeats {
-            1 => "single images, regions.confirm off".to_owned(),
-            n => format!("each image {n} times in a row, regions.confirm as configured"),
+            1 => "single images, sightings with strong evidence".to_owned(),
+            n => format!("each image {n} times in a row, confirmed by tracking"),
         };
         write!(f, "{history}; method: {}", self.method)
     }
@@ -447,6 +476,14 @@ mod tests {
         let row = judge("1", &label(), &depth, &regions);
         assert_eq!((row.verdict, row.overlap), (Verdict::Covered, 0.9));
         assert_eq!((row.region_m, row.lidar_m, row.error_percent), (Some(10.5), Some(10.0), Some(5.0)));
+        // The large box is not the car's: most of it lies beside it.
+        assert_eq!(row.boxes, 1);
+        let fragments = [
+            regions[0],
+            region(PixelBox { x: 40, y: 40, width: 10, height: 20 }, 12.0),
+            region(PixelBox { x: 40, y: 40, width: 10, height: 20 }, 20.0),
+        ];
+        assert_eq!(judge("1", &label(), &depth, &fragments).boxes, 2);
         let verdict = |label: Label| judge("1", &label, &depth, &regions[1..]).verdict;
         assert_eq!(verdict(label()), Verdict::Missed);
         assert_eq!(verdict(Label { class: "Cyclist".into(), ..label() }), Verdict::OtherClass);
@@ -467,7 +504,11 @@ mod tests {
             (Some(5.0), 0, 1)
         );
         let text = report.to_string();
-        assert!(text.contains("1 of 2 covered (0.500)") && text.contains("no road"), "{text}");
-        assert!(text.contains("the matcher is not used") && text.contains("regions.confirm off"), "{text}");
+        assert_eq!(report.boxes_per_car, Some(1.0));
+        assert!(
+            text.contains("1 of 2 covered (0.500); boxes a car 1.00") && text.contains("no road"),
+            "{text}"
+        );
+        assert!(text.contains("the matcher is not used") && text.contains("single images"), "{text}");
     }
 }

@@ -5,6 +5,7 @@ pub mod approach;
 pub mod compare;
 pub mod detection;
 pub mod disturb;
+pub mod drive;
 pub mod error_picture;
 pub mod files;
 pub mod fill;

@@ -86,12 +86,12 @@ pub const OBSTACLES: Schema = Schema::Json {
 "road":{"type":["object","null"],"properties":{"camera_height_m":{"type":"number"},"horizon_px":{"type":"number"},"confidence":{"type":"number"}}},
 "motion":{"type":"object","description":"The vehicle's own motion; yaw rate to the left positive","properties":{"known":{"type":"boolean"},"sources":{"type":"array","items":{"type":"string"}},"standstill":{"type":"boolean"},"disagree":{"type":"boolean"},"speed_m_s":{"type":["number","null"]},"speed_sigma_m_s":{"type":["number","null"]},"acceleration_m_s2":{"type":["number","null"]},"acceleration_sigma_m_s2":{"type":["number","null"]},"yaw_rate_rad_s":{"type":["number","null"]},"yaw_rate_sigma_rad_s":{"type":["number","null"]}}},
 "path":{"type":"object","description":"The strip that the vehicle will sweep: edges as right and forward of the left camera","properties":{"known":{"type":"boolean"},"curvature_per_m":{"type":["number","null"]},"curvature_sigma_per_m":{"type":["number","null"]},"left_m":{"type":"array"},"right_m":{"type":"array"},"sigma_m":{"type":"array"}}},
-"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","standby","warning","alarm"]},"rule":{"type":["string","null"]},"track":{"type":["integer","null"]},"changed":{"type":"boolean"},"nearest_m":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"required_deceleration_m_s2":{"type":["number","null"]},"reason":{"type":["string","null"]}}},
+"alarm":{"type":"object","properties":{"level":{"type":"string","enum":["off","clear","warning","alarm"]},"rule":{"type":["string","null"]},"track":{"type":["integer","null"]},"changed":{"type":"boolean"},"nearest_m":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"required_deceleration_m_s2":{"type":["number","null"]},"reason":{"type":["string","null"]}}},
 "obstacles":{"type":"array","items":{"type":"object","properties":{
 "track":{"type":"integer"},"class":{"type":"string"},"score":{"type":["number","null"]},"confirmed":{"type":"boolean"},
 "x_px":{"type":"integer"},"y_px":{"type":"integer"},"width_px":{"type":"integer"},"height_px":{"type":"integer"},
 "distance_m":{"type":"number"},"distance_sigma_m":{"type":"number"},"lateral_m":{"type":"number"},"width_m":{"type":"number"},"height_m":{"type":"number"},
-"missed":{"type":"integer"},"in_path":{"type":"boolean"},"across_m_s":{"type":["number","null"]},
+"missed":{"type":"integer"},"predicted":{"type":"boolean","description":"nothing was seen of it in this frame: box, place and size are predictions"},"probability":{"type":"number","description":"that it exists"},"in_path":{"type":"boolean"},"across_m_s":{"type":["number","null"]},
 "closing_m_s":{"type":["number","null"]},"closing_sigma_m_s":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"time_to_collision_sigma_s":{"type":["number","null"]}}}}}}"#,
 };
 
@@ -104,7 +104,7 @@ pub const STATUS: Schema = Schema::Json {
 "latency_p50_ms":{"type":"number"},"latency_p99_ms":{"type":"number"},"alarm":{"type":"string"},"alarms":{"type":"integer"},
 "obstacles":{"type":"integer"},"nearest_m":{"type":["number","null"]},
 "motion":{"type":"object","properties":{"known":{"type":"boolean"},"sources":{"type":"array"},"speed_m_s":{"type":["number","null"]},"yaw_rate_rad_s":{"type":["number","null"]}}},
-"calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"worst_px":{"type":"number"}}},
+"calibration":{"type":"object","properties":{"state":{"type":"string"},"text":{"type":"string"},"typical_px":{"type":"number"},"lost":{"type":"number"},"moved":{"type":"boolean"}}},
 "processes":{"type":"array","items":{"type":"object","properties":{
 "role":{"type":"string"},"state":{"type":"string"},"pid":{"type":"integer"},"restarts":{"type":"integer"},"frames":{"type":"integer"},
 "skipped":{"type":"integer"},"refused":{"type":"integer"},"rate_hz":{"type":"number"},"p50_ms":{"type":"number"},"p99_ms":{"type":"number"},

@@ -1,6 +1,7 @@
 //! Output formats: images, plots, overlays, frame records and run summaries.
 
 pub mod colour;
+pub mod html;
 pub mod motion;
 pub mod output;
 pub mod overlay;

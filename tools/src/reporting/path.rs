@@ -129,6 +129,7 @@ mod tests {
                 camera_yaw_rad: 0.0,
             },
             edges: None,
+            is_turning_in: false,
         }
     }
 

@@ -40,7 +40,7 @@ pub struct RoadLine {
 /// Alarm state of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AlarmLine {
-    /// `off`, `standby`, `warning` or `alarm`.
+    /// `off`, `clear`, `warning` or `alarm`.
     pub level: String,
     /// The rule that raised it: `distance`, `time_to_collision` or `deceleration`.
     pub rule: Option<String>,
@@ -67,10 +67,16 @@ pub struct ObstacleLine {
     pub class: String,
     /// Score of the class, if recognised.
     pub score: Option<f64>,
-    /// Whether the track is confirmed by enough detections.
+    /// Whether it probably exists, so that it counts as an obstacle.
     pub confirmed: bool,
-    /// Consecutive frames without detection; the position is predicted then.
+    /// Consecutive frames without a sighting.
     pub missed: u32,
+    /// Whether box, place and size are predictions, because nothing was seen of it in this frame.
+    #[serde(default)]
+    pub predicted: bool,
+    /// Probability that it exists.
+    #[serde(default)]
+    pub probability: f64,
     /// Left column.
     pub x_px: u32,
     /// Top row.

@@ -95,7 +95,7 @@ pub struct ProcessSummary {
     pub restarts: u32,
 }
 
-/// A change of the calibration monitor's state.
+/// A change of the calibration monitor's state, or the cameras have moved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationChange {
     /// Sequence number of the frame.
@@ -104,10 +104,20 @@ pub struct CalibrationChange {
     pub state: String,
     /// Description with the measured values.
     pub text: String,
-    /// Largest row offset in the image, in pixels.
-    pub worst_px: f64,
+    /// Why it is degraded: `none`, `rows_differ`, `beyond_correction`, `rows_apart`, `swapped` or `identical`.
+    #[serde(default)]
+    pub cause: String,
+    /// Share of matches that the remaining row offset loses, 0 to 1.
+    #[serde(default)]
+    pub lost: f64,
+    /// Typical row offset after the correction, in pixels.
+    #[serde(default)]
+    pub typical_px: f64,
     /// Row correction applied to the right image at that time, in pixels.
     pub corrected_px: f64,
+    /// Change of the row offset since the start, in pixels; 0 unless the cameras have moved.
+    #[serde(default)]
+    pub moved_px: f64,
 }
 
 /// A change of the alarm level.
@@ -115,7 +125,7 @@ pub struct CalibrationChange {
 pub struct AlarmChange {
     /// Sequence number of the frame.
     pub sequence: u64,
-    /// `off`, `standby`, `warning` or `alarm`.
+    /// `off`, `clear`, `warning` or `alarm`.
     pub level: String,
     /// The rule that raised the alarm.
     pub rule: Option<String>,
@@ -289,8 +299,8 @@ impl fmt::Display for RunSummary {
             )?;
         }
         write!(f, "\n{}", self.motion)?;
-        // Reported only when the state was ever different from good.
-        if self.calibration.iter().any(|change| change.state != "good") {
+        // Reported only when the state was ever different from good, or the cameras have moved.
+        if self.calibration.iter().any(|change| change.state != "good" || change.moved_px > 0.0) {
             for change in &self.calibration {
                 write!(f, "\ncalibration, frame {}: {}", change.sequence, change.text)?;
             }

@@ -6,6 +6,7 @@ use crate::command::config_args::load;
 use crate::command::error::CommandError;
 use crate::input;
 use config::Config;
+use config::automatic::Automatic;
 use messages::wait::{self, Next};
 use messages::{pair, service};
 use perception::calibration::Board;
@@ -63,7 +64,7 @@ pub fn collect(args: &Calibrate, board: Board, log: Option<&str>) -> Result<Path
 /// Configures the source that a path names.
 fn set_source(config: &mut Config, path: &Path) {
     // Calibration needs the unrectified images.
-    config.source.rectify = false;
+    config.source.rectify = Automatic::Off;
     config.source.repeat = false;
     match path.to_str() {
         Some("camera") => config.source.kind = "camera".into(),

@@ -7,7 +7,7 @@ use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::disparity::read_pair;
 use crate::command::error::CommandError;
-use crate::stages::road::parameters::scene_parameters;
+use crate::stages::road::parameters::{scene_parameters, tracker_parameters};
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use config::Config;
@@ -18,6 +18,7 @@ use perception::region::Region;
 use perception::rig::Rig;
 use perception::scene::SceneDetector;
 use perception::stereo::{DisparityView, MatchOutput};
+use perception::tracking::Tracker;
 use sources::calibration_file;
 use sources::folder::read_grey;
 use sources::truth::label::{self, Label};
@@ -43,11 +44,12 @@ One line per picture: the estimated camera height above the road, regions within
 and 90th percentile of their distance error against LiDAR. One line per label: LiDAR distance of
 its near side, the region that overlaps its box most, and that region's distance. A car is
 evaluable within 40 m, with half of it in the picture and at most partly occluded; it is covered
-by a region with an overlap (intersection over union) of 0.4. Labels that are not evaluable are in
-brackets.
+by a region with an overlap (intersection over union) of 0.4. Its boxes are the regions that lie
+mostly in its box, at a depth that it has: more than one are fragments. Labels that are not
+evaluable are in brackets.
 
-A single picture has no history, so regions.confirm is off; --repeat processes each picture N
-times in a row with regions.confirm as configured.
+A single picture has no history: sightings with strong evidence count. --repeat N shows each picture
+N times in a row, and what tracking then confirms counts.
 
 --out writes SET/PICTURE.png (the road green, regions red, labels blue) and evaluation.json.";
 
@@ -68,6 +70,9 @@ pub struct EvaluateLidar {
     #[arg(long)]
     pub json: bool,
 }
+
+/// Time between repeats of a picture, in ns: that of KITTI's cameras.
+const REPEAT_PERIOD_NS: u64 = 100_000_000;
 
 const BLUE: Colour = [90, 160, 255];
 
@@ -104,13 +109,14 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         let seen = FramePicture::new(&config, frame, &rig, &depth_m)?;
         let mut detector =
             SceneDetector::new(scene_parameters(&config), rig, seen.width, seen.height, disparities(&config));
-        for _ in 1..args.repeat {
-            detector.detect(seen.depth(frame)?);
-        }
         let scene = detector.detect(seen.depth(frame)?);
-        // A single picture has no history: strong evidence decides.
-        let regions: Vec<Region> =
-            scene.regions.iter().filter(|r| r.evidence >= SINGLE_PICTURE_EVIDENCE).copied().collect();
+        let regions = if args.repeat == 1 {
+            // A single picture has no history: strong evidence decides.
+            scene.regions.iter().filter(|r| r.evidence >= SINGLE_PICTURE_EVIDENCE).copied().collect()
+        } else {
+            let tracker = Tracker::new(tracker_parameters(&config), rig, (seen.width, seen.height));
+            confirmed(tracker, scene.regions, args.repeat)
+        };
         let from = if frame.right.is_some() { Disparity::Matched } else { Disparity::DepthMap };
         let camera_m = scene.road.map(|road| road.camera_height_m);
         pictures.push(PictureRow::new(name, from, camera_m, &depth_m, &regions));
@@ -130,6 +136,14 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         write_report(out, &report)?;
     }
     if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+/// The obstacles that a tracker confirms after the same sightings in so many frames.
+fn confirmed(mut tracker: Tracker, sightings: &[Region], repeats: u64) -> Vec<Region> {
+    for repeat in 0..repeats {
+        tracker.update(repeat * REPEAT_PERIOD_NS, sightings);
+    }
+    tracker.confirmed().map(|track| Region { bounds: track.bounds, ..track.region }).collect()
 }
 
 fn disparities(config: &Config) -> usize {

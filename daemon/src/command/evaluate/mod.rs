@@ -2,12 +2,14 @@
 
 mod detection;
 mod distance;
+mod drive;
 mod lidar;
 mod odometry;
 mod recognition;
 mod scene_run;
 mod stereo;
 mod time;
+mod true_path;
 mod weather;
 
 use crate::command::error::CommandError;
@@ -22,6 +24,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate distance                      approaches, and scenes without an alarm
   lookout evaluate time                          gaps, jumps and repeats in the source's time
   lookout evaluate odometry DIR --poses FILE     own motion against true poses
+  lookout evaluate drive DIR                     your own drive, judged by the way that was driven
   lookout evaluate lidar DIR                     recorded images with LiDAR depth and labels
   lookout evaluate stereo --help";
 
@@ -45,6 +48,9 @@ pub enum Evaluate {
     /// Evaluate own motion against true poses: drift, speed, yaw rate, the path ahead
     #[command(after_help = odometry::HELP)]
     Odometry(odometry::EvaluateOdometry),
+    /// Evaluate drives without labels, by the strip that the vehicle then drove through
+    #[command(after_help = drive::HELP)]
+    Drive(drive::EvaluateDrive),
     /// Evaluate a cascade on pictures with and without objects
     #[command(after_help = detection::HELP)]
     Detection(detection::EvaluateDetection),
@@ -65,6 +71,7 @@ pub fn run(what: Evaluate, log: Option<&str>) -> Result<(), CommandError> {
         Evaluate::Time(args) => time::run(&args, log),
         Evaluate::Lidar(args) => lidar::run(&args, log),
         Evaluate::Odometry(args) => odometry::run(&args, log),
+        Evaluate::Drive(args) => drive::run(&args, log),
         Evaluate::Detection(args) => detection::run(&args, log),
         Evaluate::Recognition(args) => recognition::run(&args, log),
     }

@@ -1,5 +1,6 @@
 //! `lookout evaluate odometry`.
 
+use super::true_path::{TruePath, check_count, from_files, from_scene, warn_of_times};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::{progress, say};
@@ -10,9 +11,7 @@ use crate::input;
 use crate::stages::motion::body;
 use clap::Args;
 use config::Config;
-use sources::PairSource;
-use sources::motion_file::{Trajectory, read_oxts, read_poses};
-use sources::scene::Scene;
+use sources::motion_file::read_poses;
 use std::path::PathBuf;
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::odometry::{EstimateFrame, Truth, score};
@@ -77,22 +76,25 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
     let mut config = load(&args.config, log, "evaluate", Some("warn"))?;
     set_recording(&mut config, &args.recording, args.rig.as_deref());
     // Files are read first: a mistake in them shall not cost a run.
-    let (from, path) = true_path(args, &config)?;
+    let truth = true_path(args, &config)?;
+    let is_limited = args.limit.is_some();
     let motion = match &args.estimate {
         Some(file) => from_file(args, &config, file)?,
         None => {
             let mut pipeline = Pipeline::open(&config)?;
             let frames = frames_used(pipeline.count(), args.limit);
-            check_count(args, &from, path.poses.len(), frames as usize)?;
+            check_count(&truth, frames as usize, &args.recording, is_limited)?;
             let bar = progress(Some(frames), "frames");
             let motion = process(&mut pipeline, frames, &bar)?;
             bar.finish_and_clear();
             motion
         }
     };
-    check_count(args, &from, path.poses.len(), motion.frames.len())?;
+    check_count(&truth, motion.frames.len(), &args.recording, is_limited)?;
+    let (from, path) = truth;
     let truth = Truth::new(&path, &motion.times_s);
-    warn_of_times(&truth, &motion.times_s);
+    let true_times: Vec<f64> = truth.frames.iter().map(|frame| frame.time_s).collect();
+    warn_of_times(&motion.times_s, &true_times);
     let mut score = score(&truth, &motion.frames, &body(&config));
     if args.estimate.is_some() {
         // Poses alone do not tell it.
@@ -108,32 +110,16 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
 }
 
 /// The true path, and where it is from.
-fn true_path(args: &EvaluateOdometry, config: &Config) -> Result<(String, Trajectory), CommandError> {
-    match (&args.poses, &args.oxts, &args.times) {
-        (Some(file), ..) => Ok((file.display().to_string(), read_poses(file)?)),
-        (None, Some(oxts), Some(times)) => Ok((oxts.display().to_string(), read_oxts(oxts, times)?)),
-        _ if config.source.kind == "scene" => scene_path(args, config),
-        _ => Err(CommandError::Other(format!(
+fn true_path(args: &EvaluateOdometry, config: &Config) -> Result<TruePath, CommandError> {
+    let oxts = args.oxts.as_deref().zip(args.times.as_deref());
+    let given = from_files(args.poses.as_deref(), oxts)?;
+    let found = given.map_or_else(|| from_scene(config, args.limit), |truth| Ok(Some(truth)))?;
+    found.ok_or_else(|| {
+        CommandError::Other(format!(
             "{}: no ground truth: give --poses FILE, or --oxts CSV with --times CSV",
             args.recording.display()
-        ))),
-    }
-}
-
-/// Ratio of durations from which on the times of recording and truth do not belong together: 1 % of the speed.
-const MAX_TIME_ERROR: f64 = 0.01;
-
-/// Warns if the source time runs faster or slower than the time of the truth: speed and yaw rate are then wrong by as much.
-fn warn_of_times(truth: &Truth, times_s: &[f64]) {
-    let true_times: Vec<f64> = truth.frames.iter().map(|frame| frame.time_s).collect();
-    let duration = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
-    let (own_s, true_s) = (duration(times_s), duration(&true_times));
-    if (own_s / true_s - 1.0).abs() > MAX_TIME_ERROR {
-        tracing::warn!(
-            "the recording lasts {own_s:.2} s, its ground truth {true_s:.2} s: speed and yaw rate are wrong by as much: \
-             give the recording its times (timestamps.csv)"
-        );
-    }
+        ))
+    })
 }
 
 /// Poses of a file, with the times of the recording's frames.
@@ -159,30 +145,4 @@ fn from_file(
         frames: poses.into_iter().map(|pose| EstimateFrame { pose, motion: None }).collect(),
         unknown: 0,
     })
-}
-
-/// The truth must have a pose for each frame, and without `--limit` no more.
-fn check_count(args: &EvaluateOdometry, from: &str, poses: usize, frames: usize) -> Result<(), CommandError> {
-    if poses == frames || (args.limit.is_some() && poses > frames) {
-        return Ok(());
-    }
-    Err(CommandError::Other(format!(
-        "{from}: {poses} poses for {frames} frames of {}: give the ground truth of this recording",
-        args.recording.display()
-    )))
-}
-
-/// The true path of a scene, with its exact speed and yaw rate.
-fn scene_path(args: &EvaluateOdometry, config: &Config) -> Result<(String, Trajectory), CommandError> {
-    let scene = Scene::open(&config.source.path.to_string_lossy())?;
-    let mut scene = if config.source.fps > 0.0 { scene.at_rate(config.source.fps) } else { scene };
-    let mut path = Trajectory::default();
-    for index in 0..frames_used(scene.count(), args.limit) {
-        let motion = scene.truth(index).motion;
-        path.poses.push(motion.pose);
-        path.times_s.push(scene.time_s(index));
-        path.speed_m_s.push(motion.speed_m_s);
-        path.yaw_rate_rad_s.push(motion.yaw_rate_rad_s);
-    }
-    Ok(("the truth of the scene".into(), path))
 }

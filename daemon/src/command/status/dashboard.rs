@@ -2,7 +2,7 @@
 
 use crate::command::error::CommandError;
 use crate::printable::Printable;
-use messages::alarm::{ALARM, STANDBY, level_name};
+use messages::alarm::{ALARM, CLEAR, level_name};
 use messages::calibration::CalibrationState;
 use messages::pipeline::Role;
 use messages::status::{ProcessRecord, StatusRecord};
@@ -143,7 +143,7 @@ impl Dashboard {
         };
         let alarm_tone = match status.alarm {
             ALARM => Tone::Bad,
-            STANDBY => Tone::Good,
+            CLEAR => Tone::Good,
             _ => Tone::Warn,
         };
         let seconds = status.uptime_ns / 1_000_000_000;

@@ -36,9 +36,10 @@ impl Run {
         status.deadline = self.collector.deadline();
         status.source_time = self.collector.source_time();
         status.pacing = self.pacing();
-        let moved = status.calibration.state() == CalibrationState::Degraded;
-        let moved = moved.then(|| format!("calibration {}", status.calibration));
-        self.diagnostics.set(Condition::Calibration, moved.as_deref());
+        let is_degraded = status.calibration.state() == CalibrationState::Degraded;
+        let rows = is_degraded
+            .then(|| format!("calibration {}: {}", status.calibration, status.calibration.remedy()));
+        self.diagnostics.set(Condition::Calibration, rows.as_deref());
         self.diagnostics.set(Condition::Board, self.board.fault().as_deref());
         let lost = status.device.is_lost().then(|| status.device.describe());
         self.diagnostics.set(Condition::Device, lost.as_deref());

@@ -309,7 +309,7 @@ mod tests {
 
     #[test]
     fn numbers_of_levels_and_rules_match_their_names() {
-        let levels = [AlarmLevel::Off, AlarmLevel::Standby, AlarmLevel::Warning, AlarmLevel::Alarm];
+        let levels = [AlarmLevel::Off, AlarmLevel::Clear, AlarmLevel::Warning, AlarmLevel::Alarm];
         assert_eq!(levels.map(|l| level_name(l as u32)), LEVELS);
         assert_eq!(levels[3] as u32, messages::alarm::ALARM);
         let rules = [AlarmRule::Distance, AlarmRule::TimeToCollision, AlarmRule::Deceleration];

@@ -17,6 +17,7 @@ use messages::pair::{Pair, PairMessage};
 use messages::typed::{Output, Written};
 use perception::image::GreyView;
 use perception::image_quality::{ImageFaults, ImageMonitor};
+use perception::stereo::epipolar::MatchedPair;
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use std::time::{Duration, Instant};
 
@@ -46,18 +47,16 @@ impl StereoStage {
         if let Some(monitor) = &mut self.image_monitor {
             self.image_faults = monitor.update(left, right);
         }
-        let shifted = match &mut self.calibration {
-            Some(calibration) => calibration.right(right)?,
-            None => right,
-        };
-        for (y, row) in out.right.chunks_exact_mut(self.width).enumerate() {
-            row.copy_from_slice(shifted.row(y));
+        match &mut self.calibration {
+            Some(calibration) => calibration.correct(right, frame.source_ns, out.right),
+            None => out.right.copy_from_slice(pair.right),
         }
+        let right = view(out.right)?;
         let output = MatchOutput { disparity: &mut *out.disparity, confidence: &mut *out.confidence };
         let started = Instant::now();
         let budget = self.budget;
         let mut has_time = || budget.is_none_or(|budget| started.elapsed() < budget);
-        let halved = self.matcher.compute_within(left, shifted, output, &mut has_time)?;
+        let halved = self.matcher.compute_within(left, right, output, &mut has_time)?;
         if !self.loss_logged
             && let Some(device) = self.matcher.device()
             && let Some(loss) = device.loss
@@ -78,9 +77,10 @@ impl StereoStage {
         }
         // A map of a coarser scale is too inaccurate for the epipolar check.
         if let (Some(calibration), 0) = (&mut self.calibration, halved)
-            && let Some(map) = DisparityView::new(out.disparity, self.width, self.height)
+            && let Some(disparity) = DisparityView::new(out.disparity, self.width, self.height)
         {
-            calibration.update(left, right, map, out.confidence);
+            let pair = MatchedPair { left, right, disparity, confidence: out.confidence };
+            calibration.update(pair, frame.source_ns);
         }
         Ok(())
     }
@@ -100,7 +100,7 @@ impl Stage for StereoStage {
         }
         let budget =
             (config.stereo.budget_ms > 0.0).then(|| Duration::from_secs_f64(config.stereo.budget_ms * 1e-3));
-        let calibration = CalibrationMonitor::new(config, width, height);
+        let calibration = CalibrationMonitor::new(config, format);
         Ok(Self {
             matcher,
             calibration,
@@ -142,12 +142,15 @@ impl Stage for StereoStage {
 
     fn faults(&self) -> Faults {
         let ImageFaults { dark, bright, blocked, contrast_mismatch } = self.image_faults;
-        let is_degraded = self.calibration().state() == CalibrationState::Degraded;
+        let calibration = self.calibration();
+        let is_degraded = calibration.state() == CalibrationState::Degraded;
+        let is_pairing = calibration.cause().is_pairing();
         Faults::DARK
             .when(dark)
             .and(Faults::BRIGHT.when(bright))
             .and(Faults::BLOCKED.when(blocked))
             .and(Faults::UNLIKE.when(contrast_mismatch))
-            .and(Faults::CALIBRATION.when(is_degraded))
+            .and(Faults::CALIBRATION.when(is_degraded && !is_pairing))
+            .and(Faults::PAIRING.when(is_degraded && is_pairing))
     }
 }

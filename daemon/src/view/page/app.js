@@ -128,7 +128,7 @@ async function takeFrame(frame, parts) {
   const ttc = first && first.time_to_collision_s !== null ? `, ${seconds(first.time_to_collision_s)} to collision` : "";
   if (level === "alarm") setAlarm("alarm", "ALARM", more + ttc);
   else if (level === "warning") setAlarm("warning", "warning", more + ttc);
-  else if (level === "standby") setAlarm("standby", "standby", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
+  else if (level === "clear") setAlarm("clear", "clear", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
   else setAlarm("off", "alarm off", frame.alarm.reason || "");
 }
 
@@ -148,7 +148,7 @@ function setAlarm(level, text, more) {
   byId("alarm-more").textContent = more && `· ${more}`;
   const now = performance.now();
   if (level !== page.said || (level === "alarm" && now - page.said_at > 5000)) {
-    byId("spoken").textContent = level === "standby" ? "alarm over: standby" : `${text} ${more}`;
+    byId("spoken").textContent = level === "clear" ? "alarm over: clear" : `${text} ${more}`;
     [page.said, page.said_at] = [level, now];
   }
 }

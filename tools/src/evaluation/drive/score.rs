@@ -1,0 +1,321 @@
+//! Figures of a drive in which nothing was hit.
+
+use super::life::{Life, median_life};
+use super::steadiness::{Steadiness, View, steadiness};
+use super::strip::DrivenPath;
+use crate::reporting::record::{FrameRecord, tidy};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Levels of the alarm, in the order of [`Levels`].
+pub const LEVELS: [&str; 4] = ["off", "clear", "warning", "alarm"];
+
+/// Number of frames in each level of the alarm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Levels {
+    /// It could not judge.
+    pub off: usize,
+    /// Nothing was dangerous.
+    pub clear: usize,
+    /// Something would become dangerous.
+    pub warning: usize,
+    /// Something was dangerous.
+    pub alarm: usize,
+}
+
+/// A confirmed obstacle that reached into the strip that the vehicle then drove through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct FalseObstacle {
+    /// Frame, from 0.
+    pub frame: usize,
+    /// Track.
+    pub track: u32,
+    /// Distance, in metres.
+    pub distance_m: f64,
+    /// Lateral position, in metres, to the right positive.
+    pub lateral_m: f64,
+    /// Width, in metres.
+    pub width_m: f64,
+    /// How much of the width lay in the strip, in metres.
+    pub overlap_m: f64,
+}
+
+/// The alarm rose to a level.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Onset {
+    /// Frame, from 0.
+    pub frame: usize,
+    /// `warning` or `alarm`.
+    pub level: &'static str,
+}
+
+/// What the drive says of the system's results.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Judgement {
+    /// Counts.
+    pub tally: Tally,
+    /// Every false obstacle, frame by frame.
+    pub false_obstacles: Vec<FalseObstacle>,
+    /// Every onset of a warning and of an alarm; a rise from clear to alarm is both.
+    pub onsets: Vec<Onset>,
+}
+
+/// Counts of one or several drives.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tally {
+    frames: usize,
+    seconds: f64,
+    levels: Levels,
+    warnings: usize,
+    alarms: usize,
+    off_reasons: BTreeMap<String, usize>,
+    judged: usize,
+    false_obstacles: usize,
+    false_tracks: usize,
+    steadiness: Steadiness,
+}
+
+/// Figures of one or several drives; `None` where there is nothing to take a share or a median of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct DriveScore {
+    /// Number of frames.
+    pub frames: usize,
+    /// Duration, in seconds.
+    pub seconds: f64,
+    /// Frames by level of the alarm.
+    pub levels: Levels,
+    /// Number of times that the level rose to warning or beyond.
+    pub warnings: usize,
+    /// Number of times that the level rose to alarm.
+    pub alarms: usize,
+    /// Share of frames with the alarm off, in percent.
+    pub off_percent: Option<f64>,
+    /// Frames with the alarm off by reason; a frame may have several.
+    pub off_reasons: BTreeMap<String, usize>,
+    /// Frames of which the path ahead is known: those that false obstacles are looked for in.
+    pub judged: usize,
+    /// Confirmed obstacles in the driven strip, counted in each frame.
+    pub false_obstacles: usize,
+    /// Tracks of them.
+    pub false_tracks: usize,
+    /// False obstacles in a judged frame.
+    pub false_per_frame: f64,
+    /// Confirmed tracks.
+    pub tracks: usize,
+    /// Of them lost while their thing was to be seen.
+    pub tracks_lost: usize,
+    /// Time after which half of the tracks are lost.
+    pub life_median_s: Option<f64>,
+    /// Whether fewer than half were lost: the median is then the longest life, and the true one is longer.
+    pub life_is_lower_limit: bool,
+    /// Boxes of confirmed tracks.
+    pub boxes: usize,
+    /// Share of boxes that are predictions, in percent.
+    pub predicted_percent: Option<f64>,
+    /// Boxes without width or height.
+    pub without_size: usize,
+    /// Pairs of measured boxes of a track in consecutive frames, not cut by the picture's sides.
+    pub width_pairs: usize,
+    /// Share of these pairs whose width in the picture changes by more than 30 %, in percent.
+    pub width_jumps_percent: Option<f64>,
+}
+
+/// Rank of a level for onsets: off and clear are no warning.
+fn rank(level: &str) -> usize {
+    LEVELS.iter().position(|name| *name == level).unwrap_or(0).saturating_sub(1)
+}
+
+/// Judges the records of a drive by the path that was driven. `off_reasons` are the reasons for which the alarm was off in
+/// each frame, none where it was on. Ends with the shorter of records and path.
+pub fn judge(
+    path: &DrivenPath,
+    records: &[FrameRecord],
+    off_reasons: &[Vec<String>],
+    view: &View,
+) -> Judgement {
+    let records = &records[..records.len().min(path.frames())];
+    let mut found = Judgement::default();
+    let tally = &mut found.tally;
+    (tally.frames, tally.seconds) = (records.len(), path.seconds());
+    let (mut before, mut tracks) = (0, BTreeSet::new());
+    for (frame, record) in records.iter().enumerate() {
+        let level = record.alarm.level.as_str();
+        tally.levels.add(level);
+        if level == LEVELS[0] {
+            for reason in off_reasons.get(frame).into_iter().flatten() {
+                *tally.off_reasons.entry(reason.clone()).or_default() += 1;
+            }
+        }
+        let now = rank(level);
+        for (of, count, level) in [(1, &mut tally.warnings, LEVELS[2]), (2, &mut tally.alarms, LEVELS[3])] {
+            if now >= of && of > before {
+                *count += 1;
+                found.onsets.push(Onset { frame, level });
+            }
+        }
+        before = now;
+        let Some(strip) = path.strip(frame) else { continue };
+        tally.judged += 1;
+        for obstacle in &record.obstacles {
+            if let Some(overlap_m) = strip.false_overlap_m(obstacle) {
+                tracks.insert(obstacle.track);
+                found.false_obstacles.push(FalseObstacle {
+                    frame,
+                    track: obstacle.track,
+                    distance_m: obstacle.distance_m,
+                    lateral_m: obstacle.lateral_m,
+                    width_m: obstacle.width_m,
+                    overlap_m: tidy(overlap_m),
+                });
+            }
+        }
+    }
+    tally.false_obstacles = found.false_obstacles.len();
+    tally.false_tracks = tracks.len();
+    tally.steadiness = steadiness(records, view);
+    found
+}
+
+impl Levels {
+    fn add(&mut self, level: &str) {
+        let [off, clear, warning, alarm] = LEVELS;
+        let count = match level {
+            _ if level == alarm => &mut self.alarm,
+            _ if level == warning => &mut self.warning,
+            _ if level == clear => &mut self.clear,
+            // A level that this version does not know says nothing.
+            _ => {
+                debug_assert_eq!(level, off);
+                &mut self.off
+            }
+        };
+        *count += 1;
+    }
+}
+
+/// A share in percent; `None` of nothing.
+fn percent(part: usize, whole: usize) -> Option<f64> {
+    (whole > 0).then(|| tidy(100.0 * part as f64 / whole as f64))
+}
+
+impl Tally {
+    /// Adds the counts of another drive.
+    pub fn add(&mut self, other: &Self) {
+        self.frames += other.frames;
+        self.seconds += other.seconds;
+        self.levels.off += other.levels.off;
+        self.levels.clear += other.levels.clear;
+        self.levels.warning += other.levels.warning;
+        self.levels.alarm += other.levels.alarm;
+        self.warnings += other.warnings;
+        self.alarms += other.alarms;
+        for (reason, frames) in &other.off_reasons {
+            *self.off_reasons.entry(reason.clone()).or_default() += frames;
+        }
+        self.judged += other.judged;
+        self.false_obstacles += other.false_obstacles;
+        self.false_tracks += other.false_tracks;
+        self.steadiness.add(&other.steadiness);
+    }
+
+    /// The figures.
+    pub fn score(&self) -> DriveScore {
+        let s = &self.steadiness;
+        let life = median_life(&s.lives);
+        DriveScore {
+            frames: self.frames,
+            seconds: tidy(self.seconds),
+            levels: self.levels,
+            warnings: self.warnings,
+            alarms: self.alarms,
+            off_percent: percent(self.levels.off, self.frames),
+            off_reasons: self.off_reasons.clone(),
+            judged: self.judged,
+            false_obstacles: self.false_obstacles,
+            false_tracks: self.false_tracks,
+            false_per_frame: tidy(self.false_obstacles as f64 / self.judged.max(1) as f64),
+            tracks: s.lives.len(),
+            tracks_lost: s.lives.iter().filter(|life: &&Life| life.is_lost).count(),
+            life_median_s: life.map(|(seconds, _)| tidy(seconds)),
+            life_is_lower_limit: life.is_some_and(|(_, is_limit)| is_limit),
+            boxes: s.boxes,
+            predicted_percent: percent(s.predicted, s.boxes),
+            without_size: s.without_size,
+            width_pairs: s.pairs,
+            width_jumps_percent: percent(s.jumps, s.pairs),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::strip::tests::{straight, thing};
+    use super::*;
+    use crate::reporting::record::{AlarmLine, ObstacleLine};
+
+    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, far_m: 60.0 };
+
+    fn record(i: usize, level: &str, obstacles: Vec<ObstacleLine>) -> FrameRecord {
+        FrameRecord {
+            sequence: i as u64,
+            time_s: 0.1 * i as f64,
+            alarm: AlarmLine { level: level.into(), ..AlarmLine::default() },
+            obstacles,
+            ..FrameRecord::default()
+        }
+    }
+
+    #[test]
+    fn a_thing_in_the_strip_counts_in_every_judged_frame_and_its_track_once() {
+        let path = straight(60, 8.0);
+        let records: Vec<FrameRecord> = (0..60)
+            .map(|i| {
+                let track = if i < 10 { 1 } else { 2 };
+                let thing = ObstacleLine { track, ..thing(12.0, 0.5, 1.0) };
+                record(i, "clear", if i < 20 || i > 50 { vec![thing] } else { vec![] })
+            })
+            .collect();
+        let found = judge(&path, &records, &[], &VIEW);
+        let score = found.tally.score();
+        // Of the last 14 frames too little is known.
+        assert_eq!((score.frames, score.judged, score.seconds), (60, 46, 5.9));
+        assert_eq!((score.false_obstacles, score.false_tracks), (20, 2));
+        assert_eq!(score.false_per_frame, 0.4348);
+        let first = found.false_obstacles[0];
+        assert_eq!((first.frame, first.track, first.overlap_m), (0, 1, 0.9));
+        // Nothing in the strip: nothing is false, and shares of nothing are none.
+        let silent: Vec<FrameRecord> = (0..60).map(|i| record(i, "clear", Vec::new())).collect();
+        let score = judge(&path, &silent, &[], &VIEW).tally.score();
+        assert_eq!((score.false_obstacles, score.false_per_frame, score.levels.clear), (0, 0.0, 60));
+        assert_eq!((score.predicted_percent, score.life_median_s), (None, None));
+    }
+
+    #[test]
+    fn levels_onsets_and_reasons_are_counted() {
+        let levels =
+            ["off", "off", "warning", "warning", "alarm", "warning", "clear", "alarm", "off", "alarm"];
+        let records: Vec<FrameRecord> =
+            levels.iter().enumerate().map(|(i, level)| record(i, level, Vec::new())).collect();
+        let [dark, road] = ["the picture is too dark", "no road seen"].map(String::from);
+        let mut reasons = vec![Vec::new(); 10];
+        (reasons[0], reasons[1]) = (vec![dark.clone(), road.clone()], vec![road.clone()]);
+        (reasons[8], reasons[9]) = (vec![road.clone()], vec![dark.clone()]);
+        let mut found = judge(&straight(10, 8.0), &records, &reasons, &VIEW);
+        let score = found.tally.score();
+        assert_eq!(score.levels, Levels { off: 3, clear: 1, warning: 3, alarm: 3 });
+        assert_eq!((score.warnings, score.alarms, score.off_percent), (3, 3, Some(30.0)));
+        let onsets: Vec<(usize, &str)> = found.onsets.iter().map(|o| (o.frame, o.level)).collect();
+        let expected =
+            [(2, "warning"), (4, "alarm"), (7, "warning"), (7, "alarm"), (9, "warning"), (9, "alarm")];
+        assert_eq!(onsets, expected);
+        // Reasons of a frame in which the alarm was on do not count.
+        assert_eq!(score.off_reasons, BTreeMap::from([(dark, 1), (road, 3)]));
+        let once = found.tally.clone();
+        found.tally.add(&once);
+        let both = found.tally.score();
+        assert_eq!((both.frames, both.levels.alarm, both.warnings), (20, 6, 6));
+        assert_eq!((both.off_percent, both.seconds, both.judged), (Some(30.0), 1.8, 0));
+        // The path is shorter than the recording.
+        assert_eq!(judge(&straight(4, 8.0), &records, &reasons, &VIEW).tally.score().frames, 4);
+    }
+}

@@ -1,0 +1,233 @@
+//! How steady tracks and their boxes are: lives, jumps of the width, predictions, boxes without size. Only confirmed
+//! obstacles count: they are what drivers and alarm see.
+
+use super::life::Life;
+use crate::reporting::record::{FrameRecord, ObstacleLine};
+use std::collections::BTreeMap;
+
+/// What the cameras see.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct View {
+    /// Width of the picture, in px.
+    pub width_px: u32,
+    /// Height of the picture, in px.
+    pub height_px: u32,
+    /// Nearest distance that can be measured, in metres: that of the largest disparity.
+    pub near_m: f64,
+    /// Farthest distance that is reported, in metres.
+    pub far_m: f64,
+}
+
+/// A box this near to the picture's edge is cut by it, in px: stixels are this wide.
+const EDGE_PX: f64 = 4.0;
+
+/// Share of the range by which a track may end before its limit: the error of a distance.
+const RANGE_SHARE: f64 = 0.1;
+
+/// A width jumps if it grows or shrinks by more than this factor from one frame to the next.
+pub const MAX_WIDTH_RATIO: f64 = 1.3;
+
+/// Counts over the confirmed boxes of a drive.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Steadiness {
+    /// Lives of the tracks.
+    pub lives: Vec<Life>,
+    /// Number of boxes.
+    pub boxes: usize,
+    /// Of them predictions: not detected in that frame.
+    pub predicted: usize,
+    /// Of them without width or height, in px or in metres.
+    pub without_size: usize,
+    /// Number of pairs of measured boxes of a track in consecutive frames, neither cut by the picture's left or right edge.
+    pub pairs: usize,
+    /// Of them with a jump of the width in the picture by more than [`MAX_WIDTH_RATIO`].
+    pub jumps: usize,
+}
+
+/// The sightings of one track.
+struct Seen<'a> {
+    first: usize,
+    /// Frame and box of the last two sightings, the last one first.
+    last: [Option<(usize, &'a ObstacleLine)>; 2],
+}
+
+impl View {
+    fn is_cut_sideways(&self, left_px: f64, right_px: f64) -> bool {
+        left_px <= EDGE_PX || right_px >= f64::from(self.width_px) - EDGE_PX
+    }
+
+    /// Whether a box, moved on by `shares` of its last step, has left the picture or the range.
+    fn has_left(&self, last: &ObstacleLine, before: Option<&ObstacleLine>, shares: f64) -> bool {
+        let moved = |value: fn(&ObstacleLine) -> f64| {
+            let now = value(last);
+            now + before.map_or(0.0, |before| (now - value(before)) * shares)
+        };
+        let (left, right) = (moved(|o| f64::from(o.x_px)), moved(|o| f64::from(o.x_px + o.width_px)));
+        let bottom = moved(|o| f64::from(o.y_px + o.height_px));
+        let distance_m = moved(|o| o.distance_m);
+        self.is_cut_sideways(left, right)
+            || bottom >= f64::from(self.height_px) - EDGE_PX
+            || distance_m <= self.near_m * (1.0 + RANGE_SHARE)
+            || distance_m >= self.far_m * (1.0 - RANGE_SHARE)
+    }
+
+    /// Whether a track that was seen last in this box, and two sightings before each other by `apart` frames, has left.
+    fn explains_end(&self, seen: &Seen<'_>) -> bool {
+        let [Some((at, last)), before] = seen.last else { return false };
+        let apart = before.map_or(1, |(before, _)| (at - before).max(1)) as f64;
+        let before = before.map(|(_, before)| before);
+        self.has_left(last, None, 0.0) || self.has_left(last, before, 1.0 / apart)
+    }
+}
+
+/// Whether a box has no size.
+fn is_without_size(obstacle: &ObstacleLine) -> bool {
+    obstacle.width_px == 0 || obstacle.height_px == 0 || obstacle.width_m <= 0.0 || obstacle.height_m <= 0.0
+}
+
+/// Counts over the frames of a drive, whose times are `time_s`.
+///
+/// A track's life ends with its last sighting. It is lost if its thing should still be seen then: its box touches neither
+/// the left, the right nor the lower edge of the picture, its distance is within the range, the same holds for the box
+/// moved on to the next frame by its last step, and the recording goes on after the track's end. A thing hidden by another
+/// one counts as lost.
+pub fn steadiness(records: &[FrameRecord], view: &View) -> Steadiness {
+    let mut found = Steadiness::default();
+    let mut tracks: BTreeMap<u32, Seen<'_>> = BTreeMap::new();
+    for (frame, record) in records.iter().enumerate() {
+        for obstacle in record.obstacles.iter().filter(|o| o.confirmed) {
+            found.boxes += 1;
+            found.without_size += usize::from(is_without_size(obstacle));
+            found.predicted += usize::from(obstacle.missed > 0);
+            let seen = tracks.entry(obstacle.track).or_insert(Seen { first: frame, last: [None; 2] });
+            if obstacle.missed > 0 {
+                continue;
+            }
+            if let Some((before, last)) = seen.last[0]
+                && before + 1 == frame
+            {
+                found.add_pair(last, obstacle, view);
+            }
+            seen.last = [Some((frame, obstacle)), seen.last[0]];
+        }
+    }
+    let alive: Vec<u32> =
+        records.last().iter().flat_map(|record| &record.obstacles).map(|obstacle| obstacle.track).collect();
+    let period_s = period_s(records);
+    for (track, seen) in &tracks {
+        // A track that was only predicted while confirmed lives for its first frame.
+        let last = seen.last[0].map_or(seen.first, |(frame, _)| frame);
+        let is_lost = !alive.contains(track) && !view.explains_end(seen);
+        let seconds = records[last].time_s - records[seen.first].time_s + period_s;
+        found.lives.push(Life { seconds, is_lost });
+    }
+    found
+}
+
+/// Median time from one frame to the next, in seconds.
+fn period_s(records: &[FrameRecord]) -> f64 {
+    let mut steps: Vec<f64> = records.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
+    crate::evaluation::quantile(&mut steps, 0.5).unwrap_or(0.0).max(0.0)
+}
+
+impl Steadiness {
+    fn add_pair(&mut self, before: &ObstacleLine, now: &ObstacleLine, view: &View) {
+        let is_cut = |o: &ObstacleLine| view.is_cut_sideways(o.x_px.into(), f64::from(o.x_px + o.width_px));
+        if is_cut(before) || is_cut(now) {
+            return;
+        }
+        self.pairs += 1;
+        let [less, more] = [before.width_px.min(now.width_px), before.width_px.max(now.width_px)];
+        self.jumps += usize::from(f64::from(more) > MAX_WIDTH_RATIO * f64::from(less));
+    }
+
+    /// Adds the counts of another drive.
+    pub fn add(&mut self, other: &Self) {
+        self.lives.extend(&other.lives);
+        self.boxes += other.boxes;
+        self.predicted += other.predicted;
+        self.without_size += other.without_size;
+        self.pairs += other.pairs;
+        self.jumps += other.jumps;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, far_m: 60.0 };
+
+    fn line(track: u32, x_px: u32, width_px: u32, missed: u32) -> ObstacleLine {
+        ObstacleLine {
+            track,
+            confirmed: true,
+            missed,
+            x_px,
+            y_px: 200,
+            width_px,
+            height_px: 40,
+            distance_m: 20.0,
+            width_m: 1.0,
+            height_m: 1.0,
+            ..ObstacleLine::default()
+        }
+    }
+
+    fn drive(frames: Vec<Vec<ObstacleLine>>) -> Vec<FrameRecord> {
+        let record = |(i, obstacles): (usize, Vec<ObstacleLine>)| FrameRecord {
+            sequence: i as u64,
+            time_s: 0.1 * i as f64,
+            obstacles,
+            ..FrameRecord::default()
+        };
+        frames.into_iter().enumerate().map(record).collect()
+    }
+
+    fn lives(frames: Vec<Vec<ObstacleLine>>) -> Vec<(i32, bool)> {
+        let found = steadiness(&drive(frames), &VIEW);
+        found.lives.iter().map(|life| ((life.seconds * 10.0).round() as i32, life.is_lost)).collect()
+    }
+
+    #[test]
+    fn a_track_is_lost_unless_its_thing_has_left() {
+        let in_view = |track| line(track, 300, 50, 0);
+        // Two sightings and a prediction; the recording goes on.
+        let lost = vec![vec![in_view(1)], vec![in_view(1)], vec![line(1, 300, 50, 1)], vec![], vec![]];
+        assert_eq!(lives(lost), [(2, true)]);
+        // It is still there at the end, be it predicted.
+        assert_eq!(lives(vec![vec![in_view(1)], vec![line(1, 300, 50, 1)]]), [(1, false)]);
+        // At the left edge, and on its way out at the right one.
+        assert_eq!(lives(vec![vec![line(1, 2, 50, 0)], vec![], vec![]]), [(1, false)]);
+        let out = vec![vec![line(1, 500, 50, 0)], vec![line(1, 545, 50, 0)], vec![], vec![]];
+        assert_eq!(lives(out), [(2, false)]);
+        // Too near, too far.
+        for (distance_m, is_lost) in [(2.1, false), (3.0, true), (53.0, true), (55.0, false)] {
+            let thing = ObstacleLine { distance_m, ..in_view(1) };
+            assert_eq!(lives(vec![vec![thing], vec![], vec![]]), [(1, is_lost)], "{distance_m}");
+        }
+        // One that is not confirmed is no track yet.
+        let not_yet = ObstacleLine { confirmed: false, ..in_view(1) };
+        assert_eq!(lives(vec![vec![not_yet], vec![in_view(1)], vec![], vec![]]), [(1, true)]);
+    }
+
+    #[test]
+    fn boxes_are_counted() {
+        let frames = vec![
+            vec![line(1, 300, 50, 0), line(2, 100, 40, 0), line(3, 1, 40, 0)],
+            // A jump; no jump; cut by the edge.
+            vec![line(1, 300, 66, 0), line(2, 100, 52, 0), line(3, 1, 80, 0)],
+            vec![line(1, 300, 66, 1), line(2, 100, 0, 0)],
+            // The sighting before was two frames ago.
+            vec![line(1, 300, 20, 0), ObstacleLine { confirmed: false, ..line(4, 300, 0, 0) }],
+        ];
+        let mut found = steadiness(&drive(frames), &VIEW);
+        assert_eq!((found.boxes, found.predicted, found.without_size), (9, 1, 1));
+        // Of the second thing the width fell to nothing.
+        assert_eq!((found.pairs, found.jumps), (3, 2));
+        let once = found.clone();
+        found.add(&once);
+        assert_eq!((found.boxes, found.jumps, found.lives.len()), (18, 4, 6));
+        assert_eq!(steadiness(&[], &VIEW), Steadiness::default());
+    }
+}

@@ -23,6 +23,14 @@ impl PixelBox {
         span(self.x, self.width, other.x, other.width) * span(self.y, self.height, other.y, other.height)
     }
 
+    /// The smallest box that contains both.
+    pub fn joined(&self, other: &PixelBox) -> PixelBox {
+        let (x, y) = (self.x.min(other.x), self.y.min(other.y));
+        let right = (self.x + self.width).max(other.x + other.width);
+        let bottom = (self.y + self.height).max(other.y + other.height);
+        PixelBox { x, y, width: right - x, height: bottom - y }
+    }
+
     /// Intersection over union, 0 to 1.
     pub fn overlap(&self, other: &PixelBox) -> f64 {
         let shared = self.shared_area(other);

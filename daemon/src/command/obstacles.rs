@@ -35,7 +35,7 @@ pub struct Obstacles {
 }
 
 /// Probability of existence from which a sighting in a single pair counts: that of the strongest evidence.
-const SINGLE_PICTURE_PROBABILITY: f64 = 0.68;
+const SINGLE_PICTURE_PROBABILITY: f64 = 0.78;
 
 pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;

@@ -248,7 +248,7 @@ impl Tracker {
             let mut is_explained = self.owners[s].is_some() || !region.is_valid();
             if !is_explained {
                 let known = self.tracks.iter().zip(&self.bodies).enumerate();
-                let mut known = known.filter(|(_, (t, _))| t.existence.probability() >= KEEP_PROBABILITY);
+                let mut known = known.filter(|(_, (t, _))| t.existence.probability() >= 0.5);
                 self.owners[s] = known
                     .clone()
                     .find(|(_, (track, body))| association::is_part(track, body, region, &self.rig))

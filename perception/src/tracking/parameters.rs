@@ -35,11 +35,11 @@ impl Default for TrackerParameters {
 /// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
 /// below which a track ends, as less is then known of it than before it was seen.
 pub const BIRTH_PROBABILITY: f64 = 0.1;
-/// A confirmed track remains confirmed down to this probability: more probable than not.
-pub const KEEP_PROBABILITY: f64 = 0.5;
-/// Largest evidence of one sighting: a likelihood ratio of 20. However distinct a snowflake in front of the lens is, it is one
-/// for one frame.
-pub const MAX_EVIDENCE: f64 = 3.0;
+/// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
+pub const KEEP_PROBABILITY: f64 = 0.8;
+/// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However
+/// distinct a snowflake in front of the lens is, it is one for one frame.
+pub const MAX_EVIDENCE: f64 = 3.5;
 /// Correlation time of the errors of successive sightings, in seconds: looks at shorter intervals see the same noise and
 /// count by the time between them. Two frames at 12.5 frames a second.
 pub const CORRELATION_S: f64 = 0.15;
@@ -85,14 +85,17 @@ pub const MAX_RATIO: f64 = 2.0;
 pub const CENTRE_SIGMA_PX: f64 = 3.0;
 /// and as a share of the width.
 pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
-/// A box closer to the border of the picture than this, in px, is cut by it.
-pub const BORDER_PX: f64 = 8.0;
+/// A box closer to the border of the picture than this, in px, is cut by it: sides are known to some strips of four columns.
+pub const BORDER_PX: f64 = 20.0;
 
 // Disparity.
 
 /// Inflation of the disparity's standard deviation: its errors are correlated over frames, while the filter assumes
 /// independence.
 pub const NOISE_INFLATION: f64 = 1.5;
+/// Part of the disparity's error that remains the same from frame to frame, in px, and is not averaged out: pixel locking, and
+/// which part of a thing its near side is.
+pub const SYSTEMATIC_PX: f64 = 0.05;
 /// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
 pub const MIN_SIGMA_PX: f64 = 0.08;
 

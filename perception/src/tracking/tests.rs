@@ -113,8 +113,7 @@ fn tracks_are_confirmed_bridged_and_deleted() {
     let car = [region(20.0, 0.0)];
     let first = step(&mut tracker, &car)[0];
     assert!(!first.is_confirmed);
-    step(&mut tracker, &car);
-    assert!(step(&mut tracker, &car)[0].is_confirmed, "strong evidence: in the third frame");
+    assert!(step(&mut tracker, &car)[0].is_confirmed, "strong evidence: in the second frame");
     for _ in 0..10 {
         step(&mut tracker, &car);
     }
@@ -124,15 +123,15 @@ fn tracks_are_confirmed_bridged_and_deleted() {
         assert_eq!((track.missed, track.is_confirmed), (missed, true));
     }
     assert_eq!(step(&mut tracker, &car)[0].id, first.id);
-    for _ in 0..12 {
+    for _ in 0..15 {
         step(&mut tracker, &[]);
     }
     assert_eq!(tracker.tracks(), []);
     assert_ne!(step(&mut tracker, &car)[0].id, first.id);
     // A track that was hardly begun ends soon.
-    step(&mut tracker, &[]);
-    step(&mut tracker, &[]);
-    step(&mut tracker, &[]);
+    for _ in 0..6 {
+        step(&mut tracker, &[]);
+    }
     assert_eq!(tracker.tracks(), []);
 }
 

@@ -4,7 +4,7 @@ use super::existence::Existence;
 use super::extent::{CutSides, Extent, clip, shift_m};
 use super::filter::ground::{Filters, GroundMotion, Movement};
 use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
-use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION};
+use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SYSTEMATIC_PX};
 use crate::motion::planar::OwnRates;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
@@ -109,13 +109,8 @@ impl Track {
         let (lateral_m, sigma_m) = match (cut.left, cut.right) {
             (true, false) => (region.lateral_m + other / 2.0, centre_sigma_m(region, &rig, false)),
             (false, true) => (region.lateral_m - other / 2.0, centre_sigma_m(region, &rig, false)),
-            // A box that became wider or narrower may have gained or lost a side: the middle is between the places that
-            // either side alone gives.
-            _ => {
-                let (middle_m, half_m) = (self.lateral.lateral_m() - self.shift_m(), other.abs() / 2.0);
-                let lateral_m = middle_m.clamp(region.lateral_m - half_m, region.lateral_m + half_m);
-                (lateral_m, centre_sigma_m(region, &rig, cut.any()).hypot(half_m))
-            }
+            // A box that became wider or narrower may have gained or lost a side.
+            _ => (region.lateral_m, centre_sigma_m(region, &rig, cut.any()).hypot(other / 2.0)),
         };
         // While a thing enters the image its width is unknown; what grows must not look like a speed over ground.
         let is_partial = cut.any() && self.is_over_ground;
@@ -148,6 +143,12 @@ impl Track {
     /// Distance, in metres.
     pub fn distance_m(&self) -> f64 {
         self.longitudinal.distance_m()
+    }
+
+    /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
+    pub fn distance_sigma_m(&self) -> f64 {
+        let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.longitudinal.disparity_px();
+        self.longitudinal.distance_sigma_m().hypot(systematic_m)
     }
 
     /// Width of the thing itself, in metres; that of its box while the own motion is unknown.
@@ -213,7 +214,7 @@ impl Track {
             width_jitter: self.width_jitter,
             bounds: self.bounds,
             distance_m: self.distance_m(),
-            distance_sigma_m: self.longitudinal.distance_sigma_m(),
+            distance_sigma_m: self.distance_sigma_m(),
             lateral_m: self.lateral.lateral_m(),
             lateral_speed_m_s: self.lateral.speed_m_s(),
             lateral_speed_sigma_m_s: self.lateral.speed_sigma_m_s(),

@@ -187,7 +187,9 @@ impl RoadStage {
         left: GreyView<'l>,
     ) -> (TrackRecord, impl Iterator<Item = &'l [u8]> + use<'l>) {
         let is_seen = track.missed == 0;
-        let place = crop_box(track.bounds, (self.width as u32, self.height as u32));
+        // The whole thing, and what was seen of it in this frame.
+        let all = track.bounds.joined(&track.region.bounds);
+        let place = crop_box(all, (self.width as u32, self.height as u32));
         let [x, y, width, height] = place.map(|v| v as usize);
         let crop = left.crop(x, y, width, height).filter(|_| is_seen);
         let record = TrackRecord {

@@ -48,7 +48,7 @@ text() { put "$1" "$2"; gzip -9nf "$root/$2"; }
 
 install -D -m 755 "$binary" "$root/usr/bin/lookout"
 "$strip" --strip-unneeded --remove-section=.comment "$root/usr/bin/lookout"
-for unit in lookout.service lookout-view.service lookout-poweroff.service lookout-poweroff.path; do
+for unit in lookout.service lookout-view.service lookout-can.service lookout-stream.service lookout-poweroff.service lookout-poweroff.path; do
   put "systemd/$unit" "usr/lib/systemd/system/$unit"
 done
 put systemd/lookout.sysusers usr/lib/sysusers.d/lookout.conf
@@ -58,11 +58,12 @@ put systemd/lookout.toml etc/lookout/lookout.toml
 for profile in config/profiles/*.toml; do
   put "$profile" "usr/share/lookout/profiles/$(basename "$profile")"
 done
+put config/can/lookout.dbc usr/share/lookout/lookout.dbc
 put models/vehicle.xml usr/share/lookout/models/vehicle.xml
 put models/README.md usr/share/lookout/models/README.md
 put models/LICENSE usr/share/doc/lookout/models-license
 text README.md usr/share/doc/lookout/README.md
-for page in operations configuration architecture calibration scenes viewer; do
+for page in operations configuration architecture calibration outputs scenes viewer can; do
   text "docs/$page.md" "usr/share/doc/lookout/$page.md"
 done
 
@@ -114,7 +115,7 @@ if [ "$1" = configure ]; then
   if [ -d /run/systemd/system ]; then
     systemctl daemon-reload || true
     if [ -n "$2" ]; then
-      systemctl try-restart lookout.service lookout-view.service || true
+      systemctl try-restart lookout.service lookout-view.service lookout-can.service lookout-stream.service || true
     fi
   fi
 fi
@@ -123,7 +124,7 @@ cat >"$root/DEBIAN/prerm" <<'EOF'
 #!/bin/sh
 set -e
 if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
-  systemctl disable --now lookout-view.service lookout.service lookout-poweroff.path || true
+  systemctl disable --now lookout-view.service lookout-can.service lookout-stream.service lookout.service lookout-poweroff.path || true
 fi
 EOF
 cat >"$root/DEBIAN/postrm" <<'EOF'
@@ -134,9 +135,11 @@ if [ "$1" = purge ]; then
   if getent passwd lookout >/dev/null; then
     userdel lookout || true
   fi
-  if getent group lookout >/dev/null; then
-    groupdel lookout || true
-  fi
+  for group in lookout lookout-readers; do
+    if getent group "$group" >/dev/null; then
+      groupdel "$group" || true
+    fi
+  done
 fi
 if [ "$1" != upgrade ] && [ -d /run/systemd/system ]; then
   systemctl daemon-reload || true

@@ -1,12 +1,15 @@
 //! The quick tests that run the binary, linked as one program: linking the daemon's libraries once takes less time than once for
 //! each of them. A module that takes long goes to `slow.rs`; its line is all that moves.
 
+mod alarm_states;
 mod architecture;
 mod bad_input;
 mod board;
 mod calibrate;
+mod can_out;
 mod commands;
 mod evaluate;
+mod evaluate_drive;
 mod faults;
 mod features;
 mod limits;
@@ -18,7 +21,9 @@ mod realtime;
 mod recognition;
 mod recording;
 mod scenes;
+mod stream;
 mod support;
 mod systemd;
 mod vehicle;
+mod video;
 mod viewer_protocol;

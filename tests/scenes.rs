@@ -109,3 +109,37 @@ fn an_alarm_that_cannot_decide_is_off_and_says_why() {
     ]);
     assert_eq!(support::lines(&bench.path("b"))[9]["alarm"]["level"], "clear");
 }
+
+#[test]
+fn generated_scenes_are_scored_by_seed() {
+    let bench = Bench::new();
+    let args = ["evaluate", "weather", "random", "--seeds", "4-5", "--weather", "sunny", "--frames", "6"];
+    let report = document(&bench, &[&args[..], &["--json", "--out", "out", "--threads", "2"]].concat());
+    let row = &report["rows"][0];
+    assert_eq!((&row["scene"], &row["frames"]), (&"random 4-5".into(), &12.into()));
+    assert!(bench.path("out/random-4-5-sunny.png").is_file());
+    // By the strict rule never more objects are found, and each that is found has at least one box.
+    let value = |of: &str, key: &str| row[of][key].as_f64().unwrap_or_else(|| panic!("{of}.{key}: {row}"));
+    for of in ["regions", "obstacles"] {
+        assert!(value(of, "strict_rate") <= value(of, "detection_rate"), "{row}");
+        assert!(value(of, "boxes_per_object") >= 1.0, "{row}");
+    }
+    assert_eq!(value("regions", "detection_rate"), row["detection_rate"].as_f64().unwrap());
+    assert!(row["due"].as_u64().unwrap() >= 6 && row["false_alarms"].as_f64().is_some(), "{row}");
+    // Threads change nothing.
+    assert_eq!(report, document(&bench, &[&args[..], &["--json"]].concat()));
+    let wrong = bench.run(&["evaluate", "weather", "random", "--seeds", "9-3"]);
+    assert_eq!(wrong.status.code(), Some(2));
+}
+
+#[test]
+fn a_generated_scene_is_also_a_file() {
+    let bench = Bench::new();
+    let text = bench.ok(&["scene", "random?seed=9"]);
+    std::fs::write(bench.path("nine.toml"), text).unwrap();
+    bench.ok(&["replay", "scene:random?seed=9", "--in-process", "--limit", "2", "--out", "a"]);
+    bench.ok(&["replay", "scene:nine.toml", "--in-process", "--limit", "2", "--out", "b"]);
+    assert!(files(&bench.path("a")) == files(&bench.path("b")));
+    let told = bench.fails(&["scene", "random?seed=9&weather=snow"]);
+    assert!(told.contains("weather=snow is not part of the text"), "{told}");
+}

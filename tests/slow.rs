@@ -13,6 +13,7 @@ mod second_user;
 mod shifted_view;
 mod soak;
 mod source_time;
+mod stream_restarts;
 mod support;
 mod survival;
 mod viewer;

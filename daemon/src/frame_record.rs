@@ -1,14 +1,18 @@
 //! Converts an `obstacles` message to the record that is written as JSON and drawn on overlays.
 
-use messages::alarm::{Faults, level_name, rule_name};
+use messages::alarm::{level_name, rule_name};
 use messages::header::{Header, get_text};
 use messages::motion::{MotionRecord, health};
 use messages::obstacles::{AlarmRecord, Obstacles};
+use messages::space::{BoundaryRecord, SIDES};
 use perception::motion::body::Body;
 use perception::motion::path::{EdgesAhead, SweptPath};
 use tools::reporting::motion::MotionLine;
 use tools::reporting::path::PathLine;
-use tools::reporting::record::{AlarmLine, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite};
+use tools::reporting::record::{
+    AlarmLine, AlarmObject, FrameRecord, ObstacleLine, RoadLine, tidy, tidy_finite,
+};
+use tools::reporting::space::{BoundaryLine, centimetres};
 
 /// The record of a frame. Values that the message marks as absent become `None`.
 pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
@@ -23,6 +27,8 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
         }),
         motion: motion_line(&header.motion),
         path: path_line(&header.motion, alarm),
+        free_space_m: free_space(alarm),
+        boundaries: alarm.space.lines().iter().map(boundary_line).collect(),
         alarm: AlarmLine {
             level: level_name(alarm.level).into(),
             rule: rule_name(alarm.rule).map(Into::into),
@@ -31,7 +37,8 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
             nearest_m: tidy_finite(alarm.nearest_m),
             time_to_collision_s: tidy_finite(alarm.time_to_collision_s),
             required_deceleration_m_s2: (alarm.track > 0).then(|| tidy(alarm.required_deceleration_m_s2)),
-            reason: (alarm.level == messages::alarm::OFF).then(|| Faults(alarm.faults).to_string()),
+            reason: Some(alarm.reason()),
+            object: alarm_object(alarm),
         },
         obstacles: message
             .obstacles
@@ -53,6 +60,7 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
                 lateral_m: tidy(o.lateral_m),
                 width_m: tidy(o.width_m),
                 height_m: tidy(o.height_m),
+                clearance_m: tidy_finite(o.clearance_m),
                 across_m_s: (o.seen > 1).then(|| tidy(o.across_m_s)),
                 closing_m_s: (o.seen > 1).then(|| tidy(o.closing_m_s)),
                 closing_sigma_m_s: (o.seen > 1).then(|| tidy(o.closing_sigma_m_s)),
@@ -63,6 +71,16 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
             })
             .collect(),
     }
+}
+
+/// What an alarm is about.
+pub fn alarm_object(alarm: &AlarmRecord) -> Option<AlarmObject> {
+    let class = get_text(&alarm.class);
+    (alarm.object > 0).then(|| AlarmObject {
+        track: alarm.object,
+        class: (!class.is_empty()).then_some(class),
+        clearance_m: tidy_finite(alarm.clearance_m),
+    })
 }
 
 /// The path of an alarm; without edges if the message tells no width.
@@ -89,6 +107,26 @@ fn path_line(motion: &MotionRecord, alarm: &AlarmRecord) -> PathLine {
         is_turning_in: false,
     };
     PathLine::new(&path, known)
+}
+
+/// The polygons of the free space, to centimetres.
+fn free_space(alarm: &AlarmRecord) -> Vec<Vec<[f64; 2]>> {
+    let mut polygons = alarm.space.polygons();
+    for corner in polygons.iter_mut().flatten() {
+        *corner = corner.map(centimetres);
+    }
+    polygons
+}
+
+fn boundary_line(record: &BoundaryRecord) -> BoundaryLine {
+    let points = record.points();
+    BoundaryLine {
+        id: record.id,
+        side: SIDES.get(record.side as usize).copied().unwrap_or_default().into(),
+        points_m: points.iter().map(|p| [p.lateral_m, p.distance_m].map(|m| centimetres(m.into()))).collect(),
+        height_m: points.iter().map(|p| centimetres(p.height_m.into())).collect(),
+        sigma_m: points.iter().map(|p| centimetres(p.sigma_m.into())).collect(),
+    }
 }
 
 /// The motion of a header; without values while it is unknown.
@@ -138,6 +176,21 @@ mod tests {
         let known = line(&header);
         assert_eq!((&known["speed_m_s"], &known["yaw_rate_rad_s"]), (&8.25.into(), &(-0.1).into()));
         assert_eq!((&known["sources"][0], &known["standstill"]), (&"bus_speed".into(), &true.into()));
+    }
+
+    #[test]
+    fn free_space_and_boundaries_reach_the_line() {
+        let mut alarm = AlarmRecord::default();
+        let space = &mut alarm.space;
+        (space.sectors, space.boundaries, space.left_slope, space.slope_step) = (2, 1, -0.1, 0.1);
+        for sector in &mut space.free[..2] {
+            (sector.near_m, sector.far_m) = (4.0, 20.004);
+        }
+        space.lines[0] = BoundaryRecord { id: 7, side: 1, count: 2, ..BoundaryRecord::default() };
+        space.lines[0].points[1].lateral_m = 3.5;
+        assert_eq!(free_space(&alarm)[0][1..4], [[0.0, 20.0], [2.0, 20.0], [0.4, 4.0]]);
+        let line = boundary_line(&alarm.space.lines[0]);
+        assert_eq!((line.id, &line.side[..], line.points_m[1][0], line.height_m.len()), (7, "right", 3.5, 2));
     }
 
     #[test]

@@ -8,9 +8,9 @@ use crate::stages;
 use crate::stages::stage::{FrameError, FrameStage, SetupError};
 use crate::stages::vehicle_record::record;
 use config::Config;
-use messages::alarm::Faults;
 use messages::header::{Header, Kind, MessageError};
 use messages::motion::MotionRecord;
+use messages::obstacles::AlarmRecord;
 use messages::pipeline::SERVICES;
 use messages::source_time::SourceTimeRecord;
 use messages::track::{MAX_TRACKS, TrackRecord};
@@ -91,8 +91,10 @@ pub struct FrameResult<'a> {
     pub road_seen: bool,
     /// The vehicle's own motion.
     pub motion: MotionRecord,
-    /// Self-checks that failed: why the alarm is off.
-    pub faults: Faults,
+    /// The alarm.
+    pub alarm: AlarmRecord,
+    /// Source time, in ns.
+    pub source_ns: u64,
 }
 
 impl Pipeline {
@@ -138,11 +140,6 @@ impl Pipeline {
         self.source.count()
     }
 
-    /// Source time of pair `index`, in ns.
-    pub fn time_ns(&self, index: u64) -> u64 {
-        self.source.time_ns(index)
-    }
-
     /// Processes pair `index` of the source with all stages, as frame `sequence`.
     ///
     /// # Errors
@@ -170,7 +167,7 @@ impl Pipeline {
         });
         let message = obstacles::view(obstacles.0, obstacles.1)?;
         let record = frame_record(obstacles.0, &message);
-        let (motion, faults) = (obstacles.0.motion, Faults(message.alarm.faults));
+        let (motion, source_ns, alarm) = (obstacles.0.motion, obstacles.0.source_ns, message.alarm);
         let depth = depth::view(depth.0, depth.1)?;
         let regions = regions::view(regions.0, regions.1)?;
         let images = OverlayInput {
@@ -183,7 +180,7 @@ impl Pipeline {
             rig: self.format.rig(),
         };
         let (road_seen, tracks) = (regions.road.seen == 1, regions.tracks);
-        Ok(FrameResult { record, images, tracks, road_seen, motion, faults })
+        Ok(FrameResult { record, images, tracks, road_seen, motion, alarm, source_ns })
     }
 
     /// The left image of pair `index`, row-major, without processing it.

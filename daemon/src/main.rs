@@ -1,5 +1,7 @@
 //! `lookout`: stereo obstacle detection ahead of a vehicle. The daemon, its stages and all subcommands.
 
+mod alarm_tally;
+mod can_out;
 mod command;
 mod frame_record;
 mod host;
@@ -16,6 +18,7 @@ mod silence;
 mod soak;
 mod stages;
 mod status_json;
+mod stream;
 mod view;
 
 use clap::Parser;

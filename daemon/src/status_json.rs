@@ -1,8 +1,9 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
-use crate::frame_record::motion_line;
+use crate::alarm_tally::alarm_times;
+use crate::frame_record::{alarm_object, motion_line};
 use crate::stages::vehicle_record::reading;
-use messages::alarm::{Faults, level_name, rule_name};
+use messages::alarm::{level_name, rule_name};
 use messages::device::DeviceRecord;
 use messages::heat::HeatRecord;
 use messages::motion::VehicleRecord;
@@ -12,7 +13,9 @@ use perception::stereo::device::STAGES;
 use serde::Serialize;
 use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
+use tools::reporting::alarm_times::AlarmTimes;
 use tools::reporting::motion::MotionLine;
+use tools::reporting::record::AlarmObject;
 
 /// The status as JSON.
 #[derive(Serialize)]
@@ -20,14 +23,17 @@ pub struct StatusJson {
     pid: u32,
     state: &'static str,
     reason: String,
+    source: &'static str,
     uptime_s: f64,
     frames: u64,
     latency_p50_ms: f32,
     latency_p99_ms: f32,
     alarm: &'static str,
     alarm_rule: Option<&'static str>,
-    alarm_reason: Option<String>,
-    alarms: u32,
+    alarm_reason: String,
+    alarm_object: Option<AlarmObject>,
+    alarm_times: AlarmTimes,
+    alarms: u64,
     obstacles: u32,
     nearest_m: Option<f64>,
     deadline: DeadlineJson,
@@ -141,17 +147,19 @@ impl StatusJson {
             pid: status.pid,
             state: status.state_name(),
             reason: status.reason(),
+            source: status.source_name(),
             uptime_s: status.uptime_ns as f64 * 1e-9,
             frames: status.frames,
             latency_p50_ms: status.latency_p50_ms,
             latency_p99_ms: status.latency_p99_ms,
-            alarm: level_name(status.alarm),
-            alarm_rule: rule_name(status.alarm_rule),
-            alarm_reason: (status.alarm == messages::alarm::OFF)
-                .then(|| Faults(status.alarm_faults).to_string()),
+            alarm: level_name(status.alarm.level),
+            alarm_rule: rule_name(status.alarm.rule),
+            alarm_reason: status.alarm.reason(),
+            alarm_object: alarm_object(&status.alarm),
+            alarm_times: alarm_times(&status.alarm_time),
             alarms: status.alarms,
             obstacles: status.obstacles,
-            nearest_m: status.nearest_m.is_finite().then_some(status.nearest_m),
+            nearest_m: Some(status.alarm.nearest_m).filter(|m| m.is_finite()),
             deadline: DeadlineJson {
                 deadline_ms: (status.deadline.deadline_ns > 0)
                     .then_some(status.deadline.deadline_ns as f64 * 1e-6),

@@ -87,11 +87,16 @@ impl Faults {
         Self(self.0 | other.0)
     }
 
+    /// Every self-check with its description, in the order of display.
+    pub fn each() -> impl Iterator<Item = (Self, &'static str)> {
+        DESCRIPTIONS.into_iter()
+    }
+
     /// The descriptions of those that failed, in the order of display. A bit that this version does not know is a failed
     /// self-check, too.
     pub fn descriptions(self) -> impl Iterator<Item = &'static str> {
         let unknown = (self.0 & !Self::ALL.0 != 0).then_some("a self-check failed");
-        DESCRIPTIONS.iter().filter(move |(fault, _)| self.has(*fault)).map(|(_, text)| *text).chain(unknown)
+        Self::each().filter(move |(fault, _)| self.has(*fault)).map(|(_, text)| text).chain(unknown)
     }
 
     /// `self` if `failed`, else none.

@@ -210,6 +210,11 @@ impl Instance {
         &self.directory
     }
 
+    /// The file in which `lookout can` tells the state of its bus. It is removed with the run.
+    pub fn can_out_path(&self) -> PathBuf {
+        self.directory.join("can_out")
+    }
+
     /// The folder of the service registry.
     pub fn bus_directory(&self) -> PathBuf {
         self.directory.join("bus")
@@ -285,7 +290,10 @@ fn is_own_folder(path: &Path) -> bool {
 /// Checks that no other user can replace what lies in a folder: it, the folders above it and the links on its path
 /// belong to this user or root, and where everybody may write, names can be removed by their owners alone (the sticky
 /// bit). What does not exist yet is not checked.
-fn check_trusted(path: &Path) -> Result<(), InstanceError> {
+///
+/// # Errors
+/// [`InstanceError::Foreign`] with the first folder or link that somebody else can change.
+pub fn check_trusted(path: &Path) -> Result<(), InstanceError> {
     const WRITABLE_BY_ALL: u32 = 0o002;
     const STICKY: u32 = 0o1000;
     // In a user namespace root's files may belong to another number.
@@ -441,6 +449,7 @@ impl Drop for InstanceLock {
     fn drop(&mut self) {
         self.prefix.remove_files();
         let _ = std::fs::remove_dir_all(self.instance.bus_directory());
+        let _ = std::fs::remove_file(self.instance.can_out_path());
         let _ = std::fs::remove_file(self.instance.lock_path());
         let _ = std::fs::remove_dir(&self.instance.directory);
         if let (true, Some(base)) =

@@ -36,6 +36,8 @@
 //! Only this crate uses iceoryx2, with its non-generic ports, so that its generic code is compiled once.
 
 pub mod alarm;
+mod alarm_text;
+pub mod alarm_time;
 pub mod allocation;
 pub mod bus;
 pub mod calibration;
@@ -61,6 +63,7 @@ pub mod rig;
 pub mod run_files;
 pub mod service;
 pub mod source_time;
+pub mod space;
 pub mod stall;
 pub mod typed;
 pub mod wait;

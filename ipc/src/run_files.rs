@@ -58,6 +58,11 @@ impl RunPrefix {
         &self.0
     }
 
+    /// Its random characters, which no other run has.
+    pub fn id(&self) -> &str {
+        &self.0[NAME.len()..Self::LENGTH - 1]
+    }
+
     /// Path of the run's file with this name after the prefix.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         Path::new(SHM).join(format!("{}{name}", self.0))

@@ -81,8 +81,7 @@ fn regions_that_were_checked_do_not_change() {
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = RoadRecord { seen: 1, slope: 0.123_456, camera_height_m: 1.25, ..RoadRecord::default() };
     let mut writer =
-        Writer::new(payload, road, &[1.5; HEIGHT as usize], &[20.0; 8], Counts { regions: 6, tracks: 6 })
-            .unwrap();
+        Writer::new(payload, road, &[1.5; HEIGHT as usize], Counts { regions: 6, tracks: 6 }).unwrap();
     for _ in 0..6 {
         writer.push_region(&RegionRecord {
             disparity_px: 4.0,

@@ -10,7 +10,8 @@
 //! Real-Time Computing-based Environment Sensing System for Intelligent Vehicle*):
 //!
 //! - [`stereo`]: rectified image pair to disparity map (sections 3.2 to 3.4).
-//! - [`scene`]: disparity map to road and obstacle regions; runs [`road`] and [`detection`] (section 3.5).
+//! - [`scene`]: disparity map to road, obstacle regions and free space; runs [`road`], [`detection`] (section 3.5) and
+//!   [`free_space`].
 //! - [`recognition`]: cascade classifier for obstacle regions.
 //! - [`tracking`]: regions to tracks with distance and closing speed.
 //! - [`alarm`]: tracks to an alarm level (section 4.3).
@@ -24,6 +25,7 @@ pub mod depth;
 pub mod detection;
 pub mod excerpt;
 pub mod frame_clock;
+pub mod free_space;
 pub mod image;
 pub mod image_quality;
 pub mod motion;

@@ -1,9 +1,9 @@
-//! Scene detection: road and obstacle regions from one disparity map ([`crate::road`], then
-//! [`crate::detection`]; paper, section 3.5).
+//! Scene detection: road, obstacle regions and free space from one disparity map ([`crate::road`],
+//! [`crate::detection`], [`crate::free_space`]; paper, section 3.5).
 //!
 //! Input: a [`DepthView`] (disparity in 1/256 px, confidence, optionally the rectified images). Output: a
 //! [`Scene`] with the road model, the road's disparity in each row (px), obstacle [`Region`]s (px and
-//! metres), free distances (metres) and road edges (metres).
+//! metres), free space, boundaries and road edges (metres).
 //!
 //! ```
 //! use lookout_perception::depth::DepthView;
@@ -38,23 +38,43 @@
 //! assert!((scene.regions[0].distance_m - 12.0).abs() < 0.4);
 //! ```
 
+use crate::alarm::AlarmParameters;
 use crate::depth::DepthView;
 use crate::detection::photometric::Verifier;
+use crate::detection::stixel_use::StixelUse;
+use crate::detection::stixels::Stixels;
 use crate::detection::{ObstacleDetector, RegionParameters};
+use crate::free_space::FreeSpaceFinder;
+use crate::free_space::boundary::Boundary;
+use crate::free_space::road_view::RoadView;
+use crate::free_space::sectors::FreeSector;
+use crate::motion::planar::PlanarStep;
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::edges::Edges;
-use crate::road::free_space::FreeSpace;
 use crate::road::histogram::VDisparity;
+use crate::road::surface::RoadSurface;
 use crate::road::{RoadEstimator, RoadModel, RoadParameters};
 
 /// Parameters of the road model and of obstacle detection.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneParameters {
     /// Road model.
     pub road: RoadParameters,
     /// Obstacle regions.
     pub regions: RegionParameters,
+    /// Width of the own path, in metres: what stands in it is an obstacle even where it is part of a boundary.
+    pub path_width_m: f64,
+}
+
+impl Default for SceneParameters {
+    fn default() -> Self {
+        Self {
+            road: RoadParameters::default(),
+            regions: RegionParameters::default(),
+            path_width_m: AlarmParameters::default().path_width_m,
+        }
+    }
 }
 
 /// Road and obstacles of one disparity map.
@@ -66,23 +86,25 @@ pub struct Scene<'a> {
     pub profile_px: &'a [f32],
     /// Sightings of obstacles in this map, nearest first; see [`crate::detection`].
     pub regions: &'a [Region],
-    /// Free distance ahead in metres for each group of [`crate::road::free_space::COLUMNS`] columns; 0
-    /// without a road.
-    pub free_m: &'a [f32],
+    /// How far the ground is known to be free, by direction from left to right.
+    pub free: &'a [FreeSector],
     /// Left and right edges of the road.
     pub edges: &'a Edges,
     /// Looks for a region in both pictures of this map; `None` without pictures or road.
     pub verifier: Option<Verifier<'a>>,
+    /// Boundaries beside the path, nearest first.
+    pub boundaries: &'a [Boundary],
 }
 
 /// Detects road and obstacle regions in disparity maps of one size; memory is allocated once.
 #[derive(Debug)]
 pub struct SceneDetector {
-    rig: Rig,
-    max_distance_m: f64,
     road: RoadEstimator,
     obstacles: ObstacleDetector,
-    free_space: FreeSpace,
+    free_space: FreeSpaceFinder,
+    /// Own motion and seconds since the last map.
+    step: Option<PlanarStep>,
+    elapsed_s: f64,
 }
 
 impl SceneDetector {
@@ -94,12 +116,15 @@ impl SceneDetector {
         height: usize,
         disparities: usize,
     ) -> Self {
+        let obstacles = ObstacleDetector::new(parameters.regions, rig, width, height, disparities);
+        let path_width_m = parameters.path_width_m;
+        let (regions, stixels) = (&parameters.regions, obstacles.stixels());
         Self {
-            max_distance_m: parameters.regions.max_distance_m,
+            free_space: FreeSpaceFinder::new(rig, path_width_m, regions, stixels),
+            step: None,
+            elapsed_s: 0.0,
             road: RoadEstimator::new(parameters.road, rig, width, height, disparities),
-            obstacles: ObstacleDetector::new(parameters.regions, rig, width, height, disparities),
-            free_space: FreeSpace::new(width),
-            rig,
+            obstacles,
         }
     }
 
@@ -108,30 +133,69 @@ impl SceneDetector {
         self.road.v_disparity()
     }
 
+    /// The stixels of the last map, and what each of them was used for.
+    pub fn stixels(&self) -> &Stixels {
+        self.obstacles.stixels()
+    }
+
+    /// What each stixel of the last map was used for; empty if no road was visible.
+    pub fn uses(&self) -> &[StixelUse] {
+        self.free_space.uses()
+    }
+
+    /// The road surface of the last map with a visible road.
+    pub fn surface(&self) -> &RoadSurface {
+        self.road.surface()
+    }
+
+    /// Forgets what was seen before, as after a gap or a step back in time ([`crate::frame_clock`]): boundaries and ground. The
+    /// road is estimated, and obstacles are sighted, in each map anew.
+    pub fn reset(&mut self) {
+        self.free_space.reset();
+    }
+
+    /// Sets the displacement of the camera from the last map to the next one, by which what is remembered is moved; `None` if
+    /// it is unknown. Call it before each [`Self::detect`]: it holds for one map.
+    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
+        self.step = step;
+    }
+
+    /// Sets the time since the last map, in seconds, by which what is remembered ages. Call it before each
+    /// [`Self::detect`]; it holds until it is set anew.
+    pub fn set_elapsed_s(&mut self, elapsed_s: f64) {
+        self.elapsed_s = elapsed_s;
+    }
+
     /// Detects the road in a map, then the obstacles on it.
     ///
     /// # Panics
     /// When the size of the map differs from that of the detector.
     pub fn detect<'a>(&'a mut self, depth: DepthView<'a>) -> Scene<'a> {
+        let step = self.step.take();
         let Some(model) = self.road.estimate(depth) else {
-            self.free_space.clear();
+            self.free_space.reset();
             let profile_px = self.road.profile().disparity_px();
-            let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
-            return Scene { road: None, profile_px, regions: &[], free_m, edges, verifier: None };
+            let (free, edges) = (self.free_space.sectors(), self.road.edges());
+            return Scene {
+                road: None,
+                profile_px,
+                regions: &[],
+                free,
+                edges,
+                boundaries: &[],
+                verifier: None,
+            };
         };
-        let profile = self.road.profile();
-        let surface = self.road.surface();
-        self.obstacles.detect(depth, profile, surface);
+        let (profile, surface, edges) = (self.road.profile(), self.road.surface(), self.road.edges());
+        let road = RoadView { surface, profile_px: profile.disparity_px(), top: profile.top(), edges };
+        self.free_space.classify(self.obstacles.find_stixels(depth, surface), road, step, self.elapsed_s);
+        self.obstacles.detect(depth, profile, surface, self.free_space.uses());
         let (regions, verifier) =
             (self.obstacles.regions(), self.obstacles.verifier(depth, profile, surface));
+        self.free_space.update(self.obstacles.stixels(), road, regions);
+        let (free, boundaries) = (self.free_space.sectors(), self.free_space.boundaries());
         let profile_px = profile.disparity_px();
-        let farthest_px = profile_px.get(profile.top()).copied().unwrap_or(0.0);
-        let min_px = self.rig.disparity_px(self.max_distance_m);
-        let visible_m = self.rig.distance_m(f64::from(farthest_px).max(min_px));
-        let likely = regions.iter().filter(|region| region.evidence > 0.0);
-        self.free_space.update(likely, visible_m);
-        let (free_m, edges) = (self.free_space.free_m(), self.road.edges());
-        Scene { road: Some(model), profile_px, regions, free_m, edges, verifier }
+        Scene { road: Some(model), profile_px, regions, free, edges, boundaries, verifier }
     }
 }
 

@@ -85,7 +85,7 @@ fn read(bytes: &[u8]) -> Result<String, String> {
             d.left.len()
         }),
         Kind::Regions => regions::view(&header, payload).map(|r| {
-            assert!(r.profile_px.iter().chain(r.free_m).all(|v| v.is_finite() && *v >= 0.0));
+            assert!(r.profile_px.iter().all(|v| v.is_finite() && *v >= 0.0));
             for region in &r.regions {
                 let measures =
                     [region.distance_m, region.width_m, region.height_m, region.disparity_sigma_px];
@@ -149,14 +149,8 @@ fn seeds() -> Vec<Vec<u8>> {
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = regions::RoadRecord { seen: 1, ..Default::default() };
     let profile = vec![1.5_f32; height as usize];
-    let mut writer = regions::Writer::new(
-        payload,
-        road,
-        &profile,
-        &[20.0, 30.0],
-        regions::Counts { regions: 3, tracks: 3 },
-    )
-    .expect("it fits");
+    let mut writer = regions::Writer::new(payload, road, &profile, regions::Counts { regions: 3, tracks: 3 })
+        .expect("it fits");
     for _ in 0..3 {
         let bounds = [2, 2, 5, 4];
         writer.push_region(&regions::RegionRecord { disparity_px: 4.0, bounds, ..Default::default() });

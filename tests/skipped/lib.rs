@@ -33,11 +33,13 @@ pub enum Need {
     Hangup,
     /// The programs of systemd.
     Systemd,
+    /// ffmpeg, for videos.
+    Ffmpeg,
 }
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Data,
         Self::Chromium,
         Self::Python,
@@ -48,6 +50,7 @@ impl Need {
         Self::RealTime,
         Self::Hangup,
         Self::Systemd,
+        Self::Ffmpeg,
     ];
 
     /// Its name in `LOOKOUT_REQUIRE`.
@@ -63,6 +66,7 @@ impl Need {
             Self::RealTime => "realtime",
             Self::Hangup => "hangup",
             Self::Systemd => "systemd",
+            Self::Ffmpeg => "ffmpeg",
         }
     }
 }

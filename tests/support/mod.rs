@@ -3,6 +3,7 @@
 #![allow(dead_code, unused_imports, reason = "each test program uses its own part")]
 
 pub mod browser;
+pub mod stream;
 pub mod turns;
 pub mod viewer;
 
@@ -90,6 +91,7 @@ impl Bench {
                 | "status"
                 | "view"
                 | "record"
+                | "stream"
                 | "obstacles"
                 | "disparity"
                 | "point-cloud"

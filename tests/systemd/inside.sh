@@ -19,7 +19,12 @@ wait_for() { # SECONDS WHAT COMMAND...
     sleep 0.2
   done
 }
-processes() { readlink /proc/[0-9]*/exe | grep -c '^/usr/bin/lookout'; }
+# Of the daemon: without the server of the socket.
+processes() {
+  local stream
+  stream=$(systemctl is-active --quiet lookout-stream && echo 1 || echo 0)
+  echo $(($(readlink /proc/[0-9]*/exe | grep -c '^/usr/bin/lookout') - stream))
+}
 as_user() { setpriv --reuid lookout --regid lookout --init-groups "$@"; }
 says() { as_user lookout status 2>/dev/null | grep -q "$1"; }
 
@@ -104,6 +109,20 @@ wait_for 20 "it does not run after the reload" says ": running"
 [ "$(show MainPID)" = "$pid" ] || fail "the reload restarted it"
 say "reloaded: alarm.distance_m, the same process"
 
+[ -e /run/systemd/system/lookout-stream.service ] || [ -e /usr/lib/systemd/system/lookout-stream.service ] ||
+  [ -e /etc/systemd/system/lookout-stream.service ] || fail "there is no lookout-stream.service"
+echo '[stream]
+socket = "/run/lookout-stream/socket"
+group = "lookout-readers"' >>/etc/lookout/lookout.toml
+systemctl start lookout-stream || fail "lookout-stream does not start"
+wait_for 20 "no socket for readers" test -S /run/lookout-stream/socket
+readers=$(stat -c '%a %U:%G' /run/lookout-stream/socket)
+[ "$readers" = "660 lookout:lookout-readers" ] || fail "the socket is of $readers"
+reader() { setpriv --reuid 65534 --regid 65534 "$@" lookout stream --socket /run/lookout-stream/socket --limit 1; }
+reader --groups lookout-readers | grep -q '"alarm":{' || fail "a member of lookout-readers gets no results"
+reader --clear-groups >/dev/null 2>&1 && fail "another user gets results"
+say "results on a socket of $readers: for members of the group only"
+
 kill -STOP "$pid"
 say "scheduler stopped by SIGSTOP: waiting for the watchdog"
 restarted() { [ "$(show MainPID)" != "$pid" ] && [ "$(show ActiveState)" = active ] && [ "$(show MainPID)" != 0 ]; }
@@ -120,9 +139,14 @@ wait_for 60 "it was not restarted after SIGKILL" again
 [ "$(clocks)" = 2400000-2400000 ] || fail "clocks were not set anew: $(clocks)"
 say "SIGKILL: restarted, clocks $(clocks)"
 
+[ "$(systemctl show lookout-stream --property NRestarts --value)" = 0 ] || fail "lookout-stream did not survive the restarts"
+reader --groups lookout-readers | grep -q '"alarm":{' || fail "no results after the restarts"
+
 echo 97000 >"$zone/temp"
 wait_for 20 "no power-off was requested" test -s /opt/test/off
 say "97 °C: $(cat /opt/test/off)"
+systemctl stop lookout-stream
+[ ! -e /run/lookout-stream ] || fail "the socket is left"
 systemctl stop lookout
 [ "$(show Result)" = success ] || fail "it did not end well: $(show Result)"
 [ "$(clocks)" = 600000-2400000 ] || fail "clocks were not put back: $(clocks)"

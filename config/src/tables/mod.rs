@@ -2,6 +2,7 @@
 
 mod alarm;
 mod board;
+mod can_out;
 mod daemon;
 mod realtime;
 mod recognition;
@@ -9,10 +10,12 @@ mod road;
 mod soak;
 mod source;
 mod stereo;
+mod stream;
 mod vehicle;
 
 pub use alarm::Alarm;
 pub use board::{Board, Clocks, Heat};
+pub use can_out::CanOut;
 pub use daemon::{Cores, Instance, Log, Supervision};
 pub use realtime::{Pacing, Realtime};
 pub use recognition::{Recognition, Tracking};
@@ -20,6 +23,7 @@ pub use road::{Regions, Road};
 pub use soak::Soak;
 pub use source::{Camera, Source};
 pub use stereo::{Calibration, Stereo};
+pub use stream::Stream;
 pub use vehicle::{Motion, Vehicle};
 
 crate::table::configuration! {
@@ -43,8 +47,10 @@ crate::table::configuration! {
         clocks: Clocks,
         board: Board,
         soak: Soak,
+        stream: Stream,
         camera: Camera,
         realtime: Realtime,
         pacing: Pacing,
+        can_out: CanOut,
     }
 }

@@ -31,6 +31,7 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     // Files that the configuration names have to exist and be valid, too.
     recogniser(&config, 8, 8).map_err(SetupError::from)?;
     crate::input::vehicle::decoder(&config).map_err(SetupError::from)?;
+    crate::can_out::identifiers(&config)?;
     if !config.source.rig.as_os_str().is_empty() {
         sources::calibration_file::read(&config.source.rig, true)?;
     }

@@ -80,7 +80,7 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
             drop(say(format_args!(
                 "{:>3} frames, alarm {}, {} obstacles",
                 record.frames,
-                messages::alarm::level_name(record.alarm),
+                messages::alarm::level_name(record.alarm.level),
                 record.obstacles
             )));
         }

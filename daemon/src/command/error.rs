@@ -48,6 +48,12 @@ pub enum CommandError {
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] tools::reporting::output::OutputError),
+    /// A video cannot be written.
+    #[error(transparent)]
+    Video(#[from] tools::reporting::video::VideoError),
+    /// The socket of results cannot be made.
+    #[error(transparent)]
+    Socket(#[from] crate::stream::socket::SocketError),
     /// A recording cannot be written.
     #[error(transparent)]
     Record(#[from] tools::recording::RecordError),

@@ -2,6 +2,7 @@
 
 mod attach;
 mod calibrate;
+mod can;
 mod check_config;
 mod compare;
 mod completions;
@@ -12,6 +13,7 @@ mod detect;
 mod disparity;
 mod error;
 mod evaluate;
+mod low_priority;
 mod man;
 mod number;
 mod obstacles;
@@ -25,10 +27,13 @@ mod replay;
 mod restore_clocks;
 mod rig;
 mod run;
+mod scene;
 mod soak;
 mod stage;
 mod status;
+mod stream;
 mod train;
+mod video;
 mod view;
 
 pub use error::CommandError;
@@ -54,6 +59,7 @@ use clap::{CommandFactory, Parser, Subcommand};
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          status of the running daemon
   lookout view                                    the same in a browser, with pictures
+  lookout stream | jq .alarm.level                results as lines of JSON
   lookout record -o drive.mcap                    record the running daemon
 
 Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
@@ -84,6 +90,12 @@ pub enum Command {
     /// Show a running daemon in a browser: pictures, bird's-eye view, metrics over time
     #[command(after_help = view::HELP)]
     View(view::View),
+    /// Send what a running daemon finds on a CAN bus: alarm, nearest obstacle, path, obstacles
+    #[command(after_help = can::HELP)]
+    Can(can::Can),
+    /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
+    #[command(after_help = stream::HELP)]
+    Stream(stream::Stream),
     /// Compute a point cloud from one pair
     #[command(after_help = point_cloud::HELP)]
     PointCloud(point_cloud::PointCloudCommand),
@@ -111,6 +123,9 @@ pub enum Command {
     /// Show a calibration, or convert it to another program's format
     #[command(after_help = rig::HELP)]
     Rig(rig::RigCommand),
+    /// Print a synthetic scene as a TOML file, to read or change it
+    #[command(after_help = scene::HELP)]
+    Scene(scene::SceneCommand),
     /// Detect objects in images with a cascade
     #[command(after_help = detect::HELP)]
     Detect(detect::Detect),
@@ -161,6 +176,8 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Train(args) => train::run(&args, log),
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
+        Command::Can(args) => can::run(&args, log),
+        Command::Stream(args) => stream::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Record(args) => record::run(&args, log),
         Command::Compare(args) => compare::run(&args),
@@ -171,6 +188,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Evaluate { what } => evaluate::run(what, log),
+        Command::Scene(args) => scene::run(&args),
         Command::Detect(args) => detect::run(&args, log),
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),

@@ -15,7 +15,7 @@ use tools::reporting::poses::pose_line;
 pub const HELP: &str = "Examples:
   lookout odometry ../shared/data/kitti_sequence_1 -o poses.txt
   lookout odometry drive.mcap -o poses.txt --limit 500
-  lookout odometry DIR --rig rig.toml --set source.rectify=true -o poses.txt
+  lookout odometry DIR --rig rig.toml -o poses.txt
   lookout odometry scene:bend -o - | head -3
   lookout evaluate odometry DIR --poses truth.txt --estimate poses.txt
 

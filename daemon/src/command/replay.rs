@@ -1,11 +1,13 @@
 //! `lookout replay`.
 
+use crate::alarm_tally::{AlarmTally, alarm_times};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use crate::command::number::fps;
+use crate::command::video::Film;
 use crate::in_process::Pipeline;
 use crate::scheduler::{self, Ends, RunOptions};
 use clap::Args;
@@ -24,6 +26,7 @@ pub const HELP: &str = "Examples:
   lookout replay RECORDING --in-process --out reference
   lookout replay drive.mcap --lockstep --out again
   lookout replay RECORDING --lockstep --record drive.mcap
+  lookout replay RECORDING --lockstep --video drive.mp4
   lookout replay scene:street --out results
   lookout replay 'scene:street?weather=night&seed=7' --lockstep --out night
   lookout replay scene:my/road.toml
@@ -43,7 +46,12 @@ may follow: ?weather=sunny, light_rain, heavy_rain, night, snow, backlight or ov
 rig=paper or kitti.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
-(one line per frame) and summary.json.";
+(one line per frame) and summary.json.
+
+--video makes a video of the overlays when the run has ended. FILE.mp4, .mkv and .webm are encoded by
+ffmpeg or GStreamer (gst-launch-1.0) on the PATH. FILE.gif needs neither; it has at most 15 pictures
+a second, 600 in all and 800 columns. Without --out the overlays need room beside the video while it
+is made.";
 
 #[derive(Args, Debug)]
 pub struct Replay {
@@ -69,6 +77,9 @@ pub struct Replay {
     /// Folder for overlays, disparity maps, obstacles.jsonl and summary.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Video of the overlays, made when the run has ended: FILE.gif, or FILE.mp4, .mkv, .webm by ffmpeg or GStreamer
+    #[arg(long, value_name = "FILE")]
+    pub video: Option<PathBuf>,
     /// Also record the run to an MCAP file; with --lockstep without loss
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "in_process")]
     pub record: Option<PathBuf>,
@@ -93,13 +104,15 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
     if let Some(rig) = &args.rig {
         config.source.rig.clone_from(rig);
     }
+    let film = Film::prepare(args.video.as_deref(), args.out.as_deref())?;
     if args.in_process {
-        return in_process(args, &config);
+        in_process(args, &config, film.folder())?;
+        return film.finish(args.json);
     }
     let options = RunOptions {
         lockstep: args.lockstep,
         limit: args.limit,
-        out: args.out.clone(),
+        out: film.folder().map(Path::to_owned),
         record: args.record.clone(),
         ends: Ends::WithSource,
     };
@@ -118,7 +131,7 @@ pub fn run(args: &Replay, log: Option<&str>) -> Result<(), CommandError> {
                 "stopped by a signal after {frames} frames: results are incomplete"
             )))
         }
-        None => Ok(()),
+        None => film.finish(args.json),
     }
 }
 
@@ -152,7 +165,7 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
 }
 
 /// Runs the same stages as the daemon in this process, frame by frame.
-fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
+fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), CommandError> {
     let mut pipeline = Pipeline::open(config)?;
     let count = pipeline.count().unwrap_or(u64::MAX);
     let frames = match args.limit {
@@ -160,16 +173,17 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         Some(limit) => limit.min(count),
         None => count,
     };
-    if let Some(out) = &args.out {
+    if let Some(out) = out {
         prepare(out)?;
     }
-    let mut writer = args.out.as_deref().map(FrameWriter::open).transpose()?;
+    let mut writer = out.map(FrameWriter::open).transpose()?;
     let bar = progress(Some(frames), "frames");
     let start = Instant::now();
-    let mut motion = MotionTally::default();
+    let (mut motion, mut alarm) = (MotionTally::default(), AlarmTally::default());
     for sequence in 0..frames {
         let result = pipeline.frame(sequence, sequence % count.max(1))?;
         motion.add(&result.record.motion);
+        alarm.add(sequence, result.source_ns, &result.alarm);
         if let Some(writer) = &mut writer {
             writer.write(&result.record, Some(result.images))?;
         }
@@ -178,8 +192,16 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
     let rate_hz = frames as f64 / seconds;
-    let motion = motion.summary();
-    let summary = RunSummary { seconds, rate_hz, offered: frames, frames, motion, ..RunSummary::default() };
+    let (motion, alarm_times) = (motion.summary(), alarm_times(&alarm.record()));
+    let summary = RunSummary {
+        seconds,
+        rate_hz,
+        offered: frames,
+        frames,
+        motion,
+        alarm_times,
+        ..RunSummary::default()
+    };
     if let Some(out) = &args.out {
         write_summary(out, &summary)?;
     }
@@ -187,7 +209,9 @@ fn in_process(args: &Replay, config: &Config) -> Result<(), CommandError> {
         return say(serde_json::to_string_pretty(&summary)?);
     }
     match &args.out {
-        Some(out) => say(format_args!("{frames} frames, results in {}", out.display())),
-        None => say(format_args!("{frames} frames")),
+        Some(out) => {
+            say(format_args!("{frames} frames, results in {}\n{}", out.display(), summary.alarm_times))
+        }
+        None => say(format_args!("{frames} frames\n{}", summary.alarm_times)),
     }
 }

@@ -5,6 +5,7 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
+use crate::command::low_priority::yield_to_the_daemon;
 use crate::view::access::{Access, TokenError, given_token, new_token};
 use crate::view::hub::Hub;
 use crate::view::server::Server;
@@ -47,9 +48,6 @@ pub struct View {
     #[arg(long, value_name = "TOKEN")]
     pub token: Option<String>,
 }
-
-/// The lowest time-sharing priority.
-const NICE: i32 = 19;
 
 pub fn run(args: &View, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "view", Some("warn"))?;
@@ -101,19 +99,6 @@ fn invitation(address: SocketAddr, name: &str, token: Option<&str>) -> String {
     };
     let link = token.map_or_else(String::new, |token| format!("/?token={token}"));
     format!("the daemon \"{name}\" is shown at http://{host}{link}")
-}
-
-/// Lowers the scheduling priority, and makes this process an early victim of the OOM killer.
-fn yield_to_the_daemon() {
-    if let Err(error) = messages::idle::run_when_idle() {
-        tracing::warn!(%error, "cannot use the idle scheduling policy");
-    }
-    if let Err(error) = rustix::process::nice(NICE) {
-        tracing::warn!(%error, "cannot lower the priority: runs at normal priority");
-    }
-    if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "800") {
-        tracing::debug!(%error, "cannot set oom_score_adj");
-    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,10 @@
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
+use crate::alarm_tally::{AlarmTally, alarm_times};
+use crate::frame_record::alarm_object;
 use messages::alarm::{self, Faults};
+use messages::alarm_time::AlarmTimeRecord;
 use messages::calibration::{CalibrationCause, CalibrationRecord, CalibrationState};
 use messages::deadline::DeadlineRecord;
 use messages::device::DeviceRecord;
@@ -91,6 +94,7 @@ pub struct Collector {
     /// Level and rule of the alarm that were logged last.
     alarm_logged: Option<(u32, u32)>,
     alarm_changes: Vec<AlarmChange>,
+    alarm_tally: AlarmTally,
     /// The vehicle's own motion over all results.
     pub motion: MotionTally,
     status_ns: u64,
@@ -128,6 +132,7 @@ impl Collector {
             alarms: 0,
             alarm_logged: None,
             alarm_changes: Vec::new(),
+            alarm_tally: AlarmTally::default(),
             motion: MotionTally::default(),
             status_ns: now_ns,
             calibration: CalibrationRecord::default(),
@@ -210,16 +215,7 @@ impl Collector {
         }
         self.calibration_logged = summary;
         if self.calibration_changes.len() < MAX_CHANGES {
-            self.calibration_changes.push(CalibrationChange {
-                sequence,
-                state: state.name().into(),
-                cause: calibration.cause().name().into(),
-                text: calibration.to_string(),
-                lost: calibration.lost.into(),
-                typical_px: calibration.typical_px.into(),
-                corrected_px: calibration.corrected_px.into(),
-                moved_px: if calibration.has_moved() { calibration.moved_px.into() } else { 0.0 },
-            });
+            self.calibration_changes.push(calibration_change(sequence, &calibration));
         }
     }
 
@@ -249,17 +245,19 @@ impl Collector {
     }
 
     /// Adds the alarm of a frame, and logs it if its level or rule has changed.
-    pub fn alarm(&mut self, sequence: u64, record: &AlarmRecord) {
+    pub fn alarm(&mut self, header: &Header, record: &AlarmRecord) {
+        self.alarm_tally.add(header.sequence, header.source_ns, record);
+        self.log_alarm(header.sequence, record);
+    }
+
+    /// Logs and keeps a change of the alarm's level or rule.
+    fn log_alarm(&mut self, sequence: u64, record: &AlarmRecord) {
         let now = (record.level, record.rule);
         if self.alarm_logged == Some(now) {
             return;
         }
         let before = self.alarm_logged.replace(now).map_or(alarm::OFF, |(level, _)| level);
         let (level, rule) = (alarm::level_name(record.level), alarm::rule_name(record.rule));
-        let reason = match record.level {
-            alarm::OFF => Faults(record.faults).to_string(),
-            _ => String::new(),
-        };
         let finite = |v: f64| v.is_finite().then_some((v * 100.0).round() / 100.0);
         let change = AlarmChange {
             sequence,
@@ -269,7 +267,8 @@ impl Collector {
             nearest_m: finite(record.nearest_m),
             time_to_collision_s: finite(record.time_to_collision_s),
             required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
-            reason,
+            reason: record.reason(),
+            object: alarm_object(record),
         };
         if record.level > before.max(alarm::CLEAR) || record.level == alarm::OFF {
             tracing::warn!("{change}");
@@ -286,15 +285,17 @@ impl Collector {
 
     /// The scheduler has switched the alarm off because of `faults`. Without faults, nothing changes.
     pub fn alarm_off(&mut self, faults: Faults) {
-        if !faults.is_none() && self.alarm_logged.is_some_and(|(level, _)| level != alarm::OFF) {
-            let record = AlarmRecord {
-                faults: faults.0,
-                nearest_m: f64::INFINITY,
-                time_to_collision_s: f64::INFINITY,
-                ..AlarmRecord::default()
-            };
-            self.alarm(self.last_sequence.unwrap_or(0), &record);
+        if !faults.is_none() {
+            self.alarm_tally.withdraw(faults);
         }
+        if !faults.is_none() && self.alarm_logged.is_some_and(|(level, _)| level != alarm::OFF) {
+            self.log_alarm(self.last_sequence.unwrap_or(0), &AlarmRecord::off(faults));
+        }
+    }
+
+    /// Frames and time in each level of the alarm.
+    pub fn alarm_time(&self) -> AlarmTimeRecord {
+        self.alarm_tally.record()
     }
 
     /// When the first result arrived, in ns of CLOCK_MONOTONIC.
@@ -414,10 +415,27 @@ impl Collector {
             processes,
             shared_bytes,
             alarms: self.alarms,
+            alarm_times: alarm_times(&self.alarm_tally.record()),
             alarm_changes: self.alarm_changes.clone(),
             motion: self.motion.summary(),
             calibration: self.calibration_changes.clone(),
+            calibration_last: (self.calibration_logged.0 != CalibrationState::Unknown)
+                .then(|| calibration_change(self.last_sequence.unwrap_or(0), &self.calibration)),
         }
+    }
+}
+
+/// The state of the calibration for the summary of a run.
+fn calibration_change(sequence: u64, calibration: &CalibrationRecord) -> CalibrationChange {
+    CalibrationChange {
+        sequence,
+        state: calibration.state().name().into(),
+        cause: calibration.cause().name().into(),
+        text: calibration.to_string(),
+        lost: calibration.lost.into(),
+        typical_px: calibration.typical_px.into(),
+        corrected_px: calibration.corrected_px.into(),
+        moved_px: if calibration.has_moved() { calibration.moved_px.into() } else { 0.0 },
     }
 }
 
@@ -474,7 +492,9 @@ mod tests {
         assert_eq!(collector.calibration().state(), CalibrationState::Good);
         for (sequence, level) in [1, 3, 3, 0, 3, 2, 1].into_iter().enumerate() {
             let record = AlarmRecord { level, rule: u32::from(level > 1), ..AlarmRecord::default() };
-            collector.alarm(sequence as u64, &record);
+            header.sequence = sequence as u64;
+            header.source_ns = 100_000_000 * header.sequence;
+            collector.alarm(&header, &record);
         }
         collector.alarm_off(Faults::NONE);
         collector.alarm_off(Faults::STAGE);
@@ -490,6 +510,9 @@ mod tests {
         let changes: Vec<&str> = summary.alarm_changes.iter().map(|c| &c.level[..]).collect();
         assert_eq!(changes, ["clear", "alarm", "off", "alarm", "warning", "clear", "off"]);
         assert_eq!(summary.alarm_changes[6].reason, "a stage is not running");
+        let times = &summary.alarm_times;
+        let frames = [&times.off, &times.clear, &times.warning, &times.alarm].map(|time| time.frames);
+        assert_eq!((frames, times.alarm.seconds), ([1, 2, 1, 3], 0.3));
         let recognition = &summary.processes[2];
         assert_eq!(recognition.frames, 5);
         assert!((recognition.work.p50_ms - 4.0).abs() < 0.01);

@@ -281,7 +281,7 @@ impl Run {
             Err(error) => tracing::warn!(%error, "obstacles were refused"),
             Ok(message) => {
                 if self.results.take(header, &message) {
-                    self.collector.alarm(header.sequence, &message.alarm);
+                    self.collector.alarm(&header, &message.alarm);
                     self.collector.motion.add(&motion_line(&header.motion));
                 }
             }

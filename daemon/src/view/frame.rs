@@ -4,7 +4,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use messages::header::Header;
 use messages::pipeline::PATH_LENGTH;
-use messages::regions::{FREE_COLUMNS, RegionRecord, Regions};
+use messages::regions::{RegionRecord, Regions};
 use perception::point_cloud::{self, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
@@ -12,6 +12,7 @@ use serde::Serialize;
 use std::sync::OnceLock;
 use tools::reporting::picture::Picture;
 use tools::reporting::record::{FrameRecord, tidy};
+use tools::reporting::space::polygon_in_image;
 use tools::reporting::{colour, v_disparity};
 
 /// JPEG quality, 1 to 100.
@@ -102,9 +103,14 @@ pub struct FrameLine {
     /// Road profile: (row, disparity in px), from the top down.
     profile: Vec<(usize, f32)>,
     regions: Vec<RegionLine>,
-    /// Free space in metres for each `free_columns_px` columns, from the left; 0 if unknown.
+    /// Distance up to which the ground is known to be free, in metres, for each `free_columns_px` columns from the left;
+    /// 0 if nothing is.
     free_m: Vec<f32>,
     free_columns_px: usize,
+    /// Free space in the left image: polygons of column, row.
+    free_px: Vec<Vec<(f64, f64)>>,
+    /// Boundaries in the left image: foot and top, column and row of each point.
+    boundaries_px: Vec<[Vec<(f64, f64)>; 2]>,
     /// Edges of the vehicle's path in the left image, left and right: column, row, from near to far.
     path_px: [Vec<(f64, f64)>; 2],
 }
@@ -142,6 +148,12 @@ impl Frame {
         let tenths = |(x, y): (f64, f64)| (tidy((x * 10.0).round() / 10.0), tidy((y * 10.0).round() / 10.0));
         let edges = record.path.in_image(&rig, road.profile_px);
         let path_px = edges.map(|edge| edge.into_iter().map(tenths).collect());
+        let space = &road.road.space;
+        let rounded = |line: Vec<(f64, f64)>| line.into_iter().map(tenths).collect::<Vec<_>>();
+        let free = record.free_space_m.iter().map(|area| polygon_in_image(&rig, road.profile_px, area));
+        let free: Vec<_> = free.map(rounded).collect();
+        let boundaries = record.boundaries.iter().map(|line| line.in_image(&rig, road.profile_px));
+        let boundaries: Vec<_> = boundaries.map(|lines| lines.map(rounded)).collect();
         let tilt = record.road.map(|r| tidy((r.horizon_px - rig.cy_px) / rig.focal_px));
         Self {
             line: FrameLine {
@@ -156,8 +168,10 @@ impl Frame {
                 road_tilt: tilt,
                 profile: profile.step_by(PROFILE_STEP).map(|(y, &d)| (y, d)).collect(),
                 regions: road.regions.iter().map(RegionLine::new).collect(),
-                free_m: road.free_m.iter().map(|&m| centimetres(m)).collect(),
-                free_columns_px: FREE_COLUMNS,
+                free_m: space.free().iter().map(|sector| centimetres(sector.far_m)).collect(),
+                free_columns_px: (f64::from(space.slope_step) * rig.focal_px).round().max(1.0) as usize,
+                free_px: free,
+                boundaries_px: boundaries,
                 path_px,
                 record,
             },
@@ -254,6 +268,7 @@ mod tests {
     use super::*;
     use messages::header::Kind;
     use messages::regions::{self, Counts, RoadRecord, Writer};
+    use tools::reporting::space::BoundaryLine;
 
     const RIG: Rig = Rig { focal_px: 400.0, baseline_m: 0.2, cx_px: 32.0, cy_px: 16.0 };
 
@@ -263,15 +278,22 @@ mod tests {
         let profile: Vec<f32> = (0..48).map(|y| if y > 20 { y as f32 / 4.0 } else { 0.0 }).collect();
         let mut memory = vec![0_u64; 4096];
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-        let free_m = [0.0, 12.504, f32::NAN, -3.0, 40.0, 40.0, 40.0, 40.0];
-        let bytes = Writer::new(payload, RoadRecord::default(), &profile, &free_m, Counts::default())
-            .unwrap()
-            .bytes();
+        let mut road = RoadRecord::default();
+        (road.space.sectors, road.space.slope_step) = (8, 8.0 / 400.0);
+        for (sector, far_m) in road.space.free.iter_mut().zip([0.0, 12.504, 0.0, 0.0, 40.0, 40.0, 40.0, 40.0])
+        {
+            sector.far_m = far_m;
+        }
+        let bytes = Writer::new(payload, road, &profile, Counts::default()).unwrap().bytes();
         let road = regions::view(&header, &payload[..bytes]).unwrap();
         let images = Images { left: vec![77; 64 * 48], disparity: vec![4 * 256; 64 * 48] };
         let mut record = FrameRecord { sequence: 5, ..FrameRecord::default() };
         // 400 px x 0.2 m / 10 m = 8 px, which the road has in row 32.
         record.path.left_m = vec![[-0.5, 10.0], [-0.5, 1000.0]];
+        record.free_space_m = vec![vec![[-0.5, 10.0], [0.5, 10.0]]];
+        let boundary =
+            BoundaryLine { points_m: vec![[0.5, 10.0]], height_m: vec![0.5], ..BoundaryLine::default() };
+        record.boundaries = vec![boundary];
         Frame::new(&header, record, images, &road, RIG, 16)
     }
 
@@ -302,6 +324,8 @@ mod tests {
         let free_m: Vec<f32> = serde_json::from_value(line["free_m"].clone()).unwrap();
         assert_eq!(free_m, [0.0, 12.5, 0.0, 0.0, 40.0, 40.0, 40.0, 40.0]);
         assert_eq!(free_m.len() * line["free_columns_px"].as_u64().unwrap() as usize, 64);
+        assert_eq!(line["free_px"][0][0], serde_json::json!([12.0, 32.0]));
+        assert_eq!(line["boundaries_px"], serde_json::json!([[[[52.0, 32.0]], [[52.0, 12.0]]]]));
         assert_eq!(line["path_px"], serde_json::json!([[[12.0, 32.0]], []]));
         assert_eq!((&line["motion"]["known"], &line["path"]["known"]), (&false.into(), &false.into()));
         assert!(line["obstacles"].is_array() && line["regions"].is_array() && line["alarm"].is_object());

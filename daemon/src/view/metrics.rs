@@ -49,9 +49,9 @@ const METRICS: &[Metric] = &[
         out.one_of("state", &StatusRecord::STATES, status.state.min(3) as usize);
     })),
     gauge("alarm", "Level of the alarm: 1 for the current one.", |s, out| status(s, |status| {
-        out.one_of("level", &LEVELS, status.alarm.min(3) as usize);
+        out.one_of("level", &LEVELS, status.alarm.level.min(3) as usize);
     })),
-    counter("alarms_total", "Times that the level alarm was entered.", |s, out| status(s, |status| out.one(status.alarms.into()))),
+    counter("alarms_total", "Times that the level alarm was entered.", |s, out| status(s, |status| out.one(status.alarms as f64))),
     gauge("uptime_seconds", "Time since the daemon started.", |s, out| status(s, |status| {
         out.one(status.uptime_ns as f64 * 1e-9);
     })),
@@ -60,8 +60,28 @@ const METRICS: &[Metric] = &[
         out.one(status.obstacles.into());
     })),
     gauge("nearest_in_path_meters", "Distance of the nearest obstacle in the path.", |s, out| status(s, |status| {
-        if status.nearest_m.is_finite() {
-            out.one(status.nearest_m);
+        if status.alarm.nearest_m.is_finite() {
+            out.one(status.alarm.nearest_m);
+        }
+    })),
+    gauge("alarm_clearance_meters", "Gap between the alarm's object and the path; negative: they overlap.", |s, out| status(s, |status| {
+        if status.alarm.object > 0 && status.alarm.clearance_m.is_finite() {
+            out.one(status.alarm.clearance_m);
+        }
+    })),
+    counter("alarm_frames_total", "Frames by level of the alarm.", |s, out| status(s, |status| {
+        for (level, frames) in LEVELS.iter().zip(status.alarm_time.frames) {
+            out.labelled(&[("level", level)], frames as f64);
+        }
+    })),
+    counter("alarm_seconds_total", "Source time by level of the alarm.", |s, out| status(s, |status| {
+        for (level, ns) in LEVELS.iter().zip(status.alarm_time.ns) {
+            out.labelled(&[("level", level)], ns as f64 * 1e-9);
+        }
+    })),
+    counter("alarm_off_frames_total", "Frames with the alarm off, by reason; a frame may have several.", |s, out| status(s, |status| {
+        for (reason, frames, _) in status.alarm_time.reasons() {
+            out.labelled(&[("reason", reason)], frames as f64);
         }
     })),
     gauge("motion_known", "Whether the own motion is known; without it the path is straight.", |s, out| status(s, |status| {
@@ -205,6 +225,7 @@ mod tests {
     use super::*;
     use crate::view::board::{Reading, Readings};
     use crate::view::history::History;
+    use messages::obstacles::AlarmRecord;
     use messages::pipeline::Role;
     use std::collections::{HashMap, HashSet};
 
@@ -251,8 +272,9 @@ mod tests {
 
     fn status() -> StatusRecord {
         let mut status = StatusRecord::empty();
-        (status.state, status.alarm, status.processes, status.frames) = (1, 3, 2, 77);
-        (status.latency_p50_ms, status.nearest_m) = (20.0, f64::INFINITY);
+        (status.state, status.processes, status.frames, status.latency_p50_ms) = (1, 2, 77, 20.0);
+        status.alarm = AlarmRecord { level: 3, object: 4, clearance_m: -0.5, ..status.alarm };
+        (status.alarm_time.frames, status.alarm_time.off_frames[0]) = ([5, 60, 0, 12], 5);
         (status.process[0].role, status.process[1].role) = (0, Role::Stereo as u32);
         status.process[1].cpu_percent = 50.0;
         status
@@ -272,6 +294,8 @@ mod tests {
         };
         assert_eq!((value("up", ""), value("frames_total", "")), (1.0, 77.0));
         assert_eq!((value("alarm", "alarm"), value("alarm", "clear")), (1.0, 0.0));
+        assert_eq!((value("alarm_clearance_meters", ""), value("alarm_frames_total", "clear")), (-0.5, 60.0));
+        assert_eq!(value("alarm_off_frames_total", "no road seen"), 5.0);
         assert_eq!(value("process_cpu_ratio", "stereo"), 0.5);
         assert!((value("latency_seconds", "0.5") - 0.02).abs() < 1e-9);
         assert_eq!(value("temperature_celsius", r#"sensor="a \"b\"\\""#), 48.5);

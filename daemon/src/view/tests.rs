@@ -292,10 +292,9 @@ fn regions_message(header: Header, random: &mut Rng) -> Message {
     let mut message = Message::new(header, regions::max_payload_bytes(width, height));
     let road =
         RoadRecord { seen: 1, slope: 0.25, horizon_px: 50.0, confidence: 0.9, ..RoadRecord::default() };
-    let free_m = vec![20.0; width.div_ceil(regions::FREE_COLUMNS)];
     let counts = Counts { regions: 8, tracks: 8 };
-    let mut writer = regions::Writer::new(message.payload_mut(), road, &vec![2.0; height], &free_m, counts)
-        .expect("it fits");
+    let mut writer =
+        regions::Writer::new(message.payload_mut(), road, &vec![2.0; height], counts).expect("it fits");
     for i in 0..8_u32 {
         let region = RegionRecord {
             disparity_px: 4.0 + f64::from(i),

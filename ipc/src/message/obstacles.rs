@@ -1,13 +1,14 @@
 //! `obstacles`: recognition → vehicle, scheduler, recorder, viewer. The alarm, the road model
 //! and up to [`MAX_COUNT`] tracked obstacles.
 
-use crate::alarm::{Faults, LEVELS, MOVING, RULES};
+use crate::alarm::{Faults, LEVELS, MOVING, OFF, RULES};
 use crate::copied::{Records, copy_out};
 use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
 use crate::range::{
-    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, Ranged, SHARE, Within, ranges, within, within_or_infinite,
+    ANY_U32, AnyBytes, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, Nested, Ranged, SHARE, Within, ranges, within, within_or_infinite,
 };
 use super::regions::{CAMERA_HEIGHT_M, HORIZON_PX, SLOPE};
+use crate::space::SpaceRecord;
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
@@ -29,6 +30,10 @@ pub struct AlarmRecord {
     pub faults: u32,
     /// 1 if the level differs from that of the previous frame, else 0.
     pub changed: u32,
+    /// The track that the state is about, from 1: the one that raised the level, or else the nearest in the path; 0 = none.
+    pub object: u32,
+    /// 1 if the level is only held: what raised it does not call for it in this frame.
+    pub held: u32,
     /// 1 if the path follows from the vehicle's motion: the strip that its body sweeps. 0: the motion is unknown, the
     /// path is the straight strip of the configuration, and of the fields `path_…` only its half width and the body are set.
     pub path_known: u32,
@@ -38,6 +43,11 @@ pub struct AlarmRecord {
     pub time_to_collision_s: f64,
     /// Deceleration that stops the vehicle before `track`, in m/s², positive; 0 if none is required.
     pub required_deceleration_m_s2: f64,
+    /// Gap between `object` and the path when the vehicle arrives, in metres; negative if they overlap: by so much it would
+    /// have to be farther aside. Infinite if there is none, or it is lost.
+    pub clearance_m: f64,
+    /// Class of `object`, padded with zeros; empty if there is none, or it is lost.
+    pub class: [u8; 16],
     /// 1 if a road was detected, else 0. The fields of the road below are then 0.
     pub road_seen: u32,
     /// Number of obstacles that follow, 0 to [`MAX_COUNT`].
@@ -68,6 +78,8 @@ pub struct AlarmRecord {
     pub path_front_m: f64,
     /// Yaw of the camera in the vehicle, in rad, to the left positive.
     pub path_camera_yaw_rad: f64,
+    /// Free space and boundaries.
+    pub space: SpaceRecord,
 }
 
 /// Maximum curvature of a path, in 1/m: a radius of 1 m, less than any vehicle's.
@@ -82,6 +94,9 @@ const BODY_M: Within<f64> = within(-MAX_BODY_M, MAX_BODY_M);
 /// Maximum required deceleration, in m/s²: [`MAX_SPEED_M_S`] within 0.1 m.
 const MAX_DECELERATION_M_S2: f64 = MAX_SPEED_M_S * MAX_SPEED_M_S / (2.0 * 0.1);
 
+/// A gap with a sign.
+const CLEARANCE_M: Within<f64> = within_or_infinite(-MAX_METRES, MAX_METRES);
+
 ranges! {
     AlarmRecord as "obstacles: alarm" {
         level: within(0, LEVELS.len() as u32 - 1),
@@ -89,10 +104,14 @@ ranges! {
         track: ANY_U32,
         faults: within(0, Faults::ALL.0),
         changed: FLAG,
+        object: ANY_U32,
+        held: FLAG,
         path_known: FLAG,
         nearest_m: within_or_infinite(0.0, MAX_METRES),
         time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),
         required_deceleration_m_s2: within(0.0, MAX_DECELERATION_M_S2),
+        clearance_m: CLEARANCE_M,
+        class: AnyBytes,
         road_seen: FLAG,
         obstacles: within(0, MAX_COUNT as u32),
         slope: SLOPE,
@@ -108,6 +127,21 @@ ranges! {
         path_rear_axle_m: BODY_M,
         path_front_m: BODY_M,
         path_camera_yaw_rad: within(-0.1, 0.1),
+        space: Nested,
+    }
+}
+
+impl AlarmRecord {
+    /// An alarm that cannot judge, because these self-checks failed.
+    pub fn off(faults: Faults) -> Self {
+        Self {
+            level: OFF,
+            faults: faults.0,
+            nearest_m: f64::INFINITY,
+            time_to_collision_s: f64::INFINITY,
+            clearance_m: f64::INFINITY,
+            ..Self::default()
+        }
     }
 }
 
@@ -138,6 +172,9 @@ pub struct ObstacleRecord {
     pub width_m: f64,
     /// Height in metres.
     pub height_m: f64,
+    /// Gap between it and the vehicle's path when the vehicle arrives, in metres; negative if they overlap: by so much it
+    /// would have to be farther aside.
+    pub clearance_m: f64,
     /// Lateral speed in m/s; positive to the right. Over ground where the alarm's path is known, else relative to the
     /// camera.
     pub across_m_s: f64,
@@ -181,6 +218,7 @@ ranges! {
         lateral_m: LATERAL_M,
         width_m: METRES,
         height_m: METRES,
+        clearance_m: CLEARANCE_M,
         across_m_s: SPEED_M_S,
         along_m_s: SPEED_M_S,
         closing_m_s: SPEED_M_S,

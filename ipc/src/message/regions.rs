@@ -1,9 +1,8 @@
 //! `regions`: road → recognition. The road model, up to [`MAX_COUNT`] regions (sightings of this frame), up to
 //! [`MAX_TRACKS`] tracked obstacles, and their crops of the left image.
 //!
-//! Payload: [`RoadRecord`], the road profile (f32 per image row), the free space (f32 per
-//! [`FREE_COLUMNS`] columns), the regions ([`RegionRecord`] each), the tracks ([`TrackRecord`] each), the crops (grey
-//! values, u8).
+//! Payload: [`RoadRecord`] with the free space and the boundaries, the road profile (f32 per image row), the regions
+//! ([`RegionRecord`] each), the tracks ([`TrackRecord`] each), the crops (grey values, u8).
 
 use super::track::{MAX_TRACKS, TrackRecord};
 use crate::copied::{Records, copy_out};
@@ -12,14 +11,12 @@ use crate::range::{
     ANY_U32, Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges,
     within,
 };
+use crate::space::SpaceRecord;
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
 
 /// Maximum number of regions in a message.
 pub const MAX_COUNT: usize = 64;
-
-/// Number of image columns per distance of the free space.
-pub const FREE_COLUMNS: usize = 8;
 
 /// Number of segments of the road ahead. Each has a left and a right edge.
 pub const SEGMENTS: usize = 8;
@@ -86,6 +83,8 @@ pub struct RoadRecord {
     pub camera_height_m: f64,
     /// Left and right edge of each segment, the nearest segment first.
     pub edges: [[EdgeRecord; 2]; SEGMENTS],
+    /// Free space and boundaries.
+    pub space: SpaceRecord,
 }
 
 /// Maximum magnitude of changes of the road's disparity, px per px: the largest baseline (20 m) over the lowest camera
@@ -113,14 +112,12 @@ ranges! {
         confidence: SHARE,
         camera_height_m: CAMERA_HEIGHT_M,
         edges: Each(Each(Nested)),
+        space: Nested,
     }
 }
 
 /// Disparity of the road in a row: not wider than an image.
 const PROFILE_PX: Within<f32> = within(0.0, MAX_SIDE as f32);
-
-/// Free space.
-const FREE_M: Within<f32> = within(0.0, MAX_METRES as f32);
 
 /// One region: a sighting of what may be an obstacle, in this frame. Boxes are in pixels of the left image; all numbers are
 /// finite.
@@ -184,20 +181,20 @@ ranges! {
 
 /// Maximum length of the payload for images of `width` × `height` pixels, in bytes.
 pub fn max_payload_bytes(width: usize, height: usize) -> usize {
-    fixed_bytes(width, height)
+    fixed_bytes(height)
         + MAX_COUNT * size_of::<RegionRecord>()
         + MAX_TRACKS * size_of::<TrackRecord>()
         + width * height
 }
 
-fn fixed_bytes(width: usize, height: usize) -> usize {
+fn fixed_bytes(height: usize) -> usize {
     // Padded to a multiple of eight bytes, so that the records that follow are aligned.
-    let numbers = (height + width.div_ceil(FREE_COLUMNS)).next_multiple_of(2);
+    let numbers = height.next_multiple_of(2);
     size_of::<RoadRecord>() + numbers * size_of::<f32>()
 }
 
-/// The parts of a message. Road model, regions and tracks are copied out of it. Profile, free space and crops are read in
-/// place: their values were checked, but another process may change them later, so whoever uses them must accept any
+/// The parts of a message. Road model, regions and tracks are copied out of it. Profile and crops are read in place: their
+/// values were checked, but another process may change them later, so whoever uses them must accept any
 /// value.
 #[derive(Clone, Copy, Debug)]
 pub struct Regions<'a> {
@@ -205,9 +202,6 @@ pub struct Regions<'a> {
     pub road: RoadRecord,
     /// Disparity of the road in each row, in px; 0 above the road.
     pub profile_px: &'a [f32],
-    /// Free space: distance that is free ahead of each [`FREE_COLUMNS`] columns, from the left, in metres; 0 without a
-    /// road.
-    pub free_m: &'a [f32],
     /// The regions, nearest first.
     pub regions: Records<RegionRecord, MAX_COUNT>,
     /// The tracks, oldest first.
@@ -236,18 +230,16 @@ impl<'a> Regions<'a> {
 /// If the header, the length or any field is invalid.
 pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, MessageError> {
     header.check(Kind::Regions)?;
-    let (width, height) = (header.width as usize, header.height as usize);
-    let fixed = fixed_bytes(width, height);
+    let height = header.height as usize;
+    let fixed = fixed_bytes(height);
     let short = |needed| MessageError::Length { given: payload.len(), needed };
     let (start, rest) = payload.split_at_checked(fixed).ok_or(short(fixed))?;
     let road: RoadRecord = copy_out(start).ok_or(short(fixed))?;
     road.check()?;
     let numbers: &[f32] = bytemuck::try_cast_slice(&start[size_of::<RoadRecord>()..])
         .map_err(|_| MessageError::Value { what: "regions: address", value: payload.as_ptr() as u64 })?;
-    let (profile_px, free_m) = numbers.split_at(height);
-    let free_m = &free_m[..width.div_ceil(FREE_COLUMNS)];
+    let profile_px = &numbers[..height];
     check_all(profile_px, PROFILE_PX, "profile_px")?;
-    check_all(free_m, FREE_M, "free_m")?;
     let (regions, tracks) = (
         road.regions as usize * size_of::<RegionRecord>(),
         road.tracks as usize * size_of::<TrackRecord>(),
@@ -270,7 +262,7 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
             return Err(MessageError::Value { what: "regions: end of a crop", value: end });
         }
     }
-    Ok(Regions { road, profile_px, free_m, regions, tracks, crops })
+    Ok(Regions { road, profile_px, regions, tracks, crops })
 }
 
 /// Checks the numbers of a list.
@@ -318,9 +310,9 @@ impl Counts {
 }
 
 impl<'a> Writer<'a> {
-    /// Starts a message with the road model, its profile, the free space and the number of records that will be
-    /// pushed. Regions after the first [`MAX_COUNT`] and tracks after the first [`MAX_TRACKS`] are omitted. Numbers of profile and free space are moved into their
-    /// ranges.
+    /// Starts a message with the road model, its profile and the number of records that will be pushed. Regions after the
+    /// first [`MAX_COUNT`] and tracks after the first [`MAX_TRACKS`] are omitted. Numbers of the profile are moved into
+    /// their range.
     ///
     /// # Errors
     /// If the payload is too short.
@@ -328,12 +320,11 @@ impl<'a> Writer<'a> {
         payload: &'a mut [u8],
         road: RoadRecord,
         profile_px: &[f32],
-        free_m: &[f32],
         counts: Counts,
     ) -> Result<Self, MessageError> {
         let announced =
             Counts { regions: counts.regions.min(MAX_COUNT), tracks: counts.tracks.min(MAX_TRACKS) };
-        let numbers = (profile_px.len() + free_m.len()).next_multiple_of(2);
+        let numbers = profile_px.len().next_multiple_of(2);
         let fixed = size_of::<RoadRecord>() + numbers * size_of::<f32>();
         let needed = fixed + announced.bytes();
         if payload.len() < needed {
@@ -343,7 +334,7 @@ impl<'a> Writer<'a> {
         let road = RoadRecord { regions, tracks, ..road };
         let (start, rest) = payload.split_at_mut(size_of::<RoadRecord>());
         start.copy_from_slice(bytemuck::bytes_of(&road));
-        let valid = profile_px.iter().map(|&v| valid(v, PROFILE_PX)).chain(free_m.iter().map(|&v| valid(v, FREE_M)));
+        let valid = profile_px.iter().map(|&v| valid(v, PROFILE_PX));
         let padded = valid.chain(std::iter::repeat(0.0));
         let (places, _) = rest[..numbers * size_of::<f32>()].as_chunks_mut();
         for (place, value) in places.iter_mut().zip(padded) {
@@ -424,10 +415,9 @@ impl<'a> Output<'a, RegionsMessage> {
         self,
         road: RoadRecord,
         profile_px: &[f32],
-        free_m: &[f32],
         counts: Counts,
     ) -> Result<Writer<'a>, MessageError> {
-        Writer::new(self.payload, road, profile_px, free_m, counts)
+        Writer::new(self.payload, road, profile_px, counts)
     }
 }
 
@@ -459,8 +449,10 @@ mod tests {
         let mut road = RoadRecord { seen: 1, slope: 0.1, ..RoadRecord::default() };
         road.edges[2][1] = EdgeRecord { step_m: 0.12, x_px: 12.4, y_px: 7.6, ..EdgeRecord::default() };
         let profile: Vec<f32> = (0..9).map(|y| y as f32).collect();
+        road.space.sectors = 2;
+        road.space.free[1].far_m = 12.5;
         let counts = Counts { regions: 1, tracks: 2 };
-        let mut writer = Writer::new(payload, road, &profile, &[30.0, 12.5], counts).unwrap();
+        let mut writer = Writer::new(payload, road, &profile, counts).unwrap();
         let pixels = [7_u8; 20];
         assert!(writer.push_track(track(1, [1, 2, 4, 5]), pixels.chunks(4)));
         writer.push_region(&region(1));
@@ -469,7 +461,7 @@ mod tests {
         assert!(!writer.push_track(track(2, [0, 0, 4096, 4096]), std::iter::empty()));
         assert!(!writer.push_track(track(3, [0; 4]), std::iter::empty()), "more than announced");
         let records = size_of::<RegionRecord>() + 2 * size_of::<TrackRecord>();
-        assert_eq!(writer.bytes(), fixed_bytes(16, 9) + records + 20);
+        assert_eq!(writer.bytes(), fixed_bytes(9) + records + 20);
         (header, memory)
     }
 
@@ -480,7 +472,7 @@ mod tests {
         assert_eq!((regions.road.seen, regions.road.slope), (1, 0.1));
         assert_eq!(regions.edge_points()[2], [None, Some((12, 8))]);
         assert_eq!(regions.profile_px[8], 8.0);
-        assert_eq!(regions.free_m, [30.0, 12.5]);
+        assert_eq!(regions.road.space.free().iter().map(|s| s.far_m).collect::<Vec<_>>(), [0.0, 12.5]);
         assert_eq!((regions.regions.len(), regions.tracks.len()), (1, 2));
         assert_eq!((regions.regions[0], regions.tracks[1].bounds), (region(1), [2, 2, 4, 5]));
         assert_eq!(regions.crop(&regions.tracks[0]), Some(&[7_u8; 20][..]));
@@ -498,7 +490,7 @@ mod tests {
             bytes[..size_of::<RoadRecord>()].copy_from_slice(bytemuck::bytes_of(&wrong));
             assert!(view(&header, bytes).is_err(), "{field}: {wrong:?}");
         }
-        let at = fixed_bytes(16, 9);
+        let at = fixed_bytes(9);
         let region: RegionRecord = copy_out(&good[at..]).unwrap();
         for (field, wrong) in region.invalid() {
             let mut memory = memory.clone();
@@ -516,8 +508,8 @@ mod tests {
             let error = view(&header, bytes).unwrap_err().to_string();
             assert!(error.starts_with("regions: track: ") && error.contains(field), "{error}");
         }
-        // Profile and free space: the first and the last number of each.
-        for (number, name) in [(0, "profile_px"), (8, "profile_px"), (9, "free_m"), (10, "free_m")] {
+        // The first and the last number of the profile.
+        for (number, name) in [(0, "profile_px"), (8, "profile_px")] {
             for wrong in [-1e-3_f32, 1e5, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
                 let mut memory = memory.clone();
                 let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
@@ -538,7 +530,7 @@ mod tests {
             let mut memory = memory.clone();
             let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
             for _ in 0..random.usize(1..6) {
-                let at = random.usize(0..good.len().min(376));
+                let at = random.usize(0..good.len().min(size_of::<RoadRecord>() + 100));
                 bytes[at] = random.u8(..);
             }
             let header = if round % 5 == 0 {

@@ -8,15 +8,15 @@ use crate::heat::HeatRecord;
 use crate::motion::{MotionRecord, VehicleRecord};
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
-use crate::alarm::{Faults, LEVELS, RULES};
+use crate::alarm::Faults;
+use crate::alarm_time::AlarmTimeRecord;
 use crate::pipeline::Role;
 use crate::source_time::SourceTimeRecord;
 use crate::range::{
-    ANY_U32, AnyBytes, CLOCK_NS, COUNT, Each, MAX_METRES, MAX_PID, MAX_RATE_HZ, MS, Nested, ranges, within,
-    within_or_infinite,
+    ANY_U32, AnyBytes, CLOCK_NS, COUNT, Each, MAX_PID, MAX_RATE_HZ, MS, Nested, ranges, within,
 };
 use crate::typed::Message;
-use super::obstacles::MAX_COUNT as MAX_OBSTACLES;
+use super::obstacles::{AlarmRecord, MAX_COUNT as MAX_OBSTACLES};
 use bytemuck::{Pod, Zeroable};
 
 /// Number of frames after which a stage must have allocated all its memory.
@@ -97,22 +97,20 @@ pub struct StatusRecord {
     pub processes: u32,
     /// 0 = starting, 1 = running, 2 = degraded (see `reason`), 3 = stopping: an index into [`Self::STATES`].
     pub state: u32,
-    /// Alarm level of the last result: an index into [`crate::alarm::LEVELS`]; 0 = off if there is no valid result.
-    pub alarm: u32,
-    /// The rule that raised it: an index into [`crate::alarm::RULES`]; 0 = none.
-    pub alarm_rule: u32,
-    /// Self-checks that failed: bits of [`crate::alarm::Faults`]; not 0 while the alarm is off.
-    pub alarm_faults: u32,
-    /// Number of times that the level `alarm` was entered.
-    pub alarms: u32,
     /// Number of confirmed obstacles in the last result.
     pub obstacles: u32,
+    /// Where the frames come from: 0 = cameras, 1 = recorded pairs, 2 = a synthetic scene: an index into [`Self::SOURCES`].
+    pub source: u64,
     /// Time since the daemon started, in ns.
     pub uptime_ns: u64,
     /// Number of results.
     pub frames: u64,
-    /// Distance of the nearest obstacle in the path, in metres; infinite if there is none.
-    pub nearest_m: f64,
+    /// Number of times that the level `alarm` was entered.
+    pub alarms: u64,
+    /// The alarm of the last result; off if there is no valid result.
+    pub alarm: AlarmRecord,
+    /// Frames and time in each level of the alarm, and why it was off.
+    pub alarm_time: AlarmTimeRecord,
     /// Median of the latency from capture to obstacles, in milliseconds; 0 before the first result.
     pub latency_p50_ms: f32,
     /// 99th percentile of the latency, in milliseconds; 0 before the first result.
@@ -146,14 +144,13 @@ ranges! {
         pid: within(0, MAX_PID),
         processes: within(0, Role::COUNT as u32),
         state: within(0, Self::STATES.len() as u32 - 1),
-        alarm: within(0, LEVELS.len() as u32 - 1),
-        alarm_rule: within(0, RULES.len() as u32 - 1),
-        alarm_faults: within(0, Faults::ALL.0),
-        alarms: ANY_U32,
         obstacles: within(0, MAX_OBSTACLES as u32),
+        source: within(0, Self::SOURCES.len() as u64 - 1),
         uptime_ns: CLOCK_NS,
         frames: COUNT,
-        nearest_m: within_or_infinite(0.0, MAX_METRES),
+        alarms: COUNT,
+        alarm: Nested,
+        alarm_time: Nested,
         latency_p50_ms: MS,
         latency_p99_ms: MS,
         deadline: Nested,
@@ -174,9 +171,12 @@ impl StatusRecord {
     /// Names of the states, indexed by their numbers.
     pub const STATES: [&str; 4] = ["starting", "running", "degraded", "stopping"];
 
+    /// Names of the sources, indexed by their numbers.
+    pub const SOURCES: [&str; 3] = ["cameras", "recording", "scene"];
+
     /// A status without processes; all counts are zero.
     pub fn empty() -> Self {
-        Self { heat: HeatRecord::empty(), ..Self::zeroed() }
+        Self { heat: HeatRecord::empty(), alarm: AlarmRecord::off(Faults::NONE), ..Self::zeroed() }
     }
 
     /// Sets the reason for the state, truncated to its field.
@@ -187,6 +187,11 @@ impl StatusRecord {
     /// Reason for the state.
     pub fn reason(&self) -> String {
         get_text(&self.reason)
+    }
+
+    /// Name of the source; an unknown number counts as the last.
+    pub fn source_name(&self) -> &'static str {
+        Self::SOURCES[self.source.min(2) as usize]
     }
 
     /// Name of the state; an unknown number counts as the last.
@@ -245,11 +250,11 @@ mod tests {
     #[test]
     fn every_number_outside_its_range_is_refused() {
         let header = Header::new(Kind::Status);
-        let status = StatusRecord { processes: 5, nearest_m: f64::INFINITY, ..StatusRecord::empty() };
+        let status = StatusRecord { processes: 5, ..StatusRecord::empty() };
         assert_eq!(view(&header, bytemuck::bytes_of(&status)), Ok(status));
         let all = status.invalid();
         // Also those of the records within.
-        for name in ["processes", "alarm", "nearest_m", "deadline", "pacing", "calibration", "heat", "rig", "motion", "process"] {
+        for name in ["processes", "alarm", "alarm_time", "deadline", "pacing", "calibration", "heat", "rig", "motion", "process"] {
             assert!(all.iter().any(|(field, _)| *field == name), "{name}");
         }
         for (field, wrong) in all {

@@ -129,6 +129,16 @@ impl Candidate {
         })
     }
 
+    /// Gap between it and the vehicle's path when the vehicle arrives, in metres; negative if they overlap: by so much it
+    /// would have to be farther aside. Along the path that the body sweeps, or beside the straight strip of this width (in
+    /// metres) if the path or its motion over ground is unknown.
+    pub fn clearance_m(&self, path: Option<&SweptPath>, path_width_m: f64) -> f64 {
+        match path.zip(self.obstacle()) {
+            Some((path, obstacle)) => encounter(path, &obstacle).clearance_m,
+            None => self.motion.clearance_m(path_width_m, self.time_to_collision.map(|t| t.seconds)),
+        }
+    }
+
     /// Whether the vehicle would collide with it in a straight path of this width (in metres).
     pub fn is_in_the_way(&self, path_width_m: f64) -> bool {
         let arrival_s = self.time_to_collision.map(|t| t.seconds);

@@ -112,6 +112,10 @@ pub struct AlarmState {
     pub rule: AlarmRule,
     /// Track that raised the level.
     pub track: Option<u32>,
+    /// What the state is about: the track that raised the level, or else the nearest in the path.
+    pub object: Option<u32>,
+    /// Whether the level is only held: what raised it does not call for it in this frame.
+    pub is_held: bool,
     /// Whether the level differs from that of the previous frame.
     pub changed: bool,
     /// Distance of the nearest obstacle in the path, in metres, whether or not it is dangerous.
@@ -248,7 +252,7 @@ impl Alarm {
         let lead_s = if lead <= 0.5 { lead } else { 0.0 };
         std::mem::swap(&mut self.counts, &mut self.before);
         self.counts.clear();
-        let mut nearest_m: Option<f64> = None;
+        let mut nearest: Option<(f64, u32)> = None;
         let mut cause: Option<Cause> = None;
         for candidate in candidates.into_iter().take(CAPACITY) {
             if !candidate.is_finite() {
@@ -259,7 +263,9 @@ impl Alarm {
             let Some(candidate) = candidate.in_the_way(self.path.as_ref(), width_m, is_held) else {
                 continue;
             };
-            nearest_m = Some(nearest_m.map_or(candidate.distance_m, |n| n.min(candidate.distance_m)));
+            if nearest.is_none_or(|(distance_m, _)| candidate.distance_m < distance_m) {
+                nearest = Some((candidate.distance_m, candidate.track));
+            }
             if let Some(of) = self.evaluate(&candidate, lead_s)
                 && cause.is_none_or(|c| (of.level, c.candidate.distance_m) > (c.level, candidate.distance_m))
             {
@@ -273,8 +279,10 @@ impl Alarm {
             level: self.level,
             rule: self.rule,
             track: self.track,
+            object: self.track.or(nearest.map(|(_, track)| track)),
+            is_held: self.track.is_some() && now.is_none(),
             changed: before != self.level,
-            nearest_m,
+            nearest_m: nearest.map(|(distance_m, _)| distance_m),
             time_to_collision: now.and_then(|c| c.time_to_collision),
             required_deceleration_m_s2: now.map_or(0.0, |c| c.required_deceleration_m_s2()),
         }
@@ -529,19 +537,23 @@ mod tests {
         step(&mut alarm, &[at(9.0, 0.0)]);
         let state = step(&mut alarm, &[Candidate { track: 8, ..at(30.0, 0.0) }, at(9.0, 0.0)]);
         assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Alarm, Some(7), true));
-        assert_eq!((state.rule, state.nearest_m), (AlarmRule::Distance, Some(9.0)));
+        assert_eq!((state.rule, state.nearest_m, state.object), (AlarmRule::Distance, Some(9.0), Some(7)));
         // 11 m is beyond the limit, but within the hysteresis.
         for _ in 0..20 {
             let state = step(&mut alarm, &[at(11.0, 0.0)]);
-            assert_eq!((state.level, state.changed), (AlarmLevel::Alarm, false));
+            assert_eq!((state.level, state.changed, state.is_held), (AlarmLevel::Alarm, false, false));
         }
         // Beyond the hysteresis: held for five more frames.
         for _ in 0..4 {
             let state = step(&mut alarm, &[at(12.0, 0.0)]);
-            assert_eq!((state.level, state.rule), (AlarmLevel::Alarm, AlarmRule::Distance));
+            assert_eq!(
+                (state.level, state.rule, state.is_held),
+                (AlarmLevel::Alarm, AlarmRule::Distance, true)
+            );
         }
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
-        assert_eq!((state.level, state.track, state.changed), (AlarmLevel::Clear, None, true));
+        assert_eq!((state.level, state.track, state.object), (AlarmLevel::Clear, None, Some(7)));
+        assert!(state.changed && !state.is_held);
         // A restarted recording holds nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);

@@ -49,18 +49,33 @@ impl LateralMotion {
     /// Relation to a path `path_width_m` metres wide for a vehicle that arrives in `arrival_s` seconds;
     /// `None` if the obstacle does not approach.
     pub fn path_relation(&self, path_width_m: f64, arrival_s: Option<f64>) -> PathRelation {
-        let reach = (path_width_m + self.width_m) / 2.0;
-        let is_inside = |lateral_m: f64| lateral_m.abs() < reach;
+        let is_inside = |lateral_m: f64| self.gap_m(path_width_m, lateral_m) < 0.0;
         let now = is_inside(self.lateral_m);
-        let significant = (self.speed_m_s.abs() - SIGNIFICANT_SIGMAS * self.speed_sigma_m_s).max(0.0);
-        let shift_m = significant.copysign(self.speed_m_s) * arrival_s.unwrap_or(0.0).min(MAX_PREDICTION_S);
-        let then = [self.lateral_m + shift_m, self.lateral_m + shift_m / 2.0].map(is_inside);
-        match (now, then) {
+        match (now, self.predictions(arrival_s).map(is_inside)) {
             (true, [false, false]) => PathRelation::Leaving,
             (true, _) => PathRelation::Inside,
             (false, [true, true]) => PathRelation::Entering,
             (false, _) => PathRelation::Outside,
         }
+    }
+
+    /// Gap to the path on arrival, in metres; negative if the obstacle overlaps it. That of the prediction that decides: in
+    /// the path the one with the smaller gap, outside the one with the larger.
+    pub fn clearance_m(&self, path_width_m: f64, arrival_s: Option<f64>) -> f64 {
+        let [full, half] = self.predictions(arrival_s).map(|lateral_m| self.gap_m(path_width_m, lateral_m));
+        if self.gap_m(path_width_m, self.lateral_m) < 0.0 { full.min(half) } else { full.max(half) }
+    }
+
+    /// Where its centre will be on arrival, with its full and with half its lateral movement.
+    fn predictions(&self, arrival_s: Option<f64>) -> [f64; 2] {
+        let significant = (self.speed_m_s.abs() - SIGNIFICANT_SIGMAS * self.speed_sigma_m_s).max(0.0);
+        let shift_m = significant.copysign(self.speed_m_s) * arrival_s.unwrap_or(0.0).min(MAX_PREDICTION_S);
+        [self.lateral_m + shift_m, self.lateral_m + shift_m / 2.0]
+    }
+
+    /// Gap to the path with its centre here, in metres.
+    fn gap_m(&self, path_width_m: f64, lateral_m: f64) -> f64 {
+        lateral_m.abs() - (path_width_m + self.width_m) / 2.0
     }
 }
 
@@ -105,6 +120,24 @@ mod tests {
             LateralMotion { width_m: 0.6, ..motion(-1.0, 1.6) }.path_relation(2.4, Some(2.5)),
             PathRelation::Inside
         );
+    }
+
+    #[test]
+    fn the_clearance_is_the_gap_of_the_prediction_that_decides() {
+        let clearance = |motion: LateralMotion, arrival_s| motion.clearance_m(2.4, arrival_s);
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a}, not {b}");
+        near(clearance(motion(-3.0, 0.0), None), 0.9);
+        near(clearance(motion(0.5, 0.0), Some(2.0)), -1.6);
+        // 1.8 m/s to the right count: inside, half of the movement in 1 s; outside, what has come less near.
+        near(clearance(motion(1.0, 2.0), Some(1.0)), 1.9 - 2.1);
+        near(clearance(motion(-4.0, 2.0), Some(1.0)), 3.1 - 2.1);
+        for (lateral, speed, arrival_s) in
+            [(1.0, 2.0, 3.0), (1.0, 2.0, 0.5), (-2.5, 1.6, 2.5), (4.0, 0.0, 1.0)]
+        {
+            let motion = motion(lateral, speed);
+            let is_in_the_way = motion.path_relation(2.4, Some(arrival_s)).is_in_the_way();
+            assert_eq!(clearance(motion, Some(arrival_s)) < 0.0, is_in_the_way, "{motion:?}");
+        }
     }
 
     #[test]

@@ -42,6 +42,9 @@ pub struct Encounter {
     pub probability_now: f64,
     /// See `probability_now`.
     pub probability_then: f64,
+    /// Gap between the obstacle and the strip when the vehicle arrives, in metres; negative if they overlap: by so much it
+    /// would have to be farther aside. That of the prediction that decides.
+    pub clearance_m: f64,
 }
 
 /// From this probability on an obstacle is in the way,
@@ -112,6 +115,12 @@ fn overlap(path: &SweptPath, front: &Front, shift_m: f64, sigma_m: f64) -> f64 {
     before - after
 }
 
+/// Gap between a front and the strip, in metres; negative if they overlap.
+fn gap_m(path: &SweptPath, front: &Front, shift_m: f64) -> f64 {
+    let [left_m, right_m] = path.reach_m(front.nearest.arc_m);
+    (front.left_m + shift_m - right_m).max(-left_m - front.right_m - shift_m)
+}
+
 /// Variance of the offset of an obstacle after `seconds`, without that of the path.
 fn variance_m2(ground: &GroundMotion, along: &AlongPath, seconds: f64) -> f64 {
     // The offset is across the path's heading there.
@@ -152,19 +161,25 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let sigma_now = variance_m2(&ground, &now.nearest, 0.0).sqrt().hypot(path_m);
     let sigma_then = variance_m2(&ground, &now.nearest, seconds).sqrt().hypot(path_m);
     let probability_now = overlap(path, &now, 0.0, sigma_now);
-    let straight = overlap(path, &front(path, at(seconds), width_m), 0.0, sigma_then);
+    let then = front(path, at(seconds), width_m);
+    let straight = overlap(path, &then, 0.0, sigma_then);
     // Across the path's heading at the obstacle.
     let (sine, cosine) = now.nearest.heading_rad.sin_cos();
     let across_m_s = cosine * ground.speed_m_s[0] + sine * ground.speed_m_s[1];
     let along_path = overlap(path, &now, across_m_s * seconds, sigma_then);
-    let probability_then =
-        if probability_now >= IN_THE_WAY { straight.max(along_path) } else { straight.min(along_path) };
+    let is_straight = (probability_now >= IN_THE_WAY) == (straight >= along_path);
+    let (probability_then, clearance_m) = if is_straight {
+        (straight, gap_m(path, &then, 0.0))
+    } else {
+        (along_path, gap_m(path, &now, across_m_s * seconds))
+    };
     Encounter {
         distance_m,
         closing_m_s,
         time_to_collision: time_to_collision(path, obstacle, (distance_m, closing_m_s)),
         probability_now,
         probability_then,
+        clearance_m,
     }
 }
 
@@ -274,6 +289,28 @@ mod tests {
         assert!(!meets(&straight, &walker(-2.5, -1.5)));
         assert!(!meets(&straight, &walker(0.8, 2.5)), "has left");
         assert!(!meets(&straight, &walker(-6.0, 1.0)), "comes later");
+    }
+
+    #[test]
+    fn the_clearance_is_the_gap_on_arrival() {
+        let straight = path(0.0, 8.0);
+        let clearance = |obstacle: &Obstacle| encounter(&straight, obstacle).clearance_m;
+        // Half a body of 1.8 m and half a car of 1.8 m.
+        for x in [-2.3, 2.3] {
+            assert!((clearance(&car([x, 14.0], [0.0; 2], 8.0)) - 0.5).abs() < 1e-9, "{x}");
+        }
+        assert!((clearance(&car([1.2, 14.0], [0.0; 2], 8.0)) + 0.6).abs() < 1e-9);
+        assert!((clearance(&car([0.0, 14.0], [0.0; 2], 8.0)) + 1.8).abs() < 1e-9);
+        // A walker beside us who is before us in 1.75 s, and one in the strip who then has left.
+        let walker = |x: f64, across: f64| Obstacle { width_m: 0.6, ..car([x, 14.0], [across, 0.0], 8.0) };
+        assert!((clearance(&walker(-2.5, 1.5)) + 1.075).abs() < 1e-6, "{}", clearance(&walker(-2.5, 1.5)));
+        assert!((clearance(&walker(0.8, 2.5)) - 3.975).abs() < 1e-6, "{}", clearance(&walker(0.8, 2.5)));
+        // In a bend the outer front corner swings out: less gap there than on the inner side.
+        let bend = path(1.0 / 30.0, 8.0);
+        let beside = |offset_m: f64| {
+            encounter(&bend, &Obstacle { width_m: 0.1, ..car(bend.place(12.0, offset_m), [0.0; 2], 8.0) })
+        };
+        assert!(beside(2.0).clearance_m + 0.1 < beside(-2.0).clearance_m);
     }
 
     #[test]

@@ -16,6 +16,7 @@ pub mod photometric;
 pub mod regions;
 pub mod residual;
 pub mod small_obstacles;
+pub mod stixel_use;
 pub mod stixels;
 
 use crate::depth::DepthView;
@@ -28,6 +29,7 @@ use regions::RegionFinder;
 pub use regions::RegionParameters;
 use residual::RoadGeometry;
 use small_obstacles::SmallObstacleFinder;
+use stixel_use::StixelUse;
 use stixels::{StixelParameters, Stixels};
 
 /// Sightings with less evidence are not reported: they tell less of an obstacle than a frame without a sighting does, as
@@ -100,8 +102,13 @@ impl ObstacleDetector {
         Some(Verifier { images: depth.images()?, road, stixels: &self.stixels })
     }
 
-    /// Finds what may be obstacles on the road. Of more than `max_count`, those with most evidence are kept.
-    pub fn detect(&mut self, depth: DepthView<'_>, profile: &RoadProfile, surface: &RoadSurface) {
+    /// The stixels of the last map.
+    pub fn stixels(&self) -> &Stixels {
+        &self.stixels
+    }
+
+    /// Extracts the stixels of a map, before [`Self::detect`].
+    pub fn find_stixels(&mut self, depth: DepthView<'_>, surface: &RoadSurface) -> &Stixels {
         let p = &self.parameters;
         let stixel_parameters = StixelParameters {
             min_height_m: STIXEL_HEIGHT_SHARE * p.min_height_m,
@@ -113,20 +120,32 @@ impl ObstacleDetector {
             max_gradient_px: self.rig.baseline_m / MIN_SIDE_OFFSET_M,
         };
         self.stixels.find(depth, surface, &stixel_parameters);
+        &self.stixels
+    }
+
+    /// Finds what may be obstacles on the road, from the stixels of [`Self::find_stixels`] for the same map. Of more than
+    /// `max_count`, those with most evidence are kept. `uses` says of each stixel what it belongs to; obstacles are grown from the free ones.
+    pub fn detect(
+        &mut self,
+        depth: DepthView<'_>,
+        profile: &RoadProfile,
+        surface: &RoadSurface,
+        uses: &[StixelUse],
+    ) {
         self.regions.clear();
         let road = RoadGeometry { profile_px: profile.disparity_px(), tilt: surface.tilt(), rig: self.rig };
         let verifier = depth.images().map(|images| Verifier { images, road, stixels: &self.stixels });
-        let found = self.finder.find(&self.stixels, surface, &self.rig, self.size, verifier.as_ref());
+        let found = self.finder.find(&self.stixels, uses, surface, &self.rig, self.size, verifier.as_ref());
         self.regions.extend_from_slice(found);
         if let Some(images) = depth.images() {
             let small = self.small.find(images, &road, surface, &self.regions);
             self.regions.extend_from_slice(small);
         }
-        if self.regions.len() > p.max_count {
+        if self.regions.len() > self.parameters.max_count {
             self.regions.sort_unstable_by(|a, b| {
                 b.evidence.total_cmp(&a.evidence).then(b.disparity_px.total_cmp(&a.disparity_px))
             });
-            self.regions.truncate(p.max_count);
+            self.regions.truncate(self.parameters.max_count);
         }
         self.regions.sort_unstable_by(|a, b| {
             b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))

@@ -2,6 +2,7 @@
 
 use super::MIN_EVIDENCE;
 use super::photometric::Verifier;
+use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
@@ -24,6 +25,8 @@ pub struct RegionParameters {
     pub min_pixels: u32,
     /// Largest number of regions; those with most evidence are kept.
     pub max_count: usize,
+    /// Whether boundaries are confirmed over several frames; `false` for single images.
+    pub confirm: bool,
 }
 
 impl Default for RegionParameters {
@@ -36,6 +39,7 @@ impl Default for RegionParameters {
             depth_span_m: 4.5,
             min_pixels: 40,
             max_count: 64,
+            confirm: true,
         }
     }
 }
@@ -129,10 +133,13 @@ impl RegionFinder {
         }
     }
 
-    /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of the image; `verifier` is `None` if the images are not available.
+    /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of
+    /// the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says to be free are
+    /// grouped.
     pub fn find(
         &mut self,
         stixels: &Stixels,
+        uses: &[StixelUse],
         surface: &RoadSurface,
         rig: &Rig,
         size: (usize, usize),
@@ -141,6 +148,7 @@ impl RegionFinder {
         let list = stixels.list();
         self.regions.clear();
         self.visited.clear();
+        self.visited.extend(uses.iter().map(|stixel_use| !stixel_use.is_free()));
         self.visited.resize(list.len(), false);
         self.order.clear();
         self.order.extend(0..list.len() as u32);

@@ -100,7 +100,7 @@ impl SmallObstacleFinder {
         }
     }
 
-    /// Finds small obstacles in a rectified pair, except where `regions` are already known, in no order.
+    /// Finds small obstacles in a rectified pair, except where `regions` probably are obstacles, in no order.
     pub fn find(
         &mut self,
         images: [GreyView<'_>; 2],
@@ -155,7 +155,8 @@ impl SmallObstacleFinder {
                 let left = x as i32 - side / 2;
                 let window = [left, top, left + side, bottom];
                 let Some(candidate) = candidate(&bands, window, per_metre) else { continue };
-                if regions.iter().any(|region| is_near(window, road_px, region, &road.rig)) {
+                let mut known = regions.iter().filter(|region| region.evidence > 0.0);
+                if known.any(|region| is_near(window, road_px, region, &road.rig)) {
                     continue;
                 }
                 below = below.max(-candidate.prominence);

@@ -115,6 +115,11 @@ impl Stixels {
         self.strips
     }
 
+    /// Number of rows of the image.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
     /// All stixels, strip by strip, from the bottom.
     pub fn list(&self) -> &[Stixel] {
         &self.list

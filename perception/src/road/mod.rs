@@ -12,12 +12,11 @@
 //! 3. [`path_search`]: the road's path through v-disparity by dynamic programming.
 //! 4. [`profile`]: smoothed profile; [`far_road`] stabilises its far part.
 //! 5. [`surface`]: lateral tilt and noise; heights above the road.
-//! 6. [`edges`]: kerbs and other lateral limits. [`free_space`]: free distance by column.
+//! 6. [`edges`]: kerbs and other lateral limits.
 
 pub mod edge_curve;
 pub mod edges;
 pub mod far_road;
-pub mod free_space;
 pub mod heights;
 pub mod histogram;
 pub mod line_fit;

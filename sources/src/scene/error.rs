@@ -44,4 +44,14 @@ pub enum SceneError {
         /// Names of the known weathers.
         weathers: String,
     },
+    /// A setting that the text of a scene does not have.
+    #[error(
+        "{name}: {setting} is not part of the text of a scene: leave it out, and change the text or give it to replay"
+    )]
+    InText {
+        /// The complete name.
+        name: String,
+        /// The setting.
+        setting: String,
+    },
 }

@@ -1,5 +1,6 @@
 //! Format of scene files (TOML) and their validation.
 
+use super::bay::BayFile;
 pub use super::error::SceneError;
 use super::motion::{Path, Waypoints};
 use super::sensor::Sensor;
@@ -216,6 +217,8 @@ pub struct RoadFile {
     /// Strips of ground beyond the asphalt, each side from its edge outwards. A side that has any has no kerb and no
     /// pavement by the values above. Objects stand on the ground of their place.
     pub strip: Vec<StripFile>,
+    /// Lines across the asphalt at intervals.
+    pub bays: Vec<BayFile>,
 }
 
 /// A straight road with the road's cross-section: one that crosses it, or that goes on where the road turns off.
@@ -247,6 +250,7 @@ impl Default for RoadFile {
             bend_per_km: Waypoints::constant(0.0),
             branch: Vec::new(),
             strip: Vec::new(),
+            bays: Vec::new(),
         }
     }
 }
@@ -488,6 +492,7 @@ impl SceneFile {
             return Err(fault(None, "road.grade_percent: give grades from -30 to 30 percent".into()));
         }
         scene.check_course().map_err(|reason| fault(None, reason))?;
+        scene.check_bays().map_err(|reason| fault(None, reason))?;
         scene.check_strips().map_err(|reason| fault(None, reason))?;
         let angles = [&scene.camera.pitch_deg, &scene.camera.roll_deg];
         if angles.into_iter().flatten().any(|angle| angle.max_abs() > 20.0) {

@@ -1,5 +1,6 @@
 //! Vertical course of the road, and the ground surfaces along a straight one.
 
+use super::bay::BayFile;
 use super::file::RoadFile;
 use super::material::{Line, Look, Material, Style};
 use super::mesh::{Axis, Face};
@@ -201,7 +202,7 @@ fn beside(road: &RoadFile, side: Side, edge_m: f64) -> Vec<Piece> {
     if road.strip.iter().any(|strip| strip.side == side) {
         for strip in road.strip.iter().filter(|strip| strip.side == side) {
             add(0.0, strip.step_m, Cover::Stone.surface());
-            add(strip.width_m, strip.rise_m, strip.cover.surface());
+            add(strip.width_m, strip.rise_m, strip.surface());
         }
     } else {
         add(0.0, road.kerb_m, Cover::Stone.surface());
@@ -226,6 +227,7 @@ pub fn style(road: &RoadFile, wet: f64, snow: f64) -> Style {
     let line = |dashed: bool| move |&lateral: &f64| Line { lateral_m: lateral as f32, dashed };
     Style {
         lines: road.solid_m.iter().map(line(false)).chain(road.dashed_m.iter().map(line(true))).collect(),
+        bays: road.bays.iter().map(BayFile::paint).collect(),
         asphalt: road.texture as f32,
         snow: snow as f32,
         wet: road.wet.max(wet) as f32,

@@ -60,30 +60,49 @@ fn split(name: &str) -> (&str, &str) {
 /// When there is no such scene, or it is invalid.
 pub fn load(name: &str) -> Result<SceneFile, SceneError> {
     let (place, settings) = split(name);
-    if place == RANDOM {
-        let text = random::text(seed(settings));
-        return set(SceneFile::parse(&text, &format!("scene {name}"))?, name, settings);
-    }
-    let scene = match SCENES.iter().find(|(known, _)| *known == place) {
-        Some((known, text)) => SceneFile::parse(text, &format!("scene {known}"))?,
-        None if place.ends_with(".toml") || place.contains('/') || Path::new(place).is_file() => {
-            let path = Path::new(place);
-            let text = bounded_file::read_text(path, &SCENE)
-                .map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
-            SceneFile::parse(&text, place)?
-        }
-        None => {
-            let known = format!("{}, {RANDOM}?seed=N", SCENES.map(|(known, _)| known).join(", "));
-            return Err(SceneError::Unknown { name: place.to_owned(), known });
-        }
+    let origin = match place {
+        RANDOM => format!("scene {name}"),
+        known if SCENES.iter().any(|(own, _)| *own == known) => format!("scene {known}"),
+        path => path.to_owned(),
     };
+    let scene = SceneFile::parse(&text_of(place, settings)?, &origin)?;
     set(scene, name, settings)
+}
+
+/// The text of a scene as a file: a built-in `NAME`, `random?seed=N`, or a path. Other settings are not in the text.
+///
+/// # Errors
+/// When there is no such scene, or it or its settings are invalid.
+pub fn text(name: &str) -> Result<String, SceneError> {
+    load(name)?;
+    let (place, settings) = split(name);
+    let other = settings.split('&').find(|setting| !setting.is_empty() && !setting.starts_with("seed="));
+    if let Some(setting) = other.or((place != RANDOM && !settings.is_empty()).then_some(settings)) {
+        return Err(SceneError::InText { name: name.to_owned(), setting: setting.to_owned() });
+    }
+    text_of(place, settings)
+}
+
+fn text_of(place: &str, settings: &str) -> Result<String, SceneError> {
+    if place == RANDOM {
+        return Ok(random::text(seed(settings)));
+    }
+    if let Some((_, text)) = SCENES.iter().find(|(known, _)| *known == place) {
+        return Ok((*text).to_owned());
+    }
+    let path = Path::new(place);
+    if place.ends_with(".toml") || place.contains('/') || path.is_file() {
+        let fault = |source| SceneError::Io { path: path.to_owned(), source };
+        return bounded_file::read_text(path, &SCENE).map_err(fault);
+    }
+    let known = format!("{}, {RANDOM}?seed=N", SCENES.map(|(known, _)| known).join(", "));
+    Err(SceneError::Unknown { name: place.to_owned(), known })
 }
 
 /// The seed among the settings of a generated scene; 1 where none is given or it is no number.
 fn seed(settings: &str) -> u64 {
-    let given = settings.split('&').filter_map(|setting| setting.strip_prefix("seed="));
-    given.last().and_then(|value| value.parse().ok()).unwrap_or(1)
+    let mut given = settings.split('&').filter_map(|setting| setting.strip_prefix("seed="));
+    given.next_back().and_then(|value| value.parse().ok()).unwrap_or(1)
 }
 
 /// Applies the settings of a scene name.
@@ -127,5 +146,11 @@ mod tests {
         let text = fault("street?weather=hail");
         assert!(text.contains("weather=hail") && text.contains("heavy_rain"), "{text}");
         assert!(fault("street?sun").contains("give weather=NAME"));
+        let fault = |name: &str| super::text(name).unwrap_err().to_string();
+        assert!(fault("sreet").contains("no such scene"));
+        assert!(fault("random?seed=3&weather=night").contains("weather=night is not part of the text"));
+        assert!(fault("street?seed=3").contains("seed=3 is not part"));
+        assert!(super::text("street").unwrap().contains("[[beside]]"));
+        assert!(super::text("random?seed=3").unwrap().contains("seed = 3"));
     }
 }

@@ -68,11 +68,26 @@ pub struct Line {
     pub dashed: bool,
 }
 
+/// Lines across the road at intervals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bays {
+    /// Their left end, metres right of the road's reference line.
+    pub from_m: f32,
+    /// Their right end.
+    pub to_m: f32,
+    /// Position of one of them along the road, in metres.
+    pub first_m: f32,
+    /// Distance from one to the next, in metres.
+    pub spacing_m: f32,
+}
+
 /// Surface parameters common to the whole road.
 #[derive(Clone, Debug, Default)]
 pub struct Style {
     /// Lane markings.
     pub lines: Vec<Line>,
+    /// Lines across the road.
+    pub bays: Vec<Bays>,
     /// Texture contrast of the asphalt; 0 is textureless.
     pub asphalt: f32,
     /// Share of the ground under snow, 0 to 1.
@@ -210,6 +225,15 @@ impl Material {
                     share *= pulse(hit.v / 12.0, 0.5, hit.span_v / 12.0);
                 }
                 v += share * (0.8 + 0.004 * fine) * (205.0 - v) * (1.0 - 0.35 * style.wet);
+            }
+        }
+        for bays in &style.bays {
+            let (middle, half) = (0.5 * (bays.from_m + bays.to_m), 0.5 * (bays.to_m - bays.from_m));
+            let within = band(hit.u - middle, half, hit.span_u);
+            if within > 0.0 {
+                let at = (hit.v - bays.first_m + 0.06) / bays.spacing_m;
+                let share = within * pulse(at, 0.12 / bays.spacing_m, hit.span_v / bays.spacing_m);
+                v += share * (0.75 + 0.004 * fine) * (200.0 - v) * (1.0 - 0.35 * style.wet);
             }
         }
         v

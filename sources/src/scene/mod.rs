@@ -8,10 +8,12 @@
 //! curvature, integrated twice ([`plan::Plan`]); its height is the integral of the grade ([`ground::Course`]). The world is
 //! rigid: every frame shows the same one, from where the vehicle stands ([`route::Route`]).
 
+mod bay;
 mod boundary;
 pub mod conditions;
 mod counts;
 mod course;
+mod cross_section;
 pub mod cycles;
 mod drive;
 mod error;
@@ -285,7 +287,7 @@ mod tests {
 
     /// Mean grey error, and share of errors above 12 levels, of the right image warped to the left one by the
     /// true disparity, over pixels visible in both images.
-    fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
+    pub fn warp_error(frame: &SceneFrame, gain: f64, offset: f64) -> (f64, f64, usize) {
         let truth = &frame.truth;
         let (mut sum, mut large, mut count) = (0.0, 0, 0);
         for y in 0..truth.height {

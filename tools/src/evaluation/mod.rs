@@ -2,6 +2,7 @@
 //! bias, confidence ranking, disturbances), and of the whole pipeline on synthetic scenes and LiDAR data.
 
 pub mod approach;
+pub mod box_score;
 pub mod compare;
 pub mod detection;
 pub mod disturb;
@@ -9,6 +10,7 @@ pub mod drive;
 pub mod error_picture;
 pub mod files;
 pub mod fill;
+pub mod free_ground;
 pub mod lidar;
 pub mod odometry;
 pub mod odometry_report;

@@ -64,6 +64,11 @@ pub struct FrameMatch {
     pub matched: Vec<bool>,
     /// Unmatched regions.
     pub false_positives: FalsePositives,
+    /// Evaluable objects that are found if a region may find one object only: the greatest number.
+    pub one_to_one: usize,
+    /// Regions on the evaluable objects that are found: the one that finds each, and those at least half of whose box lies
+    /// within the object's, at its distance.
+    pub boxes: usize,
 }
 
 /// Whether an object is evaluable, in an image of `width` pixels.
@@ -137,6 +142,10 @@ pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Detection])
         Evaluable { object, detection: best.copied() }
     });
     let mut result = FrameMatch { evaluable: evaluable.collect(), ..FrameMatch::default() };
+    let finders: Vec<Vec<usize>> =
+        result.evaluable.iter().map(|e| finders(&e.object, truth, found)).collect();
+    result.one_to_one = most_pairs(&finders, found.len());
+    result.boxes = result.evaluable.iter().map(|evaluable| boxes_on(evaluable, found)).sum();
     for region in found {
         let finds = |evaluable: &Evaluable| is_match_among(&evaluable.object, &truth.objects, region);
         let is_matched = shows_object(truth, focal_baseline, region) || result.evaluable.iter().any(finds);
@@ -150,6 +159,46 @@ pub fn match_frame(truth: &SceneTruth, focal_baseline: f64, found: &[Detection])
         }
     }
     result
+}
+
+/// The regions that find an object, best first.
+fn finders(object: &ObjectTruth, truth: &SceneTruth, found: &[Detection]) -> Vec<usize> {
+    let is_finder = |k: &usize| is_match_among(object, &truth.objects, &found[*k]);
+    let mut finders: Vec<usize> = (0..found.len()).filter(is_finder).collect();
+    let overlap = |k: usize| found[k].bounds.overlap(&object.bounds);
+    finders.sort_by(|&a, &b| overlap(b).total_cmp(&overlap(a)));
+    finders
+}
+
+/// The greatest number of pairs of objects and regions, each in one pair only: augmenting paths.
+fn most_pairs(finders: &[Vec<usize>], regions: usize) -> usize {
+    fn give(object: usize, finders: &[Vec<usize>], owner: &mut [Option<usize>], tried: &mut [bool]) -> bool {
+        for &region in &finders[object] {
+            if std::mem::replace(&mut tried[region], true) {
+                continue;
+            }
+            if owner[region].is_none_or(|other| give(other, finders, owner, tried)) {
+                owner[region] = Some(object);
+                return true;
+            }
+        }
+        false
+    }
+    let mut owner = vec![None; regions];
+    (0..finders.len()).filter(|&object| give(object, finders, &mut owner, &mut vec![false; regions])).count()
+}
+
+/// Regions on an object that is found.
+fn boxes_on(evaluable: &Evaluable, found: &[Detection]) -> usize {
+    let Some(best) = evaluable.detection else { return 0 };
+    let object = &evaluable.object;
+    let is_fragment = |region: &&Detection| {
+        let own = f64::from(region.bounds.width) * f64::from(region.bounds.height);
+        **region != best
+            && (region.distance_m - object.distance_m).abs() <= tolerance_m(object)
+            && shared_area(&region.bounds, &object.bounds) >= 0.5 * own
+    };
+    1 + found.iter().filter(is_fragment).count()
 }
 
 fn shows_object(truth: &SceneTruth, focal_baseline: f64, region: &Detection) -> bool {
@@ -283,6 +332,32 @@ mod tests {
         assert_eq!(blocks(&truth, found(41, 30, 24, 20, 11.0)), None, "another distance");
         truth.objects[1] = ObjectTruth { bounds: PixelBox { x: 66, ..bounds }, ..block };
         assert_eq!(blocks(&truth, found(41, 30, 30, 20, 10.2)), None, "they do not touch");
+    }
+
+    #[test]
+    fn a_region_finds_one_object_only_by_the_strict_rule() {
+        let mut truth = truth();
+        let bounds = PixelBox { x: 60, y: 44, width: 6, height: 6 };
+        let block =
+            ObjectTruth { id: FIRST_OBJECT + 1, bounds, pixels: 50, distance_m: 10.5, ..truth.objects[0] };
+        truth.objects.push(block);
+        let both = found(41, 30, 24, 20, 10.2);
+        let found_by = |regions: &[Detection]| {
+            let result = match_frame(&truth, SCALE, regions);
+            let today = result.evaluable.iter().filter(|e| e.detection.is_some()).count();
+            (today, result.one_to_one, result.boxes)
+        };
+        assert_eq!(found_by(&[both]), (2, 1, 2));
+        // The second region finds the block alone; the first one is then the car's.
+        assert_eq!(found_by(&[both, found(60, 44, 6, 6, 10.5)]), (2, 2, 2));
+        assert_eq!(found_by(&[found(60, 44, 6, 6, 10.5), both]), (2, 2, 2));
+        assert_eq!(found_by(&[]), (0, 0, 0));
+        // The car in three pieces of which one finds it.
+        let pieces = [found(40, 30, 12, 20, 10.0), found(52, 30, 5, 20, 10.3), found(57, 30, 3, 20, 9.8)];
+        truth.objects.pop();
+        let result = match_frame(&truth, SCALE, &pieces);
+        assert_eq!((result.one_to_one, result.boxes), (1, 3));
+        assert_eq!(match_frame(&truth, SCALE, &[pieces[0], found(52, 30, 5, 20, 20.0)]).boxes, 1);
     }
 
     #[test]

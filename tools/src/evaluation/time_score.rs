@@ -72,6 +72,12 @@ pub struct Undisturbed {
 }
 
 impl Undisturbed {
+    /// Number of frames whose alarm has no cause.
+    pub fn false_frames(&self, hold_s: f64) -> usize {
+        let is_false = |k: &usize| self.alarms[*k] && !self.explains(*k as u64, hold_s);
+        (0..self.alarms.len().min(self.duties.len())).filter(is_false).count()
+    }
+
     /// Whether an alarm at frame `index` has a cause: at that frame, shortly after it, or at most the hold time before.
     fn explains(&self, index: u64, hold_s: f64) -> bool {
         self.window(index, hold_s).any(|k| self.duties[k].may)

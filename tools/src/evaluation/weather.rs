@@ -1,10 +1,12 @@
 //! Detection, distance, class and road errors by weather, compared with the paper's table.
 
+use super::box_score::{BoxCounts, BoxScore};
+use super::free_ground::{FreeGroundCounts, FreeGroundScore};
 use super::quantile;
 use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
 use crate::reporting::record::{tidy, tidy_finite};
 use serde::Serialize;
-use sources::scene::{ObjectClass, RoadTruth};
+use sources::scene::{FreeGround, ObjectClass, RoadTruth};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -66,6 +68,12 @@ impl Share {
         self.right += usize::from(tracked && right);
     }
 
+    fn merge(&mut self, other: Self) {
+        self.evaluable += other.evaluable;
+        self.tracked += other.tracked;
+        self.right += other.right;
+    }
+
     fn rate(&self) -> Option<f64> {
         tidy_finite(self.right as f64 / self.evaluable as f64)
     }
@@ -82,7 +90,7 @@ pub struct ClassifiedTrack {
 
 /// Whether the recogniser is expected to classify an object as a vehicle.
 pub fn is_vehicle(class: ObjectClass) -> bool {
-    matches!(class, ObjectClass::Car | ObjectClass::Bus)
+    matches!(class, ObjectClass::Car | ObjectClass::Bus | ObjectClass::Lorry)
 }
 
 /// Results of one scene in one weather.
@@ -136,12 +144,22 @@ pub struct WeatherRow {
     pub ranges: Vec<RangeErrors>,
     /// Distance errors over all ranges.
     pub all: RangeErrors,
+    /// Regions against objects, by today's rule and by the strict one.
+    pub regions: BoxScore,
+    /// The same of confirmed tracks that were detected in the frame.
+    pub obstacles: BoxScore,
+    /// Share of the frames with an alarm that has no cause.
+    pub false_alarms: Option<f64>,
+    /// Free space against the truly free ground.
+    pub free_space: FreeGroundScore,
 }
 
 /// Results of one frame.
 pub struct FrameResult<'a> {
     /// Regions matched with the ground truth.
     pub matched: &'a FrameMatch,
+    /// Confirmed tracks that were detected in this frame, matched with the ground truth.
+    pub obstacles: &'a FrameMatch,
     /// Numbers of confirmed tracks that are false positives on the road.
     pub false_tracks: &'a [u32],
     /// All confirmed tracks.
@@ -161,7 +179,13 @@ pub struct Tally {
     period_s: f64,
     frames: usize,
     false_positives: FalsePositives,
-    false_tracks: BTreeSet<u32>,
+    false_tracks: BTreeSet<(usize, u32)>,
+    /// Scenes that were merged: their tracks have numbers of their own.
+    merged: usize,
+    regions: BoxCounts,
+    obstacles: BoxCounts,
+    false_alarms: usize,
+    free_ground: FreeGroundCounts,
     road_seen: usize,
     road_errors_m: Vec<f64>,
     /// For each evaluable object: true distance, and measured distance with its standard deviation.
@@ -182,6 +206,11 @@ impl Tally {
             frames: 0,
             false_positives: FalsePositives::default(),
             false_tracks: BTreeSet::new(),
+            merged: 0,
+            regions: BoxCounts::default(),
+            obstacles: BoxCounts::default(),
+            false_alarms: 0,
+            free_ground: FreeGroundCounts::default(),
             road_seen: 0,
             road_errors_m: Vec::new(),
             distances: Vec::new(),
@@ -196,7 +225,9 @@ impl Tally {
         self.frames += 1;
         self.false_positives.on_road += frame.matched.false_positives.on_road;
         self.false_positives.off_road += frame.matched.false_positives.off_road;
-        self.false_tracks.extend(frame.false_tracks);
+        self.false_tracks.extend(frame.false_tracks.iter().map(|&track| (0, track)));
+        self.regions.add(frame.matched);
+        self.obstacles.add(frame.obstacles);
         for evaluable in &frame.matched.evaluable {
             self.distances
                 .push((evaluable.object.distance_m, evaluable.detection.map(|f| (f.distance_m, f.sigma_m))));
@@ -216,6 +247,36 @@ impl Tally {
             let errors = &mut self.road_errors_m;
             road_errors(profile, &frame.road.rows_px, self.rig.baseline_m, scale, ROAD_M, errors);
         }
+    }
+
+    /// Adds frames with an alarm that has no cause.
+    pub fn add_false_alarms(&mut self, frames: usize) {
+        self.false_alarms += frames;
+    }
+
+    /// Adds the free space of a frame.
+    pub fn add_free_space(&mut self, truth: &FreeGround, polygons: &[Vec<[f64; 2]>]) {
+        self.free_ground.add(truth, &self.rig, polygons);
+    }
+
+    /// Adds the frames of another scene.
+    pub fn merge(&mut self, other: Self) {
+        self.frames += other.frames;
+        self.false_positives.on_road += other.false_positives.on_road;
+        self.false_positives.off_road += other.false_positives.off_road;
+        let scene = self.merged + 1;
+        self.false_tracks.extend(other.false_tracks.iter().map(|&(before, track)| (scene + before, track)));
+        self.merged = scene + other.merged;
+        self.regions.merge(&other.regions);
+        self.obstacles.merge(&other.obstacles);
+        self.false_alarms += other.false_alarms;
+        self.free_ground.merge(&other.free_ground);
+        self.road_seen += other.road_seen;
+        self.road_errors_m.extend(other.road_errors_m);
+        self.distances.extend(other.distances);
+        other.missed.into_iter().for_each(|(class, count)| *self.missed.entry(class).or_default() += count);
+        self.vehicles.merge(other.vehicles);
+        self.others.merge(other.others);
     }
 
     fn range(&self, from_m: f64, to_m: f64) -> RangeErrors {
@@ -271,6 +332,10 @@ impl Tally {
             road_p95_m: quantile(&mut heights, 0.95).map(tidy),
             ranges: RANGES_M.iter().map(|&(from, to)| self.range(from, to)).collect(),
             all: self.range(0.0, f64::INFINITY),
+            regions: self.regions.score(seconds),
+            obstacles: self.obstacles.score(seconds),
+            false_alarms: tidy_finite(self.false_alarms as f64 / self.frames as f64),
+            free_space: self.free_ground.score(),
         }
     }
 }
@@ -356,6 +421,33 @@ impl WeatherReport {
         Ok(())
     }
 
+    fn write_boxes(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
+        writeln!(
+            f,
+            "\nBoxes: share of the evaluable objects that are detected, the same if a box may find one object only, \
+             boxes for each detected object, false boxes a minute on and off the road; of regions, of confirmed \
+             tracks; share of frames with a false alarm; share of the free ground that is found, m wrongly called free"
+        )?;
+        for row in &self.rows {
+            write!(f, "{:<width$}", row.name())?;
+            for score in [&row.regions, &row.obstacles] {
+                let text = format!(
+                    "{} {} {} {:.1} {:.1}",
+                    cell(score.detection_rate, 3),
+                    cell(score.strict_rate, 3),
+                    cell(score.boxes_per_object, 2),
+                    score.false_per_minute,
+                    score.off_road_per_minute
+                );
+                write!(f, "{text:>34}")?;
+            }
+            let free = &row.free_space;
+            let text = [cell(row.false_alarms, 3), cell(free.found, 3), cell(free.wrong_m, 3)];
+            writeln!(f, "{:>8}{:>8}{:>8}", text[0], text[1], text[2])?;
+        }
+        Ok(())
+    }
+
     fn write_classes(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
         writeln!(
             f,
@@ -384,6 +476,7 @@ impl fmt::Display for WeatherReport {
         self.write_detection(f, width)?;
         self.write_distances(f, width)?;
         self.write_classes(f, width)?;
+        self.write_boxes(f, width)?;
         let missed: Vec<String> = self
             .rows
             .iter()
@@ -446,6 +539,8 @@ mod tests {
             ],
             matched: vec![true, true, false],
             false_positives: FalsePositives { on_road: 1, off_road: 0 },
+            one_to_one: 1,
+            boxes: 3,
         };
         let road = RoadTruth::default();
         for _ in 0..3 {
@@ -453,6 +548,7 @@ mod tests {
             let tracks = [ClassifiedTrack { found, is_vehicle: false }];
             let frame = FrameResult {
                 matched: &matched,
+                obstacles: &matched,
                 false_tracks: &[7],
                 tracks: &tracks,
                 profile_px: None,
@@ -460,7 +556,12 @@ mod tests {
             };
             tally.add(&frame);
         }
+        // Another scene: its tracks are others.
+        let mut whole = Tally::new("street", "night", rig, 0.08);
+        whole.merge(tally);
+        let tally = whole;
         let row = tally.row();
+        assert_eq!((row.regions.strict_rate, row.obstacles.boxes_per_object), (Some(0.3333), Some(1.5)));
         assert_eq!((row.frames, row.evaluable, row.true_positives), (3, 9, 6));
         assert_eq!(row.detection_rate, Some(0.6667));
         assert_eq!(row.paper_rate, Some(0.806));

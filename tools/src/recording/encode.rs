@@ -14,9 +14,9 @@ use prost::bytes::Bytes;
 use serde::Serialize;
 use sources::recording::foxglove::{
     CameraCalibration, Color, CompressedImage, CubePrimitive, FrameTransform, ImageAnnotations, KeyValuePair,
-    PackedElementField, Point2, PointCloud, PointsAnnotation, Pose, RawImage, SceneEntity,
-    SceneEntityDeletion, SceneUpdate, TextAnnotation, TextPrimitive, Timestamp, packed_element_field,
-    points_annotation, scene_entity_deletion,
+    LinePrimitive, PackedElementField, Point2, Point3, PointCloud, PointsAnnotation, Pose, RawImage,
+    SceneEntity, SceneEntityDeletion, SceneUpdate, TextAnnotation, TextPrimitive, Timestamp, line_primitive,
+    packed_element_field, points_annotation, scene_entity_deletion,
 };
 
 /// Quality of JPEG images, 1 to 100.
@@ -236,7 +236,54 @@ pub fn annotations(stamp: Stamp, record: &FrameRecord) -> Message {
     stamp.message(Topic::Annotations, &message)
 }
 
-/// The obstacles as boxes in space, in place of those of the previous frame.
+/// Colour of the outline of free space.
+const FREE: [f64; 4] = [0.2, 0.8, 0.4, 0.9];
+/// Colour of boundaries.
+const BOUNDARY: [f64; 4] = [0.7, 0.4, 1.0, 0.9];
+/// Thickness of lines, in px of the screen.
+const LINE_PX: f64 = 2.0;
+
+/// The plane of the road, in the left camera's frame of reference.
+struct Ground {
+    /// Height of the camera above it, in metres; 0 without a road.
+    camera_height_m: f64,
+    /// Metres down a metre ahead.
+    tilt: f64,
+}
+
+impl Ground {
+    fn of(record: &FrameRecord, rig: &Rig) -> Self {
+        let tilt = |horizon_px: f64| (horizon_px - rig.cy_px) / rig.focal_px;
+        Self {
+            camera_height_m: record.road.map_or(0.0, |road| road.camera_height_m),
+            tilt: record.road.map_or(0.0, |road| tilt(road.horizon_px)),
+        }
+    }
+
+    /// A point above a place on the road (right, forward).
+    fn point(&self, [right, forward]: [f64; 2], up_m: f64) -> Point3 {
+        Point3 { x: right, y: self.camera_height_m + self.tilt * forward - up_m, z: forward }
+    }
+}
+
+fn line(kind: line_primitive::Type, points: Vec<Point3>, colour: [f64; 4]) -> LinePrimitive {
+    LinePrimitive {
+        r#type: kind.into(),
+        pose: Some(Pose::at([0.0; 3])),
+        thickness: LINE_PX,
+        scale_invariant: true,
+        points,
+        color: Some(colour.into()),
+        ..Default::default()
+    }
+}
+
+fn entity(timestamp: Option<Timestamp>, id: String, lines: Vec<LinePrimitive>) -> SceneEntity {
+    let frame_id = Side::Left.frame().to_owned();
+    SceneEntity { timestamp, frame_id, id, lines, ..Default::default() }
+}
+
+/// The obstacles as boxes in space, free space and boundaries as lines, in place of those of the previous frame.
 pub fn scene(stamp: Stamp, record: &FrameRecord, rig: &Rig) -> Message {
     let timestamp = stamp.timestamp();
     let all = scene_entity_deletion::Type::All.into();
@@ -269,7 +316,26 @@ pub fn scene(stamp: Stamp, record: &FrameRecord, rig: &Rig) -> Message {
             ..Default::default()
         }
     });
-    let update = SceneUpdate { deletions: vec![deletion], entities: entities.collect() };
+    let ground = Ground::of(record, rig);
+    let free = record.free_space_m.iter().enumerate().map(|(i, corners)| {
+        let points = corners.iter().map(|&place| ground.point(place, 0.0)).collect();
+        entity(timestamp, format!("free space {i}"), vec![line(line_primitive::Type::LineLoop, points, FREE)])
+    });
+    let boundaries = record.boundaries.iter().map(|boundary| {
+        let places = || boundary.points_m.iter().zip(&boundary.height_m);
+        let foot = places().map(|(place, _)| ground.point(*place, 0.0)).collect();
+        let top = places().map(|(place, height_m)| ground.point(*place, *height_m)).collect();
+        let posts =
+            places().flat_map(|(place, height_m)| [0.0, *height_m].map(|up| ground.point(*place, up)));
+        let lines = [
+            line(line_primitive::Type::LineStrip, foot, BOUNDARY),
+            line(line_primitive::Type::LineStrip, top, BOUNDARY),
+            line(line_primitive::Type::LineList, posts.collect(), BOUNDARY),
+        ];
+        entity(timestamp, format!("boundary {}", boundary.id), lines.to_vec())
+    });
+    let entities = entities.chain(free).chain(boundaries).collect();
+    let update = SceneUpdate { deletions: vec![deletion], entities };
     stamp.message(Topic::Scene, &update)
 }
 

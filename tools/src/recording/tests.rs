@@ -417,3 +417,37 @@ fn the_pose_is_a_transform_in_the_axes_of_the_vehicle() {
     assert_eq!([at.x, at.y, at.z], [30.0, -2.0, -0.5]);
     assert_eq!([turn.x, turn.y, turn.z, turn.w], [0.0, 0.0, half.sin(), half.cos()]);
 }
+
+#[test]
+fn free_space_and_boundaries_are_lines_on_the_road_in_the_scene() {
+    use crate::reporting::record::{FrameRecord, RoadLine};
+    use crate::reporting::space::BoundaryLine;
+    use prost::Message;
+    use sources::recording::foxglove::SceneUpdate;
+
+    let boundary = BoundaryLine {
+        id: 7,
+        side: "right".into(),
+        points_m: vec![[4.0, 20.0], [5.0, 10.0]],
+        height_m: vec![1.5, 1.0],
+        sigma_m: vec![0.1, 0.05],
+    };
+    // The road falls: its horizon is 22 px (5 cm a metre) below the principal point.
+    let road =
+        RoadLine { camera_height_m: 1.2, horizon_px: RIG.cy_px + 0.05 * RIG.focal_px, confidence: 0.9 };
+    let record = FrameRecord {
+        road: Some(road),
+        free_space_m: vec![vec![[-2.0, 30.0], [2.0, 30.0], [1.0, 5.0], [-1.0, 5.0]]],
+        boundaries: vec![boundary],
+        ..FrameRecord::default()
+    };
+    let message = encode::scene(Stamp { sequence: 1, time_ns: START_NS }, &record, &RIG);
+    let update = SceneUpdate::decode(&message.data[..]).unwrap();
+    let lines = |id: &str| &update.entities.iter().find(|entity| entity.id == id).unwrap().lines;
+    let corner = lines("free space 0")[0].points[1];
+    assert_eq!((corner.x, corner.z), (2.0, 30.0));
+    assert!((corner.y - (1.2 + 0.05 * 30.0)).abs() < 1e-9, "on the road: {corner:?}");
+    let [foot, top, posts] = &lines("boundary 7")[..] else { panic!("foot, top and posts") };
+    assert_eq!((foot.points.len(), top.points.len(), posts.points.len()), (2, 2, 4));
+    assert!((foot.points[1].y - top.points[1].y - 1.0).abs() < 1e-9, "as high as it is");
+}

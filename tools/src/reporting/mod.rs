@@ -1,6 +1,8 @@
 //! Output formats: images, plots, overlays, frame records and run summaries.
 
+pub mod alarm_times;
 pub mod colour;
+pub mod fields;
 pub mod html;
 pub mod motion;
 pub mod output;
@@ -11,7 +13,9 @@ pub mod plot;
 pub mod ply;
 pub mod poses;
 pub mod record;
+pub mod space;
 pub mod summary;
 pub mod svg;
 pub mod tidy;
 pub mod v_disparity;
+pub mod video;

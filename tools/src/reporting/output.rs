@@ -10,7 +10,10 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// One line per frame.
-const LINES: &str = "obstacles.jsonl";
+pub const LINES: &str = "obstacles.jsonl";
+
+/// Folder of the overlays.
+pub const OVERLAYS: &str = "overlay";
 
 /// Summary of the run.
 const SUMMARY: &str = "summary.json";
@@ -52,7 +55,7 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
             std::fs::remove_file(&path).map_err(|source| OutputError::Io { path, source })?;
         }
     }
-    for part in ["overlay", "disparity"] {
+    for part in [OVERLAYS, "disparity"] {
         let path = folder.join(part);
         let io = |source| OutputError::Io { path: path.clone(), source };
         std::fs::create_dir_all(&path).map_err(io)?;
@@ -65,6 +68,11 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
         }
     }
     Ok(())
+}
+
+/// Name of a frame's images.
+pub fn picture_name(sequence: u64) -> String {
+    format!("{sequence:06}.png")
 }
 
 impl FrameWriter {
@@ -99,8 +107,8 @@ impl FrameWriter {
         images: Option<OverlayInput<'_>>,
     ) -> Result<(), OutputError> {
         if let Some(input) = images {
-            let name = format!("{:06}.png", record.sequence);
-            overlay::draw(input, record).save(&self.folder.join("overlay").join(&name))?;
+            let name = picture_name(record.sequence);
+            overlay::draw(input, record).save(&self.folder.join(OVERLAYS).join(&name))?;
             let path = self.folder.join("disparity").join(&name);
             save_disparity(&path, input.disparity, input.width, input.height)?;
         }

@@ -2,6 +2,7 @@
 
 use crate::reporting::picture::{Colour, Picture};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
+use crate::reporting::space::polygon_in_image;
 use perception::rig::Rig;
 use perception::road::edges::SEGMENTS;
 
@@ -11,6 +12,7 @@ const GREEN: Colour = [60, 220, 90];
 const WHITE: Colour = [240, 240, 240];
 const YELLOW: Colour = [250, 230, 60];
 const BLUE: Colour = [70, 170, 255];
+const VIOLET: Colour = [190, 110, 255];
 
 /// Columns and rows of the road's left and right edges, where visible, from near to far.
 pub type EdgePoints = [[Option<(i32, i32)>; 2]; SEGMENTS];
@@ -34,37 +36,41 @@ pub struct OverlayInput<'a> {
     pub rig: Rig,
 }
 
-/// Draws the road surface in green and obstacles as [`draw`] does, without text: for reduced views.
+/// Draws as [`draw`] does, without text: for reduced views.
 pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, false)
 }
 
-/// Draws the road surface in green, its edges in yellow, the edges of the vehicle's path in blue, confirmed obstacles in red with class, distance and its
-/// standard deviation, unconfirmed ones in orange, predicted ones dashed, and the alarm at the top.
+/// Draws the free space in green, the road's edges in yellow, boundaries as violet fences, the edges of the vehicle's path in
+/// blue, confirmed obstacles in red with class, distance and its standard deviation, unconfirmed ones in orange, predicted ones dashed, and the
+/// alarm at the top.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, true)
 }
 
 fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> Picture {
-    let OverlayInput { left, disparity, profile_px, edges, width, height, rig: _ } = input;
+    let OverlayInput { left, profile_px, edges, width, height, .. } = input;
     let mut picture = Picture::from_pixels(left.iter().map(|&v| [v, v, v]), width, height);
-    for (y, &road) in profile_px.iter().enumerate().take(height) {
-        if road <= 0.0 {
-            continue;
-        }
-        let tolerance = 0.5 + 0.03 * road;
-        for x in 0..width {
-            let d = f32::from(disparity[y * width + x]) / 256.0;
-            if d > 0.0 && (d - road).abs() < tolerance {
-                picture.tint(x, y, GREEN, 70);
-            }
-        }
+    for polygon in &record.free_space_m {
+        tint_polygon(&mut picture, &polygon_in_image(&input.rig, profile_px, polygon), (width, height));
     }
     for side in [0, 1] {
         for pair in edges.windows(2) {
             if let (Some(near), Some(far)) = (pair[0][side], pair[1][side]) {
                 picture.line(near, far, YELLOW, 2);
             }
+        }
+    }
+    for boundary in &record.boundaries {
+        let [foot, top] = boundary.in_image(&input.rig, profile_px);
+        let pixel = |(x, y): (f64, f64)| (x.round() as i32, y.round() as i32);
+        for line in [&foot, &top] {
+            for pair in line.windows(2) {
+                picture.line(pixel(pair[0]), pixel(pair[1]), VIOLET, 2);
+            }
+        }
+        for (foot, top) in foot.iter().zip(&top) {
+            picture.line(pixel(*foot), pixel(*top), VIOLET, 1);
         }
     }
     for edge in record.path.in_image(&input.rig, input.profile_px) {
@@ -108,6 +114,26 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
     picture
 }
 
+/// Tints the inside of a polygon (column, row) by the rule of even and odd crossings.
+fn tint_polygon(picture: &mut Picture, corners: &[(f64, f64)], (width, height): (usize, usize)) {
+    let mut crossings = Vec::new();
+    for y in 0..height {
+        let row = y as f64 + 0.5;
+        crossings.clear();
+        for (i, &(x0, y0)) in corners.iter().enumerate() {
+            let (x1, y1) = corners[(i + 1) % corners.len()];
+            if (y0 <= row) != (y1 <= row) {
+                crossings.push(x0 + (row - y0) / (y1 - y0) * (x1 - x0));
+            }
+        }
+        crossings.sort_unstable_by(f64::total_cmp);
+        for pair in crossings.chunks_exact(2) {
+            let [from, to] = [pair[0], pair[1]].map(|x| x.round().clamp(0.0, width as f64) as usize);
+            (from..to).for_each(|x| picture.tint(x, y, GREEN, 70));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -137,6 +163,7 @@ mod tests {
                 ..AlarmLine::default()
             },
             // A box beyond the image border must not panic.
+            free_space_m: vec![vec![[-10.0, 12.0], [10.0, 12.0], [10.0, 6.0], [-10.0, 6.0]]],
             obstacles: vec![
                 obstacle(20, true),
                 obstacle(100, false),

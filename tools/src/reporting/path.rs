@@ -33,7 +33,7 @@ const MAX_HEADING_RAD: f64 = 1.4;
 
 /// Column and row of points on the road, where the road's profile has them: a place at a distance lies in the row whose
 /// disparity belongs to it.
-fn on_road(rig: &Rig, profile_px: &[f32], points: &[[f64; 2]]) -> Vec<(f64, f64)> {
+pub(super) fn on_road(rig: &Rig, profile_px: &[f32], points: &[[f64; 2]]) -> Vec<(f64, f64)> {
     points
         .iter()
         .filter(|[_, z]| *z > 0.0)
@@ -99,7 +99,7 @@ impl PathLine {
 const PARTS: u32 = 4;
 
 /// An edge with points between its points.
-fn finer(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+pub(super) fn finer(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let between = |pair: &[[f64; 2]], part: u32| {
         let share = f64::from(part) / f64::from(PARTS);
         std::array::from_fn(|i| pair[0][i] + share * (pair[1][i] - pair[0][i]))

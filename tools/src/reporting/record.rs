@@ -2,8 +2,10 @@
 
 use crate::reporting::motion::MotionLine;
 use crate::reporting::path::PathLine;
+use crate::reporting::space::BoundaryLine;
 pub use crate::reporting::tidy::{tidy, tidy_finite};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Record of one frame. Field names contain the units.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -20,6 +22,12 @@ pub struct FrameRecord {
     /// The vehicle's path as the alarm sees it.
     #[serde(default)]
     pub path: PathLine,
+    /// Free space: polygons on the road, each a list of corners, right and forward of the left camera.
+    #[serde(default)]
+    pub free_space_m: Vec<Vec<[f64; 2]>>,
+    /// Boundaries beside the path, nearest first.
+    #[serde(default)]
+    pub boundaries: Vec<BoundaryLine>,
     /// The alarm.
     pub alarm: AlarmLine,
     /// The obstacles.
@@ -54,8 +62,23 @@ pub struct AlarmLine {
     pub time_to_collision_s: Option<f64>,
     /// Deceleration needed to stop before it.
     pub required_deceleration_m_s2: Option<f64>,
-    /// Why the alarm is off.
+    /// Why it has this level, in words; `null` only in files of earlier versions.
     pub reason: Option<String>,
+    /// What the level is about: the object that raised it, or else the nearest in the path.
+    #[serde(default)]
+    pub object: Option<AlarmObject>,
+}
+
+/// The object that the alarm is about.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct AlarmObject {
+    /// Track number.
+    pub track: u32,
+    /// Class; `obstacle` when no class was recognised; `null` while it is lost.
+    pub class: Option<String>,
+    /// Gap between it and the path when the vehicle arrives; negative where they overlap: by so much it would have to be
+    /// farther aside. `null` while it is lost.
+    pub clearance_m: Option<f64>,
 }
 
 /// An obstacle.
@@ -95,6 +118,10 @@ pub struct ObstacleLine {
     pub width_m: f64,
     /// Physical height.
     pub height_m: f64,
+    /// Gap between it and the vehicle's path when the vehicle arrives; negative where they overlap. `null` in files of
+    /// earlier versions.
+    #[serde(default)]
+    pub clearance_m: Option<f64>,
     /// Lateral velocity to the right; `null` where it cannot be estimated from a single frame.
     pub across_m_s: Option<f64>,
     /// Closing speed; `null` where it cannot be estimated from a single frame.
@@ -110,21 +137,54 @@ pub struct ObstacleLine {
 }
 
 impl AlarmLine {
-    /// One-line description of the alarm: the level and the reason.
+    /// One-line description of the alarm: the level, the reason, the object.
     pub fn text(&self) -> String {
-        let nearest = self.nearest_m.map_or(String::new(), |m| format!(", nearest in path {m:.1} m"));
-        match (self.level.as_str(), self.rule.as_deref()) {
-            ("off", _) => format!("alarm off: {}", self.reason.as_deref().unwrap_or("it cannot judge")),
-            (level, Some(rule)) => {
-                let why = match (rule, self.time_to_collision_s, self.required_deceleration_m_s2) {
-                    ("time_to_collision", Some(s), _) => format!("{s:.1} s to collision"),
-                    ("deceleration", _, Some(a)) if a > 0.0 => format!("brake with {a:.1} m/s2"),
-                    ("distance", ..) => "near".into(),
-                    _ => "held".into(),
-                };
-                format!("{} ({why}{nearest})", level.to_uppercase())
-            }
-            (level, None) => format!("{level}{nearest}"),
+        let reason = self.reason.as_deref().unwrap_or("no reason");
+        let object = self.object.as_ref().map_or(String::new(), |object| format!(", {object}"));
+        let nearest = self.nearest_m.map_or(String::new(), |m| format!(", nearest in the path {m:.1} m"));
+        match self.level.as_str() {
+            "off" => format!("alarm off: {reason}"),
+            "clear" => format!("clear: {reason}{object}"),
+            level => format!("{} ({reason}{object}{nearest})", level.to_uppercase()),
         }
+    }
+}
+
+/// Such as "vehicle 12, 0.6 m into the path".
+impl fmt::Display for AlarmObject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.class.as_deref().unwrap_or("track"), self.track)?;
+        match self.clearance_m {
+            Some(overlap) if overlap < 0.0 => write!(f, ", {:.1} m into the path", -overlap),
+            Some(gap) => write!(f, ", {gap:.1} m beside the path"),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_alarm_is_told_in_words() {
+        let object = AlarmObject { track: 12, class: Some("vehicle".into()), clearance_m: Some(-0.64) };
+        let alarm = |level: &str, reason: &str, object: Option<AlarmObject>| AlarmLine {
+            level: level.into(),
+            reason: Some(reason.into()),
+            object,
+            ..AlarmLine::default()
+        };
+        let warning = alarm("warning", "1.6 s to collision", Some(object.clone()));
+        assert_eq!(warning.text(), "WARNING (1.6 s to collision, vehicle 12, 0.6 m into the path)");
+        assert_eq!(alarm("clear", "nothing in the path", None).text(), "clear: nothing in the path");
+        assert_eq!(alarm("off", "no road seen", None).text(), "alarm off: no road seen");
+        let lost = AlarmObject { class: None, clearance_m: None, ..object };
+        assert_eq!(alarm("alarm", "held", Some(lost)).text(), "ALARM (held, track 12)");
+        // A line of an earlier version.
+        let old = r#"{"level":"standby","rule":null,"track":null,"changed":false,"nearest_m":null,
+            "time_to_collision_s":null,"required_deceleration_m_s2":null,"reason":null}"#;
+        let line: AlarmLine = serde_json::from_str(old).unwrap();
+        assert_eq!((line.object, line.reason), (None, None));
     }
 }

@@ -1,6 +1,8 @@
 //! The summary of a run, as printed by `demo` and `replay`, and as written to `summary.json`.
 
+use crate::reporting::alarm_times::AlarmTimes;
 use crate::reporting::motion::MotionSummary;
+use crate::reporting::record::AlarmObject;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -137,32 +139,24 @@ pub struct AlarmChange {
     pub time_to_collision_s: Option<f64>,
     /// Deceleration needed to stop before it.
     pub required_deceleration_m_s2: Option<f64>,
-    /// Why the alarm is off; empty otherwise.
+    /// Why it has this level, in words.
     pub reason: String,
+    /// What the level is about: the object that raised it, or else the nearest in the path.
+    #[serde(default)]
+    pub object: Option<AlarmObject>,
 }
 
 impl fmt::Display for AlarmChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "alarm {} at frame {}", self.level, self.sequence)?;
-        if !self.reason.is_empty() {
-            write!(f, ": {}", self.reason)?;
+        write!(f, "alarm {} at frame {}: {}", self.level, self.sequence, self.reason)?;
+        if let Some(object) = &self.object {
+            write!(f, ", {object}")?;
         }
-        if let Some(rule) = &self.rule {
-            write!(f, ": rule {}", rule.replace('_', " "))?;
+        match self.nearest_m {
+            // The reason of a clear alarm has it already.
+            Some(nearest) if self.rule.is_some() => write!(f, ", nearest in the path {nearest:.1} m"),
+            _ => Ok(()),
         }
-        if let Some(track) = self.track {
-            write!(f, ", track {track}")?;
-        }
-        if let Some(nearest) = self.nearest_m {
-            write!(f, ", nearest in the path {nearest:.1} m")?;
-        }
-        if let Some(ttc) = self.time_to_collision_s {
-            write!(f, ", {ttc:.1} s to collision")?;
-        }
-        if let Some(braking) = self.required_deceleration_m_s2 {
-            write!(f, ", {braking:.1} m/s2 needed")?;
-        }
-        Ok(())
     }
 }
 
@@ -209,6 +203,9 @@ pub struct RunSummary {
     pub file_bytes: u64,
     /// Number of alarms.
     pub alarms: u32,
+    /// Frames and time in each level of the alarm, and why it was off.
+    #[serde(default)]
+    pub alarm_times: AlarmTimes,
     /// What was wrong with the time of the source.
     #[serde(default)]
     pub source_time: SourceTimeSummary,
@@ -219,6 +216,9 @@ pub struct RunSummary {
     pub restarts: u32,
     /// Changes of the calibration monitor's state, up to one hundred.
     pub calibration: Vec<CalibrationChange>,
+    /// The calibration after the last frame; `None` if it is not monitored, or too little was matched.
+    #[serde(default)]
+    pub calibration_last: Option<CalibrationChange>,
     /// Changes of the alarm level with reasons, up to one hundred.
     #[serde(default)]
     pub alarm_changes: Vec<AlarmChange>,
@@ -290,6 +290,7 @@ impl fmt::Display for RunSummary {
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
         )?;
+        write!(f, "\n{}", self.alarm_times)?;
         if self.source_time != SourceTimeSummary::default() {
             let SourceTimeSummary { gaps, steps_back, repeats, dropped_obstacles } = self.source_time;
             write!(
@@ -304,6 +305,9 @@ impl fmt::Display for RunSummary {
             for change in &self.calibration {
                 write!(f, "\ncalibration, frame {}: {}", change.sequence, change.text)?;
             }
+        }
+        if let Some(last) = &self.calibration_last {
+            write!(f, "\ncalibration at the end: {}", last.text)?;
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ use crate::in_process::Pipeline;
 use clap::Args;
 use config::Config;
 use indicatif::ProgressBar;
+use messages::alarm::Faults;
 use messages::motion::MotionRecord;
 use perception::rig::Rig;
 use sources::motion_file::Trajectory;
@@ -53,6 +54,7 @@ the path ahead is known. false: false obstacles over these frames; tracks: their
 after which half of the confirmed tracks were lost (Kaplan and Meier; what left the picture or the range
 and what is there at the end tells only that it lived so long; > is a lower limit). jumps: share of
 consecutive measured boxes whose width changes by more than 30 %. pred: share of predicted boxes.
+unfree: share of the driven strip up to 15 m ahead that was not called free; what drove there counts.
 
 --out writes index.html, one file with time lines and pictures before, at and after each false warning,
 alarm and obstacle (the driven strip pink), and evaluation.json.";
@@ -227,7 +229,6 @@ fn play(
 ) -> Result<Played, CommandError> {
     let mut played = Played::default();
     for index in 0..frames {
-        let source_ns = pipeline.time_ns(index);
         let result = pipeline.frame(index, index)?;
         let images = result.images;
         if with_roads {
@@ -235,8 +236,9 @@ fn play(
             played.roads.push(RoadLines { profile_px, edges: images.edges });
         }
         (played.size, played.rig) = ((images.width, images.height), Some(images.rig));
-        played.motions.push((source_ns, result.motion));
-        played.off_reasons.push(result.faults.descriptions().map(Into::into).collect());
+        played.motions.push((result.source_ns, result.motion));
+        let faults = Faults(result.alarm.faults);
+        played.off_reasons.push(faults.descriptions().map(Into::into).collect());
         played.records.push(result.record);
         bar.inc(1);
     }

@@ -107,8 +107,10 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         let depth_m = frame.depth_m()?;
         let labels = frame.labels.as_deref().map(label::read).transpose()?.unwrap_or_default();
         let seen = FramePicture::new(&config, frame, &rig, &depth_m)?;
-        let mut detector =
-            SceneDetector::new(scene_parameters(&config), rig, seen.width, seen.height, disparities(&config));
+        let mut parameters = scene_parameters(&config);
+        // A single picture confirms no boundary over time.
+        parameters.regions.confirm = args.repeat > 1;
+        let mut detector = SceneDetector::new(parameters, rig, seen.width, seen.height, disparities(&config));
         let scene = detector.detect(seen.depth(frame)?);
         let regions = if args.repeat == 1 {
             // A single picture has no history: strong evidence decides.

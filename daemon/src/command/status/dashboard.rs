@@ -1,6 +1,7 @@
 //! `lookout status --watch`: a full screen that is redrawn every second on a terminal, otherwise one line each.
 
 use crate::command::error::CommandError;
+use crate::frame_record::alarm_object;
 use crate::printable::Printable;
 use messages::alarm::{ALARM, CLEAR, level_name};
 use messages::calibration::CalibrationState;
@@ -141,7 +142,7 @@ impl Dashboard {
             2 => Tone::Bad,
             _ => Tone::Warn,
         };
-        let alarm_tone = match status.alarm {
+        let alarm_tone = match status.alarm.level {
             ALARM => Tone::Bad,
             CLEAR => Tone::Good,
             _ => Tone::Warn,
@@ -248,9 +249,16 @@ fn cpu(status: &StatusRecord) -> f64 {
 }
 
 fn alarm(status: &StatusRecord) -> String {
-    let level = level_name(status.alarm);
-    let level = if status.alarm == ALARM { level.to_uppercase() } else { format!("alarm {level}") };
-    if status.nearest_m.is_finite() { format!("{level}, nearest {:.1} m", status.nearest_m) } else { level }
+    let level = level_name(status.alarm.level);
+    let level = if status.alarm.level == ALARM { level.to_uppercase() } else { format!("alarm {level}") };
+    let nearest_m = status.alarm.nearest_m;
+    let nearest = if nearest_m.is_finite() { format!(", nearest {nearest_m:.1} m") } else { String::new() };
+    // The reason of a clear alarm is its nearest obstacle, or that there is none.
+    if status.alarm.level == CLEAR {
+        return level + &nearest;
+    }
+    let object = alarm_object(&status.alarm).map_or(String::new(), |object| format!(", {object}"));
+    Printable(format!("{level}: {}{object}{nearest}", status.alarm.reason())).to_string()
 }
 
 /// The last values as bars, the newest on the right.
@@ -277,10 +285,12 @@ fn put(text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::obstacles::AlarmRecord;
 
     fn status(skipped: u64) -> StatusRecord {
         let mut status = StatusRecord::empty();
-        (status.state, status.alarm, status.processes, status.nearest_m) = (2, ALARM, 2, 8.25);
+        (status.state, status.processes) = (2, 2);
+        status.alarm = AlarmRecord { level: ALARM, rule: 1, nearest_m: 8.25, ..status.alarm };
         status.set_reason("the road stage failed");
         let process = status.process[0];
         let of = |role: Role, state: &str| {
@@ -303,7 +313,7 @@ mod tests {
         let line =
             |word: &str| lines.iter().find(|(_, l)| l.contains(word)).unwrap_or_else(|| panic!("{word}"));
         assert_eq!(line("degraded: the road stage failed").0, Tone::Bad);
-        assert_eq!(line("ALARM, nearest 8.2 m").0, Tone::Bad);
+        assert_eq!(line("ALARM: nearer than the preset distance, nearest 8.2 m").0, Tone::Bad);
         assert_eq!(line("own motion unknown: straight path").0, Tone::Warn);
         assert_eq!((line("waiting").0, line("recognition").0), (Tone::Bad, Tone::Plain));
         assert!(line("waiting").1.contains("████······"), "{lines:?}");

@@ -3,6 +3,7 @@
 mod dashboard;
 pub mod table;
 
+use crate::can_out::state_file::{self, CanOutState};
 use crate::command::attach::{cannot_join, check_owner, silent, stop_on_signals};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
@@ -15,8 +16,9 @@ use dashboard::Dashboard;
 use messages::bus::Bus;
 use messages::instance::{Instance, InstanceError};
 use messages::service;
-use messages::status;
+use messages::status::{self, StatusRecord};
 use messages::wait::{self, Next};
+use serde::Serialize;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -39,6 +41,21 @@ pub struct Status {
     pub json: bool,
 }
 
+/// The daemon's status, and the state of what sends it on a CAN bus.
+#[derive(Serialize)]
+struct Shown {
+    #[serde(flatten)]
+    status: StatusJson,
+    /// `None` if no `lookout can` runs for the daemon.
+    can_out: Option<CanOutState>,
+}
+
+impl Shown {
+    fn new(status: &StatusRecord, instance: &Instance) -> Self {
+        Self { status: StatusJson::new(status), can_out: state_file::read(instance) }
+    }
+}
+
 pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "status", Some("error"))?;
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
@@ -59,9 +76,14 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
             last_status = Instant::now();
             match (&mut dashboard, args.json, args.watch) {
                 (Some(dashboard), ..) => dashboard.show(&status)?,
-                (None, true, true) => say(serde_json::to_string(&StatusJson::new(&status))?)?,
-                (None, true, false) => say(serde_json::to_string_pretty(&StatusJson::new(&status))?)?,
-                (None, false, _) => say(table::table(instance.name(), &status))?,
+                (None, true, true) => say(serde_json::to_string(&Shown::new(&status, &instance))?)?,
+                (None, true, false) => say(serde_json::to_string_pretty(&Shown::new(&status, &instance))?)?,
+                (None, false, _) => {
+                    say(table::table(instance.name(), &status))?;
+                    if let Some(state) = state_file::read(&instance) {
+                        say(state.line())?;
+                    }
+                }
             }
             shown = true;
             if !args.watch {

@@ -1,23 +1,19 @@
 //! The status of the daemon as a text table.
 
+use crate::alarm_tally::alarm_times;
+use crate::frame_record::alarm_object;
 use crate::printable::Printable;
-use messages::alarm::{Faults, level_name, rule_name};
+use messages::alarm::level_name;
 use messages::calibration::CalibrationState;
 use messages::heat::HeatRecord;
 use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
 use std::fmt::Write;
 
-/// The level of the alarm and its reason.
+/// The level of the alarm, its reason and its object.
 fn alarm_text(status: &StatusRecord) -> String {
-    let level = level_name(status.alarm);
-    match (status.alarm, rule_name(status.alarm_rule)) {
-        (messages::alarm::OFF, _) if status.alarm_faults != 0 => {
-            format!("{level}: {}", Faults(status.alarm_faults))
-        }
-        (_, Some(rule)) => format!("{level} ({})", rule.replace('_', " ")),
-        _ => level.to_owned(),
-    }
+    let object = alarm_object(&status.alarm).map_or(String::new(), |object| format!(", {object}"));
+    Printable(format!("{}: {}{object}", level_name(status.alarm.level), status.alarm.reason())).to_string()
 }
 
 /// Frame rate and deadline, and for each process the privileges that were refused; empty if there is nothing.
@@ -71,15 +67,16 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
             format!("stereo device: {words}{times}\n")
         }
     };
-    let nearest = if status.nearest_m.is_finite() {
-        format!(", nearest in the path {:.1} m", status.nearest_m)
+    // The reason of a clear alarm has it already.
+    let nearest = if status.alarm.nearest_m.is_finite() && status.alarm.rule > 0 {
+        format!(", nearest in the path {:.1} m", status.alarm.nearest_m)
     } else {
         String::new()
     };
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms since start\n{}\n{}{calibration}{device}{}",
+         alarm {}{nearest}; {} obstacles, {} alarms since start\n{}\n{}\n{}{calibration}{device}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,
@@ -88,6 +85,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
         alarm_text(status),
         status.obstacles,
         status.alarms,
+        alarm_times(&status.alarm_time),
         status.motion,
         pace_lines(status),
         heat_lines(&status.heat),

@@ -80,14 +80,8 @@ impl Results {
         }
         self.last = None;
         let faults = Self::faults(frames_pass);
-        let off = AlarmRecord {
-            level: alarm::OFF,
-            faults: faults.0,
-            changed: u32::from(last.alarm.level != alarm::OFF),
-            nearest_m: f64::INFINITY,
-            time_to_collision_s: f64::INFINITY,
-            ..AlarmRecord::default()
-        };
+        let changed = u32::from(last.alarm.level != alarm::OFF);
+        let off = AlarmRecord { changed, ..AlarmRecord::off(faults) };
         let mut loan = self.publisher.loan(obstacles::payload_bytes(0))?;
         *loan.header_mut() = last.header.forward(Kind::Obstacles);
         loan.header_mut().withdraws = 1;

@@ -3,12 +3,12 @@
 use super::result::Results;
 use super::{Phase, Run};
 use crate::scheduler::diagnostics::Condition;
-use messages::alarm;
 use messages::calibration::CalibrationState;
 use messages::clock::process_cpu_ns;
 use messages::deadline::PacingRecord;
 use messages::header::{Header, Kind};
 use messages::motion::VehicleRecord;
+use messages::obstacles::AlarmRecord;
 use messages::pipeline::Role;
 use messages::report::ReportRecord;
 use messages::rig::RigRecord;
@@ -46,6 +46,11 @@ impl Run {
         self.diagnostics.set(Condition::GivenUp, self.supervisor.given_up_reason().as_deref());
 
         status.pid = std::process::id();
+        status.source = match self.launch.config.source.kind.as_str() {
+            "camera" => 0,
+            "scene" => 2,
+            _ => 1,
+        };
         let is_running = self.phase == Phase::Running && self.supervisor.all_running();
         status.state = match self.phase {
             Phase::Draining { .. } | Phase::Stopping => 3,
@@ -55,14 +60,12 @@ impl Run {
         // While the run is stopping, the last result does not describe the road any more.
         let last = self.results.last().filter(|_| self.phase == Phase::Running);
         let frames_pass = self.phase == Phase::Running && self.supervisor.frames_pass();
-        status.alarm = last.map_or(alarm::OFF, |last| last.alarm.level);
-        status.alarm_rule = last.map_or(0, |last| last.alarm.rule);
-        status.alarm_faults = last.map_or(Results::faults(frames_pass).0, |last| last.alarm.faults);
+        status.alarm = last.map_or(AlarmRecord::off(Results::faults(frames_pass)), |last| last.alarm);
+        status.alarm_time = self.collector.alarm_time();
         status.obstacles = last.map_or(0, |last| last.confirmed);
-        status.nearest_m = last.map_or(f64::INFINITY, |last| last.alarm.nearest_m);
         status.motion = last.map_or_else(Default::default, |last| last.header.motion);
         status.vehicle = last.map_or(VehicleRecord::default(), |last| last.header.vehicle);
-        status.alarms = self.collector.alarms;
+        status.alarms = self.collector.alarms.into();
         status.uptime_ns = now.saturating_sub(self.started_ns);
         status.frames = self.collector.results();
         let latency = self.collector.latency();

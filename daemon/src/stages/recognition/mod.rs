@@ -116,6 +116,7 @@ impl RecognitionStage {
             track: state.track.unwrap_or(0),
             faults: faults.0,
             changed: u32::from(state.changed),
+            held: u32::from(state.is_held),
             nearest_m: state.nearest_m.unwrap_or(f64::INFINITY),
             time_to_collision_s: state.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
             required_deceleration_m_s2: state.required_deceleration_m_s2,
@@ -125,18 +126,34 @@ impl RecognitionStage {
             horizon_px: road.horizon_px,
             confidence: road.confidence,
             camera_height_m: road.camera_height_m,
+            space: road.space,
             ..self.path.as_ref().map_or_else(|| self.straight_fields(), path_fields)
-        }
-        .limited();
+        };
+        let alarm = self.with_object(alarm, state.object).limited();
         self.records.clear();
         for obstacle in self.obstacles.iter().take(MAX_COUNT) {
             let candidate = Candidate::of(obstacle);
             let in_path = candidate.in_the_way(self.path.as_ref(), self.path_width_m, false).is_some();
+            let clearance_m = candidate.clearance_m(self.path.as_ref(), self.path_width_m);
             let score = self.schedule.score(obstacle.track);
-            self.records.push(obstacle_record(obstacle, in_path, score, &self.label));
+            let record = obstacle_record(obstacle, in_path, score, &self.label);
+            self.records.push(ObstacleRecord { clearance_m, ..record }.limited());
         }
         self.last = Some((frame.sequence, alarm));
         alarm
+    }
+
+    /// An alarm with the fields of what it is about: class and clearance are unknown of a track that is lost.
+    fn with_object(&self, alarm: AlarmRecord, object: Option<u32>) -> AlarmRecord {
+        let found = self.obstacles.iter().find(|obstacle| Some(obstacle.track) == object);
+        AlarmRecord {
+            object: object.unwrap_or(0),
+            clearance_m: found.map_or(f64::INFINITY, |obstacle| {
+                Candidate::of(obstacle).clearance_m(self.path.as_ref(), self.path_width_m)
+            }),
+            class: found.map_or([0; 16], |o| class(self.schedule.score(o.track), &self.label)),
+            ..alarm
+        }
     }
 
     /// The fields of an alarm for the straight strip, while the own motion is unknown.
@@ -270,10 +287,15 @@ fn path_fields(path: &SweptPath) -> AlarmRecord {
     }
 }
 
-fn obstacle_record(obstacle: &Obstacle, in_path: bool, score: Option<f32>, label: &str) -> ObstacleRecord {
-    let b = obstacle.bounds;
+/// Name of a class.
+fn class(score: Option<f32>, label: &str) -> [u8; 16] {
     let mut class = [0; 16];
     put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
+    class
+}
+
+fn obstacle_record(obstacle: &Obstacle, in_path: bool, score: Option<f32>, label: &str) -> ObstacleRecord {
+    let b = obstacle.bounds;
     let (ttc, ground) = (obstacle.time_to_collision, obstacle.ground);
     ObstacleRecord {
         track: obstacle.track,
@@ -296,9 +318,9 @@ fn obstacle_record(obstacle: &Obstacle, in_path: bool, score: Option<f32>, label
         in_path: u32::from(in_path),
         moving: ground.map_or(Movement::Unknown, |g| g.movement) as u32,
         score: score.map_or(0.0, f64::from),
-        class,
+        class: class(score, label),
+        ..ObstacleRecord::default()
     }
-    .limited()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 pub mod own_motion;
 pub mod parameters;
+pub mod space;
 
 use super::motion::body;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
@@ -22,6 +23,8 @@ use perception::depth::DepthView;
 use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;
 use perception::image_quality::{TextureMonitor, road_texture};
+use perception::motion::body::Body;
+use perception::motion::planar::PlanarStep;
 use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
 use perception::road::edges::Edge;
@@ -31,7 +34,6 @@ use perception::tracking::scale_change::ScaleChangeMeter;
 use perception::tracking::{Frame, Track, Tracker};
 
 // The message holds the arrays of the algorithm as they are.
-const _: () = assert!(perception::road::free_space::COLUMNS == regions::FREE_COLUMNS);
 const _: () = assert!(perception::road::edges::SEGMENTS == regions::SEGMENTS);
 
 /// Margin of a crop on each side of its obstacle, as a share of the obstacle's size: room for the search windows of the
@@ -49,6 +51,7 @@ pub struct RoadStage {
     /// Sequence of the first frame whose tracks have these numbers.
     tracks_since: Option<u32>,
     own_motion: OwnMotion,
+    body: Body,
     clock: FrameClock,
     rig: Rig,
     path_width_m: f64,
@@ -79,6 +82,7 @@ impl Stage for RoadStage {
                 .with_body(body(config)),
             scale_change: ScaleChangeMeter::new(width, height),
             tracks_since: None,
+            body: body(config),
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
             rig: format.rig(),
@@ -110,10 +114,14 @@ impl Stage for RoadStage {
         let motion = self.own_motion.update(frame, step, left, disparity);
         let sequence = frame.sequence as u32;
         if step.is_discontinuity() {
+            self.detector.reset();
             self.scale_change.reset();
             self.tracks_since = Some(sequence);
         }
         let tracks_since = *self.tracks_since.get_or_insert(sequence);
+        let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
+        self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
+        self.detector.set_elapsed_s(step.elapsed_s());
         let scene = self.detector.detect(depth_view);
         let verifier = scene.verifier;
         self.tracker.follow(&Frame {
@@ -145,6 +153,7 @@ impl Stage for RoadStage {
                 roll: road.roll,
                 confidence: road.confidence,
                 camera_height_m: road.camera_height_m,
+                space: space::space_record(scene.free, scene.boundaries),
                 edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
                 ..RoadRecord::default()
             }
@@ -153,7 +162,7 @@ impl Stage for RoadStage {
         let road = RoadRecord { tracks_since, ..road };
         let tracks = self.tracker.tracks();
         let counts = Counts { regions: scene.regions.len(), tracks: tracks.len() };
-        let mut writer = output.begin(road, scene.profile_px, scene.free_m, counts)?;
+        let mut writer = output.begin(road, scene.profile_px, counts)?;
         for (i, region) in scene.regions.iter().enumerate() {
             writer.push_region(&record(region, self.tracker.track_of(i)));
         }

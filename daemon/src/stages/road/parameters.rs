@@ -25,7 +25,9 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
             depth_span_m: r.depth_span_m,
             min_pixels: whole(r.pixels_min),
             max_count: whole(r.count_max),
+            confirm: true,
         },
+        path_width_m: config.alarm.path_width_m,
     }
 }
 

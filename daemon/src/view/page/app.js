@@ -122,14 +122,24 @@ async function takeFrame(frame, parts) {
   tellMotion(frame);
   byId("left-caption").textContent =
     `frame ${frame.sequence}, ${frame.time_s.toFixed(1)} s; ${frame.latency_ms.toFixed(0)} ms from capture to result`;
-  const { level, nearest_m: nearest } = frame.alarm;
-  const first = frame.obstacles.find((o) => o.track === frame.alarm.track);
-  const more = nearest === null ? "" : `${metres(nearest)} ahead`;
-  const ttc = first && first.time_to_collision_s !== null ? `, ${seconds(first.time_to_collision_s)} to collision` : "";
-  if (level === "alarm") setAlarm("alarm", "ALARM", more + ttc);
-  else if (level === "warning") setAlarm("warning", "warning", more + ttc);
-  else if (level === "clear") setAlarm("clear", "clear", nearest === null ? "" : `nearest in the path ${metres(nearest)}`);
-  else setAlarm("off", "alarm off", frame.alarm.reason || "");
+  tellAlarm(frame.alarm);
+}
+
+// Level, reason and object of the alarm.
+function tellAlarm({ level, reason, object, nearest_m: nearest }) {
+  const ahead = nearest === null ? "" : `, ${metres(nearest)} ahead`;
+  const more = `${reason || ""}${object ? `, ${alarmObject(object)}` : ""}${ahead}`;
+  if (level === "alarm") setAlarm("alarm", "ALARM", more);
+  else if (level === "warning") setAlarm("warning", "warning", more);
+  else if (level === "clear") setAlarm("clear", "clear", reason || "");
+  else setAlarm("off", "alarm off", reason || "");
+}
+
+// Such as "vehicle 12, 0.6 m into the path".
+function alarmObject({ track, class: name, clearance_m: clearance }) {
+  const place = clearance === null ? "" :
+    clearance < 0 ? `, ${(-clearance).toFixed(1)} m into the path` : `, ${clearance.toFixed(1)} m beside the path`;
+  return `${name || "track"} ${track}${place}`;
 }
 
 // Own speed and yaw rate, and what they are known from.
@@ -160,6 +170,7 @@ function takeStatus(status, history) {
   page.samples = [...page.samples, ...history].slice(-KEPT);
   drawCharts(page.samples, page.stages);
   drawProcesses(status);
+  if (status.calibration.state !== "off") byId("k-health").append(`. Calibration ${status.calibration.text}`);
   const last = page.samples[page.samples.length - 1];
   const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames per second, ` : "";
   const why = status.reason ? ` (${status.reason})` : "";

@@ -34,6 +34,21 @@ function wayLines(frame) {
   }));
 }
 
+// Free space as an area and boundaries as fences in the left image.
+function spaceShapes(frame) {
+  const list = (points) => points.map(([x, y]) => `${x},${y}`).join(" ");
+  const areas = frame.free_px.filter((area) => area.length > 2).map((area) => svg("polygon", {
+    class: "free", points: list(area),
+  }));
+  const fences = frame.boundaries_px.filter(([foot]) => foot.length > 1).map(([foot, top]) => {
+    const group = svg("g", { class: "boundary" });
+    group.append(svg("polygon", { points: list([...foot, ...[...top].reverse()]) }));
+    foot.forEach(([x, y], i) => group.append(svg("line", { x1: x, y1: y, x2: top[i][0], y2: top[i][1] })));
+    return group;
+  });
+  return [...areas, ...fences];
+}
+
 // Boxes over the left image, in image pixels. The farthest first, so that near ones lie on top.
 function drawBoxes(frame) {
   const view = byId("boxes");
@@ -59,7 +74,7 @@ function drawBoxes(frame) {
     }
     return group;
   });
-  view.replaceChildren(...wayLines(frame), ...boxes);
+  view.replaceChildren(...spaceShapes(frame), ...wayLines(frame), ...boxes);
 }
 
 // A label above each box, the nearest first; a label that would cover another is omitted.
@@ -146,6 +161,7 @@ function drawBirds(frame, points) {
     c.fillText(`${z} m`, 4, Math.max(y - 3, 12));
   }
   if (points) drawPoints(c, frame, points, at);
+  drawBoundaries(c, frame, at);
   drawWay(c, frame, at);
   c.lineWidth = 1;
   c.strokeStyle = colour("--s6");
@@ -183,7 +199,7 @@ function drawBirds(frame, points) {
   const text = `${way}; ${near} tracks, ${frame.regions.length} regions, ${points ? points.byteLength / 8 : 0} points`;
   const line = frame.path.left_m.length < 2 ? "" : frame.path.known ? "; blue: path" : "; dashed: straight path";
   canvas.setAttribute("aria-label", `Road from above: ${text}`);
-  byId("birds-caption").textContent = `${text}; outline: free space; lines from tracks: predicted motion in one second${line}`;
+  byId("birds-caption").textContent = `${text}; outline: free space; violet: boundaries; lines from tracks: predicted motion in one second${line}`;
 }
 
 // Corners of the free space, from the left: [x, z] in metres, two for each group of columns.
@@ -196,8 +212,25 @@ function freeOutline(frame) {
   });
 }
 
-// Free space: up to the end of the visible road or the nearest region. It has an outline, so that it is visible
-// without colour.
+// Boundaries: a line at the foot, with a band of two standard deviations.
+function drawBoundaries(c, frame, at) {
+  c.strokeStyle = colour("--s4");
+  for (const { points_m: points, sigma_m: sigma } of frame.boundaries) {
+    if (points.length < 2) continue;
+    const mean = sigma.reduce((sum, s) => sum + s, 0) / sigma.length;
+    const perMetre = at(1, 0)[0] - at(0, 0)[0];
+    for (const [width, alpha] of [[4 * mean * perMetre, 0.25], [3, 1]]) {
+      c.beginPath();
+      points.forEach(([x, z], i) => (i ? c.lineTo(...at(x, z)) : c.moveTo(...at(x, z))));
+      c.lineWidth = width;
+      c.globalAlpha = alpha;
+      c.stroke();
+    }
+  }
+  c.globalAlpha = 1;
+}
+
+// Free space: where the road was measured and nothing stands. It has an outline, so that it is visible without colour.
 function drawFree(c, frame, at) {
   const corners = freeOutline(frame);
   if (!corners.some(([, z]) => z > 0)) return;
@@ -241,15 +274,19 @@ function drawWay(c, frame, at) {
   c.globalAlpha = 1;
 }
 
-// Free distance straight ahead, in metres, in a lane of the width of a car; null without a detected road.
+// Free distance straight ahead, in metres, in a lane of the width of a car; null without a detected road. A direction in
+// which nothing is known is not free: it counts from where the lane is seen.
 const LANE_M = 2;
+const LANE_SEEN_M = 8;
 
 function freeAhead(frame) {
   const corners = freeOutline(frame);
   let free = null;
   for (let i = 0; i < corners.length; i += 2) {
-    const [[left, z], [right]] = [corners[i], corners[i + 1]];
-    if (z > 0 && left < LANE_M / 2 && right > -LANE_M / 2) free = Math.min(free === null ? z : free, z);
+    const [z, u] = [corners[i][1], (i / 2) * frame.free_columns_px];
+    const at = (column) => ((column - frame.cx_px) * (z || LANE_SEEN_M)) / frame.focal_px;
+    const isInLane = at(u) < LANE_M / 2 && at(u + frame.free_columns_px) > -LANE_M / 2;
+    if (isInLane && frame.free_m.some((far) => far > 0)) free = Math.min(free === null ? z : free, z);
   }
   return free;
 }

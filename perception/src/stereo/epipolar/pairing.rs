@@ -30,7 +30,7 @@ const REDUCED_WIDTH: usize = 240;
 const GRID: (usize, usize) = (12, 6);
 /// Search range, as a share of the reduced width to both sides.
 const ASIDE_SHARE: f64 = 0.2;
-/// Search range up and down, in reduced pixels: 30 rows at 1242 px of width.
+/// Search range up and down, in reduced pixels: 25 rows at 1242 px of width.
 const REACH: usize = 6;
 /// Minimum corner response in squared grey levels; the reduction has averaged noise away.
 const MIN_CORNER: f32 = 8.0;

@@ -38,7 +38,7 @@ pub fn car_park(draft: &mut Draft) {
         };
         traffic::lane(draft, &mut dice, lane);
     }
-    if dice.chance(0.3) {
+    if dice.chance(0.25) {
         traffic::lead(draft, &mut dice, (7.0, 16.0), (0.0, 0.0));
     }
     if let Some((time_s, along_m)) = stop {
@@ -75,6 +75,9 @@ pub fn car_park(draft: &mut Draft) {
 fn bays(draft: &mut Draft, dice: &mut Dice, side: Side, inner: f64, end: f64, share: f64) {
     let pitch = dice.between(2.7, 3.0);
     let mut at = -20.0 + dice.between(0.0, 2.0);
+    if dice.chance(0.8) {
+        draft.paint_bays(side, (inner, inner + BAY_M), at, pitch);
+    }
     while at < end {
         let (kind, mut size_m, grey) = vehicle(dice, 0.0, 0.0);
         size_m[2] = size_m[2].min(BAY_M - 0.1);

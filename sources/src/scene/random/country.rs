@@ -1,7 +1,7 @@
 //! Country roads.
 
 use super::dice::Dice;
-use super::draft::{Draft, Row};
+use super::draft::{Draft, Motion, Row, Thing};
 use super::street::{green, houses};
 use super::traffic::{self, BEYOND_M, Lane, Pace, TRAFFIC_BEYOND_M, round};
 use crate::scene::file::BesideKind;
@@ -74,6 +74,9 @@ pub fn country(draft: &mut Draft) {
         traffic::cyclists(draft, &mut dice, 0.5 * (inner + outer), towards_us, count);
     }
     for (k, side) in [Side::Left, Side::Right].into_iter().enumerate() {
+        if dice.chance(0.3) {
+            on_verge(draft, &mut dice, side, verges[k]);
+        }
         roadside(draft, &mut dice, side, verges[k], beyond[k]);
     }
 }
@@ -81,7 +84,7 @@ pub fn country(draft: &mut Draft) {
 fn traffic_of(draft: &mut Draft, dice: &mut Dice, own: f64, width: f64, speed: f64) {
     let end = draft.way_m() + TRAFFIC_BEYOND_M;
     let heavy = (dice.between(0.0, 0.3), 0.03);
-    if dice.chance(0.5) {
+    if dice.chance(0.35) {
         let near = dice.between(9.0, 16.0);
         traffic::lead(draft, dice, (near, 55.0), heavy);
     }
@@ -103,7 +106,20 @@ fn traffic_of(draft: &mut Draft, dice: &mut Dice, own: f64, width: f64, speed: f
     }
 }
 
-/// Delineators, rails, banks, hedges, fences, walls and trees of one side.
+/// Vehicles and people on the verge.
+fn on_verge(draft: &mut Draft, dice: &mut Dice, side: Side, (inner, outer): (f64, f64)) {
+    for _ in 0..dice.whole(1, 3) {
+        let (kind, size_m, grey) = traffic::vehicle(dice, 0.1, 0.0);
+        let lateral = side.sign() * (inner + 0.25 + 0.5 * size_m[0]);
+        let at = (dice.between(15.0, draft.way_m() + 60.0), round(lateral));
+        let yaw_deg = if dice.chance(if side == Side::Left { 0.8 } else { 0.1 }) { 180.0 } else { 0.0 };
+        draft.place(Thing { kind, size_m, at, motion: Motion::Still, yaw_deg, grey });
+    }
+    let count = dice.whole(0, 3);
+    traffic::walkers(draft, dice, side, (inner, outer), count);
+}
+
+/// Rails, posts, banks, hedges, fences, walls and trees of one side.
 fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), beyond: Beyond) {
     let end = draft.way_m() + BEYOND_M;
     let start = -30.0;
@@ -149,6 +165,20 @@ fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), b
         }
         free += if kind == BesideKind::Bank { 6.5 } else { 1.4 };
     }
+    posts(draft, dice, side, verge.0);
+    if dice.chance(0.2) {
+        houses(draft, dice, side, free + 6.0);
+    }
+    let dense = dice.between(0.2, 1.0);
+    let near = (free, free + dice.between(3.0, 9.0));
+    green(draft, dice, side, near, dense);
+    green(draft, dice, side, (free + 9.0, free + 20.0), dense);
+}
+
+/// Delineators and signs beside the asphalt's edge.
+fn posts(draft: &mut Draft, dice: &mut Dice, side: Side, edge: f64) {
+    let end = draft.way_m() + BEYOND_M;
+    let start = -30.0;
     if dice.chance(0.7) {
         let spacing = dice.pick(&[25.0, 33.0, 50.0]);
         let mut at = start + dice.between(0.0, spacing);
@@ -157,7 +187,7 @@ fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), b
             let row = Row {
                 kind: BesideKind::Poles,
                 side,
-                out_m: round(verge.0 + 0.45),
+                out_m: round(edge + 0.45),
                 along,
                 height_m: 1.0,
                 grey: 100.0,
@@ -172,18 +202,11 @@ fn roadside(draft: &mut Draft, dice: &mut Dice, side: Side, verge: (f64, f64), b
         let row = Row {
             kind: BesideKind::Signs,
             side,
-            out_m: round(verge.0 + 0.7),
+            out_m: round(edge + 0.7),
             along,
             height_m: 2.5,
             grey: 100.0,
         };
         draft.single(row, 0.0);
     }
-    if dice.chance(0.3) {
-        houses(draft, dice, side, free + 6.0);
-    }
-    let dense = dice.between(0.2, 1.0);
-    let near = (free, free + dice.between(3.0, 9.0));
-    green(draft, dice, side, near, dense);
-    green(draft, dice, side, (free + 9.0, free + 20.0), dense);
 }

@@ -1,6 +1,8 @@
 //! A scene while it is generated, and its text.
 
+use super::dice::Dice;
 use super::occupancy::{Occupancy, STEP_S, Solid};
+use crate::scene::bay::BayFile;
 use crate::scene::boundary::EAVES_M;
 use crate::scene::file::{BesideKind, ObjectKind, Weather};
 use crate::scene::motion::Waypoints;
@@ -87,6 +89,7 @@ pub struct Draft {
     /// Curvature: `(along, 1/km)`.
     pub bend: Vec<(f64, f64)>,
     strips: Vec<StripFile>,
+    bays: Vec<BayFile>,
     rows: Vec<(Row, f64)>,
     things: Vec<Thing>,
     space: Occupancy,
@@ -109,6 +112,7 @@ impl Draft {
             grade: vec![(0.0, 0.0)],
             bend: vec![(0.0, 0.0)],
             strips: Vec::new(),
+            bays: Vec::new(),
             rows: Vec::new(),
             things: Vec::new(),
             space: Occupancy::default(),
@@ -155,8 +159,25 @@ impl Draft {
         cover: Cover,
     ) -> (f64, f64) {
         let inner = self.outer(side);
-        self.strips.push(StripFile { side, width_m, step_m, rise_m, cover });
+        let mut dice = Dice::new(self.seed, &format!("cover {}", self.strips.len()));
+        let (least, most) = match cover {
+            Cover::Lawn => (72.0, 125.0),
+            Cover::Grass => (68.0, 112.0),
+            Cover::Earth => (80.0, 125.0),
+            Cover::Gravel => (110.0, 150.0),
+            Cover::Pavement => (112.0, 155.0),
+            Cover::Stone => (125.0, 175.0),
+            Cover::Asphalt => (96.0, 96.0),
+        };
+        let grey = Some(dice.between(least, most));
+        self.strips.push(StripFile { side, width_m, step_m, rise_m, cover, grey });
         (inner, inner + width_m)
+    }
+
+    /// Paints bays between two lateral positions.
+    pub fn paint_bays(&mut self, side: Side, (inner, outer): (f64, f64), first_m: f64, spacing_m: f64) {
+        let lateral_m = ordered(side.sign() * inner, side.sign() * outer);
+        self.bays.push(BayFile { lateral_m, first_m, spacing_m });
     }
 
     /// Takes the space of our own vehicle; to be called once speed and lateral position are known.
@@ -315,7 +336,13 @@ impl Draft {
             put(format!(
                 "\n[[road.strip]]\nside = \"{name}\"\nwidth_m = {width}\nstep_m = {step}\nrise_m = {rise}"
             ));
-            put(format!("cover = \"{}\"", snake(&format!("{:?}", strip.cover))));
+            let cover = snake(&format!("{:?}", strip.cover));
+            put(format!("cover = \"{cover}\"\ngrey = {}", number(strip.grey.unwrap_or(100.0))));
+        }
+        for bays in &self.bays {
+            let (left, right) = (number(bays.lateral_m.0), number(bays.lateral_m.1));
+            put(format!("\n[[road.bays]]\nlateral_m = [{left}, {right}]"));
+            put(format!("first_m = {}\nspacing_m = {}", number(bays.first_m), number(bays.spacing_m)));
         }
         self.rows.iter().for_each(|(row, length_m)| put(row_text(row, *length_m)));
         self.things.iter().for_each(|thing| put(thing_text(thing)));

@@ -163,7 +163,7 @@ struct Flow {
 fn flow(draft: &mut Draft, dice: &mut Dice, flow: &Flow) {
     let Flow { own, speed, heavy, mirror, .. } = *flow;
     let end = draft.way_m() + TRAFFIC_BEYOND_M;
-    if dice.chance(0.65) {
+    if dice.chance(0.5) {
         let near = dice.between(10.0, 20.0);
         let far = near + dice.between(15.0, 45.0);
         traffic::lead(draft, dice, (near, far), heavy);
@@ -209,6 +209,12 @@ pub fn motorway(draft: &mut Draft) {
     let middles: Vec<f64> = (0..count).map(|k| round((k as f64 + 0.5) * width)).collect();
     let own = dice.whole(0, count - 1);
     draft.lateral = vec![(0.0, round(middles[own] + dice.between(-0.15, 0.15)))];
+    if dice.chance(0.3) {
+        let other = if own == 0 { 1 } else { own - 1 };
+        let (from, long) = (dice.between(1.0, draft.seconds - 7.0), dice.between(4.0, 6.0));
+        let start = draft.lateral[0].1;
+        draft.lateral.extend([(from, start), (round(from + long), middles[other])]);
+    }
     // The central reserve and the other carriageway.
     let reserve = dice.between(2.4, 4.5);
     let middle = inner + 0.5 * reserve;

@@ -46,7 +46,7 @@ fn lanes(
 fn traffic_of(draft: &mut Draft, dice: &mut Dice, lanes: &[Vec<f64>; 2], speed: f64, buses: f64) {
     let own = draft.lateral[0].1;
     let end = draft.way_m() + TRAFFIC_BEYOND_M;
-    if dice.chance(0.6) {
+    if dice.chance(0.45) {
         let range = (dice.between(6.0, 9.0), dice.between(18.0, 40.0));
         traffic::lead(draft, dice, range, (0.05, buses));
     }

@@ -4,6 +4,7 @@
 //! Input: the record of each frame, and where the vehicle was at each frame ([`strip::DrivenPath`]). Output: a
 //! [`score::DriveScore`] with the false obstacles, the alarm's levels, and how steady tracks and boxes are.
 
+pub mod driven_ground;
 pub mod event;
 pub mod filmstrip;
 pub mod life;

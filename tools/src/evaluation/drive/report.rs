@@ -46,9 +46,9 @@ impl DriveReport {
 }
 
 /// Columns of the table after the name.
-pub const COLUMNS: [&str; 15] = [
+pub const COLUMNS: [&str; 16] = [
     "frames", "s", "off %", "clear", "warning", "alarm", "warnings", "alarms", "judged", "false", "tracks",
-    "a frame", "life s", "jumps %", "pred %",
+    "a frame", "life s", "jumps %", "pred %", "unfree %",
 ];
 
 /// The cells of a row below [`COLUMNS`]; a dash where there is no figure.
@@ -71,6 +71,7 @@ pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
         score.life_median_s.map_or("-".into(), |s| format!("{more}{s:.1}")),
         share(score.width_jumps_percent),
         share(score.predicted_percent),
+        share(score.not_free_percent),
     ]
 }
 

@@ -1,5 +1,6 @@
 //! Figures of a drive in which nothing was hit.
 
+use super::driven_ground::DrivenGround;
 use super::life::{Life, median_life};
 use super::steadiness::{Steadiness, View, steadiness};
 use super::strip::DrivenPath;
@@ -72,6 +73,7 @@ pub struct Tally {
     judged: usize,
     false_obstacles: usize,
     false_tracks: usize,
+    ground: DrivenGround,
     steadiness: Steadiness,
 }
 
@@ -100,6 +102,12 @@ pub struct DriveScore {
     pub false_tracks: usize,
     /// False obstacles in a judged frame.
     pub false_per_frame: f64,
+    /// Metres of the driven strip up to 15 m ahead, summed over the judged frames.
+    pub driven_m: f64,
+    /// Of them not called free over the whole width of the strip; what drove ahead there counts.
+    pub not_free_m: f64,
+    /// The same in percent.
+    pub not_free_percent: Option<f64>,
     /// Confirmed tracks.
     pub tracks: usize,
     /// Of them lost while their thing was to be seen.
@@ -156,6 +164,7 @@ pub fn judge(
         before = now;
         let Some(strip) = path.strip(frame) else { continue };
         tally.judged += 1;
+        tally.ground.add_frame(record, &strip);
         for obstacle in &record.obstacles {
             if let Some(overlap_m) = strip.false_overlap_m(obstacle) {
                 tracks.insert(obstacle.track);
@@ -215,6 +224,7 @@ impl Tally {
         self.judged += other.judged;
         self.false_obstacles += other.false_obstacles;
         self.false_tracks += other.false_tracks;
+        self.ground.add(&other.ground);
         self.steadiness.add(&other.steadiness);
     }
 
@@ -234,6 +244,9 @@ impl Tally {
             false_obstacles: self.false_obstacles,
             false_tracks: self.false_tracks,
             false_per_frame: tidy(self.false_obstacles as f64 / self.judged.max(1) as f64),
+            driven_m: tidy(self.ground.driven_m),
+            not_free_m: tidy(self.ground.not_free_m),
+            not_free_percent: self.ground.not_free_percent().map(tidy),
             tracks: s.lives.len(),
             tracks_lost: s.lives.iter().filter(|life: &&Life| life.is_lost).count(),
             life_median_s: life.map(|(seconds, _)| tidy(seconds)),

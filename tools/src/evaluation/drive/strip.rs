@@ -103,12 +103,12 @@ impl DrivenPath {
 
 impl Strip {
     /// Distance at which the known path ends, in metres.
-    fn end_m(&self) -> f64 {
+    pub(super) fn end_m(&self) -> f64 {
         self.points_m.last().map_or(0.0, |last| last[0])
     }
 
     /// Lateral position of the strip's centre at a distance, in metres, to the right positive; beyond its ends theirs.
-    fn centre_m(&self, distance_m: f64) -> f64 {
+    pub(super) fn centre_m(&self, distance_m: f64) -> f64 {
         let after = self.points_m.partition_point(|point| point[0] <= distance_m);
         match (self.points_m.get(after.wrapping_sub(1)), self.points_m.get(after)) {
             (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * (distance_m - a[0]) / (b[0] - a[0]),

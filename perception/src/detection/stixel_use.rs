@@ -1,0 +1,21 @@
+//! What a stixel is used for: obstacles are grown from the stixels that nothing else explains.
+
+/// What a stixel belongs to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StixelUse {
+    /// Nothing yet: it may be part of an obstacle.
+    #[default]
+    Free,
+    /// A boundary beside the path: a wall, a hedge, a guard rail. Where a boundary stands in the path its stixels stay
+    /// [`Self::Free`], so that obstacles, and the alarm, see it.
+    Boundary,
+    /// Ground at another height than the road: a lawn or a pavement behind a kerb.
+    RaisedGround,
+}
+
+impl StixelUse {
+    /// Whether obstacles may be grown from the stixel.
+    pub fn is_free(self) -> bool {
+        self == Self::Free
+    }
+}

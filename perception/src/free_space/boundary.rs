@@ -1,0 +1,115 @@
+//! A boundary beside the path: a wall, a hedge, a fence, a guard rail, the fronts of houses, as a curve on the ground.
+
+/// Maximum number of points of a boundary.
+pub const MAX_POINTS: usize = 24;
+
+/// Maximum number of boundaries.
+pub const MAX_BOUNDARIES: usize = 8;
+
+/// A point at the foot of a boundary.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BoundaryPoint {
+    /// Lateral position, in metres right of the camera axis.
+    pub lateral_m: f64,
+    /// Distance along z, in metres.
+    pub distance_m: f64,
+    /// Height above the road, in metres; at most the largest height of an obstacle.
+    pub height_m: f64,
+    /// Standard deviation of the position across the boundary, in metres.
+    pub sigma_m: f64,
+    /// Time for which the point has not been seen, in seconds.
+    pub unseen_s: f64,
+}
+
+/// Where a boundary stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Side {
+    /// Left of the own path.
+    #[default]
+    Left,
+    /// Right of it.
+    Right,
+    /// Across it.
+    Across,
+}
+
+/// A boundary: a curve on the ground, its points from left to right as the camera sees them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Boundary {
+    /// Number that it keeps as long as it is seen.
+    pub id: u32,
+    /// Where it stands.
+    pub side: Side,
+    points: [BoundaryPoint; MAX_POINTS],
+    count: usize,
+}
+
+impl Boundary {
+    /// The points.
+    pub fn points(&self) -> &[BoundaryPoint] {
+        &self.points[..self.count]
+    }
+
+    pub(crate) fn points_mut(&mut self) -> &mut [BoundaryPoint] {
+        &mut self.points[..self.count]
+    }
+
+    /// Removes all points.
+    pub(crate) fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Adds a point; returns whether there was room.
+    pub(crate) fn push(&mut self, point: BoundaryPoint) -> bool {
+        let has_room = self.count < MAX_POINTS;
+        if has_room {
+            self.points[self.count] = point;
+            self.count += 1;
+        }
+        has_room
+    }
+
+    /// Length in metres.
+    pub fn length_m(&self) -> f64 {
+        let step = |pair: &[BoundaryPoint]| {
+            (pair[1].lateral_m - pair[0].lateral_m).hypot(pair[1].distance_m - pair[0].distance_m)
+        };
+        self.points().windows(2).map(step).sum()
+    }
+
+    /// Where the ray with this slope (metres right a metre ahead) meets it: distance, height and standard deviation
+    /// there, and the distance of the camera from its line, all in metres.
+    pub fn meet(&self, slope: f64) -> Option<Meeting> {
+        let across = |p: &BoundaryPoint| p.lateral_m - slope * p.distance_m;
+        self.points().windows(2).find_map(|pair| {
+            let [a, b] = [&pair[0], &pair[1]];
+            let [from, to] = [across(a), across(b)];
+            if from > 0.0 || to < 0.0 || to - from < 1e-9 {
+                return None;
+            }
+            let share = -from / (to - from);
+            let mix = |value: fn(&BoundaryPoint) -> f64| value(a) + share * (value(b) - value(a));
+            let [right, ahead] = [b.lateral_m - a.lateral_m, b.distance_m - a.distance_m];
+            let line_m = (a.lateral_m * ahead - a.distance_m * right).abs() / right.hypot(ahead).max(1e-9);
+            Some(Meeting {
+                distance_m: mix(|p| p.distance_m),
+                height_m: mix(|p| p.height_m),
+                sigma_m: mix(|p| p.sigma_m),
+                line_m,
+            })
+        })
+    }
+}
+
+/// Where a ray meets a boundary.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Meeting {
+    /// Distance along z, in metres.
+    pub distance_m: f64,
+    /// Height of the boundary there, in metres.
+    pub height_m: f64,
+    /// Standard deviation across the boundary, in metres.
+    pub sigma_m: f64,
+    /// Distance of the camera from the line of the boundary there, in metres.
+    pub line_m: f64,
+}

@@ -1,0 +1,99 @@
+//! Hand-set limits of boundaries, raised ground and free space, with unit and reason.
+
+/// Standard deviation of the disparity of a stixel, in px, beside the noise of the frame: what the steps of a matcher and
+/// the blur at depth edges leave.
+pub const STIXEL_SIGMA_PX: f64 = 0.12;
+
+/// Roughness of a boundary across its direction, in metres, as a standard deviation: the leaves of a hedge, the posts of a
+/// guard rail, the windows of a house.
+pub const ROUGHNESS_M: f64 = 0.12;
+
+/// Change of a boundary's direction along it, in rad for the square root of a metre: over 10 m it is the bend of a road
+/// of 60 m radius.
+pub const BENDING_RAD: f64 = 0.05;
+
+/// Gate of all tests of belonging, in standard deviations.
+pub const GATE_SIGMAS: f64 = 3.0;
+
+/// Length in metres along a boundary that may be seen through. Drivers leave more between parked cars, to get out.
+pub const MAX_GAP_M: f64 = 0.6;
+
+/// Length in metres along a boundary that something nearer may hide: a parked car.
+pub const MAX_HIDDEN_M: f64 = 6.0;
+
+/// Smallest length of a boundary in metres, of the part in which a gap of [`MAX_GAP_M`] would be seen: longer than a car
+/// and than a van.
+pub const MIN_LENGTH_M: f64 = 8.0;
+
+/// No vehicle that is lower than this (metres) is as long as [`MIN_LENGTH_M`].
+pub const LOW_HEIGHT_M: f64 = 2.2;
+
+/// Longest vehicle, in metres (lorry with trailer): what is higher than [`LOW_HEIGHT_M`] has to be longer.
+pub const LONGEST_VEHICLE_M: f64 = 19.0;
+
+/// Gap between two lorries or buses that stand in a row, in metres.
+pub const LORRY_GAP_M: f64 = 1.5;
+
+/// The height of a boundary is steady: in this share of its length it differs from the median by at most
+/// [`HEIGHT_STEP_M`]. The roof of a car is half of its length.
+pub const STEADY_SHARE: f64 = 0.75;
+
+/// Largest difference from a steady height, in metres: a bonnet is 0.4 m lower than the roof.
+pub const HEIGHT_STEP_M: f64 = 0.25;
+
+/// Time for which a boundary is seen before it counts, in seconds: a shadow of the matcher on moving things does not last.
+pub const CONFIRM_S: f64 = 0.3;
+
+/// Time for which a boundary, or a part of it, is kept without being seen, in seconds.
+pub const FORGET_S: f64 = 0.5;
+
+/// Margin of the own path on each side, in metres: what stands so near to the path stays an obstacle.
+pub const PATH_MARGIN_M: f64 = 0.4;
+
+/// Heights of raised ground above the road, in metres: from a low kerb on; what is higher than a bank behind a kerb is a
+/// bonnet or a wall.
+pub const RAISED_M: std::ops::Range<f32> = 0.06..0.5;
+
+/// Pixels farther than this from the height of the road, in metres, are no ground at all.
+pub const MAX_GROUND_M: f64 = 0.6;
+
+/// Largest standard deviation of the heights of ground in a cell, in metres: grass and camber. The face of a wall of
+/// 0.4 m has 0.12.
+pub const MAX_SPREAD_M: f64 = 0.07;
+
+/// Least share of a cell's pixels that lie on the ground, where it is known.
+pub const MIN_GROUND_SHARE: f32 = 0.3;
+
+/// Fewest pixels (of strips) on which the height of a cell is based.
+pub const MIN_CELL_PIXELS: f32 = 3.0;
+
+/// Least depth of raised ground, in metres: more than the top of a wall.
+pub const MIN_RAISED_DEPTH_M: f64 = 1.0;
+
+/// Largest slope of raised ground, in metres a metre.
+pub const MAX_SLOPE: f64 = 0.15;
+
+/// Largest difference of free ground from the height of the road, in metres: camber and the error of the road's model.
+pub const MAX_LEVEL_M: f64 = 0.1;
+
+/// Largest difference of free ground from the disparity of the road, in standard deviations of the noise of the frame.
+pub const LEVEL_SIGMAS: f64 = 2.5;
+
+/// Cells without known ground that free space may bridge: two of them are 16 % of the distance, and what stands in them
+/// hides the ground behind, if it is higher than 0.2 m.
+pub const MAX_BRIDGED_CELLS: usize = 2;
+
+/// Farthest start of free space, as a multiple of the nearest distance that the image shows: a bonnet.
+pub const MAX_START_RATIO: f64 = 2.0;
+
+/// Share of the sectors that show ground where free space starts: cars beside a narrow lane hide the others.
+pub const MIN_START_SHARE: f64 = 0.125;
+
+/// Columns from the left side of the right image, in px, in which the matcher's windows reach beyond it.
+pub const BORDER_PX: f32 = 12.0;
+
+/// Free space ends this number of standard deviations before what stands there.
+pub const FREE_SIGMAS: f64 = 2.0;
+
+/// Least vertical extent of a stixel that ends free space, in metres; less is noise of the matcher on the road.
+pub const MIN_STANDING_M: f64 = 0.15;

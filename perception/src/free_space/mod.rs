@@ -1,0 +1,189 @@
+//! Free space ahead and what bounds it: boundaries, ground at another height, obstacles, and the end of what is known.
+//!
+//! Input: the stixels of a frame ([`crate::detection::stixels`]), the road's surface and edges, and the obstacles. Output:
+//! [`Boundary`]s in metres, the use of each stixel ([`StixelUse`]), and [`FreeSector`]s: how far the ground is known to be
+//! free in each direction.
+//!
+//! 1. [`ground_grid`]: heights above the road by direction and distance; [`raised_ground`]: lawns and pavements among them.
+//! 2. [`curve`]: stixels that continue each other along a wall, a hedge or a guard rail. A boundary is longer than a
+//!    vehicle, goes on without the gaps between parked cars, and has a steady height. [`track`] filters them over frames.
+//! 3. [`sectors`]: the free distance of each direction. Unknown ground is not free.
+//!
+//! A boundary may stand across the way: an end wall, a barrier, the rail of a bend that is not taken. What of it is in the
+//! own path ([`corridor`]) stays an obstacle: there is one way to the alarm, and it does not depend on whether something
+//! was taken for a boundary.
+
+pub mod boundary;
+pub mod corridor;
+pub mod curve;
+pub mod ground_grid;
+pub mod limits;
+pub mod raised_ground;
+pub mod road_view;
+pub mod sectors;
+pub mod track;
+
+use crate::detection::RegionParameters;
+use crate::detection::stixel_use::StixelUse;
+use crate::detection::stixels::{Stixel, Stixels};
+use crate::motion::planar::PlanarStep;
+use crate::region::Region;
+use crate::rig::Rig;
+use boundary::{Boundary, Meeting};
+use corridor::Corridor;
+use curve::{CurveFinder, RayStixel};
+use ground_grid::GroundGrid;
+use limits::{GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GROUND_M, MAX_SPREAD_M, ROUGHNESS_M};
+use raised_ground::RaisedGround;
+use road_view::RoadView;
+use sectors::{FreeSector, SectorFinder, SectorInput};
+use track::TrackList;
+
+/// Finds boundaries, raised ground and free space in maps of one size; memory is allocated once.
+#[derive(Debug)]
+pub struct FreeSpaceFinder {
+    rig: Rig,
+    path_width_m: f64,
+    min_height_m: f64,
+    grid: GroundGrid,
+    raised: RaisedGround,
+    curves: CurveFinder,
+    tracks: TrackList,
+    sectors: SectorFinder,
+    uses: Vec<StixelUse>,
+}
+
+impl FreeSpaceFinder {
+    /// A finder for such stixels. `path_width_m` is the width of the own path, `regions` are the parameters of obstacles.
+    pub fn new(rig: Rig, path_width_m: f64, regions: &RegionParameters, stixels: &Stixels) -> Self {
+        let grid = GroundGrid::new(rig, stixels);
+        Self {
+            path_width_m,
+            min_height_m: regions.min_height_m,
+            raised: RaisedGround::new(&grid),
+            curves: CurveFinder::new(rig, stixels),
+            tracks: TrackList::new(regions.confirm),
+            sectors: SectorFinder::new(rig, &grid),
+            uses: Vec::with_capacity(stixels.capacity()),
+            grid,
+            rig,
+        }
+    }
+
+    /// Forgets what was seen before; called when no road is visible, too.
+    pub fn reset(&mut self) {
+        self.tracks.clear();
+        self.uses.clear();
+        self.sectors.clear();
+    }
+
+    /// The boundaries of the last frame, nearest first.
+    pub fn boundaries(&self) -> &[Boundary] {
+        self.tracks.boundaries()
+    }
+
+    /// What each stixel of the last frame is used for.
+    pub fn uses(&self) -> &[StixelUse] {
+        &self.uses
+    }
+
+    /// How far the ground is known to be free, by direction from left to right.
+    pub fn sectors(&self) -> &[FreeSector] {
+        self.sectors.sectors()
+    }
+
+    /// Finds the boundaries and the raised ground of a frame, `elapsed_s` seconds after the last one, since when the camera
+    /// has moved by `step`; afterwards [`Self::uses`] holds for these stixels.
+    pub fn classify(
+        &mut self,
+        stixels: &Stixels,
+        road: RoadView<'_>,
+        step: Option<PlanarStep>,
+        elapsed_s: f64,
+    ) {
+        let corridor = Corridor::new(self.path_width_m, step);
+        self.mark_raised_ground(stixels, road);
+        let curves = self.curves.find(stixels, &self.uses, road.surface.noise_px());
+        self.tracks.update(curves, step, elapsed_s, &corridor);
+        self.mark_boundaries(stixels, road.surface.noise_px());
+        for (stixel_use, stixel) in self.uses.iter_mut().zip(stixels.list()) {
+            // Of what is not higher than road may be, nothing is an obstacle, wherever it is.
+            let is_road =
+                *stixel_use == StixelUse::RaisedGround && f64::from(stixel.high_m) <= self.min_height_m;
+            if !stixel_use.is_free() && !is_road && corridor.contains(place(stixel, &self.rig)) {
+                *stixel_use = StixelUse::Free;
+            }
+        }
+    }
+
+    /// Finds the free space of a frame, after [`Self::classify`], with the obstacles that were found in it.
+    pub fn update(&mut self, stixels: &Stixels, road: RoadView<'_>, regions: &[Region]) {
+        self.sectors.update(&SectorInput {
+            grid: &self.grid,
+            raised: &self.raised,
+            stixels,
+            uses: &self.uses,
+            road,
+            boundaries: self.tracks.boundaries(),
+            regions,
+        });
+    }
+
+    fn mark_raised_ground(&mut self, stixels: &Stixels, road: RoadView<'_>) {
+        self.grid.fill(stixels, road);
+        self.raised.update(&self.grid, road.surface);
+        self.uses.clear();
+        self.uses.extend(stixels.list().iter().map(|stixel| {
+            let raised = self.raised.sector(self.grid.sector_of(stixel.strip as usize));
+            let bin = self.grid.bin(stixel.disparity_px.into());
+            let cells = self.grid.sector(self.grid.sector_of(stixel.strip as usize));
+            let is_low = f64::from(stixel.high_m) <= MAX_GROUND_M;
+            // The face of a kerb is not higher than the ground behind it.
+            let is_face = |behind: usize| {
+                raised.get(behind) == Some(&true)
+                    && stixel.high_m <= cells[behind].mean_m() + 2.0 * MAX_SPREAD_M as f32
+            };
+            let is_ground = is_low && bin.is_some_and(|bin| raised[bin] || is_face(bin + 1));
+            if is_ground { StixelUse::RaisedGround } else { StixelUse::Free }
+        }));
+    }
+
+    fn mark_boundaries(&mut self, stixels: &Stixels, noise_px: f64) {
+        let boundaries = self.tracks.boundaries();
+        if boundaries.is_empty() {
+            return;
+        }
+        for strip in 0..stixels.strips() {
+            let slope = self.rig.lateral_m(Stixels::column(strip), 1.0);
+            for meeting in boundaries.iter().filter_map(|boundary| boundary.meet(slope)) {
+                for i in stixels.range(strip) {
+                    let stixel = &stixels.list()[i];
+                    if self.uses[i].is_free() && belongs(stixel, &meeting, &self.rig, noise_px) {
+                        self.uses[i] = StixelUse::Boundary;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Place of a stixel, in metres right and ahead of the camera.
+fn place(stixel: &Stixel, rig: &Rig) -> [f64; 2] {
+    let distance_m = 1.0 / RayStixel::new(stixel, rig, 0.0).inverse_m;
+    [rig.lateral_m(Stixels::column(stixel.strip as usize), distance_m), distance_m]
+}
+
+/// Whether a stixel is part of a boundary: at its distance, within the errors of both, and not higher than it, as a person
+/// before a guard rail is.
+fn belongs(stixel: &Stixel, boundary: &Meeting, rig: &Rig, noise_px: f64) -> bool {
+    let ray = RayStixel::new(stixel, rig, noise_px);
+    let across_m = boundary.sigma_m.hypot(ROUGHNESS_M);
+    let shape = ray.inverse_m * across_m / boundary.line_m.max(across_m);
+    let gate = GATE_SIGMAS * ray.sigma.hypot(shape);
+    let is_high = f64::from(stixel.high_m) > boundary.height_m + 2.0 * HEIGHT_STEP_M;
+    (boundary.height_m >= LOW_HEIGHT_M || !is_high)
+        && (ray.inverse_m - 1.0 / boundary.distance_m).abs() <= gate
+}
+
+#[cfg(test)]
+mod tests;

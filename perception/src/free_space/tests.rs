@@ -1,0 +1,303 @@
+//! Boundaries, raised ground and free space in constructed disparity maps.
+
+use super::boundary::{Boundary, Side};
+use super::sectors::{FreeEnd, FreeSector};
+use crate::depth::DepthView;
+use crate::detection::stixel_use::StixelUse;
+use crate::motion::Motion;
+use crate::motion::body::Body;
+use crate::motion::planar::PlanarStep;
+use crate::region::Region;
+use crate::rig::Rig;
+use crate::scene::{SceneDetector, SceneParameters};
+use crate::stereo::DisparityView;
+
+const SIZE: (usize, usize) = (640, 480);
+const RIG: Rig = Rig { focal_px: 600.0, baseline_m: 0.2, cx_px: 320.0, cy_px: 200.0 };
+const CAMERA_HEIGHT_M: f64 = 1.3;
+
+/// A box on the road: left and right side, near and far end, bottom and top, in metres.
+#[derive(Clone, Copy)]
+struct Solid([f64; 6]);
+
+impl Solid {
+    /// Distance at which the ray through (right, down) a metre ahead enters it.
+    fn entry_m(&self, right: f64, down: f64) -> Option<f64> {
+        let Self([left, end, near, far, bottom, top]) = *self;
+        let mut range = (near, far);
+        // Within a slab: from ≤ slope · z ≤ to.
+        for (slope, from, to) in [(right, left, end), (down, CAMERA_HEIGHT_M - top, CAMERA_HEIGHT_M - bottom)]
+        {
+            if slope.abs() < 1e-12 {
+                if from > 0.0 || to < 0.0 {
+                    return None;
+                }
+                continue;
+            }
+            let (a, b) = (from / slope, to / slope);
+            range = (range.0.max(a.min(b)), range.1.min(a.max(b)));
+        }
+        (range.0 <= range.1 && range.0 > 0.0).then_some(range.0)
+    }
+}
+
+/// A car with a bonnet, a cabin and a boot, its rear left corner here.
+fn car(left: f64, near: f64) -> [Solid; 2] {
+    let right = left + 1.75;
+    [
+        Solid([left, right, near, near + 4.3, 0.0, 0.9]),
+        Solid([left + 0.1, right - 0.1, near + 0.7, near + 2.9, 0.0, 1.45]),
+    ]
+}
+
+/// Disparities of a road with these things.
+fn map(solids: &[Solid], seed: u64) -> Vec<u16> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let mut out = vec![0; SIZE.0 * SIZE.1];
+    for (i, out) in out.iter_mut().enumerate() {
+        let right = ((i % SIZE.0) as f64 - RIG.cx_px) / RIG.focal_px;
+        let down = ((i / SIZE.0) as f64 - RIG.cy_px) / RIG.focal_px;
+        let road = if down > 0.0 { CAMERA_HEIGHT_M / down } else { f64::INFINITY };
+        let nearest = solids.iter().filter_map(|solid| solid.entry_m(right, down)).fold(road, f64::min);
+        let disparity_px = RIG.disparity_px(nearest) + 0.3 * random.f64() - 0.15;
+        *out = if disparity_px > 0.5 { (256.0 * disparity_px) as u16 } else { 0 };
+    }
+    out
+}
+
+/// What one frame gives.
+struct Seen {
+    boundaries: Vec<Boundary>,
+    regions: Vec<Region>,
+    free: Vec<FreeSector>,
+    uses: Vec<(StixelUse, [f64; 2])>,
+}
+
+fn detector(confirm: bool) -> SceneDetector {
+    let mut parameters = SceneParameters::default();
+    parameters.regions.confirm = confirm;
+    SceneDetector::new(parameters, RIG, SIZE.0, SIZE.1, 128)
+}
+
+fn detect(detector: &mut SceneDetector, map: &[u16]) -> Seen {
+    let confidence = vec![255; map.len()];
+    let view = DisparityView::new(map, SIZE.0, SIZE.1).unwrap();
+    let scene = detector.detect(DepthView::new(view, &confidence).unwrap());
+    let (boundaries, regions, free) =
+        (scene.boundaries.to_vec(), scene.regions.to_vec(), scene.free.to_vec());
+    let places = detector.stixels().list().iter().map(|stixel| super::place(stixel, &RIG));
+    let uses = detector.uses().iter().copied().zip(places).collect();
+    Seen { boundaries, regions, free, uses }
+}
+
+/// One frame without memory.
+fn see(solids: &[Solid]) -> Seen {
+    detect(&mut detector(false), &map(solids, 1))
+}
+
+/// The sector in the direction of a place.
+fn sector(free: &[FreeSector], lateral_m: f64, distance_m: f64) -> FreeSector {
+    let slope = lateral_m / distance_m;
+    *free.iter().find(|sector| sector.left_slope <= slope && slope < sector.right_slope).unwrap()
+}
+
+const WALL: Solid = Solid([5.0, 5.3, 2.0, 60.0, 0.0, 1.6]);
+
+#[test]
+fn a_wall_is_one_boundary_with_height_and_error_and_no_chain_of_boxes() {
+    for (wall, side) in [(WALL, Side::Right), (Solid([-4.8, -4.5, 2.0, 60.0, 0.0, 1.6]), Side::Left)] {
+        let seen = see(&[wall]);
+        let [boundary] = &seen.boundaries[..] else { panic!("{:?}", seen.boundaries) };
+        assert_eq!(boundary.side, side);
+        assert!(boundary.length_m() > 15.0, "{} m", boundary.length_m());
+        let truth = if side == Side::Right { 5.0 } else { -4.5 };
+        let near = || boundary.points().iter().filter(|p| p.distance_m < 25.0);
+        assert!(near().count() >= 5);
+        for point in near() {
+            let error = (point.lateral_m - truth).abs();
+            assert!(error < 3.0 * point.sigma_m + 0.12 && point.sigma_m < 0.3, "{point:?}");
+            assert!((point.height_m - 1.6).abs() < 0.2, "{point:?}");
+        }
+        let near = seen.regions.iter().filter(|region| region.distance_m < 25.0);
+        assert_eq!(near.count(), 0, "{:?}", seen.regions);
+    }
+}
+
+#[test]
+fn a_guard_rail_above_the_ground_is_a_boundary() {
+    let seen = see(&[Solid([3.0, 3.1, 2.0, 60.0, 0.45, 0.8])]);
+    let [rail] = &seen.boundaries[..] else { panic!("{:?}", seen.boundaries) };
+    let near = rail.points().iter().filter(|p| (6.0..18.0).contains(&p.distance_m));
+    for point in near.clone() {
+        assert!((point.lateral_m - 3.0).abs() < 0.15 && (point.height_m - 0.8).abs() < 0.15, "{point:?}");
+    }
+    assert!(near.count() >= 4);
+}
+
+#[test]
+fn parked_cars_in_a_row_are_no_boundary() {
+    for gap_m in [0.9, 1.3] {
+        let cars: Vec<Solid> = (0..9).flat_map(|i| car(2.6, 4.0 + f64::from(i) * (4.3 + gap_m))).collect();
+        let seen = see(&cars);
+        assert_eq!(seen.boundaries, [], "gaps of {gap_m} m");
+        assert!(
+            seen.regions.iter().filter(|region| region.distance_m < 20.0).count() >= 2,
+            "{:?}",
+            seen.regions
+        );
+    }
+}
+
+#[test]
+fn long_vehicles_beside_and_ahead_are_no_boundary() {
+    for bus in [
+        Solid([2.2, 4.7, 5.0, 17.0, 0.0, 3.0]),
+        Solid([-4.7, -2.2, 4.0, 20.5, 0.3, 2.9]),
+        Solid([-1.2, 1.3, 9.0, 21.0, 0.0, 3.0]),
+        // Across the way at a junction.
+        Solid([-8.0, 8.0, 14.0, 16.5, 0.3, 2.9]),
+    ] {
+        let seen = see(&[bus]);
+        assert_eq!(seen.boundaries, [], "{:?}", bus.0);
+        assert!(!seen.regions.is_empty(), "{:?}", bus.0);
+    }
+}
+
+#[test]
+fn a_wall_across_the_path_stays_an_obstacle_there() {
+    let seen = see(&[Solid([-12.0, 12.0, 15.0, 15.4, 0.0, 1.2])]);
+    let [boundary] = &seen.boundaries[..] else { panic!("{:?}", seen.boundaries) };
+    assert_eq!(boundary.side, Side::Across);
+    let in_path = |region: &&Region| region.lateral_m.abs() < 1.0 && (region.distance_m - 15.0).abs() < 0.7;
+    let obstacle = seen.regions.iter().find(in_path).unwrap_or_else(|| panic!("{:?}", seen.regions));
+    assert!(obstacle.width_m > 2.4, "it fills the path: {obstacle:?}");
+    assert!(sector(&seen.free, 0.0, 10.0).far_m < 15.1);
+}
+
+#[test]
+fn a_person_before_a_rail_is_no_part_of_it() {
+    let rail = Solid([-9.0, 9.0, 14.0, 14.1, 0.0, 0.8]);
+    let person = Solid([4.0, 4.5, 13.8, 14.1, 0.0, 1.75]);
+    let seen = see(&[rail, person]);
+    assert_eq!(seen.boundaries.len(), 1, "{:?}", seen.boundaries);
+    let near =
+        |region: &&Region| (region.lateral_m - 4.25).abs() < 0.3 && (region.distance_m - 13.8).abs() < 0.6;
+    assert!(seen.regions.iter().any(|region| near(&region)), "{:?}", seen.regions);
+}
+
+#[test]
+fn a_lawn_behind_a_kerb_is_ground_and_ends_the_free_space() {
+    for height_m in [0.14, 0.3] {
+        let lawn = Solid([3.2, 30.0, 0.5, 60.0, 0.0, height_m]);
+        let seen = see(&[lawn]);
+        let near = seen.regions.iter().filter(|region| region.distance_m < 25.0);
+        assert_eq!(near.count(), 0, "{height_m} m: {:?}", seen.regions);
+        assert_eq!(seen.boundaries, [], "{height_m} m");
+        let ray = sector(&seen.free, 3.2, 9.0);
+        assert!(ray.far_m > 6.5 && ray.far_m < 9.9 && ray.end == FreeEnd::Edge, "{height_m} m: {ray:?}");
+        assert!(sector(&seen.free, 0.0, 10.0).far_m > 25.0);
+    }
+}
+
+#[test]
+fn low_walls_and_bonnets_are_no_ground() {
+    let low_wall = Solid([2.4, 4.6, 11.0, 11.3, 0.0, 0.45]);
+    let seen = see(&[low_wall]);
+    assert!(seen.uses.iter().all(|(stixel_use, [_, z])| *stixel_use != StixelUse::RaisedGround || *z > 25.0));
+    assert!(seen.regions.iter().any(|region| (region.distance_m - 11.0).abs() < 0.5), "{:?}", seen.regions);
+    let seen = see(&car(2.4, 8.0));
+    assert!(seen.uses.iter().all(|(stixel_use, [_, z])| *stixel_use != StixelUse::RaisedGround || *z > 25.0));
+}
+
+#[test]
+fn boundaries_are_confirmed_and_forgotten_in_seconds_at_any_rate() {
+    let (wall, empty) = (map(&[WALL], 2), map(&[], 3));
+    for rate_hz in [10.0, 25.0] {
+        let mut detector = detector(true);
+        let mut frames = |map: &[u16], wanted: bool| {
+            let mut elapsed_s = 0.0;
+            for _ in 0..100 {
+                detector.set_elapsed_s(1.0 / rate_hz);
+                let seen = detect(&mut detector, map);
+                if seen.boundaries.is_empty() != wanted {
+                    return elapsed_s;
+                }
+                elapsed_s += 1.0 / rate_hz;
+            }
+            panic!("never at {rate_hz} Hz");
+        };
+        let until_seen = frames(&wall, true);
+        let until_gone = frames(&empty, false);
+        assert!((0.28..0.45).contains(&until_seen), "{until_seen} s at {rate_hz} Hz");
+        assert!((0.38..0.65).contains(&until_gone), "{until_gone} s at {rate_hz} Hz");
+    }
+}
+
+#[test]
+fn own_motion_carries_a_boundary_along() {
+    let body =
+        Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 1.6, camera_yaw_rad: 0.0 };
+    let motion = Motion { speed_m_s: 12.0, ..Motion::default() };
+    let mut detector = detector(true);
+    // A wall across the view, 14 m wide, that comes nearer by 1.2 m a frame; the last frames do not show it.
+    let mut last = None;
+    for frame in 0..9 {
+        let distance_m = 26.0 - 1.2 * f64::from(frame);
+        let wall = Solid([2.5, 16.0, distance_m, distance_m + 0.3, 0.0, 1.2]);
+        let map = if frame < 7 { map(&[wall], u64::from(frame as u32)) } else { map(&[], 9) };
+        detector.set_own_motion(Some(PlanarStep::of(&motion, &body, 0.1)));
+        detector.set_elapsed_s(0.1);
+        let seen = detect(&mut detector, &map);
+        if frame >= 5 {
+            let [boundary] = &seen.boundaries[..] else { panic!("frame {frame}: {:?}", seen.boundaries) };
+            assert_eq!(*last.get_or_insert(boundary.id), boundary.id);
+            for point in boundary.points() {
+                assert!((point.distance_m - distance_m).abs() < 0.6, "frame {frame}: {point:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn free_space_reaches_to_what_stands_and_finds_the_empty_road() {
+    let seen = see(&[]);
+    for sector in &seen.free[20..60] {
+        assert!(sector.near_m < 5.0 && sector.far_m > 30.0, "{sector:?}");
+    }
+    // Standing things of all kinds and at all distances are never inside.
+    for (lateral_m, distance_m, height_m) in
+        [(0.0, 8.0, 1.4), (-2.0, 12.0, 0.5), (1.5, 20.0, 1.0), (3.0, 26.0, 1.7)]
+    {
+        let thing = Solid([lateral_m - 0.4, lateral_m + 0.4, distance_m, distance_m + 0.8, 0.0, height_m]);
+        let seen = see(&[thing]);
+        for shift in [-0.35, 0.0, 0.35] {
+            let ray = sector(&seen.free, lateral_m + shift, distance_m);
+            assert!(
+                ray.far_m <= distance_m + 0.05 && ray.far_m > 0.8 * distance_m - 1.0,
+                "{ray:?}, {distance_m} m"
+            );
+            assert_eq!(ray.end, FreeEnd::Obstacle);
+        }
+    }
+}
+
+#[test]
+fn what_is_not_known_is_not_free() {
+    let mut map = map(&[], 4);
+    // A dark band across the road, from 9 to 14 m, and a blind corner.
+    let row = |distance_m: f64| (RIG.cy_px + CAMERA_HEIGHT_M * RIG.focal_px / distance_m) as usize;
+    for y in row(14.0)..row(9.0) {
+        map[y * SIZE.0..(y + 1) * SIZE.0].fill(0);
+    }
+    for y in 300..SIZE.1 {
+        map[y * SIZE.0 + 560..(y + 1) * SIZE.0].fill(0);
+    }
+    let seen = detect(&mut detector(false), &map);
+    let ahead = sector(&seen.free, 0.0, 10.0);
+    assert!((7.5..9.7).contains(&ahead.far_m) && ahead.end == FreeEnd::Unknown, "{ahead:?}");
+    for sector in &seen.free[71..] {
+        assert_eq!((sector.near_m, sector.far_m), (0.0, 0.0), "{sector:?}");
+    }
+    let seen = detect(&mut detector(false), &vec![0; SIZE.0 * SIZE.1]);
+    assert!(seen.free.iter().all(|sector| sector.far_m == 0.0) && seen.boundaries.is_empty());
+}

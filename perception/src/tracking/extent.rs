@@ -78,7 +78,10 @@ impl Extent {
         let bounded = |new: f64, old: f64| new.clamp(old / MAX_RATIO, old * MAX_RATIO);
         let width_m = bounded(region.width_m, self.width_m);
         let wider_m = width_m - self.width_m;
-        if wider_m > 0.0 || !cut.any() {
+        if cut.any() {
+            // What comes into view at the border is part of the thing.
+            self.width_m = self.width_m.max(region.width_m);
+        } else {
             self.width_m += gain * wider_m;
         }
         self.height_m += gain * (bounded(region.height_m, self.height_m) - self.height_m);

@@ -85,8 +85,8 @@ pub const MAX_RATIO: f64 = 2.0;
 pub const CENTRE_SIGMA_PX: f64 = 3.0;
 /// and as a share of the width.
 pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
-/// A box closer to the border of the picture than this, in px, is cut by it: sides are known to some strips of four columns.
-pub const BORDER_PX: f64 = 20.0;
+/// A box closer to the border of the picture than this, in px, is cut by it: two strips.
+pub const BORDER_PX: f64 = 8.0;
 
 // Disparity.
 

@@ -96,7 +96,7 @@ fn a_hidden_thing_survives_and_a_missed_one_does_not() {
     }
     let hidden = tracker.tracks().iter().find(|t| t.id == 1).expect("the hidden car");
     assert!(hidden.is_confirmed && hidden.missed == 11, "{hidden:?}");
-    assert!(missed.tracks().iter().all(|t| t.id != 1), "{:?}", missed.tracks());
+    assert!(missed.confirmed().all(|t| t.id != 1), "{:?}", missed.tracks());
     // It is the same one when it is seen again.
     tracker.update(time + 12 * 80_000_000, &[car(24.0)]);
     let back = tracker.tracks().iter().find(|t| t.id == 1).expect("it is the same");

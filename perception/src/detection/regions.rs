@@ -1,10 +1,9 @@
 //! Groups stixels into obstacle regions: pixel boxes with a distance.
 
-use super::confirmation::Confirmation;
+use super::MIN_EVIDENCE;
 use super::photometric::Verifier;
 use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
-use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
@@ -24,9 +23,9 @@ pub struct RegionParameters {
     pub depth_span_m: f64,
     /// Fewest pixels of a region.
     pub min_pixels: u32,
-    /// Largest number of regions; the nearest are kept.
+    /// Largest number of regions; those with most evidence are kept.
     pub max_count: usize,
-    /// Whether regions are confirmed over several frames; `false` for single images.
+    /// Whether boundaries are confirmed over several frames; `false` for single images.
     pub confirm: bool,
 }
 
@@ -117,9 +116,6 @@ pub struct RegionFinder {
     /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
     regions: Vec<Region>,
-    /// Evidence of each region.
-    evidence: Vec<f64>,
-    confirmation: Confirmation,
 }
 
 impl RegionFinder {
@@ -134,24 +130,12 @@ impl RegionFinder {
             members: Vec::with_capacity(capacity),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
-            evidence: Vec::with_capacity(CAPACITY),
-            confirmation: Confirmation::new(parameters.confirm),
         }
     }
 
-    /// See [`Confirmation::set_own_motion`].
-    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
-        self.confirmation.set_own_motion(step);
-    }
-
-    /// Forgets what was seen before.
-    pub fn reset(&mut self) {
-        self.confirmation.reset();
-    }
-
-    /// Groups stixels into regions, nearest first; only the nearest `max_count` are kept. `size` is the width
-    /// and height of the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says
-    /// to be free are grouped.
+    /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of
+    /// the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says to be free are
+    /// grouped.
     pub fn find(
         &mut self,
         stixels: &Stixels,
@@ -183,7 +167,6 @@ impl RegionFinder {
             }
         }
         self.remove_occlusion_artefacts();
-        self.evidence.clear();
         for region in &mut self.regions {
             let mut sum = evidence(region, surface);
             let verification =
@@ -194,16 +177,10 @@ impl RegionFinder {
                     region.set_sides(sides, rig);
                 }
             }
-            self.evidence.push(sum);
+            region.evidence = sum;
         }
         self.suppress_tails();
-        let verify = |region: &Region| verifier.and_then(|v| v.verify(region)).map(|v| v.evidence());
-        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, verify);
-        // Growing order follows the nearest stixel; the result is sorted by the distance of the region.
-        self.regions.sort_unstable_by(|a, b| {
-            b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
-        });
-        self.regions.truncate(self.parameters.max_count);
+        self.regions.retain(|region| region.evidence >= MIN_EVIDENCE);
         &self.regions
     }
 
@@ -268,11 +245,10 @@ impl RegionFinder {
     /// makes it an object of its own.
     fn suppress_tails(&mut self) {
         for i in 0..self.regions.len() {
-            let mut others = self.regions.iter().zip(&self.evidence);
-            if self.evidence[i] < INDEPENDENT_EVIDENCE
-                && others.any(|(near, &sum)| sum > TAIL_OWNER_EVIDENCE && is_tail(&self.regions[i], near))
-            {
-                self.evidence[i] = self.evidence[i].min(0.0);
+            let far = &self.regions[i];
+            let is_owner = |near: &Region| near.evidence > TAIL_OWNER_EVIDENCE && is_tail(far, near);
+            if far.evidence < INDEPENDENT_EVIDENCE && self.regions.iter().any(is_owner) {
+                self.regions[i].evidence = far.evidence.min(0.0);
             }
         }
     }
@@ -327,6 +303,7 @@ impl RegionFinder {
             inset_m: [0.0; 2],
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
+            evidence: 0.0,
         };
         let members = self.members.iter().map(|&i| &list[i as usize]);
         region.set_ends(ends_m(members, disparity_px, rig));
@@ -512,6 +489,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 400,
             confidence: 0.9,
+            evidence: 0.0,
         }
     }
 
@@ -544,10 +522,11 @@ mod tests {
             // A region without evidence has no tail.
             ([2.0, 4.0, 4.0], [2.0, 4.0, 4.0]),
         ] {
-            finder.evidence.clear();
-            finder.evidence.extend(given);
+            for (region, evidence) in finder.regions.iter_mut().zip(given) {
+                region.evidence = evidence;
+            }
             finder.suppress_tails();
-            assert_eq!(finder.evidence, kept);
+            assert_eq!(finder.regions.iter().map(|r| r.evidence).collect::<Vec<_>>(), kept);
         }
     }
 }

@@ -6,7 +6,7 @@
 use super::extent::{contained_share, edges_of};
 use super::parameters::{
     BODY_LENGTH_M, BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OUTLIER_SIGMAS,
-    OVERLAP_COST, SIZE_COST,
+    OVERLAP_COST, SIZE_COST, TYPICAL_AGREEMENT,
 };
 use super::track::Track;
 use crate::region::{PixelBox, Region};
@@ -38,7 +38,9 @@ pub(super) fn cost(track: &Track, body: &[f64; 4], region: &Region, min_overlap:
 pub(super) fn agreement(track: &Track, body: &[f64; 4], region: &Region) -> f64 {
     let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
     let sigmas = (region.disparity_px - track.longitudinal.disparity_px()) / spread.max(1e-3);
-    overlap(body, &region.bounds).clamp(0.05, 1.0).ln() - 0.5 * (sigmas * sigmas).min(OUTLIER_SIGMAS)
+    let agreement =
+        overlap(body, &region.bounds).clamp(0.05, 1.0).ln() - 0.5 * (sigmas * sigmas).min(OUTLIER_SIGMAS);
+    (agreement + TYPICAL_AGREEMENT).min(0.0)
 }
 
 /// Whether a disparity, in px, is one of the thing of a track, whose body reaches back from the near side.

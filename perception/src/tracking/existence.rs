@@ -11,7 +11,6 @@
 //! look, times those of the remembered looks. Everything is a rate per second; the frame rate does not matter.
 
 use super::parameters::{BIRTH_PROBABILITY, CORRELATION_S, LEAVING_TIME_S, MAX_EVIDENCE, MEMORY_LOOKS};
-use crate::detection::MIN_EVIDENCE;
 
 /// Log-odds of a probability.
 fn log_odds(probability: f64) -> f64 {
@@ -36,6 +35,11 @@ impl Existence {
         1.0 / (1.0 + (-(log_odds(BIRTH_PROBABILITY) + self.evidence)).exp())
     }
 
+    /// Whether it exists more probably than not.
+    pub fn is_probable(self) -> bool {
+        self.probability() >= 0.5
+    }
+
     /// Whether less is known than before anything was seen.
     pub fn is_over(self) -> bool {
         self.evidence <= 0.0
@@ -45,7 +49,7 @@ impl Existence {
     pub fn look(&mut self, evidence: f64, share: f64, elapsed_s: f64) {
         let looks = share * (elapsed_s / CORRELATION_S).min(1.0);
         // Where the sum settles if all looks tell the same.
-        let settled = MEMORY_LOOKS * evidence.clamp(MIN_EVIDENCE, MAX_EVIDENCE);
+        let settled = MEMORY_LOOKS * evidence.min(MAX_EVIDENCE);
         self.evidence = settled + (self.evidence - settled) * (-looks / MEMORY_LOOKS).exp();
         self.leave((1.0 - share) * elapsed_s);
     }
@@ -62,6 +66,7 @@ impl Existence {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detection::MIN_EVIDENCE;
 
     /// Seconds of sightings with this evidence until a probability is reached.
     fn seconds_to(probability: f64, evidence: f64, period_s: f64) -> Option<f64> {

@@ -18,6 +18,7 @@ pub mod assign;
 mod association;
 pub mod classification;
 pub mod classification_schedule;
+pub mod detection_rate;
 pub mod existence;
 pub mod extent;
 pub mod filter;
@@ -34,12 +35,16 @@ use crate::motion::planar::{OwnRates, PlanarStep};
 use crate::region::Region;
 use crate::rig::Rig;
 use assign::Assignment;
+use detection_rate::DetectionRate;
 use filter::MIN_DISTANCE_M;
 use filter::ground::Movement;
 pub use parameters::TrackerParameters;
 use parameters::{KEEP_PROBABILITY, MAX_EVIDENCE, UNMATCHED_COST};
 pub use track::{Obstacle, Track};
 use visibility::{Expected, inside_share, visible_share};
+
+/// Evidence of a look at both pictures that finds nothing, at least: it may have looked beside the thing.
+const MIN_LOOK: f64 = -3.0;
 
 /// Largest number of sightings per frame; the first ones are used.
 const MAX_SIGHTINGS: usize = 64;
@@ -90,6 +95,7 @@ pub struct Tracker {
     body: Body,
     /// What the own motion adds in this frame; `None` while it is unknown, and the speeds of all tracks are relative.
     own: Option<OwnRates>,
+    rate: DetectionRate,
 }
 
 impl Tracker {
@@ -111,6 +117,7 @@ impl Tracker {
             dropped: 0,
             body: Body::default(),
             own: None,
+            rate: DetectionRate::default(),
         }
     }
 
@@ -163,10 +170,12 @@ impl Tracker {
         }
         if step.is_discontinuity() {
             self.tracks.clear();
+            self.rate = DetectionRate::default();
         }
         let elapsed_s = step.elapsed_s();
         let sightings = &frame.sightings[..frame.sightings.len().min(MAX_SIGHTINGS)];
         self.predict(elapsed_s, frame.motion);
+        self.rate.age(elapsed_s);
         self.assign(sightings);
         self.take_in(sightings, elapsed_s);
         self.miss(frame, sightings, elapsed_s);
@@ -248,7 +257,7 @@ impl Tracker {
             let mut is_explained = self.owners[s].is_some() || !region.is_valid();
             if !is_explained {
                 let known = self.tracks.iter().zip(&self.bodies).enumerate();
-                let mut known = known.filter(|(_, (t, _))| t.existence.probability() >= 0.5);
+                let mut known = known.filter(|(_, (t, _))| t.existence.is_probable());
                 self.owners[s] = known
                     .clone()
                     .find(|(_, (track, body))| association::is_part(track, body, region, &self.rig))
@@ -279,6 +288,11 @@ impl Tracker {
                 .filter(|s| *s != first)
                 .for_each(|s| association::join(&mut whole, &sightings[s], &self.rig));
             let evidence = whole.evidence.min(MAX_EVIDENCE) + association::agreement(track, body, &whole);
+            // A doubtful sighting is at least as good as none.
+            let evidence = evidence.max(self.rate.miss_evidence());
+            if track.is_known() {
+                self.rate.look(1.0, true);
+            }
             track.existence.look(evidence, 1.0, elapsed_s);
             track.update(first, &whole, cameras);
             if let Some(own) = &self.own {
@@ -304,9 +318,13 @@ impl Tracker {
             let evidence =
                 self.predicted(t).filter(|_| share > 0.0).and_then(|region| (frame.verify)(&region));
             let track = &mut self.tracks[t];
+            if track.is_known() {
+                self.rate.look(share, false);
+            }
             // Pictures that show something there confirm nothing: it may be anything at that distance. But nothing is missed.
             if evidence.is_none_or(|evidence| evidence < 0.0) {
-                track.existence.look(evidence.unwrap_or(MIN_EVIDENCE), share, elapsed_s);
+                let miss = self.rate.miss_evidence();
+                track.existence.look(evidence.unwrap_or(miss).max(MIN_LOOK), share, elapsed_s);
             }
             track.consecutive_frames = 0;
         }

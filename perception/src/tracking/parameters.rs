@@ -34,12 +34,20 @@ impl Default for TrackerParameters {
 
 /// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
 /// below which a track ends, as less is then known of it than before it was seen.
-pub const BIRTH_PROBABILITY: f64 = 0.1;
+pub const BIRTH_PROBABILITY: f64 = 0.2;
 /// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
 pub const KEEP_PROBABILITY: f64 = 0.8;
 /// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However
 /// distinct a snowflake in front of the lens is, it is one for one frame.
 pub const MAX_EVIDENCE: f64 = 3.5;
+/// Probability that what is there and visible is seen, before it is measured: two of three.
+pub const DETECTION_PROBABILITY: f64 = 0.63;
+/// Number of looks that this first value counts as.
+pub const DETECTION_PROBABILITY_LOOKS: f64 = 20.0;
+/// Time over which it is measured, in seconds: weather changes slowly, tunnels do not.
+pub const DETECTION_PROBABILITY_TIME_S: f64 = 5.0;
+/// Its bounds: what a few tracks tell is no certainty.
+pub const DETECTION_PROBABILITY_BOUNDS: (f64, f64) = (0.3, 0.88);
 /// Correlation time of the errors of successive sightings, in seconds: looks at shorter intervals see the same noise and
 /// count by the time between them. Two frames at 12.5 frames a second.
 pub const CORRELATION_S: f64 = 0.15;
@@ -69,6 +77,9 @@ pub const OVERLAP_COST: f64 = 12.0;
 pub const SIZE_COST: f64 = 3.0;
 /// Cost of a sighting without a track, in the same unit.
 pub const UNMATCHED_COST: f64 = 24.0;
+/// Agreement of the sighting of a real thing with its prediction in the mean, as the logarithm of a likelihood: boxes that
+/// overlap by 0.7, and half of a squared normalised innovation. Only what agrees less counts against a sighting.
+pub const TYPICAL_AGREEMENT: f64 = 0.75;
 /// Share of a box that lies within the body of a track if it is a part of that thing.
 pub const BODY_SHARE: f64 = 0.7;
 /// Length of the body of a thing behind its near side, in metres: that of a car.

@@ -232,6 +232,11 @@ impl Track {
         Filters { longitudinal: &mut self.longitudinal, lateral: &mut self.lateral }
     }
 
+    /// Whether it probably exists and was seen some times, so that it tells how often what is there is seen.
+    pub(super) fn is_known(&self) -> bool {
+        self.seen >= 3 && self.existence.is_probable()
+    }
+
     /// Whether all its numbers mean something: finite, and within what a stereo camera can measure.
     pub(super) fn is_plausible(&self) -> bool {
         let (longitudinal, lateral) = (&self.longitudinal, &self.lateral);

@@ -65,9 +65,6 @@ pub struct SceneParameters {
     pub regions: RegionParameters,
     /// Width of the own path, in metres: what stands in it is an obstacle even where it is part of a boundary.
     pub path_width_m: f64,
-    /// Whether what belongs to a boundary or to raised ground is no region. Off: people, cones and cars that stand close to a
-    /// wall or on a pavement would be missed with it, in the scenes `street` up to 14 % of all obstacles.
-    pub masks_regions: bool,
 }
 
 impl Default for SceneParameters {
@@ -76,7 +73,6 @@ impl Default for SceneParameters {
             road: RoadParameters::default(),
             regions: RegionParameters::default(),
             path_width_m: AlarmParameters::default().path_width_m,
-            masks_regions: false,
         }
     }
 }
@@ -106,7 +102,6 @@ pub struct SceneDetector {
     road: RoadEstimator,
     obstacles: ObstacleDetector,
     free_space: FreeSpaceFinder,
-    masks_regions: bool,
     /// Own motion and seconds since the last map.
     step: Option<PlanarStep>,
     elapsed_s: f64,
@@ -126,7 +121,6 @@ impl SceneDetector {
         let (regions, stixels) = (&parameters.regions, obstacles.stixels());
         Self {
             free_space: FreeSpaceFinder::new(rig, path_width_m, regions, stixels),
-            masks_regions: parameters.masks_regions,
             step: None,
             elapsed_s: 0.0,
             road: RoadEstimator::new(parameters.road, rig, width, height, disparities),
@@ -195,8 +189,7 @@ impl SceneDetector {
         let (profile, surface, edges) = (self.road.profile(), self.road.surface(), self.road.edges());
         let road = RoadView { surface, profile_px: profile.disparity_px(), top: profile.top(), edges };
         self.free_space.classify(self.obstacles.find_stixels(depth, surface), road, step, self.elapsed_s);
-        let uses = if self.masks_regions { self.free_space.uses() } else { &[] };
-        self.obstacles.detect(depth, profile, surface, uses);
+        self.obstacles.detect(depth, profile, surface, self.free_space.uses());
         let (regions, verifier) =
             (self.obstacles.regions(), self.obstacles.verifier(depth, profile, surface));
         self.free_space.update(self.obstacles.stixels(), road, regions);

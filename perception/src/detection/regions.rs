@@ -71,6 +71,9 @@ const NEAR_SHARE: f64 = 0.38;
 const MAX_FOOT_HEIGHT_M: f64 = 0.8;
 /// Share of the strips of a region in which a stixel must start lower.
 const MIN_STANDING_SHARE: f64 = 0.4;
+/// A region that is at least this many times as wide as high, of which at least this share is raised ground, is no obstacle.
+const FLAT_ASPECT: f64 = 3.0;
+const RAISED_SHARE: f64 = 0.6;
 /// Largest width of an occlusion artefact, in px.
 const MAX_ARTEFACT_WIDTH_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a narrow region is not an occlusion artefact.
@@ -148,7 +151,6 @@ impl RegionFinder {
         let list = stixels.list();
         self.regions.clear();
         self.visited.clear();
-        self.visited.extend(uses.iter().map(|stixel_use| !stixel_use.is_free()));
         self.visited.resize(list.len(), false);
         self.order.clear();
         self.order.extend(0..list.len() as u32);
@@ -161,6 +163,7 @@ impl RegionFinder {
             }
             self.grow(stixels, surface, rig, seed);
             if let Some(region) = self.measure(stixels, surface, rig, size)
+                && !self.is_raised_ground(&region, uses)
                 && self.regions.len() < CAPACITY
             {
                 self.regions.push(region);
@@ -211,6 +214,15 @@ impl RegionFinder {
                 }
             }
         }
+    }
+
+    /// Whether the region that was grown last is a pavement or a lawn behind a kerb: most of it belongs to raised ground, and
+    /// it is flat. A cone or a person on the pavement is not.
+    fn is_raised_ground(&self, region: &Region, uses: &[StixelUse]) -> bool {
+        let is_raised = |i: &&u32| uses.get(**i as usize) == Some(&StixelUse::RaisedGround);
+        let raised = self.members.iter().filter(is_raised).count();
+        let is_flat = f64::from(region.bounds.width) >= FLAT_ASPECT * f64::from(region.bounds.height);
+        is_flat && raised as f64 >= RAISED_SHARE * self.members.len() as f64
     }
 
     /// Removes narrow regions adjacent to a nearer, larger one: where the background is occluded in one

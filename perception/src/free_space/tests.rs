@@ -76,7 +76,6 @@ struct Seen {
 fn detector(confirm: bool) -> SceneDetector {
     let mut parameters = SceneParameters::default();
     parameters.regions.confirm = confirm;
-    parameters.masks_regions = true;
     SceneDetector::new(parameters, RIG, SIZE.0, SIZE.1, 128)
 }
 

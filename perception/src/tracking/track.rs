@@ -1,7 +1,7 @@
 //! One obstacle that is followed from frame to frame.
 
 use super::existence::Existence;
-use super::extent::{CutSides, Extent, clip, shift_m};
+use super::extent::{CutSides, Extent, clip};
 use super::filter::ground::{Filters, GroundMotion, Movement};
 use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
 use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SYSTEMATIC_PX};
@@ -103,21 +103,30 @@ impl Track {
         self.longitudinal.update(region.disparity_px, noise_px(region));
         let cut = CutSides::of(region, size);
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
-        let known_m = if cut.any() { self.extent.width_m.max(region.width_m) } else { self.extent.width_m };
-        let other = region.width_m - known_m;
-        // If one side is cut, the centre is inferred from the other side.
-        let (lateral_m, sigma_m) = match (cut.left, cut.right) {
-            (true, false) => (region.lateral_m + other / 2.0, centre_sigma_m(region, &rig, false)),
-            (false, true) => (region.lateral_m - other / 2.0, centre_sigma_m(region, &rig, false)),
-            // A box that became wider or narrower may have gained or lost a side.
-            _ => (region.lateral_m, centre_sigma_m(region, &rig, cut.any()).hypot(other / 2.0)),
+        let [left_m, right_m] = self.side_movement_m(region, &rig);
+        // A side that the picture cuts shows nothing of the place.
+        let moved_m = match (cut.left, cut.right) {
+            (true, false) => right_m,
+            (false, true) => left_m,
+            _ => (left_m + right_m) / 2.0,
         };
-        // While a thing enters the image its width is unknown; what grows must not look like a speed over ground.
-        let is_partial = cut.any() && self.is_over_ground;
-        let sigma_m = if is_partial { sigma_m.max(centre_sigma_m(region, &rig, true)) } else { sigma_m };
-        let to_thing_m = if self.is_over_ground { shift_m(region.inset_m) } else { 0.0 };
-        self.lateral.update(lateral_m + to_thing_m, sigma_m);
+        // The side of a thing that enters or leaves the picture is seen at an angle that changes, which must not look like a
+        // speed over ground.
+        let is_partial = cut.any() && self.is_over_ground || cut.left && cut.right;
+        // A box that became wider or narrower may have gained or lost a side.
+        let unsure_m = if cut.any() { 0.0 } else { (right_m - left_m).abs() / 2.0 };
+        let sigma_m = centre_sigma_m(region, &rig, is_partial).hypot(unsure_m);
+        let [width_m, shift_m] = [self.extent.width_m, self.shift_m()];
+        self.lateral.update(self.lateral.lateral_m() + moved_m, sigma_m);
         self.extent.update(region, &rig, cut, self.unseen_s);
+        // The side that is not cut stays where it is.
+        let wider_m = self.extent.width_m - width_m;
+        let to_middle_m = match (cut.left, cut.right) {
+            (true, false) => -wider_m / 2.0,
+            (false, true) => wider_m / 2.0,
+            _ => 0.0,
+        };
+        self.lateral.shift(to_middle_m + self.shift_m() - shift_m);
         if !cut.any() {
             self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
         }
@@ -126,6 +135,14 @@ impl Track {
         self.seen = self.seen.saturating_add(1);
         self.consecutive_frames = self.consecutive_frames.saturating_add(1);
         (self.missed, self.unseen_s) = (0, 0.0);
+    }
+
+    /// By how much the left and the right side of a sighting are beside those that are expected, in metres at the distance of
+    /// the thing.
+    fn side_movement_m(&self, region: &Region, rig: &Rig) -> [f64; 2] {
+        let [left, _, right, _] = self.body(rig);
+        let (x, end) = (f64::from(region.bounds.x), f64::from(region.bounds.x + region.bounds.width));
+        [x - left, end - right].map(|px| px * self.distance_m() / rig.focal_px)
     }
 
     /// The whole box of the thing, also outside of the picture: left, top, right, bottom, in px.

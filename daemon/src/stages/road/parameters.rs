@@ -28,7 +28,6 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
             confirm: true,
         },
         path_width_m: config.alarm.path_width_m,
-        masks_regions: false,
     }
 }
 

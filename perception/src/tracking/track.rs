@@ -1,7 +1,7 @@
 //! One obstacle that is followed from frame to frame.
 
 use super::existence::Existence;
-use super::extent::{CutSides, Extent, clip};
+use super::extent::{CutSides, Extent, clip, shift_m};
 use super::filter::ground::{Filters, GroundMotion, Movement};
 use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
 use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SYSTEMATIC_PX};
@@ -103,30 +103,25 @@ impl Track {
         self.longitudinal.update(region.disparity_px, noise_px(region));
         let cut = CutSides::of(region, size);
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
-        let [left_m, right_m] = self.side_movement_m(region, &rig);
-        // A side that the picture cuts shows nothing of the place.
-        let moved_m = match (cut.left, cut.right) {
-            (true, false) => right_m,
-            (false, true) => left_m,
-            _ => (left_m + right_m) / 2.0,
-        };
-        // The side of a thing that enters or leaves the picture is seen at an angle that changes, which must not look like a
-        // speed over ground.
         let is_partial = cut.any() && self.is_over_ground || cut.left && cut.right;
         // A box that became wider or narrower may have gained or lost a side.
-        let unsure_m = if cut.any() { 0.0 } else { (right_m - left_m).abs() / 2.0 };
+        let unsure_m = if cut.any() { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
+        // The side of a thing that enters or leaves the picture is seen at an angle that changes, which must not look like a
+        // speed over ground.
         let sigma_m = centre_sigma_m(region, &rig, is_partial).hypot(unsure_m);
-        let [width_m, shift_m] = [self.extent.width_m, self.shift_m()];
-        self.lateral.update(self.lateral.lateral_m() + moved_m, sigma_m);
-        self.extent.update(region, &rig, cut, self.unseen_s);
-        // The side that is not cut stays where it is.
-        let wider_m = self.extent.width_m - width_m;
-        let to_middle_m = match (cut.left, cut.right) {
-            (true, false) => -wider_m / 2.0,
-            (false, true) => wider_m / 2.0,
-            _ => 0.0,
+        let to_thing_m = if self.is_over_ground { shift_m(region.inset_m) } else { 0.0 };
+        let [left_m, right_m] = self.side_movement_m(region, &rig);
+        let width_m = self.extent.width_m;
+        // A side that the picture cuts shows nothing of the place, and the other one stays where it is as the thing comes into
+        // view.
+        let (lateral_m, outwards) = match (cut.left, cut.right) {
+            (true, false) => (self.lateral.lateral_m() + right_m, -0.5),
+            (false, true) => (self.lateral.lateral_m() + left_m, 0.5),
+            _ => (region.lateral_m + to_thing_m, 0.0),
         };
-        self.lateral.shift(to_middle_m + self.shift_m() - shift_m);
+        self.lateral.update(lateral_m, sigma_m);
+        self.extent.update(region, &rig, cut, self.unseen_s);
+        self.lateral.shift(outwards * (self.extent.width_m - width_m));
         if !cut.any() {
             self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
         }

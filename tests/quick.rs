@@ -7,6 +7,7 @@ mod bad_input;
 mod board;
 mod calibrate;
 mod can_out;
+mod clients;
 mod commands;
 mod evaluate;
 mod evaluate_drive;

@@ -2,6 +2,7 @@
 //! has become quick goes to `quick.rs`; its line is all that moves.
 
 mod calibration_health;
+mod client_users;
 mod damaged_memory;
 mod faults_lockstep;
 mod fuzz;

@@ -14,7 +14,6 @@ mod printable;
 mod realtime;
 mod recorder;
 mod scheduler;
-mod silence;
 mod soak;
 mod stages;
 mod status_json;

@@ -11,9 +11,14 @@ use crate::port::{Publisher, Subscriber};
 use crate::run_files::open_own;
 use crate::service::{LOANED, ServiceSpec};
 use crate::stall::{self, Call, DropBegins, DropEnds, Guard};
+use crate::type_name;
 use iceoryx2::config::Config;
 use iceoryx2::port::{DegradationAction, DegradationCause, DegradationInfo};
 use iceoryx2::prelude::*;
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
 use rustix::fs::{FallocateFlags, OFlags, fallocate};
 use rustix::io::Errno;
 use std::cell::Cell;
@@ -227,6 +232,7 @@ impl Bus {
         IpcError,
     > {
         let name = service_name(spec)?;
+        let attributes = attributes(spec)?;
         self.node
             .service_builder(&name)
             .publish_subscribe::<[Line]>()
@@ -238,8 +244,8 @@ impl Bus {
             .subscriber_max_buffer_size(spec.buffer)
             .subscriber_max_borrowed_samples(spec.borrowed)
             .history_size(spec.history)
-            .open_or_create()
-            .map_err(|e| IpcError::new("open", spec.name, e))
+            .open_or_create_with_attributes(&attributes)
+            .map_err(|e| open_error(spec, e))
     }
 
     fn event(
@@ -268,6 +274,30 @@ fn on_degradation(_: DegradationCause, _: &DegradationInfo) -> DegradationAction
     }
 }
 
+/// What a service says about its message, also to programs that are no part of lookout.
+fn attributes(spec: &ServiceSpec) -> Result<AttributeVerifier, IpcError> {
+    let fail = |e: &dyn fmt::Debug| IpcError::new("name", spec.name, e);
+    let key = AttributeKey::try_from(type_name::ATTRIBUTE).map_err(|e| fail(&e))?;
+    let value = AttributeValue::try_from(&type_name::of_service(spec)[..]).map_err(|e| fail(&e))?;
+    AttributeVerifier::new().require(&key, &value).map_err(|e| fail(&e))
+}
+
+fn open_error(spec: &ServiceSpec, error: PublishSubscribeOpenOrCreateError) -> IpcError {
+    use PublishSubscribeOpenError::{IncompatibleAttributes, IncompatibleTypes};
+    match error {
+        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+            IncompatibleTypes | IncompatibleAttributes,
+        ) => {
+            let text = format!(
+                "its messages have another layout than {}: the daemon and this program must be of one release",
+                type_name::of_service(spec)
+            );
+            IpcError::new("open", spec.name, PlainText(text))
+        }
+        error => IpcError::new("open", spec.name, error),
+    }
+}
+
 fn service_name(spec: &ServiceSpec) -> Result<ServiceName, IpcError> {
     ServiceName::new(spec.name).map_err(|e| IpcError::new("name", spec.name, e))
 }
@@ -281,4 +311,32 @@ pub fn set_library_log_level() {
 /// resources that were removed with their run, which such a reader expects.
 pub fn set_library_log_level_of_reader() {
     set_log_level(LogLevel::Error);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::instance::InstanceLock;
+    use crate::service::{PAIR, STATUS};
+
+    #[test]
+    fn messages_of_another_layout_are_refused_with_the_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let instance = Instance::new("layout", folder.path());
+        let _lock = InstanceLock::take(&instance).unwrap();
+        let bus = Bus::join(&instance).unwrap();
+        let builder = |name: &str| bus.node.service_builder(&ServiceName::new(name).unwrap());
+        let _bytes = builder(PAIR.name).publish_subscribe::<[u8]>().create().unwrap();
+        // The types are the same, the message is not.
+        let older = AttributeSpecifier::new()
+            .define(&type_name::ATTRIBUTE.try_into().unwrap(), &"lookout.status.v0".try_into().unwrap())
+            .unwrap();
+        let status = builder(STATUS.name).publish_subscribe::<[Line]>().user_header::<Header>();
+        let _older = status.create_with_attributes(&older).unwrap();
+        for spec in [&PAIR, &STATUS] {
+            let error = bus.subscriber(spec).unwrap_err().to_string();
+            let name = type_name::of_service(spec);
+            assert!(error.contains(&name) && error.contains("must be of one release"), "{error}");
+        }
+    }
 }

@@ -31,7 +31,7 @@ pub struct Records<T, const N: usize> {
 impl<T: Pod, const N: usize> Records<T, N> {
     /// Copies the records that fill `bytes`, at most `N`; the rest of a record is ignored.
     pub(crate) fn copy_out(bytes: &[u8]) -> Self {
-        let mut records = Self { all: [T::zeroed(); N], count: 0 };
+        let mut records = Self::default();
         for (to, from) in records.all.iter_mut().zip(bytes.chunks_exact(size_of::<T>())) {
             if let Some(record) = copy_out(from) {
                 *to = record;
@@ -39,6 +39,13 @@ impl<T: Pod, const N: usize> Records<T, N> {
             }
         }
         records
+    }
+}
+
+/// No records.
+impl<T: Pod, const N: usize> Default for Records<T, N> {
+    fn default() -> Self {
+        Self { all: [T::zeroed(); N], count: 0 }
     }
 }
 

@@ -7,8 +7,8 @@
 
 use crate::error::IpcError;
 use crate::instance::Instance;
-use crate::run_files::{RunPrefix, SHM, create_own, open_own};
-use rustix::fd::{AsFd, BorrowedFd};
+use crate::run_files::{RunPrefix, SHM, create_own, is_name_of_run, open_own};
+use rustix::fd::{AsRawFd, BorrowedFd};
 use rustix::fs::{FallocateFlags, OFlags, fallocate, fstat, stat, statvfs, unlink};
 use rustix::io::Errno;
 use std::cell::Cell;
@@ -37,8 +37,8 @@ thread_local! {
     static REFUSED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Replaces the function of the C library in this program: as ftruncate(2), but a file of at most `MAX_ALLOCATED_BYTES`
-/// in /dev/shm also gets its pages. If there are none left, the file is removed, because its creator would leave it
+/// Replaces the function of the C library in this program: as ftruncate(2), but a file of a run (`lookout.…` in /dev/shm)
+/// of at most `MAX_ALLOCATED_BYTES` also gets its pages. If there are none left, the file is removed, because its creator would leave it
 /// behind half made, and the error is ENOSPC.
 ///
 /// A library has no other place to say this: iceoryx2 writes to the file before the call that created it returns.
@@ -55,13 +55,14 @@ pub extern "C" fn ftruncate(file: c_int, bytes: libc::off_t) -> c_int {
     if let Err(error) = rustix::fs::ftruncate(file, bytes) {
         return fail(error);
     }
-    if bytes == 0 || bytes > MAX_ALLOCATED_BYTES || !is_shared_memory(file) {
+    // Other files are not ours to remove: the client library brings this function into other programs.
+    let Some(path) = (1..=MAX_ALLOCATED_BYTES).contains(&bytes).then(|| path_of_run(file)).flatten() else {
         return 0;
-    }
+    };
     match fallocate(file, FallocateFlags::empty(), 0, bytes) {
         Err(Errno::NOSPC) => {
             REFUSED.set(true);
-            remove(file);
+            let _ = unlink(&path);
             fail(Errno::NOSPC)
         }
         // A file system that cannot allocate is no worse than before.
@@ -76,16 +77,15 @@ fn fail(error: Errno) -> c_int {
     -1
 }
 
-fn is_shared_memory(file: impl AsFd) -> bool {
-    matches!((fstat(file), stat(SHM)), (Ok(file), Ok(folder)) if file.st_dev == folder.st_dev)
-}
-
-/// Removes the name of an open file.
-fn remove(file: BorrowedFd<'_>) {
-    use std::os::fd::AsRawFd;
-    if let Ok(path) = std::fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd())) {
-        let _ = unlink(&path);
+/// Path of an open file, if it is one of a run.
+fn path_of_run(file: BorrowedFd<'_>) -> Option<PathBuf> {
+    let is_shared_memory =
+        matches!((fstat(file), stat(SHM)), (Ok(file), Ok(folder)) if file.st_dev == folder.st_dev);
+    if !is_shared_memory {
+        return None;
     }
+    let path = std::fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd())).ok()?;
+    is_name_of_run(path.file_name()?).then_some(path)
 }
 
 /// Free space in /dev/shm.
@@ -220,7 +220,7 @@ mod tests {
 
     impl Shared {
         fn new(name: &str) -> Self {
-            let path = PathBuf::from(format!("{SHM}/lookout-test-{}-{name}", std::process::id()));
+            let path = PathBuf::from(format!("{SHM}/{name}-{}", std::process::id()));
             let file = File::options().read(true).write(true).create_new(true).open(&path).unwrap();
             Self(path, file)
         }
@@ -238,13 +238,16 @@ mod tests {
 
     #[test]
     fn small_files_get_their_pages_with_their_size() {
-        use std::os::fd::AsRawFd;
-        let small = Shared::new("small");
+        let small = Shared::new("lookout.test.small");
         // SAFETY: an ordinary call of the C library, which this program replaces.
         assert_eq!(unsafe { libc::ftruncate(small.1.as_raw_fd(), 300) }, 0);
         assert_eq!(small.1.metadata().unwrap().len(), 300);
         assert!(small.blocks() > 0, "no page was allocated");
-        let pool = Shared::new("pool");
+        let foreign = Shared::new("of-another-program");
+        // SAFETY: as above.
+        assert_eq!(unsafe { libc::ftruncate(foreign.1.as_raw_fd(), 300) }, 0);
+        assert_eq!((foreign.1.metadata().unwrap().len(), foreign.blocks()), (300, 0));
+        let pool = Shared::new("lookout.test.pool");
         // SAFETY: as above.
         assert_eq!(unsafe { libc::ftruncate(pool.1.as_raw_fd(), 1 << 20) }, 0);
         assert_eq!((pool.1.metadata().unwrap().len(), pool.blocks()), (1 << 20, 0));

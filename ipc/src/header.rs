@@ -9,6 +9,7 @@ use crate::pipeline::{PATH_LENGTH, Role};
 use crate::range::{
     ANY_U32, CLOCK_NS, COUNT, Each, FLAG, MAX_SOURCE_NS, Nested, PADDING, RangeError, Ranged, ranges, within,
 };
+use crate::type_name;
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
@@ -22,7 +23,11 @@ pub struct Line(pub(crate) [u8; LINE_BYTES]);
 
 // SAFETY: the layout is fixed by repr(C), there are no pointers, nothing to drop, and every bit
 // pattern is valid. (The derive does not accept an alignment.)
-unsafe impl ZeroCopySend for Line {}
+unsafe impl ZeroCopySend for Line {
+    unsafe fn type_name() -> &'static str {
+        type_name::LINE
+    }
+}
 
 /// Bytes of a [`Line`].
 pub const LINE_BYTES: usize = 64;
@@ -59,7 +64,7 @@ ranges! {
 
 /// The header of every message.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Header {
     pub(crate) magic: u32,
     pub(crate) version: u16,
@@ -101,6 +106,14 @@ pub struct Header {
     pub motion: MotionRecord,
     /// One stamp per stage, in the order of [`crate::pipeline::PATH`].
     pub stamps: [Stamp; PATH_LENGTH],
+}
+
+// SAFETY: the layout is fixed by repr(C), and the fields are whole numbers and records that may be sent. (The derive takes
+// no name that is computed.)
+unsafe impl ZeroCopySend for Header {
+    unsafe fn type_name() -> &'static str {
+        type_name::HEADER
+    }
 }
 
 /// Maximum length of a payload, in bytes: the maps of `depth`, with room for the records of a message.

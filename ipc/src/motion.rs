@@ -71,7 +71,7 @@ pub const MAX_AGE_S: f64 = 60.0;
 /// Maximum angle of the steering wheel, in rad: four turns.
 pub const MAX_STEERING_ANGLE_RAD: f64 = 26.0;
 
-/// What the vehicle itself reported at the time of a frame.
+/// What the vehicle itself reported at the time of a frame. A value that is not `present` means nothing.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend, Pod, Zeroable)]
 pub struct VehicleRecord {
@@ -89,7 +89,7 @@ pub struct VehicleRecord {
     pub present: u32,
     /// What is wrong: bits of [`vehicle_faults`].
     pub faults: u32,
-    /// Whether the brake is pressed.
+    /// 1 while the brake is pressed, else 0.
     pub is_braking: u32,
     /// Turn indicators: 0 off, 1 left, 2 right, 3 both.
     pub turn_indicator: u32,
@@ -143,7 +143,7 @@ impl fmt::Display for VehicleRecord {
     }
 }
 
-/// The vehicle's own motion at the time of a frame, from odometry and bus. Zero where no stage has determined it yet.
+/// The vehicle's own motion at the time of a frame, from odometry and bus. All zeros where no stage has determined it yet.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable, ZeroCopySend)]
 pub struct MotionRecord {
@@ -151,7 +151,7 @@ pub struct MotionRecord {
     pub speed_m_s: f64,
     /// Its standard deviation, in m/s.
     pub speed_sigma_m_s: f64,
-    /// Acceleration, in m/s².
+    /// Acceleration, in m/s², forwards positive.
     pub acceleration_m_s2: f64,
     /// Its standard deviation, in m/s².
     pub acceleration_sigma_m_s2: f64,
@@ -165,7 +165,7 @@ pub struct MotionRecord {
     pub camera_yaw_rad: f64,
     /// Position since the start of the run or the last reset, in metres: right, down, forward of the first camera.
     pub position_m: [f64; 3],
-    /// Orientation since then as a unit quaternion: x, y, z, w.
+    /// Orientation since then as a unit quaternion: x, y, z, w; all zeros until it is determined.
     pub orientation: [f64; 4],
     /// What it is known from: bits of [`health`].
     pub health: u32,

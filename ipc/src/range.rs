@@ -97,9 +97,17 @@ pub(crate) trait Rule<T> {
     /// Moves a number to the nearest valid one. What is not a number stays, and is refused where it is read.
     fn limit(&self, value: &mut T);
 
+    /// The valid values in words, for documentation; `None` where there is nothing to say.
+    fn text(&self) -> Option<String>;
+
     /// Values that are not valid, made from a valid one: just outside each limit, and far outside.
     #[cfg(test)]
     fn invalid(&self, valid: T) -> Vec<T>;
+}
+
+/// [`Rule::text`] of a field's rule.
+pub(crate) fn text_of<S, T>(rule: &impl Rule<T>, _: impl Fn(&S) -> &T) -> Option<String> {
+    rule.text()
 }
 
 /// A record whose fields all have ranges.
@@ -112,6 +120,9 @@ pub(crate) trait Ranged: Copy {
 
     /// Moves every number to the nearest valid one.
     fn limit(&mut self);
+
+    /// The valid values of each field in words, by the names of the fields.
+    fn texts() -> Vec<(&'static str, Option<String>)>;
 
     /// Copies of this valid record in each of which one field is not valid, with the name of that field.
     #[cfg(test)]
@@ -241,6 +252,17 @@ impl<T: Primitive> Rule<T> for Within<T> {
         }
     }
 
+    fn text(&self) -> Option<String> {
+        let [min, max] = [self.min, self.max].map(Primitive::number);
+        let is_any = min == Number::Whole(0) && max == Number::Whole(u32::MAX.into());
+        let or_infinite = if self.or_infinite { ", or infinite" } else { "" };
+        match is_any {
+            true => None,
+            false if min == max => Some(format!("{min}")),
+            false => Some(format!("{min} to {max}{or_infinite}")),
+        }
+    }
+
     #[cfg(test)]
     fn invalid(&self, _: T) -> Vec<T> {
         T::outside(self.min, self.max).into_iter().filter(|v| !self.is_valid(*v)).collect()
@@ -256,6 +278,10 @@ impl<const N: usize> Rule<[u8; N]> for AnyBytes {
     }
 
     fn limit(&self, _: &mut [u8; N]) {}
+
+    fn text(&self) -> Option<String> {
+        None
+    }
 
     #[cfg(test)]
     fn invalid(&self, _: [u8; N]) -> Vec<[u8; N]> {
@@ -275,6 +301,10 @@ impl<T: Ranged> Rule<T> for Nested {
         value.limit();
     }
 
+    fn text(&self) -> Option<String> {
+        None
+    }
+
     #[cfg(test)]
     fn invalid(&self, valid: T) -> Vec<T> {
         valid.invalid().into_iter().map(|(_, record)| record).collect()
@@ -291,6 +321,10 @@ impl<T: Copy, R: Rule<T>, const N: usize> Rule<[T; N]> for Each<R> {
 
     fn limit(&self, values: &mut [T; N]) {
         values.iter_mut().for_each(|value| self.0.limit(value));
+    }
+
+    fn text(&self) -> Option<String> {
+        self.0.text()
     }
 
     #[cfg(test)]
@@ -320,6 +354,11 @@ macro_rules! ranges {
                 use $crate::range::Rule;
                 let Self { $($field),* } = self;
                 $($rule.limit($field);)*
+            }
+
+            fn texts() -> Vec<(&'static str, Option<String>)> {
+                use $crate::range::text_of;
+                vec![$((stringify!($field), text_of(&$rule, |record: &Self| &record.$field)),)*]
             }
 
             #[cfg(test)]

@@ -5,6 +5,7 @@
 
 use rustix::fs::{FlockOperation, Mode, OFlags, fchmod, flock, open};
 use rustix::rand::{GetRandomFlags, getrandom};
+use std::ffi::OsStr;
 use std::fs::{File, Metadata};
 use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
@@ -98,6 +99,11 @@ impl RunPrefix {
         files.sort_by_key(|file| *file == mark);
         files.iter().filter(|file| std::fs::remove_file(file).is_ok()).count()
     }
+}
+
+/// Whether a file in /dev/shm has the name of a run's file.
+pub(crate) fn is_name_of_run(name: &OsStr) -> bool {
+    name.as_encoded_bytes().starts_with(NAME.as_bytes())
 }
 
 /// Files of this user in /dev/shm that belong to any run.

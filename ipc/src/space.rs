@@ -54,7 +54,7 @@ pub struct BoundaryRecord {
     pub side: u32,
     /// Number of points that are used, 0 to [`MAX_POINTS`].
     pub count: u32,
-    /// 0.
+    /// Padding; 0.
     pub padding: u32,
     /// The points, from left to right as the camera sees them; 0 beyond the last one.
     pub points: [BoundaryPointRecord; MAX_POINTS],

@@ -35,11 +35,13 @@ pub enum Need {
     Systemd,
     /// ffmpeg, for videos.
     Ffmpeg,
+    /// A C compiler with pkg-config.
+    Cc,
 }
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Data,
         Self::Chromium,
         Self::Python,
@@ -51,6 +53,7 @@ impl Need {
         Self::Hangup,
         Self::Systemd,
         Self::Ffmpeg,
+        Self::Cc,
     ];
 
     /// Its name in `LOOKOUT_REQUIRE`.
@@ -67,6 +70,7 @@ impl Need {
             Self::Hangup => "hangup",
             Self::Systemd => "systemd",
             Self::Ffmpeg => "ffmpeg",
+            Self::Cc => "cc",
         }
     }
 }

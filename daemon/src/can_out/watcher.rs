@@ -3,12 +3,12 @@
 use super::Shared;
 use super::state_file::{CanOutState, StateFile};
 use super::values::{daemon_state, result_values};
-use crate::silence;
 use messages::alarm::Faults;
 use messages::bus::{Bus, IpcError};
 use messages::instance::Instance;
 use messages::obstacles::Newest;
 use messages::port::Subscriber;
+use messages::silence;
 use messages::wait::{self, Next};
 use messages::{obstacles, service, status};
 use std::io;

@@ -1,10 +1,10 @@
 //! Attaching to the shared memory of a running daemon.
 
 use crate::command::error::CommandError;
-use crate::silence;
 use config::Config;
 use messages::bus::{Bus, IpcError};
 use messages::instance::{Instance, InstanceError};
+use messages::silence;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

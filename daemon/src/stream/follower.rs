@@ -3,12 +3,12 @@
 use super::notice::Notice;
 use super::runs::{Entry, Runs};
 use crate::frame_record::frame_record;
-use crate::silence;
 use crate::status_json::StatusJson;
 use messages::bus::{Bus, IpcError};
 use messages::instance::Instance;
 use messages::obstacles::Newest;
 use messages::port::{Sample, Subscriber};
+use messages::silence;
 use messages::wait::{self, Next};
 use messages::{obstacles, service, status};
 use std::path::{Path, PathBuf};

@@ -68,7 +68,7 @@ pub struct AlarmRecord {
     pub path_half_width_m: f64,
     /// Arc length from the rear axle from which the path follows the road's edges, in metres; 0 if it does not.
     pub path_edges_from_m: f64,
-    /// Curvature from there on, in 1/m.
+    /// Curvature from there on, in 1/m, to the left positive.
     pub path_edges_curvature_per_m: f64,
     /// Position of the camera to the right of the vehicle's centre line, in metres.
     pub path_camera_right_m: f64,

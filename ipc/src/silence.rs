@@ -1,6 +1,6 @@
 //! Why a daemon that holds its lock sends nothing.
 
-use messages::instance::Instance;
+use crate::instance::Instance;
 use std::time::Duration;
 
 /// A daemon sends a status once a second; one that sends none for this long is stopped, or hangs.

@@ -1,7 +1,7 @@
 //! One obstacle that is followed from frame to frame.
 
 use super::existence::Existence;
-use super::extent::{CutSides, Extent, clip, shift_m};
+use super::extent::{CutSides, Extent, clip};
 use super::filter::ground::{Filters, GroundMotion, Movement};
 use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
 use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SYSTEMATIC_PX};
@@ -109,19 +109,22 @@ impl Track {
         // The side of a thing that enters or leaves the picture is seen at an angle that changes, which must not look like a
         // speed over ground.
         let sigma_m = centre_sigma_m(region, &rig, is_partial).hypot(unsure_m);
-        let to_thing_m = if self.is_over_ground { shift_m(region.inset_m) } else { 0.0 };
-        let [left_m, right_m] = self.side_movement_m(region, &rig);
-        let width_m = self.extent.width_m;
+        let half_m = region.width_m / 2.0;
+        let [left_m, right_m] = match self.is_over_ground {
+            true => region.ends_m(),
+            false => [region.lateral_m - half_m, region.lateral_m + half_m],
+        };
+        let front_m = self.front_m();
         // A side that the picture cuts shows nothing of the place, and the other one stays where it is as the thing comes into
         // view.
         let (lateral_m, outwards) = match (cut.left, cut.right) {
-            (true, false) => (self.lateral.lateral_m() + right_m, -0.5),
-            (false, true) => (self.lateral.lateral_m() + left_m, 0.5),
-            _ => (region.lateral_m + to_thing_m, 0.0),
+            (true, false) => (right_m - front_m / 2.0, -0.5),
+            (false, true) => (left_m + front_m / 2.0, 0.5),
+            _ => ((left_m + right_m) / 2.0, 0.0),
         };
         self.lateral.update(lateral_m, sigma_m);
         self.extent.update(region, &rig, cut, self.unseen_s);
-        self.lateral.shift(outwards * (self.extent.width_m - width_m));
+        self.lateral.shift(outwards * (self.front_m() - front_m));
         if !cut.any() {
             self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
         }
@@ -130,14 +133,6 @@ impl Track {
         self.seen = self.seen.saturating_add(1);
         self.consecutive_frames = self.consecutive_frames.saturating_add(1);
         (self.missed, self.unseen_s) = (0, 0.0);
-    }
-
-    /// By how much the left and the right side of a sighting are beside those that are expected, in metres at the distance of
-    /// the thing.
-    fn side_movement_m(&self, region: &Region, rig: &Rig) -> [f64; 2] {
-        let [left, _, right, _] = self.body(rig);
-        let (x, end) = (f64::from(region.bounds.x), f64::from(region.bounds.x + region.bounds.width));
-        [x - left, end - right].map(|px| px * self.distance_m() / rig.focal_px)
     }
 
     /// The whole box of the thing, also outside of the picture: left, top, right, bottom, in px.

@@ -34,7 +34,7 @@ impl Default for TrackerParameters {
 
 /// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
 /// below which a track ends, as less is then known of it than before it was seen.
-pub const BIRTH_PROBABILITY: f64 = 0.1;
+pub const BIRTH_PROBABILITY: f64 = 0.2;
 /// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
 pub const KEEP_PROBABILITY: f64 = 0.8;
 /// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However

@@ -200,7 +200,8 @@ fn clutter_at_a_rate_is_hardly_ever_confirmed() {
             seconds += 10;
         }
         println!("{rate_hz} Hz: {confirmed} false tracks in {seconds} s");
-        assert!(confirmed <= 4, "{confirmed} in {seconds} s at {rate_hz} Hz");
+        // One sighting in a thousand.
+        assert!(confirmed <= 15, "{confirmed} of 15000 sightings in {seconds} s at {rate_hz} Hz");
     }
 }
 

@@ -166,6 +166,13 @@ fn layered(texts: &[&str]) -> Result<Config, String> {
     merged.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
 }
 
+/// Keys that no longer exist: table, key and what to do instead.
+const REMOVED: &[(&str, &str, &str)] = &[
+    ("regions", "confirm", "remove it; tracking.confirm_probability says what counts as an obstacle"),
+    ("tracking", "confirm_frames", "set tracking.confirm_probability (default 0.9) instead"),
+    ("tracking", "forget_frames", "set tracking.unseen_max_s, in seconds, instead"),
+];
+
 struct Checker<'a> {
     text: &'a str,
     file: &'a Path,
@@ -228,6 +235,13 @@ impl Checker<'_> {
             for (key_name, value) in keys {
                 if let Some(key) = table.keys.iter().find(|key| key.name == key_name.get_ref().as_ref()) {
                     self.value(key, value);
+                } else if let Some((.., remedy)) = REMOVED
+                    .iter()
+                    .find(|(of, name, _)| *of == table.name && *name == key_name.get_ref().as_ref())
+                {
+                    let text =
+                        format!("key {}.{} is no longer used: {remedy}", table.name, key_name.get_ref());
+                    self.add(Some(key_name.span().start), text);
                 } else {
                     let before = format!("key {}.", table.name);
                     self.unknown(key_name, &before, "", || table.keys.iter().map(|key| &key.name[..]));
@@ -464,6 +478,16 @@ name = \"a b\"
             assert!(got.iter().any(|e| e.starts_with(&expected)), "{expected}\nin {got:#?}");
         }
         assert_eq!(got.len(), 10, "{got:#?}");
+        let got = errors("[regions]\nconfirm = false\n[tracking]\nconfirm_frames = 3\nforget_frames = 5\n");
+        assert!(
+            got[0].starts_with("car.toml:2: key regions.confirm is no longer used: remove it"),
+            "{got:#?}"
+        );
+        assert!(
+            got[1].contains("set tracking.confirm_probability") && got[2].contains("unseen_max_s"),
+            "{got:#?}"
+        );
+        assert_eq!(got.len(), 3, "{got:#?}");
         let line = |e: &String| e.split(':').nth(1).and_then(|l| l.parse::<u32>().ok());
         assert!(got.windows(2).all(|w| line(&w[0]) <= line(&w[1])), "{got:#?}");
     }

@@ -49,6 +49,8 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
                 score: (o.score > 0.0).then(|| tidy(o.score)),
                 confirmed: o.confirmed == 1,
                 missed: o.missed,
+                predicted: o.missed > 0,
+                probability: tidy(o.probability),
                 x_px: o.bounds[0],
                 y_px: o.bounds[1],
                 width_px: o.bounds[2],

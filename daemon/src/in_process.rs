@@ -12,8 +12,8 @@ use messages::header::{Header, Kind, MessageError};
 use messages::motion::MotionRecord;
 use messages::obstacles::AlarmRecord;
 use messages::pipeline::SERVICES;
-use messages::regions::RegionRecord;
 use messages::source_time::SourceTimeRecord;
+use messages::track::{MAX_TRACKS, TrackRecord};
 use messages::{Records, depth, obstacles, pair, regions};
 use sources::{PairSource, SourceError};
 use thiserror::Error;
@@ -85,8 +85,8 @@ pub struct FrameResult<'a> {
     pub record: FrameRecord,
     /// Images and road for an overlay.
     pub images: OverlayInput<'a>,
-    /// The regions before tracking.
-    pub regions: Records<RegionRecord, { regions::MAX_COUNT }>,
+    /// The tracks, with the places of their crops.
+    pub tracks: Records<TrackRecord, MAX_TRACKS>,
     /// Whether a road was detected.
     pub road_seen: bool,
     /// The vehicle's own motion.
@@ -180,8 +180,8 @@ impl Pipeline {
             height: self.format.height,
             rig: self.format.rig(),
         };
-        let road_seen = regions.road.seen == 1;
-        Ok(FrameResult { record, images, regions: regions.regions, road_seen, motion, alarm, source_ns })
+        let (road_seen, tracks) = (regions.road.seen == 1, regions.tracks);
+        Ok(FrameResult { record, images, tracks, road_seen, motion, alarm, source_ns })
     }
 
     /// The left image of pair `index`, row-major, without processing it.

@@ -196,7 +196,7 @@ processes! {
         output: Some(&REGIONS),
         core: Core::Own(2),
         priority: Some(30),
-        config_tables: &["road", "regions", "motion"],
+        config_tables: &["road", "regions", "tracking", "motion"],
     }
     /// Regions to tracked obstacles and the alarm.
     Recognition = 4 {
@@ -205,7 +205,7 @@ processes! {
         output: Some(&OBSTACLES),
         core: Core::Own(3),
         priority: Some(40),
-        config_tables: &["recognition", "tracking", "alarm"],
+        config_tables: &["recognition", "alarm"],
     }
     /// Writes results to files.
     Writer = 5 {

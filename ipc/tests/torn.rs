@@ -8,8 +8,9 @@ use lookout_ipc::header::{Header, Kind};
 use lookout_ipc::instance::{Instance, InstanceLock};
 use lookout_ipc::obstacles::{self, AlarmRecord, ObstacleRecord};
 use lookout_ipc::port::Sample;
-use lookout_ipc::regions::{self, RegionRecord, RoadRecord, Writer};
+use lookout_ipc::regions::{self, Counts, RegionRecord, RoadRecord, Writer};
 use lookout_ipc::service::{OBSTACLES, REGIONS, ServiceSpec};
+use lookout_ipc::track::TrackRecord;
 use std::hint::black_box;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -79,16 +80,23 @@ fn regions_that_were_checked_do_not_change() {
     let mut memory = vec![0_u64; regions::max_payload_bytes(WIDTH as usize, HEIGHT as usize).div_ceil(8)];
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = RoadRecord { seen: 1, slope: 0.123_456, camera_height_m: 1.25, ..RoadRecord::default() };
-    let mut writer = Writer::new(payload, road, &[1.5; HEIGHT as usize], 6).unwrap();
+    let mut writer =
+        Writer::new(payload, road, &[1.5; HEIGHT as usize], Counts { regions: 6, tracks: 6 }).unwrap();
     for _ in 0..6 {
-        let region = RegionRecord {
+        writer.push_region(&RegionRecord {
+            disparity_px: 4.0,
+            distance_m: 20.0,
+            bounds: [8, 8, 20, 16],
+            ..RegionRecord::default()
+        });
+        let track = TrackRecord {
             disparity_px: 4.0,
             distance_m: 20.0,
             bounds: [8, 8, 20, 16],
             crop: [4, 4, 28, 24],
-            ..RegionRecord::default()
+            ..TrackRecord::default()
         };
-        writer.push(region, [[77_u8; 28]; 24].iter().map(|row| &row[..]));
+        writer.push_track(track, [[77_u8; 28]; 24].iter().map(|row| &row[..]));
     }
     let length = writer.bytes();
     let payload = bytemuck::cast_slice::<u64, u8>(&memory)[..length].to_vec();
@@ -102,8 +110,13 @@ fn regions_that_were_checked_do_not_change() {
                 assert!((1.0 / 256.0..=8192.0).contains(&region.disparity_px), "{region:?}");
                 assert!((0.0..=10_000.0).contains(&region.distance_m), "{region:?}");
                 assert!(region.bounds[0] + region.bounds[2] <= WIDTH, "{region:?}");
-                let Some(crop) = message.crop(region) else { continue };
-                assert_eq!(crop.len(), (region.crop[2] * region.crop[3]) as usize);
+            }
+            for track in &message.tracks {
+                let track = black_box(track);
+                assert!((0.0..=10_000.0).contains(&track.distance_m), "{track:?}");
+                assert!(track.bounds[0] + track.bounds[2] <= WIDTH, "{track:?}");
+                let Some(crop) = message.crop(track) else { continue };
+                assert_eq!(crop.len(), (track.crop[2] * track.crop[3]) as usize);
                 black_box(crop.iter().map(|&v| u32::from(v)).sum::<u32>());
             }
             black_box(message.profile_px.iter().sum::<f32>());

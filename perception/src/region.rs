@@ -23,6 +23,14 @@ impl PixelBox {
         span(self.x, self.width, other.x, other.width) * span(self.y, self.height, other.y, other.height)
     }
 
+    /// The smallest box that contains both.
+    pub fn joined(&self, other: &PixelBox) -> PixelBox {
+        let (x, y) = (self.x.min(other.x), self.y.min(other.y));
+        let right = (self.x + self.width).max(other.x + other.width);
+        let bottom = (self.y + self.height).max(other.y + other.height);
+        PixelBox { x, y, width: right - x, height: bottom - y }
+    }
+
     /// Intersection over union, 0 to 1.
     pub fn overlap(&self, other: &PixelBox) -> f64 {
         let shared = self.shared_area(other);
@@ -56,6 +64,8 @@ pub struct Region {
     pub pixels: u32,
     /// Mean confidence of these pixels, 0 to 1.
     pub confidence: f64,
+    /// Evidence that this sighting is a real obstacle: natural logarithm of the likelihood ratio. 0 tells nothing.
+    pub evidence: f64,
 }
 
 /// Maximum magnitude of a measure of a valid region, in its unit: far above all that cameras see, and so small that no
@@ -72,6 +82,7 @@ impl Region {
             && self.disparity_px <= MAX_MEASURE
             && self.lateral_m.abs() <= MAX_MEASURE
             && sizes.iter().chain(&self.inset_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && self.evidence.abs() <= MAX_MEASURE
             && x.checked_add(width).is_some()
             && y.checked_add(height).is_some()
     }

@@ -29,11 +29,7 @@
 //! let disparity = DisparityView::new(&map, width, height).expect("one disparity per pixel");
 //! let depth = DepthView::new(disparity, &confidence).expect("one confidence per pixel");
 //!
-//! // Regions are confirmed over several frames.
 //! let mut detector = SceneDetector::new(SceneParameters::default(), rig, width, height, 64);
-//! for _ in 0..3 {
-//!     detector.detect(depth);
-//! }
 //! let scene = detector.detect(depth);
 //!
 //! let road = scene.road.expect("a visible road");
@@ -44,6 +40,7 @@
 
 use crate::alarm::AlarmParameters;
 use crate::depth::DepthView;
+use crate::detection::photometric::Verifier;
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::Stixels;
 use crate::detection::{ObstacleDetector, RegionParameters};
@@ -68,9 +65,6 @@ pub struct SceneParameters {
     pub regions: RegionParameters,
     /// Width of the own path, in metres: what stands in it is an obstacle even where it is part of a boundary.
     pub path_width_m: f64,
-    /// Whether what belongs to a boundary or to raised ground is no region. Off: people, cones and cars that stand close to a
-    /// wall or on a pavement would be missed with it, in the scenes `street` up to 14 % of all obstacles.
-    pub masks_regions: bool,
 }
 
 impl Default for SceneParameters {
@@ -79,7 +73,6 @@ impl Default for SceneParameters {
             road: RoadParameters::default(),
             regions: RegionParameters::default(),
             path_width_m: AlarmParameters::default().path_width_m,
-            masks_regions: false,
         }
     }
 }
@@ -91,12 +84,14 @@ pub struct Scene<'a> {
     pub road: Option<RoadModel>,
     /// Disparity of the road in each row, in px; 0 above the road.
     pub profile_px: &'a [f32],
-    /// Obstacle regions, nearest first.
+    /// Sightings of obstacles in this map, nearest first; see [`crate::detection`].
     pub regions: &'a [Region],
     /// How far the ground is known to be free, by direction from left to right.
     pub free: &'a [FreeSector],
     /// Left and right edges of the road.
     pub edges: &'a Edges,
+    /// Looks for a region in both pictures of this map; `None` without pictures or road.
+    pub verifier: Option<Verifier<'a>>,
     /// Boundaries beside the path, nearest first.
     pub boundaries: &'a [Boundary],
 }
@@ -107,7 +102,6 @@ pub struct SceneDetector {
     road: RoadEstimator,
     obstacles: ObstacleDetector,
     free_space: FreeSpaceFinder,
-    masks_regions: bool,
     /// Own motion and seconds since the last map.
     step: Option<PlanarStep>,
     elapsed_s: f64,
@@ -127,7 +121,6 @@ impl SceneDetector {
         let (regions, stixels) = (&parameters.regions, obstacles.stixels());
         Self {
             free_space: FreeSpaceFinder::new(rig, path_width_m, regions, stixels),
-            masks_regions: parameters.masks_regions,
             step: None,
             elapsed_s: 0.0,
             road: RoadEstimator::new(parameters.road, rig, width, height, disparities),
@@ -155,17 +148,15 @@ impl SceneDetector {
         self.road.surface()
     }
 
-    /// Forgets what was seen before, as after a gap or a step back in time ([`crate::frame_clock`]): the confirmation
-    /// of regions over frames. The road is estimated in each map anew.
+    /// Forgets what was seen before, as after a gap or a step back in time ([`crate::frame_clock`]): boundaries and ground. The
+    /// road is estimated, and obstacles are sighted, in each map anew.
     pub fn reset(&mut self) {
-        self.obstacles.reset();
         self.free_space.reset();
     }
 
-    /// Sets the displacement of the camera from the last map to the next one, by which the memory of regions is moved;
-    /// `None` if it is unknown. Call it before each [`Self::detect`]: it holds for one map.
+    /// Sets the displacement of the camera from the last map to the next one, by which what is remembered is moved; `None` if
+    /// it is unknown. Call it before each [`Self::detect`]: it holds for one map.
     pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
-        self.obstacles.set_own_motion(step);
         self.step = step;
     }
 
@@ -179,23 +170,32 @@ impl SceneDetector {
     ///
     /// # Panics
     /// When the size of the map differs from that of the detector.
-    pub fn detect(&mut self, depth: DepthView<'_>) -> Scene<'_> {
+    pub fn detect<'a>(&'a mut self, depth: DepthView<'a>) -> Scene<'a> {
         let step = self.step.take();
         let Some(model) = self.road.estimate(depth) else {
             self.free_space.reset();
             let profile_px = self.road.profile().disparity_px();
             let (free, edges) = (self.free_space.sectors(), self.road.edges());
-            return Scene { road: None, profile_px, regions: &[], free, edges, boundaries: &[] };
+            return Scene {
+                road: None,
+                profile_px,
+                regions: &[],
+                free,
+                edges,
+                boundaries: &[],
+                verifier: None,
+            };
         };
         let (profile, surface, edges) = (self.road.profile(), self.road.surface(), self.road.edges());
         let road = RoadView { surface, profile_px: profile.disparity_px(), top: profile.top(), edges };
         self.free_space.classify(self.obstacles.find_stixels(depth, surface), road, step, self.elapsed_s);
-        let uses = if self.masks_regions { self.free_space.uses() } else { &[] };
-        self.obstacles.detect(depth, profile, surface, uses);
-        let regions = self.obstacles.regions();
+        self.obstacles.detect(depth, profile, surface, self.free_space.uses());
+        let (regions, verifier) =
+            (self.obstacles.regions(), self.obstacles.verifier(depth, profile, surface));
         self.free_space.update(self.obstacles.stixels(), road, regions);
         let (free, boundaries) = (self.free_space.sectors(), self.free_space.boundaries());
-        Scene { road: Some(model), profile_px: profile.disparity_px(), regions, free, edges, boundaries }
+        let profile_px = profile.disparity_px();
+        Scene { road: Some(model), profile_px, regions, free, edges, boundaries, verifier }
     }
 }
 
@@ -237,14 +237,6 @@ mod tests {
         DepthView::new(DisparityView::new(map, 320, 240).unwrap(), &[255; 320 * 240]).unwrap()
     }
 
-    /// Result of the fourth frame with the same map, after confirmation.
-    fn detect_repeatedly<'a>(detector: &'a mut SceneDetector, map: &[u16]) -> Scene<'a> {
-        for _ in 0..3 {
-            detector.detect(full_confidence(map));
-        }
-        detector.detect(full_confidence(map))
-    }
-
     fn detector() -> SceneDetector {
         SceneDetector::new(SceneParameters::default(), RIG, 320, 240, 64)
     }
@@ -254,7 +246,7 @@ mod tests {
         let boxes = [(-0.9, 0.9, 1.5, 12.0), (2.0, 2.4, 1.2, 8.0)];
         let map = map(&boxes, 0.0);
         let mut detector = detector();
-        let scene = detect_repeatedly(&mut detector, &map);
+        let scene = detector.detect(full_confidence(&map));
         let road = scene.road.expect("the road is visible");
         assert!((road.camera_height_m - CAMERA_HEIGHT_M).abs() < 0.15, "{road:?}");
         assert!(road.confidence > 0.8, "{road:?}");
@@ -286,7 +278,7 @@ mod tests {
             }
         }
         let mut detector = detector();
-        let scene = detect_repeatedly(&mut detector, &map);
+        let scene = detector.detect(full_confidence(&map));
         let [car] = scene.regions else { panic!("{:?}", scene.regions) };
         let side_end = RIG.cx_px - 1.6 * RIG.focal_px / 7.4;
         assert!(f64::from(car.bounds.x + car.bounds.width) > side_end - 8.0, "{car:?}");
@@ -298,7 +290,7 @@ mod tests {
         for roll in [0.0, 0.006, -0.006, 0.012, -0.012] {
             let map = map(&[], roll);
             let mut detector = detector();
-            let scene = detect_repeatedly(&mut detector, &map);
+            let scene = detector.detect(full_confidence(&map));
             let road = scene.road.expect("the road is visible");
             assert!((road.roll - roll).abs() < 0.001, "{road:?}");
             assert!(scene.regions.is_empty(), "roll {roll}: {:?}", scene.regions);
@@ -311,7 +303,7 @@ mod tests {
         for roll in [0.01, -0.01] {
             let map = map(&boxes, roll);
             let mut detector = detector();
-            let scene = detect_repeatedly(&mut detector, &map);
+            let scene = detector.detect(full_confidence(&map));
             assert_eq!(scene.regions.len(), 2, "roll {roll}: {:?}", scene.regions);
             for region in scene.regions {
                 assert!((region.height_m - 1.5).abs() < 0.35, "roll {roll}: {region:?}");

@@ -3,7 +3,7 @@
 use super::harness::{Format, fuzz_format};
 use fastrand::Rng;
 use messages::header::{Header, Kind, Stamp};
-use messages::{command, depth, obstacles, pair, pipeline, regions, report, status};
+use messages::{command, depth, obstacles, pair, pipeline, regions, report, status, track};
 
 /// Bytes of the fields of a header that anybody may write.
 const HEADER_BYTES: usize = 48;
@@ -93,11 +93,18 @@ fn read(bytes: &[u8]) -> Result<String, String> {
                 assert!(region.disparity_px > 0.0 && region.lateral_m.abs() <= 1e4, "{region:?}");
                 let [x, y, width, height] = region.bounds;
                 assert!(x + width <= header.width && y + height <= header.height, "{region:?}");
-                if let Some(crop) = r.crop(region) {
-                    assert_eq!(crop.len(), region.crop[2] as usize * region.crop[3] as usize);
+            }
+            for track in &r.tracks {
+                let measures = [track.distance_m, track.width_m, track.height_m, track.distance_sigma_m];
+                assert!(measures.iter().all(|v| (0.0..=1e4).contains(v)), "{track:?}");
+                assert!((0.0..=1.0).contains(&track.probability), "{track:?}");
+                let [x, y, width, height] = track.bounds;
+                assert!(x + width <= header.width && y + height <= header.height, "{track:?}");
+                if let Some(crop) = r.crop(track) {
+                    assert_eq!(crop.len(), track.crop[2] as usize * track.crop[3] as usize);
                 }
             }
-            r.profile_px.len().min(2) + r.regions.len()
+            r.profile_px.len().min(2) + r.regions.len() + r.tracks.len()
         }),
         Kind::Obstacles => obstacles::view(&header, payload).map(|o| {
             for obstacle in &o.obstacles {
@@ -142,15 +149,14 @@ fn seeds() -> Vec<Vec<u8>> {
     let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
     let road = regions::RoadRecord { seen: 1, ..Default::default() };
     let profile = vec![1.5_f32; height as usize];
-    let mut writer = regions::Writer::new(payload, road, &profile, 3).expect("it fits");
+    let mut writer = regions::Writer::new(payload, road, &profile, regions::Counts { regions: 3, tracks: 3 })
+        .expect("it fits");
     for _ in 0..3 {
-        let region = regions::RegionRecord {
-            disparity_px: 4.0,
-            bounds: [2, 2, 5, 4],
-            crop: [1, 1, 6, 5],
-            ..Default::default()
-        };
-        writer.push(region, (0..5).map(|row| &noise[row * 6..(row + 1) * 6]));
+        let bounds = [2, 2, 5, 4];
+        writer.push_region(&regions::RegionRecord { disparity_px: 4.0, bounds, ..Default::default() });
+        let track =
+            track::TrackRecord { disparity_px: 4.0, bounds, crop: [1, 1, 6, 5], ..Default::default() };
+        writer.push_track(track, (0..5).map(|row| &noise[row * 6..(row + 1) * 6]));
     }
     let length = writer.bytes();
     seeds.push(input(2, width, height, &bytemuck::cast_slice::<u64, u8>(&memory)[..length]));

@@ -44,15 +44,17 @@ table! {
 }
 
 table! {
-    /// Tracking of regions from frame to frame.
+    /// Tracking of obstacles from frame to frame.
     pub struct Tracking, reload: Reload::Readers;
 
-    /// Number of frames in which an obstacle must be detected before it can raise an alarm.
-    confirm_frames: Whole(1, 100) in "frames" = Tracker::default().confirm_frames;
+    /// Probability of existence from which a track counts as an obstacle and can raise an alarm. Larger values give fewer
+    /// false obstacles and later true ones.
+    confirm_probability: Number(0.5, 0.999) = Tracker::default().confirm_probability;
 
-    /// A confirmed track ends after this many frames without a detection.
-    forget_frames: Whole(1, 100) in "frames" = Tracker::default().forget_frames;
+    /// A track ends at the latest when nothing has been seen of it for so long. One that should be seen and is not ends
+    /// sooner.
+    unseen_max_s: Number(0.1, 10.0) in "s" = Tracker::default().max_unseen_s;
 
-    /// Minimum overlap (intersection over union) of a region with its track.
+    /// Minimum overlap (intersection over union) of a sighting with its track.
     overlap_min: Number(0.01, 0.99) = Tracker::default().min_overlap;
 }

@@ -55,10 +55,6 @@ table! {
     /// Minimum number of pixels of a region; smaller ones are noise.
     pixels_min: Whole(1, 100_000) in "px" = Region::default().min_pixels;
 
-    /// Maximum number of regions per frame; the nearest are kept.
+    /// Maximum number of regions per frame; those with most evidence are kept.
     count_max: Whole(1, 64) = Region::default().max_count;
-
-    /// Reports a region only after it has been detected in a second frame. If false, the detections of single frames
-    /// are reported, with more false positives.
-    confirm: Switch = Region::default().confirm;
 }

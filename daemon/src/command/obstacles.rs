@@ -35,12 +35,14 @@ pub struct Obstacles {
     pub json: bool,
 }
 
+/// Probability of existence from which a sighting in a single pair counts: that of the strongest evidence.
+const SINGLE_PICTURE_PROBABILITY: f64 = 0.78;
+
 pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;
     args.overlay.as_deref().map(|path| check_ending(path, false)).transpose()?;
     // There is only one frame, so nothing can be confirmed over time.
-    config.tracking.confirm_frames = 1;
-    config.regions.confirm = false;
+    config.tracking.confirm_probability = SINGLE_PICTURE_PROBABILITY;
     config.alarm.confirm_frames = 1;
     config.recognition.looks_max = 64;
     let (mut pipeline, _) = one_pair::pipeline(&config, args.rig.as_deref(), &args.left, &args.right)?;

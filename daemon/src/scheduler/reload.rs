@@ -71,10 +71,12 @@ mod tests {
     fn stages_that_read_a_changed_key_are_restarted() {
         let old = config("");
         assert_eq!(plan(&old, &old), Ok(Plan::default()));
-        let new = config("[alarm]\ndistance_m = 12\n[tracking]\nconfirm_frames = 2\n[stereo]\nfill = true\n");
+        let new = config(
+            "[alarm]\ndistance_m = 12\n[tracking]\nconfirm_probability = 0.8\n[stereo]\nfill = true\n",
+        );
         let planned = plan(&old, &new).unwrap();
         assert_eq!(planned.roles, [Role::Stereo, Role::Recognition]);
-        assert_eq!(planned.keys, ["stereo.fill", "tracking.confirm_frames", "alarm.distance_m"]);
+        assert_eq!(planned.keys, ["stereo.fill", "tracking.confirm_probability", "alarm.distance_m"]);
         assert!(!planned.board);
         let planned = plan(&old, &config("[heat]\nstop_above_c = 94.5\n")).unwrap();
         assert!(planned.board && planned.roles.is_empty());

@@ -9,6 +9,7 @@ pub mod recognition;
 pub mod road;
 pub mod stage;
 pub mod stereo;
+pub mod track_record;
 pub mod vehicle_record;
 pub mod whole_number;
 pub mod writer;

@@ -58,7 +58,7 @@ impl Part {
     }
 }
 
-/// A region, before tracking.
+/// A sighting, before tracking.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 struct RegionLine {
     x_px: u32,
@@ -68,6 +68,7 @@ struct RegionLine {
     distance_m: f64,
     lateral_m: f64,
     width_m: f64,
+    evidence: f64,
 }
 
 impl RegionLine {
@@ -75,7 +76,8 @@ impl RegionLine {
         let [x_px, y_px, width_px, height_px] = region.bounds;
         let (distance_m, lateral_m, width_m) =
             (tidy(region.distance_m), tidy(region.lateral_m), tidy(region.width_m));
-        Self { x_px, y_px, width_px, height_px, distance_m, lateral_m, width_m }
+        let evidence = tidy(region.evidence);
+        Self { x_px, y_px, width_px, height_px, distance_m, lateral_m, width_m, evidence }
     }
 }
 
@@ -265,7 +267,7 @@ fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -
 mod tests {
     use super::*;
     use messages::header::Kind;
-    use messages::regions::{self, RoadRecord, Writer};
+    use messages::regions::{self, Counts, RoadRecord, Writer};
     use tools::reporting::space::BoundaryLine;
 
     const RIG: Rig = Rig { focal_px: 400.0, baseline_m: 0.2, cx_px: 32.0, cy_px: 16.0 };
@@ -282,7 +284,7 @@ mod tests {
         {
             sector.far_m = far_m;
         }
-        let bytes = Writer::new(payload, road, &profile, 0).unwrap().bytes();
+        let bytes = Writer::new(payload, road, &profile, Counts::default()).unwrap().bytes();
         let road = regions::view(&header, &payload[..bytes]).unwrap();
         let images = Images { left: vec![77; 64 * 48], disparity: vec![4 * 256; 64 * 48] };
         let mut record = FrameRecord { sequence: 5, ..FrameRecord::default() };

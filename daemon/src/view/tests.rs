@@ -17,7 +17,8 @@ use messages::bus::Bus;
 use messages::header::{Header, Kind};
 use messages::instance::{Instance, InstanceLock};
 use messages::pipeline::Role;
-use messages::regions::{RegionRecord, RoadRecord};
+use messages::regions::{Counts, RegionRecord, RoadRecord};
+use messages::track::{MAX_TRACKS, TrackRecord};
 use messages::{obstacles, pair, regions};
 use perception::rig::Rig;
 use sources::PairSource;
@@ -134,27 +135,38 @@ fn change_whole(random: &mut Rng, bytes: &mut [u8], start: usize, count: usize) 
 fn change_regions(random: &mut Rng, message: &mut Message) {
     let fixed = regions::max_payload_bytes(message.header.width as usize, message.header.height as usize)
         - regions::MAX_COUNT * size_of::<RegionRecord>()
+        - MAX_TRACKS * size_of::<TrackRecord>()
         - message.header.pixels();
     let payload = message.payload_mut();
     let mut road: RoadRecord = pod_read_unaligned(&payload[..size_of::<RoadRecord>()]);
-    let count = road.regions as usize;
+    let (count, tracks) = (road.regions as usize, road.tracks as usize);
     for _ in 0..random.usize(1..4) {
         match random.u8(0..8) {
             // Slope to height of the camera stand one after the other.
-            0 => change_real(random, bytes_of_mut(&mut road), 8, 5),
-            1 => change_whole(random, bytes_of_mut(&mut road), 48, 80),
+            0 => change_real(random, bytes_of_mut(&mut road), 16, 5),
+            1 => change_whole(random, bytes_of_mut(&mut road), 56, 80),
             2 => {
                 // A number of the profile or of the free space.
                 let numbers = (fixed - size_of::<RoadRecord>()) / 4;
                 change_whole(random, payload, size_of::<RoadRecord>(), numbers);
             }
+            3..=5 if tracks > 0 => {
+                let records = fixed + count * size_of::<RegionRecord>();
+                let at = records + random.usize(0..tracks) * size_of::<TrackRecord>();
+                // Counts and boxes, and then eighteen measures.
+                if random.bool() {
+                    change_whole(random, payload, at, 16);
+                } else {
+                    change_real(random, payload, at + 64, 18);
+                }
+            }
             _ if count > 0 => {
                 let at = fixed + random.usize(0..count) * size_of::<RegionRecord>();
-                // Seven measures, and then two boxes, an offset and a count.
+                // Ten measures, and then a box, a count and a track.
                 if random.bool() {
-                    change_real(random, payload, at, 7);
+                    change_real(random, payload, at, 10);
                 } else {
-                    change_whole(random, payload, at + 56, 10);
+                    change_whole(random, payload, at + 80, 6);
                 }
             }
             _ => {}
@@ -280,8 +292,9 @@ fn regions_message(header: Header, random: &mut Rng) -> Message {
     let mut message = Message::new(header, regions::max_payload_bytes(width, height));
     let road =
         RoadRecord { seen: 1, slope: 0.25, horizon_px: 50.0, confidence: 0.9, ..RoadRecord::default() };
+    let counts = Counts { regions: 8, tracks: 8 };
     let mut writer =
-        regions::Writer::new(message.payload_mut(), road, &vec![2.0; height], 8).expect("it fits");
+        regions::Writer::new(message.payload_mut(), road, &vec![2.0; height], counts).expect("it fits");
     for i in 0..8_u32 {
         let region = RegionRecord {
             disparity_px: 4.0 + f64::from(i),
@@ -291,12 +304,27 @@ fn regions_message(header: Header, random: &mut Rng) -> Message {
             height_m: 1.5,
             confidence: 0.9,
             bounds: [10 * i, 30, 40, 40],
-            crop: [10 * i, 30, 40, 40],
             pixels: 900,
+            track: i + 1,
             ..RegionRecord::default()
         };
+        writer.push_region(&region);
+        let track = TrackRecord {
+            track: i + 1,
+            confirmed: 1,
+            seen: 10,
+            consecutive_frames: 10,
+            probability: 0.95,
+            disparity_px: region.disparity_px,
+            distance_m: region.distance_m,
+            width_m: 1.8,
+            height_m: 1.5,
+            bounds: region.bounds,
+            crop: region.bounds,
+            ..TrackRecord::default()
+        };
         let crop: Vec<u8> = std::iter::repeat_with(|| random.u8(..)).take(1600).collect();
-        assert!(writer.push(region, crop.chunks(40)));
+        assert!(writer.push_track(track, crop.chunks(40)));
     }
     let bytes = writer.bytes();
     message.bytes = bytes;

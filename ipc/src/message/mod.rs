@@ -16,6 +16,8 @@ macro_rules! messages {
     };
 }
 
+pub mod track;
+
 messages! {
     pair::PairMessage,
     depth::DepthMessage,

@@ -155,10 +155,13 @@ pub struct ObstacleRecord {
     pub confirmed: u32,
     /// Number of frames in which it was detected.
     pub seen: u32,
-    /// Number of frames in a row, up to this one, in which it was not detected; its place is then the prediction.
+    /// Number of frames in a row, up to this one, in which it was not detected. Above 0, its box, place and size are
+    /// predictions.
     pub missed: u32,
     /// The box: left, top, width, height, in px; within the image.
     pub bounds: [u32; 4],
+    /// Probability that it exists, 0 to 1.
+    pub probability: f64,
     /// Filtered distance along z, in metres.
     pub distance_m: f64,
     /// Standard deviation of the distance, in metres.
@@ -209,6 +212,7 @@ ranges! {
         seen: ANY_U32,
         missed: ANY_U32,
         bounds: Each(within(0, MAX_SIDE)),
+        probability: SHARE,
         distance_m: METRES,
         distance_sigma_m: METRES,
         lateral_m: LATERAL_M,

@@ -1,12 +1,14 @@
-//! `regions`: road → recognition. The road model, up to [`MAX_COUNT`] regions, and their crops of the left image.
+//! `regions`: road → recognition. The road model, up to [`MAX_COUNT`] regions (sightings of this frame), up to
+//! [`MAX_TRACKS`] tracked obstacles, and their crops of the left image.
 //!
 //! Payload: [`RoadRecord`] with the free space and the boundaries, the road profile (f32 per image row), the regions
-//! ([`RegionRecord`] each), the crops (grey values, u8).
+//! ([`RegionRecord`] each), the tracks ([`TrackRecord`] each), the crops (grey values, u8).
 
+use super::track::{MAX_TRACKS, TrackRecord};
 use crate::copied::{Records, copy_out};
 use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
 use crate::range::{
-    Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges,
+    ANY_U32, Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges,
     within,
 };
 use crate::space::SpaceRecord;
@@ -61,10 +63,14 @@ impl EdgeRecord {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RoadRecord {
-    /// 1 if a road was detected; else 0, and then all other fields but `regions` are 0.
+    /// 1 if a road was detected; else 0, and then all other fields but the counts are 0.
     pub seen: u32,
     /// Number of regions that follow, 0 to [`MAX_COUNT`].
     pub regions: u32,
+    /// Number of tracks that follow, 0 to [`MAX_TRACKS`].
+    pub tracks: u32,
+    /// Changes when the numbers of tracks begin anew: the stage was restarted, or the source's time jumped.
+    pub tracks_since: u32,
     /// Slope of the road in v-disparity, px of disparity per row.
     pub slope: f64,
     /// Row of the horizon in the left image, in px; may lie outside the image.
@@ -98,6 +104,8 @@ ranges! {
     RoadRecord as "regions: road" {
         seen: FLAG,
         regions: within(0, MAX_COUNT as u32),
+        tracks: within(0, MAX_TRACKS as u32),
+        tracks_since: ANY_U32,
         slope: SLOPE,
         horizon_px: HORIZON_PX,
         roll: within(-MAX_SLOPE, MAX_SLOPE),
@@ -111,7 +119,8 @@ ranges! {
 /// Disparity of the road in a row: not wider than an image.
 const PROFILE_PX: Within<f32> = within(0.0, MAX_SIDE as f32);
 
-/// One region. Boxes are in pixels of the left image; all numbers are finite.
+/// One region: a sighting of what may be an obstacle, in this frame. Boxes are in pixels of the left image; all numbers are
+/// finite.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RegionRecord {
@@ -129,27 +138,29 @@ pub struct RegionRecord {
     pub height_m: f64,
     /// Mean confidence of its disparities, 0 to 1.
     pub confidence: f64,
+    /// Evidence that it is a real obstacle: natural logarithm of the likelihood ratio.
+    pub evidence: f64,
     /// By how much the thing itself ends inside of the left and of the right side of the box, in metres.
     pub inset_m: [f64; 2],
     /// The box: left, top, width, height, in px; within the image.
     pub bounds: [u32; 4],
-    /// The crop, which is the box with a margin: left, top, width, height, in px; within the image. All 0 if the
-    /// payload had no room for it.
-    pub crop: [u32; 4],
-    /// Offset of the crop's first byte from the start of the crops.
-    pub crop_offset: u32,
     /// Number of obstacle pixels in the region.
     pub pixels: u32,
+    /// Number of the track that it belongs to; 0 = none.
+    pub track: u32,
 }
 
 /// Minimum disparity of a region, in px: the resolution of the map.
-const MIN_DISPARITY_PX: f64 = 1.0 / 256.0;
+pub(super) const MIN_DISPARITY_PX: f64 = 1.0 / 256.0;
 
 /// Maximum disparity, in px: the width of an image.
-const MAX_DISPARITY_PX: f64 = MAX_SIDE as f64;
+pub(super) const MAX_DISPARITY_PX: f64 = MAX_SIDE as f64;
+
+/// Evidence of a region: far beyond certainty in either direction.
+const EVIDENCE: Within<f64> = within(-1e6, 1e6);
 
 /// Maximum number of pixels of an image.
-const MAX_PIXELS: u32 = MAX_SIDE * MAX_SIDE;
+pub(super) const MAX_PIXELS: u32 = MAX_SIDE * MAX_SIDE;
 
 ranges! {
     RegionRecord as "regions: region" {
@@ -160,17 +171,20 @@ ranges! {
         width_m: METRES,
         height_m: METRES,
         confidence: SHARE,
+        evidence: EVIDENCE,
         inset_m: Each(METRES),
         bounds: Each(within(0, MAX_SIDE)),
-        crop: Each(within(0, MAX_SIDE)),
-        crop_offset: within(0, MAX_PIXELS),
         pixels: within(0, MAX_PIXELS),
+        track: ANY_U32,
     }
 }
 
 /// Maximum length of the payload for images of `width` × `height` pixels, in bytes.
 pub fn max_payload_bytes(width: usize, height: usize) -> usize {
-    fixed_bytes(height) + MAX_COUNT * size_of::<RegionRecord>() + width * height
+    fixed_bytes(height)
+        + MAX_COUNT * size_of::<RegionRecord>()
+        + MAX_TRACKS * size_of::<TrackRecord>()
+        + width * height
 }
 
 fn fixed_bytes(height: usize) -> usize {
@@ -179,7 +193,8 @@ fn fixed_bytes(height: usize) -> usize {
     size_of::<RoadRecord>() + numbers * size_of::<f32>()
 }
 
-/// The parts of a message. Road model and regions are copied out of it. Profile and crops are read in place: their values were checked, but another process may change them later, so whoever uses them must accept any
+/// The parts of a message. Road model, regions and tracks are copied out of it. Profile and crops are read in place: their
+/// values were checked, but another process may change them later, so whoever uses them must accept any
 /// value.
 #[derive(Clone, Copy, Debug)]
 pub struct Regions<'a> {
@@ -189,6 +204,8 @@ pub struct Regions<'a> {
     pub profile_px: &'a [f32],
     /// The regions, nearest first.
     pub regions: Records<RegionRecord, MAX_COUNT>,
+    /// The tracks, oldest first.
+    pub tracks: Records<TrackRecord, MAX_TRACKS>,
     crops: &'a [u8],
 }
 
@@ -198,10 +215,10 @@ impl<'a> Regions<'a> {
         self.road.edges.map(|sides| sides.map(|edge| edge.point()))
     }
 
-    /// Grey values of a region's crop, rows without padding; `None` if it has no crop.
-    pub fn crop(&self, region: &RegionRecord) -> Option<&'a [u8]> {
-        let [_, _, width, height] = region.crop.map(|v| v as usize);
-        let start = region.crop_offset as usize;
+    /// Grey values of a track's crop, rows without padding; `None` if it has no crop.
+    pub fn crop(&self, track: &TrackRecord) -> Option<&'a [u8]> {
+        let [_, _, width, height] = track.crop.map(|v| v as usize);
+        let start = track.crop_offset as usize;
         (width > 0 && height > 0).then(|| self.crops.get(start..start + width * height)).flatten()
     }
 }
@@ -223,19 +240,29 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
         .map_err(|_| MessageError::Value { what: "regions: address", value: payload.as_ptr() as u64 })?;
     let profile_px = &numbers[..height];
     check_all(profile_px, PROFILE_PX, "profile_px")?;
-    let records = road.regions as usize * size_of::<RegionRecord>();
-    let (records, crops) = rest.split_at_checked(records).ok_or(short(fixed + records))?;
-    let regions = Records::<RegionRecord, MAX_COUNT>::copy_out(records);
+    let (regions, tracks) = (
+        road.regions as usize * size_of::<RegionRecord>(),
+        road.tracks as usize * size_of::<TrackRecord>(),
+    );
+    let (records, crops) =
+        rest.split_at_checked(regions + tracks).ok_or(short(fixed + regions + tracks))?;
+    let (regions, tracks) = records.split_at(regions);
+    let regions = Records::<RegionRecord, MAX_COUNT>::copy_out(regions);
     for region in &regions {
         region.check()?;
         check_box("regions: box of a region", header, &region.bounds)?;
-        check_box("regions: crop of a region", header, &region.crop)?;
-        let end = u64::from(region.crop_offset) + u64::from(region.crop[2]) * u64::from(region.crop[3]);
+    }
+    let tracks = Records::<TrackRecord, MAX_TRACKS>::copy_out(tracks);
+    for track in &tracks {
+        track.check()?;
+        check_box("regions: box of a track", header, &track.bounds)?;
+        check_box("regions: crop of a track", header, &track.crop)?;
+        let end = u64::from(track.crop_offset) + u64::from(track.crop[2]) * u64::from(track.crop[3]);
         if end > crops.len() as u64 {
             return Err(MessageError::Value { what: "regions: end of a crop", value: end });
         }
     }
-    Ok(Regions { road, profile_px, regions, crops })
+    Ok(Regions { road, profile_px, regions, tracks, crops })
 }
 
 /// Checks the numbers of a list.
@@ -260,14 +287,32 @@ pub struct Writer<'a> {
     payload: &'a mut [u8],
     /// Length of the part before the records, in bytes.
     fixed: usize,
-    records: usize,
-    count: usize,
+    /// Number of regions and of tracks, announced and pushed.
+    announced: Counts,
+    pushed: Counts,
     crop_bytes: usize,
 }
 
+/// Number of records of a message.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Regions.
+    pub regions: usize,
+    /// Tracks.
+    pub tracks: usize,
+}
+
+impl Counts {
+    /// Length of the records, in bytes.
+    fn bytes(self) -> usize {
+        self.regions * size_of::<RegionRecord>() + self.tracks * size_of::<TrackRecord>()
+    }
+}
+
 impl<'a> Writer<'a> {
-    /// Starts a message with the road model, its profile and the number of regions that will be pushed. Regions after
-    /// the first [`MAX_COUNT`] are omitted. Numbers of the profile are moved into their range.
+    /// Starts a message with the road model, its profile and the number of records that will be pushed. Regions after the
+    /// first [`MAX_COUNT`] and tracks after the first [`MAX_TRACKS`] are omitted. Numbers of the profile are moved into
+    /// their range.
     ///
     /// # Errors
     /// If the payload is too short.
@@ -275,16 +320,18 @@ impl<'a> Writer<'a> {
         payload: &'a mut [u8],
         road: RoadRecord,
         profile_px: &[f32],
-        regions: usize,
+        counts: Counts,
     ) -> Result<Self, MessageError> {
-        let records = regions.min(MAX_COUNT);
+        let announced =
+            Counts { regions: counts.regions.min(MAX_COUNT), tracks: counts.tracks.min(MAX_TRACKS) };
         let numbers = profile_px.len().next_multiple_of(2);
         let fixed = size_of::<RoadRecord>() + numbers * size_of::<f32>();
-        let needed = fixed + records * size_of::<RegionRecord>();
+        let needed = fixed + announced.bytes();
         if payload.len() < needed {
             return Err(MessageError::Length { given: payload.len(), needed });
         }
-        let road = RoadRecord { regions: records as u32, ..road };
+        let (regions, tracks) = (announced.regions as u32, announced.tracks as u32);
+        let road = RoadRecord { regions, tracks, ..road };
         let (start, rest) = payload.split_at_mut(size_of::<RoadRecord>());
         start.copy_from_slice(bytemuck::bytes_of(&road));
         let valid = profile_px.iter().map(|&v| valid(v, PROFILE_PX));
@@ -293,27 +340,37 @@ impl<'a> Writer<'a> {
         for (place, value) in places.iter_mut().zip(padded) {
             *place = f32::to_ne_bytes(value);
         }
-        Ok(Self { payload, fixed, records, count: 0, crop_bytes: 0 })
+        // What is announced and never pushed must not be what another message left there.
+        rest[numbers * size_of::<f32>()..][..announced.bytes()].fill(0);
+        Ok(Self { payload, fixed, announced, pushed: Counts::default(), crop_bytes: 0 })
     }
 
     /// Length of the message so far, in bytes.
     pub fn bytes(&self) -> usize {
-        self.fixed + self.records * size_of::<RegionRecord>() + self.crop_bytes
+        self.fixed + self.announced.bytes() + self.crop_bytes
     }
 
-    /// Adds a region and the rows of its crop. Without room for the crop, the region is added without it. Returns
+    /// Adds a region. Regions beyond those announced are omitted.
+    pub fn push_region(&mut self, region: &RegionRecord) {
+        if self.pushed.regions < self.announced.regions {
+            let at = self.fixed + self.pushed.regions * size_of::<RegionRecord>();
+            self.payload[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(region));
+            self.pushed.regions += 1;
+        }
+    }
+
+    /// Adds a track and the rows of its crop. Without room for the crop, the track is added without it. Returns
     /// whether the crop was added.
-    pub fn push<'r>(&mut self, region: RegionRecord, mut crop: impl Iterator<Item = &'r [u8]>) -> bool {
-        if self.count == self.records {
+    pub fn push_track<'r>(&mut self, track: TrackRecord, mut crop: impl Iterator<Item = &'r [u8]>) -> bool {
+        if self.pushed.tracks == self.announced.tracks {
             return false;
         }
-        let crops = self.fixed + self.records * size_of::<RegionRecord>();
-        let size = region.crop[2] as usize * region.crop[3] as usize;
-        let start = crops + self.crop_bytes;
+        let size = track.crop[2] as usize * track.crop[3] as usize;
+        let start = self.bytes();
         let fits = start + size <= self.payload.len();
-        let mut record = RegionRecord { crop_offset: self.crop_bytes as u32, ..region };
+        let mut record = TrackRecord { crop_offset: self.crop_bytes as u32, ..track };
         if fits {
-            let width = (region.crop[2] as usize).max(1);
+            let width = (track.crop[2] as usize).max(1);
             for target in self.payload[start..start + size].chunks_exact_mut(width) {
                 match crop.next() {
                     Some(row) if row.len() == width => target.copy_from_slice(row),
@@ -324,9 +381,10 @@ impl<'a> Writer<'a> {
         } else {
             (record.crop, record.crop_offset) = ([0; 4], 0);
         }
-        let at = self.fixed + self.count * size_of::<RegionRecord>();
-        self.payload[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(&record));
-        self.count += 1;
+        let before = Counts { regions: self.announced.regions, tracks: self.pushed.tracks };
+        let at = self.fixed + before.bytes();
+        self.payload[at..at + size_of::<TrackRecord>()].copy_from_slice(bytemuck::bytes_of(&record));
+        self.pushed.tracks += 1;
         fits
     }
 }
@@ -357,9 +415,9 @@ impl<'a> Output<'a, RegionsMessage> {
         self,
         road: RoadRecord,
         profile_px: &[f32],
-        regions: usize,
+        counts: Counts,
     ) -> Result<Writer<'a>, MessageError> {
-        Writer::new(self.payload, road, profile_px, regions)
+        Writer::new(self.payload, road, profile_px, counts)
     }
 }
 
@@ -375,8 +433,12 @@ mod tests {
     use super::*;
     use crate::header::Header;
 
-    fn region(x: u32, crop: [u32; 4]) -> RegionRecord {
-        RegionRecord { disparity_px: 5.0, bounds: [x, 2, 4, 5], crop, ..RegionRecord::default() }
+    fn region(x: u32) -> RegionRecord {
+        RegionRecord { disparity_px: 5.0, bounds: [x, 2, 4, 5], ..RegionRecord::default() }
+    }
+
+    fn track(x: u32, crop: [u32; 4]) -> TrackRecord {
+        TrackRecord { disparity_px: 5.0, bounds: [x, 2, 4, 5], crop, ..TrackRecord::default() }
     }
 
     /// Eight-byte aligned memory, as shared memory is.
@@ -389,13 +451,17 @@ mod tests {
         let profile: Vec<f32> = (0..9).map(|y| y as f32).collect();
         road.space.sectors = 2;
         road.space.free[1].far_m = 12.5;
-        let mut writer = Writer::new(payload, road, &profile, 2).unwrap();
+        let counts = Counts { regions: 1, tracks: 2 };
+        let mut writer = Writer::new(payload, road, &profile, counts).unwrap();
         let pixels = [7_u8; 20];
-        assert!(writer.push(region(1, [1, 2, 4, 5]), pixels.chunks(4)));
+        assert!(writer.push_track(track(1, [1, 2, 4, 5]), pixels.chunks(4)));
+        writer.push_region(&region(1));
+        writer.push_region(&region(2));
         // This crop is larger than the rest of the payload.
-        assert!(!writer.push(region(2, [0, 0, 4096, 4096]), std::iter::empty()));
-        assert!(!writer.push(region(3, [0; 4]), std::iter::empty()), "more than announced");
-        assert_eq!(writer.bytes(), fixed_bytes(9) + 2 * size_of::<RegionRecord>() + 20);
+        assert!(!writer.push_track(track(2, [0, 0, 4096, 4096]), std::iter::empty()));
+        assert!(!writer.push_track(track(3, [0; 4]), std::iter::empty()), "more than announced");
+        let records = size_of::<RegionRecord>() + 2 * size_of::<TrackRecord>();
+        assert_eq!(writer.bytes(), fixed_bytes(9) + records + 20);
         (header, memory)
     }
 
@@ -407,9 +473,10 @@ mod tests {
         assert_eq!(regions.edge_points()[2], [None, Some((12, 8))]);
         assert_eq!(regions.profile_px[8], 8.0);
         assert_eq!(regions.road.space.free().iter().map(|s| s.far_m).collect::<Vec<_>>(), [0.0, 12.5]);
-        assert_eq!(regions.regions.len(), 2);
-        assert_eq!(regions.crop(&regions.regions[0]), Some(&[7_u8; 20][..]));
-        assert_eq!(regions.crop(&regions.regions[1]), None);
+        assert_eq!((regions.regions.len(), regions.tracks.len()), (1, 2));
+        assert_eq!((regions.regions[0], regions.tracks[1].bounds), (region(1), [2, 2, 4, 5]));
+        assert_eq!(regions.crop(&regions.tracks[0]), Some(&[7_u8; 20][..]));
+        assert_eq!(regions.crop(&regions.tracks[1]), None);
     }
 
     #[test]
@@ -431,6 +498,15 @@ mod tests {
             bytes[at..at + size_of::<RegionRecord>()].copy_from_slice(bytemuck::bytes_of(&wrong));
             let error = view(&header, bytes).unwrap_err().to_string();
             assert!(error.starts_with("regions: region: ") && error.contains(field), "{error}");
+        }
+        let at = at + size_of::<RegionRecord>();
+        let track: TrackRecord = copy_out(&good[at..]).unwrap();
+        for (field, wrong) in track.invalid() {
+            let mut memory = memory.clone();
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            bytes[at..at + size_of::<TrackRecord>()].copy_from_slice(bytemuck::bytes_of(&wrong));
+            let error = view(&header, bytes).unwrap_err().to_string();
+            assert!(error.starts_with("regions: track: ") && error.contains(field), "{error}");
         }
         // The first and the last number of the profile.
         for (number, name) in [(0, "profile_px"), (8, "profile_px")] {
@@ -464,10 +540,10 @@ mod tests {
             };
             let length = if round % 4 == 0 { random.usize(0..good.len()) } else { good.len() };
             if let Ok(regions) = view(&header, &bytes[..length]) {
-                for region in &regions.regions {
-                    let crop = regions.crop(region);
-                    assert!(crop.is_none_or(|c| c.len() == (region.crop[2] * region.crop[3]) as usize));
-                    assert!(region.bounds[0] + region.bounds[2] <= header.width);
+                for track in &regions.tracks {
+                    let crop = regions.crop(track);
+                    assert!(crop.is_none_or(|c| c.len() == (track.crop[2] * track.crop[3]) as usize));
+                    assert!(track.bounds[0] + track.bounds[2] <= header.width);
                     assert_eq!(regions.profile_px.len(), header.height as usize);
                 }
             }

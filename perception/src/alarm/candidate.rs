@@ -3,7 +3,7 @@
 use super::path::LateralMotion;
 use super::swept::{Obstacle, encounter};
 use crate::motion::path::SweptPath;
-use crate::tracking::Track;
+use crate::tracking::Obstacle as Tracked;
 use crate::tracking::filter::TimeToCollision;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
 
@@ -44,24 +44,24 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// Converts a track.
-    pub fn of(track: &Track) -> Self {
+    /// Converts a tracked obstacle.
+    pub fn of(tracked: &Tracked) -> Self {
         Self {
-            track: track.id,
-            seen: track.seen,
-            consecutive_frames: track.consecutive_frames,
-            unseen_s: track.unseen_s,
-            width_jitter: track.width_jitter,
-            distance_m: track.distance_m(),
-            closing_m_s: track.closing_m_s(),
-            time_to_collision: track.time_to_collision(),
+            track: tracked.track,
+            seen: tracked.seen,
+            consecutive_frames: tracked.consecutive_frames,
+            unseen_s: tracked.unseen_s,
+            width_jitter: tracked.width_jitter,
+            distance_m: tracked.distance_m,
+            closing_m_s: tracked.closing_m_s,
+            time_to_collision: tracked.time_to_collision,
             motion: LateralMotion {
-                lateral_m: track.lateral.lateral_m(),
-                speed_m_s: track.lateral.speed_m_s(),
-                speed_sigma_m_s: track.lateral.speed_sigma_m_s(),
-                width_m: track.front_m(),
+                lateral_m: tracked.lateral_m,
+                speed_m_s: tracked.lateral_speed_m_s,
+                speed_sigma_m_s: tracked.lateral_speed_sigma_m_s,
+                width_m: tracked.width_m,
             },
-            ground: track.ground(),
+            ground: tracked.ground,
             is_approached: true,
             may_raise: true,
         }

@@ -15,7 +15,7 @@ use crate::rig::Rig;
 use crate::road::edge_curve::{EdgeCurve, edge_curve};
 use crate::tracking::filter::TimeToCollision;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
-use crate::tracking::{Tracker, TrackerParameters};
+use crate::tracking::{Frame, Track, Tracker, TrackerParameters};
 use std::ops::Range;
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
@@ -187,6 +187,7 @@ fn region(camera: Place, thing: &Thing, at: Place, random: &mut fastrand::Rng) -
         inset_m: [0.0; 2],
         pixels: 2000,
         confidence: 0.9,
+        evidence: 4.0,
     };
     region.set_ends([left_m, right_m]);
     Some(region)
@@ -252,11 +253,12 @@ impl Drive {
                 ..Motion::default()
             });
             let time_ns = (seconds * 1e9) as u64;
-            tracker.update_with_motion(time_ns, &regions, motion);
+            tracker.follow(&Frame { motion, ..Frame::new(time_ns, &regions) });
             let road = self.road_ahead(camera, way_m, &mut random);
             let path = motion.map(|m| curvature.update(&m, PERIOD_S, body, road));
-            let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
-            let state = alarm.update_on_path(time_ns, true, path, confirmed.map(Candidate::of));
+            let confirmed = tracker.confirmed().map(Track::state);
+            let state =
+                alarm.update_on_path(time_ns, true, path, confirmed.map(|obstacle| Candidate::of(&obstacle)));
             outcome.warning_frames += u32::from(state.level >= AlarmLevel::Warning);
             if state.level == AlarmLevel::Alarm {
                 outcome.alarm_frames += 1;

@@ -143,6 +143,11 @@ impl Alarm {
         }
     }
 
+    /// Starts anew: the numbers of tracks mean others from now on.
+    pub fn reset(&mut self) {
+        self.silence(AlarmLevel::Clear);
+    }
+
     /// Evaluates one frame on the straight strip. If `can_judge` is false, the alarm is off regardless of the candidates. No level is held
     /// over a gap or a step back in time; a repeated time adds nothing.
     pub fn update(

@@ -336,6 +336,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 500,
             confidence: 0.9,
+            evidence: 4.0,
         };
         Verifier { images: [view(&pair[0]), view(&pair[1])], road, stixels: &stixels }.verify(&region)
     }

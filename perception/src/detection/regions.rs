@@ -1,10 +1,9 @@
 //! Groups stixels into obstacle regions: pixel boxes with a distance.
 
-use super::confirmation::Confirmation;
+use super::MIN_EVIDENCE;
 use super::photometric::Verifier;
 use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
-use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
@@ -24,9 +23,9 @@ pub struct RegionParameters {
     pub depth_span_m: f64,
     /// Fewest pixels of a region.
     pub min_pixels: u32,
-    /// Largest number of regions; the nearest are kept.
+    /// Largest number of regions; those with most evidence are kept.
     pub max_count: usize,
-    /// Whether regions are confirmed over several frames; `false` for single images.
+    /// Whether boundaries are confirmed over several frames; `false` for single images.
     pub confirm: bool,
 }
 
@@ -72,6 +71,9 @@ const NEAR_SHARE: f64 = 0.38;
 const MAX_FOOT_HEIGHT_M: f64 = 0.8;
 /// Share of the strips of a region in which a stixel must start lower.
 const MIN_STANDING_SHARE: f64 = 0.4;
+/// A region that is at least this many times as wide as high, of which at least this share is raised ground, is no obstacle.
+const FLAT_ASPECT: f64 = 3.0;
+const RAISED_SHARE: f64 = 0.6;
 /// Largest width of an occlusion artefact, in px.
 const MAX_ARTEFACT_WIDTH_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a narrow region is not an occlusion artefact.
@@ -117,9 +119,6 @@ pub struct RegionFinder {
     /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
     regions: Vec<Region>,
-    /// Evidence of each region.
-    evidence: Vec<f64>,
-    confirmation: Confirmation,
 }
 
 impl RegionFinder {
@@ -134,24 +133,12 @@ impl RegionFinder {
             members: Vec::with_capacity(capacity),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
-            evidence: Vec::with_capacity(CAPACITY),
-            confirmation: Confirmation::new(parameters.confirm),
         }
     }
 
-    /// See [`Confirmation::set_own_motion`].
-    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
-        self.confirmation.set_own_motion(step);
-    }
-
-    /// Forgets what was seen before.
-    pub fn reset(&mut self) {
-        self.confirmation.reset();
-    }
-
-    /// Groups stixels into regions, nearest first; only the nearest `max_count` are kept. `size` is the width
-    /// and height of the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says
-    /// to be free are grouped.
+    /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of
+    /// the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says to be free are
+    /// grouped.
     pub fn find(
         &mut self,
         stixels: &Stixels,
@@ -164,7 +151,6 @@ impl RegionFinder {
         let list = stixels.list();
         self.regions.clear();
         self.visited.clear();
-        self.visited.extend(uses.iter().map(|stixel_use| !stixel_use.is_free()));
         self.visited.resize(list.len(), false);
         self.order.clear();
         self.order.extend(0..list.len() as u32);
@@ -177,13 +163,13 @@ impl RegionFinder {
             }
             self.grow(stixels, surface, rig, seed);
             if let Some(region) = self.measure(stixels, surface, rig, size)
+                && !self.is_raised_ground(&region, uses)
                 && self.regions.len() < CAPACITY
             {
                 self.regions.push(region);
             }
         }
         self.remove_occlusion_artefacts();
-        self.evidence.clear();
         for region in &mut self.regions {
             let mut sum = evidence(region, surface);
             let verification =
@@ -194,16 +180,10 @@ impl RegionFinder {
                     region.set_sides(sides, rig);
                 }
             }
-            self.evidence.push(sum);
+            region.evidence = sum;
         }
         self.suppress_tails();
-        let verify = |region: &Region| verifier.and_then(|v| v.verify(region)).map(|v| v.evidence());
-        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, verify);
-        // Growing order follows the nearest stixel; the result is sorted by the distance of the region.
-        self.regions.sort_unstable_by(|a, b| {
-            b.disparity_px.total_cmp(&a.disparity_px).then(a.bounds.x.cmp(&b.bounds.x))
-        });
-        self.regions.truncate(self.parameters.max_count);
+        self.regions.retain(|region| region.evidence >= MIN_EVIDENCE);
         &self.regions
     }
 
@@ -234,6 +214,15 @@ impl RegionFinder {
                 }
             }
         }
+    }
+
+    /// Whether the region that was grown last is a pavement or a lawn behind a kerb: most of it belongs to raised ground, and
+    /// it is flat. A cone or a person on the pavement is not.
+    fn is_raised_ground(&self, region: &Region, uses: &[StixelUse]) -> bool {
+        let is_raised = |i: &&u32| uses.get(**i as usize) == Some(&StixelUse::RaisedGround);
+        let raised = self.members.iter().filter(is_raised).count();
+        let is_flat = f64::from(region.bounds.width) >= FLAT_ASPECT * f64::from(region.bounds.height);
+        is_flat && raised as f64 >= RAISED_SHARE * self.members.len() as f64
     }
 
     /// Removes narrow regions adjacent to a nearer, larger one: where the background is occluded in one
@@ -268,11 +257,10 @@ impl RegionFinder {
     /// makes it an object of its own.
     fn suppress_tails(&mut self) {
         for i in 0..self.regions.len() {
-            let mut others = self.regions.iter().zip(&self.evidence);
-            if self.evidence[i] < INDEPENDENT_EVIDENCE
-                && others.any(|(near, &sum)| sum > TAIL_OWNER_EVIDENCE && is_tail(&self.regions[i], near))
-            {
-                self.evidence[i] = self.evidence[i].min(0.0);
+            let far = &self.regions[i];
+            let is_owner = |near: &Region| near.evidence > TAIL_OWNER_EVIDENCE && is_tail(far, near);
+            if far.evidence < INDEPENDENT_EVIDENCE && self.regions.iter().any(is_owner) {
+                self.regions[i].evidence = far.evidence.min(0.0);
             }
         }
     }
@@ -327,6 +315,7 @@ impl RegionFinder {
             inset_m: [0.0; 2],
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
+            evidence: 0.0,
         };
         let members = self.members.iter().map(|&i| &list[i as usize]);
         region.set_ends(ends_m(members, disparity_px, rig));
@@ -512,6 +501,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 400,
             confidence: 0.9,
+            evidence: 0.0,
         }
     }
 
@@ -544,10 +534,11 @@ mod tests {
             // A region without evidence has no tail.
             ([2.0, 4.0, 4.0], [2.0, 4.0, 4.0]),
         ] {
-            finder.evidence.clear();
-            finder.evidence.extend(given);
+            for (region, evidence) in finder.regions.iter_mut().zip(given) {
+                region.evidence = evidence;
+            }
             finder.suppress_tails();
-            assert_eq!(finder.evidence, kept);
+            assert_eq!(finder.regions.iter().map(|r| r.evidence).collect::<Vec<_>>(), kept);
         }
     }
 }

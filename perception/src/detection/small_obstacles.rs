@@ -8,10 +8,9 @@
 //! as an upright plane facing the camera, with the same disparity in all rows. It is reported if the plane
 //! explains the right image much better, has a plausible height and stands on the road.
 
-use super::confirmation::Confirmation;
+use super::MIN_EVIDENCE;
 use super::residual::{Band, Residual, RoadGeometry, Sums, Window, sample};
 use crate::image::GreyView;
-use crate::motion::planar::PlanarStep;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
@@ -47,8 +46,8 @@ const CONTINUATION: (f64, f64) = (3.0, 0.25);
 /// Largest number of patches that are fitted, and of candidates from which they are selected.
 const MAX_PATCHES: usize = 12;
 const MAX_CANDIDATES: usize = 4096;
-/// Largest number of regions of a frame, coasted ones included.
-pub(super) const CAPACITY: usize = 2 * MAX_PATCHES;
+/// Largest number of regions of a frame.
+pub(super) const CAPACITY: usize = MAX_PATCHES;
 /// Largest squared difference of the plane model, as a share of that of the road model.
 const MAX_RESIDUAL_RATIO: f64 = 0.8;
 /// Largest gap between the patch and the road, as a share of the obstacle's height.
@@ -89,33 +88,19 @@ pub struct SmallObstacleFinder {
     residual: Residual,
     candidates: Vec<Candidate>,
     regions: Vec<Region>,
-    evidence: Vec<f64>,
-    confirmation: Confirmation,
 }
 
 impl SmallObstacleFinder {
-    /// A workspace for images of `width` × `height`; `confirm` requires repeated sightings.
-    pub fn new(width: usize, height: usize, confirm: bool) -> Self {
+    /// A workspace for images of `width` × `height`.
+    pub fn new(width: usize, height: usize) -> Self {
         Self {
             residual: Residual::new(width, height),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             regions: Vec::with_capacity(CAPACITY),
-            evidence: Vec::with_capacity(CAPACITY),
-            confirmation: Confirmation::for_small_obstacles(confirm),
         }
     }
 
-    /// See [`Confirmation::set_own_motion`].
-    pub fn set_own_motion(&mut self, step: Option<PlanarStep>) {
-        self.confirmation.set_own_motion(step);
-    }
-
-    /// Forgets what was seen before.
-    pub fn reset(&mut self) {
-        self.confirmation.reset();
-    }
-
-    /// Finds small obstacles in a rectified pair, except where `regions` are already known.
+    /// Finds small obstacles in a rectified pair, except where `regions` probably are obstacles, in no order.
     pub fn find(
         &mut self,
         images: [GreyView<'_>; 2],
@@ -139,11 +124,7 @@ impl SmallObstacleFinder {
                 self.regions.push(region);
             }
         }
-        let size = (images[0].width(), images[0].height());
-        self.regions.sort_unstable_by(|a, b| b.disparity_px.total_cmp(&a.disparity_px));
-        self.evidence.clear();
-        self.evidence.extend(self.regions.iter().map(evidence));
-        self.confirmation.filter(&mut self.regions, &self.evidence, size, rig, |_| None);
+        self.regions.retain(|region| region.evidence >= MIN_EVIDENCE);
         &self.regions
     }
 
@@ -174,7 +155,8 @@ impl SmallObstacleFinder {
                 let left = x as i32 - side / 2;
                 let window = [left, top, left + side, bottom];
                 let Some(candidate) = candidate(&bands, window, per_metre) else { continue };
-                if regions.iter().any(|region| is_near(window, road_px, region, &road.rig)) {
+                let mut known = regions.iter().filter(|region| region.evidence > 0.0);
+                if known.any(|region| is_near(window, road_px, region, &road.rig)) {
                     continue;
                 }
                 below = below.max(-candidate.prominence);
@@ -330,6 +312,7 @@ impl SmallObstacleFinder {
             inset_m: [0.0; 2],
             pixels: bounds.width * bounds.height,
             confidence: log_likelihood / (log_likelihood + NEUTRAL_LOG_LIKELIHOOD),
+            evidence: evidence(log_likelihood),
         })
     }
 }
@@ -431,9 +414,8 @@ fn best_run(range: Range<usize>, value: impl Fn(usize) -> f64) -> Range<usize> {
     best
 }
 
-/// Log-odds that a patch of one frame is an obstacle.
-fn evidence(region: &Region) -> f64 {
-    let log_likelihood = NEUTRAL_LOG_LIKELIHOOD * region.confidence / (1.0 - region.confidence).max(1e-6);
+/// Log-odds that a patch of one frame is an obstacle, from the log-likelihood ratio of plane and road.
+fn evidence(log_likelihood: f64) -> f64 {
     EVIDENCE_PER_UNIT * (log_likelihood - NEUTRAL_LOG_LIKELIHOOD)
 }
 
@@ -516,7 +498,7 @@ mod tests {
         out
     }
 
-    /// Regions reported after several frames of a scene whose disparity map shows the road only.
+    /// Regions found in the last of several frames of a scene whose disparity map shows the road only.
     fn found(objects: &[Object]) -> Vec<Region> {
         let mut detector = SceneDetector::new(SceneParameters::default(), RIG, SIZE.0, SIZE.1, 64);
         let map: Vec<u16> = (0..SIZE.0 * SIZE.1)

@@ -124,7 +124,7 @@ impl SectorFinder {
             }
         }
         self.limit_by_stixels(input);
-        for region in input.regions {
+        for region in input.regions.iter().filter(|region| region.evidence > 0.0) {
             let error_m =
                 FREE_SIGMAS * self.rig.distance_error_m(region.distance_m, region.disparity_sigma_px);
             let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);

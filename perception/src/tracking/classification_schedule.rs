@@ -1,11 +1,10 @@
-//! Schedule of classifications: selects the tracks that the recogniser processes in a frame.
+//! Schedule of classifications: selects the obstacles that the recogniser processes in a frame, and keeps their classes.
 //!
-//! Recognition is expensive, so the number of classifications per frame is limited. The nearest tracks of
-//! unknown class come first, then those whose last classification is oldest. A track that is not classified
-//! remains an obstacle.
+//! Recognition is expensive, so the number of classifications per frame is limited. The nearest obstacles of unknown class
+//! come first, then those whose last classification is oldest. One that is not classified remains an obstacle.
 
-use super::classification::MIN_CLASSIFICATIONS;
-use super::{Track, Tracker};
+use super::Obstacle;
+use super::classification::{Classification, MIN_CLASSIFICATIONS};
 
 /// Priority of waiting: one frame counts as this many metres nearer.
 const PRIORITY_M_PER_FRAME: f64 = 2.0;
@@ -25,34 +24,115 @@ impl Default for ScheduleParameters {
     }
 }
 
-impl Tracker {
-    /// Classifies tracks: calls `recognise` for some of the tracks that were detected in this frame and for
-    /// which `is_eligible` holds, and adds the returned score (`None`: not recognised) to their votes. Must
-    /// be called once per frame.
+/// Classes of tracked obstacles by their numbers; memory is allocated once.
+#[derive(Debug)]
+pub struct ClassificationSchedule {
+    parameters: ScheduleParameters,
+    /// Track and its classification.
+    known: Vec<(u32, Classification)>,
+    order: Vec<(f64, u32)>,
+}
+
+impl ClassificationSchedule {
+    /// A schedule for at most `capacity` tracks.
+    pub fn new(parameters: ScheduleParameters, capacity: usize) -> Self {
+        Self { parameters, known: Vec::with_capacity(capacity), order: Vec::with_capacity(capacity) }
+    }
+
+    /// Forgets all classes.
+    pub fn reset(&mut self) {
+        self.known.clear();
+    }
+
+    /// Class of a track: its latest positive score if the majority of recent classifications is positive, else `None`.
+    pub fn score(&self, track: u32) -> Option<f32> {
+        self.known.iter().find(|(id, _)| *id == track)?.1.score()
+    }
+
+    /// Classifies obstacles: calls `recognise` with the index of some of those that are seen in this frame and for which
+    /// `is_eligible` holds, and adds the returned score (`None`: not recognised) to their votes. Forgets the others. Must be
+    /// called once per frame.
     pub fn classify(
         &mut self,
-        parameters: ScheduleParameters,
-        is_eligible: impl Fn(&Track) -> bool,
-        mut recognise: impl FnMut(&Track) -> Option<f32>,
+        obstacles: &[Obstacle],
+        is_eligible: impl Fn(usize) -> bool,
+        mut recognise: impl FnMut(usize) -> Option<f32>,
     ) {
+        self.known.retain(|(id, _)| obstacles.iter().any(|o| o.track == *id));
         self.order.clear();
-        for (i, track) in self.tracks.iter_mut().enumerate() {
-            let classification = &mut track.classification;
+        for (i, obstacle) in obstacles.iter().enumerate() {
+            let slot = match self.known.iter().position(|(id, _)| *id == obstacle.track) {
+                Some(slot) => slot,
+                None if self.known.len() < self.known.capacity() => {
+                    self.known.push((obstacle.track, Classification::default()));
+                    self.known.len() - 1
+                }
+                None => continue,
+            };
+            let classification = &mut self.known[slot].1;
             classification.frames_since = classification.frames_since.saturating_add(1);
             let unknown = classification.count < MIN_CLASSIFICATIONS;
-            let due = unknown || classification.frames_since >= parameters.repeat_frames;
-            if due && track.detection.is_some() && is_eligible(track) {
-                let waited_m = PRIORITY_M_PER_FRAME * f64::from(track.classification.frames_since.min(1000));
+            let due = unknown || classification.frames_since >= self.parameters.repeat_frames;
+            if due && obstacle.missed == 0 && is_eligible(i) && self.order.len() < self.order.capacity() {
+                let waited_m = PRIORITY_M_PER_FRAME * f64::from(classification.frames_since.min(1000));
                 // Tracks of unknown class come first.
                 let priority_m = if unknown { 0.0 } else { 1e4 };
-                self.order.push((priority_m + track.longitudinal.distance_m() - waited_m, i as u32));
+                self.order.push((priority_m + obstacle.distance_m - waited_m, i as u32));
             }
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for &(_, i) in self.order.iter().take(parameters.max_per_frame) {
-            let track = &mut self.tracks[i as usize];
-            let score = recognise(track);
-            track.classification.add(score);
+        for &(_, i) in self.order.iter().take(self.parameters.max_per_frame) {
+            let track = obstacles[i as usize].track;
+            let score = recognise(i as usize);
+            if let Some((_, classification)) = self.known.iter_mut().find(|(id, _)| *id == track) {
+                classification.add(score);
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scores_are_votes_and_all_obstacles_get_their_turn() {
+        let policy = ScheduleParameters { max_per_frame: 1, repeat_frames: 3 };
+        let mut schedule = ClassificationSchedule::new(policy, 4);
+        let at = |track: u32, distance_m: f64| Obstacle { track, distance_m, ..Obstacle::default() };
+        let obstacles = [at(1, 20.0), at(2, 10.0)];
+        let mut classified = Vec::new();
+        let mut frame = |schedule: &mut ClassificationSchedule, score: Option<f32>| {
+            schedule.classify(
+                &obstacles,
+                |_| true,
+                |i| {
+                    classified.push(obstacles[i].track);
+                    score
+                },
+            );
+        };
+        frame(&mut schedule, Some(4.0));
+        assert_eq!((schedule.score(1), schedule.score(2)), (None, Some(4.0)), "the nearest comes first");
+        for _ in 0..12 {
+            frame(&mut schedule, Some(5.0));
+        }
+        assert_eq!(schedule.score(1), Some(5.0));
+        // A few negative classifications change nothing, the majority does.
+        for _ in 0..2 {
+            frame(&mut schedule, None);
+        }
+        assert!([1, 2].iter().all(|track| schedule.score(*track).is_some()));
+        for _ in 0..10 {
+            frame(&mut schedule, None);
+        }
+        assert!([1, 2].iter().all(|track| schedule.score(*track).is_none()));
+        let [first, second] = [1, 2].map(|id| classified.iter().filter(|&&l| l == id).count());
+        assert!(first >= 8 && second >= 8, "both are classified: {classified:?}");
+        schedule.classify(&obstacles, |_| false, |_| unreachable!("none may be classified"));
+        // What is not seen in this frame is not classified; what has gone is forgotten.
+        let hidden = [Obstacle { missed: 1, ..at(3, 5.0) }];
+        schedule.classify(&hidden, |_| true, |_| unreachable!("it is not seen"));
+        assert_eq!(schedule.known.len(), 1);
     }
 }

@@ -9,35 +9,17 @@
 
 pub mod ground;
 
+pub use super::parameters::LATERAL_PROCESS_NOISE;
+use super::parameters::{
+    CUSUM_DECAY, CUSUM_THRESHOLD, INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S,
+    MANOEUVRE_PROCESS_NOISE, OUTLIER_SIGMAS, PROCESS_NOISE, STEP_FRAMES,
+};
+
 /// Smallest distance, in metres.
 pub(super) const MIN_DISTANCE_M: f64 = 0.3;
 
-/// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects.
-const INITIAL_CLOSING_SIGMA_M_S: f64 = 12.0;
-
 /// Largest speed of a vehicle, in m/s.
 const MAX_SPEED_M_S: f64 = 90.0;
-
-/// Process noise of the closing speed: spectral density of the acceleration, in m²/s³. Corresponds to a
-/// standard deviation of 0.5 m/s after one second.
-const PROCESS_NOISE: f64 = 0.25;
-
-/// Process noise during a manoeuvre such as braking, detected by the CUSUM test, in m²/s³.
-const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
-
-/// Share of the CUSUM statistic that is kept from frame to frame.
-const CUSUM_DECAY: f64 = 0.8;
-
-/// CUSUM statistic above which the innovations are biased: 3.6 standard deviations of the statistic under
-/// noise.
-const CUSUM_THRESHOLD: f64 = 6.0;
-
-/// A normalised innovation above this counts as an outlier; its weight decreases with its size.
-const OUTLIER_SIGMAS: f64 = 3.0;
-
-/// This many consecutive outliers that agree are a step of the measurement (another side of the object is
-/// measured). If they grow, the speed has changed.
-const STEP_FRAMES: u8 = 3;
 
 /// Consecutive outliers of the same sign.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -280,12 +262,6 @@ impl DistanceFilter {
         Some(TimeToCollision { seconds: z / closing, sigma_s: variance.max(0.0).sqrt() })
     }
 }
-
-/// Initial standard deviation of the lateral speed, in m/s.
-const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
-
-/// Process noise of the lateral speed, in m²/s³.
-pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
 
 /// Kalman filter of lateral position and speed, positive to the right of the camera axis.
 #[derive(Clone, Copy, Debug, PartialEq)]

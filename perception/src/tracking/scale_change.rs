@@ -166,10 +166,10 @@ impl Patch {
     /// The lower part of a track's box, with the smoothed width and height of the track, since single boxes
     /// extend into the background.
     fn of(track: &Track, focal_px: f64) -> Self {
-        let PixelBox { x, y, width, height } = track.region.bounds;
+        let PixelBox { x, y, width, height } = track.bounds;
         let [x, y, width, height] = [x, y, width, height].map(f64::from);
         let px = focal_px / track.distance_m();
-        let (wide, high) = ((px * track.width_m).min(width), (px * track.height_m).min(height));
+        let (wide, high) = ((px * track.extent.width_m).min(width), (px * track.extent.height_m).min(height));
         let (middle, bottom) = (x + (width - 1.0) / 2.0, y + height - 1.0);
         Self { x: middle, y: bottom - high / 2.0, width: INNER_SHARE * wide, height: INNER_SHARE * high }
     }
@@ -372,10 +372,10 @@ impl Tracker {
     ) {
         self.order.clear();
         for (i, track) in self.tracks.iter().enumerate() {
-            let (b, z) = (&track.region.bounds, track.distance_m());
+            let (b, z) = (&track.bounds, track.distance_m());
             let is_large = b.width >= MIN_PX.0 && b.height >= MIN_PX.1;
-            let is_near =
-                z >= MIN_DISTANCE_M && track.lateral.lateral_m().abs() <= MAX_LATERAL_M + track.width_m / 2.0;
+            let is_near = z >= MIN_DISTANCE_M
+                && track.lateral.lateral_m().abs() <= MAX_LATERAL_M + track.extent.width_m / 2.0;
             if track.detection.is_some() && is_large && is_near {
                 self.order.push((z, i as u32));
             }
@@ -457,6 +457,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 500,
             confidence: 0.9,
+            evidence: 4.0,
         };
         (pixels, region)
     }

@@ -1,6 +1,6 @@
-use super::classification_schedule::ScheduleParameters;
 use super::*;
 use crate::alarm::{Alarm, AlarmLevel, AlarmParameters, Candidate};
+use crate::region::PixelBox;
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
 const SIZE: (usize, usize) = (640, 480);
@@ -33,6 +33,7 @@ fn sized(distance_m: f64, lateral_m: f64, width_m: f64, height_m: f64) -> Region
         inset_m: [0.0; 2],
         pixels: 2000,
         confidence: 0.9,
+        evidence: 4.0,
     }
 }
 
@@ -110,23 +111,28 @@ fn tracks_are_confirmed_bridged_and_deleted() {
         tracker.update(time, regions).to_vec()
     };
     let car = [region(20.0, 0.0)];
-    let first = step(&mut tracker, &car)[0].id;
-    assert!(!tracker.is_confirmed(&tracker.tracks[0]));
-    step(&mut tracker, &car);
-    step(&mut tracker, &car);
-    assert!(tracker.is_confirmed(&tracker.tracks[0]));
-    // Four missed frames are bridged, five are not.
-    for missed in 1..5 {
-        assert_eq!(step(&mut tracker, &[])[0].missed, missed);
+    let first = step(&mut tracker, &car)[0];
+    assert!(!first.is_confirmed);
+    assert!(step(&mut tracker, &car)[0].is_confirmed, "strong evidence: in the second frame");
+    for _ in 0..10 {
+        step(&mut tracker, &car);
     }
-    assert_eq!(step(&mut tracker, &car)[0].id, first);
-    for _ in 0..4 {
+    // Four missed frames are bridged, a second is not.
+    for missed in 1..5 {
+        let track = step(&mut tracker, &[])[0];
+        assert_eq!((track.missed, track.is_confirmed), (missed, true));
+    }
+    assert_eq!(step(&mut tracker, &car)[0].id, first.id);
+    for _ in 0..15 {
         step(&mut tracker, &[]);
     }
-    assert_eq!(step(&mut tracker, &[]), []);
-    assert_ne!(step(&mut tracker, &car)[0].id, first);
-    // An unconfirmed track is deleted at its first miss.
-    assert_eq!(step(&mut tracker, &[]), []);
+    assert_eq!(tracker.tracks(), []);
+    assert_ne!(step(&mut tracker, &car)[0].id, first.id);
+    // A track that was hardly begun ends soon.
+    for _ in 0..6 {
+        step(&mut tracker, &[]);
+    }
+    assert_eq!(tracker.tracks(), []);
 }
 
 #[test]
@@ -140,7 +146,7 @@ fn an_undetected_car_is_predicted_along_its_motion() {
     for frame in 15..18 {
         tracker.update(frame * PERIOD_NS, &[]);
     }
-    let (expected, truth) = (tracker.tracks()[0].region.bounds, place(17).bounds);
+    let (expected, truth) = (tracker.tracks()[0].bounds, place(17).bounds);
     assert!(expected.overlap(&truth) > 0.7, "{expected:?} for {truth:?}");
     let back = tracker.update(18 * PERIOD_NS, &[place(18)]);
     assert_eq!((back.len(), back[0].id, back[0].missed), (1, id, 0));
@@ -161,7 +167,8 @@ fn a_bad_frame_changes_neither_track_nor_speed() {
             "{bad} m: {track:?}"
         );
         let time = time + 3 * PERIOD_NS;
-        assert_eq!(tracker.update(time, &[region(20.0, 0.0)]).len(), 1, "the outlier leaves no track");
+        tracker.update(time, &[region(20.0, 0.0)]);
+        assert_eq!(tracker.confirmed().count(), 1, "the outlier confirms nothing");
     }
 }
 
@@ -195,48 +202,16 @@ fn regions_that_split_and_merge_keep_their_tracks() {
     let ids: Vec<u32> = tracks.iter().map(|t| t.id).collect();
     assert_eq!(ids, [1, 2], "{tracks:?}");
     assert!(tracks[0].lateral.lateral_m() < -0.9 && tracks[1].lateral.lateral_m() > 0.9, "{tracks:?}");
-    // A track whose region splits continues with the larger part.
+    // A track whose region splits remains one.
     let (mut tracker, time) = settled(&[sized(15.0, 0.0, 2.4, 1.5)]);
     let parts = [sized(15.0, -0.45, 1.5, 1.5), sized(15.0, 0.85, 0.7, 1.5)];
     let tracks = tracker.update(time + PERIOD_NS, &parts);
-    assert_eq!((tracks[0].id, tracks[0].detection, tracks.len()), (1, Some(0), 2));
+    assert_eq!((tracks[0].id, tracks[0].missed, tracks.len()), (1, 0, 1));
 }
 
 #[test]
-fn scores_are_votes_and_a_jump_back_in_time_resets() {
-    let (mut tracker, mut time) = settled(&[region(20.0, 0.0), region(10.0, 3.0)]);
-    let policy = ScheduleParameters { max_per_frame: 1, repeat_frames: 3 };
-    let mut classified = Vec::new();
-    let mut frame = |tracker: &mut Tracker, score: Option<f32>| {
-        time += PERIOD_NS;
-        tracker.update(time, &[region(20.0, 0.0), region(10.0, 3.0)]);
-        tracker.classify(
-            policy,
-            |_| true,
-            |track| {
-                classified.push(track.id);
-                score
-            },
-        );
-    };
-    frame(&mut tracker, Some(4.0));
-    assert_eq!(tracker.tracks()[1].classification.score(), Some(4.0), "the nearest track comes first");
-    for _ in 0..12 {
-        frame(&mut tracker, Some(5.0));
-    }
-    assert_eq!(tracker.tracks()[0].classification.score(), Some(5.0));
-    // A few negative classifications change nothing, the majority does.
-    for _ in 0..2 {
-        frame(&mut tracker, None);
-    }
-    assert!(tracker.tracks().iter().all(|t| t.classification.score().is_some()));
-    for _ in 0..10 {
-        frame(&mut tracker, None);
-    }
-    assert!(tracker.tracks().iter().all(|t| t.classification.score().is_none()));
-    let [first, second] = [1, 2].map(|id| classified.iter().filter(|&&l| l == id).count());
-    assert!(first >= 8 && second >= 8, "both are classified: {classified:?}");
-    tracker.classify(policy, |_| false, |_| unreachable!("none may be classified at"));
+fn a_jump_back_in_time_resets() {
+    let (mut tracker, _) = settled(&[region(20.0, 0.0), region(10.0, 3.0)]);
     let tracks = tracker.update(5, &[region(20.0, 0.0)]);
     assert_eq!((tracks.len(), tracks[0].seen), (1, 1));
 }
@@ -271,14 +246,17 @@ fn a_gap_in_time_ends_all_tracks_and_raises_nothing() {
 
 #[test]
 fn what_is_not_seen_raises_nothing_and_ends_after_a_second() {
-    for step_ns in [80_000_000, 300_000_000, 900_000_000, S] {
+    for step_ns in [40_000_000, 80_000_000, 300_000_000, 900_000_000, S] {
         let (mut tracker, mut alarm, time) = followed();
-        for frame in 1..20 {
+        for frame in 1..40 {
             let level = process_frame(&mut tracker, &mut alarm, time + frame * step_ns, &[]);
             assert_eq!(level, AlarmLevel::Clear, "steps of {step_ns} ns, frame {frame}");
             let unseen_s = (frame * step_ns) as f64 * 1e-9;
-            let is_over = unseen_s > 1.0 + 1e-9 || frame >= 5;
-            assert_eq!(tracker.tracks().is_empty(), is_over, "{unseen_s} s unseen");
+            if unseen_s < 0.25 {
+                assert_eq!(tracker.confirmed().count(), 2, "{unseen_s} s unseen, steps of {step_ns} ns");
+            }
+            assert!(unseen_s < 1.3 || tracker.confirmed().count() == 0, "{unseen_s} s unseen");
+            assert!(unseen_s <= 3.0 || tracker.tracks().is_empty(), "{unseen_s} s unseen");
         }
     }
 }
@@ -400,10 +378,10 @@ fn arbitrary_regions_cause_no_invalid_track() {
         let tracks = tracker.update(frame * PERIOD_NS, &regions);
         assert!(tracks.len() <= 128);
         for t in tracks {
-            let b = t.region.bounds;
+            let b = t.bounds;
             assert!(b.x + b.width <= 640 && b.y + b.height <= 480, "{b:?}");
             assert!(t.distance_m().is_finite() && t.closing_m_s().is_finite());
-            assert!(t.lateral.lateral_m().is_finite() && t.width_m.is_finite(), "{t:?}");
+            assert!(t.lateral.lateral_m().is_finite() && t.extent.width_m > 0.0, "{t:?}");
         }
     }
 }
@@ -411,8 +389,8 @@ fn arbitrary_regions_cause_no_invalid_track() {
 /// Processes a frame like the recognition stage.
 fn process_frame(tracker: &mut Tracker, alarm: &mut Alarm, time_ns: u64, regions: &[Region]) -> AlarmLevel {
     tracker.update(time_ns, regions);
-    let confirmed = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t));
-    alarm.update(time_ns, true, confirmed.map(Candidate::of)).level
+    let confirmed = tracker.confirmed().map(Track::state);
+    alarm.update(time_ns, true, confirmed.map(|obstacle| Candidate::of(&obstacle))).level
 }
 
 #[test]

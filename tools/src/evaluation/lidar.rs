@@ -135,7 +135,7 @@ pub struct Errors {
 pub struct LidarReport {
     /// Name of the matcher.
     pub method: String,
-    /// Number of times each image was processed in a row; 1: single images, without `regions.confirm`.
+    /// Number of times each image was processed in a row; 1: single images, of which sightings with strong evidence count.
     pub repeats: u64,
     /// Images.
     pub pictures: Vec<PictureRow>,
@@ -397,8 +397,8 @@ impl fmt::Display for LidarReport {
             )?;
         }
         let history = match self.repeats {
-            1 => "single images, regions.confirm off".to_owned(),
-            n => format!("each image {n} times in a row, regions.confirm as configured"),
+            1 => "single images, sightings with strong evidence".to_owned(),
+            n => format!("each image {n} times in a row, confirmed by tracking"),
         };
         write!(f, "{history}; method: {}", self.method)
     }
@@ -448,6 +448,7 @@ mod tests {
             inset_m: [0.0; 2],
             pixels: 900,
             confidence: 1.0,
+            evidence: 4.0,
         }
     }
 
@@ -508,6 +509,6 @@ mod tests {
             text.contains("1 of 2 covered (0.500); boxes a car 1.00") && text.contains("no road"),
             "{text}"
         );
-        assert!(text.contains("the matcher is not used") && text.contains("regions.confirm off"), "{text}");
+        assert!(text.contains("the matcher is not used") && text.contains("single images"), "{text}");
     }
 }

@@ -22,6 +22,10 @@ use sources::recording::foxglove::{
 /// Quality of JPEG images, 1 to 100.
 const JPEG_QUALITY: u8 = 80;
 
+/// Length of the dashes of a prediction, in px, and their largest number on a side.
+const DASH_PX: f64 = 5.0;
+const MAX_DASHES: usize = 100;
+
 /// Depth of the boxes in metres: the extent of obstacles along the view is not measured.
 const BOX_DEPTH_M: f64 = 0.4;
 
@@ -179,17 +183,40 @@ fn label(o: &ObstacleLine) -> String {
     }
 }
 
-/// The obstacles as boxes in the left image.
+/// The sides of a box as dashes: start and end of each.
+fn dashes(corners: [[f64; 2]; 4]) -> Vec<Point2> {
+    let mut points = Vec::new();
+    for side in 0..4 {
+        let (from, to) = (corners[side], corners[(side + 1) % 4]);
+        let length_px = (to[0] - from[0]).hypot(to[1] - from[1]);
+        let count = ((length_px / (2.0 * DASH_PX)).ceil() as usize).clamp(1, MAX_DASHES);
+        let at = |share: f64| [from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1])];
+        for dash in 0..count {
+            let start = dash as f64 / count as f64;
+            points.extend([start, start + 0.5 / count as f64].map(|share| Point2::from(at(share))));
+        }
+    }
+    points
+}
+
+/// The obstacles as boxes in the left image; predicted ones are dashed.
 pub fn annotations(stamp: Stamp, record: &FrameRecord) -> Message {
     let timestamp = stamp.timestamp();
     let mut message = ImageAnnotations { timestamp, ..Default::default() };
     for o in &record.obstacles {
         let (x, y) = (f64::from(o.x_px), f64::from(o.y_px));
         let (right, bottom) = (x + f64::from(o.width_px), y + f64::from(o.height_px));
+        let corners = [[x, y], [right, y], [right, bottom], [x, bottom]];
+        // A list of lines, each a dash, is the only way to draw a dashed box.
+        let (kind, points) = if o.predicted {
+            (points_annotation::Type::LineList, dashes(corners))
+        } else {
+            (points_annotation::Type::LineLoop, corners.map(Point2::from).to_vec())
+        };
         message.points.push(PointsAnnotation {
             timestamp,
-            r#type: points_annotation::Type::LineLoop.into(),
-            points: [[x, y], [right, y], [right, bottom], [x, bottom]].map(Point2::from).to_vec(),
+            r#type: kind.into(),
+            points,
             outline_color: Some(colour(record, o, 1.0)),
             thickness: if o.confirmed { 2.0 } else { 1.0 },
             ..Default::default()
@@ -269,7 +296,7 @@ pub fn scene(stamp: Stamp, record: &FrameRecord, rig: &Rig) -> Message {
         let cube = CubePrimitive {
             pose: Some(Pose::at(centre)),
             size: Some([o.width_m, o.height_m, BOX_DEPTH_M].into()),
-            color: Some(colour(record, o, 0.5)),
+            color: Some(colour(record, o, if o.predicted { 0.2 } else { 0.5 })),
         };
         let text = o.confirmed.then(|| TextPrimitive {
             pose: Some(Pose::at([centre[0], centre[1] - 0.5 * o.height_m - 0.3, centre[2]])),

@@ -93,7 +93,7 @@ pub const OBSTACLES: Schema = Schema::Json {
 "track":{"type":"integer"},"class":{"type":"string"},"score":{"type":["number","null"]},"confirmed":{"type":"boolean"},
 "x_px":{"type":"integer"},"y_px":{"type":"integer"},"width_px":{"type":"integer"},"height_px":{"type":"integer"},
 "distance_m":{"type":"number"},"distance_sigma_m":{"type":"number"},"lateral_m":{"type":"number"},"width_m":{"type":"number"},"height_m":{"type":"number"},"clearance_m":{"type":["number","null"],"description":"Gap to the path when the vehicle arrives; negative where they overlap"},
-"missed":{"type":"integer"},"in_path":{"type":"boolean"},"across_m_s":{"type":["number","null"]},
+"missed":{"type":"integer"},"predicted":{"type":"boolean","description":"nothing was seen of it in this frame: box, place and size are predictions"},"probability":{"type":"number","description":"that it exists"},"in_path":{"type":"boolean"},"across_m_s":{"type":["number","null"]},
 "closing_m_s":{"type":["number","null"]},"closing_sigma_m_s":{"type":["number","null"]},"time_to_collision_s":{"type":["number","null"]},"time_to_collision_sigma_s":{"type":["number","null"]}}}}}}"#,
 };
 

@@ -42,7 +42,7 @@ pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
 }
 
 /// Draws the free space in green, the road's edges in yellow, boundaries as violet fences, the edges of the vehicle's path in
-/// blue, confirmed obstacles in red with class, distance and its standard deviation, unconfirmed ones in orange, and the
+/// blue, confirmed obstacles in red with class, distance and its standard deviation, unconfirmed ones in orange, predicted ones dashed, and the
 /// alarm at the top.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, true)
@@ -85,7 +85,11 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
     for obstacle in order {
         let colour = if obstacle.confirmed { RED } else { ORANGE };
         let bounds = [obstacle.x_px, obstacle.y_px, obstacle.width_px, obstacle.height_px];
-        picture.frame(bounds, colour, 2);
+        if obstacle.predicted {
+            picture.dashed_frame(bounds, colour, 2);
+        } else {
+            picture.frame(bounds, colour, 2);
+        }
         let mut label = format!("{:.1}±{:.1}m", obstacle.distance_m, obstacle.distance_sigma_m);
         if obstacle.class != "obstacle" {
             label = format!("{} {label}", obstacle.class);
@@ -161,7 +165,12 @@ mod tests {
             },
             // A box beyond the image border must not panic.
             free_space_m: vec![vec![[-10.0, 9.0], [10.0, 9.0], [10.0, 3.0], [-10.0, 3.0]]],
-            obstacles: vec![obstacle(20, true), obstacle(100, false), obstacle(190, true)],
+            obstacles: vec![
+                obstacle(20, true),
+                obstacle(100, false),
+                ObstacleLine { predicted: true, ..obstacle(60, true) },
+                obstacle(190, true),
+            ],
             ..FrameRecord::default()
         };
         let left = vec![90; width * height];
@@ -177,6 +186,9 @@ mod tests {
         let picture = draw(input, &record);
         assert_eq!(picture.at(21, 50), RED);
         assert_eq!(picture.at(101, 50), ORANGE);
+        let dashed: Vec<bool> = (40..70).map(|y| picture.at(61, y) == RED).collect();
+        let steps = dashed.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(dashed.contains(&true) && steps >= 3, "a prediction is dashed: {dashed:?}");
         assert_eq!(picture.at(1, 50), RED, "the frame of the alarm");
         assert_eq!([picture.at(150, 80), picture.at(20, 90)], [YELLOW; 2], "the road's edges");
         let [r, g, _] = picture.at(80, 80);

@@ -14,6 +14,9 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// Length of a dash and of the gap after it, in px.
+const DASH_PX: u32 = 5;
+
 /// An image cannot be written.
 #[derive(Debug, Error)]
 #[error("{}: cannot be written: {reason}", path.display())]
@@ -97,6 +100,30 @@ impl Picture {
             .build();
         let top_left = Point::new(x as i32, y as i32);
         never_fails(Rectangle::new(top_left, Size::new(width, height)).into_styled(style).draw(self));
+    }
+
+    /// Draws the edge of a rectangle (left, top, width, height) with dashes, inside of it.
+    pub fn dashed_frame(&mut self, bounds: [u32; 4], colour: Colour, thickness: u32) {
+        let [x, y, width, height] = bounds;
+        let (right, bottom) = (x.saturating_add(width), y.saturating_add(height));
+        let mut paint = |x: u32, y: u32| {
+            if (x as usize) < self.width && (y as usize) < self.height {
+                let i = 3 * (y as usize * self.width + x as usize);
+                self.data[i..i + 3].copy_from_slice(&colour);
+            }
+        };
+        // Beyond the picture nothing is painted.
+        let (end_x, end_y) = (right.min(8192), bottom.min(8192));
+        for depth in 0..thickness.min(width.div_ceil(2)).min(height.div_ceil(2)) {
+            for along in (x..end_x).filter(|along| ((along - x) / DASH_PX).is_multiple_of(2)) {
+                paint(along, y + depth);
+                paint(along, bottom - 1 - depth);
+            }
+            for along in (y..end_y).filter(|along| ((along - y) / DASH_PX).is_multiple_of(2)) {
+                paint(x + depth, along);
+                paint(right - 1 - depth, along);
+            }
+        }
     }
 
     /// Fills a rectangle.

@@ -90,10 +90,16 @@ pub struct ObstacleLine {
     pub class: String,
     /// Score of the class, if recognised.
     pub score: Option<f64>,
-    /// Whether the track is confirmed by enough detections.
+    /// Whether it probably exists, so that it counts as an obstacle.
     pub confirmed: bool,
-    /// Consecutive frames without detection; the position is predicted then.
+    /// Consecutive frames without a sighting.
     pub missed: u32,
+    /// Whether box, place and size are predictions, because nothing was seen of it in this frame.
+    #[serde(default)]
+    pub predicted: bool,
+    /// Probability that it exists.
+    #[serde(default)]
+    pub probability: f64,
     /// Left column.
     pub x_px: u32,
     /// Top row.

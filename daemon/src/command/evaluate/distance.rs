@@ -1,6 +1,6 @@
 //! `lookout evaluate distance`.
 
-use super::scene_run::{SceneRun, found};
+use super::scene_run::{SceneRun, reported};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
@@ -141,15 +141,13 @@ fn approach_frames(
     id: u16,
     bar: &indicatif::ProgressBar,
 ) -> Result<Vec<ApproachFrame>, CommandError> {
-    let rig = run.rig;
     let mut frames = Vec::new();
     for index in 0..run.frames {
         let (truth, result) = run.frame(index)?;
         let object = truth.objects.iter().find(|o| o.id == id);
         let by = |object| {
-            let regions = result.regions.iter().map(|region| found(region, &rig));
             // The nearest of several matches, as the alarm uses.
-            regions
+            reported(&result.record.obstacles)
                 .filter(|found| is_match(object, found))
                 .min_by(|a: &Detection, b| a.distance_m.total_cmp(&b.distance_m))
         };
@@ -210,7 +208,7 @@ fn silent(name: &str, run: &mut SceneRun, bar: &indicatif::ProgressBar) -> Resul
     let mut before = false;
     for index in 0..run.frames {
         let (truth, result) = run.frame(index)?;
-        let regions: Vec<Detection> = result.regions.iter().map(|region| found(region, &rig)).collect();
+        let regions: Vec<Detection> = reported(&result.record.obstacles).collect();
         let matched = match_frame(&truth, rig.focal_px * rig.baseline_m, &regions);
         let alarm = result.record.alarm.level == "alarm";
         row.frames += 1;

@@ -7,16 +7,18 @@ use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::disparity::read_pair;
 use crate::command::error::CommandError;
-use crate::stages::road::parameters::scene_parameters;
+use crate::stages::road::parameters::{scene_parameters, tracker_parameters};
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use config::Config;
 use perception::depth::DepthView;
+use perception::detection::SINGLE_PICTURE_EVIDENCE;
 use perception::image::GreyView;
 use perception::region::Region;
 use perception::rig::Rig;
 use perception::scene::SceneDetector;
 use perception::stereo::{DisparityView, MatchOutput};
+use perception::tracking::Tracker;
 use sources::calibration_file;
 use sources::folder::read_grey;
 use sources::truth::label::{self, Label};
@@ -46,8 +48,8 @@ by a region with an overlap (intersection over union) of 0.4. Its boxes are the 
 mostly in its box, at a depth that it has: more than one are fragments. Labels that are not
 evaluable are in brackets.
 
-A single picture has no history, so regions.confirm is off; --repeat processes each picture N
-times in a row with regions.confirm as configured.
+A single picture has no history: sightings with strong evidence count. --repeat N shows each picture
+N times in a row, and what tracking then confirms counts.
 
 --out writes SET/PICTURE.png (the road green, regions red, labels blue) and evaluation.json.";
 
@@ -69,6 +71,9 @@ pub struct EvaluateLidar {
     pub json: bool,
 }
 
+/// Time between repeats of a picture, in ns: that of KITTI's cameras.
+const REPEAT_PERIOD_NS: u64 = 100_000_000;
+
 const BLUE: Colour = [90, 160, 255];
 
 /// A picture in memory, with its disparity.
@@ -81,11 +86,7 @@ struct FramePicture {
 }
 
 pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> {
-    let mut config = load(&args.config, log, "evaluate", Some("warn"))?;
-    if args.repeat == 1 {
-        // A single frame cannot confirm anything over time.
-        config.regions.confirm = false;
-    }
+    let config = load(&args.config, log, "evaluate", Some("warn"))?;
     let mut named: Vec<(String, LidarFrame)> = Vec::new();
     let mut sets: Vec<String> = Vec::new();
     for root in &args.sets {
@@ -106,18 +107,24 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         let depth_m = frame.depth_m()?;
         let labels = frame.labels.as_deref().map(label::read).transpose()?.unwrap_or_default();
         let seen = FramePicture::new(&config, frame, &rig, &depth_m)?;
-        let mut detector =
-            SceneDetector::new(scene_parameters(&config), rig, seen.width, seen.height, disparities(&config));
-        for _ in 1..args.repeat {
-            detector.detect(seen.depth(frame)?);
-        }
+        let mut parameters = scene_parameters(&config);
+        // A single picture confirms no boundary over time.
+        parameters.regions.confirm = args.repeat > 1;
+        let mut detector = SceneDetector::new(parameters, rig, seen.width, seen.height, disparities(&config));
         let scene = detector.detect(seen.depth(frame)?);
+        let regions = if args.repeat == 1 {
+            // A single picture has no history: strong evidence decides.
+            scene.regions.iter().filter(|r| r.evidence >= SINGLE_PICTURE_EVIDENCE).copied().collect()
+        } else {
+            let tracker = Tracker::new(tracker_parameters(&config), rig, (seen.width, seen.height));
+            confirmed(tracker, scene.regions, args.repeat)
+        };
         let from = if frame.right.is_some() { Disparity::Matched } else { Disparity::DepthMap };
         let camera_m = scene.road.map(|road| road.camera_height_m);
-        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, scene.regions));
-        rows.extend(labels.iter().map(|label| judge(name, label, &depth_m, scene.regions)));
+        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, &regions));
+        rows.extend(labels.iter().map(|label| judge(name, label, &depth_m, &regions)));
         if let Some(out) = &args.out {
-            let mut picture = seen.overlay(scene.profile_px, scene.regions, &rig);
+            let mut picture = seen.overlay(scene.profile_px, &regions, &rig);
             for label in &labels {
                 draw(&mut picture, label, label_distance_m(&depth_m, label));
             }
@@ -131,6 +138,14 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         write_report(out, &report)?;
     }
     if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+/// The obstacles that a tracker confirms after the same sightings in so many frames.
+fn confirmed(mut tracker: Tracker, sightings: &[Region], repeats: u64) -> Vec<Region> {
+    for repeat in 0..repeats {
+        tracker.update(repeat * REPEAT_PERIOD_NS, sightings);
+    }
+    tracker.confirmed().map(|track| Region { bounds: track.bounds, ..track.region }).collect()
 }
 
 fn disparities(config: &Config) -> usize {

@@ -5,7 +5,6 @@ use crate::command::error::CommandError;
 use crate::in_process::FrameResult;
 use config::Config;
 use messages::alarm::Faults;
-use perception::rig::Rig;
 use sources::PairSource;
 use sources::scene::Scene;
 use sources::scene::ncap::case::Case;
@@ -17,7 +16,7 @@ use tools::evaluation::ncap::report::{FirstTimes, Run};
 use tools::evaluation::ncap::rules::{Encounter, Raised, Verdict, judge};
 use tools::reporting::html::picture_source;
 use tools::reporting::overlay;
-use tools::reporting::record::FrameRecord;
+use tools::reporting::record::{FrameRecord, ObstacleLine};
 
 /// How long a near miss goes on after the target is passed, in seconds: a level that is raised then is false, too.
 const AFTER_S: f64 = 0.4;
@@ -112,12 +111,11 @@ pub fn play(case: &Case, config: &Config, with_pictures: bool) -> Result<Played,
         if watch.visible_s.is_none() && impact_s.is_some() && is_visible(&run, target, index) {
             watch.visible_s = Some(time_s);
         }
-        let rig = run.rig;
         let result = run.process(index)?;
         let before = watch.raised;
         // What is reported where a hidden target is belongs to what hides it.
         let spot = (watch.visible_s.is_some() || !is_hidden).then_some(spot);
-        watch.look(time_s, spot, &result, &rig);
+        watch.look(time_s, spot, &result);
         let ttc_s = meets_s - time_s;
         let is_due = stills.next_if(|&still| ttc_s <= still).is_some();
         if with_pictures && (is_due || watch.raised != before) {
@@ -148,13 +146,11 @@ impl Watch {
     }
 
     /// Takes in a frame; `spot` is where the target is seen.
-    fn look(&mut self, time_s: f64, spot: Option<Spot>, result: &FrameResult<'_>, rig: &Rig) {
+    fn look(&mut self, time_s: f64, spot: Option<Spot>, result: &FrameResult<'_>) {
         let is_there = |distance_m, lateral_m| spot.is_some_and(|s| s.has(distance_m, lateral_m, SAME_PLACE));
-        let is_detected = |region: &messages::regions::RegionRecord| {
-            let middle = f64::from(region.bounds[0]) + 0.5 * f64::from(region.bounds[2]);
-            is_there(region.distance_m, rig.lateral_m(middle, region.distance_m))
-        };
-        if self.detected_s.is_none() && result.regions.iter().any(is_detected) {
+        // Detected: sighted at all, confirmed or not.
+        let is_detected = |o: &ObstacleLine| o.missed == 0 && is_there(o.distance_m, o.lateral_m);
+        if self.detected_s.is_none() && result.record.obstacles.iter().any(is_detected) {
             self.detected_s = Some(time_s);
         }
         let record = &result.record;
@@ -254,7 +250,7 @@ impl Watch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tools::reporting::record::{AlarmLine, ObstacleLine};
+    use tools::reporting::record::AlarmLine;
 
     const SPOT: Spot = Spot { ahead_m: 20.0, across_m: (-0.9, 0.9) };
 

@@ -79,11 +79,11 @@ pub fn run(args: &EvaluateRecognition, log: Option<&str>) -> Result<(), CommandE
         }
         let image = GreyView::new(frame.images.left, width, height, width)?;
         let crops: Vec<(GreyView<'_>, f64)> = frame
-            .regions
+            .tracks
             .iter()
-            .filter_map(|region| {
-                let [x, y, width, height] = region.crop.map(|v| v as usize);
-                let expected_px = r.window_m * region.disparity_px / baseline_m;
+            .filter_map(|track| {
+                let [x, y, width, height] = track.crop.map(|v| v as usize);
+                let expected_px = r.window_m * track.disparity_px / baseline_m;
                 Some((image.crop(x, y, width, height)?, expected_px))
             })
             .collect();

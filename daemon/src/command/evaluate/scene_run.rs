@@ -3,7 +3,6 @@
 use crate::command::error::CommandError;
 use crate::in_process::{FrameResult, Pipeline};
 use config::Config;
-use messages::regions::RegionRecord;
 use messages::source_time::SourceTimeRecord;
 use perception::region::PixelBox;
 use perception::rig::Rig;
@@ -13,6 +12,7 @@ use sources::{PairSource, SourceError};
 use std::cell::RefCell;
 use std::rc::Rc;
 use tools::evaluation::scene_match::Detection;
+use tools::reporting::record::ObstacleLine;
 
 /// A scene shared by the pipeline, which reads its images, and the evaluation, which reads its truth.
 struct Shared(Rc<RefCell<Scene>>);
@@ -118,12 +118,14 @@ impl SceneRun {
     }
 }
 
-/// Converts a region for the comparison with the truth: box, distance and its standard deviation.
-pub fn found(region: &RegionRecord, rig: &Rig) -> Detection {
-    let [x, y, width, height] = region.bounds;
-    Detection {
-        bounds: PixelBox { x, y, width, height },
-        distance_m: region.distance_m,
-        sigma_m: rig.distance_error_m(region.distance_m, region.disparity_sigma_px),
-    }
+/// What the system reports in a frame, for the comparison with the truth: box, distance and its standard deviation of each
+/// confirmed obstacle.
+pub fn reported(obstacles: &[ObstacleLine]) -> impl Iterator<Item = Detection> {
+    obstacles.iter().filter(|o| o.confirmed).map(detection)
+}
+
+/// Box, distance and its standard deviation of an obstacle.
+pub fn detection(o: &ObstacleLine) -> Detection {
+    let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
+    Detection { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m }
 }

@@ -1,7 +1,7 @@
 //! `lookout evaluate weather`.
 
 use super::in_parallel::in_parallel;
-use super::scene_run::{SceneRun, found};
+use super::scene_run::{SceneRun, detection, reported};
 use super::seed_range::seed_range;
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
@@ -14,7 +14,6 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use config::Config;
 use indicatif::ProgressBar;
-use perception::region::PixelBox;
 use sources::PairSource;
 use sources::scene::Scene;
 use sources::scene::file::Weather;
@@ -37,8 +36,8 @@ pub const HELP: &str = "Examples:
   lookout evaluate weather 'street?rig=kitti' my/road.toml --out results
   lookout evaluate weather random --seeds 100-129 --threads 2
 
-Every frame is processed by the same stages as in the daemon, in one process. Its regions are
-compared with the exact ground truth of the scene. The table has one line per scene and weather,
+Every frame is processed by the same stages as in the daemon, in one process. Its confirmed
+obstacles are compared with the exact ground truth of the scene. The table has one line per scene and weather,
 with the paper's accuracy beside it.
 
 evaluable: objects named by the scene, 3 to 40 m away (debris to 20 m), at least half visible, in
@@ -203,14 +202,14 @@ fn process(
         if index < evaluated {
             continue;
         }
-        let regions: Vec<Detection> = result.regions.iter().map(|region| found(region, &rig)).collect();
+        let regions: Vec<Detection> = reported(&result.record.obstacles).collect();
         let matched = match_frame(&truth, focal_baseline, &regions);
         let tracks = tracks(&result.record.obstacles, &config.recognition.label);
         let is_false = |found: &Detection| {
             let alone = match_frame(&truth, focal_baseline, std::slice::from_ref(found));
             alone.false_positives.on_road > 0
         };
-        // A track that was not detected in this frame has no region to compare.
+        // Predictions are no boxes that were measured.
         let detected = || tracks.iter().filter(|(o, _)| o.missed == 0);
         let false_tracks: Vec<u32> =
             detected().filter(|(_, t)| is_false(&t.found)).map(|(o, _)| o.track).collect();
@@ -237,11 +236,8 @@ fn process(
 /// The confirmed tracks of a frame with their classes.
 fn tracks<'a>(obstacles: &'a [ObstacleLine], vehicle: &str) -> Vec<(&'a ObstacleLine, ClassifiedTrack)> {
     let confirmed = obstacles.iter().filter(|o| o.confirmed);
-    let track = |o: &'a ObstacleLine| {
-        let bounds = PixelBox { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px };
-        let found = Detection { bounds, distance_m: o.distance_m, sigma_m: o.distance_sigma_m };
-        (o, ClassifiedTrack { found, is_vehicle: o.class == vehicle })
-    };
+    let track =
+        |o: &'a ObstacleLine| (o, ClassifiedTrack { found: detection(o), is_vehicle: o.class == vehicle });
     confirmed.map(track).collect()
 }
 

@@ -1,4 +1,4 @@
-//! The stage recognition: `regions` to `obstacles` (tracks, classes and the alarm).
+//! The stage recognition: `regions` to `obstacles` (classes of tracked obstacles, and the alarm).
 
 pub mod cascade;
 pub mod parameters;
@@ -7,15 +7,17 @@ use super::motion::motion;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
 use crate::stages::motion::body;
+use crate::stages::track_record;
 use cascade::recogniser;
 use config::Config;
 use messages::alarm::Faults;
 use messages::header::{modes, put_text};
 use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
-use messages::regions::{self, RegionRecord, Regions, RegionsMessage, RoadRecord};
+use messages::regions::{Regions, RegionsMessage, RoadRecord};
 use messages::source_time::SourceTimeRecord;
+use messages::track::MAX_TRACKS;
 use messages::typed::{Output, Written};
-use parameters::{alarm_parameters, schedule_parameters, tracker_parameters};
+use parameters::{alarm_parameters, schedule_parameters};
 use perception::alarm::{Alarm, Candidate};
 use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;
@@ -23,12 +25,10 @@ use perception::motion::body::Body;
 use perception::motion::curvature::CurvatureFilter;
 use perception::motion::path::SweptPath;
 use perception::recognition::Recogniser;
-use perception::region::{PixelBox, Region};
-use perception::rig::Rig;
 use perception::road::edge_curve::{EdgeCurve, edge_curve};
-use perception::tracking::classification_schedule::ScheduleParameters;
-use perception::tracking::scale_change::ScaleChangeMeter;
-use perception::tracking::{Track, Tracker};
+use perception::tracking::Obstacle;
+use perception::tracking::classification_schedule::ClassificationSchedule;
+use perception::tracking::filter::ground::Movement;
 
 /// Name of the class of obstacles that were not recognised.
 pub const UNRECOGNISED: &str = "obstacle";
@@ -37,15 +37,16 @@ pub const UNRECOGNISED: &str = "obstacle";
 /// (posts, kerbs) can only be parts of an object.
 const MIN_SHARE: f64 = 0.35;
 
-/// Adapter of recogniser, tracker and alarm.
+/// Adapter of recogniser and alarm.
 pub struct RecognitionStage {
     recogniser: Option<Box<dyn Recogniser>>,
     label: String,
     /// Minimum width and height of a region that is classified, in metres.
     min_m: f64,
-    schedule: ScheduleParameters,
-    tracker: Tracker,
-    scale_change: ScaleChangeMeter,
+    schedule: ClassificationSchedule,
+    /// Tracked obstacles of the last frame, and since when their numbers hold.
+    obstacles: Vec<Obstacle>,
+    tracks_since: Option<u32>,
     alarm: Alarm,
     clock: FrameClock,
     source_time: SourceTimeRecord,
@@ -58,15 +59,14 @@ pub struct RecognitionStage {
     road_ns: u64,
     /// How long a raised alarm stays on without a road, in nanoseconds.
     hold_ns: u64,
-    rig: Rig,
-    regions: Vec<Region>,
+    baseline_m: f64,
     records: Vec<ObstacleRecord>,
     /// Sequence and alarm of the last frame: a frame that is repeated in lock-step gets the same result.
     last: Option<(u64, AlarmRecord)>,
 }
 
 impl RecognitionStage {
-    /// Tracks and classifies the regions of a message, writes the obstacles to `records`, and returns the alarm.
+    /// Classifies the tracked obstacles of a message, writes the obstacles to `records`, and returns the alarm.
     fn update(&mut self, frame: &FrameContext, message: &Regions<'_>) -> AlarmRecord {
         if let Some((sequence, alarm)) = self.last
             && sequence == frame.sequence
@@ -78,10 +78,14 @@ impl RecognitionStage {
         if step.is_discontinuity() {
             // What was raised before says nothing about this frame.
             (self.last, self.road_ns) = (None, frame.source_ns);
-            self.scale_change.reset();
             self.curvature = CurvatureFilter::default();
         }
-        // A repeated time leaves tracks and classes as they are: their detections belong to the frame before.
+        if self.tracks_since.replace(message.road.tracks_since) != Some(message.road.tracks_since) {
+            // A number now means another track.
+            self.schedule.reset();
+            self.alarm.reset();
+        }
+        // A repeated time leaves classes as they are: the tracks are those of the frame before.
         if step != TimeStep::Repeated {
             let own = motion(&frame.motion);
             self.path = own
@@ -89,11 +93,13 @@ impl RecognitionStage {
             if own.is_none() {
                 self.curvature = CurvatureFilter::default();
             }
-            self.track(frame, message);
+            self.obstacles.clear();
+            self.obstacles.extend(message.tracks.iter().map(track_record::obstacle));
+            if frame.modes & modes::RECOGNITION_OFF == 0 {
+                self.recognise(message);
+            }
         }
-        self.source_time.dropped_obstacles = self.tracker.dropped();
-        let tracker = &self.tracker;
-        let candidates = tracker.tracks().iter().filter(|t| tracker.is_confirmed(t)).map(Candidate::of);
+        let candidates = self.obstacles.iter().filter(|o| o.is_confirmed).map(Candidate::of);
         let road = &message.road;
         if road.seen == 1 || frame.source_ns < self.road_ns {
             self.road_ns = frame.source_ns;
@@ -124,14 +130,13 @@ impl RecognitionStage {
             ..self.path.as_ref().map_or_else(|| self.straight_fields(), path_fields)
         };
         let alarm = self.with_object(alarm, state.object).limited();
-        let tracker = &self.tracker;
         self.records.clear();
-        for track in tracker.tracks().iter().take(MAX_COUNT) {
-            let confirmed = tracker.is_confirmed(track);
-            let candidate = Candidate::of(track);
+        for obstacle in self.obstacles.iter().take(MAX_COUNT) {
+            let candidate = Candidate::of(obstacle);
             let in_path = candidate.in_the_way(self.path.as_ref(), self.path_width_m, false).is_some();
             let clearance_m = candidate.clearance_m(self.path.as_ref(), self.path_width_m);
-            let record = obstacle(track, confirmed, in_path, &self.label);
+            let score = self.schedule.score(obstacle.track);
+            let record = obstacle_record(obstacle, in_path, score, &self.label);
             self.records.push(ObstacleRecord { clearance_m, ..record }.limited());
         }
         self.last = Some((frame.sequence, alarm));
@@ -140,13 +145,13 @@ impl RecognitionStage {
 
     /// An alarm with the fields of what it is about: class and clearance are unknown of a track that is lost.
     fn with_object(&self, alarm: AlarmRecord, object: Option<u32>) -> AlarmRecord {
-        let track = self.tracker.tracks().iter().find(|track| Some(track.id) == object);
+        let found = self.obstacles.iter().find(|obstacle| Some(obstacle.track) == object);
         AlarmRecord {
             object: object.unwrap_or(0),
-            clearance_m: track.map_or(f64::INFINITY, |track| {
-                Candidate::of(track).clearance_m(self.path.as_ref(), self.path_width_m)
+            clearance_m: found.map_or(f64::INFINITY, |obstacle| {
+                Candidate::of(obstacle).clearance_m(self.path.as_ref(), self.path_width_m)
             }),
-            class: track.map_or([0; 16], |track| class(track, &self.label)),
+            class: found.map_or([0; 16], |o| class(self.schedule.score(o.track), &self.label)),
             ..alarm
         }
     }
@@ -158,23 +163,6 @@ impl RecognitionStage {
             path_rear_axle_m: self.body.rear_axle_m,
             path_front_m: self.body.front_m,
             ..AlarmRecord::default()
-        }
-    }
-
-    /// Updates tracks and classes from the regions of a message.
-    fn track(&mut self, frame: &FrameContext, message: &Regions<'_>) {
-        self.regions.clear();
-        self.regions.extend(message.regions.iter().map(region));
-        self.tracker.update_with_motion(frame.source_ns, &self.regions, motion(&frame.motion));
-        let crop = |track: &Track| {
-            let record = message.regions.get(track.detection?)?;
-            let [x, y, width, height] = record.crop;
-            let pixels = message.crop(record)?;
-            Some((GreyView::new(pixels, width as usize, height as usize, width as usize).ok()?, (x, y)))
-        };
-        self.tracker.measure_scale_change(&mut self.scale_change, frame.source_ns, crop);
-        if frame.modes & modes::RECOGNITION_OFF == 0 {
-            self.recognise(message);
         }
     }
 
@@ -208,16 +196,16 @@ impl RecognitionStage {
         }
     }
 
-    /// Classifies the tracks that the schedule selects. Tracks without a usable crop are not classified.
-    fn recognise(&mut self, message: &regions::Regions<'_>) {
+    /// Classifies the obstacles that the schedule selects. Those without a usable crop are not classified.
+    fn recognise(&mut self, message: &Regions<'_>) {
         let Some(recogniser) = &mut self.recogniser else { return };
-        let (min_m, baseline_m) = (self.min_m, self.rig.baseline_m);
-        let record = |track: &Track| track.detection.and_then(|d| message.regions.get(d));
-        let may = |track: &Track| {
-            record(track).is_some_and(|r| r.width_m.min(r.height_m) >= min_m && message.crop(r).is_some())
+        let (min_m, baseline_m) = (self.min_m, self.baseline_m);
+        let tracks = &message.tracks;
+        let may = |i: usize| {
+            tracks.get(i).is_some_and(|t| t.width_m.min(t.height_m) >= min_m && message.crop(t).is_some())
         };
-        self.tracker.classify(self.schedule, may, |track| {
-            let record = record(track)?;
+        self.schedule.classify(&self.obstacles, may, |i| {
+            let record = tracks.get(i)?;
             let [_, _, width, height] = record.crop.map(|v| v as usize);
             let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
             let metre_px = record.disparity_px / baseline_m;
@@ -232,14 +220,13 @@ impl Stage for RecognitionStage {
 
     fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError> {
         let recogniser = recogniser(config, format.width, format.height)?;
-        let (rig, size) = (format.rig(), (format.width, format.height));
         Ok(Self {
             recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
             label: config.recognition.label.clone(),
             min_m: MIN_SHARE * config.recognition.window_m,
-            schedule: schedule_parameters(config),
-            tracker: Tracker::new(tracker_parameters(config), rig, size).with_body(body(config)),
-            scale_change: ScaleChangeMeter::new(format.width, format.height),
+            schedule: ClassificationSchedule::new(schedule_parameters(config), MAX_TRACKS),
+            obstacles: Vec::with_capacity(MAX_TRACKS),
+            tracks_since: None,
             alarm: Alarm::new(alarm_parameters(config)),
             clock: FrameClock::default(),
             source_time: SourceTimeRecord::default(),
@@ -249,8 +236,7 @@ impl Stage for RecognitionStage {
             body: body(config),
             curvature: CurvatureFilter::default(),
             path: None,
-            rig,
-            regions: Vec::with_capacity(regions::MAX_COUNT),
+            baseline_m: format.rig().baseline_m,
             records: Vec::with_capacity(MAX_COUNT),
             last: None,
         })
@@ -273,22 +259,6 @@ impl Stage for RecognitionStage {
 
     fn source_time(&self) -> SourceTimeRecord {
         self.source_time
-    }
-}
-
-fn region(record: &RegionRecord) -> Region {
-    let [x, y, width, height] = record.bounds;
-    Region {
-        bounds: PixelBox { x, y, width, height },
-        disparity_px: record.disparity_px,
-        disparity_sigma_px: record.disparity_sigma_px,
-        distance_m: record.distance_m,
-        lateral_m: record.lateral_m,
-        width_m: record.width_m,
-        height_m: record.height_m,
-        inset_m: record.inset_m,
-        confidence: record.confidence,
-        pixels: record.pixels,
     }
 }
 
@@ -317,48 +287,47 @@ fn path_fields(path: &SweptPath) -> AlarmRecord {
     }
 }
 
-/// Name of a track's class.
-fn class(track: &Track, label: &str) -> [u8; 16] {
+/// Name of a class.
+fn class(score: Option<f32>, label: &str) -> [u8; 16] {
     let mut class = [0; 16];
-    put_text(&mut class, if track.classification.score().is_some() { label } else { UNRECOGNISED });
+    put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
     class
 }
 
-fn obstacle(track: &Track, confirmed: bool, in_path: bool, label: &str) -> ObstacleRecord {
-    let b = track.region.bounds;
-    let score = track.classification.score();
-    let ttc = track.time_to_collision();
-    let ground = track.ground();
+fn obstacle_record(obstacle: &Obstacle, in_path: bool, score: Option<f32>, label: &str) -> ObstacleRecord {
+    let b = obstacle.bounds;
+    let (ttc, ground) = (obstacle.time_to_collision, obstacle.ground);
     ObstacleRecord {
-        track: track.id,
-        confirmed: u32::from(confirmed),
-        seen: track.seen,
-        missed: track.missed,
+        track: obstacle.track,
+        confirmed: u32::from(obstacle.is_confirmed),
+        seen: obstacle.seen,
+        missed: obstacle.missed,
         bounds: [b.x, b.y, b.width, b.height],
-        distance_m: track.distance_m(),
-        distance_sigma_m: track.longitudinal.distance_sigma_m(),
-        lateral_m: track.lateral.lateral_m(),
-        width_m: track.front_m(),
-        height_m: track.region.height_m,
-        across_m_s: ground.map_or(track.lateral.speed_m_s(), |g| g.speed_m_s[0]),
+        probability: obstacle.probability,
+        distance_m: obstacle.distance_m,
+        distance_sigma_m: obstacle.distance_sigma_m,
+        lateral_m: obstacle.lateral_m,
+        width_m: obstacle.width_m,
+        height_m: obstacle.height_m,
+        across_m_s: ground.map_or(obstacle.lateral_speed_m_s, |g| g.speed_m_s[0]),
         along_m_s: ground.map_or(0.0, |g| g.speed_m_s[1]),
-        closing_m_s: track.closing_m_s(),
-        closing_sigma_m_s: track.closing_sigma_m_s(),
+        closing_m_s: obstacle.closing_m_s,
+        closing_sigma_m_s: obstacle.closing_sigma_m_s,
         time_to_collision_s: ttc.map_or(f64::INFINITY, |t| t.seconds),
         time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
         in_path: u32::from(in_path),
-        moving: track.movement as u32,
+        moving: ground.map_or(Movement::Unknown, |g| g.movement) as u32,
         score: score.map_or(0.0, f64::from),
-        class: class(track, label),
+        class: class(score, label),
         ..ObstacleRecord::default()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::Movement;
     use messages::alarm::{LEVELS, MOVING, RULES, level_name, moving_name, rule_name};
     use perception::alarm::{AlarmLevel, AlarmRule};
-    use perception::tracking::filter::ground::Movement;
 
     #[test]
     fn numbers_of_levels_and_rules_match_their_names() {

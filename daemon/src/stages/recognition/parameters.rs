@@ -1,21 +1,9 @@
-//! Parameters of tracker, alarm and classification from the configuration.
+//! Parameters of alarm and classification from the configuration.
 
 use crate::stages::whole_number::whole;
 use config::Config;
 use perception::alarm::AlarmParameters;
-use perception::tracking::TrackerParameters;
 use perception::tracking::classification_schedule::ScheduleParameters;
-
-/// Parameters of the tracker.
-pub fn tracker_parameters(config: &Config) -> TrackerParameters {
-    let c = &config.tracking;
-    TrackerParameters {
-        confirm_frames: whole(c.confirm_frames),
-        forget_frames: whole(c.forget_frames),
-        min_overlap: c.overlap_min,
-        max_count: messages::obstacles::MAX_COUNT,
-    }
-}
 
 /// Parameters of the alarm.
 pub fn alarm_parameters(config: &Config) -> AlarmParameters {
@@ -47,7 +35,6 @@ mod tests {
     #[test]
     fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
         let config = Config::default();
-        assert_eq!(tracker_parameters(&config), TrackerParameters::default());
         assert_eq!(alarm_parameters(&config), AlarmParameters::default());
         assert_eq!(schedule_parameters(&config), ScheduleParameters::default());
     }

@@ -1,4 +1,4 @@
-//! The stage road: `depth` to `regions`.
+//! The stage road: `depth` to `regions`: road, sightings of obstacles, and their tracks.
 
 pub mod own_motion;
 pub mod parameters;
@@ -7,40 +7,49 @@ pub mod space;
 use super::motion::body;
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
+use crate::stages::track_record;
 use config::Config;
 use messages::alarm::Faults;
 use messages::depth::{Depth, DepthMessage};
 use messages::header::MessageError;
 use messages::motion::MotionRecord;
 use messages::regions;
-use messages::regions::{EdgeRecord, RegionRecord, RegionsMessage, RoadRecord};
+use messages::regions::{Counts, EdgeRecord, RegionRecord, RegionsMessage, RoadRecord};
+use messages::source_time::SourceTimeRecord;
+use messages::track::TrackRecord;
 use messages::typed::{Output, Written};
 use own_motion::OwnMotion;
 use perception::depth::DepthView;
-use perception::frame_clock::FrameClock;
+use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;
 use perception::image_quality::{TextureMonitor, road_texture};
 use perception::motion::body::Body;
 use perception::motion::planar::PlanarStep;
-use perception::region::Region;
+use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
 use perception::road::edges::Edge;
 use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
+use perception::tracking::scale_change::ScaleChangeMeter;
+use perception::tracking::{Frame, Track, Tracker};
 
 // The message holds the arrays of the algorithm as they are.
 const _: () = assert!(perception::road::edges::SEGMENTS == regions::SEGMENTS);
 
-/// Margin of a crop on each side of its region, as a share of the region's size: room for the search windows of the
+/// Margin of a crop on each side of its obstacle, as a share of the obstacle's size: room for the search windows of the
 /// cascade.
 const CROP_MARGIN: f64 = 0.2;
 
 /// Minimum width and height of a crop, in pixels.
 const MIN_CROP: u32 = 32;
 
-/// Adapter of the scene detector (road model and regions).
+/// Adapter of the scene detector (road model and sightings) and of the tracker.
 pub struct RoadStage {
     detector: SceneDetector,
+    tracker: Tracker,
+    scale_change: ScaleChangeMeter,
+    /// Sequence of the first frame whose tracks have these numbers.
+    tracks_since: Option<u32>,
     own_motion: OwnMotion,
     body: Body,
     clock: FrameClock,
@@ -69,6 +78,10 @@ impl Stage for RoadStage {
         );
         Ok(Self {
             detector,
+            tracker: Tracker::new(parameters::tracker_parameters(config), format.rig(), (width, height))
+                .with_body(body(config)),
+            scale_change: ScaleChangeMeter::new(width, height),
+            tracks_since: None,
             body: body(config),
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
@@ -98,14 +111,35 @@ impl Stage for RoadStage {
                 needed: self.width * self.height,
             })?;
         let step = self.clock.step(frame.source_ns);
+        let motion = self.own_motion.update(frame, step, left, disparity);
+        let sequence = frame.sequence as u32;
         if step.is_discontinuity() {
             self.detector.reset();
+            self.scale_change.reset();
+            self.tracks_since = Some(sequence);
         }
-        let motion = self.own_motion.update(frame, step, left, disparity);
+        let tracks_since = *self.tracks_since.get_or_insert(sequence);
         let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
         self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
         self.detector.set_elapsed_s(step.elapsed_s());
         let scene = self.detector.detect(depth_view);
+        let verifier = scene.verifier;
+        self.tracker.follow(&Frame {
+            time_ns: frame.source_ns,
+            sightings: scene.regions,
+            motion,
+            could_detect: scene.road.is_some(),
+            verify: &|region| Some(verifier?.verify(region)?.evidence()),
+        });
+        if step != TimeStep::Repeated {
+            let size = (self.width as u32, self.height as u32);
+            let crop = |track: &Track| {
+                let [x, y, width, height] = crop_box(track.bounds, size);
+                let crop = left.crop(x as usize, y as usize, width as usize, height as usize)?;
+                Some((crop, (x, y)))
+            };
+            self.tracker.measure_scale_change(&mut self.scale_change, frame.source_ns, crop);
+        }
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);
             self.is_sparse = check.update(texture);
@@ -113,7 +147,7 @@ impl Stage for RoadStage {
         let road = scene.road.map_or_else(RoadRecord::default, |road| {
             RoadRecord {
                 seen: 1,
-                regions: 0,
+                tracks_since,
                 slope: road.line.slope,
                 horizon_px: road.line.horizon_px,
                 roll: road.roll,
@@ -121,16 +155,20 @@ impl Stage for RoadStage {
                 camera_height_m: road.camera_height_m,
                 space: space::space_record(scene.free, scene.boundaries),
                 edges: scene.edges.map(|sides| sides.map(|edge| edge.map(edge_record).unwrap_or_default())),
+                ..RoadRecord::default()
             }
             .limited()
         });
-        let mut writer = output.begin(road, scene.profile_px, scene.regions.len())?;
-        for region in scene.regions {
-            let record = record(region, self.width as u32, self.height as u32);
-            let [x, y, width, height] = record.crop.map(|v| v as usize);
-            let crop = left.crop(x, y, width, height);
-            let rows = (0..height).filter_map(|row| crop.map(|c| c.row(row)));
-            writer.push(record, rows);
+        let road = RoadRecord { tracks_since, ..road };
+        let tracks = self.tracker.tracks();
+        let counts = Counts { regions: scene.regions.len(), tracks: tracks.len() };
+        let mut writer = output.begin(road, scene.profile_px, counts)?;
+        for (i, region) in scene.regions.iter().enumerate() {
+            writer.push_region(&record(region, self.tracker.track_of(i)));
+        }
+        for track in tracks {
+            let (record, rows) = self.track_record(track, left);
+            writer.push_track(record, rows);
         }
         Ok(writer.finish())
     }
@@ -139,8 +177,35 @@ impl Stage for RoadStage {
         Some(self.own_motion.record())
     }
 
+    fn source_time(&self) -> SourceTimeRecord {
+        // The last stage counts the steps of the time.
+        SourceTimeRecord { dropped_obstacles: self.tracker.dropped(), ..SourceTimeRecord::default() }
+    }
+
     fn faults(&self) -> Faults {
         Faults::SPARSE.when(self.is_sparse)
+    }
+}
+
+impl RoadStage {
+    /// The record of a track, and the rows of its crop. What is only predicted has none: the recogniser would see something
+    /// else there.
+    fn track_record<'l>(
+        &self,
+        track: &Track,
+        left: GreyView<'l>,
+    ) -> (TrackRecord, impl Iterator<Item = &'l [u8]> + use<'l>) {
+        let is_seen = track.missed == 0;
+        // The whole thing, and what was seen of it in this frame.
+        let all = track.bounds.joined(&track.region.bounds);
+        let place = crop_box(all, (self.width as u32, self.height as u32));
+        let [x, y, width, height] = place.map(|v| v as usize);
+        let crop = left.crop(x, y, width, height).filter(|_| is_seen);
+        let record = TrackRecord {
+            crop: if crop.is_some() { place } else { [0; 4] },
+            ..track_record::record(&track.state(), &self.rig)
+        };
+        (record, (0..height).filter_map(move |row| crop.map(|c| c.row(row))))
     }
 }
 
@@ -150,17 +215,9 @@ fn edge_record(edge: Edge) -> EdgeRecord {
     EdgeRecord { step_m, lateral_m, distance_m, x_px, y_px }
 }
 
-/// The record of a region, with the box of its crop.
-fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
+/// The record of a region, which belongs to this track (0: to none).
+fn record(region: &Region, track: u32) -> RegionRecord {
     let b = region.bounds;
-    let grow = |start: u32, side: u32, limit: u32| {
-        let margin = ((f64::from(side) * CROP_MARGIN) as u32).max(MIN_CROP.saturating_sub(side).div_ceil(2));
-        let from = start.saturating_sub(margin);
-        let to = (start + side + margin).min(limit);
-        (from, to - from)
-    };
-    let (crop_x, crop_width) = grow(b.x, b.width, width);
-    let (crop_y, crop_height) = grow(b.y, b.height, height);
     RegionRecord {
         disparity_px: region.disparity_px,
         disparity_sigma_px: region.disparity_sigma_px,
@@ -169,11 +226,24 @@ fn record(region: &Region, width: u32, height: u32) -> RegionRecord {
         width_m: region.width_m,
         height_m: region.height_m,
         confidence: region.confidence,
+        evidence: region.evidence,
         inset_m: region.inset_m,
         bounds: [b.x, b.y, b.width, b.height],
-        crop: [crop_x, crop_y, crop_width, crop_height],
-        crop_offset: 0,
         pixels: region.pixels,
+        track,
     }
     .limited()
+}
+
+/// The crop of a box in an image of `size` (width, height): left, top, width, height.
+fn crop_box(b: PixelBox, (width, height): (u32, u32)) -> [u32; 4] {
+    let grow = |start: u32, side: u32, limit: u32| {
+        let margin = ((f64::from(side) * CROP_MARGIN) as u32).max(MIN_CROP.saturating_sub(side).div_ceil(2));
+        let from = start.saturating_sub(margin);
+        let to = (start + side + margin).min(limit);
+        (from, to - from)
+    };
+    let (x, crop_width) = grow(b.x, b.width, width);
+    let (y, crop_height) = grow(b.y, b.height, height);
+    [x, y, crop_width, crop_height]
 }

@@ -5,6 +5,7 @@ use config::Config;
 use perception::detection::RegionParameters;
 use perception::road::{RoadParameters, Shape};
 use perception::scene::SceneParameters;
+use perception::tracking::TrackerParameters;
 
 /// Parameters of the road model and of the regions.
 pub fn scene_parameters(config: &Config) -> SceneParameters {
@@ -24,10 +25,22 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
             depth_span_m: r.depth_span_m,
             min_pixels: whole(r.pixels_min),
             max_count: whole(r.count_max),
-            confirm: r.confirm,
+            confirm: true,
         },
         path_width_m: config.alarm.path_width_m,
-        masks_regions: false,
+    }
+}
+
+/// Parameters of the tracker.
+pub fn tracker_parameters(config: &Config) -> TrackerParameters {
+    let c = &config.tracking;
+    TrackerParameters {
+        confirm_probability: c.confirm_probability,
+        max_unseen_s: c.unseen_max_s,
+        min_overlap: c.overlap_min,
+        max_distance_m: config.regions.distance_max_m,
+        max_disparity_px: config.stereo.disparities as f64,
+        max_count: messages::track::MAX_TRACKS,
     }
 }
 
@@ -38,5 +51,6 @@ mod tests {
     #[test]
     fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
         assert_eq!(scene_parameters(&Config::default()), SceneParameters::default());
+        assert_eq!(tracker_parameters(&Config::default()), TrackerParameters::default());
     }
 }

@@ -58,9 +58,9 @@ function drawBoxes(frame) {
   const labels = placeLabels(frame, scale);
   const boxes = [...frame.obstacles].sort((a, b) => b.distance_m - a.distance_m).map((o) => {
     const isCause = frame.alarm.level === "alarm" && frame.alarm.track === o.track;
-    const group = svg("g", { class: `box${o.confirmed ? " confirmed" : ""}${isCause ? " cause" : ""}` });
+    const group = svg("g", { class: `box${o.confirmed ? " confirmed" : ""}${isCause ? " cause" : ""}${o.predicted ? " predicted" : ""}` });
     Object.assign(group.dataset, {
-      track: o.track, class: o.class, confirmed: o.confirmed, distance: o.distance_m,
+      predicted: o.predicted, track: o.track, class: o.class, confirmed: o.confirmed, distance: o.distance_m,
       x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px,
       ttc: o.time_to_collision_s === null ? "" : o.time_to_collision_s,
     });
@@ -165,7 +165,7 @@ function drawBirds(frame, points) {
   drawWay(c, frame, at);
   c.lineWidth = 1;
   c.strokeStyle = colour("--s6");
-  for (const r of frame.regions) {
+  for (const r of frame.regions.filter((r) => r.evidence > 0)) {
     const [x, y] = at(r.lateral_m - r.width_m / 2, r.distance_m);
     c.strokeRect(x, y - 2, r.width_m * perMetre, 2);
   }
@@ -178,7 +178,9 @@ function drawBirds(frame, points) {
     c.fillRect(x, y, o.width_m * perMetre, depth * perMetre);
     c.globalAlpha = 1;
     c.lineWidth = isCause ? 3 : 1.5;
+    c.setLineDash(o.predicted ? [5, 4] : []);
     c.strokeRect(x, y, o.width_m * perMetre, depth * perMetre);
+    c.setLineDash([]);
     // Predicted position in one second, relative to the vehicle, and two standard deviations of the distance.
     if (o.closing_m_s !== null && Math.abs(o.closing_m_s) > 0.5) {
       c.beginPath(); c.moveTo(...at(o.lateral_m, o.distance_m));

@@ -10,6 +10,9 @@ use super::{
     TimeToCollision,
 };
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
+use crate::tracking::parameters::{
+    MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_CHI2, STANDING_SPEED_M_S,
+};
 
 /// Whether an obstacle moves over ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,17 +39,6 @@ pub struct GroundMotion {
     /// Whether it stands or moves.
     pub movement: Movement,
 }
-
-/// Speeds that a standing thing seems to have, in m/s, as its visible part changes and the own motion errs.
-const STANDING_SPEED_M_S: f64 = 0.4;
-/// Squared normalised speeds (two degrees of freedom) below which a thing may stand, and above which it moves: 86 % and
-/// 1 % of standing ones.
-const STANDING_CHI2: f64 = 4.0;
-const MOVING_CHI2: f64 = 9.0;
-/// A thing is said to stand once its speeds are known better than this, in m/s,
-const MAX_STANDING_SIGMA_M_S: f64 = 1.0;
-/// along the axis of a fast vehicle better than this share of its speed.
-const MAX_STANDING_SIGMA_SHARE: f64 = 0.1;
 
 impl ConstantVelocityFilter {
     /// Makes the speed one over ground; `own` is the rate of a standing point with its standard deviation.

@@ -1,0 +1,109 @@
+//! Which sightings show which track.
+//!
+//! Each track gets at most one sighting of its own by minimum total cost ([`super::assign`]). A thing may come apart into
+//! several sightings: one that nobody owns and that lies within the body of a track is a part of that thing.
+
+use super::extent::{contained_share, edges_of};
+use super::parameters::{
+    BODY_LENGTH_M, BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OUTLIER_SIGMAS,
+    OVERLAP_COST, SIZE_COST, TYPICAL_AGREEMENT,
+};
+use super::track::Track;
+use crate::region::{PixelBox, Region};
+use crate::rig::Rig;
+
+/// Largest difference of the disparity, in px, at which a sighting may show a track.
+fn gate_px(track: &Track, region: &Region) -> f64 {
+    let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
+    GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * track.longitudinal.disparity_px()
+}
+
+/// Cost of taking a sighting for that of a track, whose box is expected at `body`; `None` if that is impossible.
+pub(super) fn cost(track: &Track, body: &[f64; 4], region: &Region, min_overlap: f64) -> Option<f64> {
+    let innovation = (region.disparity_px - track.longitudinal.disparity_px()).abs();
+    if innovation > gate_px(track, region) {
+        return None;
+    }
+    let overlap = overlap(body, &region.bounds);
+    if overlap < min_overlap {
+        return None;
+    }
+    let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
+    let sigmas = (innovation / spread.max(1e-3)).min(GATE_SIGMAS);
+    let size = (region.width_m / track.extent.width_m.max(0.05)).max(0.05).ln().abs();
+    Some(sigmas * sigmas + OVERLAP_COST * (1.0 - overlap) + SIZE_COST * size.min(1.0))
+}
+
+/// Log-likelihood ratio of the place of a sighting, at most 0: how well it agrees with the prediction.
+pub(super) fn agreement(track: &Track, body: &[f64; 4], region: &Region) -> f64 {
+    let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
+    let sigmas = (region.disparity_px - track.longitudinal.disparity_px()) / spread.max(1e-3);
+    let agreement =
+        overlap(body, &region.bounds).clamp(0.05, 1.0).ln() - 0.5 * (sigmas * sigmas).min(OUTLIER_SIGMAS);
+    (agreement + TYPICAL_AGREEMENT).min(0.0)
+}
+
+/// Whether a disparity, in px, is one of the thing of a track, whose body reaches back from the near side.
+fn is_in_depth(track: &Track, disparity_px: f64, gate_px: f64, rig: &Rig) -> bool {
+    let nearest_px = track.longitudinal.disparity_px() + gate_px;
+    let farthest_px = rig.disparity_px(track.distance_m() + BODY_LENGTH_M);
+    (farthest_px..=nearest_px).contains(&disparity_px)
+}
+
+/// Whether a sighting is a part of the thing whose box is expected at `body`.
+pub(super) fn is_part(track: &Track, body: &[f64; 4], region: &Region, rig: &Rig) -> bool {
+    contained_share(&edges_of(&region.bounds), body) >= BODY_SHARE
+        && is_in_depth(track, region.disparity_px, gate_px(track, region), rig)
+}
+
+/// Whether a sighting contains a thing, whose box is expected at `body`, and has its distance: the thing merged with what is
+/// beside it, or the whole thing of which the track follows a part.
+pub(super) fn contains(track: &Track, body: &[f64; 4], region: &Region) -> bool {
+    contained_share(body, &edges_of(&region.bounds)) >= BODY_SHARE
+        && (region.disparity_px - track.longitudinal.disparity_px()).abs() <= gate_px(track, region)
+}
+
+/// Whether a track follows a part of another one's thing. Both with their boxes.
+pub(super) fn is_within(part: (&Track, &[f64; 4]), whole: (&Track, &[f64; 4]), rig: &Rig) -> bool {
+    let disparity_px = part.0.longitudinal.disparity_px();
+    contained_share(part.1, whole.1) >= BODY_SHARE
+        && is_in_depth(whole.0, disparity_px, gate_px(whole.0, &part.0.region), rig)
+}
+
+/// Joins a part to a sighting of the same thing. The near side remains that of the sighting.
+pub(super) fn join(whole: &mut Region, part: &Region, rig: &Rig) {
+    let ends = [whole.ends_m(), part.ends_m()];
+    let [a, b] = [edges_of(&whole.bounds), edges_of(&part.bounds)];
+    let bounds = [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])].map(|v| v as u32);
+    whole.bounds =
+        PixelBox { x: bounds[0], y: bounds[1], width: bounds[2] - bounds[0], height: bounds[3] - bounds[1] };
+    whole.width_m = f64::from(whole.bounds.width) * whole.distance_m / rig.focal_px;
+    let middle = f64::from(whole.bounds.x) + f64::from(whole.bounds.width) / 2.0;
+    whole.lateral_m = rig.lateral_m(middle, whole.distance_m);
+    whole.set_ends([ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])]);
+    whole.height_m = whole.height_m.max(part.height_m);
+    let pixels = [whole.pixels, part.pixels].map(f64::from);
+    whole.confidence =
+        (whole.confidence * pixels[0] + part.confidence * pixels[1]) / (pixels[0] + pixels[1]).max(1.0);
+    whole.pixels = whole.pixels.saturating_add(part.pixels);
+    whole.evidence = whole.evidence.max(part.evidence);
+}
+
+/// The part of a box inside of a picture of `size` (width, height).
+pub(super) fn inside([left, top, right, bottom]: [f64; 4], (width, height): (u32, u32)) -> [f64; 4] {
+    let [width, height] = [width, height].map(f64::from);
+    [left.clamp(0.0, width), top.clamp(0.0, height), right.clamp(0.0, width), bottom.clamp(0.0, height)]
+}
+
+/// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is
+/// greater.
+fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {
+    let [left, top, right, bottom] = *expected;
+    let [x, y, x_end, y_end] = edges_of(bounds);
+    let wide = (right.min(x_end) - left.max(x)).max(0.0);
+    let high = (bottom.min(y_end) - top.max(y)).max(0.0);
+    let shared = wide * high;
+    let areas = ((right - left) * (bottom - top), (x_end - x) * (y_end - y));
+    let (joint, smaller) = (areas.0 + areas.1 - shared, areas.0.min(areas.1));
+    if smaller <= 0.0 { 0.0 } else { (shared / joint).max(CONTAINMENT_WEIGHT * shared / smaller) }
+}

@@ -1,0 +1,149 @@
+//! Every number of the tracker that somebody chose, with its unit and the reason.
+
+/// Parameters of the tracker that the configuration sets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerParameters {
+    /// Probability of existence from which a track is confirmed as an obstacle.
+    pub confirm_probability: f64,
+    /// Longest time for which a track is predicted without a sighting, in seconds.
+    pub max_unseen_s: f64,
+    /// Smallest box overlap for an assignment, 0 to 1.
+    pub min_overlap: f64,
+    /// Distance beyond which nothing is detected, in metres.
+    pub max_distance_m: f64,
+    /// Largest disparity that is searched, in px: nearer things are not detected.
+    pub max_disparity_px: f64,
+    /// Largest number of tracks.
+    pub max_count: usize,
+}
+
+impl Default for TrackerParameters {
+    fn default() -> Self {
+        Self {
+            confirm_probability: 0.9,
+            max_unseen_s: 1.0,
+            min_overlap: 0.2,
+            max_distance_m: 60.0,
+            max_disparity_px: 128.0,
+            max_count: 128,
+        }
+    }
+}
+
+// Existence.
+
+/// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
+/// below which a track ends, as less is then known of it than before it was seen.
+pub const BIRTH_PROBABILITY: f64 = 0.2;
+/// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
+pub const KEEP_PROBABILITY: f64 = 0.8;
+/// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However
+/// distinct a snowflake in front of the lens is, it is one for one frame.
+pub const MAX_EVIDENCE: f64 = 3.5;
+/// Probability that what is there and visible is seen, before it is measured: two of three.
+pub const DETECTION_PROBABILITY: f64 = 0.63;
+/// Number of looks that this first value counts as.
+pub const DETECTION_PROBABILITY_LOOKS: f64 = 20.0;
+/// Time over which it is measured, in seconds: weather changes slowly, tunnels do not.
+pub const DETECTION_PROBABILITY_TIME_S: f64 = 5.0;
+/// Its bounds: what a few tracks tell is no certainty.
+pub const DETECTION_PROBABILITY_BOUNDS: (f64, f64) = (0.3, 0.88);
+/// Correlation time of the errors of successive sightings, in seconds: looks at shorter intervals see the same noise and
+/// count by the time between them. Two frames at 12.5 frames a second.
+pub const CORRELATION_S: f64 = 0.15;
+/// Number of independent looks that are remembered. The evidence of one structure errs to the same side in each frame, so that
+/// it must not add up without limit.
+pub const MEMORY_LOOKS: f64 = 5.0;
+/// Mean time for which a thing remains where it is expected while nobody can see it there, in seconds.
+pub const LEAVING_TIME_S: f64 = 4.0;
+
+/// From this share of the range on, things are detected less and less; at the range not at all.
+pub const FADING_SHARE: f64 = 0.75;
+
+// Association.
+
+/// Gate of the disparity difference: this many standard deviations of prediction and measurement,
+pub const GATE_SIGMAS: f64 = 4.0;
+/// plus this many px, plus this share of the disparity: the near side jumps when parts are merged.
+pub const GATE_PX: f64 = 0.5;
+/// See [`GATE_PX`].
+pub const GATE_SHARE: f64 = 0.08;
+/// Weight of containment: if one box contains the other, the overlap is at least this share of the contained area, since
+/// sightings split and merge.
+pub const CONTAINMENT_WEIGHT: f64 = 0.6;
+/// Cost of boxes without overlap, in the unit of a squared normalised innovation.
+pub const OVERLAP_COST: f64 = 12.0;
+/// Cost of widths that differ by a factor of e, in the same unit.
+pub const SIZE_COST: f64 = 3.0;
+/// Cost of a sighting without a track, in the same unit.
+pub const UNMATCHED_COST: f64 = 24.0;
+/// Agreement of the sighting of a real thing with its prediction in the mean, as the logarithm of a likelihood: boxes that
+/// overlap by 0.7, and half of a squared normalised innovation. Only what agrees less counts against a sighting.
+pub const TYPICAL_AGREEMENT: f64 = 0.75;
+/// Share of a box that lies within the body of a track if it is a part of that thing.
+pub const BODY_SHARE: f64 = 0.7;
+/// Length of the body of a thing behind its near side, in metres: that of a car.
+pub const BODY_LENGTH_M: f64 = 4.5;
+
+// Extent.
+
+/// Time constant of the sides of a thing, in seconds: faster, and each fragment changes its size; slower, and it lags behind
+/// what comes into view as the vehicle passes.
+pub const EXTENT_TIME_S: f64 = 0.3;
+/// A single sighting changes a side as if the thing were at most this many times as large, or small, as before.
+pub const MAX_RATIO: f64 = 2.0;
+/// Standard deviation of the middle of a box, in px: sides are found in strips of four columns;
+pub const CENTRE_SIGMA_PX: f64 = 3.0;
+/// and as a share of the width.
+pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
+/// A box closer to the border of the picture than this, in px, is cut by it: two strips.
+pub const BORDER_PX: f64 = 8.0;
+
+// Disparity.
+
+/// Inflation of the disparity's standard deviation: its errors are correlated over frames, while the filter assumes
+/// independence.
+pub const NOISE_INFLATION: f64 = 1.5;
+/// Part of the disparity's error that remains the same from frame to frame, in px, and is not averaged out: pixel locking, and
+/// which part of a thing its near side is.
+pub const SYSTEMATIC_PX: f64 = 0.05;
+/// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
+pub const MIN_SIGMA_PX: f64 = 0.08;
+
+// Motion.
+
+/// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects.
+pub const INITIAL_CLOSING_SIGMA_M_S: f64 = 12.0;
+/// Initial standard deviation of the lateral speed, in m/s.
+pub const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
+/// Process noise of the closing speed: spectral density of the acceleration, in m²/s³. Corresponds to a
+/// standard deviation of 0.5 m/s after one second.
+pub const PROCESS_NOISE: f64 = 0.25;
+/// Process noise during a manoeuvre such as braking, detected by the CUSUM test, in m²/s³.
+pub const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
+/// Process noise of the lateral speed, in m²/s³.
+pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
+/// Share of the CUSUM statistic that is kept from frame to frame.
+pub const CUSUM_DECAY: f64 = 0.8;
+/// CUSUM statistic above which the innovations are biased: 3.6 standard deviations of the statistic under
+/// noise.
+pub const CUSUM_THRESHOLD: f64 = 6.0;
+/// A normalised innovation above this counts as an outlier; its weight decreases with its size.
+pub const OUTLIER_SIGMAS: f64 = 3.0;
+/// This many consecutive outliers that agree are a step of the measurement (another side of the object is
+/// measured). If they grow, the speed has changed.
+pub const STEP_FRAMES: u8 = 3;
+
+// Standing or moving.
+
+/// Speeds that a standing thing seems to have, in m/s, as its visible part changes and the own motion errs.
+pub const STANDING_SPEED_M_S: f64 = 0.4;
+/// Squared normalised speeds (two degrees of freedom) below which a thing may stand, and above which it moves: 86 % and
+/// 1 % of standing ones.
+pub const STANDING_CHI2: f64 = 4.0;
+/// See [`STANDING_CHI2`].
+pub const MOVING_CHI2: f64 = 9.0;
+/// A thing is said to stand once its speeds are known better than this, in m/s,
+pub const MAX_STANDING_SIGMA_M_S: f64 = 1.0;
+/// along the axis of a fast vehicle better than this share of its speed.
+pub const MAX_STANDING_SIGMA_SHARE: f64 = 0.1;

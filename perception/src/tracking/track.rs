@@ -1,0 +1,327 @@
+//! One obstacle that is followed from frame to frame.
+
+use super::existence::Existence;
+use super::extent::{CutSides, Extent, clip};
+use super::filter::ground::{Filters, GroundMotion, Movement};
+use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
+use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SYSTEMATIC_PX};
+use crate::motion::planar::OwnRates;
+use crate::region::{PixelBox, Region};
+use crate::rig::Rig;
+
+/// Smoothing of the width's change from sighting to sighting, and its first value: what a new track may be.
+const JITTER_GAIN: f64 = 0.25;
+const INITIAL_JITTER: f64 = 0.3;
+/// Tracks with a larger distance, lateral position, size or standard deviation of the distance are dropped, in metres:
+/// a hundred times the range of a stereo camera.
+const MAX_LENGTH_M: f64 = 10_000.0;
+/// Tracks with a larger speed or standard deviation of it are dropped, in m/s: several times that of any vehicle.
+const MAX_SPEED_M_S: f64 = 1_000.0;
+
+/// Cameras: rig, and size of the picture (width, height) in px.
+pub(super) type Cameras = (Rig, (u32, u32));
+
+/// An obstacle that is tracked from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Track {
+    /// Identifier, unique during the life of the tracker, starting at 1.
+    pub id: u32,
+    /// Probability that it exists.
+    pub existence: Existence,
+    /// Whether it counts as an obstacle.
+    pub is_confirmed: bool,
+    /// Box in the left image: that of the whole thing, clipped at the border; predicted while nothing is seen of it.
+    pub bounds: PixelBox,
+    /// Last sighting, joined from all its parts.
+    pub region: Region,
+    /// Index of the sighting that was assigned to it in this frame; `None` if there is none.
+    pub detection: Option<usize>,
+    /// Distance and closing speed.
+    pub longitudinal: DistanceFilter,
+    /// Lateral position and speed.
+    pub lateral: LateralFilter,
+    /// Size of the thing.
+    pub extent: Extent,
+    /// Number of frames with a sighting.
+    pub seen: u32,
+    /// Consecutive frames without a sighting.
+    pub missed: u32,
+    /// Time since the last sighting, in seconds; 0 if it is seen in this frame.
+    pub unseen_s: f64,
+    /// Consecutive frames with a sighting, up to this one.
+    pub consecutive_frames: u32,
+    /// Smoothed change of the measured width from frame to frame: mean absolute log ratio.
+    pub width_jitter: f64,
+    /// Whether it moves over ground; unknown while the own motion is.
+    pub movement: Movement,
+    /// Whether its speeds are over ground.
+    pub(super) is_over_ground: bool,
+    /// Standard deviation of the closing speed of a standing thing in its place, in m/s.
+    pub(super) own_sigma_m_s: f64,
+}
+
+impl Track {
+    /// A new track of a sighting. `rates`: what the own motion adds, if it is known.
+    pub(super) fn begin(
+        id: u32,
+        detection: usize,
+        region: &Region,
+        (rig, size): Cameras,
+        rates: Option<&OwnRates>,
+    ) -> Self {
+        let scale = rig.focal_px * rig.baseline_m;
+        let is_cut = CutSides::of(region, size).any();
+        let mut track = Self {
+            id,
+            existence: Existence::new(region.evidence),
+            is_confirmed: false,
+            bounds: region.bounds,
+            region: *region,
+            detection: Some(detection),
+            longitudinal: DistanceFilter::new(scale, region.disparity_px, noise_px(region)),
+            lateral: LateralFilter::new(region.lateral_m, centre_sigma_m(region, &rig, is_cut)),
+            extent: Extent::new(region, &rig),
+            consecutive_frames: 1,
+            width_jitter: INITIAL_JITTER,
+            seen: 1,
+            missed: 0,
+            unseen_s: 0.0,
+            movement: Movement::Unknown,
+            own_sigma_m_s: 0.0,
+            is_over_ground: rates.is_some(),
+        };
+        if let Some(rates) = rates {
+            track.lateral.shift(track.shift_m());
+            track.filters().start(rates);
+            track.own_sigma_m_s = rates.sigma_at([region.lateral_m, region.distance_m])[1];
+        }
+        track
+    }
+
+    /// Takes in a sighting, which is `detection`; the last one is `unseen_s` ago.
+    pub(super) fn update(&mut self, detection: usize, region: &Region, (rig, size): Cameras) {
+        self.longitudinal.update(region.disparity_px, noise_px(region));
+        let cut = CutSides::of(region, size);
+        let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
+        let is_partial = cut.any() && self.is_over_ground || cut.left && cut.right;
+        // A box that became wider or narrower may have gained or lost a side.
+        let unsure_m = if cut.any() { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
+        // The side of a thing that enters or leaves the picture is seen at an angle that changes, which must not look like a
+        // speed over ground.
+        let sigma_m = centre_sigma_m(region, &rig, is_partial).hypot(unsure_m);
+        let half_m = region.width_m / 2.0;
+        let [left_m, right_m] = match self.is_over_ground {
+            true => region.ends_m(),
+            false => [region.lateral_m - half_m, region.lateral_m + half_m],
+        };
+        let front_m = self.front_m();
+        // A side that the picture cuts shows nothing of the place, and the other one stays where it is as the thing comes into
+        // view.
+        let (lateral_m, outwards) = match (cut.left, cut.right) {
+            (true, false) => (right_m - front_m / 2.0, -0.5),
+            (false, true) => (left_m + front_m / 2.0, 0.5),
+            _ => ((left_m + right_m) / 2.0, 0.0),
+        };
+        self.lateral.update(lateral_m, sigma_m);
+        self.extent.update(region, &rig, cut, self.unseen_s);
+        self.lateral.shift(outwards * (self.front_m() - front_m));
+        if !cut.any() {
+            self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
+        }
+        self.region = *region;
+        self.detection = Some(detection);
+        self.seen = self.seen.saturating_add(1);
+        self.consecutive_frames = self.consecutive_frames.saturating_add(1);
+        (self.missed, self.unseen_s) = (0, 0.0);
+    }
+
+    /// The whole box of the thing, also outside of the picture: left, top, right, bottom, in px.
+    pub(super) fn body(&self, rig: &Rig) -> [f64; 4] {
+        self.extent.edges(rig, self.lateral.lateral_m() - self.shift_m(), self.distance_m())
+    }
+
+    /// Sets the box in the picture; `false` if it is outside.
+    pub(super) fn place_box(&mut self, (rig, size): Cameras) -> bool {
+        let bounds = clip(self.body(&rig), size);
+        self.bounds = bounds.unwrap_or(self.bounds);
+        bounds.is_some()
+    }
+
+    /// Distance, in metres.
+    pub fn distance_m(&self) -> f64 {
+        self.longitudinal.distance_m()
+    }
+
+    /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
+    pub fn distance_sigma_m(&self) -> f64 {
+        let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.longitudinal.disparity_px();
+        self.longitudinal.distance_sigma_m().hypot(systematic_m)
+    }
+
+    /// Width of the thing itself, in metres; that of its box while the own motion is unknown.
+    pub fn front_m(&self) -> f64 {
+        if self.is_over_ground { self.extent.front_m() } else { self.extent.width_m }
+    }
+
+    /// From the middle of the box to that of the thing itself, in metres; 0 while the own motion is unknown.
+    pub(super) fn shift_m(&self) -> f64 {
+        if self.is_over_ground { self.extent.shift_m() } else { 0.0 }
+    }
+
+    /// Closing speed (decrease of the distance), in m/s: the own speed if it stands.
+    pub fn closing_m_s(&self) -> f64 {
+        match self.movement {
+            Movement::Standing => self.longitudinal.own_closing_m_s(),
+            _ => self.longitudinal.closing_m_s(),
+        }
+    }
+
+    /// Standard deviation of the closing speed, in m/s.
+    pub fn closing_sigma_m_s(&self) -> f64 {
+        match self.movement {
+            Movement::Standing => self.own_sigma_m_s,
+            _ => self.longitudinal.closing_sigma_m_s(),
+        }
+    }
+
+    /// Time to collision at constant closing speed; `None` if the track does not approach significantly.
+    pub fn time_to_collision(&self) -> Option<TimeToCollision> {
+        match self.movement {
+            Movement::Standing => self.longitudinal.standing_time_to_collision(self.own_sigma_m_s),
+            _ => self.longitudinal.time_to_collision(),
+        }
+    }
+
+    /// Motion over ground; `None` while the own motion is unknown.
+    pub fn ground(&self) -> Option<GroundMotion> {
+        if !self.is_over_ground {
+            return None;
+        }
+        let stands = self.movement == Movement::Standing;
+        let speed_m_s = [self.lateral.speed_m_s(), self.longitudinal.speed_m_s()];
+        Some(GroundMotion {
+            speed_m_s: if stands { [0.0; 2] } else { speed_m_s },
+            speed_sigma_m_s: [self.lateral.speed_sigma_m_s(), self.longitudinal.closing_sigma_m_s()],
+            place_sigma_m: [self.lateral.lateral_sigma_m(), self.longitudinal.distance_sigma_m()],
+            movement: self.movement,
+        })
+    }
+
+    /// What is known of the obstacle.
+    pub fn state(&self) -> Obstacle {
+        let ground = self.ground();
+        Obstacle {
+            track: self.id,
+            probability: self.existence.probability(),
+            is_confirmed: self.is_confirmed,
+            seen: self.seen,
+            missed: self.missed,
+            consecutive_frames: self.consecutive_frames,
+            unseen_s: self.unseen_s,
+            width_jitter: self.width_jitter,
+            bounds: self.bounds,
+            distance_m: self.distance_m(),
+            distance_sigma_m: self.distance_sigma_m(),
+            lateral_m: self.lateral.lateral_m(),
+            lateral_speed_m_s: self.lateral.speed_m_s(),
+            lateral_speed_sigma_m_s: self.lateral.speed_sigma_m_s(),
+            width_m: self.front_m(),
+            height_m: self.extent.height_m,
+            closing_m_s: self.closing_m_s(),
+            closing_sigma_m_s: self.closing_sigma_m_s(),
+            time_to_collision: self.time_to_collision(),
+            ground,
+        }
+    }
+
+    /// Its filters.
+    pub(super) fn filters(&mut self) -> Filters<'_> {
+        Filters { longitudinal: &mut self.longitudinal, lateral: &mut self.lateral }
+    }
+
+    /// Whether it probably exists and was seen some times, so that it tells how often what is there is seen.
+    pub(super) fn is_known(&self) -> bool {
+        self.seen >= 3 && self.existence.is_probable()
+    }
+
+    /// Whether all its numbers mean something: finite, and within what a stereo camera can measure.
+    pub(super) fn is_plausible(&self) -> bool {
+        let (longitudinal, lateral) = (&self.longitudinal, &self.lateral);
+        let lengths_m = [
+            longitudinal.distance_m(),
+            longitudinal.distance_sigma_m(),
+            lateral.lateral_m(),
+            self.extent.width_m,
+            self.extent.height_m,
+            self.region.height_m,
+        ];
+        let speeds_m_s = [
+            longitudinal.closing_m_s(),
+            longitudinal.closing_sigma_m_s(),
+            lateral.speed_m_s(),
+            lateral.speed_sigma_m_s(),
+        ];
+        // A comparison with NaN is false.
+        lengths_m.iter().all(|m| m.abs() <= MAX_LENGTH_M)
+            && speeds_m_s.iter().all(|v| v.abs() <= MAX_SPEED_M_S)
+            && longitudinal.distance_m() > 0.0
+            && self.width_jitter.is_finite()
+            && self.existence.probability().is_finite()
+    }
+}
+
+/// What is known of an obstacle in a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Obstacle {
+    /// Identifier of its track, from 1.
+    pub track: u32,
+    /// Probability that it exists, 0 to 1.
+    pub probability: f64,
+    /// Whether that suffices to count as an obstacle.
+    pub is_confirmed: bool,
+    /// Number of frames with a sighting.
+    pub seen: u32,
+    /// Consecutive frames without a sighting, up to this one: its place is then a prediction.
+    pub missed: u32,
+    /// Consecutive frames with a sighting, up to this one.
+    pub consecutive_frames: u32,
+    /// Time since the last sighting, in seconds.
+    pub unseen_s: f64,
+    /// Mean absolute log ratio of its measured width from frame to frame.
+    pub width_jitter: f64,
+    /// Box in the left image.
+    pub bounds: PixelBox,
+    /// Distance, in metres.
+    pub distance_m: f64,
+    /// Standard deviation of the distance, in metres.
+    pub distance_sigma_m: f64,
+    /// Lateral position of its middle, in metres right of the camera axis.
+    pub lateral_m: f64,
+    /// Lateral speed, in m/s; over ground if that is known.
+    pub lateral_speed_m_s: f64,
+    /// Its standard deviation, in m/s.
+    pub lateral_speed_sigma_m_s: f64,
+    /// Width, in metres.
+    pub width_m: f64,
+    /// Height, in metres.
+    pub height_m: f64,
+    /// Closing speed, in m/s.
+    pub closing_m_s: f64,
+    /// Its standard deviation, in m/s.
+    pub closing_sigma_m_s: f64,
+    /// Time to collision; `None` if it does not approach significantly.
+    pub time_to_collision: Option<TimeToCollision>,
+    /// Motion over ground; `None` while the own motion is unknown.
+    pub ground: Option<GroundMotion>,
+}
+
+/// Standard deviation of a region's disparity for the filter, in px.
+fn noise_px(region: &Region) -> f64 {
+    NOISE_INFLATION * region.disparity_sigma_px.max(MIN_SIGMA_PX)
+}
+
+/// Standard deviation of a box's centre, in metres; half the width for a box that is cut.
+fn centre_sigma_m(region: &Region, rig: &Rig, is_cut: bool) -> f64 {
+    let strips = CENTRE_SIGMA_PX * region.distance_m / rig.focal_px;
+    strips.hypot(if is_cut { 0.5 } else { CENTRE_SIGMA_SHARE } * region.width_m)
+}

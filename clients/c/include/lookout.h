@@ -235,10 +235,13 @@ typedef struct lookout_obstacle {
     uint32_t confirmed;
     /* Number of frames in which it was detected. */
     uint32_t seen;
-    /* Number of frames in a row, up to this one, in which it was not detected; its place is then the prediction. */
+    /* Number of frames in a row, up to this one, in which it was not detected. Above 0, its box, place and size
+     * are predictions. */
     uint32_t missed;
     /* The box: left, top, width, height, in px; within the image. Range: 0 to 8192. */
     uint32_t bounds[4];
+    /* Probability that it exists, 0 to 1. Range: 0 to 1. */
+    double probability;
     /* Filtered distance along z, in metres. Range: 0 to 10000. */
     double distance_m;
     /* Standard deviation of the distance, in metres. Range: 0 to 10000. */
@@ -465,7 +468,7 @@ _Static_assert(sizeof(lookout_boundary_point) == 16, "layout");
 _Static_assert(sizeof(lookout_boundary) == 400, "layout");
 _Static_assert(sizeof(lookout_space) == 4752, "layout");
 _Static_assert(sizeof(lookout_alarm) == 4944, "layout");
-_Static_assert(sizeof(lookout_obstacle) == 160, "layout");
+_Static_assert(sizeof(lookout_obstacle) == 168, "layout");
 _Static_assert(sizeof(lookout_motion) == 136, "layout");
 _Static_assert(sizeof(lookout_vehicle) == 64, "layout");
 _Static_assert(sizeof(lookout_rig) == 56, "layout");

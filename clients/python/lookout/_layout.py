@@ -214,6 +214,7 @@ OBSTACLE = numpy.dtype([
     ("seen", "=u4"),
     ("missed", "=u4"),
     ("bounds", "=u4", (4,)),
+    ("probability", "=f8"),
     ("distance_m", "=f8"),
     ("distance_sigma_m", "=f8"),
     ("lateral_m", "=f8"),

@@ -35,6 +35,15 @@ pub const LINE_BYTES: usize = 64;
 /// Maximum width and height of an image, in pixels.
 pub const MAX_SIDE: u32 = 8192;
 
+/// Minimum disparity of a region or track, in px: the resolution of the map.
+pub(crate) const MIN_DISPARITY_PX: f64 = 1.0 / 256.0;
+
+/// Maximum disparity, in px: the width of an image.
+pub(crate) const MAX_DISPARITY_PX: f64 = MAX_SIDE as f64;
+
+/// Maximum number of pixels of an image.
+pub(crate) const MAX_PIXELS: u32 = MAX_SIDE * MAX_SIDE;
+
 /// Bits of [`Header::modes`]. The scheduler sends them to capture, and capture writes them into each header, so that
 /// all stages treat a frame in the same way.
 pub mod modes {

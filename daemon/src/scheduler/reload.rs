@@ -75,7 +75,7 @@ mod tests {
             "[alarm]\ndistance_m = 12\n[tracking]\nconfirm_probability = 0.8\n[stereo]\nfill = true\n",
         );
         let planned = plan(&old, &new).unwrap();
-        assert_eq!(planned.roles, [Role::Stereo, Role::Recognition]);
+        assert_eq!(planned.roles, [Role::Stereo, Role::Road, Role::Recognition]);
         assert_eq!(planned.keys, ["stereo.fill", "tracking.confirm_probability", "alarm.distance_m"]);
         assert!(!planned.board);
         let planned = plan(&old, &config("[heat]\nstop_above_c = 94.5\n")).unwrap();

@@ -6,11 +6,8 @@
 
 use super::track::{MAX_TRACKS, TrackRecord};
 use crate::copied::{Records, copy_out};
-use crate::header::{Header, Kind, MAX_SIDE, MessageError, check_box};
-use crate::range::{
-    ANY_U32, Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges,
-    within,
-};
+use crate::header::{Header, Kind, MAX_DISPARITY_PX, MAX_PIXELS, MAX_SIDE, MIN_DISPARITY_PX, MessageError, check_box};
+use crate::range::{ANY_U32, Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges, within};
 use crate::space::SpaceRecord;
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
@@ -150,17 +147,8 @@ pub struct RegionRecord {
     pub track: u32,
 }
 
-/// Minimum disparity of a region, in px: the resolution of the map.
-pub(super) const MIN_DISPARITY_PX: f64 = 1.0 / 256.0;
-
-/// Maximum disparity, in px: the width of an image.
-pub(super) const MAX_DISPARITY_PX: f64 = MAX_SIDE as f64;
-
 /// Evidence of a region: far beyond certainty in either direction.
 const EVIDENCE: Within<f64> = within(-1e6, 1e6);
-
-/// Maximum number of pixels of an image.
-pub(super) const MAX_PIXELS: u32 = MAX_SIDE * MAX_SIDE;
 
 ranges! {
     RegionRecord as "regions: region" {

@@ -177,7 +177,7 @@ mod tests {
         let got = view(&header, bytemuck::bytes_of(&report)).unwrap();
         assert_eq!((got.role(), got.health()), (Some(Role::Road), Health::Unusable));
         assert_eq!(got.text(), "left/7.png: cannot be decoded");
-        for (role, health) in [(99, 0), (1, 5), (u32::MAX, u32::MAX)] {
+        for (role, health) in [(99, 0), (1, 6), (u32::MAX, u32::MAX)] {
             let wrong = ReportRecord { role, health, ..report };
             assert!(view(&header, bytemuck::bytes_of(&wrong)).is_err());
         }

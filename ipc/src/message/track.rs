@@ -1,8 +1,7 @@
 //! The record of a tracked obstacle in the message `regions`.
 
-use super::regions::{MAX_DISPARITY_PX, MAX_PIXELS, MIN_DISPARITY_PX};
 use crate::alarm::MOVING;
-use crate::header::MAX_SIDE;
+use crate::header::{MAX_DISPARITY_PX, MAX_PIXELS, MAX_SIDE, MIN_DISPARITY_PX};
 use crate::range::{
     ANY_U32, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_SPEED_M_S, METRES, SHARE, Within, ranges, within,
     within_or_infinite,

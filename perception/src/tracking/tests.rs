@@ -129,7 +129,7 @@ fn tracks_are_confirmed_bridged_and_deleted() {
     assert_eq!(tracker.tracks(), []);
     assert_ne!(step(&mut tracker, &car)[0].id, first.id);
     // A track that was hardly begun ends soon.
-    for _ in 0..6 {
+    for _ in 0..8 {
         step(&mut tracker, &[]);
     }
     assert_eq!(tracker.tracks(), []);

@@ -6,8 +6,13 @@
 
 use super::track::{MAX_TRACKS, TrackRecord};
 use crate::copied::{Records, copy_out};
-use crate::header::{Header, Kind, MAX_DISPARITY_PX, MAX_PIXELS, MAX_SIDE, MIN_DISPARITY_PX, MessageError, check_box};
-use crate::range::{ANY_U32, Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE, Within, ranges, within};
+use crate::header::{
+    Header, Kind, MAX_DISPARITY_PX, MAX_PIXELS, MAX_SIDE, MIN_DISPARITY_PX, MessageError, check_box,
+};
+use crate::range::{
+    ANY_U32, Each, FLAG, Field, LATERAL_M, MAX_METRES, MAX_PLANE_PX, METRES, Nested, Ranged, Rule, SHARE,
+    Within, ranges, within,
+};
 use crate::space::SpaceRecord;
 use crate::typed::{Message, Output, Written};
 use bytemuck::{Pod, Zeroable};
@@ -228,12 +233,9 @@ pub fn view<'a>(header: &Header, payload: &'a [u8]) -> Result<Regions<'a>, Messa
         .map_err(|_| MessageError::Value { what: "regions: address", value: payload.as_ptr() as u64 })?;
     let profile_px = &numbers[..height];
     check_all(profile_px, PROFILE_PX, "profile_px")?;
-    let (regions, tracks) = (
-        road.regions as usize * size_of::<RegionRecord>(),
-        road.tracks as usize * size_of::<TrackRecord>(),
-    );
-    let (records, crops) =
-        rest.split_at_checked(regions + tracks).ok_or(short(fixed + regions + tracks))?;
+    let (regions, tracks) =
+        (road.regions as usize * size_of::<RegionRecord>(), road.tracks as usize * size_of::<TrackRecord>());
+    let (records, crops) = rest.split_at_checked(regions + tracks).ok_or(short(fixed + regions + tracks))?;
     let (regions, tracks) = records.split_at(regions);
     let regions = Records::<RegionRecord, MAX_COUNT>::copy_out(regions);
     for region in &regions {

@@ -26,15 +26,11 @@ use crate::road::profile::RoadProfile;
 use crate::road::surface::RoadSurface;
 use photometric::Verifier;
 use regions::RegionFinder;
-pub use regions::RegionParameters;
+pub use regions::{MIN_EVIDENCE, RegionParameters};
 use residual::RoadGeometry;
 use small_obstacles::SmallObstacleFinder;
 use stixel_use::StixelUse;
 use stixels::{StixelParameters, Stixels};
-
-/// Sightings with less evidence are not reported: they tell less of an obstacle than a frame without a sighting does, as
-/// detection misses a third of what is there (ln 0.37).
-pub const MIN_EVIDENCE: f64 = -1.0;
 
 /// Evidence from which a sighting in a single picture, without a history, counts as an obstacle.
 pub const SINGLE_PICTURE_EVIDENCE: f64 = 3.5;

@@ -8,7 +8,7 @@
 //! as an upright plane facing the camera, with the same disparity in all rows. It is reported if the plane
 //! explains the right image much better, has a plausible height and stands on the road.
 
-use super::MIN_EVIDENCE;
+use super::regions::MIN_EVIDENCE;
 use super::residual::{Band, Residual, RoadGeometry, Sums, Window, sample};
 use crate::image::GreyView;
 use crate::region::{PixelBox, Region};

@@ -71,12 +71,14 @@ fn list(folder: &Match, part: &str, found: &mut Vec<Match>) -> Result<(), Source
         return Ok(());
     }
     let io = |source| SourceError::Io { path: here.to_owned(), source };
+    let pattern: Vec<char> = part.chars().collect();
     for entry in std::fs::read_dir(here).map_err(io)? {
         let name = entry.map_err(io)?.file_name();
         let Some(text) = name.to_str().filter(|text| part.starts_with('.') || !text.starts_with('.')) else {
             continue;
         };
-        if let Some(captured) = capture(part.as_bytes(), text.as_bytes()) {
+        let characters: Vec<char> = text.chars().collect();
+        if let Some(captured) = capture(&pattern, &characters) {
             let captured = format!("{}/{captured}", folder.captured);
             found.push(Match { path: folder.path.join(&name), captured });
         }
@@ -85,14 +87,14 @@ fn list(folder: &Match, part: &str, found: &mut Vec<Match>) -> Result<(), Source
 }
 
 /// What the wildcards of a pattern stand for in a name; `None` if it does not match.
-fn capture(pattern: &[u8], name: &[u8]) -> Option<String> {
+fn capture(pattern: &[char], name: &[char]) -> Option<String> {
     match (pattern.first(), name.first()) {
         (None, None) => Some(String::new()),
-        (Some(b'*'), _) => (0..=name.len()).find_map(|taken| {
+        (Some('*'), _) => (0..=name.len()).find_map(|taken| {
             let rest = capture(&pattern[1..], &name[taken..])?;
-            Some(format!("{}/{rest}", String::from_utf8_lossy(&name[..taken])))
+            Some(format!("{}/{rest}", name[..taken].iter().collect::<String>()))
         }),
-        (Some(b'?'), Some(&c)) => Some(format!("{}/{}", c as char, capture(&pattern[1..], &name[1..])?)),
+        (Some('?'), Some(&c)) => Some(format!("{c}/{}", capture(&pattern[1..], &name[1..])?)),
         (Some(p), Some(n)) if p == n => capture(&pattern[1..], &name[1..]),
         _ => None,
     }
@@ -110,10 +112,12 @@ mod tests {
             ("*a*", "bab", Some("b/b/")),
             ("*", "", Some("/")),
             ("?", "", None),
+            ("?.png", "é.png", Some("é/")),
             ("a.png", "b.png", None),
             ("*.png", "7.jpg", None),
         ] {
-            assert_eq!(capture(pattern.as_bytes(), name.as_bytes()).as_deref(), expected, "{pattern} {name}");
+            let [characters, of_name] = [pattern, name].map(|text| text.chars().collect::<Vec<char>>());
+            assert_eq!(capture(&characters, &of_name).as_deref(), expected, "{pattern} {name}");
         }
     }
 

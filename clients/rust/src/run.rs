@@ -98,7 +98,8 @@ impl Run {
 
     /// The pictures of the last result.
     pub fn pictures(&self) -> Option<Depth<'_>> {
-        let sample = self.held.as_ref()?;
+        // What is not given yet belongs to a later result.
+        let sample = self.held.as_ref().filter(|_| self.given)?;
         depth::view(sample.header(), sample.payload()).ok()
     }
 

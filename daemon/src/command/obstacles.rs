@@ -6,6 +6,8 @@ use crate::command::console::say;
 use crate::command::error::CommandError;
 use crate::command::one_pair;
 use clap::Args;
+use perception::detection::SINGLE_PICTURE_EVIDENCE;
+use perception::tracking::existence::Existence;
 use std::path::PathBuf;
 use tools::reporting::picture::check_ending;
 
@@ -35,14 +37,11 @@ pub struct Obstacles {
     pub json: bool,
 }
 
-/// Probability of existence from which a sighting in a single pair counts: that of the strongest evidence.
-const SINGLE_PICTURE_PROBABILITY: f64 = 0.78;
-
 pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
     let mut config = load(&args.config, log, "obstacles", None)?;
     args.overlay.as_deref().map(|path| check_ending(path, false)).transpose()?;
     // There is only one frame, so nothing can be confirmed over time.
-    config.tracking.confirm_probability = SINGLE_PICTURE_PROBABILITY;
+    config.tracking.confirm_probability = Existence::new(SINGLE_PICTURE_EVIDENCE).probability();
     config.alarm.confirm_frames = 1;
     config.recognition.looks_max = 64;
     let (mut pipeline, _) = one_pair::pipeline(&config, args.rig.as_deref(), &args.left, &args.right)?;

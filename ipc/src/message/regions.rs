@@ -65,7 +65,8 @@ impl EdgeRecord {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RoadRecord {
-    /// 1 if a road was detected; else 0, and then all other fields but the counts are 0.
+    /// 1 if a road was detected; else 0, and then all other fields but the counts and
+    /// `tracks_since` are 0.
     pub seen: u32,
     /// Number of regions that follow, 0 to [`MAX_COUNT`].
     pub regions: u32,

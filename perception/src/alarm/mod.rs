@@ -145,7 +145,9 @@ impl Alarm {
 
     /// Starts anew: the numbers of tracks mean others from now on.
     pub fn reset(&mut self) {
-        self.silence(AlarmLevel::Clear);
+        // The level ends with the next frame, which then differs from the last one.
+        (self.rule, self.track, self.until_ns) = (AlarmRule::None, None, 0);
+        self.counts.clear();
     }
 
     /// Evaluates one frame on the straight strip. If `can_judge` is false, the alarm is off regardless of the candidates. No level is held

@@ -120,7 +120,8 @@ impl ObstacleDetector {
     }
 
     /// Finds what may be obstacles on the road, from the stixels of [`Self::find_stixels`] for the same map. Of more than
-    /// `max_count`, those with most evidence are kept. `uses` says of each stixel what it belongs to; obstacles are grown from the free ones.
+    /// `max_count`, those with most evidence are kept. `uses` says of each stixel what it belongs
+    /// to; flat regions of raised ground are left out.
     pub fn detect(
         &mut self,
         depth: DepthView<'_>,

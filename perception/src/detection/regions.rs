@@ -140,8 +140,8 @@ impl RegionFinder {
     }
 
     /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of
-    /// the image; `verifier` is `None` if the images are not available. Only the stixels that `uses` says to be free are
-    /// grouped.
+    /// the image; `verifier` is `None` if the images are not available. A flat region most of whose
+    /// stixels are raised ground by `uses` is left out.
     pub fn find(
         &mut self,
         stixels: &Stixels,

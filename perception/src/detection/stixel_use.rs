@@ -1,4 +1,4 @@
-//! What a stixel is used for: obstacles are grown from the stixels that nothing else explains.
+//! What a stixel belongs to beside obstacles: a boundary, or ground at another height.
 
 /// What a stixel belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub enum StixelUse {
 }
 
 impl StixelUse {
-    /// Whether obstacles may be grown from the stixel.
+    /// Whether nothing else explains the stixel.
     pub fn is_free(self) -> bool {
         self == Self::Free
     }

@@ -182,6 +182,7 @@ impl Tracker {
         self.join();
         self.judge();
         self.drop_implausible();
+        self.forget_numbers();
         self.begin(sightings);
         &self.tracks
     }
@@ -392,9 +393,10 @@ impl Tracker {
     /// Confirms tracks, ends those that do not exist or left the picture, and sets the boxes of all others.
     fn judge(&mut self) {
         let (parameters, cameras) = (self.parameters, (self.rig, self.size));
+        let keep = KEEP_PROBABILITY.min(parameters.confirm_probability);
         self.tracks.retain_mut(|track| {
             let probability = track.existence.probability();
-            let level = if track.is_confirmed { KEEP_PROBABILITY } else { parameters.confirm_probability };
+            let level = if track.is_confirmed { keep } else { parameters.confirm_probability };
             track.is_confirmed = probability >= level;
             let is_known = track.missed == 0 || !is_outside(&track.body(&cameras.0), track, cameras.1);
             is_known
@@ -402,6 +404,15 @@ impl Tracker {
                 && track.unseen_s <= parameters.max_unseen_s
                 && track.place_box(cameras)
         });
+    }
+
+    /// Sightings of tracks that have ended belong to none.
+    fn forget_numbers(&mut self) {
+        for number in &mut self.numbers {
+            if !self.tracks.iter().any(|track| track.id == *number) {
+                *number = 0;
+            }
+        }
     }
 
     /// Begins tracks with the sightings that nothing explains.

@@ -147,7 +147,6 @@ impl Stage for RoadStage {
         let road = scene.road.map_or_else(RoadRecord::default, |road| {
             RoadRecord {
                 seen: 1,
-                tracks_since,
                 slope: road.line.slope,
                 horizon_px: road.line.horizon_px,
                 roll: road.roll,

@@ -505,6 +505,12 @@ mod tests {
         let state = step(&mut alarm, &[at(12.0, 0.0)]);
         assert_eq!((state.level, state.track, state.object), (AlarmLevel::Clear, None, Some(7)));
         assert!(state.changed && !state.is_held);
+        // New tracks: nothing is held, and that it ended is told.
+        step(&mut alarm, &[at(5.0, 0.0)]);
+        assert_eq!(step(&mut alarm, &[at(5.0, 0.0)]).level, AlarmLevel::Alarm);
+        alarm.reset();
+        let state = step(&mut alarm, &[at(5.0, 0.0)]);
+        assert_eq!((state.level, state.changed, state.is_held), (AlarmLevel::Clear, true, false));
         // A restarted recording holds nothing over.
         step(&mut alarm, &[at(5.0, 0.0)]);
         step(&mut alarm, &[at(5.0, 0.0)]);

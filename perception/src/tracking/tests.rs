@@ -136,6 +136,17 @@ fn tracks_are_confirmed_bridged_and_deleted() {
 }
 
 #[test]
+fn what_is_confirmed_at_a_low_probability_stays_confirmed() {
+    let parameters = TrackerParameters { confirm_probability: 0.6, ..TrackerParameters::default() };
+    let mut tracker = Tracker::new(parameters, RIG, SIZE);
+    let weak = [Region { evidence: 0.45, ..region(20.0, 0.0) }];
+    let confirmed: Vec<bool> =
+        (0..60).map(|frame| tracker.update(frame * PERIOD_NS, &weak)[0].is_confirmed).collect();
+    let first = confirmed.iter().position(|is_confirmed| *is_confirmed).expect("it is confirmed in the end");
+    assert!(first > 3 && confirmed[first..].iter().all(|is_confirmed| *is_confirmed), "{confirmed:?}");
+}
+
+#[test]
 fn an_undetected_car_is_predicted_along_its_motion() {
     let mut tracker = tracker();
     let place = |frame: u64| region(30.0 - 0.8 * frame as f64, -3.0 + 0.12 * frame as f64);

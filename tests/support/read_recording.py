@@ -94,7 +94,8 @@ with open(sys.argv[1], "rb") as file:
         if hasattr(decoded, "P"):
             note["P"] = list(decoded.P)
         if hasattr(decoded, "entities"):
-            note["entities"] = len(decoded.entities)
+            # Obstacles have the numbers of their tracks; free space and boundaries have names.
+            note["entities"] = sum(entity.id.isdigit() for entity in decoded.entities)
         if schema.name == "foxglove.ImageAnnotations":
             note["boxes"] = len(decoded.points)
         best = result["first"].get(channel.topic)

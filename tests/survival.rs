@@ -122,7 +122,7 @@ fn a_stage_that_was_given_up_is_retried_on_sigusr1() {
 fn a_source_that_goes_away_is_waited_for() {
     let bench = Bench::new();
     let recording = endless(&bench, "");
-    let daemon = bench.start(&["run"]);
+    let daemon = bench.start(&["run", "--set", "source.strict=true"]);
     let before = bench.status_when(|s| s["state"] == "running" && frames(s) > 3);
 
     // Missing: the file is named, the stages keep running, and results return with the file.

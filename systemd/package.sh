@@ -1,27 +1,30 @@
 #!/usr/bin/env bash
 # Makes the Debian package, out of a binary that is already built.
 #
-#   systemd/package.sh [--binary FILE] [--tool FILE] [--features LIST] [--out DIR]
+#   systemd/package.sh [--binary FILE] [--tool FILE] [--features LIST] [--library DIR] [--out DIR]
 #
 # --binary FILE  the program that is packaged, for amd64 or arm64     [target/release/lookout]
 # --tool FILE    the same version for this machine: it writes manual pages and completions [the binary]
 # --features LIST  the features with which the program was built, beside the default ones: what they link in is listed
 #                in the package's copyright                          [none]
+# --library DIR  where liblookout.so and liblookout.a of the same machine are (cargo build --release -p lookout-client-c): makes
+#                the package lookout-dev, too: header, libraries, pkg-config file, examples            [none]
 # --out DIR      where the package goes                               [target/package]
 #
 # Needs cargo with the crates of the build, dpkg-deb, strip (for arm64, aarch64-linux-gnu-strip), readelf and gzip.
-# Prints the package's path.
+# Prints the packages' paths.
 # For arm64: systemd/cross-aarch64.sh builds the binary.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-binary=target/release/lookout tool= features= out=target/package
+binary=target/release/lookout tool= features= library= out=target/package
 while [ $# -gt 0 ]; do
   case $1 in
     --binary) binary=$2; shift 2 ;;
     --tool) tool=$2; shift 2 ;;
     --features) features=$2; shift 2 ;;
+    --library) library=$2; shift 2 ;;
     --out) out=$2; shift 2 ;;
-    *) sed -n '2,15s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    *) sed -n '2,17s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
   esac
 done
 tool=${tool:-$binary}
@@ -48,7 +51,7 @@ text() { put "$1" "$2"; gzip -9nf "$root/$2"; }
 
 install -D -m 755 "$binary" "$root/usr/bin/lookout"
 "$strip" --strip-unneeded --remove-section=.comment "$root/usr/bin/lookout"
-for unit in lookout.service lookout-view.service lookout-can.service lookout-stream.service lookout-poweroff.service lookout-poweroff.path; do
+for unit in lookout.service lookout-view.service lookout-can.service lookout-stream.service lookout-bridge.service lookout-poweroff.service lookout-poweroff.path; do
   put "systemd/$unit" "usr/lib/systemd/system/$unit"
 done
 put systemd/lookout.sysusers usr/lib/sysusers.d/lookout.conf
@@ -60,12 +63,14 @@ for profile in config/profiles/*.toml; do
 done
 put config/can/lookout.dbc usr/share/lookout/lookout.dbc
 put models/vehicle.xml usr/share/lookout/models/vehicle.xml
+put models/people.hog usr/share/lookout/models/people.hog
 put models/README.md usr/share/lookout/models/README.md
 put models/LICENSE usr/share/doc/lookout/models-license
 text README.md usr/share/doc/lookout/README.md
-for page in operations configuration architecture calibration outputs scenes viewer can; do
+for page in tutorial recorded-data troubleshooting inputs cameras tracking operations configuration architecture calibration outputs scenes viewer can fleet; do
   text "docs/$page.md" "usr/share/doc/lookout/$page.md"
 done
+put docs/pictures/chessboard-9x6-25mm.svg usr/share/doc/lookout/pictures/chessboard-9x6-25mm.svg
 
 "$tool" man "$root/usr/share/man/man1"
 gzip -9n "$root"/usr/share/man/man1/*
@@ -76,7 +81,7 @@ complete zsh usr/share/zsh/vendor-completions/_lookout
 complete fish usr/share/fish/vendor_completions.d/lookout.fish
 
 # The terms of everything that is linked in, too.
-cargo run --quiet --release --locked -p lookout --example debian-copyright -- \
+cargo run --quiet --release --locked -p debian-copyright -- \
   --target "$triple" --features "$features" >"$root/usr/share/doc/lookout/copyright"
 printf 'lookout (%s) unstable; urgency=medium\n\n  * As docs/ and README.md describe.\n\n -- The lookout project <lookout@lookout.invalid>  %s\n' \
   "$version" "$date" | gzip -9n >"$root/usr/share/doc/lookout/changelog.gz"
@@ -115,7 +120,7 @@ if [ "$1" = configure ]; then
   if [ -d /run/systemd/system ]; then
     systemctl daemon-reload || true
     if [ -n "$2" ]; then
-      systemctl try-restart lookout.service lookout-view.service lookout-can.service lookout-stream.service || true
+      systemctl try-restart lookout.service lookout-view.service lookout-can.service lookout-stream.service lookout-bridge.service || true
     fi
   fi
 fi
@@ -124,14 +129,14 @@ cat >"$root/DEBIAN/prerm" <<'EOF'
 #!/bin/sh
 set -e
 if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
-  systemctl disable --now lookout-view.service lookout-can.service lookout-stream.service lookout.service lookout-poweroff.path || true
+  systemctl disable --now lookout-view.service lookout-can.service lookout-stream.service lookout-bridge.service lookout.service lookout-poweroff.path || true
 fi
 EOF
 cat >"$root/DEBIAN/postrm" <<'EOF'
 #!/bin/sh
 set -e
 if [ "$1" = purge ]; then
-  rm -rf /etc/lookout /var/lib/lookout /run/lookout
+  rm -rf /etc/lookout /var/lib/lookout /var/lib/lookout-bridge /run/lookout
   if getent passwd lookout >/dev/null; then
     userdel lookout || true
   fi
@@ -146,11 +151,49 @@ if [ "$1" != upgrade ] && [ -d /run/systemd/system ]; then
 fi
 EOF
 chmod 755 "$root"/DEBIAN/p*
-(cd "$root" && find . -type f ! -path './DEBIAN/*' -printf '%P\0' | sort -z | xargs -0 md5sum >DEBIAN/md5sums)
-find "$root" -type d -exec chmod 755 {} +
-find "$root" -type f ! -perm 755 -exec chmod 644 {} +
-find "$root" -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
-mkdir -p "$out"
-package=$out/lookout_${version}_$arch.deb
-dpkg-deb --root-owner-group -Zxz --build "$root" "$package" >/dev/null
-echo "$package"
+finish() { # ROOT NAME
+  (cd "$1" && find . -type f ! -path './DEBIAN/*' -printf '%P\0' | sort -z | xargs -0 md5sum >DEBIAN/md5sums)
+  find "$1" -type d -exec chmod 755 {} +
+  find "$1" -type f ! -perm 755 -exec chmod 644 {} +
+  find "$1" -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
+  mkdir -p "$out"
+  local package=$out/$2_${version}_$arch.deb
+  dpkg-deb --root-owner-group -Zxz --build "$1" "$package" >/dev/null
+  echo "$package"
+}
+finish "$root" lookout
+[ -n "$library" ] || exit 0
+
+case $(readelf -h "$library/liblookout.so" | sed -n 's/ *Machine: *//p') in
+  *X86-64*) built=amd64 ;;
+  AArch64) built=arm64 ;;
+  *) built=unknown ;;
+esac
+[ "$built" = "$arch" ] || { echo "package.sh: $library/liblookout.so is for $built, the program for $arch" >&2; exit 1; }
+dev=$root/.dev
+mkdir -p "$dev/DEBIAN"
+DESTDIR=$dev clients/c/install.sh /usr "$library"
+"$strip" --strip-unneeded --remove-section=.comment "$dev"/usr/lib/liblookout.so.*
+chmod 644 "$dev"/usr/lib/liblookout.so.*
+"$strip" --strip-debug --enable-deterministic-archives "$dev/usr/lib/liblookout.a"
+doc=$dev/usr/share/doc/lookout-dev
+mkdir -p "$doc/examples"
+cp clients/c/examples/*.c "$doc/examples/"
+for page in clients client-records; do gzip -9n <"docs/$page.md" >"$doc/$page.md.gz"; done
+cp "$root/usr/share/doc/lookout/copyright" "$root/usr/share/doc/lookout/changelog.gz" "$doc/"
+cat >"$dev/DEBIAN/control" <<EOF
+Package: lookout-dev
+Source: lookout
+Version: $version
+Architecture: $arch
+Maintainer: The lookout project <lookout@lookout.invalid>
+Installed-Size: $(du -sk --exclude=DEBIAN "$dev" | cut -f1)
+Depends: libc6 (>= $libc), libgcc-s1
+Recommends: lookout (= $version)
+Section: libdevel
+Priority: optional
+Description: reads the results of lookout from shared memory (C library)
+ Header, shared and static library, and the file for pkg-config. Library and
+ daemon must be of one release.
+EOF
+finish "$dev" lookout-dev

@@ -276,7 +276,13 @@ fn root_obeys_no_folder_that_another_user_laid_below_tmp() {
     assert!(as_another_user(&format!("mkdir service && cd service && {lay}"), &tmp));
     config(&format!("directory = \"{}\"\n", tmp.join("service").display()));
     let (code, text) = lookout(&["status"]);
-    assert!(code == Some(1) && text.contains("runs as user 65534") && text.contains("sudo -u"), "{text}");
+    assert!(
+        code == Some(1)
+            && text.contains("runs as user")
+            && text.contains("65534")
+            && text.contains("sudo -u"),
+        "{text}"
+    );
     let (code, text) = lookout(&["restore-clocks"]);
     assert!(code == Some(0) && text.contains("clocks restored: 1"), "{text}");
     assert_eq!(board.clock(), pair("600000", "2400000"));

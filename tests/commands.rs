@@ -65,7 +65,8 @@ fn watching_prints_a_line_each_second_until_the_daemon_ends() {
         let line = lines.next().unwrap().unwrap();
         assert!(line.contains(": running") && line.contains(" fps, p50 "), "{line}");
         // No control characters without a terminal.
-        assert!(!line.contains('\x1b') && line.to_lowercase().contains("alarm"), "{line}");
+        let told = ["alarm", "warning", "clear"].iter().any(|word| line.to_lowercase().contains(word));
+        assert!(!line.contains('\x1b') && told, "{line}");
     }
     daemon.signal("TERM");
     assert!(daemon.wait().status.success());
@@ -161,7 +162,7 @@ fn a_cascade_labels_what_it_recognises() {
     // The shipped cascade under another name. The road of this rig needs more than the bench's disparities.
     let cascade = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/vehicle.xml");
     bench.configure(&format!(
-        "[recognition]\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\n",
+        "[recognition]\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\ndetectors = []\n",
         cascade.display()
     ));
     let path = kitti.display().to_string();
@@ -169,7 +170,9 @@ fn a_cascade_labels_what_it_recognises() {
     bench.ok(&[&["replay", &path, "--in-process", "--limit", "12", "--out", "a"][..], &wide].concat());
     let lines = lines(&bench.path("a"));
     let obstacles: Vec<_> = lines.iter().flat_map(|l| l["obstacles"].as_array().unwrap()).collect();
-    let cats = obstacles.iter().filter(|o| o["class"] == "cat" && o["score"].as_f64() > Some(1.0)).count();
+    // The score is the probability of the class.
+    let is_sure = |o: &serde_json::Value| o["score"].as_f64().is_some_and(|p| p > 0.5 && p < 1.0);
+    let cats = obstacles.iter().filter(|o| o["class"] == "cat" && is_sure(o)).count();
     assert!(cats > 0 && cats < obstacles.len(), "{cats} of {}", obstacles.len());
     assert!(
         obstacles.iter().all(|o| o["class"] == "cat" || (o["class"] == "obstacle" && o["score"].is_null()))

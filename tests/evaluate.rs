@@ -227,6 +227,38 @@ fn disturbed_pairs_are_saved_as_a_set_that_scores_the_same() {
     assert!(bench.path("two/set-2/disp_noc_0/000002_10.png").exists() && bench.path("two/set").exists());
 }
 
+/// What a command prints as JSON, and what it tells on standard error.
+fn both(bench: &Bench, args: &[&str]) -> (Value, String) {
+    let output = bench.run(args);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{args:?}: {told}");
+    (serde_json::from_slice(&output.stdout).expect("the output is JSON"), told)
+}
+
+#[test]
+fn broken_pictures_are_left_out_counted_and_told() {
+    let bench = Bench::new();
+    drive(&bench, "set");
+    let broken = bench.path("set/image_3/000001_10.png");
+    let bytes = std::fs::read(&broken).unwrap();
+    std::fs::write(&broken, &bytes[..bytes.len() / 2]).unwrap();
+    let args = ["evaluate", "stereo", "set", "--max-disparity", "32", "--json"];
+    let (report, told) = both(&bench, &args);
+    let set = &report["sets"][0];
+    assert_eq!((&set["unreadable"], &set["mean"]["noc"]["images"]), (&1.into(), &2.into()), "{report}");
+    assert!(told.contains("image_3/000001_10.png") && told.contains("pair left out"), "{told}");
+    let table = bench.ok(&args[..5]);
+    assert!(table.contains("unreadable pairs, skipped: 1; --strict stops there"), "{table}");
+    let text = bench.fails(&[&args[..], &["--strict"]].concat());
+    assert!(text.contains("image_3/000001_10.png: cannot be decoded"), "{text}");
+    // Maps of the ground truth, too; and nothing is left at last.
+    std::fs::write(bench.path("set/disp_occ_0/000000_10.png"), "text").unwrap();
+    assert_eq!(both(&bench, &args).0["sets"][0]["unreadable"], 2);
+    std::fs::write(bench.path("set/image_2/000002_10.png"), "text").unwrap();
+    let text = bench.fails(&args);
+    assert!(text.contains("no pair can be read: ") && text.contains("image_2/000002_10.png"), "{text}");
+}
+
 #[test]
 fn unusable_input_is_named() {
     let bench = Bench::new();
@@ -262,7 +294,8 @@ fn unusable_input_is_named() {
     save_grey(&bench.path("set/image_3/000000_10.png"), &[0; 100], 10, 10);
     fails(&["set"], &["image_2/000000_10.png: 10x10", "disp_occ_0/000000_10.png has 160x120"]);
     std::fs::write(bench.path("set/disp_occ_0/000000_10.png"), "text").unwrap();
-    fails(&["set"], &["disp_occ_0/000000_10.png: cannot be decoded"]);
+    fails(&["set", "--strict"], &["disp_occ_0/000000_10.png: cannot be decoded"]);
+    fails(&["set", "--set", "source.strict=true"], &["disp_occ_0/000000_10.png: cannot be decoded"]);
     std::fs::remove_file(bench.path("set/image_3/000001_10.png")).unwrap();
     std::fs::remove_file(bench.path("set/disp_occ_0/000000_10.png")).unwrap();
     fails(&["set"], &["image_3/000001_10.png"]);
@@ -371,6 +404,16 @@ fn regions_are_scored_against_lidar_depth_and_labels() {
     std::fs::write(bench.path("cars/labels/7.txt"), "Car 0 0\n").unwrap();
     let text = bench.fails(&["evaluate", "lidar", "cars"]);
     assert!(text.contains("labels/7.txt: line 1: 3 fields"), "{text}");
+    std::fs::write(bench.path("cars/labels/7.txt"), "").unwrap();
+    std::fs::write(bench.path("cars/left/7.png"), "text").unwrap();
+    let (report, told) = both(&bench, &["evaluate", "lidar", "pairs", "cars", "--json"]);
+    assert_eq!((&report["unreadable"], report["pictures"].as_array().unwrap().len()), (&1.into(), 1));
+    assert!(told.contains("cars/left/7.png: cannot be decoded") && told.contains("pair left out"), "{told}");
+    let text = bench.fails(&["evaluate", "lidar", "pairs", "cars", "--strict"]);
+    assert!(text.contains("cars/left/7.png: cannot be decoded"), "{text}");
+    let text = bench.fails(&["evaluate", "lidar", "cars"]);
+    assert!(text.contains("no pair can be read: ") && text.contains("cars/left/7.png"), "{text}");
+    lidar_sets(&bench);
     std::fs::write(bench.path("cars/labels/7.txt"), "").unwrap();
     save_map(&bench.path("cars/gt_depth/7.png"), &[1; 100], 10);
     let text = bench.fails(&["evaluate", "lidar", "pairs", "cars"]);

@@ -1,5 +1,5 @@
-//! What a build without a feature says where the feature is asked for. The features' own tests are `gpu.rs` and
-//! `camera.rs`.
+//! What a build without a feature says where the feature is asked for. The features' own tests are `gpu.rs`,
+//! `camera.rs` and `bridge.rs`.
 
 use crate::support::Bench;
 
@@ -25,4 +25,14 @@ fn a_build_without_the_feature_refuses_pipelines_and_says_how_to_get_them() {
     let error = bench.fails(&["run"]);
     assert!(error.contains("--features gstreamer"), "{error}");
     bench.assert_clean();
+}
+
+#[cfg(not(feature = "zenoh"))]
+#[test]
+fn a_build_without_the_feature_has_no_network_and_says_how_to_get_it() {
+    let bench = Bench::new();
+    for command in ["bridge", "fleet"] {
+        let error = bench.fails(&[command]);
+        assert!(error.contains("--features zenoh"), "{error}");
+    }
 }

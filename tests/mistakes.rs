@@ -3,8 +3,9 @@
 //! A case is a command line, its exit code, and what standard error has to say. `cargo test --test quick mistakes -- --nocapture`
 //! prints all texts.
 
-use crate::support::{Bench, save_grey};
+use crate::support::{Bench, save_grey, send};
 use image::{ImageBuffer, Luma};
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 /// A command line, its exit code, and what its text has to contain.
@@ -113,7 +114,7 @@ fn what_is_no_recording_is_named_with_the_remedy() {
             ("replay drive.db3", 1, &["drive.db3", "ROS 2 bag in SQLite", "mcap convert drive.db3"]),
             ("replay bag", 1, &["bag", "bag_0.db3", "ROS 2 bag in SQLite", "mcap convert"]),
             ("replay bag2", 1, &["bag2", "bag_0.mcap", "give that file"]),
-            ("replay drive.mp4", 1, &["drive.mp4", "a video", "ffmpeg -i drive.mp4"]),
+            ("replay drive.mp4", 1, &["drive.mp4", "video", "ffmpeg"]),
             ("replay drive.zip", 1, &["drive.zip", "an archive", "unpack"]),
             ("replay notes.txt", 1, &["notes.txt", "no recording", "folder of pictures"]),
             ("replay broken.mcap", 1, &["broken.mcap", "no MCAP file", "lookout record"]),
@@ -195,6 +196,16 @@ fn damaged_pictures_cost_their_pair_and_are_told() {
                 &["16-bit pictures are scaled from 12 bits", "source.bits"],
             ),
             ("replay drive --in-process --loop", 1, &["--loop", "--limit", "Ctrl-C"]),
+            ("odometry drive -o poses.txt", 0, &["pair left out", "right/000001.png", "cannot be decoded"]),
+            ("odometry drive -o poses.txt --strict", 1, &["right/000001.png", "cannot be decoded"]),
+            ("odometry none -o poses.txt", 1, &["none/left/0.png", "cannot be decoded"]),
+            (
+                "evaluate drive drive",
+                0,
+                &["right/000001.png", "drive: 1 pair left out, because it cannot be read", "--strict"],
+            ),
+            ("evaluate drive drive --strict", 1, &["right/000001.png", "cannot be decoded"]),
+            ("evaluate drive none", 1, &["none/left/0.png", "cannot be decoded"]),
             ("disparity drive/left/000000.png gone.png -o d.png", 1, &["gone.png", "No such file"]),
             (
                 "disparity drive/left/000000.png tiny/left/0.png -o d.png",
@@ -244,6 +255,10 @@ fn damaged_pictures_cost_their_pair_and_are_told() {
     ];
     bench.ok(&args);
     assert!(std::fs::read(bench.path("o.jpg")).unwrap().starts_with(&[0xff, 0xd8]), "a JPEG");
+    // A line for each frame, so that numbers stay those of the recording.
+    let told = bench.ok(&["odometry", "drive", "-o", "poses.txt"]);
+    assert!(told.contains("3 poses") && told.contains("1 pair left out"), "{told}");
+    assert_eq!(std::fs::read_to_string(bench.path("poses.txt")).unwrap().lines().count(), 3);
     let summary = bench.ok(&["replay", "drive", "--lockstep", "--out", "out"]);
     assert!(summary.contains("1 pairs left out, because they cannot be read"), "{summary}");
     assert_eq!(crate::support::lines(&bench.path("out")).len(), 2);
@@ -291,7 +306,7 @@ fn calibrations_that_do_not_fit_are_told() {
         &bench,
         &[
             ("replay bare --in-process", 1, &["bare", "no calibration", "rig.toml", "--rig"]),
-            ("replay drive --in-process --rig gone.toml", 1, &["gone.toml", "No such file"]),
+            ("replay drive --in-process --rig gone.toml", 1, &["--rig", "gone.toml", "No such file"]),
             ("replay drive --in-process --rig mm.toml", 1, &["mm.toml", "baseline", "metres"]),
             ("replay drive --in-process --rig short.toml", 1, &["short.toml", "cy_px"]),
             ("replay drive --in-process --rig typo.toml", 1, &["typo.toml", "focal", "focal_px"]),
@@ -344,6 +359,21 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
         ("path.toml", "[source]\nkind = \"folder\"\npath = \"gone\"\n"),
         ("rig.toml", "[source]\nrig = \"gone.toml\"\n"),
         ("cascade.toml", "\n[recognition]\ncascade = \"gone.xml\"\n"),
+        ("motion.toml", "\n[vehicle]\nmotion = \"gone.csv\"\n"),
+        ("dbc.toml", "[vehicle]\nbus = \"can0\"\n\ndbc = \"gone.dbc\"\n"),
+        (
+            "patterns.toml",
+            "[source]\nkind = \"folder\"\nleft = \"drive/left/*.png\"\nright = \"gone/*.png\"\n",
+        ),
+        ("scene.toml", "[source]\npath = \"gone.toml\"\n"),
+        (
+            "two.toml",
+            "[source]\nkind = \"folder\"\npath = \"gone\"\nrig = \"gone.toml\"\n[vehicle]\nmotion = \"gone.csv\"\n",
+        ),
+        (
+            "camera.toml",
+            "[source]\nkind = \"camera\"\n[camera]\nleft = \"/dev/video97\"\nright = \"/dev/video98\"\n",
+        ),
         ("one.toml", "[source]\nkind = \"folder\"\nleft = \"drive/left\"\n"),
         ("bayer.toml", "[source]\nbayer = \"rgbg\"\n"),
         ("crossed.toml", "[road]\ncamera_height_min_m = 3\ncamera_height_max_m = 2\n"),
@@ -367,6 +397,33 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
             ("check-config rig.toml", 1, &["rig.toml:2: source.rig", "gone.toml"]),
             ("check-config cascade.toml", 1, &["cascade.toml:3: recognition.cascade", "gone.xml", "vehicle"]),
             ("check-config path.toml", 1, &["path.toml:3: source.path", "gone", "no such file or folder"]),
+            ("check-config motion.toml", 1, &["motion.toml:3: vehicle.motion", "gone.csv", "no such file"]),
+            ("check-config dbc.toml", 1, &["dbc.toml:4: vehicle.dbc", "gone.dbc"]),
+            (
+                "check-config patterns.toml",
+                1,
+                &["patterns.toml:4: source.right", "gone/*.png", "matches no picture"],
+            ),
+            ("check-config scene.toml", 1, &["scene.toml:2: source.path", "gone.toml"]),
+            (
+                "check-config two.toml",
+                1,
+                &["two.toml:3: source.path", "two.toml:4: source.rig", "two.toml:6: vehicle.motion"],
+            ),
+            (
+                "check-config camera.toml",
+                0,
+                &[
+                    "camera.toml:4: camera.left",
+                    "/dev/video97",
+                    "camera.toml:5: camera.right",
+                    "on this machine",
+                ],
+            ),
+            ("doctor -c camera.toml", 1, &["problems", "say what to do"]),
+            ("doctor -c gone.toml", 1, &["gone.toml", "profiles"]),
+            ("doctor --jsn", 2, &["--jsn", "--json"]),
+            ("run -c camera.toml", 1, &["source.rig is empty", "lookout calibrate --live camera"]),
             ("check-config bayer.toml", 1, &["bayer.toml:2", "source.bayer", "\"rggb\""]),
             ("check-config crossed.toml", 1, &["crossed.toml:2", "road.camera_height_min_m", "at most 2"]),
             ("run -c no_path.toml", 1, &["source.path is empty"]),
@@ -469,6 +526,49 @@ fn a_repeated_recording_ends_with_a_signal_and_other_instances_are_named() {
     let output = daemon.wait();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     bench.assert_clean();
+}
+
+#[test]
+fn cameras_that_do_not_answer_are_told_first_and_leave_nothing() {
+    let bench = Bench::new();
+    let camera = "[source]\nkind = \"camera\"\n[camera]\nleft = \"/dev/video97\"\nright = \"/dev/video98\"\n";
+    bench.configure(camera);
+    let config = bench.path("car.toml").display().to_string();
+    let args = ["calibrate", "--live", "camera", "-c", &config, "--board", "9x6", "--square-mm", "25"];
+    let mut calibration = bench
+        .command(&[&args[..], &["-o", "rig.toml"]].concat())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the binary runs");
+    let mut said = BufReader::new(calibration.stderr.take().expect("a pipe"));
+    let mut first = String::new();
+    said.read_line(&mut first).expect("text");
+    send(calibration.id(), "INT");
+    let mut rest = String::new();
+    said.read_to_string(&mut rest).expect("text");
+    assert_eq!(calibration.wait().expect("it ends").code(), Some(1));
+    if cfg!(feature = "v4l2") {
+        assert!(
+            first.contains("no pair yet from the cameras (/dev/video97, /dev/video98): /dev/video97"),
+            "{first}"
+        );
+        assert!(rest.contains("ended before the first pair"), "{rest}");
+    }
+    assert!(!bench.path("rig.pictures").exists(), "no folder without pictures");
+
+    let report = bench.run(&["doctor", "--json", "-c", &config]);
+    let report: serde_json::Value = serde_json::from_slice(&report.stdout).expect("JSON");
+    let findings = report["findings"].as_array().expect("findings");
+    let of = |text: &str| findings.iter().find(|f| f["text"].as_str().is_some_and(|t| t.contains(text)));
+    let camera = of("camera.left = \"/dev/video97\" is not there").expect("the camera is missed");
+    assert_eq!(camera["level"], "problem");
+    assert!(camera["remedy"].as_str().is_some_and(|remedy| !remedy.is_empty()), "{camera}");
+    let areas = ["processor", "memory", "gpu", "heat", "clocks", "limits", "permissions", "time", "daemon"];
+    for area in areas {
+        assert!(findings.iter().any(|f| f["area"] == area), "{area} is missing: {report}");
+    }
+    // Whatever is not good says what to do.
+    assert!(findings.iter().all(|f| f["level"] == "good" || f["remedy"].is_string()), "{report}");
 }
 
 /// The size of the table: each case is a mistake of its own.

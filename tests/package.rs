@@ -93,7 +93,7 @@ fn the_copyright_of_the_package_lists_all_that_is_linked_in_with_its_terms() {
         assert!(document.lines().all(|l| l.is_empty() || l.starts_with(' ') || l.contains(": ")), "{target}");
         assert_eq!(paragraphs.iter().find(|p| p.0 == "Files").map(|p| p.1.as_str()), Some("*"));
     }
-    assert!(read("systemd/package.sh").contains("--example debian-copyright"));
+    assert!(read("systemd/package.sh").contains("-p debian-copyright"));
 }
 
 #[test]

@@ -149,3 +149,48 @@ fn the_running_time_is_reported_for_the_image_and_for_its_regions() {
     let text = bench.fails(&["evaluate", "recognition", "none.xml"]);
     assert!(text.contains("none.xml") && text.contains("OpenCV cascade"), "{text}");
 }
+
+#[test]
+fn classes_are_evaluated_and_scores_calibrated() {
+    let bench = Bench::new();
+    let classes = ["evaluate", "classes", "street", "--frames", "6", "--json"];
+    let with_people = [&classes[..], &["--set", "recognition.detectors=[{}]"]].concat();
+    let report: Value = serde_json::from_str(&bench.ok(&with_people)).expect("JSON");
+    assert_eq!((&report["frames"], &report["rows"][0]["label"]), (&6.into(), &"vehicle".into()));
+    assert!(report["rows"][0]["right"].as_u64() > Some(4), "{report}");
+    // The people detector is there in every build, and looks at what has a person's size.
+    let people = &report["rows"][1];
+    assert_eq!(people["label"], "pedestrian");
+    assert!(people["looks"][0].as_u64() > Some(0) && people["look_ms"].as_f64() > Some(0.0), "{report}");
+    // What was fitted is used beside a model.
+    bench.ok(&[&classes[..], &["--calibrate", "fitted"]].concat());
+    let fitted = std::fs::read_to_string(bench.path("fitted/vehicle.calibration")).expect("a calibration");
+    assert!(fitted.starts_with("# lookout evaluate classes street --frames 6"), "{fitted}");
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/vehicle.xml");
+    std::fs::copy(shipped, bench.path("mine.xml")).expect("a copy");
+    std::fs::write(bench.path("mine.xml.calibration"), &fitted).expect("a file");
+    bench.ok(&[&classes[..], &["--set", "recognition.cascade=\"mine.xml\""]].concat());
+    std::fs::write(bench.path("mine.xml.calibration"), fitted.replace("miss", "mess")).expect("a file");
+    let text = bench.fails(&[&classes[..], &["--set", "recognition.cascade=\"mine.xml\""]].concat());
+    assert!(
+        text.contains("mine.xml.calibration: line") && text.contains("evaluate classes --calibrate"),
+        "{text}"
+    );
+}
+
+#[test]
+fn detectors_that_cannot_be_used_are_refused_with_the_remedy() {
+    let bench = Bench::new();
+    for (detector, expected) in [
+        ("kind = \"cascade\"", "car.toml:"),
+        ("kind = \"cascade\"", "name the file of the model"),
+        ("kind = \"hog\"\nmodel = \"gone.hog\"", "recognition.detectors: gone.hog"),
+        ("kind = \"hog\"\nmodel = \"gone.hog\"", "people for the one that ships"),
+        ("kind = \"cascade\"\nmodel = \"gone.xml\"", "OpenCV cascade XML"),
+        ("kind = \"hog\"\nmodel = \"car.toml\"", "line 1"),
+    ] {
+        bench.configure(&format!("[[recognition.detectors]]\n{detector}\n"));
+        let text = bench.fails(&["check-config", "car.toml"]);
+        assert!(text.contains(expected), "{detector}: {text}");
+    }
+}

@@ -84,7 +84,7 @@ fn topics_rate_and_limit_choose_the_lines_and_a_closed_pipe_ends_it() {
 
     let wrong = bench.run(&["stream", "--topics", "alarms"]);
     let errors = String::from_utf8_lossy(&wrong.stderr).into_owned();
-    assert!(wrong.status.code() == Some(2) && errors.contains("obstacles, status, all"), "{errors}");
+    assert!(wrong.status.code() == Some(2) && errors.contains("obstacles, pose, status, all"), "{errors}");
     let error = bench.fails(&["stream", "--serve"]);
     assert!(error.contains("stream.socket is empty"), "{error}");
     drop(daemon);

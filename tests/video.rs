@@ -46,10 +46,67 @@ fn a_video_beside_results_leaves_them_and_a_missing_encoder_is_reported_before_t
     assert!(error.contains("run.frames: ") && bench.path("run.frames").is_dir(), "{error}");
 }
 
+/// Whether ffmpeg is here; otherwise the test is skipped.
+fn has_ffmpeg() -> bool {
+    let is_here = Command::new("ffmpeg").arg("-version").output().is_ok_and(|output| output.status.success());
+    if !is_here {
+        skip(Need::Ffmpeg, "ffmpeg is not on the PATH");
+    }
+    is_here
+}
+
+/// Runs ffmpeg in the folder of the bench.
+fn ffmpeg(bench: &Bench, line: &str) {
+    let mut command = Command::new("ffmpeg");
+    command.args(["-v", "error", "-nostdin"]).args(line.split(' ')).current_dir(bench.folder.path());
+    let output = command.output().expect("ffmpeg runs");
+    assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn recorded_videos_give_the_results_of_their_pictures() {
+    if !has_ffmpeg() {
+        return;
+    }
+    let bench = Bench::new();
+    bench.record("drive", 6);
+    let pictures = "-framerate 10 -i drive/left/%06d.png -framerate 10 -i drive/right/%06d.png";
+    let lossless = "-pix_fmt gray -c:v ffv1";
+    ffmpeg(&bench, &format!("{pictures} -filter_complex hstack {lossless} both.mkv"));
+    ffmpeg(&bench, &format!("{pictures} -map 0:v {lossless} left.mkv -map 1:v {lossless} right.mkv"));
+    let run = |source: &[&str], out: &str| {
+        let end = ["--lockstep", "--rig", "drive/rig.toml", "--out", out];
+        let output = bench.run(&[&["replay"], source, &end].concat());
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{source:?}: {errors}");
+        (lines(&bench.path(out)), errors)
+    };
+    let (expected, _) = run(&["drive"], "pictures");
+    assert_eq!(expected.len(), 6);
+    let (one, note) = run(&["both.mkv"], "one");
+    assert!(note.contains("both.mkv: a video with both images side by side is expected"), "{note}");
+    let (two, _) = run(&["--left", "left.mkv", "--right", "right.mkv"], "two");
+    assert!(one == expected && two == expected, "the same pairs at the same times");
+    // A video is read again from its start.
+    let repeat = ["both.mkv", "--loop", "--limit", "9"];
+    assert_eq!(run(&repeat, "again").0.len(), 9);
+    // Without ffmpeg the remedy is told.
+    let mut command = bench.command(&["replay", "both.mkv", "--in-process"]);
+    let output = command.env("PATH", "/no/such/folder").output().expect("it runs");
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    let parts = ["both.mkv: a video", "apt install ffmpeg", "ffmpeg -i both.mkv", "left/%06d.png"];
+    assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    std::fs::write(bench.path("broken.mp4"), "no video").unwrap();
+    let error = bench.fails(&["replay", "broken.mp4"]);
+    assert!(error.contains("broken.mp4: ffmpeg cannot read this video"), "{error}");
+    let error = bench.fails(&["replay", "--left", "left.mkv", "--right", "both.mkv"]);
+    assert!(error.contains("640x240") && error.contains("320x240"), "{error}");
+    bench.assert_clean();
+}
+
 #[test]
 fn ffmpeg_makes_an_mp4_of_every_frame() {
-    if !Command::new("ffmpeg").arg("-version").output().is_ok_and(|output| output.status.success()) {
-        skip(Need::Ffmpeg, "ffmpeg is not on the PATH");
+    if !has_ffmpeg() {
         return;
     }
     let bench = Bench::new();

@@ -144,7 +144,8 @@ fn compare(browser: &mut Browser, drive: &mut Drive) -> ([usize; 3], String) {
         let (overlap, distance) = best.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
         boxed += usize::from(overlap > 0.5 && (distance - car.distance_m).abs() < 0.15 * car.distance_m);
         let free_m = shown["free"].as_f64().unwrap_or_default();
-        free += usize::from((free_m - car.distance_m).abs() < 0.15 * car.distance_m);
+        // Far ahead, where the ground is seen at a flat angle, the free space ends early, but never behind the car.
+        free += usize::from((0.75..1.1).contains(&(free_m / car.distance_m)));
         told += &format!(
             "frame {sequence}: grey levels differ by {mean:.1}; the car at {:.1} m, box overlap {overlap:.2}, \
              {distance:.1} m, free {free_m:.1} m\n",

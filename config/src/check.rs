@@ -1,5 +1,7 @@
 //! Parses and checks a configuration. All errors are reported at once, each with its line, key and remedy.
 
+mod detectors;
+
 use crate::automatic::AUTO;
 use crate::keys::{self, Key, Kind};
 use crate::limits::{MAX_BYTES, MAX_ERRORS, MAX_PATH_BYTES, MAX_SUGGESTED_CHARS};
@@ -290,6 +292,7 @@ impl Checker<'_> {
             Kind::Path => {
                 value.get_ref().as_str().is_some_and(|v| v.len() <= MAX_PATH_BYTES && !v.contains('\0'))
             }
+            Kind::Detectors(most) => return self.detectors(key, most, value),
             Kind::Text(most) => {
                 value.get_ref().as_str().is_some_and(|v| v.len() <= most && !v.contains(char::is_control))
             }
@@ -389,6 +392,7 @@ impl Checker<'_> {
             let text = "board.power_off = \"command\": name the program with board.power_off_command";
             self.add(place("board.power_off"), text.into());
         }
+        self.detector_sizes(c, place("recognition.detectors"));
         if c.source.fps > 0.0 && c.source.fps < 0.01 {
             let text = format!("source.fps = {}: give 0, or at least 0.01", c.source.fps);
             self.add(place("source.fps"), text);

@@ -23,6 +23,8 @@ pub enum Kind {
     Path,
     /// One line of at most this many characters; may be empty.
     Text(usize),
+    /// A list of at most this many tables, whose keys [`crate::keys::detectors`] lists.
+    Detectors(usize),
 }
 
 /// The requirement on a value, as error messages and the reference page say it.
@@ -37,6 +39,7 @@ impl fmt::Display for Kind {
             Kind::Name(most) => write!(f, "1 to {most} letters, digits, - or _, in quotes"),
             Kind::Path => write!(f, "a path of at most {MAX_PATH_BYTES} bytes, in quotes"),
             Kind::Text(most) => write!(f, "one line of at most {most} characters, in quotes"),
+            Kind::Detectors(most) => write!(f, "at most {most} tables [[recognition.detectors]], or []"),
         }
     }
 }
@@ -83,8 +86,10 @@ impl Key {
 
     /// The stages that a reload restarts when the value has changed.
     pub fn restarts(&self) -> impl Iterator<Item = Role> {
-        Role::STAGES.into_iter().filter(|role| match self.reload {
-            Reload::Readers => role.spec().config_tables.contains(&self.table),
+        // A list of tables is read with the table that holds it.
+        let table = self.table.split('.').next().unwrap_or(self.table);
+        Role::STAGES.into_iter().filter(move |role| match self.reload {
+            Reload::Readers => role.spec().config_tables.contains(&table),
             Reload::AllStages => true,
             Reload::Scheduler | Reload::OtherProcess | Reload::Restart => false,
         })

@@ -10,6 +10,15 @@ pub fn tables() -> &'static [Table] {
     &TABLES
 }
 
+static DETECTORS: LazyLock<Vec<Key>> = LazyLock::new(|| {
+    <crate::tables::RecognitionDetector as crate::table::Table>::keys("recognition.detectors")
+});
+
+/// The keys of each table of the list `recognition.detectors`.
+pub fn detectors() -> &'static [Key] {
+    &DETECTORS
+}
+
 /// All keys, table by table.
 pub fn all() -> impl Iterator<Item = &'static Key> {
     tables().iter().flat_map(|table| &table.keys)

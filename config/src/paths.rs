@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
 /// The keys that name files and folders which have to be there.
-type Named<'a> = [(&'static str, &'a mut PathBuf); 7];
+type Named<'a> = [(&'static str, &'a mut PathBuf); 10];
 
 fn named(config: &mut Config) -> Named<'_> {
     let source = &mut config.source;
@@ -17,6 +17,9 @@ fn named(config: &mut Config) -> Named<'_> {
         ("recognition.cascade", &mut config.recognition.cascade),
         ("vehicle.motion", &mut config.vehicle.motion),
         ("vehicle.dbc", &mut config.vehicle.dbc),
+        ("bridge.tls_ca", &mut config.bridge.tls_ca),
+        ("bridge.tls_certificate", &mut config.bridge.tls_certificate),
+        ("bridge.tls_key", &mut config.bridge.tls_key),
     ]
 }
 
@@ -24,7 +27,9 @@ fn named(config: &mut Config) -> Named<'_> {
 /// to the working directory. Names that are no paths, such as the cascade that ships, stay as they are.
 pub(crate) fn resolve(config: &mut Config, file: &Path) {
     let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) else { return };
-    for (_, path) in named(config) {
+    let mut detectors = std::mem::take(&mut config.recognition.detectors);
+    let named = named(config).into_iter().map(|(_, path)| path);
+    for path in named.chain(detectors.iter_mut().map(|detector| &mut detector.model)) {
         // Of a pattern such as `cam0/*.png` the first part is there.
         let first: PathBuf = path.components().take(1).collect();
         let is_there = if path.to_string_lossy().contains(['*', '?']) {
@@ -36,6 +41,7 @@ pub(crate) fn resolve(config: &mut Config, file: &Path) {
             *path = folder.join(&*path);
         }
     }
+    config.recognition.detectors = detectors;
 }
 
 /// Where a file sets a key, as `FILE:LINE: `; empty if it does not.

@@ -9,6 +9,7 @@ use std::fmt::Write;
 pub fn reference() -> String {
     let mut out = String::from(
         "# Configuration\n\n\
+         This page lists every key of the configuration: what it sets, its range, its default, and what a reload does with it.\n\
          A configuration is a TOML file, given with `-c FILE`. Keys that it leaves out come from the profile that\n\
          its first line may name (`profile = \"tk1\"`), otherwise they have their defaults. `-c` also takes the name\n\
          of a profile. `lookout check-config FILE` prints every error with its line, and the effective configuration.\n\n",
@@ -36,16 +37,28 @@ pub fn reference() -> String {
     );
     for table in keys::tables() {
         let _ = write!(out, "\n## [{}]\n\n{}\n\n", table.name, table.text);
-        out.push_str(
-            "| key | default | range | unit | on reload | description |\n|---|---|---|---|---|---|\n",
-        );
-        for key in &table.keys {
-            let keys::Key { name, kind, unit, text, default, .. } = key;
-            let reload = key.on_reload();
-            let _ = writeln!(out, "| `{name}` | `{default}` | {kind} | {unit} | {reload} | {text} |");
+        out.push_str(HEAD);
+        table.keys.iter().for_each(|key| line(&mut out, key));
+        if table.keys.iter().any(|key| matches!(key.kind, keys::Kind::Detectors(_))) {
+            let _ = write!(out, "\n### [[recognition.detectors]]\n\n{HEAD}");
+            keys::detectors().iter().for_each(|key| line(&mut out, key));
         }
     }
     out
+}
+
+/// Head of the table of keys.
+const HEAD: &str = "| key | default | range | unit | on reload | description |\n|---|---|---|---|---|---|\n";
+
+/// The line of a key.
+fn line(out: &mut String, key: &keys::Key) {
+    let keys::Key { name, kind, unit, text, default, .. } = key;
+    let reload = key.on_reload();
+    let default = match kind {
+        keys::Kind::Detectors(_) => "one, for people: see below".to_owned(),
+        _ => format!("`{default}`"),
+    };
+    let _ = writeln!(out, "| `{name}` | {default} | {kind} | {unit} | {reload} | {text} |");
 }
 
 #[cfg(test)]
@@ -57,7 +70,7 @@ mod tests {
             page == super::reference(),
             "docs/configuration.md is stale: run `lookout check-config --reference > docs/configuration.md`"
         );
-        for key in crate::keys::all() {
+        for key in crate::keys::all().chain(crate::keys::detectors()) {
             assert!(!key.text.contains('|'), "{}: | would end the column", key.path());
             assert!(key.text.len() > 15 && key.text.ends_with('.'), "{} needs a sentence", key.path());
         }

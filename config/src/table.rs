@@ -30,7 +30,7 @@ pub trait Table {
 ///
 /// The doc comment of a key is both its rustdoc and its description on the reference page. A kind is one of
 /// [`Kind`]'s: `Switch` (bool), `Automatic` ([`crate::automatic::Automatic`]), `Whole` (i64), `Number` (f64), `Choice` (String), `Name` (String), `Path` (PathBuf),
-/// `Text` (String). `in` gives the unit. The default may be any expression, such as the default of an
+/// `Text` (String), `Detectors` (a list of tables). `in` gives the unit. The default may be any expression, such as the default of an
 /// algorithm in `perception`.
 ///
 /// A table that begins with `#[per_stage]` may have a key for each process: `stages: PerStage(Core);` with
@@ -106,10 +106,12 @@ macro_rules! kind {
     (type Name $most:tt) => { String };
     (type Path) => { std::path::PathBuf };
     (type Text $most:tt) => { String };
+    (type Detectors $most:tt) => { Vec<RecognitionDetector> };
     (type PerStage ($key:ty)) => { $crate::stages::PerStage<$key> };
 
     (default Whole $range:tt = $default:expr) => { $crate::table::whole($default) };
     (default PerStage $key:tt) => { Default::default() };
+    (default Detectors $most:tt = $default:expr) => { $default };
     (default $kind:ident $(($($range:tt)*))? = $default:expr) => { $default.into() };
 
     (keys $entry:ident, $value:expr, PerStage $key:tt) => { $entry.per_stage(&$value) };

@@ -1,6 +1,7 @@
 //! Counts for how many frames, and for how long in source time, the alarm was in each level, and why it was off.
 
 use messages::alarm::{Faults, LEVELS, OFF};
+use messages::alarm_change::{AlarmChangeRecord, AlarmChanges};
 use messages::alarm_time::AlarmTimeRecord;
 use messages::obstacles::AlarmRecord;
 use perception::frame_clock::MAX_STEP_NS;
@@ -22,6 +23,7 @@ struct Now {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AlarmTally {
     record: AlarmTimeRecord,
+    changes: AlarmChanges,
     now: Option<Now>,
 }
 
@@ -38,6 +40,10 @@ impl AlarmTally {
                 count(&mut self.record.ns, &mut self.record.off_ns, now.level, now.faults, step_ns);
             }
         }
+        // Before the first result the alarm is off.
+        if self.now.map_or(OFF, |now| now.level) != alarm.level {
+            self.changes.push(AlarmChangeRecord::new(sequence, source_ns, alarm, false));
+        }
         count(&mut self.record.frames, &mut self.record.off_frames, alarm.level, alarm.faults, 1);
         self.now =
             Some(Now { sequence, source_ns, level: alarm.level, faults: alarm.faults, is_withdrawn: false });
@@ -46,8 +52,17 @@ impl AlarmTally {
     /// The last result does not hold any more because of these self-checks: the alarm is off until the next one.
     pub fn withdraw(&mut self, faults: Faults) {
         if let Some(now) = &mut self.now {
+            if now.level != OFF {
+                let off = AlarmRecord::off(faults);
+                self.changes.push(AlarmChangeRecord::new(now.sequence, now.source_ns, &off, true));
+            }
             (now.level, now.faults, now.is_withdrawn) = (OFF, faults.0, true);
         }
+    }
+
+    /// The last changes of the level.
+    pub fn changes(&self) -> AlarmChanges {
+        self.changes
     }
 
     /// The counts so far.
@@ -121,5 +136,8 @@ mod tests {
         assert_eq!((times.off.frames, times.off.seconds), (0, 4.0));
         assert_eq!((times.clear.frames, times.clear.seconds), (3, 0.1));
         assert_eq!(times.off_reasons[0].reason, "a stage is not running");
+        let changes: Vec<_> =
+            tally.changes().iter().map(|(_, c)| (c.sequence, c.level, c.withdrawn)).collect();
+        assert_eq!(changes, [(0, CLEAR, 0), (0, OFF, 1), (40, CLEAR, 0)]);
     }
 }

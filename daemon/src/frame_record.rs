@@ -29,17 +29,7 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
         path: path_line(&header.motion, alarm),
         free_space_m: free_space(alarm),
         boundaries: alarm.space.lines().iter().map(boundary_line).collect(),
-        alarm: AlarmLine {
-            level: level_name(alarm.level).into(),
-            rule: rule_name(alarm.rule).map(Into::into),
-            track: (alarm.track > 0).then_some(alarm.track),
-            changed: alarm.changed == 1,
-            nearest_m: tidy_finite(alarm.nearest_m),
-            time_to_collision_s: tidy_finite(alarm.time_to_collision_s),
-            required_deceleration_m_s2: (alarm.track > 0).then(|| tidy(alarm.required_deceleration_m_s2)),
-            reason: Some(alarm.reason()),
-            object: alarm_object(alarm),
-        },
+        alarm: alarm_line(alarm),
         obstacles: message
             .obstacles
             .iter()
@@ -70,6 +60,21 @@ pub fn frame_record(header: &Header, message: &Obstacles) -> FrameRecord {
                 in_path: o.in_path == 1,
             })
             .collect(),
+    }
+}
+
+/// The line of an alarm.
+pub fn alarm_line(alarm: &AlarmRecord) -> AlarmLine {
+    AlarmLine {
+        level: level_name(alarm.level).into(),
+        rule: rule_name(alarm.rule).map(Into::into),
+        track: (alarm.track > 0).then_some(alarm.track),
+        changed: alarm.changed == 1,
+        nearest_m: tidy_finite(alarm.nearest_m),
+        time_to_collision_s: tidy_finite(alarm.time_to_collision_s),
+        required_deceleration_m_s2: (alarm.track > 0).then(|| tidy(alarm.required_deceleration_m_s2)),
+        reason: Some(alarm.reason()),
+        object: alarm_object(alarm),
     }
 }
 

@@ -141,6 +141,11 @@ impl Pipeline {
         self.source.count()
     }
 
+    /// Source time of pair `index`, in ns.
+    pub fn time_ns(&self, index: u64) -> u64 {
+        self.source.time_ns(index)
+    }
+
     /// Processes pair `index` of the source with all stages, as frame `sequence`.
     ///
     /// # Errors

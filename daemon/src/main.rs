@@ -1,6 +1,8 @@
 //! `lookout`: stereo obstacle detection ahead of a vehicle. The daemon, its stages and all subcommands.
 
 mod alarm_tally;
+#[cfg(feature = "zenoh")]
+mod bridge;
 mod can_out;
 mod command;
 mod frame_record;

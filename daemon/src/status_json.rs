@@ -1,21 +1,22 @@
 //! The daemon's status as JSON: `lookout status --json`, the viewer and recordings.
 
 use crate::alarm_tally::alarm_times;
-use crate::frame_record::{alarm_object, motion_line};
+use crate::frame_record::{alarm_line, alarm_object, motion_line};
 use crate::stages::vehicle_record::reading;
 use messages::alarm::{level_name, rule_name};
+use messages::alarm_change::AlarmChangeRecord;
 use messages::device::DeviceRecord;
 use messages::heat::HeatRecord;
 use messages::motion::VehicleRecord;
 use messages::realtime::Privilege;
 use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
 use tools::reporting::alarm_times::AlarmTimes;
 use tools::reporting::motion::MotionLine;
-use tools::reporting::record::AlarmObject;
+use tools::reporting::record::{AlarmLine, AlarmObject, tidy};
 use tools::reporting::space::centimetres;
 
 /// The status as JSON.
@@ -34,6 +35,7 @@ pub struct StatusJson {
     alarm_reason: String,
     alarm_object: Option<AlarmObject>,
     alarm_times: AlarmTimes,
+    alarm_changes: Vec<AlarmChangeJson>,
     alarms: u64,
     obstacles: u32,
     nearest_m: Option<f64>,
@@ -51,6 +53,30 @@ pub struct StatusJson {
     /// `None` if stereo matching runs on the CPU.
     device: Option<DeviceJson>,
     processes: Vec<ProcessJson>,
+}
+
+/// A change of the alarm's level: what a reader that has not got its frame can know of it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AlarmChangeJson {
+    /// Number of the frame in its run.
+    pub sequence: u64,
+    /// Source time in seconds.
+    pub time_s: f64,
+    /// Whether the frame's result was withdrawn, so that the alarm is off.
+    pub withdrawn: bool,
+    /// The alarm, as in the frame.
+    pub alarm: AlarmLine,
+}
+
+impl From<&AlarmChangeRecord> for AlarmChangeJson {
+    fn from(change: &AlarmChangeRecord) -> Self {
+        Self {
+            sequence: change.sequence,
+            time_s: tidy(change.source_ns as f64 * 1e-9),
+            withdrawn: change.withdrawn == 1,
+            alarm: alarm_line(&change.alarm()),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -161,6 +187,7 @@ impl StatusJson {
             alarm_reason: status.alarm.reason(),
             alarm_object: alarm_object(&status.alarm),
             alarm_times: alarm_times(&status.alarm_time),
+            alarm_changes: status.alarm_changes.iter().map(|(_, change)| change.into()).collect(),
             alarms: status.alarms,
             obstacles: status.obstacles,
             nearest_m: Some(status.alarm.nearest_m).filter(|m| m.is_finite()),

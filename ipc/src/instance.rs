@@ -7,6 +7,7 @@
 
 use crate::node_counter;
 use crate::run_files::{Inventory, RunMark, RunPrefix, SHM, open_regular, sweep_dead_runs};
+use crate::user;
 use rustix::fs::{FlockOperation, Mode, OFlags, fchmod, flock, open, statvfs};
 use rustix::io::Errno;
 use rustix::process::geteuid;
@@ -18,7 +19,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// Folder of the systemd service (`RuntimeDirectory=lookout`).
-const SERVICE_DIRECTORY: &str = "/run/lookout";
+pub(crate) const SERVICE_DIRECTORY: &str = "/run/lookout";
 
 /// Maximum length of a socket's path on Linux, without its terminating zero.
 const MAX_SOCKET_PATH: usize = 107;
@@ -66,14 +67,13 @@ pub enum InstanceError {
     },
     /// No daemon runs it.
     #[error(
-        "no daemon named \"{name}\" is running{}: start one with lookout run, or name another with --instance",
-        if others.is_empty() { String::new() } else { format!("; running: {}", others.join(", ")) }
+        "no daemon named \"{name}\" is running: start one with lookout run, or name another with --instance{others}"
     )]
     NotRunning {
         /// Its name.
         name: String,
-        /// Instances that run in the same folder.
-        others: Vec<String>,
+        /// Text on others that run; empty if there are none.
+        others: String,
     },
     /// Its folder or shared memory cannot be used.
     #[error("{}: {source}: give a folder that this user may write with instance.directory", path.display())]
@@ -91,8 +91,10 @@ pub enum InstanceError {
     },
     /// It belongs to another user.
     #[error(
-        "the daemon \"{name}\" runs as user {owner}, this is user {user}: only its own user can use its folder and \
-         shared memory"
+        "the daemon \"{name}\" runs as user {}, this is user {}: only its own user can use its folder and \
+         shared memory",
+        user::told(*owner),
+        user::told(*user)
     )]
     OtherUser {
         /// Its name.
@@ -157,24 +159,6 @@ impl Instance {
         }
         let service = Self::new(name, Path::new(SERVICE_DIRECTORY));
         if service.owner().is_some() { service } else { here }
-    }
-
-    /// The error of a reader that finds this instance not running; it names those that are.
-    pub fn absent(&self) -> InstanceError {
-        /// Entries of the folder that are examined, and thus at most named.
-        const MAX_EXAMINED: usize = 64;
-        let entries = self.directory.parent().and_then(|base| std::fs::read_dir(base).ok());
-        let names = entries.into_iter().flatten().take(MAX_EXAMINED).flatten();
-        let mut others: Vec<String> = names
-            .filter_map(|entry| entry.file_name().into_string().ok())
-            .filter(|name| *name != self.name)
-            .filter(|name| {
-                let directory = self.directory.with_file_name(name);
-                Self { name: name.clone(), directory, is_default: self.is_default }.is_running()
-            })
-            .collect();
-        others.sort();
-        InstanceError::NotRunning { name: self.name.clone(), others }
     }
 
     /// User id of the owner of its folder; `None` if the folder does not exist.

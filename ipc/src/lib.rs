@@ -36,6 +36,7 @@
 //! Only this crate uses iceoryx2, with its non-generic ports, so that its generic code is compiled once.
 
 pub mod alarm;
+pub mod alarm_change;
 mod alarm_text;
 pub mod alarm_time;
 pub mod allocation;
@@ -54,6 +55,7 @@ pub mod instance;
 pub mod layout;
 mod message;
 pub mod motion;
+pub mod neighbours;
 mod node_counter;
 pub mod pipeline;
 pub mod port;
@@ -69,6 +71,7 @@ pub mod space;
 pub mod stall;
 pub mod type_name;
 pub mod typed;
+pub mod user;
 pub mod wait;
 
 pub use copied::Records;

@@ -12,11 +12,22 @@ const VIDEOS: [&str; 12] =
 /// The first bytes of a file that tell its format.
 const MAGIC_BYTES: usize = 16;
 
-/// The remedy for videos. Its parts in braces are the path.
-const VIDEO: &str = "a video; pairs are read from pictures: write them with ffmpeg, from one video with both images side \
-                     by side: ffmpeg -i {} -vf crop=iw/2:ih:0:0 left/%06d.png -vf crop=iw/2:ih:iw/2:0 right/%06d.png, \
+/// The remedy for videos without ffmpeg. Its parts in braces are the path.
+const VIDEO: &str = "a video: give lookout replay the video itself, or two with --left and --right; ffmpeg has to be on the \
+                     PATH (apt install ffmpeg). Or write pictures, from one video with both images side by side: ffmpeg -i {} -vf crop=iw/2:ih:0:0 left/%06d.png -vf crop=iw/2:ih:iw/2:0 right/%06d.png, \
                      from two: ffmpeg -i LEFT -i RIGHT -map 0 left/%06d.png -map 1 right/%06d.png, into folders left and right \
                      that exist; then lookout replay the folder that holds both, with --fps";
+
+/// Whether a path is that of a video, which [`crate::video`] reads.
+pub fn is_video(path: &Path) -> bool {
+    let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).unwrap_or_default();
+    VIDEOS.contains(&&ending[..])
+}
+
+/// What to do with a video where there is no ffmpeg.
+pub fn video_without_ffmpeg(path: &Path) -> String {
+    VIDEO.replace("{}", &path.display().to_string())
+}
 
 /// What a file is, with what to do, if it is known not to be a source of pairs.
 pub fn explain(path: &Path) -> Option<String> {

@@ -53,5 +53,6 @@ mod source;
 mod toml_text;
 pub mod truth;
 pub mod vehicle;
+pub mod video;
 
 pub use source::{Geometry, LiveSource, PairSource, Readiness, SourceError};

@@ -52,6 +52,20 @@ pub const CASCADE: FileLimit = FileLimit {
     remedy: "give an OpenCV cascade XML",
 };
 
+/// HOG models.
+pub const HOG_MODEL: FileLimit = FileLimit {
+    what: "a HOG model",
+    bytes: perception::recognition::hog::model::MAX_BYTES,
+    remedy: "give a model in the format of models/people.hog",
+};
+
+/// What the scores of a detector say.
+pub const SCORE_CALIBRATION: FileLimit = FileLimit {
+    what: "a calibration of scores",
+    bytes: perception::recognition::calibration::MAX_BYTES,
+    remedy: "write it with lookout evaluate classes --calibrate",
+};
+
 /// Checkpoints of a training run: some cascades in text, with their statistics.
 pub const CHECKPOINT: FileLimit =
     FileLimit { what: "a checkpoint", bytes: 256 << 20, remedy: "remove it to train from the start" };

@@ -2,7 +2,7 @@
 //! linked into the program. `systemd/package.sh` calls it:
 //!
 //! ```sh
-//! cargo run --release --locked --example debian-copyright -- --target aarch64-unknown-linux-gnu [--features LIST]
+//! cargo run --release --locked -p debian-copyright -- --target aarch64-unknown-linux-gnu [--features LIST]
 //! ```
 
 mod crates;
@@ -25,7 +25,7 @@ fn main() -> ExitCode {
         eprintln!("usage: debian-copyright --target TRIPLE [--features LIST]");
         return ExitCode::from(2);
     };
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     match crates::linked(&root, &target, &features).and_then(|linked| notices::document(&root, &linked)) {
         Ok(text) => {
             print!("{text}");

@@ -14,11 +14,11 @@ const BUNDLED: [(&str, &str, &str, &str); 2] = [
 ];
 
 /// Crates whose C sources are their own, under the crate's licence.
-const OWN_SOURCES: [&str; 2] = ["iceoryx2-pal-posix", "signal-hook"];
+const OWN_SOURCES: [&str; 5] = ["iceoryx2-pal-posix", "psm", "ring", "signal-hook", "stacker"];
 
 /// Licences: SPDX name; how its terms begin; words that it has to contain, without spaces, in lower case; words that it
 /// may not contain.
-const KINDS: [(&str, &str, &str, &str); 10] = [
+const KINDS: [(&str, &str, &str, &str); 13] = [
     ("Apache-2.0 WITH LLVM-exception", "--- LLVM Exceptions", "llvmexceptions", "\0"),
     ("Apache-2.0", "Apache License", "apachelicenseversion2.0,january2004", "llvmexceptions"),
     ("MIT", "Permission is hereby granted", "permissionisherebygranted,freeofcharge", "unicodelicense"),
@@ -29,6 +29,14 @@ const KINDS: [(&str, &str, &str, &str); 10] = [
     ("0BSD", "Permission to use", "permissiontouse,copy,modify,and/ordistribute", "appearinallcopies"),
     ("Unlicense", "This is free and unencumbered", "thisisfreeandunencumberedsoftware", "\0"),
     ("Unicode-3.0", "NOTICE TO DATA FILE", "unicodelicensev3", "\0"),
+    ("BSL-1.0", "Permission is hereby granted", "boostsoftwarelicense-version1.0", "\0"),
+    (
+        "CDLA-Permissive-2.0",
+        "Community Data License",
+        "communitydatalicenseagreement-permissive-version2.0",
+        "\0",
+    ),
+    ("MPL-2.0", "Mozilla Public License", "mozillapubliclicenseversion2.0", "\0"),
 ];
 
 /// Where Debian keeps the text of a licence, so that a package need not.
@@ -116,6 +124,12 @@ fn c_sources(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), String> {
     Ok(())
 }
 
+/// The licence of a crate as an SPDX expression. Of the two that zenoh offers, the one that fits the others is taken; its crates
+/// come without the text of either.
+fn chosen(licence: &str) -> String {
+    licence.split('/').map(str::trim).collect::<Vec<_>>().join(" OR ").replace("EPL-2.0 OR ", "")
+}
+
 /// The notices of a crate and, if it compiles C sources, of these.
 fn parts(krate: &Crate) -> Result<Vec<Part>, String> {
     let Crate { name, version, .. } = krate;
@@ -136,7 +150,7 @@ fn parts(krate: &Crate) -> Result<Vec<Part>, String> {
     let mut parts = vec![Part {
         files: format!("crates/{name}-{version}/*"),
         copyright,
-        licence: krate.licence.split('/').map(str::trim).collect::<Vec<_>>().join(" OR "),
+        licence: chosen(&krate.licence),
         comment,
         terms: files.iter().flat_map(|(_, text)| terms(text)).collect(),
     }];
@@ -217,6 +231,12 @@ fn own_parts() -> Vec<Part> {
     vec![
         part("*", "the lookout contributors", "MIT OR Apache-2.0", ""),
         part("models/*", "the lookout contributors", "research", ""),
+        part(
+            "models/people.hog",
+            "the contributors of OpenCV",
+            "Apache-2.0",
+            "The weights of OpenCV's people detector. https://opencv.org",
+        ),
         part(
             "sources/src/recording/generated/*",
             "Foxglove Technologies Inc",

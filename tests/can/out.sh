@@ -6,8 +6,8 @@
 #
 # Needs root, a kernel with the module vcan (and sch_netem for a slow bus), ip, tc, candump, cansend (packages iproute2,
 # can-utils), a Python with cantools (else the values are not compared), and a binary with the feature `can`. check_out.py
-# has to be beside this script. Nothing in it depends on how fast the machine is. Ends with "passed" and exit code 0; else
-# what went wrong and the logs.
+# has to be beside this script. KEEP=FOLDER keeps frames.log and obstacles.jsonl there, to be compared elsewhere. Nothing in
+# it depends on how fast the machine is. Ends with "passed" and exit code 0; else what went wrong and the logs.
 set -euo pipefail
 binary=$(realpath "${1:-lookout}") dbc=$(realpath "${2:-lookout.dbc}") python=${3:-python3}
 check=$(dirname "$(realpath "$0")")/check_out.py
@@ -90,6 +90,10 @@ sleep 1
 kill $dump
 wait $dump || true
 dump=
+if [ -n "${KEEP:-}" ]; then
+  mkdir -p "$KEEP"
+  cp frames.log results/obstacles.jsonl "$KEEP"
+fi
 if "$python" -c 'import cantools' 2>/dev/null; then
   "$python" "$check" frames.log results/obstacles.jsonl "$dbc" || fail "the frames differ from obstacles.jsonl"
 else

@@ -1,10 +1,11 @@
-//! Texts of this project: configurations, scenes, cascades, labels.
+//! Texts of this project: configurations, scenes, cascades, HOG models and their calibrations, labels.
 
 use super::harness::{Format, files, fuzz_format, written};
 use super::{structure, text};
 use fastrand::Rng;
+use perception::recognition::hog::{self, HogModel};
 use perception::recognition::xml::{self, TrainedWith};
-use perception::recognition::{Cascade, Detector, Sizes};
+use perception::recognition::{Calibration, Cascade, Detector, Sizes};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -179,6 +180,66 @@ fn cascade() {
         let sizes = Sizes::Range { min_px: 0, max_px: 0, growth: 1.5 };
         let found = Detector::new(&cascade, 64, 48).detect(view, sizes, 2).len();
         Ok(format!("ok {} stages, {}", cascade.stages.len().min(9), found.min(1)))
+    });
+}
+
+/// A HOG model with a small window and some weights.
+fn some_hog(random: &mut Rng) -> Vec<u8> {
+    let (width, height) = (8 * random.usize(2..5), 8 * random.usize(2..7));
+    let count = hog::model::weight_count(width, height);
+    let mut out = format!("# one\nlookout-hog 1\nwindow {width} {height}\n");
+    let _ = writeln!(out, "bias {:.3}\nweights {count}", random.f32() - 0.5);
+    for _ in 0..count {
+        let _ = writeln!(out, "{:.3}", random.f32() - 0.5);
+    }
+    out.into_bytes()
+}
+
+/// The shipped HOG model and small ones.
+#[test]
+fn hog_model() {
+    let shipped = files("models", "hog").remove(0);
+    let picture: Vec<u8> = (0..64 * 48_u32).map(|i| (i * i % 251) as u8).collect();
+    let mut generate = |random: &mut Rng| match random.u8(0..8) {
+        0 => shipped.clone(),
+        _ => some_hog(random),
+    };
+    let format = Format {
+        name: "texts::hog_model",
+        longest: 1 << 17,
+        generate: &mut generate,
+        change: structure::lines,
+    };
+    fuzz_format(format, |input, _| {
+        let model = HogModel::read(&text(input)).map_err(|e| e.to_string())?;
+        // What was accepted can be used.
+        let (width, height) = model.window();
+        let view = perception::image::GreyView::new(&picture, 64, 48, 64).expect("a picture");
+        let sizes = Sizes::Range { min_px: 0, max_px: 0, growth: 1.5 };
+        let hits = hog::HogScanner::new(model, 64, 48, 16, 100).scan(view, sizes, 0.0).len();
+        Ok(format!("ok {}x{}, {}", width / 8, height / 8, hits.min(1)))
+    });
+}
+
+/// What the scores of a detector say.
+#[test]
+fn score_calibration() {
+    let mut generate = |random: &mut Rng| {
+        let mut number = || 6.0 * random.f64() - 3.0;
+        let (prior, miss, offset, slope) = (number(), number(), number(), number());
+        Calibration { prior, miss, offset, slope }.to_string().into_bytes()
+    };
+    let format = Format {
+        name: "texts::score_calibration",
+        longest: 4096,
+        generate: &mut generate,
+        change: structure::lines,
+    };
+    fuzz_format(format, |input, _| {
+        let calibration = Calibration::read(&text(input)).map_err(|e| e.to_string())?;
+        let evidence = calibration.evidence(None);
+        assert!(evidence.is_finite());
+        Ok(format!("ok {}", evidence > 0.0))
     });
 }
 

@@ -37,11 +37,13 @@ pub enum Need {
     Ffmpeg,
     /// A C compiler with pkg-config.
     Cc,
+    /// The program openssl, for certificates.
+    OpenSsl,
 }
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Data,
         Self::Chromium,
         Self::Python,
@@ -54,6 +56,7 @@ impl Need {
         Self::Systemd,
         Self::Ffmpeg,
         Self::Cc,
+        Self::OpenSsl,
     ];
 
     /// Its name in `LOOKOUT_REQUIRE`.
@@ -71,6 +74,7 @@ impl Need {
             Self::Systemd => "systemd",
             Self::Ffmpeg => "ffmpeg",
             Self::Cc => "cc",
+            Self::OpenSsl => "openssl",
         }
     }
 }

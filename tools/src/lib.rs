@@ -7,6 +7,7 @@
 //! - [`recording`]: MCAP recording of a running daemon;
 //! - [`can_out`]: frames for a CAN bus, their DBC file, and sending them;
 //! - [`reporting`]: images, plots, frame records and run summaries that the other modules write;
+//! - `ros2` (feature `ros2`): messages of ROS 2 and their names over zenoh;
 //! - [`soak`]: statistics, fault injection and verdict of soak tests.
 //!
 //! Processes, command lines and services are in the `daemon` crate, which calls these modules.
@@ -16,5 +17,7 @@ pub mod can_out;
 pub mod evaluation;
 pub mod recording;
 pub mod reporting;
+#[cfg(feature = "ros2")]
+pub mod ros2;
 pub mod soak;
 pub mod training;

@@ -24,7 +24,7 @@ extern "C" {
 #endif
 
 /* Layout of the structures: that of the daemon's messages. */
-#define LOOKOUT_LAYOUT 8
+#define LOOKOUT_LAYOUT 9
 
 /* Limits. */
 #define LOOKOUT_MAX_OBSTACLES 128 /* Maximum number of obstacles of a frame. */
@@ -275,7 +275,7 @@ typedef struct lookout_obstacle {
     uint32_t in_path;
     /* Whether it moves over ground: an index into LOOKOUT_MOVING_…; 0 = unknown. Range: 0 to 2. */
     uint32_t moving;
-    /* Score of the recognised class; 0 if none was recognised. Range: 0 to 1000000. */
+    /* Probability of the recognised class; 0 if none was recognised. Range: 0 to 1. */
     double score;
     /* Name of the class, padded with zeros; obstacle if none was recognised. */
     char class_name[16];

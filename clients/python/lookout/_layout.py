@@ -70,7 +70,7 @@ __all__ = [
     "RIG",
 ]
 
-LAYOUT = 8
+LAYOUT = 9
 
 # Limits.
 MAX_OBSTACLES = 128

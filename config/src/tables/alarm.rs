@@ -15,11 +15,11 @@ table! {
     /// 2 m/s. 0 keeps `distance_m` at any speed.
     distance_s: Number(0.0, 20.0) in "s" = Rules::default().distance_s;
 
-    /// Warning if the time to collision with an obstacle in the path, at constant closing speed, is less than
-    /// this; 0 disables the rule.
+    /// Warning if the time to collision with an obstacle in the path is less than this; 0 disables the rule. It is
+    /// the time until the vehicle's front (`vehicle.front_m`) is there; what brakes goes on braking.
     ttc_warning_s: Number(0.0, 10.0) in "s" = Rules::default().ttc_warning_s;
 
-    /// Alarm if the time to collision with an obstacle in the path is less than this; 0 disables the rule.
+    /// Alarm if that time is less than this; 0 disables the rule.
     ttc_alarm_s: Number(0.0, 10.0) in "s" = Rules::default().ttc_alarm_s;
 
     /// Warning if stopping before an obstacle in the path needs a higher deceleration than this; 0 disables the

@@ -2,6 +2,7 @@
 
 mod alarm;
 mod board;
+mod bridge;
 mod can_out;
 mod daemon;
 mod realtime;
@@ -15,10 +16,11 @@ mod vehicle;
 
 pub use alarm::Alarm;
 pub use board::{Board, Clocks, Heat};
+pub use bridge::Bridge;
 pub use can_out::CanOut;
 pub use daemon::{Cores, Instance, Log, Supervision};
 pub use realtime::{Pacing, Realtime};
-pub use recognition::{Recognition, Tracking};
+pub use recognition::{Recognition, RecognitionDetector, Tracking};
 pub use road::{Regions, Road};
 pub use soak::Soak;
 pub use source::{Camera, Source};
@@ -52,5 +54,6 @@ crate::table::configuration! {
         realtime: Realtime,
         pacing: Pacing,
         can_out: CanOut,
+        bridge: Bridge,
     }
 }

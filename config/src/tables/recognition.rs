@@ -8,7 +8,7 @@ use perception::tracking::TrackerParameters as Tracker;
 use perception::tracking::classification_schedule::ScheduleParameters as Schedule;
 
 table! {
-    /// Recognition of obstacles by a boosted cascade.
+    /// Recognition of obstacles. The first detector is a boosted cascade; each table `[[recognition.detectors]]` adds one.
     pub struct Recognition, reload: Reload::Readers;
 
     /// OpenCV cascade file (XML), LBP or Haar; `vehicle` is the cascade that ships (models/README.md); if empty,
@@ -41,7 +41,54 @@ table! {
 
     /// A classified obstacle is classified again after this many frames.
     again_frames: Whole(1, 1000) in "frames" = Schedule::default().repeat_frames;
+
+    /// Further detectors, one table `[[recognition.detectors]]` each; `[]` for none. A table without keys finds people. An
+    /// obstacle has the class whose evidence is strongest.
+    detectors: Detectors(8) = Vec::new();
 }
+
+table! {
+    @declare [#[serde(deny_unknown_fields, default)]]
+    /// A further detector. It looks at the regions whose size fits, the nearest unclassified ones first.
+    pub struct RecognitionDetector, reload: Reload::Readers;
+
+    /// What the model is: `hog` is a linear SVM on histograms of oriented gradients, `cascade` an OpenCV cascade, searched
+    /// with `growth` and `neighbours_min` of `[recognition]`.
+    kind: Choice(&["hog", "cascade"]) = "hog";
+
+    /// File of the model; `people` is OpenCV's people detector, which ships (models/README.md), `vehicle` the cascade.
+    /// Where a file FILE.calibration stands beside it, that says what a score means.
+    model: Path = "people";
+
+    /// Name of the class, as it is printed. Several detectors may have the same.
+    label: Name(15) = "pedestrian";
+
+    /// Width of the window at the object. People of 1.75 m fill 96 of the 128 rows of OpenCV's window, which is half as wide
+    /// as it is high.
+    window_m: Number(0.05, 50.0) in "m" = PEOPLE_WINDOW_M;
+
+    /// Minimum width of a region that is classified.
+    width_min_m: Number(0.0, 100.0) in "m" = 0.25;
+
+    /// Maximum width of a region that is classified.
+    width_max_m: Number(0.0, 100.0) in "m" = 1.5;
+
+    /// Minimum height of a region that is classified.
+    height_min_m: Number(0.0, 100.0) in "m" = 1.1;
+
+    /// Maximum height of a region that is classified.
+    height_max_m: Number(0.0, 100.0) in "m" = 2.4;
+
+    /// Lowest score of a window that counts as found. Only for `hog`: the distance from the SVM's plane.
+    threshold: Number(-100.0, 100.0) = -1.0;
+
+    /// Maximum number of regions that this detector classifies in a frame. It bounds its share of the stage's time: a count,
+    /// not a clock, so that a recording gives the same result on any machine.
+    looks_max: Whole(1, 64) = 4;
+}
+
+/// Width of the window of OpenCV's people detector at a person of 1.75 m, in metres: 1.75 · 128 / 96 / 2, rounded.
+const PEOPLE_WINDOW_M: f64 = 1.17;
 
 table! {
     /// Tracking of obstacles from frame to frame.

@@ -4,7 +4,9 @@ use crate::command::error::CommandError;
 use config::Config;
 use messages::bus::{Bus, IpcError};
 use messages::instance::{Instance, InstanceError};
+use messages::neighbours::{DEFAULT_NAME, absent};
 use messages::silence;
+use messages::user;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -27,7 +29,7 @@ pub fn attach(config: &Config, subcommand: &str) -> Result<Attached, CommandErro
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
     check_owner(&instance, subcommand)?;
     if !instance.is_running() {
-        return Err(instance.absent().into());
+        return Err(absent(&instance).into());
     }
     let stop = stop_on_signals()?;
     let bus = Bus::join(&instance).map_err(|error| cannot_join(&instance, error))?;
@@ -50,7 +52,7 @@ pub fn cannot_join(instance: &Instance, error: IpcError) -> CommandError {
 /// The error of a reader that gets no message from a daemon.
 pub fn silent(instance: &Instance) -> CommandError {
     match silence::reason(instance) {
-        None => instance.absent().into(),
+        None => absent(instance).into(),
         Some(reason) => CommandError::Other(reason),
     }
 }
@@ -62,7 +64,13 @@ pub fn silent(instance: &Instance) -> CommandError {
 pub fn check_owner(instance: &Instance, subcommand: &str) -> Result<(), CommandError> {
     instance.check_owner().map_err(|error| match error {
         InstanceError::OtherUser { owner, .. } => {
-            CommandError::Other(format!("{error}; try: sudo -u '#{owner}' lookout {subcommand}"))
+            let instance = if instance.name() == DEFAULT_NAME {
+                String::new()
+            } else {
+                format!(" --instance {}", instance.name())
+            };
+            let sudo = user::for_sudo(owner);
+            CommandError::Other(format!("{error}; try: sudo -u {sudo} lookout {subcommand}{instance}"))
         }
         error => error.into(),
     })

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tools::reporting::output::write_summary;
 use tools::reporting::plot::{self, Series};
-use tools::reporting::record::FrameRecord;
+use tools::reporting::record::{FrameRecord, level_words};
 use tools::reporting::{colour, v_disparity};
 
 /// Text below the options of `--help`.
@@ -78,9 +78,9 @@ pub fn run(args: &Demo, log: Option<&str>) -> Result<(), CommandError> {
         } else if record.frames > 0 {
             // A closed standard output does not end the drive.
             drop(say(format_args!(
-                "{:>3} frames, alarm {}, {} obstacles",
+                "{:>3} frames, {}, {} obstacles",
                 record.frames,
-                messages::alarm::level_name(record.alarm.level),
+                level_words(messages::alarm::level_name(record.alarm.level)),
                 record.obstacles
             )));
         }
@@ -133,7 +133,10 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     }
     say(format_args!("Written to {}:", out.display()))?;
     for (file, what) in [
-        ("left.png", format!("frame {}: road in green, obstacles in red, alarm on top", best.sequence)),
+        (
+            "left.png",
+            format!("frame {}: road in green, obstacles in light blue, alarm on top", best.sequence),
+        ),
         ("disparity.png", "its disparity: red is near, blue is far, black is unknown".into()),
         ("v-disparity.png", "its v-disparity with the road profile".into()),
         ("latency.png", "processing time of each stage by frame".into()),

@@ -66,7 +66,7 @@ fn fps(text: &str) -> Result<f64, String> {
 }
 
 /// Keys that the file shows as comments unless an option sets them.
-const SHOWN: [&str; 19] = [
+const SHOWN: [&str; 20] = [
     "instance.name",
     "source.kind",
     "source.path",
@@ -78,6 +78,7 @@ const SHOWN: [&str; 19] = [
     "camera.width",
     "camera.height",
     "camera.fps",
+    "camera.skew_ms",
     "vehicle.width_m",
     "vehicle.front_m",
     "stereo.disparities",
@@ -89,7 +90,7 @@ const SHOWN: [&str; 19] = [
 ];
 
 pub fn run(args: &Init) -> Result<(), CommandError> {
-    let text = text(&args.board, &settings(args)?);
+    let text = text(&args.board, &settings(args)?)?;
     // What is written has to be right: the values are checked like those of any file.
     let checked = config::parse(&text, &args.out)?;
     write(&args.out, &text, args.force)?;
@@ -147,10 +148,13 @@ fn settings(args: &Init) -> Result<BTreeMap<&'static str, Value>, CommandError> 
 }
 
 /// The text of the file.
-fn text(board: &str, values: &BTreeMap<&'static str, Value>) -> String {
+fn text(board: &str, values: &BTreeMap<&'static str, Value>) -> Result<String, CommandError> {
+    // What holds where the file says nothing: the values of the board's profile.
+    let profile = config::load(Some(Path::new(board)))?;
+    let profile = toml::Table::try_from(&profile).map_err(|error| CommandError::Other(error.to_string()))?;
     let mut out = format!(
         "# Configuration of lookout, written by lookout init. Keys that are left out come from the profile; a key after\n\
-         # \"# \" shows its default: remove the \"# \" to change it. All keys: lookout check-config --reference.\n\n\
+         # \"# \" shows its value in the profile: remove the \"# \" to change it. All keys: lookout check-config --reference.\n\n\
          profile = \"{board}\"\n"
     );
     for table in keys::tables() {
@@ -171,11 +175,14 @@ fn text(board: &str, values: &BTreeMap<&'static str, Value>) -> String {
             }
             let _ = match values.get(&key.path()[..]) {
                 Some(value) => writeln!(out, "{} = {value}", key.name),
-                None => writeln!(out, "# {} = {}", key.name, key.default),
+                None => {
+                    let value = profile.get(table.name).and_then(|table| table.get(&key.name));
+                    writeln!(out, "# {} = {}", key.name, value.unwrap_or(&key.default))
+                }
             };
         }
     }
-    out
+    Ok(out)
 }
 
 /// Lines of at most so many characters, unless a word is longer.
@@ -237,7 +244,7 @@ mod tests {
         ]);
         let file = Path::new("x.toml");
         for board in config::profile_names() {
-            let text = text(board, &values);
+            let text = text(board, &values).unwrap();
             let found = config::parse(&text, file).unwrap();
             assert_eq!((&found.source.kind[..], found.camera.fps), ("camera", 25.0));
             assert_eq!(found.camera.left, Path::new("/dev/v4l/by-path/a\"b"));
@@ -254,7 +261,27 @@ mod tests {
                 .map(|line| if line.starts_with("# ") && is_key(line) { &line[2..] } else { line })
                 .fold(String::new(), |all, line| all + line + "\n");
             assert!(shown.contains("\ndistance_m = "), "{shown}");
-            config::parse(&shown, file).unwrap();
+            let shown = config::parse(&shown, file).unwrap();
+            // They are those of the profile, so that nothing changes.
+            let profile = config::load(Some(Path::new(board))).unwrap();
+            assert_eq!(shown.stereo.disparities, profile.stereo.disparities, "{board}");
+            assert_eq!(shown.camera.width, profile.camera.width, "{board}");
+            assert_eq!(shown.vehicle, profile.vehicle, "{board}");
         }
+    }
+
+    #[test]
+    fn the_values_shown_are_those_of_the_boards_profile() {
+        let of = |board: &str| text(board, &BTreeMap::new()).unwrap();
+        let differs = |board: &str| {
+            let config = config::load(Some(Path::new(board))).unwrap();
+            assert!(
+                of(board).contains(&format!("\n# disparities = {}\n", config.stereo.disparities)),
+                "{board}"
+            );
+            config.stereo.disparities
+        };
+        let disparities: Vec<_> = config::profile_names().map(differs).collect();
+        assert!(disparities.iter().any(|&n| n != disparities[0]), "{disparities:?}: the test shows nothing");
     }
 }

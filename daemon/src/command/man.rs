@@ -4,6 +4,12 @@ use crate::command::error::CommandError;
 use clap::Args;
 use std::path::PathBuf;
 
+/// Text below the options of `--help`.
+pub const HELP: &str = "Examples:
+  lookout man man1                             writes lookout.1 and a page for each subcommand
+  man ./man1/lookout-replay.1
+  lookout man ~/.local/share/man/man1          then: man lookout, man lookout-replay";
+
 #[derive(Args, Debug)]
 pub struct Man {
     /// Output folder

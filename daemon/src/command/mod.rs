@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand, with its arguments, its help and its handler.
 
 mod attach;
+mod bridge;
 mod calibrate;
 mod can;
 mod check_config;
@@ -11,10 +12,13 @@ mod console;
 mod demo;
 mod detect;
 mod disparity;
+mod doctor;
 mod error;
 mod evaluate;
+mod fleet;
 mod help_text;
 mod init;
+mod left_out;
 mod low_priority;
 mod man;
 mod number;
@@ -95,6 +99,12 @@ pub enum Command {
     /// Send a running daemon's results on a CAN bus: alarm, path, obstacles
     #[command(after_help = can::HELP)]
     Can(can::Can),
+    /// Send a running daemon's results to a fleet or to ROS 2, over zenoh
+    #[command(after_help = bridge::HELP)]
+    Bridge(bridge::BridgeCommand),
+    /// List the vehicles of a fleet that are connected: state, alarm, version
+    #[command(after_help = fleet::HELP)]
+    Fleet(fleet::Fleet),
     /// Print a running daemon's results as lines of JSON, or serve them on a Unix socket
     #[command(after_help = stream::HELP)]
     Stream(stream::Stream),
@@ -150,6 +160,9 @@ pub enum Command {
     /// Write a commented configuration from options: cameras, board, rig
     #[command(after_help = init::HELP)]
     Init(init::Init),
+    /// Check this machine: cores, cameras, GPU, sensors, limits, permissions, and what to do
+    #[command(after_help = doctor::HELP)]
+    Doctor(doctor::Doctor),
     /// Restore the board's clocks after a daemon that set them was killed
     #[command(after_help = restore_clocks::HELP)]
     RestoreClocks(restore_clocks::RestoreClocks),
@@ -157,6 +170,7 @@ pub enum Command {
     #[command(after_help = completions::HELP)]
     Completions(completions::Completions),
     /// Generate manual pages
+    #[command(after_help = man::HELP)]
     Man(man::Man),
     /// Run a stage process; started by the scheduler
     #[command(hide = true)]
@@ -186,6 +200,8 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Status(args) => status::run(&args, log),
         Command::View(args) => view::run(&args, log),
         Command::Can(args) => can::run(&args, log),
+        Command::Bridge(args) => bridge::run(&args, log),
+        Command::Fleet(args) => fleet::run(&args, log),
         Command::Stream(args) => stream::run(&args, log),
         Command::PointCloud(args) => point_cloud::run(&args, log),
         Command::Record(args) => record::run(&args, log),
@@ -202,6 +218,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Soak(args) => soak::run(&args, log),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Init(args) => init::run(&args),
+        Command::Doctor(args) => doctor::run(&args, log),
         Command::RestoreClocks(args) => restore_clocks::run(&args, log),
         Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Man(args) => man::run(&args, Cli::command()),

@@ -24,7 +24,7 @@ RECORDING is a folder, an MCAP file or scene:NAME, as for lookout replay.
 
 The output has a line for each frame: the 3x4 matrix from the left camera of the frame to that of the
 first, row by row (KITTI's format; x right, y down, z forward; metres). Where the motion is unknown, a
-line is a prediction; how many these are is told at the end (with -o - on standard error).";
+line is a prediction, also for a pair that cannot be read; how many these are is told at the end (with -o - on standard error).";
 
 #[derive(Args, Debug)]
 pub struct Odometry {
@@ -38,6 +38,9 @@ pub struct Odometry {
     /// Stop after this many pairs [default: all; 1000 of an endless scene]
     #[arg(long, value_name = "N", value_parser = whole::<u64>(1, u64::MAX))]
     pub limit: Option<u64>,
+    /// Stop at a pair that cannot be read, instead of leaving it out
+    #[arg(long)]
+    pub strict: bool,
     /// Poses, in KITTI's format; - for standard output
     #[arg(short, long, value_name = "POSES.txt")]
     pub out: PathBuf,
@@ -49,7 +52,8 @@ pub fn run(args: &Odometry, log: Option<&str>) -> Result<(), CommandError> {
     let mut pipeline = Pipeline::open(&config)?;
     let frames = frames_used(pipeline.count(), args.limit);
     let bar = progress(Some(frames), "frames");
-    let motion = process(&mut pipeline, frames, &bar)?;
+    let strict = args.strict || config.source.strict;
+    let (motion, left_out) = process(&mut pipeline, frames, strict, &bar)?;
     bar.finish_and_clear();
     let to_stdout = args.out == Path::new("-");
     if to_stdout {
@@ -62,7 +66,7 @@ pub fn run(args: &Odometry, log: Option<&str>) -> Result<(), CommandError> {
             |e| CommandError::Other(format!("{}: {e}: give another file with -o", args.out.display()));
         std::fs::write(&args.out, text).map_err(cannot)?;
     }
-    let told = summary(&motion);
+    let told = summary(&motion) + &left_out.told();
     if to_stdout {
         // A closed terminal is no error.
         let _ = writeln!(std::io::stderr(), "{told}");

@@ -1,6 +1,7 @@
 //! Own motion of a recording, frame by frame: the stages up to the road, in this process.
 
 use crate::command::error::CommandError;
+use crate::command::left_out::LeftOut;
 use crate::command::replay::set_source;
 use crate::in_process::Pipeline;
 use crate::stages::motion::motion;
@@ -41,17 +42,26 @@ pub fn frames_used(count: Option<u64>, limit: Option<u64>) -> u64 {
     }
 }
 
-/// Processes the first `frames` pairs.
+/// Processes the first `frames` pairs. The motion of a pair that cannot be read is unknown, so that frame numbers stay
+/// those of the recording; `is_strict` ends with its error.
 ///
 /// # Errors
-/// If a pair cannot be read, or a stage cannot use it.
-pub fn process(pipeline: &mut Pipeline, frames: u64, bar: &ProgressBar) -> Result<OwnMotion, CommandError> {
-    let mut records = Vec::new();
+/// If no pair can be read, or a stage cannot use one.
+pub fn process(
+    pipeline: &mut Pipeline,
+    frames: u64,
+    is_strict: bool,
+    bar: &ProgressBar,
+) -> Result<(OwnMotion, LeftOut), CommandError> {
+    let (mut records, mut left_out) = (Vec::new(), LeftOut::default());
     for index in 0..frames {
-        records.push(pipeline.motion(index)?);
+        let result = pipeline.motion(index);
+        let record = left_out.unless_broken(index, is_strict, result)?;
+        records.push(record.unwrap_or_else(|| (pipeline.time_ns(index), MotionRecord::default())));
         bar.inc(1);
     }
-    Ok(join(&records))
+    left_out.check(frames)?;
+    Ok((join(&records), left_out))
 }
 
 /// Joins the motion of frames, with their source times in ns, to one path.

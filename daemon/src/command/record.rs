@@ -62,7 +62,7 @@ pub struct Record {
     /// Topics to record, separated by commas
     #[arg(long, value_name = "LIST", default_value_t = Choice::default())]
     pub topics: Choice,
-    /// Start a new file after this many MB
+    /// Start a new file before one has more than this many MB (1 MB is 1,000,000 bytes)
     #[arg(long, value_name = "N", value_parser = whole::<u64>(1, 1_000_000))]
     pub split_mb: Option<u64>,
     /// Start a new file after this many seconds

@@ -6,13 +6,13 @@ use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::error::CommandError;
+use crate::command::left_out::LeftOut;
 use crate::command::number::{fps, whole};
 use crate::command::video::Film;
-use crate::in_process::{Pipeline, PipelineError};
+use crate::in_process::Pipeline;
 use crate::scheduler::{self, Ends, RunOptions};
 use clap::Args;
 use config::Config;
-use sources::SourceError;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -26,6 +26,7 @@ pub const HELP: &str = "Examples:
   lookout replay RECORDING --fps 12.5 --loop --limit 1000
   lookout replay RECORDING --in-process --out reference
   lookout replay --left 'cam0/*.png' --right 'cam1/*.png' --rig rig.toml
+  lookout replay both.mp4 --rig rig.toml
   lookout replay drive.mcap --lockstep --out again
   lookout replay RECORDING --lockstep --record drive.mcap
   lookout replay RECORDING --lockstep --video drive.mp4
@@ -45,11 +46,15 @@ PATH may also be an MCAP file: a recording of lookout record, or a ROS 2 bag wit
 whose names differ by left and right, and their camera_info. A truncated file is read up to its last
 complete chunk.
 
-scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street, crest, dip,
-slope, bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear,
-green-belt, cone, debris, crest-traffic, dip-traffic), or a TOML file (docs/scenes.md). Settings
-may follow: ?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N;
-rig=paper or kitti.
+PATH may also be a video with both images side by side; --left and --right may name two. They are
+decoded by ffmpeg on the PATH.
+
+scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street, crest, dip, slope,
+bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
+debris, stopped-car, next-lane, crest-traffic, dip-traffic, motion, junction-parked, bend-parked,
+bend-parked-left, bend-stopped, bend-overtaking, bend-overtaken, bend-oncoming), random, which a seed
+generates, or a TOML file (docs/scenes.md). Settings may follow: ?weather=sunny, light_rain,
+heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper, kitti or board.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
 (one line per frame) and summary.json.
@@ -61,7 +66,7 @@ is made.";
 
 #[derive(Args, Debug)]
 pub struct Replay {
-    /// Folder or MCAP file of the recording, or scene:NAME
+    /// Folder, MCAP file or video of the recording, or scene:NAME
     #[arg(required_unless_present_any = ["left", "right"])]
     pub path: Option<PathBuf>,
     /// Left pictures, instead of PATH: a folder, or a pattern such as 'cam0/*.png', in quotes
@@ -197,22 +202,6 @@ fn finish(args: &Replay, summary: &RunSummary) -> Result<(), CommandError> {
     }
 }
 
-/// Pairs that cannot be read.
-#[derive(Default)]
-struct LeftOut {
-    count: u64,
-    last: Option<SourceError>,
-}
-
-impl LeftOut {
-    /// Tells and counts one.
-    fn add(&mut self, sequence: u64, error: SourceError) {
-        tracing::warn!(sequence, "pair left out: {error}");
-        self.count += 1;
-        self.last = Some(error);
-    }
-}
-
 /// Runs the same stages as the daemon in this process, frame by frame.
 fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), CommandError> {
     let mut pipeline = Pipeline::open(config)?;
@@ -236,13 +225,10 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
     let mut left_out = LeftOut::default();
     let (mut motion, mut alarm) = (MotionTally::default(), AlarmTally::default());
     for sequence in 0..frames {
-        let result = match pipeline.frame(sequence, sequence % count.max(1)) {
-            Err(PipelineError::Source(error)) if error.is_of_one_pair() && !config.source.strict => {
-                left_out.add(sequence, error);
-                bar.inc(1);
-                continue;
-            }
-            result => result?,
+        let result = pipeline.frame(sequence, sequence % count.max(1));
+        let Some(result) = left_out.unless_broken(sequence, config.source.strict, result)? else {
+            bar.inc(1);
+            continue;
         };
         motion.add(&result.record.motion);
         alarm.add(sequence, result.source_ns, &result.alarm);
@@ -253,11 +239,9 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
     }
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
+    left_out.check(frames)?;
     let unreadable = left_out.count;
     let frames = frames - unreadable;
-    if let (0, Some(last)) = (frames, left_out.last) {
-        return Err(CommandError::Other(format!("no pair can be read: {last}")));
-    }
     let rate_hz = frames as f64 / seconds;
     let (motion, alarm_times) = (motion.summary(), alarm_times(&alarm.record()));
     let summary = RunSummary {
@@ -281,5 +265,22 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
             say(format_args!("{frames} frames, results in {}\n{}", out.display(), summary.alarm_times))
         }
         None => say(format_args!("{frames} frames\n{}", summary.alarm_times)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::HELP;
+    use sources::scene::file::Weather;
+    use sources::scene::library::{RANDOM, SCENES};
+
+    #[test]
+    fn the_help_names_every_scene_and_every_weather() {
+        let words: Vec<&str> = HELP.split(|c: char| !(c.is_alphanumeric() || "-_".contains(c))).collect();
+        let names =
+            SCENES.iter().map(|(name, _)| *name).chain([RANDOM]).chain(Weather::ALL.map(Weather::name));
+        for name in names {
+            assert!(words.contains(&name), "{name}");
+        }
     }
 }

@@ -53,4 +53,13 @@ pub enum InputError {
         "{0}: no calibration: put calib.txt or rig.toml beside the images, or name one with --rig or source.rig"
     )]
     NoRig(String),
+    /// Cameras without a rig file.
+    #[error(
+        "source.kind is \"camera\", but source.rig is empty: calibrate the cameras with lookout calibrate --live camera, and \
+         name its rig file"
+    )]
+    NoRigOfCameras,
+    /// The configured rig file cannot be read.
+    #[error("source.rig (--rig): {0}")]
+    Rig(SourceError),
 }

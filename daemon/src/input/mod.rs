@@ -14,6 +14,7 @@ use sources::folder::{FolderOptions, FolderSource};
 use sources::picture::Interpretation;
 use sources::recording::RecordingSource;
 use sources::scene::{Drive, Scene};
+use sources::video::{VideoFiles, VideoSource};
 use sources::{PairSource, SourceError, calibration_file};
 
 /// Opens the source, with rectification as `source.rectify` says.
@@ -29,7 +30,9 @@ pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
 /// The source, and the time of its first pair on the clock of files beside it, in seconds.
 fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
     let source = &config.source;
+    let videos = VideoFiles::named(&source.path, &source.left, &source.right);
     let opened: Box<dyn PairSource> = match source.kind.as_str() {
+        "folder" | "recording" if let Some(videos) = &videos => Box::new(VideoSource::open(videos)?),
         "folder" | "recording" if source.path.as_os_str().is_empty() && !has_patterns(config) => {
             return Err(InputError::NoPath);
         }
@@ -70,12 +73,15 @@ pub fn interpretation(config: &Config) -> Interpretation {
 }
 
 /// Whether the pictures are named by patterns.
-fn has_patterns(config: &Config) -> bool {
+pub fn has_patterns(config: &Config) -> bool {
     !config.source.left.as_os_str().is_empty() || !config.source.right.as_os_str().is_empty()
 }
 
 /// How a folder is read.
-fn folder_options(config: &Config) -> Result<FolderOptions, InputError> {
+///
+/// # Errors
+/// If only one of the two patterns is set.
+pub fn folder_options(config: &Config) -> Result<FolderOptions, InputError> {
     let source = &config.source;
     let patterns = match (source.left.as_os_str().is_empty(), source.right.as_os_str().is_empty()) {
         (true, true) => None,
@@ -98,9 +104,13 @@ pub fn tell_notes(source: &dyn PairSource) {
 /// If there is none, its file cannot be read, or it is for pictures of another size.
 pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> {
     let rig = if config.source.rig.as_os_str().is_empty() {
-        source.rig().ok_or_else(|| InputError::NoRig(name(config)))?
+        source.rig().ok_or_else(|| match config.source.kind.as_str() {
+            "camera" => InputError::NoRigOfCameras,
+            _ => InputError::NoRig(name(config)),
+        })?
     } else {
-        calibration_file::read_for(&config.source.rig, source.has_colour_cameras(), source.size())?
+        calibration_file::read_for(&config.source.rig, source.has_colour_cameras(), source.size())
+            .map_err(InputError::Rig)?
     };
     let (width, height) = source.size();
     if !(0.0..=width as f64).contains(&rig.cx_px) || !(0.0..=height as f64).contains(&rig.cy_px) {

@@ -18,7 +18,10 @@ const MAX_RECTIFIED_PX: f64 = 1.0 / 32.0;
 /// If a rig file cannot be read or is for pictures of another size, or if pictures would have to be rectified and cannot.
 pub fn rectified(config: &Config, source: Box<dyn PairSource>) -> Result<Box<dyn PairSource>, InputError> {
     let rig = &config.source.rig;
-    let read = |path: &Path| calibration_file::open_for(path, source.has_colour_cameras(), source.size());
+    let read = |path: &Path| {
+        let file = calibration_file::open_for(path, source.has_colour_cameras(), source.size());
+        file.map_err(|error| if rig.as_os_str().is_empty() { error.into() } else { InputError::Rig(error) })
+    };
     let path =
         if rig.as_os_str().is_empty() { source.rig_file().map(PathBuf::from) } else { Some(rig.clone()) };
     if config.source.rectify == Automatic::On {

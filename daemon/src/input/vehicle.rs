@@ -56,6 +56,12 @@ fn motion_path(config: &Config) -> Option<PathBuf> {
     Some(folder.unwrap_or(Path::new("")).join(named))
 }
 
+/// The file of motion that the configuration names, if it names one.
+pub fn named_motion(config: &Config) -> Option<PathBuf> {
+    let named = config.vehicle.motion.as_os_str();
+    if named.is_empty() || named == NONE { None } else { motion_path(config) }
+}
+
 /// The configured signals of the bus; `None` without `vehicle.bus`.
 ///
 /// # Errors

@@ -12,9 +12,9 @@ use std::fmt::{self, Write as _};
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 use tracing::field::Field;
-use tracing::{Event, Level, Subscriber};
+use tracing::{Event, Level, Metadata, Subscriber};
 use tracing_subscriber::field::MakeExt;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::filter::{LevelFilter, filter_fn};
 use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer, debug_fn};
 use tracing_subscriber::fmt::{FmtContext, MakeWriter};
 use tracing_subscriber::layer::SubscriberExt;
@@ -53,7 +53,7 @@ pub fn start(process: &'static str, level: &str) {
     let (filter, handle) = reload::Layer::new(filter);
     let output = if is_daemon(process) { Output::queued() } else { Output::direct() };
     if let Some(journal) = Journal::open(process, output) {
-        let subscriber = tracing_subscriber::registry().with(filter).with(journal);
+        let subscriber = tracing_subscriber::registry().with(filter).with(filter_fn(is_shown)).with(journal);
         // This fails only if logging was started before.
         if tracing::subscriber::set_global_default(subscriber).is_ok() {
             let _ = LEVEL.set(handle);
@@ -63,7 +63,7 @@ pub fn start(process: &'static str, level: &str) {
     let journal = std::env::var_os("JOURNAL_STREAM").is_some();
     let colour = !journal && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let lines = lines(process, journal, colour, output);
-    let subscriber = tracing_subscriber::registry().with(filter).with(lines);
+    let subscriber = tracing_subscriber::registry().with(filter).with(filter_fn(is_shown)).with(lines);
     // This fails only if logging was started before.
     if tracing::subscriber::set_global_default(subscriber).is_ok() {
         let _ = LEVEL.set(handle);
@@ -81,6 +81,13 @@ where
         .with_writer(output)
         .fmt_fields(debug_fn(put_field).delimited(" "))
         .event_format(Lines { process, journal, colour })
+}
+
+/// Whether an event is shown that its level lets pass. zenoh tells at each attempt to connect what the bridge tells once; the
+/// levels debug and trace show that, too.
+fn is_shown(metadata: &Metadata<'_>) -> bool {
+    let is_own = !metadata.target().starts_with("zenoh");
+    is_own || *metadata.level() == Level::ERROR || LevelFilter::current() >= LevelFilter::DEBUG
 }
 
 fn is_daemon(process: &str) -> bool {

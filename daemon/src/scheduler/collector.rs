@@ -5,6 +5,7 @@ use super::supervisor::Supervisor;
 use crate::alarm_tally::{AlarmTally, alarm_times};
 use crate::frame_record::alarm_object;
 use messages::alarm::{self, Faults};
+use messages::alarm_change::AlarmChanges;
 use messages::alarm_time::AlarmTimeRecord;
 use messages::calibration::{CalibrationCause, CalibrationRecord, CalibrationState};
 use messages::deadline::DeadlineRecord;
@@ -317,6 +318,11 @@ impl Collector {
     /// Frames and time in each level of the alarm.
     pub fn alarm_time(&self) -> AlarmTimeRecord {
         self.alarm_tally.record()
+    }
+
+    /// The last changes of the alarm's level.
+    pub fn last_changes(&self) -> AlarmChanges {
+        self.alarm_tally.changes()
     }
 
     /// When the first result arrived, in ns of CLOCK_MONOTONIC.

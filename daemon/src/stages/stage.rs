@@ -1,7 +1,7 @@
 //! The trait [`Stage`]: one message in, one message out, independent of processes and shared memory.
 
 use crate::launch::FrameFormat;
-use crate::stages::recognition::cascade::CascadeError;
+use crate::stages::recognition::detectors::DetectorError;
 use crate::stages::stereo::matcher::BackendError;
 use config::Config;
 use messages::alarm::Faults;
@@ -222,7 +222,7 @@ pub enum SetupError {
     Matcher(#[from] BackendError),
     /// The cascade cannot be used.
     #[error(transparent)]
-    Cascade(#[from] CascadeError),
+    Detector(#[from] DetectorError),
     /// The signals of the vehicle's bus cannot be used.
     #[error(transparent)]
     Vehicle(#[from] sources::vehicle::VehicleError),

@@ -2,6 +2,7 @@
 
 use super::notice::Notice;
 use super::runs::{Entry, Runs};
+use super::topics::POSE;
 use crate::frame_record::frame_record;
 use crate::status_json::StatusJson;
 use messages::bus::{Bus, IpcError};
@@ -160,6 +161,14 @@ impl Follower {
         match Entry::new(&run.id, &frame_record(header, &message), withdrawn) {
             Ok(mut entry) => {
                 entry.fields.insert("capture_ns".into(), header.capture_ns.into());
+                if !withdrawn && header.motion.has_pose() {
+                    let (position, orientation) = (header.motion.position_m, header.motion.orientation);
+                    let pose = serde_json::json!({
+                        "position_m": position.map(tidy), "orientation": orientation.map(tidy),
+                        "resets": header.motion.resets,
+                    });
+                    entry.fields.insert(POSE.into(), pose);
+                }
                 if !withdrawn {
                     let latency_ms = tidy(header.latency_ns() as f64 * 1e-6);
                     entry.fields.insert("latency_ms".into(), latency_ms.into());

@@ -6,7 +6,7 @@
 
 pub mod follower;
 pub mod latest;
-mod line;
+pub mod line;
 mod notice;
 pub mod relay;
 pub mod runs;

@@ -192,8 +192,9 @@ mod tests {
     #[test]
     fn lines_keep_their_distance_and_the_newest_wins() {
         let period = Some(Duration::from_millis(300));
+        // Before the sender starts, from whose start the distances count.
+        let begin = Instant::now();
         let end = with_reader(Terms { period, limit: Some(3), ..Terms::default() }, |client, latest| {
-            let begin = Instant::now();
             let mut sent = 0;
             client.set_nonblocking(true).unwrap();
             let mut lines = BufReader::new(client);

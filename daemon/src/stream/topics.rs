@@ -10,13 +10,16 @@ pub const HEAD: [&str; 6] = ["run", "sequence", "time_s", "withdrawn", "capture_
 /// The daemon's state, once a second.
 pub const STATUS: &str = "status";
 
+/// The vehicle's pose, in frames that have one.
+pub const POSE: &str = "pose";
+
 /// Every topic.
 pub const ALL: &str = "all";
 
-/// The topics: the fields of a frame's record that are not in every line, and [`STATUS`].
+/// The topics: the fields of a frame's record that are not in every line, [`POSE`] and [`STATUS`].
 pub fn names() -> impl Iterator<Item = &'static str> {
     let of_frame = field_names::<FrameRecord>().iter().copied().filter(|name| !HEAD.contains(name));
-    of_frame.chain([STATUS])
+    of_frame.chain([POSE, STATUS])
 }
 
 /// The topics that a line has.

@@ -246,7 +246,7 @@ fn picture(picture: &Picture) -> Vec<u8> {
 }
 
 /// Encodes a picture; empty if JPEG does not support its size.
-fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -> Vec<u8> {
+pub fn jpeg(pixels: &[u8], width: usize, height: usize, colour: ExtendedColorType) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(pixels.len() / 8);
     let done = JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
         pixels,

@@ -8,7 +8,7 @@
 pub mod access;
 mod board;
 mod connections;
-mod frame;
+pub mod frame;
 mod history;
 pub mod hub;
 mod metrics;

@@ -247,3 +247,30 @@ fn answer(
     }
     stream.flush()
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_page_has_the_colours_of_overlays() {
+        use tools::reporting::palette::{BOUNDARY, CAUSE, CONFIRMED, FREE, PATH, UNCONFIRMED};
+        let style = include_str!("page/style.css");
+        let rules = [
+            (".box.cause rect { stroke: ", CAUSE),
+            (".box.confirmed rect { stroke: ", CONFIRMED),
+            (".box rect { fill: none; stroke: ", UNCONFIRMED),
+            (".way { fill: none; stroke: ", PATH),
+            ("#boxes .boundary polygon { fill: ", BOUNDARY),
+            ("#boxes .free { fill: ", FREE),
+            (".legend .l-cause::before { background: ", CAUSE),
+            (".legend .l-confirmed::before { background: ", CONFIRMED),
+            (".legend .l-unconfirmed::before { background: ", UNCONFIRMED),
+            (".legend .l-path::before { background: ", PATH),
+            (".legend .l-boundary::before { background: ", BOUNDARY),
+            (".legend .l-free::before { background: ", FREE),
+        ];
+        for (rule, [r, g, b]) in rules {
+            let whole = format!("{rule}#{r:02x}{g:02x}{b:02x}");
+            assert!(style.contains(&whole), "{whole}");
+        }
+    }
+}

@@ -95,7 +95,13 @@ const BODY_M: Within<f64> = within(-MAX_BODY_M, MAX_BODY_M);
 const MAX_DECELERATION_M_S2: f64 = MAX_SPEED_M_S * MAX_SPEED_M_S / (2.0 * 0.1);
 
 /// A gap with a sign.
-const CLEARANCE_M: Within<f64> = within_or_infinite(-MAX_METRES, MAX_METRES);
+pub(crate) const CLEARANCE_M: Within<f64> = within_or_infinite(-MAX_METRES, MAX_METRES);
+/// Distance of the nearest obstacle in the path.
+pub(crate) const NEAREST_M: Within<f64> = within_or_infinite(0.0, MAX_METRES);
+/// Time to collision.
+pub(crate) const COLLISION_S: Within<f64> = within_or_infinite(0.0, MAX_COLLISION_S);
+/// Required deceleration.
+pub(crate) const DECELERATION_M_S2: Within<f64> = within(0.0, MAX_DECELERATION_M_S2);
 
 ranges! {
     AlarmRecord as "obstacles: alarm" {
@@ -107,9 +113,9 @@ ranges! {
         object: ANY_U32,
         held: FLAG,
         path_known: FLAG,
-        nearest_m: within_or_infinite(0.0, MAX_METRES),
-        time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),
-        required_deceleration_m_s2: within(0.0, MAX_DECELERATION_M_S2),
+        nearest_m: NEAREST_M,
+        time_to_collision_s: COLLISION_S,
+        required_deceleration_m_s2: DECELERATION_M_S2,
         clearance_m: CLEARANCE_M,
         class: AnyBytes,
         road_seen: FLAG,
@@ -192,7 +198,7 @@ pub struct ObstacleRecord {
     pub in_path: u32,
     /// Whether it moves over ground: an index into [`crate::alarm::MOVING`]; 0 = unknown.
     pub moving: u32,
-    /// Score of the recognised class; 0 if none was recognised.
+    /// Probability of the recognised class; 0 if none was recognised.
     pub score: f64,
     /// Name of the class, padded with zeros; `obstacle` if none was recognised.
     pub class: [u8; 16],
@@ -201,9 +207,6 @@ pub struct ObstacleRecord {
 /// Speeds with a sign, and their standard deviations.
 const SPEED_M_S: Within<f64> = within(-MAX_SPEED_M_S, MAX_SPEED_M_S);
 const SPEED_SIGMA_M_S: Within<f64> = within(0.0, MAX_SPEED_M_S);
-
-/// Maximum score of a class: far more overlapping hits than a crop has windows.
-const MAX_SCORE: f64 = 1e6;
 
 ranges! {
     ObstacleRecord as "obstacles: obstacle" {
@@ -227,7 +230,7 @@ ranges! {
         time_to_collision_sigma_s: within(0.0, MAX_COLLISION_S),
         in_path: FLAG,
         moving: within(0, MOVING.len() as u32 - 1),
-        score: within(0.0, MAX_SCORE),
+        score: SHARE,
         class: AnyBytes,
     }
 }

@@ -9,6 +9,7 @@ use crate::motion::{MotionRecord, VehicleRecord};
 use crate::realtime::RealtimeRecord;
 use crate::rig::RigRecord;
 use crate::alarm::Faults;
+use crate::alarm_change::AlarmChanges;
 use crate::alarm_time::AlarmTimeRecord;
 use crate::pipeline::Role;
 use crate::source_time::SourceTimeRecord;
@@ -111,6 +112,8 @@ pub struct StatusRecord {
     pub alarm: AlarmRecord,
     /// Frames and time in each level of the alarm, and why it was off.
     pub alarm_time: AlarmTimeRecord,
+    /// The last changes of the alarm's level.
+    pub alarm_changes: AlarmChanges,
     /// Median of the latency from capture to obstacles, in milliseconds; 0 before the first result.
     pub latency_p50_ms: f32,
     /// 99th percentile of the latency, in milliseconds; 0 before the first result.
@@ -151,6 +154,7 @@ ranges! {
         alarms: COUNT,
         alarm: Nested,
         alarm_time: Nested,
+        alarm_changes: Nested,
         latency_p50_ms: MS,
         latency_p99_ms: MS,
         deadline: Nested,

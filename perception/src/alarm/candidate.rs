@@ -1,11 +1,11 @@
 //! A confirmed obstacle, as the alarm judges it.
 
 use super::path::LateralMotion;
-use super::swept::{Obstacle, encounter};
+use super::swept::{MIN_GAP_M, Obstacle, encounter};
 use crate::motion::path::SweptPath;
 use crate::tracking::Obstacle as Tracked;
-use crate::tracking::filter::TimeToCollision;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
+use crate::tracking::filter::{TimeToCollision, braking_seconds};
 
 /// On the swept path, the distance counts for what is approached at least this fast, in m/s: following a car at its speed
 /// is no approach.
@@ -26,7 +26,7 @@ pub struct Candidate {
     pub unseen_s: f64,
     /// Mean absolute log ratio of its width from frame to frame.
     pub width_jitter: f64,
-    /// Distance, in metres.
+    /// Distance from the camera, in metres.
     pub distance_m: f64,
     /// Closing speed, in m/s.
     pub closing_m_s: f64,
@@ -39,6 +39,8 @@ pub struct Candidate {
     /// Whether the vehicle drives towards it, so that its distance alone may raise the alarm; on the straight strip that
     /// is not asked.
     pub(super) is_approached: bool,
+    /// Distance from the vehicle's front, in metres; from the camera as long as the alarm has not judged it.
+    pub(super) gap_m: f64,
     /// Whether it is so probably in the way that it may raise a level, and not only keep one.
     pub(super) may_raise: bool,
 }
@@ -63,6 +65,7 @@ impl Candidate {
             },
             ground: tracked.ground,
             is_approached: true,
+            gap_m: tracked.distance_m,
             may_raise: true,
         }
     }
@@ -92,6 +95,7 @@ impl Candidate {
         Some(Obstacle {
             place_m: [self.motion.lateral_m, self.distance_m],
             width_m: self.motion.width_m,
+            closing_m_s: self.closing_m_s,
             time_to_collision: self.time_to_collision,
             ground: self.ground?,
         })
@@ -105,6 +109,7 @@ impl Candidate {
             return self.is_in_the_way(path_width_m).then_some(Self {
                 is_approached: true,
                 may_raise: true,
+                gap_m: self.distance_m,
                 ..self
             });
         };
@@ -121,12 +126,23 @@ impl Candidate {
         let is_approached = ttc.is_some() && (is_held || found.closing_m_s >= MIN_APPROACH_M_S);
         Some(Self {
             distance_m: found.distance_m.max(0.0),
+            gap_m: found.gap_m,
             closing_m_s: found.closing_m_s,
             time_to_collision: ttc,
             is_approached: is_approached && found.is_in_strip(is_held) && !path.is_at_rest(),
             may_raise: found.is_in_the_way(false),
             ..self
         })
+    }
+
+    /// The candidate on the straight strip as the vehicle's front meets it, which is so far ahead of the camera, in metres.
+    pub(super) fn seen_at_front(self, front_m: f64) -> Self {
+        let gap_m = (self.distance_m - front_m).max(MIN_GAP_M);
+        let time_to_collision = self.time_to_collision.map(|ttc| {
+            let braking = ttc.braking_m_s2(self.distance_m, self.closing_m_s);
+            TimeToCollision { seconds: braking_seconds(gap_m, self.closing_m_s, braking), ..ttc }
+        });
+        Self { gap_m, time_to_collision, ..self }
     }
 
     /// Gap between it and the vehicle's path when the vehicle arrives, in metres; negative if they overlap: by so much it
@@ -145,10 +161,10 @@ impl Candidate {
         self.motion.path_relation(path_width_m, arrival_s).is_in_the_way()
     }
 
-    /// Deceleration that reduces the closing speed to 0 before the distance is 0, in m/s²; 0 if it does not
+    /// Deceleration that reduces the closing speed to 0 before the gap is 0, in m/s²; 0 if it does not
     /// approach significantly.
     pub fn required_deceleration_m_s2(&self) -> f64 {
         let is_closing = self.time_to_collision.is_some();
-        if is_closing { self.closing_m_s * self.closing_m_s / (2.0 * self.distance_m.max(0.1)) } else { 0.0 }
+        if is_closing { self.closing_m_s * self.closing_m_s / (2.0 * self.gap_m.max(0.1)) } else { 0.0 }
     }
 }

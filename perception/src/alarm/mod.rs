@@ -27,6 +27,7 @@ pub mod state;
 pub mod swept;
 
 use crate::frame_clock::{FrameClock, TimeStep};
+use crate::motion::body::Body;
 use crate::motion::path::SweptPath;
 pub use candidate::Candidate;
 pub use state::{AlarmLevel, AlarmRule, AlarmState};
@@ -49,6 +50,8 @@ pub struct AlarmParameters {
     pub deceleration_alarm_m_s2: f64,
     /// Width of the vehicle's path, in metres; obstacles outside it are ignored.
     pub path_width_m: f64,
+    /// Distance from the camera to the vehicle's front where the path is the straight strip, in metres; the swept path knows it.
+    pub front_m: f64,
     /// Consecutive frames in which a rule must be triggered.
     pub confirm_frames: u32,
     /// Hysteresis: a raised level is kept while its limit is missed by less than this share.
@@ -62,11 +65,12 @@ impl Default for AlarmParameters {
         Self {
             distance_m: 10.0,
             distance_s: 2.0,
-            ttc_warning_s: 2.8,
-            ttc_alarm_s: 1.7,
+            ttc_warning_s: 2.6,
+            ttc_alarm_s: 1.5,
             deceleration_warning_m_s2: 3.5,
             deceleration_alarm_m_s2: 5.0,
             path_width_m: 2.4,
+            front_m: Body::default().front_m,
             confirm_frames: 2,
             clear_share: 0.15,
             hold_ns: 1_000_000_000,
@@ -74,10 +78,13 @@ impl Default for AlarmParameters {
     }
 }
 
-/// The rules that need a closing speed require this many frames with a detection,
-const MIN_SEEN_FRAMES: u32 = 8;
-/// the last of them consecutive,
-const MIN_CONSECUTIVE_FRAMES: u32 = 4;
+/// The rules that need a closing speed require detections for this long, in seconds: the filter's first errors are then over
+/// (with 0.56 s the silent scene `slope` warns),
+const MIN_SEEN_S: f64 = 0.64;
+/// the last of them consecutive for this long, in seconds, so that what is not always seen raises nothing,
+const MIN_CONSECUTIVE_S: f64 = 0.32;
+/// both at least this many frames, as a speed needs two, and its error a third,
+const MIN_SPEED_FRAMES: f64 = 3.0;
 /// a width that varies by less than this mean absolute log ratio (otherwise the region alternates between
 /// objects),
 const MAX_WIDTH_JITTER: f64 = 0.5;
@@ -88,6 +95,11 @@ const MIN_CLOSING_M_S: f64 = 1.0;
 
 /// What the preset distance is at rest if it depends on the speed, in metres from the camera: about the front of a car.
 pub const DISTANCE_AT_REST_M: f64 = 2.0;
+
+/// Memory of the frame period, in seconds: rates do not change faster, while single frames drop.
+const PERIOD_MEMORY_S: f64 = 1.0;
+/// Frame period before one is known, in seconds: that of 12.5 frames a second.
+const INITIAL_PERIOD_S: f64 = 0.08;
 
 /// Largest number of candidates.
 const CAPACITY: usize = 128;
@@ -124,6 +136,8 @@ pub struct Alarm {
     before: Vec<RuleCounts>,
     /// The swept path of this frame, if it is known.
     path: Option<SweptPath>,
+    /// Mean time from frame to frame, in seconds.
+    period_s: f64,
 }
 
 impl Alarm {
@@ -140,6 +154,7 @@ impl Alarm {
             counts: Vec::with_capacity(CAPACITY),
             before: Vec::with_capacity(CAPACITY),
             path: None,
+            period_s: INITIAL_PERIOD_S,
         }
     }
 
@@ -195,6 +210,10 @@ impl Alarm {
             return AlarmState { changed: false, ..self.last };
         }
         let elapsed_s = step.elapsed_s();
+        if elapsed_s > 0.0 {
+            let gain = (elapsed_s / PERIOD_MEMORY_S).min(1.0);
+            self.period_s += gain * (elapsed_s - self.period_s);
+        }
         // Time by which rules are evaluated ahead: the duration of confirmation, or 0 after a gap.
         let lead = elapsed_s * f64::from(self.parameters.confirm_frames.saturating_sub(1));
         // On the swept path also what comes until the next frame, so that no limit is passed unseen.
@@ -212,6 +231,10 @@ impl Alarm {
             let width_m = self.parameters.path_width_m;
             let Some(candidate) = candidate.in_the_way(self.path.as_ref(), width_m, is_held) else {
                 continue;
+            };
+            let candidate = match self.path {
+                Some(_) => candidate,
+                None => candidate.seen_at_front(self.parameters.front_m),
             };
             if nearest.is_none_or(|(distance_m, _)| candidate.distance_m < distance_m) {
                 nearest = Some((candidate.distance_m, candidate.track));
@@ -301,6 +324,12 @@ impl Alarm {
         }
     }
 
+    /// Whether so many frames are detections for at least these seconds.
+    fn lasts(&self, frames: u32, seconds: f64) -> bool {
+        // Half a frame less: times of frames jitter.
+        f64::from(frames) + 0.5 >= (seconds / self.period_s).max(MIN_SPEED_FRAMES)
+    }
+
     /// Rule of a level that a candidate triggers, evaluated `lead_s` ahead. `is_held`: the candidate already
     /// holds the level, so the limits include the hysteresis.
     fn triggered_rule(
@@ -321,8 +350,8 @@ impl Alarm {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
-        let is_known = c.seen >= MIN_SEEN_FRAMES
-            && c.consecutive_frames >= MIN_CONSECUTIVE_FRAMES
+        let is_known = self.lasts(c.seen, MIN_SEEN_S)
+            && self.lasts(c.consecutive_frames, MIN_CONSECUTIVE_S)
             && c.width_jitter <= MAX_WIDTH_JITTER
             && ttc.sigma_s <= MAX_TTC_SIGMA_SHARE * ttc.seconds
             && c.closing_m_s >= MIN_CLOSING_M_S;
@@ -336,7 +365,7 @@ impl Alarm {
         if ttc_s > 0.0 && ttc.seconds - lead_s < ttc_s * hysteresis {
             return Some(AlarmRule::TimeToCollision);
         }
-        let needed = c.required_deceleration_m_s2() * c.distance_m / distance_m.max(0.1);
+        let needed = c.required_deceleration_m_s2() * c.gap_m / (c.gap_m - closing * lead_s).max(0.1);
         (deceleration > 0.0 && needed > deceleration / hysteresis).then_some(AlarmRule::Deceleration)
     }
 }
@@ -361,6 +390,7 @@ mod tests {
             unseen_s: 0.0,
             width_jitter: 0.1,
             distance_m,
+            gap_m: distance_m,
             closing_m_s,
             time_to_collision: (closing_m_s > 0.5)
                 .then(|| TimeToCollision { seconds: distance_m / closing_m_s, sigma_s: 0.05 }),
@@ -442,23 +472,26 @@ mod tests {
     #[test]
     fn each_rule_fires_at_its_limit() {
         let p = AlarmParameters::default();
-        // 5 m/s: a warning at 2.8 s, the alarm at 10 m, no later than the first frame inside.
+        // 5 m/s: a warning at 2.6 s from the front, which is 1.7 m ahead of the camera, the alarm at 10 m, no later than the first frame inside.
         let [warning, alarm] = drive(40.0, 5.0, p);
         let (z, rule) = warning.unwrap();
-        assert!(z / 5.0 <= 2.88 && z / 5.0 > 2.7 && rule == AlarmRule::TimeToCollision, "{z}");
+        assert!(
+            (z - 1.7) / 5.0 <= 2.68 && (z - 1.7) / 5.0 > 2.5 && rule == AlarmRule::TimeToCollision,
+            "{z}"
+        );
         let (z, rule) = alarm.unwrap();
         assert!(z <= 10.4 && z > 9.6 && rule == AlarmRule::Distance, "{z}");
         // 14 m/s: time to collision only.
         let [warning, alarm] = drive(60.0, 14.0, p);
-        assert!(warning.unwrap().0 / 14.0 > 2.7, "{warning:?}");
+        assert!((warning.unwrap().0 - 1.7) / 14.0 > 2.5, "{warning:?}");
         let (z, rule) = alarm.unwrap();
-        assert!((1.5..1.7).contains(&(z / 14.0)) && rule == AlarmRule::TimeToCollision, "{z}");
-        // 30 m/s without a limit on the time: 5 m/s² are needed from 90 m on, 3.5 from 129 m.
+        assert!((1.3..1.5).contains(&((z - 1.7) / 14.0)) && rule == AlarmRule::TimeToCollision, "{z}");
+        // 30 m/s without a limit on the time: 5 m/s² are needed from 92 m on, 3.5 from 130 m.
         let p = AlarmParameters { ttc_warning_s: 0.0, ttc_alarm_s: 0.0, ..p };
         let [warning, alarm] = drive(200.0, 30.0, p);
-        assert!((124.0..131.0).contains(&warning.unwrap().0), "{warning:?}");
+        assert!((125.0..133.0).contains(&warning.unwrap().0), "{warning:?}");
         let (z, rule) = alarm.unwrap();
-        assert!((87.0..92.5).contains(&z) && rule == AlarmRule::Deceleration, "{z}");
+        assert!((88.0..94.5).contains(&z) && rule == AlarmRule::Deceleration, "{z}");
     }
 
     #[test]
@@ -530,7 +563,7 @@ mod tests {
     #[test]
     fn an_uncertain_speed_triggers_no_rule_that_needs_it() {
         for wrong in [
-            Candidate { seen: 5, ..at(20.0, 14.0) },
+            Candidate { seen: 3, ..at(20.0, 14.0) },
             Candidate { consecutive_frames: 2, ..at(20.0, 14.0) },
             Candidate { width_jitter: 0.8, ..at(20.0, 14.0) },
             Candidate {

@@ -138,6 +138,9 @@ impl MotionFilter {
             let sigma = m.speed_sigma.hypot(ODOMETRY_SPEED_SIGMA_M_S);
             update(&mut self.speed, m.speed_m_s, m.age_s, sigma);
             let sigma = m.yaw_rate_sigma.hypot(ODOMETRY_YAW_RATE_SIGMA_RAD_S);
+            if let Some(yaw_rate) = &mut self.yaw_rate {
+                yaw_rate.follow_turn(m.yaw_rate_rad_s, m.age_s, sigma);
+            }
             update(&mut self.yaw_rate, m.yaw_rate_rad_s, m.age_s, sigma);
         }
         if let Some(bus) = bus_speed {
@@ -256,6 +259,8 @@ struct RateFilter {
     rate: f64,
     /// Covariance: value, both, rate.
     p: [f64; 3],
+    /// Innovation of the last measurement that was compared, if it was an outlier.
+    outlier: Option<f64>,
 }
 
 /// Standard deviation of the rate at the start: any acceleration of a vehicle, in m/s² (and more than any in rad/s²).
@@ -263,7 +268,8 @@ const INITIAL_RATE_SIGMA: f64 = 3.0;
 
 impl RateFilter {
     fn new(value: f64, sigma: f64) -> Self {
-        Self { value, rate: 0.0, p: [sigma * sigma, 0.0, INITIAL_RATE_SIGMA * INITIAL_RATE_SIGMA] }
+        let p = [sigma * sigma, 0.0, INITIAL_RATE_SIGMA * INITIAL_RATE_SIGMA];
+        Self { value, rate: 0.0, p, outlier: None }
     }
 
     /// Predicts; the rate changes by white noise of `density` and decays with `time_s`.
@@ -277,6 +283,21 @@ impl RateFilter {
             keep * (b + t * c) + density * t * t / 2.0,
             keep * keep * c + density * t,
         ];
+    }
+
+    /// Two outliers in a row to the same side are no errors: the rate has changed, so that little is known of it and of what it
+    /// has made of the value meanwhile.
+    fn follow_turn(&mut self, measured: f64, age_s: f64, sigma: f64) {
+        let [a, b, c] = self.p;
+        let innovation = measured - (self.value - age_s * self.rate);
+        let variance = a - 2.0 * age_s * b + age_s * age_s * c + sigma * sigma;
+        let is_outlier = innovation * innovation > GATE * variance;
+        if is_outlier && self.outlier.is_some_and(|before| before * innovation > 0.0) {
+            // The value is measured in the middle of the time since the last one.
+            let rate = (innovation / (2.0 * age_s).max(1e-3)).clamp(-INITIAL_RATE_SIGMA, INITIAL_RATE_SIGMA);
+            self.p = [a + innovation * innovation, b + innovation * rate, c + rate * rate];
+        }
+        self.outlier = is_outlier.then_some(innovation);
     }
 
     /// Updates with the value at `age_s` before now. An outlier has less weight.
@@ -364,6 +385,32 @@ mod tests {
         println!("squared normalised error {nees:.2} (1 expected), worst error of the speed {worst:.2} m/s");
         assert!((0.2..1.5).contains(&nees), "{nees}");
         assert!(worst < 0.4, "{worst}");
+    }
+
+    #[test]
+    fn a_turn_that_begins_suddenly_is_followed_and_one_outlier_is_not() {
+        let mut filter = MotionFilter::default();
+        let heading = |filter: &mut MotionFilter, yaw_rate: f64| {
+            let seen = odometry(5.6, yaw_rate, PERIOD_S);
+            let motion = filter.update(PERIOD_S, Some(&seen), &VehicleSample::default()).unwrap();
+            (motion.yaw_rate_rad_s - motion.yaw_acceleration_rad_s2 * PERIOD_S / 2.0 - yaw_rate) * PERIOD_S
+        };
+        for _ in 0..25 {
+            heading(&mut filter, 0.0);
+        }
+        // 20 km/h into a turn with a radius of 15 m within 0.4 s: metres per second across at 20 m are these errors × 250.
+        let (mut error, mut worst) = (0.0, 0.0_f64);
+        for k in 0..12 {
+            error += heading(&mut filter, (0.08 * (f64::from(k) + 0.5)).min(0.38));
+            worst = worst.max(error.abs());
+        }
+        println!("largest error of the heading {worst:.4} rad, in the end {error:.4} rad");
+        assert!(worst < 0.012, "{worst}");
+        // A single wrong measurement in a steady turn.
+        let steady = filter.motion().unwrap().yaw_rate_rad_s;
+        heading(&mut filter, -0.1);
+        let after = filter.motion().unwrap().yaw_rate_rad_s;
+        assert!((after - steady).abs() < 0.06, "{steady} {after}");
     }
 
     #[test]

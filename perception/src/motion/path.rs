@@ -159,7 +159,22 @@ impl SweptPath {
         let lateral_m_s2 = self.speed_m_s * self.speed_m_s * self.curvature_per_m.abs();
         let steering_m_s2 = STEERING_M_S2 + BEND_STEERING_SHARE * lateral_m_s2;
         let steering_m = steering_m_s2 * (seconds.powi(5) / 20.0).sqrt();
-        (self.curvature_sigma_per_m * arc_m * arc_m / 2.0).hypot(steering_m)
+        let (edges_per_m, from_m) = self.edges_sigma_per_m();
+        let edges_m = edges_per_m * (arc_m - from_m).max(0.0).powi(2) / 2.0;
+        (self.curvature_sigma_per_m * arc_m * arc_m / 2.0).hypot(steering_m).hypot(edges_m)
+    }
+
+    /// Standard deviation of the path's heading at this arc length, in rad, as far as its curvature there is in doubt.
+    pub fn heading_sigma_rad(&self, arc_m: f64) -> f64 {
+        let (edges_per_m, from_m) = self.edges_sigma_per_m();
+        edges_per_m * (arc_m - from_m).max(0.0)
+    }
+
+    /// Standard deviation of the curvature ahead where the road bends otherwise than the vehicle does, in 1/m, and from which
+    /// arc length on. The curvature ahead is about the middle of both, so it is as far from either.
+    fn edges_sigma_per_m(&self) -> (f64, f64) {
+        let doubt = |edges: EdgesAhead| (edges.curvature_per_m - self.curvature_per_m).abs();
+        self.edges.map_or((0.0, 0.0), |edges| (doubt(edges), edges.from_m))
     }
 }
 

@@ -23,14 +23,17 @@ pub struct PlanarStep {
 }
 
 impl PlanarStep {
-    /// The displacement within `elapsed_s` seconds.
+    /// The displacement within the `elapsed_s` seconds at whose end the vehicle has this motion.
     pub fn of(motion: &Motion, body: &Body, elapsed_s: f64) -> Self {
         let body = body.during(motion);
-        let yaw = motion.yaw_rate_rad_s * elapsed_s;
+        // The mean is that of the middle: as a turn begins, the yaw rate grows within one frame by more than its error.
+        let half_s = elapsed_s / 2.0;
+        let yaw = (motion.yaw_rate_rad_s - motion.yaw_acceleration_rad_s2 * half_s) * elapsed_s;
+        let speed_m_s = motion.speed_m_s - motion.acceleration_m_s2 * half_s;
         let (sine, cosine) = yaw.sin_cos();
         // The rear axle moves along the chord of its arc.
         let half = yaw / 2.0;
-        let chord = motion.speed_m_s * elapsed_s * if half.abs() < 1e-6 { 1.0 } else { half.sin() / half };
+        let chord = speed_m_s * elapsed_s * if half.abs() < 1e-6 { 1.0 } else { half.sin() / half };
         let (right, ahead) = (body.camera_right_m, body.rear_axle_m);
         Self {
             sine,

@@ -1,4 +1,5 @@
-//! Object recognition by boosted cascades of multi-block LBP or Haar features (paper, section 3.6).
+//! Object recognition by boosted cascades of multi-block LBP or Haar features (paper, section 3.6), and by histograms of
+//! oriented gradients ([`hog`]).
 //!
 //! Input is an 8-bit grey image: the crop of an obstacle region for [`CascadeRecogniser`], a whole image for
 //! [`Detector`]. Output are windows in pixels of that image with the number of overlapping hits as score. A
@@ -8,16 +9,20 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`calibration`] | what a score says: log-odds of the class |
 //! | [`cascade`] | the model, and the reference implementation for single windows |
 //! | `program` | the same cascade in the memory layout of the vectorised scan |
 //! | [`integral`] | integral images: upright, squared and tilted |
 //! | [`scan`] | sliding window over scales |
+//! | [`hog`] | histograms of oriented gradients with a linear SVM |
 //! | [`group`] | grouping of overlapping hits |
 //! | [`resize`] | bilinear scaling in fixed point |
 //! | [`xml`] | OpenCV's cascade files |
 
+pub mod calibration;
 pub mod cascade;
 pub mod group;
+pub mod hog;
 pub mod integral;
 mod program;
 pub mod resize;
@@ -26,6 +31,7 @@ pub mod window;
 pub mod xml;
 
 use crate::image::GreyView;
+pub use calibration::Calibration;
 pub use cascade::Cascade;
 use group::{Group, Grouper};
 pub use scan::{Scanner, Sizes, Window};
@@ -33,7 +39,7 @@ pub use scan::{Scanner, Sizes, Window};
 /// An object recognised in a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recognition {
-    /// Number of overlapping hits; more hits mean higher confidence.
+    /// Number of overlapping hits of a cascade, or distance from the plane of an SVM; more means higher confidence.
     pub score: f32,
     /// Left column of the object's window, in pixels of the crop.
     pub x: u32,
@@ -71,6 +77,18 @@ impl Default for RecogniserParameters {
     }
 }
 
+impl RecogniserParameters {
+    /// Window sizes where a metre at the object is `metre_px` pixels; `None` if that is unknown.
+    fn sizes_at(&self, metre_px: Option<f64>) -> Sizes {
+        match metre_px {
+            Some(metre_px) if self.window_m > 0.0 => {
+                Sizes::Around { width_px: self.window_m * metre_px, growth: self.growth }
+            }
+            _ => self.sizes,
+        }
+    }
+}
+
 /// Maximum number of hits per crop.
 const MAX_HITS: usize = 4096;
 
@@ -96,12 +114,7 @@ impl CascadeRecogniser {
 impl Recogniser for CascadeRecogniser {
     fn recognise(&mut self, crop: GreyView<'_>, metre_px: Option<f64>) -> Option<Recognition> {
         let p = &self.parameters;
-        let sizes = match metre_px {
-            Some(metre_px) if p.window_m > 0.0 => {
-                Sizes::Around { width_px: p.window_m * metre_px, growth: p.growth }
-            }
-            _ => p.sizes,
-        };
+        let sizes = p.sizes_at(metre_px);
         let groups = self.grouper.group(self.scanner.scan(crop, sizes), p.min_neighbours);
         let best = groups.iter().max_by_key(|group| group.hits)?;
         let (width, height) = (crop.width() as i32, crop.height() as i32);

@@ -61,7 +61,7 @@ impl Default for Sizes {
 pub const MIN_GROWTH: f64 = 1.01;
 
 /// Minimum scale of an expected window relative to the cascade's; below 1 the image is enlarged.
-const MIN_SCALE: f64 = 0.6;
+pub(super) const MIN_SCALE: f64 = 0.6;
 
 /// The cascade in its layouts for window steps of one and two columns, with its integral images.
 #[derive(Debug)]

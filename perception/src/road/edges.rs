@@ -37,6 +37,9 @@ const MIN_EDGE_CELL: usize = 4;
 /// Cells compared on the inner and on the outer side of an edge.
 const INNER_CELLS: usize = 5;
 const OUTER_CELLS: usize = 3;
+/// What lies behind more cells than this of which nothing is known, outwards of the road, is not the road's edge: a parked
+/// car hides the ground between. 0.4 m.
+const MAX_HIDDEN_CELLS: usize = 2;
 /// Smallest mean step of an edge, and smallest distance between the lowest outer and the highest inner cell,
 /// in metres.
 const MIN_STEP_M: f32 = 0.05;
@@ -44,6 +47,10 @@ const MIN_SEPARATION_M: f32 = 0.02;
 /// Largest lateral difference to the edge of a neighbouring segment, in metres; an edge without such a
 /// neighbour is dropped.
 const MAX_NEIGHBOUR_DIFFERENCE_M: f32 = 0.6;
+
+/// Largest distance by which the road becomes wider on one side from one segment to the next, in metres. Behind the low parts of
+/// a parked car the next step outwards is something else.
+const MAX_WIDENING_M: f32 = 1.0;
 
 /// The edge of the road on one side of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -137,6 +144,7 @@ impl EdgeFinder {
                 });
             }
         }
+        drop_folds(&mut self.edges);
     }
 
     /// Adds the heights of a batch of pixels to their cells.
@@ -166,7 +174,7 @@ impl EdgeFinder {
     /// Finds the first step from the inside out.
     fn find_edge(&self, segment: usize, side: usize, surface: &RoadSurface, rig: &Rig) -> Option<Edge> {
         let cells = &self.cells[(2 * segment + side) * CELLS_PER_SIDE..][..CELLS_PER_SIDE];
-        let height = |i: usize| (cells[i][1] >= MIN_PIXELS).then(|| cells[i][0] / cells[i][1]);
+        let height = |i: usize| is_known(&cells[i]).then(|| cells[i][0] / cells[i][1]);
         // Mean height of the inner cells, and the step to the outer cells that begin at cell i.
         let step = |i: usize| {
             let (mut inside, mut known, mut highest) = (0.0, 0, f32::NEG_INFINITY);
@@ -187,7 +195,10 @@ impl EdgeFinder {
                 && lowest - highest > MIN_SEPARATION_M)
                 .then_some((inside, outside - inside))
         };
-        let first = (MIN_EDGE_CELL..=CELLS_PER_SIDE - OUTER_CELLS).find(|&i| step(i).is_some())?;
+        let hidden = hidden_from(cells);
+        let first = (MIN_EDGE_CELL..=CELLS_PER_SIDE - OUTER_CELLS)
+            .take_while(|&i| i < hidden)
+            .find(|&i| step(i).is_some())?;
         let mut best = (first, step(first)?);
         // A step that spans several cells reaches its full height a few cells farther out.
         for i in first + 1..(first + OUTER_CELLS).min(CELLS_PER_SIDE - OUTER_CELLS + 1) {
@@ -216,6 +227,39 @@ impl EdgeFinder {
             y_px,
         })
     }
+}
+
+/// Drops edges that lie farther out than that of the segment before them by more than [`MAX_WIDENING_M`].
+fn drop_folds(edges: &mut Edges) {
+    for side in [0, 1] {
+        let mut nearer: Option<Edge> = None;
+        for edges in edges.iter_mut() {
+            let edge = &mut edges[side];
+            let out_m = |edge: &Edge| edge.lateral_m.abs();
+            *edge =
+                edge.filter(|edge| nearer.is_none_or(|near| out_m(edge) - out_m(&near) <= MAX_WIDENING_M));
+            nearer = *edge;
+        }
+    }
+}
+
+/// Whether enough is seen in a cell.
+fn is_known(cell: &[f32; 2]) -> bool {
+    cell[1] >= MIN_PIXELS
+}
+
+/// The first of the cells, from the inside out, of which nothing is known behind the road: something stands before them. Their
+/// number if there are none.
+fn hidden_from(cells: &[[f32; 2]]) -> usize {
+    let road = cells.iter().position(is_known).unwrap_or(cells.len());
+    let mut hidden = 0;
+    for (i, cell) in cells.iter().enumerate().skip(road) {
+        hidden = if is_known(cell) { 0 } else { hidden + 1 };
+        if hidden > MAX_HIDDEN_CELLS {
+            return i + 1 - hidden;
+        }
+    }
+    cells.len()
 }
 
 kernel! {
@@ -314,6 +358,43 @@ mod tests {
                 assert!((f64::from(edge.y_px) - y).abs() < 2.0, "{edge:?}");
             }
         }
+    }
+
+    #[test]
+    fn a_kerb_that_is_seen_behind_a_parked_car_is_not_the_edge() {
+        let with_car = |seed: u64, has_car: bool| {
+            let mut map = map([-3.0, 6.2], 0.12, 0.0, seed);
+            // Its rear: 7 m ahead, 2 to 2.5 m to the right, 1.4 m high.
+            let (columns, rows) = (491..535, 192..311);
+            for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))).filter(|_| has_car) {
+                map[y * SIZE.0 + x] = (256.0 * RIG.disparity_px(7.0)) as u16;
+            }
+            map
+        };
+        let right = |has_car| {
+            let seen = edges((0..5).map(|seed| with_car(seed, has_car)));
+            seen.iter().filter_map(|sides| sides[1]).map(|edge| edge.lateral_m).collect::<Vec<f32>>()
+        };
+        let (open, hidden) = (right(false), right(true));
+        let is_kerb = |lateral: &&f32| (**lateral - 6.2).abs() < 0.3;
+        assert!(open.iter().filter(is_kerb).count() >= 2, "{open:?}");
+        // Farther ahead the car's shadow ends beyond the kerb, or begins there.
+        assert_eq!(hidden.iter().filter(is_kerb).count(), 0, "{hidden:?}");
+    }
+
+    #[test]
+    fn an_edge_that_folds_back_is_dropped_and_one_that_bends_is_not() {
+        let row = |left: [f32; SEGMENTS]| -> Edges {
+            let edge = |lateral_m: f32| Edge { lateral_m, ..Edge::default() };
+            left.map(|lateral_m| [(lateral_m < 0.0).then(|| edge(lateral_m)), Some(edge(3.0))])
+        };
+        let mut folded = row([-2.2, -4.4, -3.9, 0.0, -2.3, -2.4, -2.6, -4.0]);
+        drop_folds(&mut folded);
+        assert_eq!(folded, row([-2.2, 0.0, -3.9, 0.0, -2.3, -2.4, -2.6, 0.0]));
+        let bend = row([-2.2, -2.5, -2.9, -3.5, -4.3, -5.2, -4.0, -3.0]);
+        let mut same = bend;
+        drop_folds(&mut same);
+        assert_eq!(same, bend);
     }
 
     #[test]

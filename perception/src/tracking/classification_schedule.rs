@@ -10,21 +10,23 @@ use super::classification::{Classification, MIN_CLASSIFICATIONS};
 const PRIORITY_M_PER_FRAME: f64 = 2.0;
 
 /// Limits of the classification schedule.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScheduleParameters {
     /// Largest number of classifications per frame.
     pub max_per_frame: usize,
     /// Number of frames after which a track of known class is classified again.
     pub repeat_frames: u32,
+    /// Log-odds of the class before the first look.
+    pub prior: f64,
 }
 
 impl Default for ScheduleParameters {
     fn default() -> Self {
-        Self { max_per_frame: 8, repeat_frames: 5 }
+        Self { max_per_frame: 8, repeat_frames: 5, prior: 0.0 }
     }
 }
 
-/// Classes of tracked obstacles by their numbers; memory is allocated once.
+/// How likely tracked obstacles, by their numbers, are of one class; memory is allocated once.
 #[derive(Debug)]
 pub struct ClassificationSchedule {
     parameters: ScheduleParameters,
@@ -44,19 +46,19 @@ impl ClassificationSchedule {
         self.known.clear();
     }
 
-    /// Class of a track: its latest positive score if the majority of recent classifications is positive, else `None`.
-    pub fn score(&self, track: u32) -> Option<f32> {
-        self.known.iter().find(|(id, _)| *id == track)?.1.score()
+    /// Probability that a track is of the class, if that is more likely than not; else `None`.
+    pub fn probability(&self, track: u32) -> Option<f64> {
+        self.known.iter().find(|(id, _)| *id == track)?.1.probability()
     }
 
     /// Classifies obstacles: calls `recognise` with the index of some of those that are seen in this frame and for which
-    /// `is_eligible` holds, and adds the returned score (`None`: not recognised) to their votes. Forgets the others. Must be
-    /// called once per frame.
+    /// `is_eligible` holds, and adds the evidence that it returns, in log-odds; `None` where nothing could be looked at. Forgets the
+    /// tracks that are gone. Must be called once per frame.
     pub fn classify(
         &mut self,
         obstacles: &[Obstacle],
         is_eligible: impl Fn(usize) -> bool,
-        mut recognise: impl FnMut(usize) -> Option<f32>,
+        mut recognise: impl FnMut(usize) -> Option<f64>,
     ) {
         self.known.retain(|(id, _)| obstacles.iter().any(|o| o.track == *id));
         self.order.clear();
@@ -64,7 +66,7 @@ impl ClassificationSchedule {
             let slot = match self.known.iter().position(|(id, _)| *id == obstacle.track) {
                 Some(slot) => slot,
                 None if self.known.len() < self.known.capacity() => {
-                    self.known.push((obstacle.track, Classification::default()));
+                    self.known.push((obstacle.track, Classification::new(self.parameters.prior)));
                     self.known.len() - 1
                 }
                 None => continue,
@@ -83,9 +85,9 @@ impl ClassificationSchedule {
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         for &(_, i) in self.order.iter().take(self.parameters.max_per_frame) {
             let track = obstacles[i as usize].track;
-            let score = recognise(i as usize);
+            let Some(evidence) = recognise(i as usize) else { continue };
             if let Some((_, classification)) = self.known.iter_mut().find(|(id, _)| *id == track) {
-                classification.add(score);
+                classification.add(evidence);
             }
         }
     }
@@ -94,39 +96,42 @@ impl ClassificationSchedule {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tracking::classification::MAX_LOG_ODDS;
 
     #[test]
-    fn scores_are_votes_and_all_obstacles_get_their_turn() {
-        let policy = ScheduleParameters { max_per_frame: 1, repeat_frames: 3 };
+    fn evidence_is_added_up_and_all_obstacles_get_their_turn() {
+        let policy = ScheduleParameters { max_per_frame: 1, repeat_frames: 3, prior: -0.5 };
         let mut schedule = ClassificationSchedule::new(policy, 4);
         let at = |track: u32, distance_m: f64| Obstacle { track, distance_m, ..Obstacle::default() };
         let obstacles = [at(1, 20.0), at(2, 10.0)];
         let mut classified = Vec::new();
-        let mut frame = |schedule: &mut ClassificationSchedule, score: Option<f32>| {
+        let mut frame = |schedule: &mut ClassificationSchedule, evidence: f64| {
             schedule.classify(
                 &obstacles,
                 |_| true,
                 |i| {
                     classified.push(obstacles[i].track);
-                    score
+                    Some(evidence)
                 },
             );
         };
-        frame(&mut schedule, Some(4.0));
-        assert_eq!((schedule.score(1), schedule.score(2)), (None, Some(4.0)), "the nearest comes first");
+        frame(&mut schedule, 1.5);
+        assert_eq!(schedule.probability(1), None, "nothing was looked at");
+        assert_eq!(schedule.probability(2), Some(1.0 / (1.0 + (-1.0_f64).exp())), "the nearest comes first");
         for _ in 0..12 {
-            frame(&mut schedule, Some(5.0));
+            frame(&mut schedule, 1.5);
         }
-        assert_eq!(schedule.score(1), Some(5.0));
-        // A few negative classifications change nothing, the majority does.
+        let bound = 1.0 / (1.0 + (-MAX_LOG_ODDS).exp());
+        assert_eq!(schedule.probability(1), Some(bound), "looks are not independent");
+        // A few negative looks change nothing, many do.
         for _ in 0..2 {
-            frame(&mut schedule, None);
+            frame(&mut schedule, -1.5);
         }
-        assert!([1, 2].iter().all(|track| schedule.score(*track).is_some()));
-        for _ in 0..10 {
-            frame(&mut schedule, None);
+        assert!([1, 2].iter().all(|track| schedule.probability(*track).is_some()));
+        for _ in 0..12 {
+            frame(&mut schedule, -1.5);
         }
-        assert!([1, 2].iter().all(|track| schedule.score(*track).is_none()));
+        assert!([1, 2].iter().all(|track| schedule.probability(*track).is_none()));
         let [first, second] = [1, 2].map(|id| classified.iter().filter(|&&l| l == id).count());
         assert!(first >= 8 && second >= 8, "both are classified: {classified:?}");
         schedule.classify(&obstacles, |_| false, |_| unreachable!("none may be classified"));

@@ -70,16 +70,17 @@ impl Extent {
         extent
     }
 
-    /// Takes in a sighting, `elapsed_s` after the last one.
-    pub fn update(&mut self, region: &Region, rig: &Rig, cut: CutSides, elapsed_s: f64) {
+    /// Takes in a sighting, `elapsed_s` after the last one. `enters`: what the picture cuts comes into view.
+    pub fn update(&mut self, region: &Region, rig: &Rig, (cut, enters): (CutSides, bool), elapsed_s: f64) {
         self.sightings = self.sightings.saturating_add(1);
         let settled = 1.0 - (-elapsed_s / EXTENT_TIME_S).exp();
         let gain = settled.max(1.0 / f64::from(self.sightings)).min(0.5);
         let bounded = |new: f64, old: f64| new.clamp(old / MAX_RATIO, old * MAX_RATIO);
         let width_m = bounded(region.width_m, self.width_m);
         let wider_m = width_m - self.width_m;
-        if cut.any() {
-            // What comes into view at the border is part of the thing.
+        if cut.any() && !(enters && wider_m < 0.0) {
+            // What comes into view at the border is part of the thing. One that comes in and is narrower than before was
+            // seen together with something else.
             self.width_m = self.width_m.max(region.width_m);
         } else {
             self.width_m += gain * wider_m;

@@ -7,12 +7,17 @@
 //! is therefore in metres, where a constant closing speed is linear, and the noise of each measurement is the
 //! disparity noise converted at the predicted distance.
 
+mod acceleration;
 pub mod ground;
+mod manoeuvre;
 
-pub use super::parameters::LATERAL_PROCESS_NOISE;
+use acceleration::Acceleration;
+pub use acceleration::braking_seconds;
+
 use super::parameters::{
     CUSUM_DECAY, CUSUM_THRESHOLD, INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S,
-    MANOEUVRE_PROCESS_NOISE, OUTLIER_SIGMAS, PROCESS_NOISE, STEP_FRAMES,
+    LATERAL_MANOEUVRE_NOISE, LATERAL_PROCESS_NOISE, MANOEUVRE_PROCESS_NOISE, OUTLIER_SIGMAS, PROCESS_NOISE,
+    STEP_FRAMES,
 };
 
 /// Smallest distance, in metres.
@@ -57,6 +62,8 @@ struct ConstantVelocityFilter {
     own_rate: f64,
     /// Covariance: position², position·speed, speed².
     p: [f64; 3],
+    /// Third state while it manoeuvres.
+    acceleration: Acceleration,
     /// CUSUM statistic of the normalised innovations, with exponential forgetting.
     cusum: f64,
     outliers: OutlierRun,
@@ -71,6 +78,7 @@ impl ConstantVelocityFilter {
             speed: 0.0,
             own_rate: 0.0,
             p: [sigma * sigma, 0.0, speed_sigma * speed_sigma],
+            acceleration: Acceleration::default(),
             cusum: 0.0,
             outliers: OutlierRun::default(),
             unknown_speed: speed_sigma * speed_sigma,
@@ -79,6 +87,7 @@ impl ConstantVelocityFilter {
 
     /// Predicts the state `t` seconds ahead, with process noise of spectral density `q`.
     fn predict(&mut self, t: f64, q: f64) {
+        self.predict_acceleration(t);
         self.position += self.speed * t;
         let [a, b, c] = self.p;
         self.p = [a + 2.0 * t * b + t * t * c + q * t.powi(3) / 3.0, b + t * c + q * t * t / 2.0, c + q * t];
@@ -104,6 +113,7 @@ impl ConstantVelocityFilter {
                 self.position = position;
                 self.p = [noise, 0.0, if grows { c.max(self.unknown_speed) } else { c }];
                 (self.cusum, self.outliers) = (0.0, OutlierRun::default());
+                self.acceleration = Acceleration::default();
                 return;
             }
             noise = (innovation / OUTLIER_SIGMAS).powi(2) * sigmas.abs() / OUTLIER_SIGMAS;
@@ -114,6 +124,7 @@ impl ConstantVelocityFilter {
         let (gain, speed_gain) = (a / spread, b / spread);
         self.position += gain * innovation;
         self.speed += speed_gain * innovation;
+        self.correct_acceleration(innovation, spread, [a, b], self.acceleration.p[0]);
         self.p = [(1.0 - gain) * a, (1.0 - gain) * b, (c - speed_gain * b).max(1e-9)];
         let bounded = sigmas.clamp(-OUTLIER_SIGMAS, OUTLIER_SIGMAS);
         self.cusum = CUSUM_DECAY * self.cusum + bounded;
@@ -136,7 +147,7 @@ impl ConstantVelocityFilter {
 /// Time to collision with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeToCollision {
-    /// Seconds until the distance is 0, at constant closing speed.
+    /// Seconds until the distance is 0, at constant closing speed, or as the obstacle goes on braking.
     pub seconds: f64,
     /// Standard deviation, in seconds.
     pub sigma_s: f64,
@@ -159,13 +170,16 @@ impl DistanceFilter {
         Self { scale, filter: ConstantVelocityFilter::new(distance, sigma, INITIAL_CLOSING_SIGMA_M_S) }
     }
 
-    fn process_noise(&self) -> f64 {
+    /// Process noise of the next prediction; a manoeuvre begins or ends.
+    fn process_noise(&mut self) -> f64 {
+        self.filter.follow_manoeuvre();
         if self.filter.is_manoeuvring() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE }
     }
 
     /// Predicts the state `elapsed_s` seconds ahead at constant closing speed.
     pub fn predict(&mut self, elapsed_s: f64) {
-        self.filter.predict(elapsed_s, self.process_noise());
+        let noise = self.process_noise();
+        self.filter.predict(elapsed_s, noise);
         self.filter.position = self.filter.position.max(MIN_DISTANCE_M);
     }
 
@@ -185,23 +199,35 @@ impl DistanceFilter {
         (self.filter.position, self.filter.rate())
     }
 
-    /// Updates the state with a linearised measurement of a function of distance and rate, given by its
+    /// Updates the state with a linearised measurement of a function of distance, rate and acceleration, given by its
     /// partial derivatives, the innovation and the standard deviation. A normalised innovation above `gate`
-    /// is rejected. Returns whether the measurement was used.
+    /// is rejected. Returns whether the measurement was used. `towards`: sign of the measurement when the distance grows
+    /// faster; its innovations tell of manoeuvres, too.
     pub(super) fn update_linearised(
         &mut self,
-        slopes: (f64, f64),
+        slopes: [f64; 3],
         innovation: f64,
         sigma: f64,
         gate: f64,
+        towards: f64,
     ) -> bool {
         let [a, b, c] = self.filter.p;
+        let [d, e, f] = self.filter.acceleration.p;
         // Covariance of the measurement with the state, and variance of the innovation.
-        let (with_position, with_speed) = (slopes.0 * a + slopes.1 * b, slopes.0 * b + slopes.1 * c);
-        let spread = slopes.0 * with_position + slopes.1 * with_speed + sigma * sigma;
-        if spread <= 0.0 || innovation * innovation > gate * gate * spread {
+        let with = |[p, v, w]: [f64; 3]| slopes[0] * p + slopes[1] * v + slopes[2] * w;
+        let (with_position, with_speed) = (with([a, b, d]), with([b, c, e]));
+        let with_acceleration = with([d, e, f]);
+        let spread = with([with_position, with_speed, with_acceleration]) + sigma * sigma;
+        if spread <= 0.0 {
             return false;
         }
+        let bounded = (innovation / spread.sqrt()).clamp(-OUTLIER_SIGMAS, OUTLIER_SIGMAS);
+        self.filter.cusum += towards * bounded;
+        if innovation * innovation > gate * gate * spread {
+            return false;
+        }
+        let state = [with_position, with_speed];
+        self.filter.correct_acceleration(innovation, spread, state, with_acceleration);
         self.filter.position =
             (self.filter.position + with_position / spread * innovation).max(MIN_DISTANCE_M);
         self.filter.speed += with_speed / spread * innovation;
@@ -248,9 +274,13 @@ impl DistanceFilter {
         self.filter.speed_sigma()
     }
 
-    /// Time to collision; `None` if the obstacle does not approach significantly (two standard deviations).
+    /// Time to collision; `None` if the obstacle does not approach significantly (two standard deviations). One that is known to
+    /// brake goes on braking.
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
-        let (z, closing) = (self.filter.position, self.closing_m_s());
+        let seconds = self.seconds_to_collision()?;
+        let z = self.filter.position;
+        // Mean until then.
+        let closing = z / seconds.max(1e-6);
         if closing <= 2.0 * self.closing_sigma_m_s() {
             return None;
         }
@@ -259,7 +289,7 @@ impl DistanceFilter {
         let (by_position, by_speed) = (1.0 / closing, z / (closing * closing));
         let variance =
             by_position * by_position * a + 2.0 * by_position * by_speed * b + by_speed * by_speed * c;
-        Some(TimeToCollision { seconds: z / closing, sigma_s: variance.max(0.0).sqrt() })
+        Some(TimeToCollision { seconds, sigma_s: variance.max(0.0).sqrt() })
     }
 }
 
@@ -277,7 +307,12 @@ impl LateralFilter {
 
     /// Predicts the state `elapsed_s` seconds ahead.
     pub fn predict(&mut self, elapsed_s: f64) {
-        self.filter.predict(elapsed_s, LATERAL_PROCESS_NOISE);
+        self.filter.predict(elapsed_s, self.process_noise());
+    }
+
+    /// Process noise of the next prediction.
+    fn process_noise(&self) -> f64 {
+        if self.filter.is_manoeuvring() { LATERAL_MANOEUVRE_NOISE } else { LATERAL_PROCESS_NOISE }
     }
 
     /// Updates the state with a measurement and its standard deviation, in metres.

@@ -445,6 +445,8 @@ fn is_outside(body: &[f64; 4], track: &Track, size: (u32, u32)) -> bool {
 }
 
 #[cfg(test)]
+mod border_tests;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod things_tests;

@@ -96,6 +96,11 @@ pub const MAX_RATIO: f64 = 2.0;
 pub const CENTRE_SIGMA_PX: f64 = 3.0;
 /// and as a share of the width.
 pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
+/// The same where the picture cuts both sides.
+pub const CUT_SIGMA_SHARE: f64 = 0.5;
+/// Standard deviation of the depth of the side that is seen where the picture cuts the other one, as a share of the width: things
+/// are about as deep as wide, their corners round, and which part of them is seen changes with the angle. 0.5 m of a car.
+pub const SIDE_DEPTH_SHARE: f64 = 0.3;
 /// A box closer to the border of the picture than this, in px, is cut by it: two strips.
 pub const BORDER_PX: f64 = 8.0;
 
@@ -121,8 +126,27 @@ pub const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
 pub const PROCESS_NOISE: f64 = 0.25;
 /// Process noise during a manoeuvre such as braking, detected by the CUSUM test, in m²/s³.
 pub const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
-/// Process noise of the lateral speed, in m²/s³.
+/// Process noise of the lateral speed, in m²/s³: 0.45 m/s after one second, what a walker, a rider or a car in its lane changes.
 pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
+/// The same while the CUSUM test finds a change of course, in m²/s³: who starts to run across has 2 m/s after a second.
+pub const LATERAL_MANOEUVRE_NOISE: f64 = 0.6;
+/// Changes of the lateral speed that a prediction reckons with, in m²/s³: between both, as a change may begin at any time.
+pub const WANDER_NOISE: f64 = 0.6;
+/// Correlation time of a manoeuvre's acceleration, in seconds: braking to avoid something lasts two or three.
+pub const MANOEUVRE_TIME_S: f64 = 2.5;
+/// Standard deviation of that acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
+pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
+/// For how long a manoeuvre has gone on when it is found, in seconds: a car that brakes with 4 m/s² is then half a metre from
+/// where it was expected, as far as disparities and scale change tell it from noise.
+pub const MANOEUVRE_LAG_S: f64 = 0.5;
+/// An acceleration that is less with its standard deviation is over, in m/s²: lifting the foot is no braking.
+pub const STEADY_M_S2: f64 = 1.5;
+/// Largest braking that is expected to go on, in m/s²: dry asphalt.
+pub const MAX_BRAKING_M_S2: f64 = 9.0;
+/// Time after which a prediction forgets a change of the speed across, in seconds. The change is then at most √(0.6 · 1.5 / 2) =
+/// 0.7 m/s (standard deviation): a walker who turns off by 30° has 0.7 m/s across, a lane change 1 m/s at its fastest, and a
+/// driver, a rider or a walker who keeps his way sways by 0.2 m/s.
+pub const WANDER_TIME_S: f64 = 1.5;
 /// Share of the CUSUM statistic that is kept from frame to frame.
 pub const CUSUM_DECAY: f64 = 0.8;
 /// CUSUM statistic above which the innovations are biased: 3.6 standard deviations of the statistic under

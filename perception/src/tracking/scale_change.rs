@@ -66,6 +66,8 @@ pub struct ScaleRate {
     pub per_s: f64,
     /// Standard deviation, in 1/s.
     pub sigma_per_s: f64,
+    /// Time over which it is the mean, in seconds.
+    pub interval_s: f64,
 }
 
 /// A grey image reduced by an integer factor; its memory is reused.
@@ -233,7 +235,7 @@ impl ScaleChangeMeter {
                 let per_s = (scale - 1.0) / elapsed_s;
                 let sigma_per_s =
                     (sigma.max(MIN_SIGMA) / elapsed_s).hypot(per_s * DEPTH_OFFSET_M / distance_m);
-                ScaleRate { per_s, sigma_per_s }
+                ScaleRate { per_s, sigma_per_s, interval_s: elapsed_s }
             });
         }
         self.store(slot, (track, patch), time_ns, crop, origin);
@@ -397,10 +399,11 @@ impl DistanceFilter {
     /// Updates the filter with a rate of scale change. Returns whether it was used; outliers are rejected.
     pub fn update_scale_rate(&mut self, rate: ScaleRate) -> bool {
         let (z, speed) = self.state();
-        // −ż/z and its partial derivatives.
-        let expected = -speed / z;
-        let slopes = (speed / (z * z), -1.0 / z);
-        self.update_linearised(slopes, rate.per_s - expected, rate.sigma_per_s, GATE_SIGMAS)
+        // −ż/z and its partial derivatives; ż is the mean of the interval, half of which is ago.
+        let lag_s = rate.interval_s / 2.0;
+        let mean = speed - self.acceleration_m_s2().map_or(0.0, |(value, _)| value * lag_s);
+        let slopes = [mean / (z * z), -1.0 / z, lag_s / z];
+        self.update_linearised(slopes, rate.per_s + mean / z, rate.sigma_per_s, GATE_SIGMAS, -1.0)
     }
 }
 

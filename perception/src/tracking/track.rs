@@ -4,7 +4,10 @@ use super::existence::Existence;
 use super::extent::{CutSides, Extent, clip};
 use super::filter::ground::{Filters, GroundMotion, Movement};
 use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
-use super::parameters::{CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SYSTEMATIC_PX};
+use super::parameters::{
+    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SIDE_DEPTH_SHARE,
+    SYSTEMATIC_PX,
+};
 use crate::motion::planar::OwnRates;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
@@ -15,6 +18,8 @@ const INITIAL_JITTER: f64 = 0.3;
 /// Tracks with a larger distance, lateral position, size or standard deviation of the distance are dropped, in metres:
 /// a hundred times the range of a stereo camera.
 const MAX_LENGTH_M: f64 = 10_000.0;
+/// Distance below which no side is taken to be, in metres.
+const MIN_DEPTH_M: f64 = 0.3;
 /// Tracks with a larger speed or standard deviation of it are dropped, in m/s: several times that of any vehicle.
 const MAX_SPEED_M_S: f64 = 1_000.0;
 
@@ -70,7 +75,7 @@ impl Track {
         rates: Option<&OwnRates>,
     ) -> Self {
         let scale = rig.focal_px * rig.baseline_m;
-        let is_cut = CutSides::of(region, size).any();
+        let cut = CutSides::of(region, size);
         let mut track = Self {
             id,
             existence: Existence::new(region.evidence),
@@ -79,7 +84,7 @@ impl Track {
             region: *region,
             detection: Some(detection),
             longitudinal: DistanceFilter::new(scale, region.disparity_px, noise_px(region)),
-            lateral: LateralFilter::new(region.lateral_m, centre_sigma_m(region, &rig, is_cut)),
+            lateral: LateralFilter::new(region.lateral_m, place_sigma_m(region, &rig, cut, 0.0)),
             extent: Extent::new(region, &rig),
             consecutive_frames: 1,
             width_jitter: INITIAL_JITTER,
@@ -103,12 +108,9 @@ impl Track {
         self.longitudinal.update(region.disparity_px, noise_px(region));
         let cut = CutSides::of(region, size);
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
-        let is_partial = cut.any() && self.is_over_ground || cut.left && cut.right;
         // A box that became wider or narrower may have gained or lost a side.
         let unsure_m = if cut.any() { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
-        // The side of a thing that enters or leaves the picture is seen at an angle that changes, which must not look like a
-        // speed over ground.
-        let sigma_m = centre_sigma_m(region, &rig, is_partial).hypot(unsure_m);
+        let sigma_m = place_sigma_m(region, &rig, cut, self.extent.width_m).hypot(unsure_m);
         let half_m = region.width_m / 2.0;
         let [left_m, right_m] = match self.is_over_ground {
             true => region.ends_m(),
@@ -123,16 +125,29 @@ impl Track {
             _ => ((left_m + right_m) / 2.0, 0.0),
         };
         self.lateral.update(lateral_m, sigma_m);
-        self.extent.update(region, &rig, cut, self.unseen_s);
+        let enters = self.enters(region, cut);
+        self.extent.update(region, &rig, (cut, enters), self.unseen_s);
         self.lateral.shift(outwards * (self.front_m() - front_m));
-        if !cut.any() {
-            self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
-        }
+        // Of what the picture cuts no width is measured, and what it was before is forgotten.
+        let change = if cut.any() { INITIAL_JITTER } else { change };
+        self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
         self.region = *region;
         self.detection = Some(detection);
         self.seen = self.seen.saturating_add(1);
         self.consecutive_frames = self.consecutive_frames.saturating_add(1);
         (self.missed, self.unseen_s) = (0, 0.0);
+    }
+
+    /// Whether a thing that the picture cuts on one side comes into view: the side that is seen goes away from the border.
+    fn enters(&self, region: &Region, cut: CutSides) -> bool {
+        let columns = |bounds: &PixelBox| [f64::from(bounds.x), f64::from(bounds.x + bounds.width)];
+        let ([left, right], [left_before, right_before]) =
+            (columns(&region.bounds), columns(&self.region.bounds));
+        match (cut.left, cut.right) {
+            (true, false) => right - right_before > CENTRE_SIGMA_PX,
+            (false, true) => left_before - left > CENTRE_SIGMA_PX,
+            _ => false,
+        }
     }
 
     /// The whole box of the thing, also outside of the picture: left, top, right, bottom, in px.
@@ -320,8 +335,18 @@ fn noise_px(region: &Region) -> f64 {
     NOISE_INFLATION * region.disparity_sigma_px.max(MIN_SIGMA_PX)
 }
 
-/// Standard deviation of a box's centre, in metres; half the width for a box that is cut.
-fn centre_sigma_m(region: &Region, rig: &Rig, is_cut: bool) -> f64 {
-    let strips = CENTRE_SIGMA_PX * region.distance_m / rig.focal_px;
-    strips.hypot(if is_cut { 0.5 } else { CENTRE_SIGMA_SHARE } * region.width_m)
+/// Standard deviation of the place that a box tells, in metres: of its middle, or, where the picture cuts one side, of the other
+/// one. Of a middle whose sides are both cut nothing is known. `width_m`: of the thing, as far as it has been seen before.
+fn place_sigma_m(region: &Region, rig: &Rig, cut: CutSides, width_m: f64) -> f64 {
+    let [left_m, right_m] = region.ends_m();
+    let (share, side_m) = match (cut.left, cut.right) {
+        (true, true) => (CUT_SIGMA_SHARE, 0.0),
+        (true, false) => (CENTRE_SIGMA_SHARE, right_m),
+        (false, true) => (CENTRE_SIGMA_SHARE, left_m),
+        (false, false) => (CENTRE_SIGMA_SHARE, 0.0),
+    };
+    let strips_m = CENTRE_SIGMA_PX * region.distance_m / rig.focal_px;
+    // The column of a side is known; an error of its depth moves it along its line of sight.
+    let depth_m = SIDE_DEPTH_SHARE * region.width_m.max(width_m);
+    strips_m.hypot(share * region.width_m).hypot(depth_m * side_m / region.distance_m.max(MIN_DEPTH_M))
 }

@@ -6,6 +6,8 @@
 //! [`exposure`] keeps both images equally bright.
 
 pub mod connection;
+#[cfg(feature = "v4l2")]
+pub mod device_formats;
 pub mod exposure;
 #[cfg(test)]
 mod fake;

@@ -14,6 +14,21 @@ pub enum Verdict {
     Drop,
 }
 
+/// Both cameras deliver frames, but for so long no pair came of them, in nanoseconds: they expose at different times. Some
+/// frames must be lost one by one without a word.
+const UNPAIRED_NS: u64 = 3_000_000_000;
+
+/// Frames of both cameras that found no partner, since the last pair.
+#[derive(Clone, Copy, Debug, Default)]
+struct Unpaired {
+    /// Time of the first, in nanoseconds.
+    since_ns: Option<u64>,
+    /// Number of each side.
+    frames: [u64; 2],
+    /// Least time between a frame and the one before it of the other side, in nanoseconds.
+    nearest_ns: Option<u64>,
+}
+
 /// Counters since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
@@ -34,6 +49,7 @@ pub struct Pairing {
     /// Exposure time of the held frame.
     held: [Option<u64>; 2],
     last: [Option<u64>; 2],
+    unpaired: Unpaired,
     counts: Counts,
 }
 
@@ -41,7 +57,13 @@ impl Pairing {
     /// Frames whose exposures are at most `bound_ns` apart form a pair. The bound must be less than half the
     /// frame period.
     pub fn new(bound_ns: u64) -> Self {
-        Self { bound_ns, held: [None; 2], last: [None; 2], counts: Counts::default() }
+        Self {
+            bound_ns,
+            held: [None; 2],
+            last: [None; 2],
+            unpaired: Unpaired::default(),
+            counts: Counts::default(),
+        }
     }
 
     /// Counters since the start.
@@ -58,6 +80,18 @@ impl Pairing {
     pub fn reset(&mut self, side: usize) {
         self.counts.single[side] += u64::from(self.held[side].take().is_some());
         self.last[side] = None;
+        self.unpaired = Unpaired::default();
+    }
+
+    /// The least time between exposures of left and right, in nanoseconds, if both sides have delivered frames for
+    /// seconds and none formed a pair.
+    pub fn out_of_step(&self) -> Option<u64> {
+        let Unpaired { since_ns, frames, nearest_ns } = self.unpaired;
+        let newest = self.last.into_iter().flatten().max()?;
+        let is_long = newest.saturating_sub(since_ns?) >= UNPAIRED_NS;
+        // A side that is lost or slow has a reason of its own.
+        let [most, least] = [frames[0].max(frames[1]), frames[0].min(frames[1])];
+        nearest_ns.filter(|_| is_long && least > 0 && 2 * least >= most)
     }
 
     /// Offers a frame of `side` (0 or 1), exposed at `time_ns`.
@@ -68,6 +102,13 @@ impl Pairing {
         }
         self.last[side] = Some(time_ns);
         let other = 1 - side;
+        let unpaired = &mut self.unpaired;
+        unpaired.since_ns.get_or_insert(time_ns);
+        unpaired.frames[side] += 1;
+        if let Some(of_other) = self.last[other] {
+            let apart = of_other.abs_diff(time_ns);
+            unpaired.nearest_ns = Some(unpaired.nearest_ns.map_or(apart, |nearest| nearest.min(apart)));
+        }
         if let Some(waiting) = self.held[other] {
             let skew_ns = waiting.abs_diff(time_ns);
             if skew_ns <= self.bound_ns {
@@ -75,6 +116,7 @@ impl Pairing {
                 // The older frame of this side found no partner.
                 self.counts.single[side] += u64::from(self.held[side].take().is_some());
                 self.counts.pairs += 1;
+                self.unpaired = Unpaired::default();
                 self.counts.worst_skew_ns = self.counts.worst_skew_ns.max(skew_ns);
                 return Verdict::Pair { skew_ns };
             }
@@ -147,6 +189,27 @@ mod tests {
         // A restarted camera may have a new clock.
         p.reset(0);
         assert_eq!(p.offer(0, MS), Verdict::Hold);
+    }
+
+    #[test]
+    fn cameras_that_never_expose_together_are_out_of_step() {
+        // Side 1 is 12 ms behind, which is more than the bound of 2.
+        let mut p = pairing();
+        let mut told = None;
+        for n in 1..200_u64 {
+            assert!(!matches!(p.offer(0, n * 33 * MS), Verdict::Pair { .. }));
+            assert!(!matches!(p.offer(1, n * 33 * MS + 12 * MS), Verdict::Pair { .. }));
+            told = told.or(p.out_of_step().map(|nearest| (n, nearest)));
+        }
+        let (frame, nearest) = told.expect("no pair for 6 s");
+        assert!((3000..3100).contains(&(frame * 33)) && nearest == 12 * MS, "{frame}, {nearest}");
+        // A pair ends it, and lost frames are nothing of the kind; nor is a side that delivers nothing.
+        p.offer(0, 7000 * MS);
+        assert!(matches!(p.offer(1, 7001 * MS), Verdict::Pair { .. }) && p.out_of_step().is_none());
+        for n in 300..600_u64 {
+            p.offer(0, n * 33 * MS);
+        }
+        assert_eq!(p.out_of_step(), None);
     }
 
     #[test]

@@ -68,6 +68,8 @@ pub struct CameraSource {
     /// this process is replaced.
     last_ns: u64,
     control: Option<ExposureControl>,
+    /// Whether it was reported that the cameras expose at different times.
+    is_out_of_step: bool,
     /// A fault that was not reported yet; empty after recovery.
     pending_fault: Option<String>,
 }
@@ -98,6 +100,7 @@ impl CameraSource {
             ready: None,
             last_ns: 0,
             control,
+            is_out_of_step: false,
             pending_fault: None,
         }
     }
@@ -204,11 +207,27 @@ impl CameraSource {
             Verdict::Drop => {}
             Verdict::Hold => self.links[side].free = 1 - own,
             Verdict::Pair { .. } => {
+                if std::mem::take(&mut self.is_out_of_step) {
+                    self.pending_fault = Some(String::new());
+                }
                 let other = 1 - side;
                 let mut images = [own; 2];
                 images[other] = 1 - self.links[other].free;
                 self.ready = Some(Ready { images, time_ns: taken.time_ns });
             }
+        }
+        if !self.is_out_of_step
+            && let Some(nearest_ns) = self.pairing.out_of_step()
+        {
+            self.is_out_of_step = true;
+            let ms = |ns: u64| ns as f64 * 1e-6;
+            self.report_fault(format!(
+                "no pairs: left and right expose {:.1} ms apart, camera.skew_ms = {} allows less: trigger both cameras \
+                 together, or raise camera.skew_ms (below half a period, {:.1} ms)",
+                ms(nearest_ns),
+                ms(self.settings.skew_ns),
+                ms(self.settings.period_ns) / 2.0
+            ));
         }
     }
 
@@ -373,6 +392,23 @@ mod tests {
         assert!(pairs.len() >= 52, "{}", pairs.len());
         let single = source.counts().single;
         assert!(single[0] >= 4 && single[1] >= 2, "{single:?}");
+    }
+
+    #[test]
+    fn cameras_that_expose_at_different_times_are_told_once() {
+        let frames = |delay: u64, range: std::ops::Range<u64>| {
+            range.map(move |n| Event::Frame { at_ns: n * 33 * MS + delay, level: n as u8 })
+        };
+        // They drift into step at last.
+        let right = frames(11 * MS, 1..200).chain(frames(0, 200..240)).collect();
+        let rig = FakeRig::new([frames(0, 1..240).collect(), right]);
+        let mut source = CameraSource::new(rig.opener(), settings(false), now_ns);
+        let (pairs, reported) = play(&mut source, &rig);
+        assert_eq!(reported.len(), 2, "{reported:?}");
+        for part in ["left and right expose 11.0 ms apart", "camera.skew_ms = 2 ", "half a period, 16.5 ms"] {
+            assert!(reported[0].contains(part), "{part}: {}", reported[0]);
+        }
+        assert!(reported[1] == "recovered" && pairs.len() >= 35, "{reported:?}, {} pairs", pairs.len());
     }
 
     #[test]

@@ -22,8 +22,11 @@ const MAX_BUFFERS: usize = 32;
 /// POLLIN of poll(2).
 const READABLE: i16 = 1;
 
+/// ENODEV of errno(3): the device is gone.
+const NO_SUCH_DEVICE: i32 = 19;
+
 /// Formats in order of preference: cheapest conversion first.
-const FORMATS: [(&[u8; 4], PixelFormat); 6] = [
+pub(super) const FORMATS: [(&[u8; 4], PixelFormat); 6] = [
     (b"GREY", PixelFormat::Grey),
     (b"YUYV", PixelFormat::Yuyv),
     (b"UYVY", PixelFormat::Uyvy),
@@ -174,24 +177,25 @@ impl Camera for V4l2Camera {
         let refused = |what: &str, e: io::Error| self.fail(format!("cannot set {what}: {e}"));
         match exposure {
             Exposure::Automatic => {
-                let automatic =
-                    [3, 0].into_iter().find(|&v| self.set(sys::V4L2_CID_EXPOSURE_AUTO, v).is_ok());
-                automatic.map(|_| ()).ok_or_else(|| self.fail("has no automatic exposure"))
+                // A camera without this control is left as it is: its exposure is its own in any case.
+                let _ = [3, 0].into_iter().find(|&v| self.set(sys::V4L2_CID_EXPOSURE_AUTO, v).is_ok());
+                Ok(())
             }
             Exposure::Fixed { time_us, gain } => {
                 // Cameras without automatic exposure lack this control.
                 let _ = self.set(sys::V4L2_CID_EXPOSURE_AUTO, MANUAL);
                 // In units of 100 µs where the device supports them, in its own (lines) elsewhere.
-                let absolute = self.set(sys::V4L2_CID_EXPOSURE_ABSOLUTE, i64::from((time_us / 100).max(1)));
-                if absolute.is_err() {
-                    self.set(sys::V4L2_CID_EXPOSURE, time_us.into())
-                        .map_err(|e| refused("camera.exposure_us", e))?;
-                }
+                let exposed = self
+                    .set(sys::V4L2_CID_EXPOSURE_ABSOLUTE, i64::from((time_us / 100).max(1)))
+                    .or_else(|_| self.set(sys::V4L2_CID_EXPOSURE, time_us.into()))
+                    .map_err(|e| refused("camera.exposure_us", e));
                 let _ = self.set(sys::V4L2_CID_AUTOGAIN, 0);
-                let gained = self.set(sys::V4L2_CID_GAIN, gain.into());
-                gained
+                // Also where the exposure time cannot be set: each control that a camera has is used.
+                let gained = self
+                    .set(sys::V4L2_CID_GAIN, gain.into())
                     .or_else(|_| self.set(sys::V4L2_CID_ANALOGUE_GAIN, gain.into()))
-                    .map_err(|e| refused("camera.gain", e))
+                    .map_err(|e| refused("camera.gain", e));
+                exposed.and(gained)
             }
         }
     }
@@ -199,10 +203,12 @@ impl Camera for V4l2Camera {
 
 impl Drop for V4l2Camera {
     fn drop(&mut self) {
-        // The library panics when the stream being dropped cannot be stopped, as may happen after the camera was
-        // unplugged. In that case its memory is leaked until the process ends.
+        // The library panics when a stream cannot be stopped for another reason than that its device is gone. Then its
+        // memory is leaked until the process ends. A device that is gone must be closed: it keeps its number until
+        // then, and the same camera, plugged in again, would become another /dev/videoN.
         if let Some(mut stream) = self.stream.take()
-            && stream.stop().is_err()
+            && let Err(error) = stream.stop()
+            && error.raw_os_error() != Some(NO_SUCH_DEVICE)
         {
             std::mem::forget(stream);
         }

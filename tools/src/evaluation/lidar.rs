@@ -137,6 +137,8 @@ pub struct LidarReport {
     pub method: String,
     /// Number of times each image was processed in a row; 1: single images, of which sightings with strong evidence count.
     pub repeats: u64,
+    /// Number of images that were skipped, because a picture or the depth map cannot be decoded.
+    pub unreadable: u64,
     /// Images.
     pub pictures: Vec<PictureRow>,
     /// ClassifiedTrack objects.
@@ -287,8 +289,14 @@ impl PictureRow {
 }
 
 impl LidarReport {
-    /// Summarises all images.
-    pub fn new(method: &str, repeats: u64, pictures: Vec<PictureRow>, labels: Vec<LabelRow>) -> Self {
+    /// Summarises all images; `unreadable` more were skipped.
+    pub fn new(
+        method: &str,
+        repeats: u64,
+        unreadable: u64,
+        pictures: Vec<PictureRow>,
+        labels: Vec<LabelRow>,
+    ) -> Self {
         let count = |verdict: Verdict| labels.iter().filter(|row| row.verdict == verdict).count();
         let covered = count(Verdict::Covered);
         let evaluable = covered + count(Verdict::Missed);
@@ -302,6 +310,7 @@ impl LidarReport {
         Self {
             method: method.to_owned(),
             repeats,
+            unreadable,
             evaluable,
             covered,
             share: tidy_finite(covered as f64 / evaluable as f64),
@@ -373,6 +382,9 @@ impl fmt::Display for LidarReport {
             )?;
         }
         writeln!(f)?;
+        if self.unreadable > 0 {
+            writeln!(f, "unreadable pictures, skipped: {}; --strict stops there", self.unreadable)?;
+        }
         if self.evaluable > 0 {
             writeln!(
                 f,
@@ -497,7 +509,7 @@ mod tests {
         ];
         assert_eq!(pictures[0].errors_percent, [5.0]);
         let missed = judge("1", &label(), &depth, &regions[1..]);
-        let report = LidarReport::new("fast", 1, pictures, vec![row, missed]);
+        let report = LidarReport::new("fast", 1, 0, pictures, vec![row, missed]);
         assert_eq!((report.evaluable, report.covered, report.share), (2, 1, Some(0.5)));
         assert_eq!(
             (report.cars.median_percent, report.matched.count, report.depth_map.count),

@@ -3,6 +3,7 @@
 
 pub mod approach;
 pub mod box_score;
+pub mod classes;
 pub mod compare;
 pub mod detection;
 pub mod disturb;

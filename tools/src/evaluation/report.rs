@@ -42,6 +42,8 @@ pub struct SetReport {
     pub set: String,
     /// Number of skipped pairs, which have no map.
     pub left_out: usize,
+    /// Number of skipped pairs of which a picture or a map of the ground truth cannot be decoded.
+    pub unreadable: u64,
     /// Sorted by region, then by pair.
     pub rows: Vec<Row>,
     /// By region.
@@ -50,7 +52,7 @@ pub struct SetReport {
 
 impl SetReport {
     /// Sorts the rows by region and computes the means.
-    pub fn new(set: String, mut rows: Vec<Row>, left_out: usize) -> Self {
+    pub fn new(set: String, mut rows: Vec<Row>, left_out: usize, unreadable: u64) -> Self {
         let order = [Region::All.name(), Region::Noc.name()];
         rows.sort_by_key(|row| order.iter().position(|name| *name == row.region));
         let mut means = BTreeMap::new();
@@ -65,7 +67,7 @@ impl SetReport {
                 means.insert(region, Mean { images, scores, cpu_ms });
             }
         }
-        Self { set, left_out, rows, mean: means }
+        Self { set, left_out, unreadable, rows, mean: means }
     }
 }
 
@@ -135,6 +137,9 @@ impl fmt::Display for StereoReport {
             if set.left_out > 0 {
                 writeln!(f, "{} pairs have no map and were skipped", set.left_out)?;
             }
+            if set.unreadable > 0 {
+                writeln!(f, "unreadable pairs, skipped: {}; --strict stops there", set.unreadable)?;
+            }
             writeln!(f)?;
         }
         match &self.subpixel {
@@ -191,7 +196,7 @@ mod tests {
         StereoReport {
             method: "full".into(),
             pairs: "odd".into(),
-            sets: vec![SetReport::new("kitti".into(), rows, 3)],
+            sets: vec![SetReport::new("kitti".into(), rows, 3, 0)],
             ..StereoReport::default()
         }
     }

@@ -47,8 +47,9 @@ impl FrameDuty {
                 - (TOLERANCE_SHARE * object.distance_m).max(TOLERANCE_M).min(object.distance_m);
             let closing = object.closing_m_s.max(0.0) * (1.0 + TOLERANCE_SHARE);
             let is_near = rules.distance_m > 0.0 && nearest_m < rules.distance_m * margin;
-            let is_soon = rules.ttc_alarm_s > 0.0 && nearest_m < closing * rules.ttc_alarm_s * margin;
-            let needed = closing * closing / (2.0 * nearest_m.max(0.1));
+            let gap_m = nearest_m - rules.front_m;
+            let is_soon = rules.ttc_alarm_s > 0.0 && gap_m < closing * rules.ttc_alarm_s * margin;
+            let needed = closing * closing / (2.0 * gap_m.max(0.1));
             let is_hard =
                 rules.deceleration_alarm_m_s2 > 0.0 && needed > rules.deceleration_alarm_m_s2 / margin;
             duty.may |= is_near || is_soon || is_hard;

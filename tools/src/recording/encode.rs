@@ -5,6 +5,7 @@
 //! `vehicle` was at the start of the run, or at the last reset of odometry.
 
 use super::topic::{ImageForm, Message, Topic};
+use crate::reporting::palette;
 use crate::reporting::record::{FrameRecord, ObstacleLine};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -27,7 +28,7 @@ const DASH_PX: f64 = 5.0;
 const MAX_DASHES: usize = 100;
 
 /// Depth of the boxes in metres: the extent of obstacles along the view is not measured.
-const BOX_DEPTH_M: f64 = 0.4;
+pub const BOX_DEPTH_M: f64 = 0.4;
 
 /// Rotation from the axes of a camera to those of the vehicle, as a quaternion x, y, z, w.
 const CAMERA_TO_VEHICLE: [f64; 4] = [-0.5, 0.5, -0.5, 0.5];
@@ -42,7 +43,8 @@ pub enum Side {
 }
 
 impl Side {
-    fn frame(self) -> &'static str {
+    /// Name of its frame of reference.
+    pub fn frame(self) -> &'static str {
         match self {
             Self::Left => "camera_left",
             Self::Right => "camera_right",
@@ -165,15 +167,10 @@ pub fn odometry(stamp: Stamp, position_m: [f64; 3], orientation: [f64; 4]) -> Me
     stamp.message(Topic::Odometry, &transform)
 }
 
-/// Colour of an obstacle: red for the one that raised the alarm, amber for confirmed ones, else grey.
+/// Colour of an obstacle, as in overlays.
 fn colour(record: &FrameRecord, o: &ObstacleLine, opacity: f64) -> Color {
-    if record.alarm.track == Some(o.track) && record.alarm.level == "alarm" {
-        [0.9, 0.1, 0.1, opacity].into()
-    } else if o.confirmed {
-        [1.0, 0.7, 0.1, opacity].into()
-    } else {
-        [0.6, 0.6, 0.6, opacity].into()
-    }
+    let [r, g, b] = palette::of_obstacle(record, o).map(|part| f64::from(part) / 255.0);
+    [r, g, b, opacity].into()
 }
 
 fn label(o: &ObstacleLine) -> String {

@@ -22,6 +22,8 @@ pub struct McapFile {
     bytes: Arc<AtomicU64>,
     /// Bytes of messages in the chunk that is being assembled.
     pending_bytes: u64,
+    /// Bytes of the schemas, which the end of the file repeats.
+    schema_bytes: u64,
     first_ns: Option<u64>,
     chunk_ns: u64,
     /// Number of messages written.
@@ -54,6 +56,7 @@ impl McapFile {
             channels,
             bytes,
             pending_bytes: 0,
+            schema_bytes: 0,
             first_ns: None,
             chunk_ns: 0,
             messages: 0,
@@ -66,9 +69,14 @@ impl McapFile {
         self.bytes.load(Ordering::Relaxed)
     }
 
-    /// The same with those of the chunk that is being assembled.
-    pub fn bytes_with_pending(&self) -> u64 {
-        self.bytes().saturating_add(self.pending_bytes)
+    /// Upper bound of the size that the file would have if it ended now, in bytes.
+    pub fn size_if_ended(&self) -> u64 {
+        /// Upper bound of what a message needs beside its data, with its places in the index.
+        const MESSAGE_BYTES: u64 = 64;
+        /// Upper bound of summary, statistics and footer.
+        const END_BYTES: u64 = 4096;
+        let overhead = END_BYTES + self.schema_bytes + MESSAGE_BYTES * self.messages;
+        self.bytes().saturating_add(self.pending_bytes).saturating_add(overhead)
     }
 
     /// Time from the first message to `time_ns`, in nanoseconds.
@@ -82,6 +90,7 @@ impl McapFile {
             Some(&channel) => channel,
             None => {
                 let schema = message.topic.schema(self.form);
+                self.schema_bytes += schema.data().len() as u64;
                 let id = self.writer.add_schema(schema.name(), schema.encoding(), schema.data())?;
                 let name = message.topic.name();
                 let channel =

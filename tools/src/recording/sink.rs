@@ -13,7 +13,7 @@ use thiserror::Error;
 /// Limits of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {
-    /// Size after which a new file is started, in bytes.
+    /// The most that a file may have, in bytes, unless a single frame needs more.
     pub split_bytes: Option<u64>,
     /// Time after which a new file is started, in nanoseconds.
     pub split_ns: Option<u64>,
@@ -140,6 +140,12 @@ pub struct Sink {
     /// Last messages of the topics that each file begins with.
     latched: BTreeMap<Topic, Message>,
     ring: Option<Ring>,
+    /// Size of the current file at the last place where it could be split, in bytes; 0 before the first.
+    split_place: u64,
+    /// The most that a file has grown between two such places, in bytes.
+    largest_frame: u64,
+    /// Frames of the files before the current one.
+    frames_before: u64,
     /// With a ring buffer: messages up to this time are written without it.
     open_until_ns: u64,
     is_short: bool,
@@ -169,6 +175,9 @@ impl Sink {
             file: None,
             latched: BTreeMap::new(),
             ring,
+            split_place: 0,
+            largest_frame: 0,
+            frames_before: 0,
             open_until_ns: 0,
             is_short: false,
             report: Report::default(),
@@ -275,7 +284,16 @@ impl Sink {
         if let Some(file) = &self.file
             && !matches!(message.topic, Topic::RightImage | Topic::Vehicle | Topic::Pair)
         {
-            let is_long = self.limits.split_bytes.is_some_and(|most| file.bytes_with_pending() >= most)
+            let size = file.size_if_ended();
+            // Not the first: there are the latched messages, too.
+            if self.split_place > 0 {
+                self.largest_frame = self.largest_frame.max(size.saturating_sub(self.split_place));
+            }
+            self.split_place = size;
+            // A file holds one frame at least.
+            let has_frame = self.report.frames > self.frames_before;
+            let is_full = |most: u64| size.saturating_add(self.largest_frame) > most;
+            let is_long = (has_frame && self.limits.split_bytes.is_some_and(is_full))
                 || self.limits.split_ns.is_some_and(|most| file.age_ns(message.time_ns) >= most);
             if is_long {
                 self.close("continued in the next file")?;
@@ -306,6 +324,7 @@ impl Sink {
             file.write(&message).map_err(|error| self.write_error(error))?;
         }
         self.file = Some(file);
+        (self.split_place, self.frames_before) = (0, self.report.frames);
         Ok(())
     }
 

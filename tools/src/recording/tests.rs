@@ -170,13 +170,24 @@ fn files_are_split_by_time_and_by_size_and_each_stands_alone() {
     put(&mut more, 0..2, ImageForm::Raw).unwrap();
     assert_eq!(more.finish("over").unwrap().files, [name("t", 5)]);
 
-    let limits = Limits { split_bytes: Some(20_000), ..Limits::default() };
+    let limits = Limits { split_bytes: Some(60_000), ..Limits::default() };
     let mut by_size = sink(&folder.path().join("s.mcap"), ImageForm::Raw, limits);
     put(&mut by_size, 0..100, ImageForm::Raw).unwrap();
     let report = by_size.finish("over").unwrap();
     assert!(report.files.len() > 3, "{report:?}");
+    for (i, file) in report.files.iter().enumerate() {
+        let bytes = std::fs::metadata(file).unwrap().len();
+        assert!(bytes <= 60_000, "{}: {bytes} bytes", file.display());
+        assert!(bytes > 40_000 || i + 1 == report.files.len(), "{}: {bytes} bytes", file.display());
+    }
     let total: u64 = report.files.iter().map(|f| RecordingSource::open(f).unwrap().count().unwrap()).sum();
     assert_eq!(total, 100);
+    // A limit that is smaller than a frame gives files of one frame.
+    let limits = Limits { split_bytes: Some(1), ..Limits::default() };
+    let mut by_frame = sink(&folder.path().join("f.mcap"), ImageForm::Raw, limits);
+    put(&mut by_frame, 0..4, ImageForm::Raw).unwrap();
+    let report = by_frame.finish("over").unwrap();
+    assert_eq!(report.frames, 4, "{report:?}");
 }
 
 #[test]

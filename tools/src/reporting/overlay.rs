@@ -1,18 +1,26 @@
 //! The left image with road, obstacles and alarm drawn over it.
 
-use crate::reporting::picture::{Colour, Picture};
+use crate::reporting::labels::{self, Area, Setting, Wanted};
+use crate::reporting::palette::{
+    BOUNDARY, CAUSE, FREE, LEGEND, PATH, PLAIN, ROAD_EDGE, UNCONFIRMED, is_cause, of_obstacle,
+};
+use crate::reporting::picture::{Picture, TEXT_PX};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
 use crate::reporting::space::polygon_in_image;
 use perception::rig::Rig;
 use perception::road::edges::SEGMENTS;
 
-const RED: Colour = [255, 40, 40];
-const ORANGE: Colour = [255, 165, 40];
-const GREEN: Colour = [60, 220, 90];
-const WHITE: Colour = [240, 240, 240];
-const YELLOW: Colour = [250, 230, 60];
-const BLUE: Colour = [70, 170, 255];
-const VIOLET: Colour = [190, 110, 255];
+/// Narrowest unconfirmed box that has a label, in px.
+const MIN_LABELLED_PX: u32 = 24;
+
+/// Number of nearest obstacles with their whole label; farther ones have the distance alone.
+const MAX_WHOLE_LABELS: usize = 6;
+
+/// Rows of the lowest picture with a legend, in px.
+const MIN_LEGEND_ROWS: i32 = 136;
+
+/// First row of the text at the top, and distance of its lines, in px.
+const HEADER_PX: (i32, i32) = (5, 14);
 
 /// Columns and rows of the road's left and right edges, where visible, from near to far.
 pub type EdgePoints = [[Option<(i32, i32)>; 2]; SEGMENTS];
@@ -41,9 +49,9 @@ pub fn draw_plain(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, false)
 }
 
-/// Draws the free space in green, the road's edges in yellow, boundaries as violet fences, the edges of the vehicle's path in
-/// blue, confirmed obstacles in red with class, distance and its standard deviation, unconfirmed ones in orange, predicted ones dashed, and the
-/// alarm at the top.
+/// Draws the free space, the road's edges, boundaries as fences, the edges of the vehicle's path, and obstacles with class,
+/// distance and its standard deviation, predicted ones dashed; the alarm at the top, the legend of the colours
+/// ([`crate::reporting::palette`]) at the bottom.
 pub fn draw(input: OverlayInput<'_>, record: &FrameRecord) -> Picture {
     draw_with(input, record, true)
 }
@@ -57,7 +65,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
     for side in [0, 1] {
         for pair in edges.windows(2) {
             if let (Some(near), Some(far)) = (pair[0][side], pair[1][side]) {
-                picture.line(near, far, YELLOW, 2);
+                picture.line(near, far, ROAD_EDGE, 2);
             }
         }
     }
@@ -66,52 +74,139 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
         let pixel = |(x, y): (f64, f64)| (x.round() as i32, y.round() as i32);
         for line in [&foot, &top] {
             for pair in line.windows(2) {
-                picture.line(pixel(pair[0]), pixel(pair[1]), VIOLET, 2);
+                picture.line(pixel(pair[0]), pixel(pair[1]), BOUNDARY, 2);
             }
         }
         for (foot, top) in foot.iter().zip(&top) {
-            picture.line(pixel(*foot), pixel(*top), VIOLET, 1);
+            picture.line(pixel(*foot), pixel(*top), BOUNDARY, 1);
         }
     }
     for edge in record.path.in_image(&input.rig, input.profile_px) {
         for pair in edge.windows(2) {
             let [from, to] = [pair[0], pair[1]].map(|(x, y)| (x.round() as i32, y.round() as i32));
-            picture.line(from, to, BLUE, 2);
+            picture.line(from, to, PATH, 2);
         }
     }
+    let mut header = Vec::new();
     // Far ones first, so that near ones are drawn over them.
     let mut order: Vec<&ObstacleLine> = record.obstacles.iter().collect();
     order.sort_by(|a, b| b.distance_m.total_cmp(&a.distance_m));
     for obstacle in order {
-        let colour = if obstacle.confirmed { RED } else { ORANGE };
+        let colour = of_obstacle(record, obstacle);
         let bounds = [obstacle.x_px, obstacle.y_px, obstacle.width_px, obstacle.height_px];
+        let thickness = if is_cause(record, obstacle) { 3 } else { 2 };
         if obstacle.predicted {
-            picture.dashed_frame(bounds, colour, 2);
+            picture.dashed_frame(bounds, colour, thickness);
         } else {
-            picture.frame(bounds, colour, 2);
-        }
-        let mut label = format!("{:.1}±{:.1}m", obstacle.distance_m, obstacle.distance_sigma_m);
-        if obstacle.class != "obstacle" {
-            label = format!("{} {label}", obstacle.class);
-        }
-        // Only where there is enough space.
-        if with_text && obstacle.width_px >= 24 {
-            picture.text(&label, obstacle.x_px as i32, obstacle.y_px as i32 - 13, colour);
+            picture.frame(bounds, colour, thickness);
         }
     }
+    if with_text {
+        header = header_lines(record, width);
+        draw_labels(&mut picture, record, (width, height), header.len());
+    }
     let colour = match record.alarm.level.as_str() {
-        "alarm" => RED,
-        "clear" => WHITE,
-        _ => ORANGE,
+        "alarm" => CAUSE,
+        "clear" => PLAIN,
+        _ => UNCONFIRMED,
     };
     if ["warning", "alarm"].contains(&record.alarm.level.as_str()) {
         picture.frame([0, 0, width as u32, height as u32], colour, 4);
     }
     if with_text {
-        picture.text(&format!("frame {}  {}", record.sequence, record.alarm.text()), 6, 5, colour);
-        picture.text(&record.motion.text(), 6, 19, if record.motion.known { BLUE } else { WHITE });
+        draw_legend(&mut picture);
+        let motion = (record.motion.text(), if record.motion.known { PATH } else { PLAIN });
+        let lines = header.into_iter().map(|line| (line, colour)).chain([motion]);
+        for (y, (line, colour)) in (HEADER_PX.0..).step_by(HEADER_PX.1 as usize).zip(lines) {
+            picture.text(&line, 6, y, colour);
+        }
     }
     picture
+}
+
+/// Frame and alarm, in lines that fit into the picture.
+fn header_lines(record: &FrameRecord, width: usize) -> Vec<String> {
+    let text = format!("frame {}  {}", record.sequence, record.alarm.text());
+    let most = (width / TEXT_PX.0 as usize).saturating_sub(2).max(1);
+    let mut lines: Vec<String> = vec![String::new()];
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.is_empty() || line.chars().count() + 1 + word.chars().count() <= most => {
+                if !line.is_empty() {
+                    line.push(' ');
+                }
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// The labels of the obstacles, the cause of an alarm first, then the nearest.
+fn draw_labels(
+    picture: &mut Picture,
+    record: &FrameRecord,
+    (width, height): (usize, usize),
+    header_lines: usize,
+) {
+    let is_labelled = |o: &&ObstacleLine| o.confirmed || o.width_px >= MIN_LABELLED_PX;
+    let mut order: Vec<&ObstacleLine> = record.obstacles.iter().filter(is_labelled).collect();
+    order.sort_by(|a, b| {
+        let rank = |o: &ObstacleLine| (!is_cause(record, o), !o.confirmed);
+        rank(a).cmp(&rank(b)).then(a.distance_m.total_cmp(&b.distance_m))
+    });
+    let wanted = |(rank, o): (usize, &&ObstacleLine)| {
+        let [whole, short] = texts(o);
+        let first = if rank < MAX_WHOLE_LABELS { whole } else { short.clone() };
+        Wanted { area: area(o), texts: [first, short] }
+    };
+    let wanted: Vec<Wanted> = order.iter().enumerate().map(wanted).collect();
+    let (character, line) = TEXT_PX;
+    let side = |px: usize| i32::try_from(px).unwrap_or(i32::MAX);
+    let size = (side(width), side(height));
+    let legend = [0, size.1 - line, size.0, size.1];
+    // With the line of the own motion.
+    let header = HEADER_PX.0 + HEADER_PX.1 * (header_lines as i32 + 1);
+    let taken = [[0, 0, size.0, header.min(size.1)], legend];
+    for label in labels::place(&wanted, Setting { character, line, size }, &taken) {
+        let colour = of_obstacle(record, order[label.index]);
+        if let Some([from, to]) = label.leader {
+            picture.line(from, to, colour, 1);
+        }
+        picture.text(&label.text, label.area[0] + 1, label.area[1], colour);
+    }
+}
+
+fn area(o: &ObstacleLine) -> Area {
+    let edge = |px: u32| i32::try_from(px).unwrap_or(i32::MAX);
+    let (right, bottom) = (o.x_px.saturating_add(o.width_px), o.y_px.saturating_add(o.height_px));
+    [edge(o.x_px), edge(o.y_px), edge(right), edge(bottom)]
+}
+
+/// The label of an obstacle, and a short one.
+fn texts(o: &ObstacleLine) -> [String; 2] {
+    let long = format!("{:.1}+-{:.1}m", o.distance_m, o.distance_sigma_m);
+    let short = format!("{:.0}m", o.distance_m);
+    if o.class == "obstacle" { [long, short] } else { [format!("{} {long}", o.class), short] }
+}
+
+/// The colours and their meaning in the last row, where the picture is wide enough.
+fn draw_legend(picture: &mut Picture) {
+    let (character, line) = TEXT_PX;
+    let dashed = ("dashed: predicted", PLAIN);
+    let long = |text: &str| (text.len() as i32 + 1) * character;
+    let words = LEGEND.into_iter().chain([dashed]);
+    let total: i32 = words.clone().map(|(text, _)| long(text)).sum();
+    let (width, height) = (picture.width() as i32, picture.height() as i32);
+    if total > width || height < MIN_LEGEND_ROWS {
+        return;
+    }
+    let mut x = 6;
+    for (text, colour) in words {
+        picture.text(text, x, height - line, colour);
+        x += long(text);
+    }
 }
 
 /// Tints the inside of a polygon (column, row) by the rule of even and odd crossings.
@@ -129,7 +224,7 @@ fn tint_polygon(picture: &mut Picture, corners: &[(f64, f64)], (width, height): 
         crossings.sort_unstable_by(f64::total_cmp);
         for pair in crossings.chunks_exact(2) {
             let [from, to] = [pair[0], pair[1]].map(|x| x.round().clamp(0.0, width as f64) as usize);
-            (from..to).for_each(|x| picture.tint(x, y, GREEN, 70));
+            (from..to).for_each(|x| picture.tint(x, y, FREE, 70));
         }
     }
 }
@@ -137,6 +232,7 @@ fn tint_polygon(picture: &mut Picture, corners: &[(f64, f64)], (width, height): 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reporting::palette::CONFIRMED;
     use crate::reporting::record::AlarmLine;
 
     #[test]
@@ -184,18 +280,20 @@ mod tests {
         let input =
             OverlayInput { left: &left, disparity: &disparity, profile_px, edges, width, height, rig };
         let picture = draw(input, &record);
-        assert_eq!(picture.at(21, 50), RED);
-        assert_eq!(picture.at(101, 50), ORANGE);
-        let dashed: Vec<bool> = (40..70).map(|y| picture.at(61, y) == RED).collect();
+        assert_eq!(picture.at(21, 50), CONFIRMED);
+        assert_eq!(picture.at(101, 50), UNCONFIRMED);
+        let dashed: Vec<bool> = (40..70).map(|y| picture.at(61, y) == CONFIRMED).collect();
         let steps = dashed.windows(2).filter(|pair| pair[0] != pair[1]).count();
         assert!(dashed.contains(&true) && steps >= 3, "a prediction is dashed: {dashed:?}");
-        assert_eq!(picture.at(1, 50), RED, "the frame of the alarm");
-        assert_eq!([picture.at(150, 80), picture.at(20, 90)], [YELLOW; 2], "the road's edges");
+        assert_eq!(picture.at(1, 50), CAUSE, "the frame of the alarm");
+        assert_eq!([picture.at(150, 80), picture.at(20, 90)], [ROAD_EDGE; 2], "the road's edges");
         let [r, g, _] = picture.at(80, 80);
         assert!(g > r, "the road is green");
         assert_eq!(picture.at(80, 50), [90, 90, 90]);
+        let lines = header_lines(&record, width);
+        assert!(lines.len() > 1 && lines.iter().all(|line| line.len() * 7 < width), "{lines:?}");
         let plain = draw_plain(input, &record);
-        assert_eq!((plain.at(21, 50), plain.at(8, 12)), (RED, [90, 90, 90]));
+        assert_eq!((plain.at(21, 50), plain.at(8, 12)), (CONFIRMED, [90, 90, 90]));
         assert_ne!(picture.at(8, 12), [90, 90, 90], "text");
     }
 }

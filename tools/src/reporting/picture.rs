@@ -14,6 +14,9 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// Width of a character and height of a line of text, in px.
+pub const TEXT_PX: (i32, i32) = (7, 13);
+
 /// Length of a dash and of the gap after it, in px.
 const DASH_PX: u32 = 5;
 

@@ -35,23 +35,20 @@ struct Axes {
     left: f64,
     right: f64,
     top: f64,
+    /// Whether x is logarithmic.
+    is_log: bool,
 }
 
 const GRID: Colour = [58, 62, 70];
+const FAINT_GRID: Colour = [40, 43, 49];
 const INK: Colour = [190, 195, 205];
 
 impl Axes {
     /// Axes from `left` to `right` and from 0 to slightly above `top`, with grid lines.
     fn new(title: &str, (left, right): (f64, f64), top: f64) -> Self {
         let picture = Picture::new(900, 420, [24, 26, 30]);
-        let mut axes = Self { picture, left, right, top: top * 1.08 };
-        let y_step = step(axes.top);
-        for i in 0..=(axes.top / y_step) as u32 {
-            let y = f64::from(i) * y_step;
-            let (from, to) = (axes.place(left, y), axes.place(right, y));
-            axes.picture.line(from, to, GRID, 1);
-            axes.picture.text(&format!("{:>6}", tidy(y)), 4, from.1 - 7, INK);
-        }
+        let mut axes = Self { picture, left, right, top: top * 1.08, is_log: false };
+        axes.rows();
         let x_step = step(right - left);
         let (first, last) = ((left / x_step).ceil() as i32, (right / x_step).floor() as i32);
         for i in first..=last {
@@ -64,9 +61,48 @@ impl Axes {
         axes
     }
 
+    /// The same with a logarithmic x axis, whose ends are powers of ten.
+    fn logarithmic(title: &str, (left, right): (f64, f64), top: f64) -> Self {
+        let picture = Picture::new(900, 420, [24, 26, 30]);
+        let mut axes = Self { picture, left, right, top: top * 1.08, is_log: true };
+        axes.rows();
+        let (first, last) = (left.log10().round() as i32, right.log10().round() as i32);
+        for power in first..=last {
+            for factor in 1..10 {
+                let x = f64::from(factor) * 10_f64.powi(power);
+                if x > right * 1.001 {
+                    break;
+                }
+                let (from, to) = (axes.place(x, 0.0), axes.place(x, axes.top));
+                // Lines within a decade are fainter.
+                axes.picture.line(from, to, if factor == 1 { GRID } else { FAINT_GRID }, 1);
+                if factor == 1 {
+                    axes.picture.text(&format!("{}", tidy(x)), from.0 - 7, from.1 + 5, INK);
+                }
+            }
+        }
+        axes.picture.text(title, MARGIN, 6, [240, 240, 240]);
+        axes
+    }
+
+    /// The grid lines of the y axis.
+    fn rows(&mut self) {
+        let y_step = step(self.top);
+        for i in 0..=(self.top / y_step) as u32 {
+            let y = f64::from(i) * y_step;
+            let (from, to) = (self.place(self.left, y), self.place(self.right, y));
+            self.picture.line(from, to, GRID, 1);
+            self.picture.text(&format!("{:>6}", tidy(y)), 4, from.1 - 7, INK);
+        }
+    }
+
     fn place(&self, x: f64, y: f64) -> (i32, i32) {
         let (width, height) = (self.picture.width() as i32, self.picture.height() as i32);
-        let share = (x - self.left) / (self.right - self.left);
+        let share = if self.is_log {
+            (x.max(self.left) / self.left).log10() / (self.right / self.left).log10()
+        } else {
+            (x - self.left) / (self.right - self.left)
+        };
         let px = f64::from(MARGIN) + share * f64::from(width - MARGIN - 20);
         let py = f64::from(height - 40) - y / self.top * f64::from(height - 90);
         (px.round() as i32, py.round() as i32)
@@ -91,7 +127,20 @@ fn finite(series: &[Series]) -> impl Iterator<Item = &(f64, f64)> {
 pub fn lines(title: &str, x_name: &str, unit: &str, series: &[Series]) -> Picture {
     let right = finite(series).map(|p| p.0).fold(1.0, f64::max);
     let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
-    let mut axes = Axes::new(&format!("{title} ({unit} over {x_name})"), (0.0, right), top);
+    let axes = Axes::new(&format!("{title} ({unit} over {x_name})"), (0.0, right), top);
+    draw_lines(axes, series)
+}
+
+/// The same with a logarithmic x axis from `left`, a power of ten; smaller values are drawn there.
+pub fn lines_over_log(title: &str, x_name: &str, unit: &str, left: f64, series: &[Series]) -> Picture {
+    let most = finite(series).map(|p| p.0).fold(10.0 * left, f64::max);
+    let right = 10_f64.powf((most.log10() - 1e-9).ceil());
+    let top = finite(series).map(|p| p.1).fold(1e-3, f64::max);
+    let title = format!("{title} ({unit} over {x_name}, logarithmic)");
+    draw_lines(Axes::logarithmic(&title, (left, right), top), series)
+}
+
+fn draw_lines(mut axes: Axes, series: &[Series]) -> Picture {
     for (line, colour) in series.iter().zip(COLOURS.iter().cycle()) {
         for pair in line.points.windows(2) {
             if pair.iter().all(|(x, y)| x.is_finite() && y.is_finite()) {
@@ -145,6 +194,19 @@ mod tests {
         // Empty data do not panic.
         lines("empty", "frame", "ms", &[]);
     }
+
+    #[test]
+    fn decades_are_equally_wide_on_a_logarithmic_axis() {
+        let points = vec![(0.0, 1.0), (0.01, 1.0), (100.0, 1.0)];
+        let series = [Series { name: "a".into(), points }];
+        let picture = lines_over_log("roc", "%", "%", 0.01, &series);
+        let axes = Axes::logarithmic("", (0.01, 100.0), 1.0);
+        let x: Vec<i32> = [0.01, 0.1, 1.0, 10.0, 100.0].map(|x| axes.place(x, 0.0).0).into();
+        assert!(x.windows(2).all(|pair| (pair[1] - pair[0] - (x[1] - x[0])).abs() <= 1), "{x:?}");
+        let coloured = |x: i32| (60..picture.height()).any(|y| picture.at(x as usize, y) == COLOURS[0]);
+        assert!(coloured(x[0] + 2) && coloured(x[4] - 2), "{x:?}");
+    }
+
     #[test]
     fn bars_stand_side_by_side() {
         let series = |name: &str, height: f64| Series {

@@ -24,12 +24,25 @@ pub struct PlyError {
 /// When it cannot be written.
 pub fn save(path: &Path, points: &[[f32; 4]], colour: impl Fn(&[f32; 4]) -> Colour) -> Result<(), PlyError> {
     let part = path.with_extension("part");
-    let written = write(&part, points, colour).and_then(|()| std::fs::rename(&part, path));
+    let written = create(&part, points, colour).and_then(|()| std::fs::rename(&part, path));
     written.map_err(|source| PlyError { path: path.to_owned(), source })
 }
 
-fn write(path: &Path, points: &[[f32; 4]], colour: impl Fn(&[f32; 4]) -> Colour) -> io::Result<()> {
+fn create(path: &Path, points: &[[f32; 4]], colour: impl Fn(&[f32; 4]) -> Colour) -> io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
+    write(&mut file, points, colour)?;
+    file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+}
+
+/// Writes the content of such a file.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write(
+    file: &mut impl Write,
+    points: &[[f32; 4]],
+    colour: impl Fn(&[f32; 4]) -> Colour,
+) -> io::Result<()> {
     write!(
         file,
         "ply\nformat binary_little_endian 1.0\n\
@@ -46,7 +59,7 @@ fn write(path: &Path, points: &[[f32; 4]], colour: impl Fn(&[f32; 4]) -> Colour)
         bytes[12..].copy_from_slice(&colour(point));
         file.write_all(&bytes)?;
     }
-    file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+    Ok(())
 }
 
 #[cfg(test)]

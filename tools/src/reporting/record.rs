@@ -88,7 +88,7 @@ pub struct ObstacleLine {
     pub track: u32,
     /// Class; `obstacle` when no class was recognised.
     pub class: String,
-    /// Score of the class, if recognised.
+    /// Probability of the class, if recognised.
     pub score: Option<f64>,
     /// Whether it probably exists, so that it counts as an obstacle.
     pub confirmed: bool,
@@ -134,6 +134,16 @@ pub struct ObstacleLine {
     pub time_to_collision_sigma_s: Option<f64>,
     /// Whether it is or will be in the vehicle's path.
     pub in_path: bool,
+}
+
+/// A level in words that stand alone, by its name: `off`, `clear`, `warning` or `alarm`.
+pub fn level_words(level: &str) -> &'static str {
+    match level {
+        "alarm" => "alarm raised",
+        "warning" => "warning raised",
+        "clear" => "alarm clear",
+        _ => "alarm off",
+    }
 }
 
 impl AlarmLine {

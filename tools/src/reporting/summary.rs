@@ -2,7 +2,7 @@
 
 use crate::reporting::alarm_times::AlarmTimes;
 use crate::reporting::motion::MotionSummary;
-use crate::reporting::record::AlarmObject;
+use crate::reporting::record::{AlarmObject, level_words};
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -148,7 +148,7 @@ pub struct AlarmChange {
 
 impl fmt::Display for AlarmChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "alarm {} at frame {}: {}", self.level, self.sequence, self.reason)?;
+        write!(f, "{} at frame {}: {}", level_words(&self.level), self.sequence, self.reason)?;
         if let Some(object) = &self.object {
             write!(f, ", {object}")?;
         }

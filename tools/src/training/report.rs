@@ -51,17 +51,21 @@ pub fn table(stages: &[StageFigures]) -> String {
     out
 }
 
-/// The ROC as a plot, with both axes in percent.
+/// Least rate of false alarms that the ROC shows, in percent: a few windows of a thousand are what matters.
+const MIN_ROC_PERCENT: f64 = 0.01;
+
+/// The ROC as a plot, with both axes in percent; false alarms are logarithmic.
 pub fn roc_plot(title: &str, report: &DetectionReport) -> Picture {
     let points = |least: f64| {
         let points = report.roc.iter().filter(|p| p.false_alarm_rate <= least);
         points.map(|p| (100.0 * p.false_alarm_rate, 100.0 * p.hit_rate)).collect()
     };
     let by_stage = report.stages.iter().map(|p| (100.0 * p.false_alarm_rate, 100.0 * p.hit_rate)).collect();
-    plot::lines(
+    plot::lines_over_log(
         title,
         "false alarms in %",
         "% hits",
+        MIN_ROC_PERCENT,
         &[
             Series { name: "thresholds shifted".into(), points: points(1.0) },
             Series { name: "stage by stage".into(), points: by_stage },

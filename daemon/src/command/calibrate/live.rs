@@ -12,6 +12,7 @@ use messages::{pair, service};
 use perception::calibration::Board;
 use perception::image::GreyView;
 use sources::{PairSource, Readiness};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -20,6 +21,9 @@ use tools::reporting::picture::save_grey;
 
 /// A source without pairs for this long is an error.
 const TIMEOUT: Duration = Duration::from_secs(20);
+
+/// A source without pairs for this long is told.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Shortest time between two different messages to the user.
 const MESSAGE_PERIOD: Duration = Duration::from_secs(2);
@@ -30,15 +34,7 @@ pub fn collect(args: &Calibrate, board: Board, log: Option<&str>) -> Result<Path
     let mut config = load(&args.config, log, "calibrate", Some("warn"))?;
     let folder = args.pictures.clone().unwrap_or_else(|| args.out.with_extension("pictures"));
     for side in ["left", "right"] {
-        let part = folder.join(side);
-        let fail = |e: std::io::Error| CommandError::Other(format!("{}: {e}", part.display()));
-        std::fs::create_dir_all(&part).map_err(fail)?;
-        if std::fs::read_dir(&part).map_err(fail)?.next().is_some() {
-            return Err(CommandError::Other(format!(
-                "{}: is not empty: remove its pictures, or give another folder with --pictures",
-                part.display()
-            )));
-        }
+        check_empty(&folder.join(side))?;
     }
     let stop = stop_on_signals()?;
     let mut keeper = Keeper { args, board, folder: folder.clone(), session: None, last_message: None };
@@ -50,6 +46,11 @@ pub fn collect(args: &Calibrate, board: Board, log: Option<&str>) -> Result<Path
         }
     }
     let kept = keeper.session.as_ref().map_or(0, Session::kept);
+    if keeper.session.is_none() {
+        return Err(CommandError::Other(
+            "ended before the first pair: is the source running? lookout status says it of a daemon".into(),
+        ));
+    }
     if kept == 0 {
         return Err(CommandError::Other(
             "no pair was selected: the board was never detected at rest in both pictures; check --board, the \
@@ -59,6 +60,19 @@ pub fn collect(args: &Calibrate, board: Board, log: Option<&str>) -> Result<Path
     }
     eprintln!("{kept} pairs kept in {}", folder.display());
     Ok(folder)
+}
+
+/// Checks that a folder has no files, or does not exist.
+fn check_empty(folder: &Path) -> Result<(), CommandError> {
+    let text = match std::fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => format!("{error}: give another folder with --pictures"),
+        Ok(mut entries) => match entries.next() {
+            None => return Ok(()),
+            Some(_) => "is not empty: remove its pictures, or give another folder with --pictures".into(),
+        },
+    };
+    Err(CommandError::Other(format!("{}: {text}", folder.display())))
 }
 
 /// Configures the source that a path names.
@@ -89,10 +103,13 @@ fn from_source(config: &Config, keeper: &mut Keeper<'_>, stop: &AtomicBool) -> R
     // Pictures of a folder are not a sequence, so motion cannot be measured between them.
     let needs_rest = config.source.kind != "folder";
     let count = source.count().unwrap_or(u64::MAX);
-    let mut last_pair = Instant::now();
+    let mut wait = Wait::new(match config.source.kind.as_str() {
+        "camera" => format!("the cameras ({})", camera_names(config)),
+        _ => "the source".to_owned(),
+    });
     let mut index = 0;
     while index < count && !stop.load(Ordering::Relaxed) {
-        if !await_pair(source.as_mut(), &mut last_pair)? {
+        if !await_pair(source.as_mut(), &mut wait)? {
             continue;
         }
         source.read(index, &mut left, &mut right)?;
@@ -104,28 +121,78 @@ fn from_source(config: &Config, keeper: &mut Keeper<'_>, stop: &AtomicBool) -> R
     Ok(())
 }
 
+/// The devices of the configuration, for texts.
+fn camera_names(config: &Config) -> String {
+    let [left, right] = [&config.camera.left, &config.camera.right].map(|path| path.display());
+    if config.camera.side_by_side { left.to_string() } else { format!("{left}, {right}") }
+}
+
+/// How long nothing has come, and what was said of it.
+struct Wait {
+    /// What does not answer.
+    what: String,
+    since: Instant,
+    told: bool,
+    /// Why, as the source says.
+    trouble: String,
+}
+
+impl Wait {
+    fn new(what: String) -> Self {
+        Self { what, since: Instant::now(), told: false, trouble: String::new() }
+    }
+
+    /// A pair has come.
+    fn end(&mut self) {
+        (self.since, self.told) = (Instant::now(), false);
+        self.trouble.clear();
+    }
+
+    /// Says at once why nothing comes.
+    fn explain(&mut self, trouble: String) {
+        eprintln!("no pair yet from {}: {trouble}", self.what);
+        (self.told, self.trouble) = (true, trouble);
+    }
+
+    /// Says after a moment that nothing comes.
+    ///
+    /// # Errors
+    /// If that has lasted too long.
+    fn check(&mut self) -> Result<(), CommandError> {
+        let waited = self.since.elapsed();
+        if waited > TIMEOUT {
+            let seconds = TIMEOUT.as_secs();
+            let because = if self.trouble.is_empty() { String::new() } else { format!(": {}", self.trouble) };
+            return Err(CommandError::Other(format!("no pair from {} for {seconds} s{because}", self.what)));
+        }
+        if waited > PATIENCE && !self.told {
+            self.told = true;
+            eprintln!("no pair yet from {}: waiting", self.what);
+        }
+        Ok(())
+    }
+}
+
 /// Waits for a live source; returns whether a pair can be read.
-fn await_pair(source: &mut dyn PairSource, last_pair: &mut Instant) -> Result<bool, CommandError> {
+fn await_pair(source: &mut dyn PairSource, wait: &mut Wait) -> Result<bool, CommandError> {
     let Some(live) = source.live() else { return Ok(true) };
     match live.wait(Duration::from_millis(100)) {
         Readiness::Pair { .. } => {
-            *last_pair = Instant::now();
+            wait.end();
             return Ok(true);
         }
-        Readiness::Trouble(text) => eprintln!("{text}"),
+        Readiness::Trouble(text) => wait.explain(text),
         Readiness::Nothing | Readiness::Recovered => {}
     }
-    if last_pair.elapsed() > TIMEOUT {
-        let text = format!("the source delivered no pair for {} s", TIMEOUT.as_secs());
-        return Err(CommandError::Other(text));
-    }
+    wait.check()?;
     Ok(false)
 }
 
 fn from_daemon(config: &Config, keeper: &mut Keeper<'_>, stop: &AtomicBool) -> Result<(), CommandError> {
     let attached = attach(config, "calibrate --live")?;
     let pairs = attached.bus.subscriber(&service::PAIR)?;
-    let mut last_pair = Instant::now();
+    let mut wait = Wait::new(format!("the daemon \"{}\"", attached.instance.name()));
+    wait.trouble = "its source does not answer; lookout status says why".into();
     let mut images: (Vec<u8>, Vec<u8>) = Default::default();
     wait::run::<CommandError>(&[&pairs], || {
         let mut size = None;
@@ -140,7 +207,7 @@ fn from_daemon(config: &Config, keeper: &mut Keeper<'_>, stop: &AtomicBool) -> R
             size = Some((sample.header().width as usize, sample.header().height as usize));
         }
         if let Some(size) = size {
-            last_pair = Instant::now();
+            wait.end();
             if keeper.offer(&images.0, &images.1, size, true)? {
                 return Ok(Next::Stop);
             }
@@ -148,8 +215,15 @@ fn from_daemon(config: &Config, keeper: &mut Keeper<'_>, stop: &AtomicBool) -> R
         if stop.load(Ordering::Relaxed) || attached.stop.load(Ordering::Relaxed) {
             return Ok(Next::Stop);
         }
-        if last_pair.elapsed() > TIMEOUT || !attached.instance.is_running() {
+        if !attached.instance.is_running() {
             return Ok(Next::Stop);
+        }
+        // Pairs that were selected before count.
+        match wait.check() {
+            Err(_) if keeper.session.as_ref().is_some_and(|session| session.kept() > 0) => {
+                return Ok(Next::Stop);
+            }
+            result => result?,
         }
         Ok(Next::Wait(Duration::from_millis(200)))
     })
@@ -187,6 +261,11 @@ impl Keeper<'_> {
             Step::Kept { verdict, dropped } => {
                 let path =
                     |side: &str, number: usize| self.folder.join(side).join(format!("{number:04}.png"));
+                for side in ["left", "right"] {
+                    let part = self.folder.join(side);
+                    std::fs::create_dir_all(&part)
+                        .map_err(|e| CommandError::Other(format!("{}: {e}", part.display())))?;
+                }
                 save_grey(&path("left", number), left, width, height)?;
                 save_grey(&path("right", number), right, width, height)?;
                 for &number in &dropped {

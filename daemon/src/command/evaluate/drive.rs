@@ -5,12 +5,13 @@ use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::{progress, say};
 use crate::command::error::CommandError;
+use crate::command::left_out::LeftOut;
 use crate::command::own_motion::{frames_used, join, set_recording};
 use crate::in_process::Pipeline;
 use clap::Args;
 use config::Config;
 use indicatif::ProgressBar;
-use messages::alarm::Faults;
+use messages::alarm::{Faults, OFF, level_name};
 use messages::motion::MotionRecord;
 use perception::rig::Rig;
 use sources::motion_file::Trajectory;
@@ -25,7 +26,7 @@ use tools::evaluation::drive::strip::DrivenPath;
 use tools::evaluation::files::{prepare, write_report};
 use tools::reporting::html::picture_source;
 use tools::reporting::output::OutputError;
-use tools::reporting::record::FrameRecord;
+use tools::reporting::record::{AlarmLine, FrameRecord};
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
@@ -81,6 +82,9 @@ pub struct EvaluateDrive {
     /// Stop after this many pairs of each recording [default: all; 1000 of an endless scene]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub limit: Option<u64>,
+    /// Stop at a pair that cannot be read, instead of leaving it out
+    #[arg(long)]
+    pub strict: bool,
     /// Folder for the report with pictures, and for evaluation.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -114,6 +118,25 @@ struct Played {
     roads: Vec<RoadLines>,
     size: (usize, usize),
     rig: Option<Rig>,
+}
+
+/// Why the alarm was off in a frame whose pair cannot be read.
+const UNREADABLE: &str = "the pair cannot be read";
+
+impl Played {
+    /// Adds a frame whose pair cannot be read: nothing was seen, and no alarm could come. So frame numbers stay those of
+    /// the recording.
+    fn add_unreadable(&mut self, index: u64, source_ns: u64, with_roads: bool) {
+        let reason = Some(UNREADABLE.to_owned());
+        let alarm = AlarmLine { level: level_name(OFF).into(), reason, ..AlarmLine::default() };
+        let time_s = source_ns as f64 * 1e-9;
+        self.records.push(FrameRecord { sequence: index, time_s, alarm, ..FrameRecord::default() });
+        self.off_reasons.push(vec![UNREADABLE.into()]);
+        self.motions.push((source_ns, MotionRecord::default()));
+        if with_roads {
+            self.roads.push(RoadLines::default());
+        }
+    }
 }
 
 pub fn run(args: &EvaluateDrive, log: Option<&str>) -> Result<(), CommandError> {
@@ -188,8 +211,10 @@ fn evaluate(
     }
     let bar = progress(Some(frames), "frames");
     bar.set_message(drive.recording.display().to_string());
-    let played = play(&mut pipeline, frames, args.out.is_some(), &bar)?;
+    let strict = args.strict || drive.config.source.strict;
+    let (played, left_out) = play(&mut pipeline, frames, args.out.is_some(), strict, &bar)?;
     bar.finish_and_clear();
+    left_out.warn(drive.recording);
     let own = join(&played.motions);
     let (from, path) = match &drive.truth {
         Some((from, path)) => {
@@ -225,11 +250,18 @@ fn play(
     pipeline: &mut Pipeline,
     frames: u64,
     with_roads: bool,
+    is_strict: bool,
     bar: &ProgressBar,
-) -> Result<Played, CommandError> {
-    let mut played = Played::default();
+) -> Result<(Played, LeftOut), CommandError> {
+    let (mut played, mut left_out) = (Played::default(), LeftOut::default());
     for index in 0..frames {
-        let result = pipeline.frame(index, index)?;
+        bar.inc(1);
+        let source_ns = pipeline.time_ns(index);
+        let result = pipeline.frame(index, index);
+        let Some(result) = left_out.unless_broken(index, is_strict, result)? else {
+            played.add_unreadable(index, source_ns, with_roads);
+            continue;
+        };
         let images = result.images;
         if with_roads {
             let profile_px = images.profile_px.to_vec();
@@ -240,9 +272,9 @@ fn play(
         let faults = Faults(result.alarm.faults);
         played.off_reasons.push(faults.descriptions().map(Into::into).collect());
         played.records.push(result.record);
-        bar.inc(1);
     }
-    Ok(played)
+    left_out.check(frames)?;
+    Ok((played, left_out))
 }
 
 /// What the cameras see: picture and range.
@@ -299,6 +331,9 @@ fn still(
     else {
         return Ok(Still::default());
     };
+    if record.alarm.reason.as_deref() == Some(UNREADABLE) {
+        return Ok(Still::default());
+    }
     let left = pipeline.left(frame as u64)?;
     let picture = filmstrip::still(left, played.size, rig, road, record, path.strip(frame).as_ref());
     let caption = format!("frame {frame}, {:.1} s: {}", path.time_s(frame), record.alarm.text());

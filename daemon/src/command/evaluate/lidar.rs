@@ -7,6 +7,7 @@ use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::disparity::read_pair;
 use crate::command::error::CommandError;
+use crate::command::left_out::LeftOut;
 use crate::stages::road::parameters::{scene_parameters, tracker_parameters};
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
@@ -66,6 +67,9 @@ pub struct EvaluateLidar {
     /// Folder for pictures and the tables
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Stop at a picture that cannot be read, instead of leaving it out
+    #[arg(long)]
+    pub strict: bool,
     /// Print as JSON
     #[arg(long)]
     pub json: bool,
@@ -101,12 +105,16 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
     }
     let bar = progress(Some(named.len() as u64), "pictures");
     let (mut pictures, mut rows) = (Vec::new(), Vec::new());
+    let (is_strict, mut unreadable) = (args.strict || config.source.strict, LeftOut::default());
     for (name, frame) in &named {
         bar.set_message(name.clone());
         let rig = calibration_file::read(&frame.calibration, true)?;
-        let depth_m = frame.depth_m()?;
         let labels = frame.labels.as_deref().map(label::read).transpose()?.unwrap_or_default();
-        let seen = FramePicture::new(&config, frame, &rig, &depth_m)?;
+        let read = FramePicture::read(&config, frame, &rig);
+        let Some((depth_m, seen)) = unreadable.unless_broken(name, is_strict, read)? else {
+            bar.inc(1);
+            continue;
+        };
         let mut parameters = scene_parameters(&config);
         // A single picture confirms no boundary over time.
         parameters.regions.confirm = args.repeat > 1;
@@ -133,7 +141,9 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let report = LidarReport::new(Method::configured(&config).name(), args.repeat, pictures, rows);
+    unreadable.check(named.len() as u64)?;
+    let method = Method::configured(&config).name();
+    let report = LidarReport::new(method, args.repeat, unreadable.count, pictures, rows);
     if let Some(out) = &args.out {
         write_report(out, &report)?;
     }
@@ -153,6 +163,13 @@ fn disparities(config: &Config) -> usize {
 }
 
 impl FramePicture {
+    /// The depth map of a picture, and the picture with its disparity.
+    fn read(config: &Config, frame: &LidarFrame, rig: &Rig) -> Result<(DisparityMap, Self), CommandError> {
+        let depth_m = frame.depth_m()?;
+        let seen = Self::new(config, frame, rig, &depth_m)?;
+        Ok((depth_m, seen))
+    }
+
     /// Matches the pair, or computes the disparity from the depth map if there is no right picture.
     fn new(
         config: &Config,

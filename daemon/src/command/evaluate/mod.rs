@@ -1,5 +1,6 @@
 //! `lookout evaluate`: tables against ground truth.
 
+mod classes;
 mod detection;
 mod distance;
 mod drive;
@@ -62,6 +63,9 @@ pub enum Evaluate {
     /// Evaluate a cascade on pictures with and without objects
     #[command(after_help = detection::HELP)]
     Detection(detection::EvaluateDetection),
+    /// Evaluate the classes of obstacles in synthetic scenes, and calibrate the detectors' scores
+    #[command(after_help = classes::HELP)]
+    Classes(classes::EvaluateClasses),
     /// Measure the running time of cascades on whole images and on regions, beside the paper's
     #[command(after_help = recognition::HELP)]
     Recognition(recognition::EvaluateRecognition),
@@ -82,6 +86,7 @@ pub fn run(what: Evaluate, log: Option<&str>) -> Result<(), CommandError> {
         Evaluate::Drive(args) => drive::run(&args, log),
         Evaluate::Ncap(args) => ncap::run(&args, log),
         Evaluate::Detection(args) => detection::run(&args, log),
+        Evaluate::Classes(args) => classes::run(&args, log),
         Evaluate::Recognition(args) => recognition::run(&args, log),
     }
 }

@@ -64,6 +64,9 @@ pub struct EvaluateOdometry {
     /// Stop after this many pairs [default: all; 1000 of an endless scene]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub limit: Option<u64>,
+    /// Stop at a pair that cannot be read, instead of leaving it out
+    #[arg(long)]
+    pub strict: bool,
     /// Folder for plots and evaluation.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -85,8 +88,10 @@ pub fn run(args: &EvaluateOdometry, log: Option<&str>) -> Result<(), CommandErro
             let frames = frames_used(pipeline.count(), args.limit);
             check_count(&truth, frames as usize, &args.recording, is_limited)?;
             let bar = progress(Some(frames), "frames");
-            let motion = process(&mut pipeline, frames, &bar)?;
+            let strict = args.strict || config.source.strict;
+            let (motion, left_out) = process(&mut pipeline, frames, strict, &bar)?;
             bar.finish_and_clear();
+            left_out.warn(&args.recording);
             motion
         }
     };

@@ -6,6 +6,7 @@ use crate::command::console::progress;
 use crate::command::console::say;
 use crate::command::disparity::{median, read_pair};
 use crate::command::error::CommandError;
+use crate::command::left_out::LeftOut;
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
@@ -86,6 +87,9 @@ pub struct EvaluateStereo {
     /// Match each pair this many times; ms is the median
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "maps")]
     pub repeat: u32,
+    /// Stop at a pair that cannot be read, instead of leaving it out
+    #[arg(long)]
+    pub strict: bool,
     /// Print as JSON
     #[arg(long)]
     pub json: bool,
@@ -166,21 +170,25 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
     }
     let count = sets.iter().map(|set| set.pairs.len() as u64).sum();
     let bar = progress(Some(count), "pairs");
-    let mut statistics = Statistics::default();
+    let is_strict = args.strict || config.source.strict;
+    let mut statistics = Statistics { is_strict, ..Statistics::default() };
     let mut reports = Vec::new();
     for set in &sets {
         let (mut rows, mut left_out) = (Vec::new(), 0);
+        let before = statistics.unreadable.count;
         for pair in &set.pairs {
             bar.set_message(pair.name.clone());
             match evaluate_pair(args, &sets, set, pair, estimator.as_mut(), &mut statistics)? {
-                Some(of_pair) => rows.extend(of_pair),
-                None => left_out += 1,
+                Outcome::Scored(of_pair) => rows.extend(of_pair),
+                Outcome::NoMap => left_out += 1,
+                Outcome::Unreadable => {}
             }
             bar.inc(1);
         }
-        reports.push(SetReport::new(set.name.clone(), rows, left_out));
+        reports.push(SetReport::new(set.name.clone(), rows, left_out, statistics.unreadable.count - before));
     }
     bar.finish_and_clear();
+    statistics.unreadable.check(count)?;
     if let Some(maps) = args.maps.as_ref().filter(|_| reports.iter().all(|set| set.rows.is_empty())) {
         return Err(CommandError::Other(format!(
             "{}: no map of any pair: expected SET/PAIR.png, SET/disparity/PAIR.png or PAIR.png, such as {}",
@@ -207,14 +215,26 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
     if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
 }
 
-/// Statistics over the pixels of all pairs.
+/// Statistics over the pixels of all pairs, and those pairs that cannot be read.
 #[derive(Default)]
 struct Statistics {
+    is_strict: bool,
+    unreadable: LeftOut,
     roc: Sparsification,
     subpixel: SubpixelHistogram,
 }
 
-/// Scores a pair and writes its files. Returns a row for each region, or `None` if there is no estimate.
+/// What came of a pair.
+enum Outcome {
+    /// A row for each region.
+    Scored(Vec<Row>),
+    /// There is no estimate.
+    NoMap,
+    /// A picture or a map of the ground truth cannot be decoded.
+    Unreadable,
+}
+
+/// Scores a pair and writes its files.
 fn evaluate_pair(
     args: &EvaluateStereo,
     sets: &[Set],
@@ -222,12 +242,14 @@ fn evaluate_pair(
     pair: &TruthPair,
     estimator: &mut dyn Estimator,
     statistics: &mut Statistics,
-) -> Result<Option<Vec<Row>>, CommandError> {
-    let (truth, images) = read(pair, args.disturb)?;
+) -> Result<Outcome, CommandError> {
+    let read = read(pair, args.disturb);
+    let read = statistics.unreadable.unless_broken(&pair.name, statistics.is_strict, read)?;
+    let Some((truth, images)) = read else { return Ok(Outcome::Unreadable) };
     if let Some(folder) = &args.save_pairs {
         save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
     }
-    let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else { return Ok(None) };
+    let Some(estimate) = estimator.estimate(&set.name, pair, &images)? else { return Ok(Outcome::NoMap) };
     let px = tools::evaluation::pixels(&estimate.disparity);
     let mut filled = px.clone();
     interpolate_background(&mut filled, images.width, images.height);
@@ -246,7 +268,7 @@ fn evaluate_pair(
         let max_px = f32::from(args.max_disparity);
         save_pictures(&out.join(&set.name), &pair.name, &truth, &images, &estimate, &filled, max_px)?;
     }
-    Ok(Some(rows))
+    Ok(Outcome::Scored(rows))
 }
 
 /// Writes the plots and `evaluation.json`.

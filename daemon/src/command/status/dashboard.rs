@@ -9,6 +9,7 @@ use messages::pipeline::Role;
 use messages::status::{ProcessRecord, StatusRecord};
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal, Write};
+use tools::reporting::record::level_words;
 
 /// Number of seconds in the curves.
 const KEPT: usize = 120;
@@ -250,7 +251,8 @@ fn cpu(status: &StatusRecord) -> f64 {
 
 fn alarm(status: &StatusRecord) -> String {
     let level = level_name(status.alarm.level);
-    let level = if status.alarm.level == ALARM { level.to_uppercase() } else { format!("alarm {level}") };
+    let level =
+        if status.alarm.level == ALARM { level.to_uppercase() } else { level_words(level).to_owned() };
     let nearest_m = status.alarm.nearest_m;
     let nearest = if nearest_m.is_finite() { format!(", nearest {nearest_m:.1} m") } else { String::new() };
     // The reason of a clear alarm is its nearest obstacle, or that there is none.

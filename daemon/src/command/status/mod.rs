@@ -14,6 +14,7 @@ use clap::Args;
 use dashboard::Dashboard;
 use messages::bus::Bus;
 use messages::instance::Instance;
+use messages::neighbours::{Neighbours, absent};
 use messages::service;
 use messages::silence::TIMEOUT;
 use messages::status::{self, StatusRecord};
@@ -56,13 +57,24 @@ impl Shown {
     }
 }
 
+/// Names the other daemons of this machine, which the same command shows.
+fn say_others(instance: &Instance) -> Result<(), CommandError> {
+    let others = Neighbours::of(instance);
+    if !others.names.is_empty() {
+        say(format_args!("other instances: {} (--instance NAME shows one)", others.names.join(", ")))?;
+    }
+    for folder in &others.foreign {
+        say(format_args!("{folder}"))?;
+    }
+    Ok(())
+}
+
 pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "status", Some("error"))?;
     let instance = Instance::find(&config.instance.name, &config.instance.directory);
-    let absent = || CommandError::from(instance.absent());
     check_owner(&instance, "status")?;
     if !instance.is_running() {
-        return Err(absent());
+        return Err(absent(&instance).into());
     }
     let stop = stop_on_signals()?;
     let bus = Bus::join(&instance).map_err(|error| cannot_join(&instance, error))?;
@@ -82,6 +94,9 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
                     say(table::table(instance.name(), &status))?;
                     if let Some(state) = state_file::read(&instance) {
                         say(state.line())?;
+                    }
+                    if !args.watch {
+                        say_others(&instance)?;
                     }
                 }
             }

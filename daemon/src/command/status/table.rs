@@ -9,11 +9,13 @@ use messages::heat::HeatRecord;
 use messages::status::StatusRecord;
 use perception::stereo::device::STAGES;
 use std::fmt::Write;
+use tools::reporting::record::level_words;
 
 /// The level of the alarm, its reason and its object.
 fn alarm_text(status: &StatusRecord) -> String {
     let object = alarm_object(&status.alarm).map_or(String::new(), |object| format!(", {object}"));
-    Printable(format!("{}: {}{object}", level_name(status.alarm.level), status.alarm.reason())).to_string()
+    Printable(format!("{}: {}{object}", level_words(level_name(status.alarm.level)), status.alarm.reason()))
+        .to_string()
 }
 
 /// Frame rate and deadline, and for each process the privileges that were refused; empty if there is nothing.
@@ -76,7 +78,7 @@ pub fn table(name: &str, status: &StatusRecord) -> String {
     let _ = writeln!(
         out,
         "{name}: {}{because}, up {:.0} s; {} frames, end to end p50 {:.0} ms, p99 {:.0} ms\n\
-         alarm {}{nearest}; {} obstacles, {} alarms since start\n{}\n{}\n{}{calibration}{device}{}",
+         {}{nearest}; {} obstacles, {} alarms since start\n{}\n{}\n{}{calibration}{device}{}",
         status.state_name(),
         status.uptime_ns as f64 * 1e-9,
         status.frames,

@@ -38,10 +38,17 @@ pub(super) fn open_source(config: &Config) -> Result<(Box<dyn PairSource>, Frame
     stages::check(config, &frames)?;
     let nearest_m = rig.distance_m(disparities as f64 - 1.0);
     if nearest_m > config.alarm.distance_m {
+        let alarm_m = config.alarm.distance_m;
+        let needed = (rig.focal_px * rig.baseline_m / alarm_m).ceil().max(0.0) as usize + 1;
+        // Not every rig can see so near.
+        let remedy = match Mpv::check(width, height, needed).is_ok() {
+            true => format!("set stereo.disparities to {needed} or more"),
+            false => "use smaller pictures: more disparities cannot be searched".into(),
+        };
         tracing::warn!(
             nearest_m,
-            alarm_distance_m = config.alarm.distance_m,
-            "obstacles nearer than nearest_m cannot be detected: raise stereo.disparities"
+            alarm_distance_m = alarm_m,
+            "obstacles nearer than nearest_m cannot be detected: {remedy}"
         );
     }
     Ok((source, frames))

@@ -62,6 +62,7 @@ impl Run {
         let frames_pass = self.phase == Phase::Running && self.supervisor.frames_pass();
         status.alarm = last.map_or(AlarmRecord::off(Results::faults(frames_pass)), |last| last.alarm);
         status.alarm_time = self.collector.alarm_time();
+        status.alarm_changes = self.collector.last_changes();
         status.obstacles = last.map_or(0, |last| last.confirmed);
         status.motion = last.map_or_else(Default::default, |last| last.header.motion);
         status.vehicle = last.map_or(VehicleRecord::default(), |last| last.header.vehicle);

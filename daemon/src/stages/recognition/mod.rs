@@ -1,6 +1,7 @@
 //! The stage recognition: `regions` to `obstacles` (classes of tracked obstacles, and the alarm).
 
 pub mod cascade;
+pub mod detectors;
 pub mod parameters;
 
 use super::motion::motion;
@@ -8,8 +9,8 @@ use super::stage::{FrameContext, FrameError, SetupError, Stage};
 use crate::launch::FrameFormat;
 use crate::stages::motion::body;
 use crate::stages::track_record;
-use cascade::recogniser;
 use config::Config;
+use detectors::{Detector, detectors};
 use messages::alarm::Faults;
 use messages::header::{modes, put_text};
 use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
@@ -17,33 +18,23 @@ use messages::regions::{Regions, RegionsMessage, RoadRecord};
 use messages::source_time::SourceTimeRecord;
 use messages::track::MAX_TRACKS;
 use messages::typed::{Output, Written};
-use parameters::{alarm_parameters, schedule_parameters};
+use parameters::alarm_parameters;
 use perception::alarm::{Alarm, Candidate};
 use perception::frame_clock::{FrameClock, TimeStep};
 use perception::image::GreyView;
 use perception::motion::body::Body;
 use perception::motion::curvature::CurvatureFilter;
 use perception::motion::path::SweptPath;
-use perception::recognition::Recogniser;
 use perception::road::edge_curve::{EdgeCurve, edge_curve};
 use perception::tracking::Obstacle;
-use perception::tracking::classification_schedule::ClassificationSchedule;
 use perception::tracking::filter::ground::Movement;
 
 /// Name of the class of obstacles that were not recognised.
 pub const UNRECOGNISED: &str = "obstacle";
 
-/// Minimum width and height of a region that is classified, as a share of the recogniser's window. Smaller regions
-/// (posts, kerbs) can only be parts of an object.
-const MIN_SHARE: f64 = 0.35;
-
-/// Adapter of recogniser and alarm.
+/// Adapter of recognisers and alarm.
 pub struct RecognitionStage {
-    recogniser: Option<Box<dyn Recogniser>>,
-    label: String,
-    /// Minimum width and height of a region that is classified, in metres.
-    min_m: f64,
-    schedule: ClassificationSchedule,
+    detectors: Vec<Detector>,
     /// Tracked obstacles of the last frame, and since when their numbers hold.
     obstacles: Vec<Obstacle>,
     tracks_since: Option<u32>,
@@ -82,7 +73,7 @@ impl RecognitionStage {
         }
         if self.tracks_since.replace(message.road.tracks_since) != Some(message.road.tracks_since) {
             // A number now means another track.
-            self.schedule.reset();
+            self.detectors.iter_mut().for_each(|detector| detector.schedule.reset());
             self.alarm.reset();
         }
         // A repeated time leaves classes as they are: the tracks are those of the frame before.
@@ -135,8 +126,7 @@ impl RecognitionStage {
             let candidate = Candidate::of(obstacle);
             let in_path = candidate.in_the_way(self.path.as_ref(), self.path_width_m, false).is_some();
             let clearance_m = candidate.clearance_m(self.path.as_ref(), self.path_width_m);
-            let score = self.schedule.score(obstacle.track);
-            let record = obstacle_record(obstacle, in_path, score, &self.label);
+            let record = obstacle_record(obstacle, in_path, self.class(obstacle.track));
             self.records.push(ObstacleRecord { clearance_m, ..record }.limited());
         }
         self.last = Some((frame.sequence, alarm));
@@ -151,9 +141,17 @@ impl RecognitionStage {
             clearance_m: found.map_or(f64::INFINITY, |obstacle| {
                 Candidate::of(obstacle).clearance_m(self.path.as_ref(), self.path_width_m)
             }),
-            class: found.map_or([0; 16], |o| class(self.schedule.score(o.track), &self.label)),
+            class: found.map_or([0; 16], |o| class_name(self.class(o.track))),
             ..alarm
         }
+    }
+
+    /// Class of a track and its probability: that of the strongest evidence, of equal ones the first detector's. `None` if
+    /// it was not recognised.
+    fn class(&self, track: u32) -> Option<(&str, f64)> {
+        let known = self.detectors.iter().rev();
+        let known = known.filter_map(|d| Some((&d.label[..], d.schedule.probability(track)?)));
+        known.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// The fields of an alarm for the straight strip, while the own motion is unknown.
@@ -198,19 +196,15 @@ impl RecognitionStage {
 
     /// Classifies the obstacles that the schedule selects. Those without a usable crop are not classified.
     fn recognise(&mut self, message: &Regions<'_>) {
-        let Some(recogniser) = &mut self.recogniser else { return };
-        let (min_m, baseline_m) = (self.min_m, self.baseline_m);
-        let tracks = &message.tracks;
-        let may = |i: usize| {
-            tracks.get(i).is_some_and(|t| t.width_m.min(t.height_m) >= min_m && message.crop(t).is_some())
-        };
-        self.schedule.classify(&self.obstacles, may, |i| {
-            let record = tracks.get(i)?;
-            let [_, _, width, height] = record.crop.map(|v| v as usize);
-            let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
-            let metre_px = record.disparity_px / baseline_m;
-            recogniser.recognise(crop, Some(metre_px)).map(|found| found.score)
-        });
+        let (tracks, baseline_m) = (&message.tracks, self.baseline_m);
+        for detector in &mut self.detectors {
+            detector.classify(&self.obstacles, |i, sizes| {
+                let record = tracks.get(i).filter(|record| sizes.fit(record))?;
+                let [_, _, width, height] = record.crop.map(|v| v as usize);
+                let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
+                Some((crop, record.disparity_px / baseline_m))
+            });
+        }
     }
 }
 
@@ -219,12 +213,8 @@ impl Stage for RecognitionStage {
     type Out = ObstaclesMessage;
 
     fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError> {
-        let recogniser = recogniser(config, format.width, format.height)?;
         Ok(Self {
-            recogniser: recogniser.map(|r| Box::new(r) as Box<dyn Recogniser>),
-            label: config.recognition.label.clone(),
-            min_m: MIN_SHARE * config.recognition.window_m,
-            schedule: ClassificationSchedule::new(schedule_parameters(config), MAX_TRACKS),
+            detectors: detectors(config, format.width, format.height)?,
             obstacles: Vec::with_capacity(MAX_TRACKS),
             tracks_since: None,
             alarm: Alarm::new(alarm_parameters(config)),
@@ -243,7 +233,7 @@ impl Stage for RecognitionStage {
     }
 
     fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {
-        recogniser(config, format.width, format.height)?;
+        detectors(config, format.width, format.height)?;
         Ok(())
     }
 
@@ -288,13 +278,13 @@ fn path_fields(path: &SweptPath) -> AlarmRecord {
 }
 
 /// Name of a class.
-fn class(score: Option<f32>, label: &str) -> [u8; 16] {
-    let mut class = [0; 16];
-    put_text(&mut class, if score.is_some() { label } else { UNRECOGNISED });
-    class
+fn class_name(class: Option<(&str, f64)>) -> [u8; 16] {
+    let mut name = [0; 16];
+    put_text(&mut name, class.map_or(UNRECOGNISED, |(label, _)| label));
+    name
 }
 
-fn obstacle_record(obstacle: &Obstacle, in_path: bool, score: Option<f32>, label: &str) -> ObstacleRecord {
+fn obstacle_record(obstacle: &Obstacle, in_path: bool, class: Option<(&str, f64)>) -> ObstacleRecord {
     let b = obstacle.bounds;
     let (ttc, ground) = (obstacle.time_to_collision, obstacle.ground);
     ObstacleRecord {
@@ -317,8 +307,8 @@ fn obstacle_record(obstacle: &Obstacle, in_path: bool, score: Option<f32>, label
         time_to_collision_sigma_s: ttc.map_or(0.0, |t| t.sigma_s),
         in_path: u32::from(in_path),
         moving: ground.map_or(Movement::Unknown, |g| g.movement) as u32,
-        score: score.map_or(0.0, f64::from),
-        class: class(score, label),
+        score: class.map_or(0.0, |(_, probability)| probability),
+        class: class_name(class),
         ..ObstacleRecord::default()
     }
 }

@@ -16,6 +16,7 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
         deceleration_warning_m_s2: c.deceleration_warning_m_s2,
         deceleration_alarm_m_s2: c.deceleration_alarm_m_s2,
         path_width_m: c.path_width_m,
+        front_m: config.vehicle.front_m,
         confirm_frames: whole(c.confirm_frames),
         clear_share: c.clear_share,
         hold_ns: whole::<u64>(c.hold_ms) * 1_000_000,
@@ -25,7 +26,11 @@ pub fn alarm_parameters(config: &Config) -> AlarmParameters {
 /// Parameters of the classification schedule.
 pub fn schedule_parameters(config: &Config) -> ScheduleParameters {
     let c = &config.recognition;
-    ScheduleParameters { max_per_frame: whole(c.looks_max), repeat_frames: whole(c.again_frames) }
+    ScheduleParameters {
+        max_per_frame: whole(c.looks_max),
+        repeat_frames: whole(c.again_frames),
+        ..ScheduleParameters::default()
+    }
 }
 
 #[cfg(test)]

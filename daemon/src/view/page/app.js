@@ -81,7 +81,14 @@ function away(why) {
   const link = byId("link");
   link.className = "away";
   if (link.textContent !== why) link.textContent = why;
-  setAlarm("off", "alarm off", "no daemon");
+  // The reason stands beside it already.
+  if (page.frames === 0) wait("");
+  else setAlarm("off", "alarm off", "no daemon");
+}
+
+// Before the first frame nothing is known, not even that the alarm is off.
+function wait(why) {
+  setAlarm("waiting", "waiting for the first frame", why);
 }
 
 function present() {
@@ -158,7 +165,7 @@ function setAlarm(level, text, more) {
   byId("alarm-more").textContent = more && `· ${more}`;
   const now = performance.now();
   if (level !== page.said || (level === "alarm" && now - page.said_at > 5000)) {
-    byId("spoken").textContent = level === "clear" ? "alarm over: clear" : `${text} ${more}`;
+    byId("spoken").textContent = level === "waiting" ? "" : level === "clear" ? "alarm over: clear" : `${text} ${more}`;
     [page.said, page.said_at] = [level, now];
   }
 }
@@ -174,6 +181,7 @@ function takeStatus(status, history) {
   const last = page.samples[page.samples.length - 1];
   const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames per second, ` : "";
   const why = status.reason ? ` (${status.reason})` : "";
+  if (page.frames === 0) wait(status.reason || status.state);
   byId("health").textContent =
     `${status.state}${why}: ${rate}latency p50 ${status.latency_p50_ms.toFixed(0)} ms, p99 ${status.latency_p99_ms.toFixed(0)} ms`;
 }

@@ -16,6 +16,9 @@ function svg(name, attributes, text) {
 const metres = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} m`);
 const seconds = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} s`);
 
+// Whether a warning or an alarm is about an obstacle.
+const isAbout = ({ alarm }, o) => ["warning", "alarm"].includes(alarm.level) && alarm.track === o.track;
+
 // Own speed and yaw rate in words; the motion is known.
 function ownMotion(motion) {
   const turn = motion.yaw_rate_rad_s;
@@ -57,7 +60,7 @@ function drawBoxes(frame) {
   const scale = frame.width / Math.max(1, view.clientWidth || frame.width);
   const labels = placeLabels(frame, scale);
   const boxes = [...frame.obstacles].sort((a, b) => b.distance_m - a.distance_m).map((o) => {
-    const isCause = frame.alarm.level === "alarm" && frame.alarm.track === o.track;
+    const isCause = isAbout(frame, o);
     const group = svg("g", { class: `box${o.confirmed ? " confirmed" : ""}${isCause ? " cause" : ""}${o.predicted ? " predicted" : ""}` });
     Object.assign(group.dataset, {
       predicted: o.predicted, track: o.track, class: o.class, confirmed: o.confirmed, distance: o.distance_m,
@@ -67,7 +70,8 @@ function drawBoxes(frame) {
     group.append(svg("rect", { x: o.x_px, y: o.y_px, width: o.width_px, height: o.height_px }));
     const label = labels.get(o.track);
     if (label) {
-      const text = svg("text", { x: label.x, y: label.y }, label.text);
+      if (label.leader) group.append(svg("line", { class: "leader", ...label.leader }));
+      const text = svg("text", { x: label.x, y: label.y + 11 * scale }, label.text);
       text.style.fontSize = `${13 * scale}px`;
       text.style.strokeWidth = `${3 * scale}px`;
       group.append(text);
@@ -77,19 +81,54 @@ function drawBoxes(frame) {
   view.replaceChildren(...spaceShapes(frame), ...wayLines(frame), ...boxes);
 }
 
-// A label above each box, the nearest first; a label that would cover another is omitted.
+// Places for labels, as in tools/src/reporting/labels.rs: the cause of an alarm first, then the nearest. None covers another;
+// what has no room at its box is shortened, then moved away with a line to it, then left out.
+const LABEL_STEPS = 4;
+const WHOLE_LABELS = 6;
+// A picture that is shown much smaller has labels at the nearest only.
+const [SMALL_SCALE, SMALL_LABELS] = [1.3, 8];
+
 function placeLabels(frame, scale) {
   const placed = new Map();
-  for (const o of [...frame.obstacles].sort((a, b) => a.distance_m - b.distance_m)) {
-    if (!o.confirmed) continue;
+  const [line, gap] = [14 * scale, 2 * scale];
+  const isCause = (o) => isAbout(frame, o);
+  const order = frame.obstacles.filter((o) => o.confirmed)
+    .sort((a, b) => isCause(b) - isCause(a) || a.distance_m - b.distance_m)
+    .slice(0, scale > SMALL_SCALE ? SMALL_LABELS : undefined);
+  const fit = (x, y, width) => {
+    const at = { x: Math.max(0, Math.min(x, frame.width - width)), y, width };
+    const covers = (b) => at.x < b.x + b.width + gap && b.x < at.x + width + gap && Math.abs(y - b.y) < line;
+    const is_inside = width <= frame.width && y >= 0 && y + line <= frame.height;
+    return is_inside && ![...placed.values()].some(covers) ? at : null;
+  };
+  const atBox = (o, width) => {
+    const right = o.x_px + o.width_px - width;
+    const [above, below] = [o.y_px - line, o.y_px + o.height_px];
+    return fit(o.x_px, above, width) || fit(right, above, width) || fit(o.x_px, below, width) || fit(right, below, width);
+  };
+  const away = (o, width) => {
+    const middle = o.x_px + o.width_px / 2;
+    for (let step = 1; step <= LABEL_STEPS; step += 1) {
+      const far = step * (line + gap);
+      const bottom = o.y_px + o.height_px;
+      const above = fit(middle - width / 2, o.y_px - line - far, width);
+      if (above) return { ...above, leader: { x1: middle, y1: above.y + line, x2: middle, y2: o.y_px } };
+      const below = fit(middle - width / 2, bottom + far, width);
+      if (below) return { ...below, leader: { x1: middle, y1: below.y, x2: middle, y2: bottom } };
+    }
+    return null;
+  };
+  for (const [rank, o] of order.entries()) {
     const soon = o.time_to_collision_s !== null && o.time_to_collision_s < 20;
-    const text = `${o.class === "obstacle" ? "" : o.class + " "}${o.distance_m.toFixed(1)} m` +
+    const long = `${o.class === "obstacle" ? "" : o.class + " "}${o.distance_m.toFixed(1)} m` +
       (soon ? ` · ${o.time_to_collision_s.toFixed(1)} s` : "");
-    const width = text.length * 7.5 * scale;
-    const x = Math.max(0, Math.min(o.x_px, frame.width - width));
-    const y = o.y_px > 16 * scale ? o.y_px - 4 * scale : o.y_px + o.height_px + 13 * scale;
-    const covers = (b) => x < b.x + b.width && b.x < x + width && Math.abs(y - b.y) < 14 * scale;
-    if (![...placed.values()].some(covers)) placed.set(o.track, { text, x, y, width });
+    const short = `${o.distance_m.toFixed(0)} m`;
+    const width = (text) => text.length * 7.5 * scale;
+    const found = [[rank < WHOLE_LABELS ? long : short, atBox], [short, atBox], [short, away]].map(([text, where]) => () => {
+      const at = where(o, width(text));
+      return at && { ...at, text };
+    }).reduce((at, next) => at || next(), null);
+    if (found) placed.set(o.track, found);
   }
   return placed;
 }
@@ -105,20 +144,29 @@ function drawObstacles(frame) {
     const side = Math.abs(o.lateral_m) < 0.05 ? "ahead" :
       `${Math.abs(o.lateral_m).toFixed(1)} m ${o.lateral_m > 0 ? "right" : "left"}`;
     const closing = o.closing_m_s === null ? "–" : `${o.closing_m_s.toFixed(1)} m/s`;
-    const cells = [o.track, o.class, `${o.distance_m.toFixed(1)} ± ${o.distance_sigma_m.toFixed(1)} m`, side,
-      closing, seconds(o.time_to_collision_s), `${o.width_m.toFixed(1)} × ${o.height_m.toFixed(1)} m`];
-    return row(cells, frame.alarm.level === "alarm" && frame.alarm.track === o.track ? "cause" : "");
+    const sure = o.score == null ? "" : ` ${Math.round(100 * o.score)} %`;
+    const cells = [o.track, [o.class, sure, ""], [o.distance_m.toFixed(1), ` ± ${o.distance_sigma_m.toFixed(1)}`, " m"], side,
+      closing, seconds(o.time_to_collision_s), ["", `${o.width_m.toFixed(1)} × ${o.height_m.toFixed(1)} m`, ""]];
+    return row(cells, isAbout(frame, o) ? "cause" : "");
   }));
 }
 
-function row(cells, kind) {
+// A cell is a text, or three of which the second is left out on a narrow screen. `more`: cells that are left out there.
+function row(cells, kind, more = []) {
   const line = document.createElement("tr");
   if (kind) line.className = kind;
   cells.forEach((text, i) => {
     const cell = document.createElement(i === 0 && cells.length > 1 ? "th" : "td");
     if (i === 0 && cells.length > 1) cell.scope = "row";
     if (cells.length === 1) { cell.colSpan = 12; cell.className = "none"; }
-    cell.textContent = text;
+    if (Array.isArray(text)) {
+      const middle = document.createElement("span");
+      middle.className = "more";
+      middle.textContent = text[1];
+      cell.append(text[0], middle, text[2]);
+      if (!text[0]) cell.classList.add("more");
+    } else cell.textContent = text;
+    if (more.includes(i)) cell.classList.add("more");
     line.append(cell);
   });
   return line;
@@ -170,7 +218,7 @@ function drawBirds(frame, points) {
     c.strokeRect(x, y - 2, r.width_m * perMetre, 2);
   }
   for (const o of frame.obstacles.filter((o) => o.confirmed)) {
-    const isCause = frame.alarm.level === "alarm" && frame.alarm.track === o.track;
+    const isCause = isAbout(frame, o);
     const depth = Math.max(0.6, Math.min(o.width_m, 4) * 0.8);
     const [x, y] = at(o.lateral_m - o.width_m / 2, o.distance_m + depth);
     c.fillStyle = c.strokeStyle = colour(isCause ? "--bad" : "--accent");
@@ -340,21 +388,27 @@ function drawScale(frame) {
 // Lines over the last minutes. Each series: name, colour, value of a sample (null breaks the line).
 function drawChart(name, samples, series, unit, least) {
   const view = byId(`c-${name}`);
-  const [width, height, left, bottom] = [400, 120, 34, 14];
+  // In pixels of the page, so that text is not stretched.
+  const box = view.getBoundingClientRect();
+  const [width, height, left, bottom] = [Math.max(120, box.width), Math.max(60, box.height), 34, 14];
   view.setAttribute("viewBox", `0 0 ${width} ${height}`);
   view.setAttribute("preserveAspectRatio", "none");
   view.setAttribute("role", "img");
   const values = series.map((s) => samples.map(s.value));
   const known = values.flat().filter((v) => v !== null && v !== undefined && isFinite(v));
+  // What this machine does not have needs no panel.
+  view.closest(".panel").hidden = series.length === 0;
   if (known.length === 0) {
-    view.replaceChildren(svg("text", { x: 10, y: 60 }, "no data"));
+    view.replaceChildren(svg("text", { x: 10, y: height / 2 }, "no data"));
     view.setAttribute("aria-label", "no data");
     byId(`k-${name}`).textContent = name === "speed" ? "own motion unknown" : "not available on this machine";
     return;
   }
   const top = niceTop(Math.max(...known, least));
   const last = samples[samples.length - 1];
-  const x = (s) => left + ((s.number - last.number + 299) / 299) * (width - left - 2);
+  // As much time as there is, at least half a minute.
+  const span = Math.min(299, Math.max(30, last.number - samples[0].number));
+  const x = (s) => left + ((s.number - last.number + span) / span) * (width - left - 2);
   const y = (v) => 6 + (1 - v / top) * (height - bottom - 6);
   const children = [];
   for (const share of [0, 0.5, 1]) {
@@ -362,8 +416,8 @@ function drawChart(name, samples, series, unit, least) {
     children.push(svg("line", { class: "grid", x1: left, x2: width, y1: level, y2: level }));
     children.push(svg("text", { x: 2, y: level + 4 }, short(top * share)));
   }
-  children.push(svg("text", { x: left, y: height - 2 }, "5 min ago"));
-  children.push(svg("text", { x: width - 22, y: height - 2 }, "now"));
+  children.push(svg("text", { x: left, y: height - 4 }, span > 120 ? `${Math.round(span / 60)} min ago` : `${span} s ago`));
+  children.push(svg("text", { x: width - 22, y: height - 4 }, "now"));
   series.forEach((s, k) => {
     let path = "";
     let pen = "M";
@@ -464,5 +518,5 @@ function drawProcesses(status) {
   byId("processes").tBodies[0].replaceChildren(...status.processes.map((p) => row([
     p.role, p.state, p.core === null ? "–" : p.core, `${p.rate_hz.toFixed(1)} /s`, `${p.p50_ms.toFixed(1)} ms`,
     `${p.p99_ms.toFixed(1)} ms`, p.skipped, `${p.cpu_percent.toFixed(0)} %`, mib(p.private_bytes), p.restarts,
-  ], p.state === "running" ? "" : "cause")));
+  ], p.state === "running" ? "" : "cause", [2, 3, 4, 8])));
 }

@@ -5,10 +5,7 @@
 //! can be tested ([`Movement`]). What is known to stand closes with the own speed, which is known better than that of any
 //! thing: its time to collision is that of the state under the condition that it stands.
 
-use super::{
-    ConstantVelocityFilter, DistanceFilter, LATERAL_PROCESS_NOISE, LateralFilter, MIN_DISTANCE_M,
-    TimeToCollision,
-};
+use super::{ConstantVelocityFilter, DistanceFilter, LateralFilter, MIN_DISTANCE_M, TimeToCollision};
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::tracking::parameters::{
     MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_CHI2, STANDING_SPEED_M_S,
@@ -108,10 +105,10 @@ impl Filters<'_> {
     /// Predicts the place after `elapsed_s` seconds in which the camera moves by `step`. The speeds are over ground. Both
     /// axes mix, as they turn; the correlation that comes of it, small at the angle of one step, is left out.
     pub fn predict(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
-        let noise = self.longitudinal.process_noise();
+        let (noise, lateral_noise) = (self.longitudinal.process_noise(), self.lateral.process_noise());
         let (x, z) = (&mut self.lateral.filter, &mut self.longitudinal.filter);
         z.predict(elapsed_s, noise);
-        x.predict(elapsed_s, LATERAL_PROCESS_NOISE);
+        x.predict(elapsed_s, lateral_noise);
         // So far in the axes of the frame before.
         let added = step.variance_m2([x.position, z.position]);
         [x.position, z.position] = step.place([x.position, z.position]);

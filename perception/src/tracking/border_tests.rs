@@ -1,0 +1,148 @@
+//! Tests of things that the border of the picture cuts, seen from a vehicle whose motion is known.
+
+use super::*;
+use crate::region::PixelBox;
+
+const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
+const SIZE: (usize, usize) = (640, 480);
+const PERIOD_S: f64 = 0.08;
+const OWN_M_S: f64 = 11.0;
+
+fn normal(random: &mut fastrand::Rng) -> f64 {
+    (0..12).map(|_| random.f64()).sum::<f64>() - 6.0
+}
+
+/// What both pictures show of a thing between two places beside the axis, in metres; `None` if nothing. On the left the right
+/// picture misses as many columns as the disparity.
+fn sighting(random: &mut fastrand::Rng, distance_m: f64, sides_m: [f64; 2]) -> Option<Region> {
+    let disparity_px = RIG.disparity_px(distance_m);
+    let column = |m: f64| RIG.cx_px + RIG.focal_px * m / distance_m + 2.0 * (random.f64() - 0.5);
+    let [left, right] = sides_m.map(column).map(|px| px.clamp(disparity_px, 640.0));
+    let bounds = PixelBox { x: left as u32, y: 190, width: (right - left) as u32, height: 100 };
+    let measured_px = disparity_px + 0.1 * normal(random);
+    let distance_m = RIG.focal_px * RIG.baseline_m / measured_px;
+    (bounds.width > 12).then(|| Region {
+        bounds,
+        disparity_px: measured_px,
+        disparity_sigma_px: 0.1,
+        distance_m,
+        lateral_m: RIG.lateral_m((left + right) / 2.0, distance_m),
+        width_m: (right - left) * distance_m / RIG.focal_px,
+        height_m: 1.5,
+        inset_m: [0.0; 2],
+        pixels: bounds.width * bounds.height,
+        confidence: 0.9,
+        evidence: 3.5,
+    })
+}
+
+/// A tracker and its time.
+struct Drive {
+    tracker: Tracker,
+    random: fastrand::Rng,
+    frame: u64,
+}
+
+impl Drive {
+    fn new(seed: u64) -> Self {
+        let tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
+        Self { tracker, random: fastrand::Rng::with_seed(seed), frame: 0 }
+    }
+
+    /// The track of the only thing after this frame, if it is seen.
+    fn see(&mut self, distance_m: f64, sides_m: [f64; 2]) -> Option<Track> {
+        let sightings: Vec<Region> = sighting(&mut self.random, distance_m, sides_m).into_iter().collect();
+        let motion = Motion {
+            speed_m_s: OWN_M_S,
+            speed_sigma_m_s: 0.1,
+            yaw_rate_sigma_rad_s: 0.003,
+            ..Motion::default()
+        };
+        let time_ns = self.frame * (PERIOD_S * 1e9) as u64;
+        self.frame += 1;
+        let frame = Frame { motion: Some(motion), ..Frame::new(time_ns, &sightings) };
+        let tracks = self.tracker.follow(&frame);
+        tracks.first().copied().filter(|_| !sightings.is_empty())
+    }
+}
+
+#[test]
+fn a_car_that_comes_into_view_is_as_fast_as_its_front() {
+    let mut worst = 0.0_f64;
+    for seed in 0..20 {
+        let mut drive = Drive::new(seed);
+        let mut seen = 0;
+        // It drives to the left across our path with 40 km/h; its front is 2 m away from the axis at 10 m.
+        for frame in 0..7 {
+            let t = f64::from(frame) * PERIOD_S;
+            let front_m = 2.9 - 11.1 * t;
+            let Some(track) = drive.see(10.5 - OWN_M_S * t, [front_m, front_m + 4.0]) else { continue };
+            seen += 1;
+            if seen >= 4 {
+                worst = worst.max((track.lateral.speed_m_s() + 11.1).abs());
+                assert!(track.movement == Movement::Moving, "seed {seed}, frame {seen}: {track:?}");
+                // The side that is seen, and the width as far as it is.
+                let side_m = track.lateral.lateral_m() - track.front_m() / 2.0;
+                assert!((side_m - front_m).abs() < 0.5, "seed {seed}: {side_m}, {front_m}");
+            }
+        }
+        assert!(seen >= 5, "{seen}");
+    }
+    println!("error of the speed from the fourth sighting on: {worst:.1} m/s at most, seeds 0 to 19");
+    assert!(worst < 1.5, "{worst}");
+}
+
+#[test]
+fn a_parked_car_that_is_passed_stands() {
+    let (mut moving, mut frames) = (0, 0);
+    for seed in 0..20 {
+        let mut drive = Drive::new(seed);
+        for frame in 0..40 {
+            let near_m = 30.0 - OWN_M_S * f64::from(frame) * PERIOD_S;
+            // Its inner side is rounded: half a metre of it comes into view, or does not, as the angle grows.
+            let rounded_m = 0.2 * (1.6 / near_m.max(1.0)).min(1.0);
+            if near_m < 3.0 {
+                break;
+            }
+            let Some(track) = drive.see(near_m, [1.6 + rounded_m, 3.4]) else { continue };
+            frames += 1;
+            moving += i32::from(track.movement == Movement::Moving);
+        }
+    }
+    println!("parked car: {moving} of {frames} frames moving, seeds 0 to 19");
+    assert!(50 * moving <= frames, "{moving} of {frames}");
+}
+
+#[test]
+fn what_was_seen_together_with_the_background_becomes_narrower_as_it_comes_into_view() {
+    let mut drive = Drive::new(1);
+    let mut last = None;
+    // A motorcycle 2.1 m long comes from the left with 20 km/h; the first two sightings contain a wall behind it.
+    for frame in 0..20 {
+        let t = f64::from(frame) * PERIOD_S;
+        let front_m = -7.5 + 5.5 * t;
+        let right_m = if frame < 2 { front_m + 2.6 } else { front_m };
+        last = drive.see(22.0 - 4.0 * t, [front_m - 2.1, right_m]).or(last);
+    }
+    let track = last.unwrap();
+    assert!((1.6..2.6).contains(&track.front_m()), "{} m", track.front_m());
+}
+
+#[test]
+fn a_width_that_varied_before_the_border_cut_it_is_forgotten() {
+    // Fragments of a thing near the border, then its front as it comes in.
+    let mut drive = Drive::new(2);
+    for frame in 0..6 {
+        let right_m = if frame % 2 == 0 { -4.2 } else { -2.9 };
+        drive.see(18.0 - 0.8 * f64::from(frame), [-4.8, right_m]);
+    }
+    let varied = drive.tracker.tracks().iter().map(|t| t.width_jitter).fold(0.0, f64::max);
+    let mut last = None;
+    for frame in 0..10 {
+        let t = f64::from(frame) * PERIOD_S;
+        last = drive.see(13.2 - 10.0 * t, [-8.0, -3.0 + 4.0 * t]).or(last);
+    }
+    let track = last.unwrap();
+    println!("width jitter {varied:.2}, then {:.2}", track.width_jitter);
+    assert!(varied > 0.4 && track.width_jitter < 0.4, "{varied}, {}", track.width_jitter);
+}

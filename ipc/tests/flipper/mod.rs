@@ -68,6 +68,10 @@ impl Flipper {
                         for _ in 0..random.usize(0..500) {
                             std::hint::spin_loop();
                         }
+                        // A reader that shares this core sees the change only while this thread sleeps.
+                        if random.u8(0..4) == 0 {
+                            std::thread::sleep(Duration::from_micros(random.u64(0..100)));
+                        }
                         place.file.write_all_at(&place.content, place.at).expect("it is written");
                         // So that messages are accepted and then change.
                         std::thread::sleep(Duration::from_micros(random.u64(0..300)));

@@ -92,8 +92,9 @@ pub const BODY_LENGTH_M: f64 = 4.5;
 pub const EXTENT_TIME_S: f64 = 0.3;
 /// A single sighting changes a side as if the thing were at most this many times as large, or small, as before.
 pub const MAX_RATIO: f64 = 2.0;
-/// Standard deviation of the middle of a box, in px: sides are found in strips of four columns;
-pub const CENTRE_SIGMA_PX: f64 = 3.0;
+/// Standard deviation of the middle of a box, in px: sides are found in strips of four columns, and one of them may gain or lose
+/// a strip;
+pub const CENTRE_SIGMA_PX: f64 = 2.0;
 /// and as a share of the width.
 pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
 /// The same where the picture cuts both sides.
@@ -113,7 +114,7 @@ pub const NOISE_INFLATION: f64 = 1.5;
 /// which part of a thing its near side is.
 pub const SYSTEMATIC_PX: f64 = 0.05;
 /// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
-pub const MIN_SIGMA_PX: f64 = 0.08;
+pub const MIN_SIGMA_PX: f64 = 0.04;
 
 // Motion.
 

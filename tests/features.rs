@@ -1,6 +1,7 @@
 //! What a build without a feature says where the feature is asked for. The features' own tests are `gpu.rs`,
 //! `camera.rs` and `bridge.rs`.
 
+#[cfg(not(all(feature = "gpu", feature = "gstreamer", feature = "zenoh")))]
 use crate::support::Bench;
 
 #[cfg(not(feature = "gpu"))]

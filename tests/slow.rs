@@ -1,6 +1,7 @@
 //! The tests that take long: `cargo test --release --workspace --test slow`, which `.ci/run` runs, too. A module that
 //! has become quick goes to `quick.rs`; its line is all that moves.
 
+mod calibrate_drive;
 mod calibration_health;
 mod client_users;
 mod damaged_memory;

@@ -14,6 +14,7 @@
 pub mod bundle;
 pub mod camera;
 pub mod corner;
+pub mod drive;
 pub mod finder;
 pub mod grid;
 pub mod homography;
@@ -22,6 +23,7 @@ pub mod pose;
 pub mod prediction;
 pub mod rectification;
 mod rejection;
+pub mod right_turn;
 pub mod saddle;
 pub mod start;
 pub mod stereo;
@@ -32,6 +34,7 @@ pub use camera::{Camera, Lens};
 pub use finder::{Board, BoardError, NoBoard, Sighting};
 pub use pose::Pose;
 pub use rectification::{Crop, Rectification, RectificationError};
+pub use right_turn::RightTurn;
 pub use stereo::{CalibrationError, Pair, StereoCalibration, ViewFault, calibrate, calibrate_all};
 pub use verdict::{Grade, Reason, Verdict, judge};
 

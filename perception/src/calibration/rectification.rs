@@ -113,6 +113,34 @@ fn borders(
     Ok(borders)
 }
 
+/// Left, right, top and bottom of the area that both images cover, at focal length 1.
+fn common_area(borders: &[Vec<[Vector2<f64>; 4]>; 2]) -> [f64; 4] {
+    let all = || borders.iter().flatten();
+    [
+        all().map(|s| s[0].x).fold(f64::MIN, f64::max),
+        all().map(|s| s[1].x).fold(f64::MAX, f64::min),
+        all().map(|s| s[2].y).fold(f64::MIN, f64::max),
+        all().map(|s| s[3].y).fold(f64::MAX, f64::min),
+    ]
+}
+
+/// The rectangle of pixels within an area at focal length 1: x, y, width and height.
+fn valid_area(
+    area: [f64; 4],
+    rig: &Rig,
+    (width, height): (usize, usize),
+) -> Result<[usize; 4], RectificationError> {
+    // A small tolerance against rounding: the focal length may have been chosen to make these bounds exact.
+    let low = |v: f64, c: f64| (rig.focal_px * v + c - 1e-6).ceil().max(0.0);
+    let high = |v: f64, c: f64, most: usize| (rig.focal_px * v + c + 1e-6).floor().min(most as f64 - 1.0);
+    let (x0, x1) = (low(area[0], rig.cx_px), high(area[1], rig.cx_px, width));
+    let (y0, y1) = (low(area[2], rig.cy_px), high(area[3], rig.cy_px, height));
+    if x1 <= x0 || y1 <= y0 {
+        return Err(RectificationError::NoOverlap);
+    }
+    Ok([x0 as usize, y0 as usize, (x1 - x0) as usize + 1, (y1 - y0) as usize + 1])
+}
+
 impl Rectification {
     /// Rectifies two cameras with images of `size`; `between` transforms the first camera's coordinates to the
     /// second's.
@@ -155,24 +183,11 @@ impl Rectification {
         let (width, height) = (size.0 as f64, size.1 as f64);
         let borders = borders(cameras, &turns, (width, height))?;
         let all = || borders.iter().flatten();
-        let extreme = |f: &dyn Fn(&[Vector2<f64>; 4]) -> f64, most: bool| {
-            all()
-                .map(f)
-                .fold(if most { f64::MIN } else { f64::MAX }, |a, b| if most { a.max(b) } else { a.min(b) })
-        };
+        let lowest = |f: &dyn Fn(&[Vector2<f64>; 4]) -> f64| all().map(f).fold(f64::MAX, f64::min);
+        let highest = |f: &dyn Fn(&[Vector2<f64>; 4]) -> f64| all().map(f).fold(f64::MIN, f64::max);
         // Left, right, top, bottom of the area that both images cover (inner) and that either covers (outer).
-        let inner = [
-            extreme(&|s| s[0].x, true),
-            extreme(&|s| s[1].x, false),
-            extreme(&|s| s[2].y, true),
-            extreme(&|s| s[3].y, false),
-        ];
-        let outer = [
-            extreme(&|s| s[0].x, false),
-            extreme(&|s| s[1].x, true),
-            extreme(&|s| s[2].y, false),
-            extreme(&|s| s[3].y, true),
-        ];
+        let inner = common_area(&borders);
+        let outer = [lowest(&|s| s[0].x), highest(&|s| s[1].x), lowest(&|s| s[2].y), highest(&|s| s[3].y)];
         if inner[0] >= inner[1] || inner[2] >= inner[3] {
             return Err(RectificationError::NoOverlap);
         }
@@ -193,16 +208,21 @@ impl Rectification {
         let cx_px = 0.5 * (width - 1.0) - focal_px * 0.5 * (box_[0] + box_[1]);
         let cy_px = 0.5 * (height - 1.0) - focal_px * 0.5 * (box_[2] + box_[3]);
         let rig = Rig { focal_px, baseline_m, cx_px, cy_px };
-        // A small tolerance against rounding: the focal length was chosen to make these bounds exact.
-        let low = |v: f64, c: f64| (focal_px * v + c - 1e-6).ceil().max(0.0);
-        let high = |v: f64, c: f64, most: f64| (focal_px * v + c + 1e-6).floor().min(most - 1.0);
-        let (x0, x1) = (low(inner[0], cx_px), high(inner[1], cx_px, width));
-        let (y0, y1) = (low(inner[2], cy_px), high(inner[3], cy_px, height));
-        if x1 <= x0 || y1 <= y0 {
-            return Err(RectificationError::NoOverlap);
-        }
-        let valid = [x0 as usize, y0 as usize, (x1 - x0) as usize + 1, (y1 - y0) as usize + 1];
-        Ok(Self { turns, rig, size, valid })
+        Ok(Self { turns, rig, size, valid: valid_area(inner, &rig, size)? })
+    }
+
+    /// The rectification with other rotations of the cameras, and the same focal length and principal point.
+    ///
+    /// # Errors
+    /// If no part of the image is seen by both cameras.
+    pub fn with_turns(
+        &self,
+        cameras: &[Camera; 2],
+        turns: [Rotation3<f64>; 2],
+    ) -> Result<Self, RectificationError> {
+        let size = (self.size.0 as f64, self.size.1 as f64);
+        let inner = common_area(&borders(cameras, &turns, size)?);
+        Ok(Self { turns, valid: valid_area(inner, &self.rig, self.size)?, ..*self })
     }
 
     /// The rectified position of a pixel of camera `side` (0 left, 1 right); `None` where the lens model is not

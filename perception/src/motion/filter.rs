@@ -344,6 +344,7 @@ mod tests {
             inliers: 100,
             points: 110,
             elapsed_s,
+            disparity_offset_px: (0.0, 0.0),
         }
     }
 

@@ -62,6 +62,9 @@ pub struct OdometryEstimate {
     /// Time since the frame that it refers to, in seconds: that before, or an earlier one, if the motion was not known
     /// meanwhile.
     pub elapsed_s: f64,
+    /// Error that all disparities of the map have in common, in px, to be added to them, by this frame alone; and its
+    /// information (inverse variance).
+    pub disparity_offset_px: (f64, f64),
 }
 
 /// Largest number of points.
@@ -316,8 +319,11 @@ impl Odometry {
         if speed_sigma > MAX_SPEED_SIGMA_M_S || yaw_sigma > MAX_YAW_RATE_SIGMA_RAD_S {
             return Err(UnknownReason::Implausible);
         }
+        let (more_px, information) = estimate.disparity_offset_px;
+        let disparity_offset_px = (self.offset.px + more_px, information);
         self.offset.learn(estimate.disparity_offset_px, elapsed_s);
         Ok(OdometryEstimate {
+            disparity_offset_px,
             motion: estimate.pose.inverse(),
             covariance: estimate.covariance,
             inliers: estimate.inliers,

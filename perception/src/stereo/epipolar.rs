@@ -14,6 +14,7 @@
 //! ([`correction`], [`shift`]). The estimate is that of the cameras, not of the corrected pair, so a correction changes
 //! nothing about it. What is no pair of views at all is found by [`pairing`].
 
+pub mod coarse;
 pub mod correction;
 pub mod field;
 pub mod harm;
@@ -148,6 +149,11 @@ impl EpipolarCheck {
     /// The current estimate.
     pub fn health(&self) -> EpipolarHealth {
         self.health
+    }
+
+    /// Weight of all points so far: how many agree with the estimate, where those of past frames fade.
+    pub fn weight(&self) -> f64 {
+        self.weight
     }
 
     /// Typical (root mean square) magnitude of a field over the area that is matched, in pixels.

@@ -1,5 +1,6 @@
 //! Calibrates a stereo pair from a folder of chessboard images and grades the result.
 
+pub mod drive;
 pub mod live;
 mod pictures;
 pub mod report;

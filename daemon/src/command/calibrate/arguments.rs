@@ -11,6 +11,7 @@ pub const HELP: &str = "Examples:
   lookout calibrate pictures --board 8x5 --square-mm 30 -o rig.toml --lens radial3 --json
   lookout calibrate --live --board 9x6 --square-mm 24.23 -o rig.toml        from the running daemon
   lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 24.23 -o rig.toml
+  lookout calibrate --from-drive RECORDING --rig rig.toml -o rig-now.toml
 
 DIR contains two folders, left and right, with pictures of the same names (PNG, JPEG, PGM, PPM), or
 files such as left1.png and right1.png. --board counts inner corners, where four squares meet: a
@@ -22,6 +23,12 @@ still, or put it on a support.
 reports which views are still missing, and ends when the calibration would be graded good (or with
 Ctrl-C, or after 40 pairs). The daemon must publish unrectified pairs: source.rectify = false.
 
+--from-drive turns the right camera of a calibration (pitch, yaw and roll, up to about 0.5 degrees) so
+that it fits to what the cameras see in a recorded drive, without a board: half a minute through a
+street with texture, past things near and far. The recording has the pictures as the cameras took
+them. Baseline, lenses and places of the cameras are kept: a drive does not tell them. Where the
+recording has the vehicle's speed, it is compared with the speed that the cameras see.
+
 The calibration is graded good, usable or redo, with reasons. The rig file is written atomically. If
 the grade is redo it is not written, an existing file is kept, and the exit code is 1.";
 
@@ -29,7 +36,7 @@ the grade is redo it is not written, an existing file is kept, and the exit code
 pub struct Calibrate {
     /// Folder of the pictures; with --live: a recording, FILE.mcap, scene:NAME, or "camera" for the
     /// cameras of the configuration [default: the running daemon]
-    #[arg(required_unless_present = "live")]
+    #[arg(required_unless_present_any = ["live", "from_drive"], conflicts_with = "from_drive")]
     pub dir: Option<PathBuf>,
     /// Select pairs from a live source, keeping those with new views of the board
     #[arg(long)]
@@ -37,14 +44,24 @@ pub struct Calibrate {
     /// With --live: folder for the selected pictures [default: RIG.pictures]
     #[arg(long, value_name = "DIR", requires = "live")]
     pub pictures: Option<PathBuf>,
+    /// Turn the right camera of a calibration by what this drive shows: a folder, FILE.mcap or
+    /// scene:NAME
+    #[arg(long, value_name = "RECORDING", conflicts_with_all = ["live", "report", "board", "square_mm", "cross_validate"])]
+    pub from_drive: Option<PathBuf>,
+    /// With --from-drive: the calibration to begin with [default: that beside the recording]
+    #[arg(long, value_name = "FILE", requires = "from_drive")]
+    pub rig: Option<PathBuf>,
+    /// With --from-drive: use this many pairs at most [default: all; 600 of an endless scene]
+    #[arg(long, value_name = "N", requires = "from_drive", value_parser = clap::value_parser!(u64).range(1..))]
+    pub limit: Option<u64>,
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Number of inner corners of the board
-    #[arg(long, value_name = "COLSxROWS", value_parser = pair)]
-    pub board: (usize, usize),
+    #[arg(long, value_name = "COLSxROWS", value_parser = pair, required_unless_present = "from_drive")]
+    pub board: Option<(usize, usize)>,
     /// Measured side length of a square, in mm
-    #[arg(long, value_name = "S", value_parser = millimetres)]
-    pub square_mm: f64,
+    #[arg(long, value_name = "S", value_parser = millimetres, required_unless_present = "from_drive")]
+    pub square_mm: Option<f64>,
     /// Output: rig file
     #[arg(short, long, value_name = "RIG.toml")]
     pub out: PathBuf,

@@ -1,6 +1,7 @@
 //! `lookout calibrate`.
 
 mod arguments;
+mod drive;
 mod live;
 
 pub use arguments::{Calibrate, CropChoice, HELP, pair};
@@ -102,8 +103,11 @@ impl Figures {
 }
 
 pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
-    let (columns, rows) = args.board;
-    let board = Board::new(columns, rows, args.square_mm * 1e-3)
+    if let Some(recording) = &args.from_drive {
+        return drive::run(args, recording, log);
+    }
+    let ((columns, rows), square_mm) = (args.board.unwrap_or_default(), args.square_mm.unwrap_or_default());
+    let board = Board::new(columns, rows, square_mm * 1e-3)
         .map_err(|error| CommandError::Other(format!("--board, --square-mm: {error}")))?;
     let folder = match &args.dir {
         Some(folder) if !args.live => folder.clone(),
@@ -133,7 +137,7 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     figures.seconds = start.elapsed().as_secs_f64();
     figures.cpu_seconds = (messages::clock::process_cpu_ns() - cpu) as f64 * 1e-9;
     let redo = outcome.verdict.grade == Grade::Redo;
-    let now = date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()));
+    let now = today();
     let serial = args.serial.clone().unwrap_or_else(|| format!("rig {now}"));
     if !redo && let Some(rig) = outcome.rig(&serial, &now) {
         rig.write(&args.out)?;
@@ -197,6 +201,11 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
         say(format_args!("report: {}", folder.join("index.html").display()))?;
     }
     Ok(())
+}
+
+/// Date and time, UTC.
+fn today() -> String {
+    date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()))
 }
 
 /// Formats seconds since 1970 as `year-month-day hours:minutes:seconds`, UTC.

@@ -1,11 +1,10 @@
 //! Whether two images are the left and the right view of one scene: swapped cameras, one picture twice, and rows that
 //! are too far apart to be measured by [`super::EpipolarCheck`].
 //!
-//! Corners of the reduced left image are searched in the reduced right one to both sides and in both directions,
-//! without any disparity map. Points of a scene lie farther left in the right image; with swapped cameras they lie
-//! farther right.
+//! Corners are searched without any disparity map ([`super::coarse`]). Points of a scene lie farther left in the right
+//! image; with swapped cameras they lie farther right.
 
-use super::patch::{HALF, Patch, corner};
+use super::coarse::{CoarseMatcher, MAX_MATCHES};
 use crate::image::GreyView;
 
 /// What two images are to each other.
@@ -24,20 +23,6 @@ pub enum Pairing {
     RowsApart(f64),
 }
 
-/// Width to which images are reduced, in px: a disparity of 4 px at 1242 px of width is still told from none.
-const REDUCED_WIDTH: usize = 240;
-/// Grid cells in which a corner is taken.
-const GRID: (usize, usize) = (12, 6);
-/// Search range, as a share of the reduced width to both sides.
-const ASIDE_SHARE: f64 = 0.2;
-/// Search range up and down, in reduced pixels: 25 rows at 1242 px of width.
-const REACH: usize = 6;
-/// Minimum corner response in squared grey levels; the reduction has averaged noise away.
-const MIN_CORNER: f32 = 8.0;
-/// A match is taken if its difference is at most this share of the patch's contrast …
-const MAX_DIFFERENCE: f32 = 0.15;
-/// … and of the second best, more than 2 px away. Repeated structures fail this.
-const MAX_RATIO: f32 = 0.6;
 /// Fewest matches that decide, and the majority that they need.
 const MIN_VOTES: usize = 8;
 const MAJORITY: usize = 4;
@@ -53,9 +38,7 @@ const TEXTURE: u8 = 8;
 /// Check of a run's pairs. Updates do not allocate.
 #[derive(Clone, Debug)]
 pub struct PairingCheck {
-    reduced: [Vec<u8>; 2],
-    size: (usize, usize),
-    scale: usize,
+    matcher: CoarseMatcher,
     /// Vertical offsets up to this are left to the measurement by corners, in px.
     measured_px: f64,
     last: Pairing,
@@ -66,10 +49,8 @@ pub struct PairingCheck {
 impl PairingCheck {
     /// A check for images of `width` × `height` pixels, where vertical offsets up to `measured_px` are no fault.
     pub fn new(width: usize, height: usize, measured_px: f64) -> Self {
-        let scale = (width / REDUCED_WIDTH).max(1);
-        let size = (width / scale, height / scale);
-        let reduced = [vec![0; size.0 * size.1], vec![0; size.0 * size.1]];
-        Self { reduced, size, scale, measured_px, last: Pairing::Unknown, count: 0, result: Pairing::Unknown }
+        let matcher = CoarseMatcher::new(width, height);
+        Self { matcher, measured_px, last: Pairing::Unknown, count: 0, result: Pairing::Unknown }
     }
 
     /// The result so far.
@@ -91,42 +72,22 @@ impl PairingCheck {
     }
 
     fn search(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Pairing {
-        let (width, height) = self.size;
-        let side = HALF + 1;
-        let aside = (width as f64 * ASIDE_SHARE) as usize;
-        let fits =
-            |view: GreyView<'_>| view.width() / self.scale == width && view.height() / self.scale == height;
-        if !fits(left) || !fits(right) || width < 4 * aside + 8 * side || height < 2 * (REACH + side) + GRID.1
-        {
-            return Pairing::Unknown;
-        }
-        for (image, out) in [left, right].into_iter().zip(&mut self.reduced) {
-            reduce(image, self.scale, width, out);
-        }
-        let [left, right] = [0, 1].map(|i| GreyView::new(&self.reduced[i], width, height, width));
-        let (Ok(left), Ok(right)) = (left, right) else { return Pairing::Unknown };
-        let (mut to_left, mut to_right, mut votes) = (0, 0, 0);
-        let mut rows = [0_i32; GRID.0 * GRID.1];
-        for cell in 0..GRID.0 * GRID.1 {
-            let span = |k: usize, n: usize, margin: usize, length: usize| {
-                let inner = length - 2 * margin;
-                margin + k * inner / n..margin + (k + 1) * inner / n
-            };
-            let columns = span(cell % GRID.0, GRID.0, aside + side, width);
-            let lines = span(cell / GRID.0, GRID.1, REACH + side, height);
-            let Some((x, y)) = strongest(left, columns, lines) else { continue };
-            let Some((du, dv)) = displacement(left, right, (x, y), aside) else { continue };
-            rows[votes] = dv;
-            votes += 1;
-            to_left += usize::from(du <= -2);
-            to_right += usize::from(du >= 2);
-        }
+        let scale = self.matcher.scale() as f64;
+        let found = self.matcher.matches(left, right);
+        let votes = found.len();
         if votes < MIN_VOTES {
             return Pairing::Unknown;
         }
+        let side =
+            |is_there: fn(f64) -> bool| found.iter().filter(|m| is_there(m.moved_px[0] / scale)).count();
+        let (to_left, to_right) = (side(|columns| columns <= -2.0), side(|columns| columns >= 2.0));
+        let mut rows = [0_i32; MAX_MATCHES];
+        for (row, found) in rows.iter_mut().zip(found) {
+            *row = (found.moved_px[1] / scale).round() as i32;
+        }
         let rows = &mut rows[..votes];
         rows.sort_unstable();
-        let apart_px = f64::from(rows[votes / 2]) * self.scale as f64;
+        let apart_px = f64::from(rows[votes / 2]) * scale;
         // Most matches lie in that row: chance matches lie anywhere.
         let alike = rows.iter().filter(|row| row.abs_diff(rows[votes / 2]) <= 1).count();
         if to_right >= MIN_VOTES && to_right > MAJORITY * to_left {
@@ -157,66 +118,6 @@ fn are_identical(left: GreyView<'_>, right: GreyView<'_>) -> bool {
         }
     }
     textured >= MIN_TEXTURED && 1000 * equal >= MIN_EQUAL * textured
-}
-
-/// Means of blocks of `scale` × `scale` pixels.
-fn reduce(image: GreyView<'_>, scale: usize, width: usize, out: &mut [u8]) {
-    let count = (scale * scale) as u32;
-    for (y, row) in out.chunks_exact_mut(width).enumerate() {
-        for (x, out) in row.iter_mut().enumerate() {
-            let lines = (y * scale..(y + 1) * scale).map(|v| &image.row(v)[x * scale..(x + 1) * scale]);
-            let sum: u32 = lines.flatten().map(|v| u32::from(*v)).sum();
-            *out = ((sum + count / 2) / count) as u8;
-        }
-    }
-}
-
-/// The strongest corner of a cell.
-fn strongest(
-    image: GreyView<'_>,
-    columns: std::ops::Range<usize>,
-    lines: std::ops::Range<usize>,
-) -> Option<(usize, usize)> {
-    let mut best = (MIN_CORNER, None);
-    for y in lines.step_by(2) {
-        for x in columns.clone().step_by(2) {
-            let corner = corner(image, x, y);
-            if corner > best.0 {
-                best = (corner, Some((x, y)));
-            }
-        }
-    }
-    best.1
-}
-
-/// Column and row of the only good match minus those of the corner, in reduced pixels.
-fn displacement(
-    left: GreyView<'_>,
-    right: GreyView<'_>,
-    (x, y): (usize, usize),
-    aside: usize,
-) -> Option<(i32, i32)> {
-    let patch = Patch::new(left, x, y);
-    let mut best = (f32::INFINITY, (0, 0));
-    let mut second = f32::INFINITY;
-    for v in y - REACH..=y + REACH {
-        for u in x - aside..=x + aside {
-            let difference = patch.difference(right, u, v);
-            let is_near = |at: (usize, usize)| u.abs_diff(at.0) <= 2 && v.abs_diff(at.1) <= 2;
-            if difference < best.0 {
-                if !is_near(best.1) {
-                    second = best.0;
-                }
-                best = (difference, (u, v));
-            } else if difference < second && !is_near(best.1) {
-                second = difference;
-            }
-        }
-    }
-    let (difference, (u, v)) = best;
-    let is_inside = u.abs_diff(x) < aside && v.abs_diff(y) < REACH;
-    let is_good = difference <= MAX_DIFFERENCE * patch.contrast() && difference <= MAX_RATIO * second;
-    (is_inside && is_good).then_some((u as i32 - x as i32, v as i32 - y as i32))
 }
 
 #[cfg(test)]

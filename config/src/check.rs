@@ -16,11 +16,12 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
 /// The profiles that come with the daemon: what differs from the defaults. The first is used where none is named.
-const PROFILES: [(&str, &str); 4] = [
+const PROFILES: [(&str, &str); 5] = [
     ("replay", include_str!("../profiles/replay.toml")),
     ("tk1", include_str!("../profiles/tk1.toml")),
     ("orin-nano", include_str!("../profiles/orin-nano.toml")),
     ("rpi5", include_str!("../profiles/rpi5.toml")),
+    ("rk3588", include_str!("../profiles/rk3588.toml")),
 ];
 
 /// Names of the built-in profiles.

@@ -21,9 +21,10 @@ wait_for() { # SECONDS WHAT COMMAND...
 }
 # Of the daemon: without the server of the socket.
 processes() {
-  local stream
-  stream=$(systemctl is-active --quiet lookout-stream && echo 1 || echo 0)
-  echo $(($(readlink /proc/[0-9]*/exe | grep -c '^/usr/bin/lookout') - stream))
+  # Those beside the daemon do not count.
+  local beside
+  beside=$(systemctl is-active lookout-stream lookout-view | grep -cx active || true)
+  echo $(($(readlink /proc/[0-9]*/exe | grep -c '^/usr/bin/lookout') - beside))
 }
 as_user() { setpriv --reuid lookout --regid lookout --init-groups "$@"; }
 says() { as_user lookout status 2>/dev/null | grep -q "$1"; }
@@ -70,9 +71,17 @@ UNIT
 # What would switch off.
 cat >/etc/systemd/system/lookout-poweroff.service.d/test.conf <<'UNIT'
 [Service]
+ReadWritePaths=/opt/test
 ExecStart=
 ExecStart=/bin/cp /run/lookout/power-off /opt/test/off
 ExecStart=/bin/rm -f /run/lookout/power-off
+ExecStart=/bin/systemctl --no-block start lookout-asked.service
+UNIT
+# Shows that systemctl reaches systemd from that unit.
+cat >/etc/systemd/system/lookout-asked.service <<'UNIT'
+[Service]
+Type=oneshot
+ExecStart=/bin/touch /opt/test/asked
 UNIT
 cp /etc/lookout/lookout.toml /run/lookout.toml
 cat >/etc/lookout/lookout.toml <<TOML
@@ -123,6 +132,18 @@ reader --groups lookout-readers | grep -q '"alarm":{' || fail "a member of looko
 reader --clear-groups >/dev/null 2>&1 && fail "another user gets results"
 say "results on a socket of $readers: for members of the group only"
 
+systemctl start lookout-view || fail "lookout-view does not start"
+page() { # PATH
+  exec 3<>/dev/tcp/127.0.0.1/8467 || return 1
+  printf 'GET %s HTTP/1.1\r\nHost: 127.0.0.1:8467\r\nConnection: close\r\n\r\n' "$1" >&3
+  timeout 5 cat <&3
+  exec 3>&-
+}
+serves() { page / 2>/dev/null | grep -q '<title>'; }
+wait_for 20 "the viewer serves no page" serves
+page / | head -n 1 | grep -q ' 200 ' || fail "the viewer answers $(page / | head -n 1)"
+say "viewer: serves its page as $(stat -c %U /proc/"$(systemctl show lookout-view --property MainPID --value)")"
+
 kill -STOP "$pid"
 say "scheduler stopped by SIGSTOP: waiting for the watchdog"
 restarted() { [ "$(show MainPID)" != "$pid" ] && [ "$(show ActiveState)" = active ] && [ "$(show MainPID)" != 0 ]; }
@@ -144,7 +165,11 @@ reader --groups lookout-readers | grep -q '"alarm":{' || fail "no results after 
 
 echo 97000 >"$zone/temp"
 wait_for 20 "no power-off was requested" test -s /opt/test/off
+wait_for 20 "lookout-poweroff does not reach systemd" test -e /opt/test/asked
 say "97 °C: $(cat /opt/test/off)"
+[ "$(systemctl show lookout-view --property NRestarts --value)" = 0 ] || fail "lookout-view did not survive the restarts"
+serves || fail "the viewer serves no page after the restarts"
+systemctl stop lookout-view
 systemctl stop lookout-stream
 [ ! -e /run/lookout-stream ] || fail "the socket is left"
 systemctl stop lookout
@@ -183,6 +208,7 @@ systemctl stop lookout
 say "after the last stop: nothing in /dev/shm, /tmp, /run/lookout"
 
 if [ -e /opt/test/lookout.deb ]; then
+  rm -r /etc/systemd/system/lookout-asked.service
   rm -r /etc/systemd/system/lookout.service.d /etc/systemd/system/lookout-poweroff.service.d /run/systemd/system/lookout.service.d
   cp /run/lookout.toml /etc/lookout/lookout.toml
   apt-get purge -y lookout >/run/apt.log 2>&1 || { cat /run/apt.log; fail "the package does not go"; }

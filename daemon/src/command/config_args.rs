@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// Arguments that choose and override the configuration.
 #[derive(Args, Debug, Clone)]
 pub struct ConfigArgs {
-    /// Configuration file, or one of the profiles replay, tk1, orin-nano, rpi5
+    /// Configuration file, or one of the profiles replay, tk1, orin-nano, rpi5, rk3588
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Override one configuration key, for example stereo.lambda_vertical=8; may be repeated

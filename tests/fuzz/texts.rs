@@ -18,7 +18,8 @@ fn one<T: Copy, const N: usize>(random: &mut Rng, of: [T; N]) -> T {
 fn some_configuration(random: &mut Rng, full: &toml::Table) -> Vec<u8> {
     let mut out = String::new();
     if random.bool() {
-        let _ = writeln!(out, "profile = \"{}\"", one(random, ["replay", "tk1", "orin-nano", "rpi5", "rk3588"]));
+        let _ =
+            writeln!(out, "profile = \"{}\"", one(random, ["replay", "tk1", "orin-nano", "rpi5", "rk3588"]));
     }
     for (name, table) in full {
         let Some(table) = table.as_table().filter(|_| random.u8(0..3) == 0) else { continue };

@@ -44,6 +44,10 @@ impl RowField {
                 information += row * row.transpose() * weight;
                 right += row * (weight * offset);
             }
+            let scale = information.trace() / 3.0;
+            if information.determinant() < MIN_DETERMINANT * scale.powi(3) {
+                return None;
+            }
             estimate = information.try_inverse()? * right;
         }
         let [offset_px, across_px, down_px] = estimate.into();
@@ -55,6 +59,8 @@ impl RowField {
     }
 }
 
+/// Determinant of the normal equations below which places count as lying on a line, relative to the cube of their mean diagonal.
+const MIN_DETERMINANT: f64 = 1e-6;
 /// Iterations of [`RowField::fitted`].
 const FIT_STEPS: usize = 20;
 

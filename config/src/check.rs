@@ -6,6 +6,7 @@ use crate::automatic::AUTO;
 use crate::keys::{self, Key, Kind};
 use crate::limits::{MAX_BYTES, MAX_ERRORS, MAX_PATH_BYTES, MAX_SUGGESTED_CHARS};
 use crate::paths;
+use crate::profile::{PROFILES, profile_names};
 use crate::tables::Config;
 use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use std::fmt;
@@ -14,20 +15,6 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
-
-/// The profiles that come with the daemon: what differs from the defaults. The first is used where none is named.
-const PROFILES: [(&str, &str); 5] = [
-    ("replay", include_str!("../profiles/replay.toml")),
-    ("tk1", include_str!("../profiles/tk1.toml")),
-    ("orin-nano", include_str!("../profiles/orin-nano.toml")),
-    ("rpi5", include_str!("../profiles/rpi5.toml")),
-    ("rk3588", include_str!("../profiles/rk3588.toml")),
-];
-
-/// Names of the built-in profiles.
-pub fn profile_names() -> impl Iterator<Item = &'static str> {
-    PROFILES.iter().map(|(name, _)| *name)
-}
 
 /// One error in a configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]

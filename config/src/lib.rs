@@ -11,12 +11,14 @@ mod key;
 pub mod keys;
 pub mod limits;
 mod paths;
+mod profile;
 mod reference;
 pub mod stages;
 mod table;
 mod tables;
 
-pub use check::{ConfigError, ConfigErrors, load, parse, profile_names};
+pub use check::{ConfigError, ConfigErrors, load, parse};
 pub use paths::place;
+pub use profile::profile_names;
 pub use reference::reference;
 pub use tables::*;

@@ -1,8 +1,8 @@
 //! `docs/configuration.md`, generated from the declaration of the keys.
 
-use crate::check::profile_names;
 use crate::keys;
 use crate::limits::{MAX_BYTES, MAX_ERRORS};
+use crate::profile::profile_names;
 use std::fmt::Write;
 
 /// The text of `docs/configuration.md`: every key with its default, range, unit, reload class and description.

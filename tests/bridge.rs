@@ -1,8 +1,13 @@
 //! `lookout bridge` and `lookout fleet` on a network of their own. Built with the feature `zenoh` alone; `features.rs` tests
 //! what a build without it says.
 //!
-//! `LOOKOUT_BRIDGE_SECONDS=60 cargo test --release -p lookout --features zenoh --test bridge` replays for a minute.
+//! `LOOKOUT_BRIDGE_SECONDS=60 cargo test --release -p lookout --features zenoh --test bridge every_event -- --nocapture`
+//! replays for a minute; the default is 25 s.
 
+// Also here, because `.ci/run` builds this program with every feature: a program of its own would link the daemon
+// once more.
+#[cfg(feature = "can")]
+mod can_out;
 mod support;
 
 use serde_json::Value;
@@ -15,6 +20,15 @@ use support::{Bench, Daemon, Need, WATCHDOG, lines, python, skip};
 
 /// Rate of the replay with kills, in pairs a second.
 const FPS: u64 = 8;
+
+/// Length of that replay in seconds, unless `LOOKOUT_BRIDGE_SECONDS` says another.
+const SECONDS: u64 = 25;
+
+/// Kills of the bridge.
+const KILLS: u64 = 2;
+
+/// Frames that the daemon processes while the bridge is stopped.
+const STOPPED_FRAMES: u64 = 60;
 
 /// Bytes of the header of a PLY file, at least.
 const PLY_HEADER: u64 = 200;
@@ -118,8 +132,8 @@ fn last_change(bench: &Bench) -> Option<u64> {
 fn every_event_arrives_although_the_bridge_is_killed_twice() {
     let bench = Bench::new();
     let Some(python) = python("numpy, rosbags.typesys, zenoh", "eclipse-zenoh rosbags") else { return };
-    let seconds =
-        std::env::var("LOOKOUT_BRIDGE_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(25_u64);
+    let seconds = std::env::var("LOOKOUT_BRIDGE_SECONDS")
+        .map_or(SECONDS, |text| text.parse().expect("LOOKOUT_BRIDGE_SECONDS is a number of seconds"));
     let endpoint = endpoint();
     configure(&bench, &format!("connect = \"{endpoint}\"\nros2 = true\nros2_images_hz = 2\n"));
     let mut subscriber = Subscriber::start(&python, &endpoint);
@@ -137,7 +151,7 @@ fn every_event_arrives_although_the_bridge_is_killed_twice() {
         "--out",
         "out",
     ]);
-    for part in 1..=2 {
+    for part in 1..=KILLS {
         bench.status_when(|status| number(&status["frames"]) > part * seconds * FPS / 4);
         bridge.signal("KILL");
         drop(bridge);
@@ -167,6 +181,7 @@ fn every_event_arrives_although_the_bridge_is_killed_twice() {
     std::thread::sleep(Duration::from_secs(1));
     let got = subscriber.end();
     end(bridge);
+    println!("{seconds} s of replay, {KILLS} kills of the bridge");
     check_events(&got, &changes(&lines(&bench.path("out"))));
     check_ros(&got);
     bench.assert_clean();
@@ -190,7 +205,7 @@ fn check_events(got: &Value, expected: &[(u64, String)]) {
     let last = events.last().expect("an event");
     assert_eq!((&last["withdrawn"], &last["to"]), (&true.into(), &"off".into()));
     assert!(events.iter().any(|event| event["in_time"] == false), "each kill cost a change: {events:#?}");
-    assert!(number(&got["appeared"]) >= 3, "the token of each of three bridges: {got}");
+    assert!(number(&got["appeared"]) > KILLS, "the token of each of three bridges: {got}");
     // Most were seen in time, and have pictures.
     let pictures = got["pictures"].as_object().expect("pictures");
     assert!(!pictures.is_empty());
@@ -229,8 +244,17 @@ fn check_ros(got: &Value) {
     assert_eq!(graph.len(), 6, "{graph:?}");
 }
 
+/// Waits until a list of `lookout fleet` has one vehicle, with a state.
+fn wait_for_state(state: &str, mut list: impl FnMut() -> Value) {
+    wait_until(&format!("the fleet does not see: {state}"), || has_state(&list(), state));
+}
+
+fn has_state(list: &Value, state: &str) -> bool {
+    list[0]["vehicle"] == "car-7" && list[0]["state"] == state
+}
+
 #[test]
-fn a_bridge_that_is_flooded_and_stopped_changes_no_frame_and_the_fleet_sees_it() {
+fn a_bridge_that_is_flooded_killed_and_stopped_changes_no_frame_and_the_fleet_sees_it() {
     let bench = Bench::new();
     let endpoint = endpoint();
     configure(
@@ -241,29 +265,29 @@ fn a_bridge_that_is_flooded_and_stopped_changes_no_frame_and_the_fleet_sees_it()
         ),
     );
     let recording = bench.record("drive", 60);
-    let replay = |out: &'static str| {
-        ["replay", &recording, "--lockstep", "--loop", "--limit", "180", "--out", out].map(ToOwned::to_owned)
-    };
-    let args =
-        |words: &[String; 8]| words.iter().map(String::as_str).map(ToOwned::to_owned).collect::<Vec<_>>();
-    let run = |words: Vec<String>| bench.ok(&words.iter().map(String::as_str).collect::<Vec<_>>());
-    run(args(&replay("without")));
-    let bridge = start_bridge(&bench);
+    let mut bridge = start_bridge(&bench);
     let set = format!("bridge.connect={endpoint}");
     let list = || {
         let output = bench.run(&["fleet", "--json", "--set", &set]);
         serde_json::from_slice::<Value>(&output.stdout).unwrap_or_default()
     };
-    let words = args(&replay("with"));
-    let daemon = bench.start(&words.iter().map(String::as_str).collect::<Vec<_>>());
-    let vehicle =
-        |state: &'static str| move |all: &Value| all[0]["vehicle"] == "car-7" && all[0]["state"] == state;
-    wait_until("the fleet does not see the daemon", || vehicle("running")(&list()));
+    // In lock-step, until all of this has happened to the bridge.
+    let daemon = bench.start(&["replay", &recording, "--lockstep", "--loop", "--out", "with"]);
+    wait_for_state("running", list);
+    for _ in 0..KILLS {
+        bridge.signal("KILL");
+        drop(bridge);
+        bridge = start_bridge(&bench);
+        wait_for_state("running", list);
+    }
     // It does not move any more, and its network and its places in shared memory are as they are.
     bridge.signal("STOP");
+    let stopped_at = number(&bench.status_when(|_| true)["frames"]);
+    bench.status_when(|status| number(&status["frames"]) > stopped_at + STOPPED_FRAMES);
+    daemon.signal("TERM");
     assert!(daemon.wait().status.success());
     bridge.signal("CONT");
-    wait_until("the fleet does not see the end", || vehicle("no daemon")(&list()));
+    wait_for_state("no daemon", list);
     let all = list();
     assert_eq!((&all[0]["fleet"], &all[0]["version"]), (&"north".into(), &env!("CARGO_PKG_VERSION").into()));
     assert!(all[0]["events"].as_u64() > Some(1), "{all}");
@@ -272,11 +296,65 @@ fn a_bridge_that_is_flooded_and_stopped_changes_no_frame_and_the_fleet_sees_it()
     end(bridge);
     let error = bench.fails(&["fleet", "--set", &set]);
     assert!(error.contains("bridge.connect") && error.contains("start a router there"), "{error}");
-    for name in ["without", "with"] {
-        assert_eq!(lines(&bench.path(name)).len(), 180, "{name}");
-    }
+    // The same frames without a bridge.
+    let frames = lines(&bench.path("with")).len();
+    assert!(frames as u64 > stopped_at + STOPPED_FRAMES, "{frames} frames");
+    let limit = frames.to_string();
+    bench.ok(&["replay", &recording, "--lockstep", "--loop", "--limit", &limit, "--out", "without"]);
     let read = |name: &str| std::fs::read(bench.path(name).join("obstacles.jsonl")).expect("results");
-    assert!(read("without") == read("with"), "the bridge has changed a frame");
+    assert!(read("without") == read("with"), "the bridge has changed one of {frames} frames");
+    println!("{frames} frames in lock-step, {KILLS} kills of the bridge and a stop: no difference");
+    bench.assert_clean();
+}
+
+/// The lists that `lookout fleet --watch --json` has written to a file so far.
+fn watched(bench: &Bench, file: &str) -> Vec<Value> {
+    let text = std::fs::read_to_string(bench.path(file)).expect("a file");
+    // The last line may still be in the making.
+    let whole = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+    whole.map(|line| serde_json::from_str(line).expect("a document a line")).collect()
+}
+
+#[test]
+fn the_watched_fleet_follows_a_vehicle_and_its_daemon() {
+    let bench = Bench::new();
+    let endpoint = endpoint();
+    configure(&bench, &format!("mode = \"peer\"\nconnect = \"\"\nlisten = \"{endpoint}\"\nstatus_hz = 2\n"));
+    let recording = bench.record("drive", 20);
+    let bridge = start_bridge(&bench);
+    let set = format!("bridge.connect={endpoint}");
+    wait_until("the bridge does not listen", || bench.run(&["fleet", "--set", &set]).status.success());
+    let begin = Instant::now();
+    let as_json = bench.start_into("watched.jsonl", &["fleet", "--watch", "--json", "--set", &set]);
+    let as_text = bench.start_into("watched.txt", &["fleet", "--watch", "--set", &set]);
+    let last = || watched(&bench, "watched.jsonl").pop().unwrap_or_default();
+    let table = || std::fs::read_to_string(bench.path("watched.txt")).expect("a file");
+    wait_for_state("no daemon", last);
+    let daemon = bench.start(&["replay", &recording, "--fps", "10", "--loop"]);
+    wait_for_state("running", last);
+    wait_until("the table does not show the daemon", || table().contains("running"));
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.success());
+    wait_for_state("no daemon", last);
+    // Without a connection the list is empty; the vehicle returns by itself.
+    bridge.signal("KILL");
+    drop(bridge);
+    wait_until("the fleet keeps a vehicle that is gone", || last() == Value::Array(Vec::new()));
+    wait_until("the table keeps a vehicle that is gone", || table().ends_with("\n0 connected\n"));
+    let bridge = start_bridge(&bench);
+    wait_for_state("no daemon", last);
+    // Every two seconds, the first at once.
+    let lists = watched(&bench, "watched.jsonl").len() as u64;
+    let seconds = begin.elapsed().as_secs();
+    assert!((5..=seconds / 2 + 1).contains(&lists), "{lists} lists in {seconds} s");
+    for watch in [as_json, as_text] {
+        end(watch);
+    }
+    let text = table();
+    assert!(text.starts_with("fleet ") && text.ends_with(" connected\n"), "{text}");
+    // Only the screen of a terminal is cleared.
+    assert!(!text.contains('\u{1b}'), "{text}");
+    end(bridge);
     bench.assert_clean();
 }
 

@@ -1,6 +1,9 @@
-//! CAN out: its DBC file, its errors, and (with the feature `can`) its life beside a daemon without a bus. The bus itself
-//! is tested by `tests/can/out.sh`, where the kernel has vcan.
+//! CAN out: its DBC file, its errors, and (with the feature `can`) its life beside a daemon without a bus. Both `quick.rs`
+//! and `bridge.rs` have this module: `.ci/run` builds `bridge` with the feature. The bus itself is tested by
+//! `tests/can/out.sh`, where the kernel has vcan.
 
+#[cfg(feature = "can")]
+use crate::support::documented::Pages;
 use crate::support::{Bench, python};
 use std::path::Path;
 
@@ -67,6 +70,9 @@ fn a_bus_that_is_missing_is_told_and_costs_the_daemon_nothing() {
     assert_eq!((&told["can_out"]["state"], &told["can_out"]["cycles"]), (&"down".into(), &0.into()));
     assert!(told["can_out"]["reason"].as_str().is_some_and(|r| r.contains("can_out.interface")), "{told}");
     assert_eq!(told["can_out"]["pid"], sender.pid());
+    let block = serde_json::json!({ "can_out": told["can_out"] });
+    let missing = Pages::read(&["outputs.md", "can.md"]).missing(&block);
+    assert!(missing.is_empty(), "docs/outputs.md and docs/can.md do not name {missing:?} of the status");
     let frames = told["frames"].as_u64();
     bench.status_when(|s| s["frames"].as_u64() > frames && s["state"] == "running");
     let error = bench.fails(&["can", "-c", "car.toml"]);

@@ -3,6 +3,7 @@
 
 mod support;
 
+use support::documented::Pages;
 use support::{Bench, Need, skip};
 
 /// Tests accept any adapter, however slow.
@@ -67,6 +68,8 @@ fn the_daemon_matches_on_it_and_falls_back_to_the_cpu_when_it_hangs() {
     let daemon = start("30000");
     let status = bench.status_when(|s| s["device"]["adapter"] == name.as_str());
     assert_eq!(status["device"]["lost"], false, "{status}");
+    let missing = Pages::read(&["outputs.md"]).missing(&serde_json::json!({ "device": status["device"] }));
+    assert!(missing.is_empty(), "docs/outputs.md does not name {missing:?} of the status");
     assert!(bench.ok(&["status"]).contains(name));
     daemon.signal("TERM");
     assert!(daemon.wait().status.success());

@@ -9,6 +9,7 @@ mod calibrate;
 mod can_out;
 mod clients;
 mod commands;
+mod documented_outputs;
 mod evaluate;
 mod evaluate_drive;
 mod evaluate_ncap;

@@ -8,8 +8,22 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::process::Command;
 use std::time::Instant;
 
-/// Starts of the daemon.
-const STARTS: usize = 10;
+/// Restarts of the daemon. The last run ends without one.
+const RESTARTS: usize = 10;
+
+/// Whether a run is killed: eight of the ten restarts follow a crash, two an end in order.
+fn is_killed(run: usize) -> bool {
+    run % 4 != 3
+}
+
+/// Whether the next daemon starts only when the readers have told the end of a run; otherwise at once.
+fn is_awaited(run: usize) -> bool {
+    run % 3 == 1 || run > RESTARTS
+}
+
+fn is_withdrawn(lines: &[Value]) -> bool {
+    lines.last().is_some_and(|line| line["withdrawn"] == true)
+}
 
 #[test]
 fn ten_restarts_break_no_line_and_repeat_no_frame() {
@@ -19,39 +33,51 @@ fn ten_restarts_break_no_line_and_repeat_no_frame() {
     // From shared memory, and through a socket that is served all the time.
     let server = bench.start(&["stream", "--serve"]);
     let readers = [Stream::start(&bench, &[]), Stream::start(&bench, &["--socket", &socket])];
-    for start in 1..=STARTS {
+    for run in 1..=RESTARTS + 1 {
         let daemon = bench.start(&["run"]);
         for reader in &readers {
             reader.when(|lines| {
                 let runs: Vec<_> = frames(lines).into_iter().map(|(run, _)| run).collect();
                 let last = runs.last().cloned().unwrap_or_default();
                 let distinct = runs.iter().collect::<BTreeSet<_>>().len();
-                distinct == start && runs.iter().filter(|run| **run == last).count() >= 5
+                distinct == run && runs.iter().filter(|run| **run == last).count() >= 5
             });
         }
-        // In turns as a crash and in order.
-        if start % 2 == 1 && start < STARTS {
+        if is_killed(run) {
             daemon.signal("KILL");
             drop(daemon);
         } else {
             daemon.signal("TERM");
             assert!(daemon.wait().status.success());
         }
+        if is_awaited(run) {
+            for reader in &readers {
+                reader.when(is_withdrawn);
+            }
+        }
     }
+    let killed = (1..=RESTARTS).filter(|run| is_killed(*run)).count();
+    let awaited = (1..=RESTARTS + 1).filter(|run| is_awaited(*run)).count();
     for reader in readers {
-        let lines = reader.when(|lines| lines.last().is_some_and(|line| line["withdrawn"] == true));
+        let (lines, _) = reader.stop();
+        assert!(lines.iter().all(Value::is_object));
         let runs: BTreeSet<_> = frames(&lines).into_iter().map(|(run, _)| run).collect();
-        assert_eq!(runs.len(), STARTS);
-        // After its last frame each run is withdrawn before the next begins, unless that begins at once.
+        assert_eq!(runs.len(), RESTARTS + 1);
+        // Where the next run begins at once, its first frame may overtake the withdrawal of the last.
         let ends = lines.iter().filter(|line| line["withdrawn"] == true);
-        assert!(ends.clone().count() >= STARTS / 2, "{} withdrawals", ends.count());
+        let ended: BTreeSet<_> = ends.clone().filter_map(|line| line["run"].as_str()).collect();
+        assert!(ended.len() >= awaited, "{} of {} runs were withdrawn", ended.len(), runs.len());
         assert!(
             ends.clone()
                 .all(|line| line["alarm"]["level"] == "off" && line["obstacles"] == Value::Array(vec![]))
         );
-        let (lines, _) = reader.stop();
-        assert!(lines.iter().all(Value::is_object));
-        println!("{} lines, {} frames of {} runs", lines.len(), frames(&lines).len(), runs.len());
+        println!(
+            "{} lines, {} frames of {} runs, {} of them withdrawn, {killed} restarts after a kill",
+            lines.len(),
+            frames(&lines).len(),
+            runs.len(),
+            ended.len()
+        );
     }
     server.signal("TERM");
     assert!(server.wait().status.success());

@@ -3,6 +3,7 @@
 #![allow(dead_code, unused_imports, reason = "each test program uses its own part")]
 
 pub mod browser;
+pub mod documented;
 pub mod stream;
 pub mod turns;
 pub mod viewer;
@@ -137,6 +138,14 @@ impl Bench {
             .stderr(Stdio::piped())
             .spawn()
             .expect("the binary starts");
+        Daemon { child: Some(child) }
+    }
+
+    /// The same, with standard output in a file of this folder.
+    pub fn start_into(&self, file: &str, args: &[&str]) -> Daemon {
+        let output = std::fs::File::create(self.path(file)).expect("the file is created");
+        let mut command = self.command(args);
+        let child = command.stdout(output).stderr(Stdio::piped()).spawn().expect("the binary starts");
         Daemon { child: Some(child) }
     }
 

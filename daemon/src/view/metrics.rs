@@ -323,4 +323,32 @@ mod tests {
         assert!(!families.contains_key("lookout_frames_total"));
         assert!(families.contains_key("lookout_viewer_clients"));
     }
+
+    /// The metrics that a page does not name in backticks. `…` stands for the rest, which the same line names:
+    /// `lookout_process_…{process}` with `up`, `lookout_speed_sigma_…` with `lookout_speed_meters_per_second`.
+    fn undocumented(page: &str) -> Vec<&'static str> {
+        let name = |text: &str| text.split('{').next().unwrap_or_default().to_owned();
+        let line = |line: &str| line.split('`').skip(1).step_by(2).map(name).collect::<Vec<_>>();
+        let lines: Vec<Vec<String>> = page.lines().map(line).collect();
+        let has = |metric: &str, line: &[String]| {
+            let ends = |other: &str, end: &str| other.starts_with("lookout_") && other.ends_with(end);
+            let rest = |end: &str| line.iter().any(|other| other == end || ends(other, &format!("_{end}")));
+            line.iter().filter_map(|shown| shown.strip_prefix("lookout_")).any(|shown| {
+                let begin = shown.strip_suffix('…');
+                shown == metric || begin.and_then(|begin| metric.strip_prefix(begin)).is_some_and(rest)
+            })
+        };
+        let names = METRICS.iter().map(|metric| metric.name);
+        names.filter(|name| !lines.iter().any(|line| has(name, line))).collect()
+    }
+
+    #[test]
+    fn every_metric_is_documented() {
+        let page = include_str!("../../../docs/viewer.md");
+        let missing = undocumented(page);
+        assert!(missing.is_empty(), "docs/viewer.md does not name: {missing:#?}");
+        // The check can fail.
+        assert_eq!(undocumented(&page.replace("`lookout_up`", "")), ["up"]);
+        assert_eq!(undocumented("").len(), METRICS.len());
+    }
 }

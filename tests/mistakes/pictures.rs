@@ -136,6 +136,9 @@ fn damaged_pictures_cost_their_pair_and_are_told() {
     let summary = bench.ok(&["replay", "drive", "--lockstep", "--out", "out"]);
     assert!(summary.contains("1 pair left out, because it cannot be read"), "{summary}");
     assert_eq!(crate::support::lines(&bench.path("out")).len(), 2);
+    // The reason of the end is told once.
+    let error = bench.fails(&["replay", "drive", "--lockstep", "--strict"]);
+    assert_eq!(error.matches("right/000001.png: cannot be decoded").count(), 1, "{error}");
     bench.assert_clean();
 }
 
@@ -166,7 +169,7 @@ fn pictures_that_are_no_pair_are_told_with_what_to_do() {
         &[
             ("replay swapped --in-process", 0, swapped),
             ("replay swapped --in-process --limit 3", 0, swapped),
-            ("replay swapped --lockstep", 0, swapped),
+            ("replay swapped --lockstep --limit 4", 0, swapped),
             ("odometry swapped -o poses.txt", 0, swapped),
             ("evaluate drive swapped", 0, swapped),
             ("disparity swapped/left/000000.png swapped/right/000000.png -o d.png", 0, swapped),

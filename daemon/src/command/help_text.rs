@@ -106,7 +106,14 @@ mod tests {
     /// Words that stand alone on the last line of a text.
     fn orphans(command: &Command, width: usize, found: &mut Vec<String>) {
         let mut own = command.clone().term_width(width).disable_help_subcommand(true);
-        let help = printed(&own.render_long_help().to_string());
+        // As --help chooses.
+        let is_long = |arg: &clap::Arg| {
+            arg.get_long_help().is_some()
+                || arg.get_possible_values().iter().any(|value| value.get_help().is_some())
+        };
+        let is_long = command.get_long_about().is_some() || command.get_arguments().any(is_long);
+        let help = if is_long { own.render_long_help() } else { own.render_help() };
+        let help = printed(&help.to_string());
         let lines: Vec<&str> = help.lines().collect();
         let indent = |line: &str| line.len() - line.trim_start().len();
         for (i, pair) in lines.windows(2).enumerate() {
@@ -125,6 +132,16 @@ mod tests {
             }
         }
         command.get_subcommands().for_each(|sub| orphans(sub, width, found));
+    }
+
+    #[test]
+    fn a_default_that_a_text_names_is_the_default() {
+        let command = Cli::command();
+        let record = command.find_subcommand("record").expect("a subcommand");
+        let topics = record.get_arguments().find(|arg| arg.get_id() == "topics").expect("an option");
+        let default = topics.get_default_values()[0].to_string_lossy().into_owned();
+        let help = topics.get_help().map(ToString::to_string).unwrap_or_default();
+        assert!(help.contains(&format!("[default: {default}]")), "{help}: {default}");
     }
 
     #[test]

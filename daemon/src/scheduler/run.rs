@@ -444,7 +444,7 @@ impl Run {
     fn fail(&mut self, reason: String, now: u64) {
         if self.failure.is_none() && self.phase != Phase::Stopping {
             // The command says it at the end.
-            tracing::info!("the run fails: {reason}");
+            tracing::debug!("the run fails: {reason}");
             self.failure = Some(reason);
             self.stop_stages(now);
         }

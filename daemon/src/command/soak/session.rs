@@ -34,12 +34,12 @@ pub fn line(p: &Progress) -> String {
         [made, failed] => format!(", {made} faults ({failed} failed, longest {:.2} s)", p.next_result_s),
     };
     format!(
-        "{at:>16}  {} frames, {} dropped, p50 {:.1} ms, p99 {:.1} ms, {:.1} MiB{faults}",
+        "{at:>16}  {} frames, {} dropped, p50 {:.1} ms, p99 {:.1} ms, {:.1} MB{faults}",
         p.frames,
         p.dropped,
         p.latency_ms[0],
         p.latency_ms[1],
-        p.memory_bytes as f64 / (1 << 20) as f64
+        p.memory_bytes as f64 * 1e-6
     )
 }
 
